@@ -1,0 +1,63 @@
+"""The clear rigid body behind the gel: flat slab, hexagonal prism, or domed block."""
+
+from typing import TYPE_CHECKING, Literal, Self
+
+from pydantic import Field, model_validator
+
+from geometries.spec import Spec, quantity
+
+if TYPE_CHECKING:
+    import cadquery
+
+
+class Gelcore(Spec):
+    """Rigid transparent support of the gel; lies between the gel and the camera.
+
+    Local frame: the gel side touches z = 0 (the apex, for a dome), the camera window is at z = height_mm.
+    """
+
+    shape: Literal["slab", "hexagonal", "dome"] = Field(
+        "hexagonal",
+        description="slab: rectangular block; hexagonal: prism with flats at azimuth 90, 150, 210... deg; "
+        "dome: round block whose gel side is a spherical cap.",
+    )
+    width_mm: float = quantity(
+        24.0,
+        unit="mm",
+        gt=1,
+        le=200,
+        description="Size along x; distance across flats of a hexagon; diameter of a dome.",
+    )
+    length_mm: float = quantity(
+        20.0, unit="mm", gt=1, le=200, description="Size along y of a slab; others ignore it."
+    )
+    height_mm: float = quantity(8.0, unit="mm", gt=0.2, le=100, description="Thickness along z.")
+    radius_mm: float | None = quantity(
+        None, unit="mm", gt=1, le=1000, description="Radius of the spherical gel side; a dome only."
+    )
+    draft_deg: float = quantity(
+        0.0,
+        unit="deg",
+        ge=0,
+        le=30,
+        description="Inclination of the side faces of a slab or hexagon, which narrows towards the camera.",
+    )
+    window_diameter_mm: float = quantity(
+        12.0, unit="mm", gt=0, le=200, description="Diameter of the clear area the camera looks through."
+    )
+    side_finish: Literal["polished", "ground", "painted"] = Field(
+        "painted", description="Finish of the side faces away from the LEDs; painted means black."
+    )
+
+    @model_validator(mode="after")
+    def _dome_has_radius(self) -> Self:
+        if self.shape == "dome" and self.radius_mm is None:
+            raise ValueError("radius_mm: a dome needs the radius of its spherical side")
+        if self.shape != "dome" and self.radius_mm is not None:
+            raise ValueError(f"radius_mm: only a dome has a radius, shape is {self.shape!r}")
+        return self
+
+
+def solid(spec: Gelcore) -> "cadquery.Workplane":
+    """Build the gelcore as one closed CadQuery solid in its local frame (mm)."""
+    raise AssertionError

@@ -1,0 +1,210 @@
+"""The LED array: emitters on a ring or along the edges, grouped into colour channels."""
+
+from collections.abc import Iterator
+from math import cos, radians, sin
+from typing import TYPE_CHECKING, Literal, NamedTuple, Self
+
+from pydantic import Field, model_validator
+
+from geometries.spec import Spec, quantity
+
+if TYPE_CHECKING:
+    import cadquery
+
+
+Vector = tuple[float, float, float]
+
+
+class LedGroup(Spec):
+    """LEDs of one colour, switched together, standing side by side around one azimuth (or several)."""
+
+    name: str = Field(
+        min_length=1, pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", description="Name of the group, for example red."
+    )
+    azimuth_deg: tuple[float, ...] = Field(
+        min_length=1,
+        description="Directions, counter-clockwise from +x, at which rows of this group stand (deg).",
+    )
+    count: int = Field(1, ge=1, le=200, description="LEDs in each row.")
+    flux_mw: float = quantity(
+        10.0,
+        unit="mW",
+        gt=0,
+        le=1e6,
+        description="Total radiant flux of the group, shared equally by its LEDs.",
+    )
+    wavelength_nm: float = quantity(530.0, unit="nm", ge=350, le=1100, description="Peak wavelength.")
+
+
+class LedArray(Spec):
+    """Where the LEDs stand, what they look like, and which belong together."""
+
+    package: Literal["panel", "smd"] = Field(
+        "smd",
+        description="panel: a flat board whose strips emit; smd: a small package with one emitting face.",
+    )
+    layout: Literal["edge", "ring"] = Field(
+        "edge",
+        description="edge: the LEDs of a row stand on a straight line perpendicular to the azimuth; "
+        "ring: they stand on the circle, each facing the axis.",
+    )
+    groups: tuple[LedGroup, ...] = Field(min_length=1, description="Colour groups.")
+    radius_mm: float = quantity(
+        14.0,
+        unit="mm",
+        gt=0,
+        le=200,
+        description="Distance of the emitting faces from the axis, at the row's middle.",
+    )
+    height_mm: float = quantity(
+        4.0,
+        unit="mm",
+        ge=-50,
+        le=200,
+        description="Height of the emitting faces' centre above the membrane plane z = 0.",
+    )
+    tilt_deg: float = quantity(
+        0.0,
+        unit="deg",
+        ge=-90,
+        le=90,
+        description="Inclination of the emitting direction from horizontal towards the membrane.",
+    )
+    pitch_mm: float = quantity(
+        4.0,
+        unit="mm",
+        gt=0,
+        le=100,
+        description="Distance between neighbouring LEDs of a row (along the arc on a ring).",
+    )
+    emitting_width_mm: float = quantity(
+        3.0, unit="mm", gt=0, le=200, description="Width of the emitting face, along the row."
+    )
+    emitting_spans_mm: tuple[tuple[float, float], ...] = Field(
+        ((-1.0, 1.0),),
+        min_length=1,
+        description="Emitting strips of one LED as (from, to) along its height, positive to the membrane (mm).",
+    )
+    body_width_mm: float = quantity(
+        3.5, unit="mm", gt=0, le=200, description="Width of the package or board."
+    )
+    body_height_mm: float = quantity(
+        2.8, unit="mm", gt=0, le=200, description="Height of the package or board."
+    )
+    body_thickness_mm: float = quantity(
+        1.0,
+        unit="mm",
+        gt=0,
+        le=50,
+        description="Thickness of the package or board, behind the emitting face.",
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        names = [group.name for group in self.groups]
+        if len(set(names)) != len(names):
+            raise ValueError(f"groups: names must differ, got {names}")
+        for low, high in self.emitting_spans_mm:
+            if not low < high:
+                raise ValueError(
+                    f"emitting_spans_mm: each strip runs from low to high, got ({low:g}, {high:g}) mm"
+                )
+            if max(-low, high) > self.body_height_mm / 2 + 1e-9:
+                raise ValueError(
+                    f"emitting_spans_mm: strip ({low:g}, {high:g}) mm reaches beyond the body, "
+                    f"body_height_mm is {self.body_height_mm:g} mm"
+                )
+        if self.emitting_width_mm > self.body_width_mm + 1e-9:
+            raise ValueError(
+                f"emitting_width_mm: must not exceed body_width_mm ({self.body_width_mm:g} mm), "
+                f"is {self.emitting_width_mm:g} mm"
+            )
+        return self
+
+
+class Emitter(NamedTuple):
+    """One flat emitting rectangle in the sensor frame.
+
+    `centre_mm`, unit vectors `normal` (emitting direction), `across` (along the row) and `down` (along the
+    package's height, towards the membrane), half sizes in mm along `across` and `down`, and the index of its
+    group. (across, down, normal) is right-handed: across x down = normal; `across` points counter-clockwise
+    around the axis.
+    """
+
+    group: int
+    centre_mm: Vector
+    normal: Vector
+    across: Vector
+    down: Vector
+    half_width_mm: float
+    half_height_mm: float
+
+    @property
+    def area_mm2(self) -> float:
+        """Emitting area in mm2."""
+        return 4.0 * self.half_width_mm * self.half_height_mm
+
+
+class Body(NamedTuple):
+    """Box of one package or board in the sensor frame; its front face carries the emitting strips.
+
+    `centre_mm` is the centre of the box, `half_mm` its half sizes along `across`, `down` and `normal`, which
+    are the axes of its emitters.
+    """
+
+    group: int
+    centre_mm: Vector
+    normal: Vector
+    across: Vector
+    down: Vector
+    half_mm: Vector
+
+
+def emitters(array: LedArray) -> tuple[Emitter, ...]:
+    """Every emitting rectangle of the array in the sensor frame.
+
+    The order is: groups, their azimuths, the LEDs of a row counter-clockwise, the strips of an LED.
+    """
+    found = []
+    for group, face, normal, across, down in _faces(array):
+        for low, high in array.emitting_spans_mm:
+            centre = _shifted(face, down, (low + high) / 2)
+            half = array.emitting_width_mm / 2, (high - low) / 2
+            found.append(Emitter(group, centre, normal, across, down, *half))
+    return tuple(found)
+
+
+def bodies(array: LedArray) -> tuple[Body, ...]:
+    """Box of every LED in the sensor frame, one per LED, in the order of `emitters`."""
+    half = array.body_width_mm / 2, array.body_height_mm / 2, array.body_thickness_mm / 2
+    return tuple(
+        Body(group, _shifted(face, normal, -array.body_thickness_mm / 2), normal, across, down, half)
+        for group, face, normal, across, down in _faces(array)
+    )
+
+
+def _faces(array: LedArray) -> Iterator[tuple[int, Vector, Vector, Vector, Vector]]:
+    """Yield group index, centre of the front face (mm), normal, across and down of every LED."""
+    for index, group in enumerate(array.groups):
+        for azimuth_deg in group.azimuth_deg:
+            for place in range(group.count):
+                along_mm = (place - (group.count - 1) / 2) * array.pitch_mm
+                azimuth = radians(azimuth_deg)
+                if array.layout == "ring":
+                    azimuth += along_mm / array.radius_mm
+                    along_mm = 0.0
+                radial, across = (cos(azimuth), sin(azimuth), 0.0), (-sin(azimuth), cos(azimuth), 0.0)
+                normal, down = _tilted(radial, tilt_deg=array.tilt_deg)
+                face = (array.radius_mm * radial[0], array.radius_mm * radial[1], array.height_mm)
+                yield index, _shifted(face, across, along_mm), normal, across, down
+
+
+def _tilted(radial: Vector, *, tilt_deg: float) -> tuple[Vector, Vector]:
+    """Return normal and down of a face at azimuth `radial` that looks at the axis, tilted to the membrane."""
+    c, s = cos(radians(tilt_deg)), sin(radians(tilt_deg))
+    return (-c * radial[0], -c * radial[1], -s), (s * radial[0], s * radial[1], -c)
+
+
+def _shifted(point: Vector, direction: Vector, distance_mm: float) -> Vector:
+    x, y, z = (p + distance_mm * d for p, d in zip(point, direction, strict=True))
+    return x, y, z
