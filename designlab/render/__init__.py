@@ -1,0 +1,1 @@
+"""Rendering: the only part of designlab that imports Mitsuba and Dr.Jit."""
