@@ -113,7 +113,7 @@ def choose() -> Backend:
     demanded = os.environ.get(VARIANT_VARIABLE)
     if demanded and demanded not in VARIANTS:
         raise ValueError(f"{VARIANT_VARIABLE} must be one of {', '.join(VARIANTS)}, got {demanded!r}")
-    reasons = []
+    reasons: list[str] = []
     if demanded:
         reasons.append(f"{VARIANT_VARIABLE} demands {demanded}")
     if demanded in (None, "", "cuda_ad_rgb"):
@@ -240,7 +240,7 @@ def _try_cuda() -> tuple[bool, str]:
 
 def _try_llvm() -> tuple[llvm.Library | None, str]:
     """Return the first LLVM library that works, and the reason."""
-    complaints = []
+    complaints: list[str] = []
     for path, origin in _libraries_to_try():
         library = _proven_library(path)
         if library.problem is None:
