@@ -2,8 +2,11 @@
 
 from typing import TYPE_CHECKING, Literal, Self
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from geometries.outline import OutlineName, outline_polygon
 from geometries.spec import Spec, quantity
 
 if TYPE_CHECKING:
@@ -56,6 +59,12 @@ class Gelcore(Spec):
         if self.shape != "dome" and self.radius_mm is not None:
             raise ValueError(f"radius_mm: only a dome has a radius, shape is {self.shape!r}")
         return self
+
+
+def polygon(spec: Gelcore, *, segments: int = 360) -> NDArray[np.float64]:
+    """Corners (mm) of the outline at the gel side, counter-clockwise, shape (n, 2); `segments` stand for a circle."""
+    outline: OutlineName = {"slab": "rectangle", "hexagonal": "hexagon", "dome": "round"}[spec.shape]  # type: ignore[assignment]
+    return outline_polygon(outline, width_mm=spec.width_mm, length_mm=spec.length_mm, segments=segments)
 
 
 def solid(spec: Gelcore) -> "cadquery.Workplane":

@@ -1,22 +1,297 @@
-"""Standard objects that are pressed into the gel, and any mesh a user gives."""
+"""Standard objects that are pressed into the gel, and any mesh a user gives.
 
-from typing import TYPE_CHECKING, Literal, Self
+Every probe stands on a shank or plate of its own outline, so that it can be printed and clamped; only its upper
+surface, `profile_mm`, presses.
+"""
 
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, Self, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
+from geometries.mesh import MESH_SUFFIXES, from_solid, height_map, load
+from geometries.outline import inside_star, regular_polygon, star_polygon
 from geometries.spec import Spec, quantity
 
 if TYPE_CHECKING:
     import cadquery
-    import numpy as np
-    from numpy.typing import NDArray
+    import trimesh
 
 ProbeKind = Literal["sphere", "triangle", "star", "cylinder", "cone", "prism", "dots", "wave", "mesh"]
 
+SIZES: dict[ProbeKind, str] = {
+    "sphere": "diameter of the ball",
+    "triangle": "side of the flat equilateral face, a corner at +y",
+    "star": "diameter of the circle through the tips of the flat five-pointed face, a tip at +y",
+    "cylinder": "diameter of the lying cylinder, whose axis is x; it is twice as long",
+    "cone": "diameter of the base; the apex angle is 90 deg, so it is half as high",
+    "prism": "width along y of the base of the lying ridge, whose 90 deg edge is x; it is twice as long",
+    "dots": "distance between neighbouring hemispheres, 3 x 3 on a square plate, each 0.6 of it in diameter",
+    "wave": "wavelength of the sinusoidal ridges along y, 3 x 3 wavelengths, a quarter of one from trough to crest",
+    "mesh": "larger extent of the mesh along x or y",
+}
+"""What `size_mm` measures, by kind of probe."""
+
+DEFAULT_SIZE_MM = 4.0
+"""Size of a library probe whose text gives none."""
+
+STAR_INNER = 0.45
+"""Radius of the star's notches as a share of the radius of its tips."""
+STAR_TIPS = 5
+DOT_SHARE = 0.6
+"""Diameter of a dot as a share of the distance between dots."""
+WAVE_AMPLITUDE = 1 / 8
+"""Amplitude (half the height from trough to crest) of the wave as a share of its wavelength."""
+
+WAVE_POINTS = 32
+"""Points per wavelength of the spline that stands for the sine in CAD; it departs from it by 1e-5 amplitudes."""
+MIN_SHANK_MM = 5.0
+"""Least length of the shank behind the pressing surface; larger probes have one as long as their size."""
+
 
 class Probe(Spec):
-    """An indenter. Local frame: its foremost point touches z = 0 and it extends towards -z; it moves along +z."""
+    """An indenter.
+
+    Local frame: its foremost point touches z = 0 and it extends towards -z; it moves along +z into the gel.
+    """
 
     kind: ProbeKind = Field(description="Shape of the probe.")
     size_mm: float = quantity(unit="mm", gt=0.05, le=100, description="Characteristic size, see `SIZES`.")
     file: str | None = Field(None, description="Mesh file (STL or OBJ) of a probe of kind mesh.")
+
+    @model_validator(mode="after")
+    def _mesh_has_file(self) -> Self:
+        if self.kind == "mesh" and self.file is None:
+            raise ValueError("file: a probe of kind mesh needs its mesh file")
+        if self.kind != "mesh" and self.file is not None:
+            raise ValueError(f"file: only a probe of kind mesh has a file, kind is {self.kind!r}")
+        return self
+
+    @property
+    def text(self) -> str:
+        """The probe in the form that `parse` reads, for example ``sphere:4``."""
+        return f"{self.file or self.kind}:{self.size_mm:.12g}"
+
+
+def parse(text: str) -> Probe:
+    """Read a probe from its short form.
+
+    Parameters
+    ----------
+    text : str
+        ``kind[:size_mm]`` such as ``sphere:4.0`` or ``triangle`` (4 mm then), or a mesh file
+        ``path.stl[:size_mm]`` (``.obj`` too), which keeps its own size in mm when none is given.
+
+    Raises
+    ------
+    ValueError
+        If the kind is unknown, the size is no number or out of bounds, or the mesh file is not usable.
+    """
+    suffixes = "|".join(re.escape(suffix) for suffix in MESH_SUFFIXES)
+    match = re.fullmatch(rf"(.+(?:{suffixes}))(?::([^:]*))?", text.strip(), re.IGNORECASE)
+    if match:
+        return from_file(match[1], size_mm=None if match[2] is None else _size_mm(match[2], text))
+    kind, colon, size = text.strip().partition(":")
+    if kind == "mesh" or kind not in get_args(ProbeKind):
+        known = ", ".join(name for name in get_args(ProbeKind) if name != "mesh")
+        raise ValueError(f"probe: unknown {kind!r} in {text!r}; known are {known}, or a .stl or .obj file")
+    return Probe(kind=kind, size_mm=_size_mm(size, text) if colon else DEFAULT_SIZE_MM)
+
+
+def _size_mm(size: str, text: str) -> float:
+    try:
+        return float(size)
+    except ValueError:
+        raise ValueError(f"probe: the size must be a number in mm, is {size!r} in {text!r}") from None
+
+
+def sphere(*, diameter_mm: float) -> Probe:
+    """Ball, on a round shank of its diameter."""
+    return Probe(kind="sphere", size_mm=diameter_mm)
+
+
+def triangle(*, side_mm: float) -> Probe:
+    """Flat equilateral triangle with a corner at +y."""
+    return Probe(kind="triangle", size_mm=side_mm)
+
+
+def star(*, diameter_mm: float) -> Probe:
+    """Flat five-pointed star with a tip at +y; the diameter is that of the circle through its tips."""
+    return Probe(kind="star", size_mm=diameter_mm)
+
+
+def cylinder(*, diameter_mm: float) -> Probe:
+    """Lying cylinder along x, twice as long as its diameter."""
+    return Probe(kind="cylinder", size_mm=diameter_mm)
+
+
+def cone(*, base_mm: float) -> Probe:
+    """Cone of 90 deg apex angle; the size is the diameter of its base."""
+    return Probe(kind="cone", size_mm=base_mm)
+
+
+def prism(*, width_mm: float) -> Probe:
+    """Lying ridge with a 90 deg edge along x, twice as long as wide."""
+    return Probe(kind="prism", size_mm=width_mm)
+
+
+def dots(*, pitch_mm: float) -> Probe:
+    """3 x 3 hemispheres on a square plate; the size is the distance between neighbours."""
+    return Probe(kind="dots", size_mm=pitch_mm)
+
+
+def wave(*, wavelength_mm: float) -> Probe:
+    """Sinusoidal ridges along y, 3 x 3 wavelengths, a crest at x = 0."""
+    return Probe(kind="wave", size_mm=wavelength_mm)
+
+
+def from_file(path: str | Path, *, size_mm: float | None = None) -> Probe:
+    """Body of an STL or OBJ file, pressed with its +z side; `size_mm` scales its larger extent along x or y.
+
+    Raises
+    ------
+    ValueError
+        If the file holds no usable body, see `geometries.mesh.load`.
+    """
+    body = load(path, size_mm=size_mm)
+    return Probe(kind="mesh", size_mm=float(max(body.extents[:2])), file=str(path))
+
+
+def profile_mm(probe: Probe, x: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
+    """Height of the probe's upper surface.
+
+    Parameters
+    ----------
+    probe : Probe
+        The probe.
+    x, y : array_like
+        Points in the probe's own frame (mm), broadcast against each other.
+
+    Returns
+    -------
+    ndarray
+        Height in mm, zero at the foremost point and negative elsewhere; -inf outside the probe's outline. Closed
+        forms, except for a mesh, whose triangles are cast.
+    """
+    x, y = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
+    if probe.kind == "mesh":
+        return height_map(mesh(probe), x, y)
+    size = probe.size_mm
+    ax, ay, r = np.abs(x), np.abs(y), np.hypot(x, y)
+    if probe.kind == "sphere":
+        return _within(r <= size / 2, _ball_mm(r, size / 2))
+    if probe.kind == "triangle":
+        outer = size / np.sqrt(3)
+        return _within(inside_star(x, y, tips=3, outer_mm=outer, inner_mm=outer / 2), 0 * r)
+    if probe.kind == "star":
+        inner = STAR_INNER * size / 2
+        return _within(inside_star(x, y, tips=STAR_TIPS, outer_mm=size / 2, inner_mm=inner), 0 * r)
+    if probe.kind == "cylinder":
+        return _within((ax <= size) & (ay <= size / 2), _ball_mm(ay, size / 2))
+    if probe.kind == "cone":
+        return _within(r <= size / 2, -r)
+    if probe.kind == "prism":
+        return _within((ax <= size) & (ay <= size / 2), -ay)
+    in_plate = (ax <= 1.5 * size) & (ay <= 1.5 * size)
+    if probe.kind == "dots":
+        column, row = np.clip(np.round(x / size), -1, 1), np.clip(np.round(y / size), -1, 1)
+        to_dot = np.hypot(x - size * column, y - size * row)
+        return _within(in_plate, _ball_mm(to_dot, DOT_SHARE * size / 2))
+    return _within(in_plate, WAVE_AMPLITUDE * size * (np.cos(2 * np.pi * x / size) - 1))
+
+
+def _within(inside: NDArray[np.bool_], height_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.where(inside, height_mm, -np.inf)
+
+
+def _ball_mm(distance_mm: NDArray[np.float64], radius_mm: float) -> NDArray[np.float64]:
+    """Height of a ball that touches z = 0, at a distance from its axis; beyond it, the height of its centre."""
+    distance_mm = np.minimum(distance_mm, radius_mm)
+    # R - sqrt(R^2 - r^2) rewritten without the difference, which would cancel near the apex.
+    return np.asarray(-(distance_mm**2) / (radius_mm + np.sqrt(radius_mm**2 - distance_mm**2)))
+
+
+def mesh(probe: Probe, *, tolerance_mm: float = 0.005) -> "trimesh.Trimesh":
+    """Watertight mesh of the whole probe, shank included, in its own frame (mm); a user's mesh as loaded."""
+    if probe.file is not None:
+        return load(probe.file, size_mm=probe.size_mm)
+    return from_solid(solid(probe), tolerance_mm=tolerance_mm)
+
+
+def solid(probe: Probe) -> "cadquery.Workplane":
+    """Build the probe with its shank as one closed CadQuery solid in its own frame (mm).
+
+    Raises
+    ------
+    ValueError
+        For a probe of kind mesh, which has no CAD solid; `mesh` gives its triangles.
+    """
+    if probe.kind == "mesh":
+        raise ValueError(f"kind: a mesh probe ({probe.file}) has no CAD solid, use its mesh")
+    size, back = probe.size_mm, -max(MIN_SHANK_MM, probe.size_mm)
+    if probe.kind == "sphere":
+        s = size / 2 * np.sqrt(0.5)
+        return _turned([(0, 0), (s, s - size / 2), (size / 2, -size / 2)], back - size / 2)
+    if probe.kind == "cone":
+        return _turned([(0, 0), (size / 2, -size / 2)], back - size / 2)
+    if probe.kind == "triangle":
+        return _prismatic(regular_polygon(corners=3, radius_mm=size / np.sqrt(3), azimuth_deg=90.0), back)
+    if probe.kind == "star":
+        corners = star_polygon(tips=STAR_TIPS, outer_mm=size / 2, inner_mm=STAR_INNER * size / 2)
+        return _prismatic(corners, back)
+    if probe.kind == "dots":
+        return _dots(size, back - DOT_SHARE * size / 2)
+    return _ridged(probe.kind, size, back - size / 2)
+
+
+def _turned(profile: list[tuple[float, float]], bottom_mm: float) -> "cadquery.Workplane":
+    """Body of revolution under a line (two points) or an arc (three points) of (radius, z), down to `bottom_mm`."""
+    import cadquery
+
+    sketch = cadquery.Workplane("XZ").moveTo(*profile[0])
+    sketch = sketch.lineTo(*profile[1]) if len(profile) == 2 else sketch.threePointArc(*profile[1:])
+    sketch = sketch.lineTo(profile[-1][0], bottom_mm).lineTo(0, bottom_mm).close()
+    return sketch.revolve(360, (0, 0, 0), (0, 1, 0))
+
+
+def _prismatic(corners: NDArray[np.float64], bottom_mm: float) -> "cadquery.Workplane":
+    """Prism with a flat face at z = 0, down to `bottom_mm`."""
+    import cadquery
+
+    return cadquery.Workplane("XY").polyline(corners.tolist()).close().extrude(bottom_mm)
+
+
+def _dots(pitch_mm: float, bottom_mm: float) -> "cadquery.Workplane":
+    """3 x 3 balls sunk to their equators into a square plate."""
+    import cadquery
+
+    radius = DOT_SHARE * pitch_mm / 2
+    plate = cadquery.Workplane("XY").box(
+        3 * pitch_mm, 3 * pitch_mm, -radius - bottom_mm, centered=(True, True, False)
+    )
+    balls = cadquery.Workplane("XY").rarray(pitch_mm, pitch_mm, 3, 3).sphere(radius, combine=False)
+    return plate.translate((0, 0, bottom_mm)).union(balls.translate((0, 0, -radius)))
+
+
+def _ridged(kind: ProbeKind, size_mm: float, bottom_mm: float) -> "cadquery.Workplane":
+    """Lying cylinder, prism or wave: a profile across the ridges, drawn out along them."""
+    import cadquery
+
+    half = size_mm / 2
+    if kind == "wave":
+        x = np.linspace(-1.5, 1.5, 3 * WAVE_POINTS + 1) * size_mm
+        crest = np.column_stack([x, WAVE_AMPLITUDE * size_mm * (np.cos(2 * np.pi * x / size_mm) - 1)])
+        sketch = cadquery.Workplane("XZ").spline(crest.tolist(), tangents=[(1, 0), (1, 0)])
+        return (
+            sketch.lineTo(x[-1], bottom_mm).lineTo(x[0], bottom_mm).close().extrude(1.5 * size_mm, both=True)
+        )
+    sketch = cadquery.Workplane("YZ").moveTo(-half, -half)
+    sketch = (
+        sketch.lineTo(0, 0).lineTo(half, -half)
+        if kind == "prism"
+        else sketch.threePointArc((0, 0), (half, -half))
+    )
+    return sketch.lineTo(half, bottom_mm).lineTo(-half, bottom_mm).close().extrude(size_mm, both=True)
