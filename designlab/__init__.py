@@ -1,0 +1,61 @@
+"""Design, simulate, score and diagnose camera-based tactile sensors.
+
+Names are loaded on first use, so that importing the package costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from designlab.design import Design, load, preset
+    from designlab.evaluate import Score, evaluate
+    from designlab.press import Press, Surface
+    from designlab.simulate import render
+    from designlab.study import optimise, sweep
+    from geometries.probes import Probe, sphere, star, triangle
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Design": "designlab.design",
+    "load": "designlab.design",
+    "preset": "designlab.design",
+    "Press": "designlab.press",
+    "Surface": "designlab.press",
+    "render": "designlab.simulate",
+    "Score": "designlab.evaluate",
+    "evaluate": "designlab.evaluate",
+    "sweep": "designlab.study",
+    "optimise": "designlab.study",
+    "Probe": "geometries.probes",
+    "sphere": "geometries.probes",
+    "star": "geometries.probes",
+    "triangle": "geometries.probes",
+}
+
+__all__ = [
+    "Design",
+    "Press",
+    "Probe",
+    "Score",
+    "Surface",
+    "evaluate",
+    "load",
+    "optimise",
+    "preset",
+    "render",
+    "sphere",
+    "star",
+    "sweep",
+    "triangle",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'designlab' has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOMES])

@@ -1,0 +1,323 @@
+"""A sensor design: its parts, optics and camera, and the rules it must obey, as signed margins."""
+
+import hashlib
+import json
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError, field_validator, model_validator
+
+from designlab.camera import Camera, View
+from designlab.margins import RULES, margins
+from designlab.materials import material
+from geometries.elastomer import Elastomer, base_mm
+from geometries.gelcore import Gelcore
+from geometries.housing import Housing
+from geometries.leds import LedArray
+from geometries.spec import Spec, quantity
+
+CHANNELS = ("R", "G", "B")
+
+
+class DesignError(ValueError):
+    """A design file or field that cannot be used; the text names the source, the field, the value and the rule."""
+
+
+class InfeasibleDesign(ValueError):
+    """A well-formed design that breaks at least one of its geometric rules."""
+
+
+class Optics(Spec):
+    """What light meets between the LEDs, the membrane and the camera."""
+
+    light_path: Literal["air", "core"] = Field(
+        "core",
+        description="core: light refracts in gelcore and elastomer; air: both are built and exported, but light does not see them.",
+    )
+    gelcore_material: str = Field("acrylic", description="Material of the gelcore.")
+    elastomer_material: str = Field("silicone", description="Material of the clear gel.")
+    membrane_albedo: tuple[float, ...] = Field(
+        (0.5,), min_length=1, description="Diffuse reflectance of the membrane's inner side: one for all LED groups, or one for each."
+    )
+    board_reflectance: tuple[float, ...] = Field(
+        (0.0,), min_length=1, description="Diffuse reflectance of the LED boards around the emitters: one, or one for each group."
+    )
+    path_length: int = Field(
+        4, ge=2, le=64, description="Longest light path counted, in segments from emitter to camera; refraction counts as well."
+    )
+
+    @field_validator("gelcore_material", "elastomer_material")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        return material(name).name
+
+    @field_validator("membrane_albedo", "board_reflectance")
+    @classmethod
+    def _physical(cls, values: tuple[float, ...]) -> tuple[float, ...]:
+        for value in values:
+            if not 0.0 <= value <= 1.0:
+                raise ValueError(f"a reflectance lies between 0 and 1, got {value:g}")
+        return values
+
+
+class Contact(Spec):
+    """How the gel smooths an indentation: kernel (m + 1) / (m + exp(r / length)), cut at 6 lengths (arXiv 2012.13184)."""
+
+    kernel_length_mm: float = quantity(
+        0.05, unit="mm", ge=0, le=1.0, description="Length of the smoothing kernel; 0 switches smoothing off."
+    )
+    kernel_m: float = quantity(200.0, unit="1", ge=1, le=1e5, description="Plateau parameter of the smoothing kernel.")
+
+
+class Design(Spec):
+    """One sensor: parts, optics, contact, camera. Immutable; equal designs have equal digests."""
+
+    name: str = Field("unnamed", description="Short name.")
+    description: str = Field("", description="What it is and where its figures come from.")
+    gelcore: Gelcore = Field(default_factory=lambda: Gelcore(), description="The rigid clear body.")
+    elastomer: Elastomer = Field(default_factory=lambda: Elastomer(), description="The soft clear gel.")
+    leds: LedArray = Field(description="The light sources.")
+    housing: Housing = Field(default_factory=lambda: Housing(), description="The opaque tube.")
+    optics: Optics = Field(default_factory=lambda: Optics(), description="Materials and light path.")
+    contact: Contact = Field(default_factory=lambda: Contact(), description="Smoothing of indentations by the gel.")
+    camera: Camera = Field(default_factory=lambda: Camera(), description="The camera.")
+    sensing_area_mm: tuple[float, float] = Field(
+        (14.0, 10.5), description="Width and height of the area, centred on the membrane's centre, where scores count (mm)."
+    )
+    mixing: tuple[tuple[float, ...], ...] | None = Field(
+        None,
+        description="Response of each camera channel (rows R, G, B) to each LED group (columns); the unit matrix when absent.",
+    )
+
+    @field_validator("sensing_area_mm")
+    @classmethod
+    def _positive_area(cls, area: tuple[float, float]) -> tuple[float, float]:
+        if min(area) <= 0.5 or max(area) > 200:
+            raise ValueError(f"width and height lie between 0.5 and 200 mm, got {area[0]:g} x {area[1]:g} mm")
+        return area
+
+    @model_validator(mode="after")
+    def _groups_agree(self) -> Self:
+        count = len(self.leds.groups)
+        for field in ("membrane_albedo", "board_reflectance"):
+            given = len(getattr(self.optics, field))
+            if given not in (1, count):
+                raise ValueError(f"optics.{field}: give one value or one for each of the {count} LED groups, got {given}")
+        if self.mixing is None:
+            if count != len(CHANNELS):
+                raise ValueError(f"mixing: required unless there are three LED groups, there are {count}")
+        elif len(self.mixing) != len(CHANNELS) or any(len(row) != count for row in self.mixing):
+            raise ValueError(f"mixing: must be 3 rows (R, G, B) of {count} values, one for each LED group")
+        if self.gelcore.shape == "dome" and self.elastomer.shape != "dome":
+            raise ValueError("elastomer.shape: a dome gelcore carries a dome elastomer")
+        return self
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the canonical content, without name and description."""
+        content = self.model_dump(mode="json", exclude={"name", "description"})
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def group_names(self) -> tuple[str, ...]:
+        """Names of the LED groups, in order."""
+        return tuple(group.name for group in self.leds.groups)
+
+    @property
+    def mixing_matrix(self) -> NDArray[np.float64]:
+        """Response of camera channels to LED groups, shape (3, groups)."""
+        return np.eye(len(CHANNELS)) if self.mixing is None else np.asarray(self.mixing, dtype=float)
+
+    def per_group(self, field: Literal["membrane_albedo", "board_reflectance"]) -> tuple[float, ...]:
+        """Reflectance for every LED group."""
+        values: tuple[float, ...] = getattr(self.optics, field)
+        return values * len(self.leds.groups) if len(values) == 1 else values
+
+    def replace(self, changes: Mapping[str, Any]) -> "Design":
+        """Return a validated copy with fields given by dotted path replaced, for example ``{"leds.tilt_deg": 30}``.
+
+        Raises
+        ------
+        DesignError
+            If a path names no field or a value breaks a rule.
+        """
+        content = self.model_dump()
+        for path, value in changes.items():
+            _assign(content, path, value)
+        return _validated(content, "replace()")
+
+    def view(self, columns: int) -> View:
+        """Rectangle of the sensor that shows the sensing area, binned to `columns` output pixels of equal width and height."""
+        width, height = self.sensing_area_mm
+        corners = [self.project_px(x, y) for x in (-width / 2, width / 2) for y in (-height / 2, height / 2)]
+        left, right = min(c[0] for c in corners), max(c[0] for c in corners)
+        top, bottom = min(c[1] for c in corners), max(c[1] for c in corners)
+        rows = max(1, round(columns * (bottom - top) / (right - left)))
+        return View(left, top, right - left, bottom - top, columns, rows)
+
+    def project_px(self, x_mm: float, y_mm: float) -> tuple[float, float]:
+        """Column and row of the full sensor (fractional; pixel centres at .5) where a point of the undeformed membrane appears.
+
+        Refraction at plane layers between membrane and camera is included; the gel side of a dome core is taken as plane there.
+        """
+        x_c, y_c, z_c = self.camera.position_mm
+        dx, dy = x_mm - x_c, y_mm - y_c
+        distance = math.hypot(dx, dy)
+        z = float(base_mm(self.elastomer, np.float64(x_mm), np.float64(y_mm)))
+        if math.isnan(z):
+            raise InfeasibleDesign(f"sensing_area_mm: ({x_mm:g}, {y_mm:g}) mm lies outside the dome")
+        tangent = _apparent_tangent(distance, self.layers_to_camera(z))
+        focal = self.camera.focal_px
+        scale = focal * tangent / distance if distance > 0 else 0.0
+        return self.camera.width_px / 2 + scale * dx, self.camera.height_px / 2 - scale * dy
+
+    def layers_to_camera(self, z: float) -> list[tuple[float, float]]:
+        """Thickness (mm) and index of each plane layer from a membrane point at height z (mm) to the camera, the camera's last."""
+        z_c = self.camera.position_mm[2]
+        if self.optics.light_path == "air":
+            return [(z_c - z, 1.0)]
+        gel, core = material(self.optics.elastomer_material), material(self.optics.gelcore_material)
+        thickness = self.elastomer.thickness_mm
+        window = thickness + self.gelcore.height_mm
+        if z_c <= window:
+            raise InfeasibleDesign(f"camera.position_mm: z must be above the window at {window:g} mm, is {z_c:g} mm")
+        # On a dome the gel keeps its thickness and the core gets thinner towards the edge.
+        return [(thickness, gel.index), (window - thickness - z, core.index), (z_c - window, 1.0)]
+
+    def margins(self) -> dict[str, float]:
+        """Signed distance to every geometric rule in mm; positive means violated.
+
+        Returns
+        -------
+        dict of str to float
+            Rule name to margin. `RULES` says what each means.
+        """
+        return margins(self)
+
+    def require_feasible(self) -> None:
+        """Raise `InfeasibleDesign` that names every violated rule and by how much."""
+        broken = {rule: margin for rule, margin in self.margins().items() if margin > 0}
+        if broken:
+            reasons = "; ".join(f"{rule}: {RULES[rule]} (violated by {margin:.3g} mm)" for rule, margin in broken.items())
+            raise InfeasibleDesign(f"design {self.name!r} is infeasible: {reasons}")
+
+
+def _apparent_tangent(distance_mm: float, layers: Sequence[tuple[float, float]]) -> float:
+    """Tangent, in the last layer, of the ray that crosses plane layers (thickness, index) over a lateral distance."""
+    from scipy.optimize import brentq
+
+    highest = min(index for _, index in layers)
+
+    def lateral(invariant: float) -> float:
+        return sum(thickness * invariant / math.sqrt(index**2 - invariant**2) for thickness, index in layers)
+
+    low, high = 0.0, highest * (1 - 1e-12)
+    invariant = brentq(lambda s: lateral(s) - distance_mm, low, high, xtol=1e-14) if distance_mm > 0 else 0.0
+    return float(invariant / math.sqrt(layers[-1][1] ** 2 - invariant**2))
+
+
+def _assign(content: dict[str, Any], path: str, value: Any) -> None:
+    """Set a nested entry given by dotted path; list positions are numbers (``leds.groups.0.flux_mw``)."""
+    node: Any = content
+    *parents, last = path.split(".")
+    try:
+        for key in parents:
+            node = node[int(key)] if isinstance(node, list | tuple) else node[key]
+        if isinstance(node, tuple):
+            raise KeyError(last)
+        _ = node[last]
+    except (KeyError, IndexError, ValueError, TypeError):
+        raise DesignError(f"no field {path!r} in a design") from None
+    node[last] = value
+
+
+def _validated(content: Mapping[str, Any], source: str) -> Design:
+    try:
+        return Design.model_validate(content)
+    except ValidationError as error:
+        raise DesignError(f"{source}: {explain(error)}") from None
+
+
+def explain(error: ValidationError) -> str:
+    """Put the first problem of a pydantic error into one line: field, rule, value, and how many more there are."""
+    problems = error.errors()
+    first = problems[0]
+    field = ".".join(str(part) for part in first["loc"]) or "(whole)"
+    rule = first["msg"].removeprefix("Value error, ")
+    if first["type"] == "extra_forbidden":
+        rule = "unknown field"
+    value = "" if first["type"] in ("missing", "extra_forbidden") else f", got {_shorten(first['input'])}"
+    more = f" ({len(problems) - 1} more problems)" if len(problems) > 1 else ""
+    return f"field {field}: {rule}{value if 'got' not in rule else ''}{more}"
+
+
+def _shorten(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def loads(text: str, *, source: str = "design") -> Design:
+    """Read a design from TOML text.
+
+    Raises
+    ------
+    DesignError
+        If the text is not TOML or not a valid design; names `source`, field, rule and value.
+    """
+    try:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise DesignError(f"{source}: not valid TOML: {error}") from None
+    return _validated(content, source)
+
+
+def load(name_or_path: str | Path) -> Design:
+    """Load a preset by name, or a design from a TOML file.
+
+    Raises
+    ------
+    DesignError
+        If it is neither, or the file cannot be used.
+    """
+    if str(name_or_path) in preset_names():
+        return preset(str(name_or_path))
+    path = Path(name_or_path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        known = ", ".join(preset_names())
+        raise DesignError(f"{name_or_path}: no such file, and no preset of that name (presets: {known})") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise DesignError(f"{name_or_path}: cannot be read as text: {error}") from None
+    return loads(text, source=str(path))
+
+
+def dumps(design: Design) -> str:
+    """Write a design as TOML text, complete, with every default spelled out."""
+    import tomli_w
+
+    return tomli_w.dumps(design.model_dump(mode="json", exclude_none=True))
+
+
+def preset_names() -> tuple[str, ...]:
+    """Names of the published and built-in sensors."""
+    folder = resources.files("designlab.presets")
+    return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
+
+
+def preset_text(name: str) -> str:
+    """TOML text of a preset, with the source of each figure in its comments."""
+    if name not in preset_names():
+        raise DesignError(f"preset {name!r} is unknown; known are {', '.join(preset_names())}")
+    return resources.files("designlab.presets").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+
+
+def preset(name: str) -> Design:
+    """Load a published or built-in sensor by name."""
+    return loads(preset_text(name), source=f"preset {name}")

@@ -1,0 +1,1 @@
+"""Published and built-in sensors as TOML files; each figure carries its source, each guess is marked as an assumption."""

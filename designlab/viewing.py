@@ -1,0 +1,64 @@
+"""Where the camera looks: pixel to membrane, with the refraction of plane layers."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.camera import View
+from designlab.design import Design
+from designlab.press import Surface
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """One viewing ray a pixel, as it runs in the layer that touches the membrane.
+
+    The ray of a pixel passes (x_mm, y_mm) at height z = 0 and moves by `slope_x`, `slope_y` mm per mm of height.
+    All arrays have shape (rows, columns).
+    """
+
+    x_mm: Array
+    y_mm: Array
+    slope_x: Array
+    slope_y: Array
+
+    def hit(self, surface: Surface, *, iterations: int = 8) -> tuple[Array, Array]:
+        """Points (x, y) in mm where the rays meet a deformed membrane, by fixed-point iteration on the height.
+
+        The slopes of viewing rays are small against those of the membrane's walls seen from the side, so the iteration
+        contracts wherever a wall does not hide itself.
+        """
+        z = np.nan_to_num(surface.z_mm)
+        x, y = self.x_mm, self.y_mm
+        for _ in range(iterations):
+            height = surface.sample(z, x, y)
+            x, y = self.x_mm + self.slope_x * height, self.y_mm + self.slope_y * height
+        return x, y
+
+
+def rays(design: Design, view: View) -> Rays:
+    """Viewing rays through the centres of the output pixels of a view.
+
+    Refraction follows Snell's law at plane layers; the gel side of a dome core is taken as plane.
+    """
+    camera = design.camera
+    columns = view.x_px + (np.arange(view.columns) + 0.5) * view.width_px / view.columns
+    rows = view.y_px + (np.arange(view.rows) + 0.5) * view.height_px / view.rows
+    tan_x, tan_y = np.meshgrid(
+        (columns - camera.width_px / 2) / camera.focal_px, (camera.height_px / 2 - rows) / camera.focal_px
+    )
+    tangent = np.hypot(tan_x, tan_y)
+    invariant = tangent / np.sqrt(1 + tangent**2)  # n sin(theta), the same in every layer; the camera is in air
+    layers = design.layers_to_camera(0.0)
+    per_layer = [invariant / np.sqrt(index**2 - invariant**2) for _, index in layers]
+    lateral = sum((thickness * tan for (thickness, _), tan in zip(layers, per_layer, strict=True)), np.zeros_like(tangent))
+    # Along the axis both vanish, and their ratio is the limit for small angles.
+    paraxial = sum(thickness / index for thickness, index in layers)
+    safe = np.where(tangent > 1e-9, tangent, 1.0)
+    scale = np.where(tangent > 1e-9, lateral / safe, paraxial)
+    slope = np.where(tangent > 1e-9, per_layer[0] / safe, 1.0 / layers[0][1])
+    x_c, y_c, _ = camera.position_mm
+    return Rays(x_c + scale * tan_x, y_c + scale * tan_y, -slope * tan_x, -slope * tan_y)
