@@ -16,10 +16,6 @@ as_root() {
     fi
 }
 
-may_install() {
-    [ "$(id -u)" -eq 0 ] || sudo -n true 2>/dev/null
-}
-
 apt_get() {
     as_root env DEBIAN_FRONTEND=noninteractive apt-get -qq -y \
         -o Acquire::http::Timeout=30 -o Acquire::Retries=1 -o DPkg::Lock::Timeout=120 "$@" </dev/null
@@ -36,11 +32,13 @@ install_with_apt() {
     return 1
 }
 
+may_install() {
+    command -v brew || [ "$(id -u)" -eq 0 ] || sudo -n true
+}
+
 install_llvm() {
     if command -v brew; then
         brew install --quiet llvm
-    elif ! may_install; then
-        return 1
     elif command -v apt-get; then
         install_with_apt
     elif command -v dnf; then
@@ -52,6 +50,8 @@ install_llvm() {
 
 [ -z "${DESIGNLAB_VARIANT:-}" ] || exit 0
 has_usable_back_end && exit 0
-echo "installing LLVM for the renderer ..."
-install_llvm >/dev/null 2>&1 && has_usable_back_end && exit 0
+if may_install >/dev/null 2>&1; then
+    echo "installing LLVM for the renderer ..."
+    install_llvm >/dev/null 2>&1 && has_usable_back_end && exit 0
+fi
 echo "no LLVM 17 or newer: going on with scalar_rgb, slower (designlab doctor says how to get one)"

@@ -1,0 +1,41 @@
+"""Fixtures shared by all tests."""
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+from designlab.render.backend import Backend, activate, choose
+
+# examples render and solve, so their time says nothing; the same ones are drawn at every run
+settings.register_profile("designlab", deadline=None, derandomize=True)
+settings.load_profile("designlab")
+
+MEASURED_VARIABLE = "DESIGNLAB_MEASURED"
+NO_MEASURED = f"{MEASURED_VARIABLE} does not name a folder of real images"
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip what this machine cannot run, with the reason."""
+    if item.get_closest_marker("llvm") and not choose().is_jit:
+        pytest.skip(f"needs a just-in-time back end: {choose().reason}")
+    if item.get_closest_marker("measured") and not os.environ.get(MEASURED_VARIABLE):
+        pytest.skip(NO_MEASURED)
+
+
+@pytest.fixture(scope="session")
+def measured_dir() -> Path:
+    """Folder of real images; where the variable is set, the folder must exist."""
+    named = os.environ.get(MEASURED_VARIABLE)
+    if not named:
+        pytest.skip(NO_MEASURED)
+    folder = Path(named)
+    assert folder.is_dir(), f"{MEASURED_VARIABLE} = {named} is not a folder"
+    return folder
+
+
+@pytest.fixture(scope="session")
+def backend() -> Backend:
+    """The back end, with Mitsuba loaded and its variant set."""
+    return activate()
