@@ -1,0 +1,360 @@
+"""Images as arrays with provenance, and the files they live in."""
+
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Pixels = NDArray[np.float32]
+
+_CHANNEL_COUNTS = (1, 3)
+_EXR_MAGIC = b"\x76\x2f\x31\x01"
+_PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
+_TIFF_MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+
+
+class ImageError(ValueError):
+    """A file or an array that is not the image it should be."""
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """Linear radiance with what is known about its noise and its origin.
+
+    Parameters
+    ----------
+    radiance : array, shape (rows, columns, channels)
+        Linear radiance, kept as a read-only float32 copy; 1 or 3 channels.
+    variance : array, same shape, optional
+        Variance of each value, in the squared unit of `radiance`.
+    provenance : mapping
+        Where the image comes from: digests, seed, samples, versions.
+
+    Raises
+    ------
+    ImageError
+        If an array has the wrong shape, is not finite or is negative somewhere, or if the radiance is zero
+        everywhere.
+    """
+
+    radiance: Pixels
+    variance: Pixels | None = None
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        radiance = _frozen(self.radiance, "radiance")
+        if not radiance.any():
+            raise ImageError(f"radiance: must have light somewhere, got {_size(radiance)} of zeros")
+        object.__setattr__(self, "radiance", radiance)
+        if self.variance is not None:
+            variance = _frozen(self.variance, "variance")
+            if variance.shape != radiance.shape:
+                raise ImageError(
+                    f"variance: must have the shape of radiance {radiance.shape}, got {variance.shape}"
+                )
+            object.__setattr__(self, "variance", variance)
+        object.__setattr__(self, "provenance", dict(self.provenance))
+
+
+def read_image(path: str | os.PathLike[str]) -> Pixels:
+    """Read an EXR, PNG or TIFF file without any change of gamma.
+
+    The format is told by the content of the file, not by its name. Floating-point files keep their values
+    (EXR: half or float); integer files are divided by their full scale. An opaque alpha channel is dropped.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    array of float32, shape (rows, columns, channels)
+        Row 0 is the top of the picture; 1 channel (grey) or 3 (red, green, blue).
+
+    Raises
+    ------
+    ImageError
+        If there is no such file, or it is not an image of 1 or 3 channels with finite values.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise ImageError(f"{path}: no such file")
+    with path.open("rb") as file:
+        magic = file.read(8)
+    decode = _decoder(magic)
+    if decode is None:
+        raise ImageError(
+            f"{path}: must be an EXR, PNG or TIFF image, its first bytes are {magic.hex(' ') or 'missing'}"
+        )
+    try:
+        pixels = decode(path)
+    except ImageError as error:
+        raise ImageError(f"{path}: {error}") from None
+    except Exception as error:  # each decoder has its own exceptions for a damaged file
+        raise ImageError(f"{path}: the file is damaged or of an unsupported kind ({error})") from error
+    pixels = _as_rows_columns_channels(pixels, str(path))
+    return _require_finite(_scaled(pixels), str(path))
+
+
+def write_image(path: str | os.PathLike[str], array: NDArray[Any], *, bits: int = 8) -> None:
+    """Write an array to an EXR, PNG or TIFF file; the file appears complete or not at all.
+
+    EXR holds half floats for a float16 array and floats otherwise. TIFF holds the array's own type (float64
+    as float32). PNG holds uint8 and uint16 arrays as they are; floats, which must lie within 0..1, are
+    rounded to steps of full scale. Gamma is never changed: apply `to_srgb` or `tone_map` first where the
+    picture is for eyes.
+
+    Parameters
+    ----------
+    path : path
+        The file, ending in .exr, .png, .tif or .tiff; its folder must exist.
+    array : array, shape (rows, columns) or (rows, columns, channels)
+        1 or 3 channels.
+    bits : int
+        8 or 16: depth of a PNG written from floats.
+
+    Raises
+    ------
+    ImageError
+        If the suffix, the shape or the values do not fit.
+    OSError
+        If the folder is missing or not writable.
+    """
+    path = Path(path)
+    encode = _ENCODERS.get(path.suffix.lower())
+    if encode is None:
+        raise ImageError(f"{path}: suffix must be one of {', '.join(_ENCODERS)}, got {path.suffix!r}")
+    pixels = _as_rows_columns_channels(np.asarray(array), str(path))
+    if pixels.dtype.kind not in "uf":
+        raise ImageError(f"{path}: values must be unsigned integers or floats, got {pixels.dtype}")
+    _require_finite(pixels, str(path))
+    if path.suffix.lower() == ".png":
+        pixels = _as_counts(pixels, bits, str(path))
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"{path.parent}: no such folder")
+    with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
+        unfinished = Path(folder) / path.name
+        encode(unfinished, np.ascontiguousarray(pixels))
+        unfinished.replace(path)
+
+
+def to_srgb(linear: NDArray[Any]) -> NDArray[np.float64]:
+    """Encode linear values with the sRGB curve (IEC 61966-2-1), elementwise, without clipping."""
+    linear = np.asarray(linear, dtype=float)
+    curved = 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055
+    return np.asarray(np.where(linear <= 0.0031308, 12.92 * linear, curved))
+
+
+def from_srgb(encoded: NDArray[Any]) -> NDArray[np.float64]:
+    """Undo `to_srgb`: linear values from sRGB-encoded ones (IEC 61966-2-1), elementwise."""
+    encoded = np.asarray(encoded, dtype=float)
+    curved = ((np.maximum(encoded, 0.04045) + 0.055) / 1.055) ** 2.4
+    return np.asarray(np.where(encoded <= 0.04045, encoded / 12.92, curved))
+
+
+def tone_map(linear: NDArray[Any], white: float | None = None) -> NDArray[np.uint8]:
+    """Turn linear radiance into an 8-bit sRGB picture for eyes.
+
+    Parameters
+    ----------
+    linear : array
+        Linear radiance, any shape.
+    white : float, optional
+        Radiance shown as 255; the 99.9th percentile of all values when absent.
+    """
+    linear = np.asarray(linear, dtype=float)
+    if white is None:
+        white = float(np.percentile(linear, 99.9)) or 1.0
+    if not white > 0:
+        raise ImageError(f"white: must be positive, got {white:g}")
+    return np.asarray(np.round(255 * to_srgb(np.clip(linear / white, 0.0, 1.0))), dtype=np.uint8)
+
+
+def resize_area(image: NDArray[Any], rows: int, columns: int) -> NDArray[Any]:
+    """Resample so that each new pixel is the mean of the old image over the area it covers.
+
+    Parameters
+    ----------
+    image : array, shape (rows, columns) or (rows, columns, channels)
+        The image; sides need not be multiples of the new ones.
+    rows, columns : int
+        New size.
+    """
+    image = np.asarray(image)
+    if rows < 1 or columns < 1:
+        raise ImageError(f"rows, columns: must be at least 1, got {rows} x {columns}")
+    down = np.tensordot(_overlap(image.shape[0], rows), image, axes=(1, 0))
+    across = np.tensordot(_overlap(image.shape[1], columns), down, axes=(1, 1))
+    return np.asarray(np.swapaxes(across, 0, 1), dtype=np.result_type(image.dtype, np.float32))
+
+
+def _overlap(old: int, new: int) -> NDArray[np.float64]:
+    """Share of each old pixel in each new one, shape (new, old), rows summing to one."""
+    edges = np.arange(new + 1)[:, None] * (old / new)
+    pixel = np.arange(old)[None, :]
+    covered = np.minimum(edges[1:], pixel + 1) - np.maximum(edges[:-1], pixel)
+    return np.asarray(np.maximum(covered, 0.0) * (new / old))
+
+
+def _decoder(magic: bytes) -> Callable[[Path], NDArray[Any]] | None:
+    if magic.startswith(_EXR_MAGIC):
+        return _decode_exr
+    if magic.startswith(_PNG_MAGIC):
+        return _decode_png
+    if magic.startswith(_TIFF_MAGICS):
+        return _decode_tiff
+    return None
+
+
+def _decode_exr(path: Path) -> NDArray[Any]:
+    import OpenEXR
+
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
+    for names in (("R", "G", "B"), ("Y",)):
+        if set(channels) - {"A"} == set(names):
+            planes = [channels[name] for name in (*names, *(["A"] if "A" in channels else []))]
+            return np.stack(planes, axis=-1)
+    raise ImageError(f"channels must be R, G, B or Y, got {', '.join(sorted(channels)) or 'none'}")
+
+
+def _decode_png(path: Path) -> NDArray[Any]:
+    import png
+    from PIL import Image as Pillow
+
+    with path.open("rb") as file:
+        reader = png.Reader(file=file)
+        reader.preamble()
+        if reader.bitdepth == 16:
+            # Pillow cuts 16-bit colour to 8 bits
+            columns, rows, lines, info = reader.read()
+            values = np.stack([np.asarray(line, dtype=np.uint16) for line in lines])
+            return values.reshape(rows, columns, info["planes"])
+    with Pillow.open(path) as picture:
+        if "transparency" in picture.info:
+            return np.asarray(picture.convert("RGBA"))
+        return np.asarray(picture.convert({"P": "RGB", "1": "L"}.get(picture.mode, picture.mode)))
+
+
+def _decode_tiff(path: Path) -> NDArray[Any]:
+    import tifffile
+
+    with tifffile.TiffFile(path) as file:
+        if len(file.pages) != 1:
+            raise ImageError(f"must hold one page, got {len(file.pages)}")
+        page = file.pages.first
+        pixels = page.asarray()
+        planar = page.planarconfig == tifffile.PLANARCONFIG.SEPARATE and pixels.ndim == 3
+    return np.moveaxis(pixels, 0, -1) if planar else pixels
+
+
+def _encode_exr(path: Path, pixels: NDArray[Any]) -> None:
+    import OpenEXR
+
+    pixels = pixels if pixels.dtype == np.float16 else _scaled(pixels)
+    names = "RGB" if pixels.shape[-1] == 3 else "Y"
+    channels = {name: np.ascontiguousarray(pixels[..., index]) for index, name in enumerate(names)}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    with OpenEXR.File(header, channels) as file:
+        file.write(str(path))
+
+
+def _encode_png(path: Path, pixels: NDArray[Any]) -> None:
+    import png
+
+    rows, columns, planes = pixels.shape
+    writer = png.Writer(columns, rows, greyscale=planes == 1, bitdepth=8 * pixels.dtype.itemsize)
+    with path.open("wb") as file:
+        writer.write(file, pixels.reshape(rows, columns * planes))
+
+
+def _encode_tiff(path: Path, pixels: NDArray[Any]) -> None:
+    import tifffile
+
+    pixels = pixels.astype(np.float32) if pixels.dtype == np.float64 else pixels
+    kind = "rgb" if pixels.shape[-1] == 3 else "minisblack"
+    tifffile.imwrite(path, pixels if pixels.shape[-1] == 3 else pixels[..., 0], photometric=kind)
+
+
+_ENCODERS: dict[str, Callable[[Path, NDArray[Any]], None]] = {
+    ".exr": _encode_exr,
+    ".png": _encode_png,
+    ".tif": _encode_tiff,
+    ".tiff": _encode_tiff,
+}
+
+
+def _as_rows_columns_channels(pixels: NDArray[Any], name: str) -> NDArray[Any]:
+    pixels = pixels[..., None] if pixels.ndim == 2 else pixels
+    if pixels.ndim != 3 or 0 in pixels.shape:
+        raise ImageError(f"{name}: must be an array of rows, columns and channels, got shape {pixels.shape}")
+    if pixels.shape[-1] in (2, 4):
+        alpha = pixels[..., -1]
+        opaque = np.iinfo(alpha.dtype).max if alpha.dtype.kind == "u" else 1.0
+        if (alpha != opaque).any():
+            raise ImageError(f"{name}: must be opaque, its alpha channel is not")
+        pixels = pixels[..., :-1]
+    if pixels.shape[-1] not in _CHANNEL_COUNTS:
+        raise ImageError(f"{name}: must have 1 or 3 channels, got {pixels.shape[-1]}")
+    return pixels
+
+
+def _scaled(pixels: NDArray[Any]) -> Pixels:
+    """Floats as they are, integers as a share of full scale."""
+    if pixels.dtype.kind == "f":
+        return pixels.astype(np.float32)
+    if pixels.dtype.kind == "u":
+        return (pixels / np.iinfo(pixels.dtype).max).astype(np.float32)
+    raise ImageError(f"values must be unsigned integers or floats, got {pixels.dtype}")
+
+
+def _as_counts(pixels: NDArray[Any], bits: int, name: str) -> NDArray[Any]:
+    if bits not in (8, 16):
+        raise ImageError(f"bits: must be 8 or 16, got {bits}")
+    if pixels.dtype in (np.uint8, np.uint16):
+        return pixels
+    if pixels.dtype.kind != "f":
+        raise ImageError(f"{name}: a PNG holds uint8, uint16 or floats within 0..1, got {pixels.dtype}")
+    lowest, highest = float(pixels.min()), float(pixels.max())
+    if lowest < 0 or highest > 1:
+        raise ImageError(
+            f"{name}: floats must lie within 0..1 for a PNG, got {lowest:g}..{highest:g}; scale or clip them"
+        )
+    counts = np.round(pixels.astype(float) * (2**bits - 1))
+    return np.asarray(counts, dtype=np.uint8 if bits == 8 else np.uint16)
+
+
+def _require_finite(pixels: NDArray[Any], name: str) -> NDArray[Any]:
+    bad = ~np.isfinite(pixels)
+    if bad.any():
+        row, column, channel = (int(index) for index in np.argwhere(bad)[0])
+        raise ImageError(
+            f"{name}: values must be finite, {int(bad.sum())} are not, the first is "
+            f"{pixels[row, column, channel]} at row {row}, column {column}, channel {channel}"
+        )
+    return pixels
+
+
+def _frozen(array: NDArray[Any], name: str) -> Pixels:
+    pixels = np.array(array, dtype=np.float32)
+    if pixels.ndim != 3 or pixels.shape[-1] not in _CHANNEL_COUNTS or 0 in pixels.shape:
+        raise ImageError(f"{name}: must be rows, columns and 1 or 3 channels, got shape {pixels.shape}")
+    _require_finite(pixels, name)
+    if (pixels < 0).any():
+        row, column, channel = (int(index) for index in np.unravel_index(np.argmin(pixels), pixels.shape))
+        raise ImageError(
+            f"{name}: must not be negative, the lowest value is {pixels.min():g} at row {row}, "
+            f"column {column}, channel {channel}"
+        )
+    pixels.setflags(write=False)
+    return pixels
+
+
+def _size(pixels: Pixels) -> str:
+    return f"{pixels.shape[0]} x {pixels.shape[1]} pixels"
