@@ -1,0 +1,290 @@
+"""Files that are never half-written, and a cache of arrays addressed by content."""
+
+import contextlib
+import hashlib
+import json
+import os
+import shutil
+import uuid
+import zipfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel
+
+CACHE_VARIABLE = "DESIGNLAB_CACHE"
+"""Environment variable that moves the cache to another folder."""
+
+CACHE_LIMIT_BYTES = 4 * 2**30
+"""Size above which the entries used longest ago are deleted."""
+
+_PARTIAL = ".partial"
+
+
+def digest(*parts: Any) -> str:
+    """SHA-256 of content, never of identity: equal content gives equal digests in every process.
+
+    Parameters
+    ----------
+    *parts : Any
+        None, bool, int, float, str, bytes, paths (by text), NumPy arrays and scalars (by element type,
+        shape and bytes), pydantic models (by their fields), and mappings, lists and tuples of these.
+        The order of a mapping's keys does not matter; lists and tuples are alike.
+
+    Returns
+    -------
+    str
+        64 hexadecimal digits.
+
+    Raises
+    ------
+    TypeError
+        If a part is of another type, whose content is not known.
+    """
+    sha = hashlib.sha256()
+    for part in parts:
+        _feed(sha, part)
+    return sha.hexdigest()
+
+
+def _feed(sha: "hashlib._Hash", part: Any) -> None:
+    """Add one value, led by its kind and length, so that neighbours cannot run into each other."""
+    match part:
+        case np.ndarray() | np.generic():
+            array = np.asarray(part)
+            if array.dtype.hasobject:
+                raise TypeError("an array of Python objects has no canonical content")
+            array = array.astype(array.dtype.newbyteorder("<"), copy=False)
+            _header(sha, "array", f"{array.dtype.str}{array.shape}")
+            sha.update(array.tobytes())
+        case BaseModel():
+            _header(sha, "model", type(part).__name__)
+            _feed(sha, part.model_dump(mode="json"))
+        case Mapping():
+            _header(sha, "mapping", len(part))
+            for key in sorted(part):
+                _feed(sha, key)
+                _feed(sha, part[key])
+        case list() | tuple():
+            _header(sha, "sequence", len(part))
+            for item in part:
+                _feed(sha, item)
+        case bytes():
+            _header(sha, "bytes", len(part))
+            sha.update(part)
+        case str() | Path():
+            text = str(part).encode()
+            _header(sha, "str" if isinstance(part, str) else "path", len(text))
+            sha.update(text)
+        case None | bool() | int() | float():
+            _header(sha, type(part).__name__, repr(part))
+        case _:
+            raise TypeError(f"no canonical content is known for a {type(part).__name__}")
+
+
+def _header(sha: "hashlib._Hash", kind: str, detail: object) -> None:
+    sha.update(f"{kind}:{detail};".encode())
+
+
+def cache_dir() -> Path:
+    """Return the cache's folder, which may not exist yet: DESIGNLAB_CACHE or the platform's place."""
+    import platformdirs
+
+    chosen = os.environ.get(CACHE_VARIABLE)
+    return Path(chosen) if chosen else platformdirs.user_cache_path("designlab")
+
+
+def write_atomic(path: str | Path, content: bytes | str) -> Path:
+    """Write a file whole or not at all: under a temporary name beside it, then renamed.
+
+    Parameters
+    ----------
+    path : str or Path
+        Target; its folder is made if absent, an existing file is replaced.
+    content : bytes or str
+        Text is written as UTF-8.
+
+    Returns
+    -------
+    Path
+        The file written.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; the text names the path and the reason. Nothing is left behind.
+    """
+    target = Path(path)
+    data = content.encode() if isinstance(content, str) else content
+    temporary = _sibling(target)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with temporary.open("xb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(target)
+    except OSError as error:
+        raise _cannot_write(target, error) from error
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+    return target
+
+
+@contextlib.contextmanager
+def atomic_folder(path: str | Path, *, replace: bool = False) -> Iterator[Path]:
+    """Fill a folder that appears under its name only when the block ends without an error.
+
+    Parameters
+    ----------
+    path : str or Path
+        Target folder.
+    replace : bool
+        Whether an existing folder gives way; otherwise only an empty one does.
+
+    Yields
+    ------
+    Path
+        Empty temporary folder beside the target, to be filled.
+
+    Raises
+    ------
+    OSError
+        If the target exists and must stay, or cannot be written; the text names the path.
+    """
+    target = Path(path)
+    if not replace and (target.is_file() or (target.is_dir() and any(target.iterdir()))):
+        raise FileExistsError(f"{target} exists already and is not empty")
+    temporary = _sibling(target)
+    try:
+        try:
+            temporary.mkdir(parents=True)
+        except OSError as error:
+            raise _cannot_write(target, error) from error
+        yield temporary
+        try:
+            _take_place(temporary, target)
+        except OSError as error:
+            raise _cannot_write(target, error) from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _take_place(temporary: Path, target: Path) -> None:
+    if not target.exists():
+        temporary.rename(target)
+        return
+    old = _sibling(target)
+    target.rename(old)
+    try:
+        temporary.rename(target)
+    except OSError:
+        old.rename(target)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def remove_partial(folder: str | Path) -> None:
+    """Delete what writers that were killed left in a folder: temporary files and folders of this module."""
+    for leftover in Path(folder).glob(f".*{_PARTIAL}"):
+        if leftover.is_dir():
+            shutil.rmtree(leftover, ignore_errors=True)
+        else:
+            leftover.unlink(missing_ok=True)
+
+
+def read_cache(key: str, *, folder: str | Path | None = None) -> dict[str, NDArray[Any]] | None:
+    """Return the arrays stored under a key, or None; a damaged entry counts as absent and is deleted.
+
+    Parameters
+    ----------
+    key : str
+        What `digest` gave for everything the arrays depend on: content, settings, versions.
+    folder : str or Path, optional
+        Cache folder; `cache_dir` when absent.
+    """
+    path = _entry(key, folder)
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
+        with contextlib.suppress(OSError):
+            path.unlink(missing_ok=True)
+        return None
+    with contextlib.suppress(OSError):  # a cache that may only be read is still of use
+        os.utime(path)
+    return arrays
+
+
+def write_cache(
+    key: str,
+    arrays: Mapping[str, NDArray[Any]],
+    *,
+    folder: str | Path | None = None,
+    limit_bytes: int = CACHE_LIMIT_BYTES,
+) -> Path:
+    """Store arrays under a key and delete the entries used longest ago while the cache is above its limit.
+
+    Parameters
+    ----------
+    key : str
+        What `digest` gave for everything the arrays depend on.
+    arrays : mapping of str to array
+        Named arrays of plain numbers.
+    folder : str or Path, optional
+        Cache folder; `cache_dir` when absent.
+    limit_bytes : int
+        Largest total size; the entry just written is kept even when it alone exceeds it.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be written; the text names it. Nothing is left behind.
+    """
+    import io
+
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **arrays)
+    path = write_atomic(_entry(key, folder), buffer.getvalue())
+    _prune(path.parent, keep=path, limit_bytes=limit_bytes)
+    return path
+
+
+def _entry(key: str, folder: str | Path | None) -> Path:
+    if not key.isalnum():
+        raise ValueError(f"a cache key consists of letters and digits, got {key!r}")
+    return (Path(folder) if folder is not None else cache_dir() / "arrays") / f"{key}.npz"
+
+
+def _prune(folder: Path, *, keep: Path, limit_bytes: int) -> None:
+    entries = []
+    for path in folder.glob("*.npz"):
+        with contextlib.suppress(FileNotFoundError):  # another process may be pruning as well
+            status = path.stat()
+            entries.append((status.st_mtime, status.st_size, path))
+    total = sum(size for _, size, _ in entries)
+    for _, size, path in sorted(entries):
+        if total <= limit_bytes:
+            return
+        if path != keep:
+            path.unlink(missing_ok=True)
+            total -= size
+
+
+def write_json(path: str | Path, content: Any) -> Path:
+    """Write plain data as indented JSON, whole or not at all; raises ValueError for NaN and infinities."""
+    return write_atomic(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
+
+
+def _sibling(target: Path) -> Path:
+    return target.parent / f".{target.name}.{uuid.uuid4().hex}{_PARTIAL}"
+
+
+def _cannot_write(path: Path, error: OSError) -> OSError:
+    return OSError(error.errno, f"cannot write {path}: {error.strerror or error}")
