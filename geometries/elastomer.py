@@ -49,11 +49,6 @@ class Elastomer(Spec):
                 raise ValueError("radius_mm: a dome needs the radius of its membrane")
             if self.outline != "round":
                 raise ValueError(f"outline: a dome is round, not {self.outline!r}")
-            if self.width_mm > 2 * self.radius_mm:
-                raise ValueError(
-                    f"width_mm: must not exceed the diameter of the dome's sphere "
-                    f"({2 * self.radius_mm:g} mm), is {self.width_mm:g} mm"
-                )
             if self.thickness_mm >= self.radius_mm:
                 raise ValueError(
                     f"thickness_mm: must be below radius_mm ({self.radius_mm:g} mm), "
@@ -115,3 +110,50 @@ def _depth_below_centre_mm(
     """Vertical distance from the sphere's centre plane to its surface, NaN beyond the sphere."""
     square = radius_mm**2 - x**2 - y**2
     return np.sqrt(np.where(square >= 0, square, np.nan))
+
+
+def solid(spec: Elastomer) -> "cadquery.Workplane":
+    """Build the gel as one closed CadQuery solid in the sensor frame (mm).
+
+    A flat gel fills its outline from z = 0 to its thickness. A dome is the shell between the membrane's
+    sphere and the concentric sphere of the core, inside the cylinder of its outline and below the centre.
+
+    Raises
+    ------
+    ValueError
+        If a dome is wider than its sphere.
+    """
+    import cadquery
+
+    if spec.radius_mm is None:
+        if spec.outline == "round":
+            return cadquery.Workplane("XY").circle(spec.width_mm / 2).extrude(spec.thickness_mm)
+        return cadquery.Workplane("XY").polyline(polygon(spec).tolist()).close().extrude(spec.thickness_mm)
+    outer, inner, rim = spec.radius_mm, spec.radius_mm - spec.thickness_mm, spec.width_mm / 2
+    if rim > outer:
+        raise ValueError(
+            f"width_mm: must not exceed the diameter of the dome's sphere ({2 * outer:g} mm), "
+            f"is {spec.width_mm:g} mm"
+        )
+    sketch = cadquery.Workplane("XZ").threePointArc(*_arc(outer, rim, lowest_mm=0.0))
+    if rim > inner:  # the core's sphere ends at its equator, inside the gel's outline
+        if rim < outer:
+            sketch = sketch.lineTo(rim, outer)
+        sketch = sketch.lineTo(inner, outer)
+    middle, end = _arc(inner, min(rim, inner), lowest_mm=spec.thickness_mm)
+    if rim <= inner:
+        sketch = sketch.lineTo(*end)
+    sketch = sketch.threePointArc(middle, (0, spec.thickness_mm)).close()
+    return sketch.revolve(360, (0, 0, 0), (0, 1, 0))
+
+
+def _arc(
+    radius_mm: float, rim_mm: float, *, lowest_mm: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Middle and end, as (distance from the axis, z), of an arc from its apex on the axis to the rim."""
+    half_angle = np.arcsin(min(rim_mm / radius_mm, 1.0)) / 2
+    middle, end = (
+        (float(radius_mm * np.sin(a)), float(lowest_mm + 2 * radius_mm * np.sin(a / 2) ** 2))
+        for a in (half_angle, 2 * half_angle)
+    )
+    return middle, end

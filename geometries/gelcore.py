@@ -1,5 +1,6 @@
 """The clear rigid body behind the gel: flat slab, hexagonal prism, or domed block."""
 
+from math import asin, atan2, degrees, sin
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
@@ -62,11 +63,50 @@ class Gelcore(Spec):
 
 
 def polygon(spec: Gelcore, *, segments: int = 360) -> NDArray[np.float64]:
-    """Corners (mm) of the outline at the gel side, counter-clockwise, shape (n, 2); `segments` stand for a circle."""
-    outline: OutlineName = {"slab": "rectangle", "hexagonal": "hexagon", "dome": "round"}[spec.shape]  # type: ignore[assignment]
-    return outline_polygon(outline, width_mm=spec.width_mm, length_mm=spec.length_mm, segments=segments)
+    """Corners (mm) of the gel side's outline, counter-clockwise, (n, 2); `segments` stand for a circle."""
+    outlines: dict[str, OutlineName] = {"slab": "rectangle", "hexagonal": "hexagon", "dome": "round"}
+    return outline_polygon(
+        outlines[spec.shape], width_mm=spec.width_mm, length_mm=spec.length_mm, segments=segments
+    )
 
 
 def solid(spec: Gelcore) -> "cadquery.Workplane":
-    """Build the gelcore as one closed CadQuery solid in its local frame (mm)."""
-    raise AssertionError
+    """Build the gelcore as one closed CadQuery solid in its local frame (mm).
+
+    Raises
+    ------
+    ValueError
+        If the sides meet before the window, or the dome's sphere does not fit the block.
+    """
+    import cadquery
+
+    if spec.radius_mm is not None:
+        return _dome(spec, radius_mm=spec.radius_mm)
+    narrowest = spec.width_mm if spec.shape == "hexagonal" else min(spec.width_mm, spec.length_mm)
+    steepest_deg = degrees(atan2(narrowest / 2, spec.height_mm))
+    if spec.draft_deg >= steepest_deg:
+        raise ValueError(
+            f"draft_deg: must be below {steepest_deg:.4g} deg, where the sides meet at the window, "
+            f"is {spec.draft_deg:g} deg"
+        )
+    sketch = cadquery.Workplane("XY").polyline(polygon(spec).tolist()).close()
+    return sketch.extrude(spec.height_mm, taper=spec.draft_deg)
+
+
+def _dome(spec: Gelcore, *, radius_mm: float) -> "cadquery.Workplane":
+    """Round block with a spherical cap towards the gel."""
+    import cadquery
+
+    rim = spec.width_mm / 2
+    if rim > radius_mm:
+        raise ValueError(f"radius_mm: must be at least half of width_mm ({rim:g} mm), is {radius_mm:g} mm")
+    half_angle = asin(rim / radius_mm) / 2
+    cap_mm = 2 * radius_mm * sin(half_angle) ** 2
+    if cap_mm >= spec.height_mm:
+        raise ValueError(
+            f"height_mm: must exceed the height of the dome's cap ({cap_mm:.4g} mm), is {spec.height_mm:g} mm"
+        )
+    middle = (radius_mm * sin(half_angle), 2 * radius_mm * sin(half_angle / 2) ** 2)
+    sketch = cadquery.Workplane("XZ").threePointArc(middle, (rim, cap_mm))
+    sketch = sketch.lineTo(rim, spec.height_mm).lineTo(0, spec.height_mm).close()
+    return sketch.revolve(360, (0, 0, 0), (0, 1, 0))

@@ -83,7 +83,7 @@ class LedArray(Spec):
     emitting_spans_mm: tuple[tuple[float, float], ...] = Field(
         ((-1.0, 1.0),),
         min_length=1,
-        description="Emitting strips of one LED as (from, to) along its height, positive to the membrane (mm).",
+        description="Emitting strips of an LED as (from, to) along its height, positive to the membrane (mm).",
     )
     body_width_mm: float = quantity(
         3.5, unit="mm", gt=0, le=200, description="Width of the package or board."
@@ -181,6 +181,29 @@ def bodies(array: LedArray) -> tuple[Body, ...]:
         Body(group, _shifted(face, normal, -array.body_thickness_mm / 2), normal, across, down, half)
         for group, face, normal, across, down in _faces(array)
     )
+
+
+def solids(array: LedArray) -> "list[cadquery.Solid]":
+    """Build the box of every LED as a CadQuery solid in the sensor frame (mm), in the order of `bodies`."""
+    import cadquery
+
+    boxes = []
+    for body in bodies(array):
+        width, height, thickness = (2 * half for half in body.half_mm)
+        plane = cadquery.Plane(origin=body.centre_mm, xDir=body.across, normal=body.normal)
+        boxes.append(
+            cadquery.Solid.makeBox(
+                width, height, thickness, (-width / 2, -height / 2, -thickness / 2)
+            ).locate(cadquery.Location(plane))
+        )
+    return boxes
+
+
+def solid(array: LedArray) -> "cadquery.Workplane":
+    """Build all LED boxes as one CadQuery compound in the sensor frame (mm)."""
+    import cadquery
+
+    return cadquery.Workplane(obj=cadquery.Compound.makeCompound(solids(array)))
 
 
 def _faces(array: LedArray) -> Iterator[tuple[int, Vector, Vector, Vector, Vector]]:

@@ -29,7 +29,7 @@ def from_solid(
     solid: "cadquery.Workplane | cadquery.Shape",
     *,
     tolerance_mm: float = 0.005,
-    angular_tolerance_deg: float = 3.0,
+    angular_tolerance_deg: float = 5.0,
 ) -> "trimesh.Trimesh":
     """Triangulate one or several closed CAD solids.
 

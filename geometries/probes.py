@@ -1,12 +1,12 @@
 """Standard objects that are pressed into the gel, and any mesh a user gives.
 
-Every probe stands on a shank or plate of its own outline, so that it can be printed and clamped; only its upper
-surface, `profile_mm`, presses.
+Every probe stands on a shank or plate of its own outline, so that it can be printed and clamped; only its
+upper surface, `profile_mm`, presses.
 """
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Self, get_args
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,7 +30,7 @@ SIZES: dict[ProbeKind, str] = {
     "cone": "diameter of the base; the apex angle is 90 deg, so it is half as high",
     "prism": "width along y of the base of the lying ridge, whose 90 deg edge is x; it is twice as long",
     "dots": "distance between neighbouring hemispheres, 3 x 3 on a square plate, each 0.6 of it in diameter",
-    "wave": "wavelength of the sinusoidal ridges along y, 3 x 3 wavelengths, a quarter of one from trough to crest",
+    "wave": "wavelength of the sinusoidal ridges along y, a quarter of it high, on 3 x 3 wavelengths",
     "mesh": "larger extent of the mesh along x or y",
 }
 """What `size_mm` measures, by kind of probe."""
@@ -46,8 +46,8 @@ DOT_SHARE = 0.6
 WAVE_AMPLITUDE = 1 / 8
 """Amplitude (half the height from trough to crest) of the wave as a share of its wavelength."""
 
-WAVE_POINTS = 32
-"""Points per wavelength of the spline that stands for the sine in CAD; it departs from it by 1e-5 amplitudes."""
+WAVE_POINTS = 48
+"""Points per wavelength of the cubic spline that stands for the sine in CAD."""
 MIN_SHANK_MM = 5.0
 """Least length of the shank behind the pressing surface; larger probes have one as long as their size."""
 
@@ -94,11 +94,13 @@ def parse(text: str) -> Probe:
     match = re.fullmatch(rf"(.+(?:{suffixes}))(?::([^:]*))?", text.strip(), re.IGNORECASE)
     if match:
         return from_file(match[1], size_mm=None if match[2] is None else _size_mm(match[2], text))
-    kind, colon, size = text.strip().partition(":")
-    if kind == "mesh" or kind not in get_args(ProbeKind):
-        known = ", ".join(name for name in get_args(ProbeKind) if name != "mesh")
-        raise ValueError(f"probe: unknown {kind!r} in {text!r}; known are {known}, or a .stl or .obj file")
-    return Probe(kind=kind, size_mm=_size_mm(size, text) if colon else DEFAULT_SIZE_MM)
+    name, colon, size = text.strip().partition(":")
+    library = {kind: kind for kind in SIZES if kind != "mesh"}
+    if name not in library:
+        raise ValueError(
+            f"probe: unknown {name!r} in {text!r}; known are {', '.join(library)}, or a .stl or .obj file"
+        )
+    return Probe(kind=library[name], size_mm=_size_mm(size, text) if colon else DEFAULT_SIZE_MM)
 
 
 def _size_mm(size: str, text: str) -> float:
@@ -149,7 +151,7 @@ def wave(*, wavelength_mm: float) -> Probe:
 
 
 def from_file(path: str | Path, *, size_mm: float | None = None) -> Probe:
-    """Body of an STL or OBJ file, pressed with its +z side; `size_mm` scales its larger extent along x or y.
+    """Body of an STL or OBJ file, pressed with its +z side; `size_mm` scales it, see `SIZES`.
 
     Raises
     ------
@@ -173,8 +175,8 @@ def profile_mm(probe: Probe, x: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
     Returns
     -------
     ndarray
-        Height in mm, zero at the foremost point and negative elsewhere; -inf outside the probe's outline. Closed
-        forms, except for a mesh, whose triangles are cast.
+        Height in mm, zero at the foremost point and negative elsewhere; -inf outside the probe's outline.
+        Closed forms, except for a mesh, whose triangles are cast.
     """
     x, y = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
     if probe.kind == "mesh":
@@ -208,14 +210,14 @@ def _within(inside: NDArray[np.bool_], height_mm: NDArray[np.float64]) -> NDArra
 
 
 def _ball_mm(distance_mm: NDArray[np.float64], radius_mm: float) -> NDArray[np.float64]:
-    """Height of a ball that touches z = 0, at a distance from its axis; beyond it, the height of its centre."""
+    """Height of a ball touching z = 0 at a distance from its axis; beyond it, the height of its centre."""
     distance_mm = np.minimum(distance_mm, radius_mm)
     # R - sqrt(R^2 - r^2) rewritten without the difference, which would cancel near the apex.
     return np.asarray(-(distance_mm**2) / (radius_mm + np.sqrt(radius_mm**2 - distance_mm**2)))
 
 
 def mesh(probe: Probe, *, tolerance_mm: float = 0.005) -> "trimesh.Trimesh":
-    """Watertight mesh of the whole probe, shank included, in its own frame (mm); a user's mesh as loaded."""
+    """Watertight mesh of probe and shank in the probe's own frame (mm); a user's mesh as it was loaded."""
     if probe.file is not None:
         return load(probe.file, size_mm=probe.size_mm)
     return from_solid(solid(probe), tolerance_mm=tolerance_mm)
@@ -233,10 +235,9 @@ def solid(probe: Probe) -> "cadquery.Workplane":
         raise ValueError(f"kind: a mesh probe ({probe.file}) has no CAD solid, use its mesh")
     size, back = probe.size_mm, -max(MIN_SHANK_MM, probe.size_mm)
     if probe.kind == "sphere":
-        s = size / 2 * np.sqrt(0.5)
-        return _turned([(0, 0), (s, s - size / 2), (size / 2, -size / 2)], back - size / 2)
+        return _turned(size / 2, back - size / 2, round_tip=True)
     if probe.kind == "cone":
-        return _turned([(0, 0), (size / 2, -size / 2)], back - size / 2)
+        return _turned(size / 2, back - size / 2, round_tip=False)
     if probe.kind == "triangle":
         return _prismatic(regular_polygon(corners=3, radius_mm=size / np.sqrt(3), azimuth_deg=90.0), back)
     if probe.kind == "star":
@@ -247,13 +248,17 @@ def solid(probe: Probe) -> "cadquery.Workplane":
     return _ridged(probe.kind, size, back - size / 2)
 
 
-def _turned(profile: list[tuple[float, float]], bottom_mm: float) -> "cadquery.Workplane":
-    """Body of revolution under a line (two points) or an arc (three points) of (radius, z), down to `bottom_mm`."""
+def _turned(radius_mm: float, bottom_mm: float, *, round_tip: bool) -> "cadquery.Workplane":
+    """Hemisphere or cone of 90 deg, as high as its radius, on a round shank down to `bottom_mm`."""
     import cadquery
 
-    sketch = cadquery.Workplane("XZ").moveTo(*profile[0])
-    sketch = sketch.lineTo(*profile[1]) if len(profile) == 2 else sketch.threePointArc(*profile[1:])
-    sketch = sketch.lineTo(profile[-1][0], bottom_mm).lineTo(0, bottom_mm).close()
+    sketch = cadquery.Workplane("XZ")
+    if round_tip:
+        middle = radius_mm * np.sqrt(0.5)
+        sketch = sketch.threePointArc((middle, middle - radius_mm), (radius_mm, -radius_mm))
+    else:
+        sketch = sketch.lineTo(radius_mm, -radius_mm)
+    sketch = sketch.lineTo(radius_mm, bottom_mm).lineTo(0, bottom_mm).close()
     return sketch.revolve(360, (0, 0, 0), (0, 1, 0))
 
 
@@ -268,12 +273,10 @@ def _dots(pitch_mm: float, bottom_mm: float) -> "cadquery.Workplane":
     """3 x 3 balls sunk to their equators into a square plate."""
     import cadquery
 
-    radius = DOT_SHARE * pitch_mm / 2
-    plate = cadquery.Workplane("XY").box(
-        3 * pitch_mm, 3 * pitch_mm, -radius - bottom_mm, centered=(True, True, False)
-    )
+    radius, width = DOT_SHARE * pitch_mm / 2, 3 * pitch_mm
+    plate = cadquery.Workplane("XY").workplane(offset=-radius).rect(width, width).extrude(bottom_mm + radius)
     balls = cadquery.Workplane("XY").rarray(pitch_mm, pitch_mm, 3, 3).sphere(radius, combine=False)
-    return plate.translate((0, 0, bottom_mm)).union(balls.translate((0, 0, -radius)))
+    return plate.union(balls.translate((0, 0, -radius))).solids()
 
 
 def _ridged(kind: ProbeKind, size_mm: float, bottom_mm: float) -> "cadquery.Workplane":
@@ -284,14 +287,14 @@ def _ridged(kind: ProbeKind, size_mm: float, bottom_mm: float) -> "cadquery.Work
     if kind == "wave":
         x = np.linspace(-1.5, 1.5, 3 * WAVE_POINTS + 1) * size_mm
         crest = np.column_stack([x, WAVE_AMPLITUDE * size_mm * (np.cos(2 * np.pi * x / size_mm) - 1)])
-        sketch = cadquery.Workplane("XZ").spline(crest.tolist(), tangents=[(1, 0), (1, 0)])
-        return (
-            sketch.lineTo(x[-1], bottom_mm).lineTo(x[0], bottom_mm).close().extrude(1.5 * size_mm, both=True)
+        # With x as the parameter the slopes given at the ends are true derivatives.
+        sketch = cadquery.Workplane("XZ", origin=(0, 1.5 * size_mm, 0)).spline(
+            crest.tolist(), tangents=[(1, 0), (1, 0)], parameters=x.tolist(), scale=False
         )
-    sketch = cadquery.Workplane("YZ").moveTo(-half, -half)
-    sketch = (
-        sketch.lineTo(0, 0).lineTo(half, -half)
-        if kind == "prism"
-        else sketch.threePointArc((0, 0), (half, -half))
-    )
-    return sketch.lineTo(half, bottom_mm).lineTo(-half, bottom_mm).close().extrude(size_mm, both=True)
+        return sketch.lineTo(x[-1], bottom_mm).lineTo(x[0], bottom_mm).close().extrude(3 * size_mm)
+    sketch = cadquery.Workplane("YZ", origin=(-size_mm, 0, 0)).moveTo(-half, -half)
+    if kind == "prism":
+        sketch = sketch.lineTo(0, 0).lineTo(half, -half)
+    else:
+        sketch = sketch.threePointArc((0, 0), (half, -half))
+    return sketch.lineTo(half, bottom_mm).lineTo(-half, bottom_mm).close().extrude(2 * size_mm)

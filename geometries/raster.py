@@ -84,7 +84,7 @@ def _expanded(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.
 def _extent_in_band(
     triangles: NDArray[np.float64], y_low: NDArray[np.float64], y_high: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Range of x that each triangle, shape (n, 3, 2), covers between `y_low` and `y_high`, or a little more."""
+    """Range of x that each triangle, shape (n, 3, 2), covers between `y_low` and `y_high`, slightly wider."""
     slack = 1e-6 * (y_high - y_low)
     y_low, y_high = y_low - slack, y_high + slack
     low, high = np.full(len(triangles), np.inf), np.full(len(triangles), -np.inf)
