@@ -1,0 +1,251 @@
+"""Files to make a design: STL, STEP, 3MF, LED coordinates, bill of materials, and proof that they are right."""
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from designlab.design import Design, dumps
+from designlab.fabricate.checks import Check, check_mesh, check_overlaps, check_step, require
+from designlab.fabricate.folder import KIND, MANIFEST, replaced_folder
+from designlab.fabricate.parts import MOULD_FLOOR_MM, MOULD_WALL_MM, SENSOR_PARTS, parts, probe_name
+from designlab.fabricate.tables import bill, led_rows, readme, write_csv
+from designlab.fabricate.triangles import printable, write_3mf
+from designlab.margins import MINIMUM_WALL_MM
+from designlab.materials import material
+from geometries import probes as probe_library
+from geometries.leds import bodies
+from geometries.probes import Probe
+
+if TYPE_CHECKING:
+    import cadquery
+    import trimesh
+
+__all__ = ["Check", "export", "led_colour", "parts"]
+
+PART_COLOURS: dict[str, tuple[float, float, float, float]] = {
+    "gelcore": (0.75, 0.87, 0.95, 0.4),
+    "elastomer": (0.95, 0.80, 0.60, 0.5),
+    "housing": (0.25, 0.26, 0.29, 1.0),
+}
+
+Progress = Callable[[int, int, str], None]
+
+
+def export(
+    design: Design,
+    out: str | Path,
+    *,
+    probes: Sequence[Probe | str] = (),
+    allow_infeasible: bool = False,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Write everything needed to make a design into a folder, and check what was written.
+
+    Parameters
+    ----------
+    design : Design
+        The sensor.
+    out : str or Path
+        Folder that appears whole or not at all. It may be absent, empty or an earlier export, which is replaced.
+    probes : sequence of Probe or str
+        Indenters to add, as `Probe` or in the form that `geometries.probes.parse` reads (``"sphere:4"``).
+    allow_infeasible : bool
+        Export a design that breaks its rules, and overlapping parts, with a warning for each.
+    progress : callable, optional
+        Called with steps done, steps in all and the name of the next step.
+
+    Returns
+    -------
+    dict
+        The manifest, JSON-able: ``parts``, ``bom``, ``checks``, ``margins_mm``, ``walls``, ``warnings``, ``files``.
+
+    Raises
+    ------
+    InfeasibleDesign
+        If the design breaks a rule and `allow_infeasible` is false.
+    ValueError
+        If `out` holds something else, or a probe is unknown; names path or probe and rule.
+    RuntimeError
+        If a check fails; names the part and the figures. Nothing is left in `out` then.
+    """
+    if not allow_infeasible:
+        design.require_feasible()
+    chosen = list(dict.fromkeys(probe_library.parse(p) if isinstance(p, str) else p for p in probes))
+    with replaced_folder(Path(out)) as folder:
+        manifest = _write(design, folder, chosen, allow_infeasible, progress or (lambda *_: None))
+        require(Check(**check) for check in manifest["checks"])
+    return manifest
+
+
+def _write(
+    design: Design, folder: Path, chosen: Sequence[Probe], allow_infeasible: bool, progress: Progress
+) -> dict[str, Any]:
+    """Write all files and return the manifest, failed checks included."""
+    meshed = [probe for probe in chosen if probe.file is not None]
+    shapes = parts(design, probe_list=[probe for probe in chosen if probe.file is None])
+    steps = len(shapes) + len(meshed) + 2
+    described: dict[str, Any] = {}
+    checks: list[Check] = []
+    for done, (name, shape) in enumerate(shapes.items()):
+        progress(done, steps, name)
+        described[name], found = _write_part(design, folder, name, shape)
+        checks += found
+    for done, probe in enumerate(meshed, start=len(shapes)):
+        progress(done, steps, probe_name(probe))
+        described[probe_name(probe)] = _write_mesh_probe(folder, probe)
+    progress(steps - 2, steps, "assembly")
+    checks += _write_assembly(design, folder, shapes)
+    progress(steps - 1, steps, "checks")
+    overlaps = check_overlaps(design, shapes, SENSOR_PARTS)
+    if allow_infeasible:
+        overlaps = [check if check.ok else check._replace(ok=True, note="accepted: allow_infeasible") for check in overlaps]
+    checks += overlaps
+    broken = {rule: margin for rule, margin in design.margins().items() if margin > 0}
+    manifest: dict[str, Any] = {
+        "kind": KIND,
+        "format": 1,
+        "design": design.name,
+        "digest": design.digest,
+        "versions": _versions(),
+        "parts": described,
+        "bom": bill(design, shapes),
+        "led_count": len(bodies(design.leds)),
+        "margins_mm": design.margins(),
+        "walls": {
+            "thinnest_mm": min(design.housing.wall_mm, design.housing.plate_mm),
+            "least_mm": MINIMUM_WALL_MM,
+            "mould_mm": min(MOULD_WALL_MM, MOULD_FLOOR_MM),
+        },
+        "warnings": [
+            *(f"rule {rule} is violated by {margin:.3g} mm" for rule, margin in broken.items()),
+            *(f"{c.part} overlap by {c.value:.3g} mm3 ({c.note})" for c in overlaps if c.note),
+        ],
+        "checks": [check._asdict() for check in checks],
+    }
+    write_csv(led_rows(design), folder / "leds.csv")
+    write_csv(manifest["bom"], folder / "bom.csv")
+    (folder / "design.toml").write_text(dumps(design), encoding="utf-8")
+    (folder / "README.txt").write_text(readme(design, manifest), encoding="utf-8")
+    _write_json(manifest["checks"], folder / "checks.json")
+    written = sorted(path for path in folder.rglob("*") if path.is_file())
+    manifest["files"] = {
+        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in written
+    }
+    _write_json(manifest, folder / MANIFEST)
+    progress(steps, steps, "done")
+    return manifest
+
+
+def _write_part(
+    design: Design, folder: Path, name: str, shape: "cadquery.Shape"
+) -> tuple[dict[str, Any], list[Check]]:
+    """Write STEP, STL and, for a part to print, 3MF; return its description and the checks of its files."""
+    import cadquery
+
+    step, stl = _path(folder, "step", f"{name}.step"), _path(folder, "stl", f"{name}.stl")
+    cadquery.exporters.export(cadquery.Workplane(shape), str(step))
+    mesh, report = printable(shape)
+    _write_stl(mesh, stl)
+    checks = [*check_step(name, step, shape), *check_mesh(name, stl, shape)]
+    if report["hausdorff_mm"] > 0:
+        bound = report["hausdorff_bound_mm"]
+        checks.append(
+            Check(name, stl.name, "Hausdorff distance", report["hausdorff_mm"], bound, "mm", report["hausdorff_mm"] <= bound)
+        )
+    if _printed(design, name):
+        package = _path(folder, "3mf", f"{name}.3mf")
+        write_3mf(mesh, package, name=name)
+        checks += check_mesh(name, package, shape)
+    box = shape.BoundingBox()
+    return {
+        "solids": len(shape.Solids()),
+        "volume_mm3": shape.Volume(),
+        "area_mm2": shape.Area(),
+        "size_mm": [box.xlen, box.ylen, box.zlen],
+        "mesh": report,
+    }, checks
+
+
+def _write_mesh_probe(folder: Path, probe: Probe) -> dict[str, Any]:
+    """Write a user's mesh, scaled and placed, as STL; it was checked for being closed when it was loaded."""
+    mesh = probe_library.mesh(probe)
+    _write_stl(mesh, _path(folder, "stl", f"{probe_name(probe)}.stl"))
+    return {"volume_mm3": float(mesh.volume), "size_mm": mesh.extents.tolist(), "source": probe.file}
+
+
+def _write_stl(mesh: "trimesh.Trimesh", path: Path) -> None:
+    mesh.export(path, file_type="stl")
+
+
+def _write_assembly(design: Design, folder: Path, shapes: Mapping[str, "cadquery.Shape"]) -> list[Check]:
+    """Write the sensor's parts in place, named and coloured, into one STEP file; LEDs are named by their group."""
+    import cadquery
+
+    assembly = cadquery.Assembly(name=design.name or "sensor")
+    for name, colour in PART_COLOURS.items():
+        assembly.add(shapes[name], name=name, color=cadquery.Color(*colour))
+    array = cadquery.Assembly(name="led_array")
+    for number, (solid, body) in enumerate(zip(shapes["led_array"].Solids(), bodies(design.leds), strict=True), start=1):
+        group = design.leds.groups[body.group]
+        colour = cadquery.Color(*led_colour(group.wavelength_nm), 1.0)
+        array.add(solid, name=f"led_{number:03d}_{group.name}", color=colour)
+    assembly.add(array)
+    path = folder / "assembly.step"
+    assembly.export(str(path))
+    whole = cadquery.Compound.makeCompound(list(chain.from_iterable(shapes[name].Solids() for name in SENSOR_PARTS)))
+    return check_step("assembly", path, whole)
+
+
+def led_colour(wavelength_nm: float) -> tuple[float, float, float]:
+    """Display colour (sRGB, 0..1) of a narrow-band LED, for pictures and CAD only.
+
+    Piecewise linear hue over the visible range, after D. Bruton, "Approximate RGB values for visible wavelengths"
+    (1996); infrared is dark red, ultraviolet violet.
+    """
+    stops = (
+        (380.0, (0.5, 0.0, 0.9)),
+        (440.0, (0.15, 0.1, 1.0)),
+        (490.0, (0.0, 0.85, 1.0)),
+        (510.0, (0.0, 0.95, 0.25)),
+        (580.0, (1.0, 0.95, 0.0)),
+        (645.0, (1.0, 0.08, 0.05)),
+        (780.0, (0.55, 0.0, 0.0)),
+    )
+    wavelength_nm = min(max(wavelength_nm, stops[0][0]), stops[-1][0])
+    for (low, below), (high, above) in zip(stops, stops[1:], strict=False):
+        if wavelength_nm <= high:
+            share = (wavelength_nm - low) / (high - low)
+            r, g, b = (start + share * (end - start) for start, end in zip(below, above, strict=True))
+            return r, g, b
+    return stops[-1][1]
+
+
+def _printed(design: Design, name: str) -> bool:
+    """Whether a part comes from a 3D printer: housing, mould, probes, and a core of resin."""
+    if name == "gelcore":
+        return material(design.optics.gelcore_material).name.startswith("resin")
+    return name == "housing" or name.startswith(("mould", "probe"))
+
+
+def _path(folder: Path, kind: str, name: str) -> Path:
+    (folder / kind).mkdir(exist_ok=True)
+    return folder / kind / name
+
+
+def _write_json(content: Any, path: Path) -> None:
+    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def _versions() -> dict[str, str | None]:
+    """Versions of the programs that made the files; None for what is not installed."""
+    found: dict[str, str | None] = {}
+    for package in ("designlab", "cadquery", "cadquery-ocp", "trimesh", "pymeshlab"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = None
+    return found

@@ -1,0 +1,163 @@
+"""Triangle meshes for the printer: repaired, thinned with a known error, and written as STL and 3MF."""
+
+import zipfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from geometries.mesh import from_solid
+
+if TYPE_CHECKING:
+    import cadquery
+    import trimesh
+
+MESH_TOLERANCE_MM = 0.005
+"""Largest distance of the untouched mesh to the CAD surface; below the layer height and spot size of desktop printers."""
+DECIMATION_BOUND_MM = 0.02
+"""Largest Hausdorff distance between the thinned and the untouched mesh."""
+
+_KEPT_SHARES = (0.1, 0.25, 0.5)
+_SMALLEST_TO_THIN = 1000
+_SAMPLES = 20_000
+_NAMESPACE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+_CONTENT_TYPES = (
+    '<?xml version="1.0" encoding="UTF-8"?>\n'
+    '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
+    '<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
+    '<Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/>'
+    "</Types>"
+)
+_RELATIONSHIPS = (
+    '<?xml version="1.0" encoding="UTF-8"?>\n'
+    '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
+    '<Relationship Target="/3D/3dmodel.model" Id="rel0" '
+    'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>'
+)
+
+
+def printable(shape: "cadquery.Shape") -> tuple["trimesh.Trimesh", dict[str, Any]]:
+    """Triangulate a part for printing; with PyMeshLab also repair it and thin it out.
+
+    Parameters
+    ----------
+    shape : cadquery.Shape
+        One solid or a compound of several (mm).
+
+    Returns
+    -------
+    mesh : trimesh.Trimesh
+        Closed mesh in mm.
+    report : dict
+        ``tool``, ``triangles_fine``, ``triangles``, ``hausdorff_mm`` (both directions, sampled; 0 when the mesh is
+        the fine one) and ``note``.
+    """
+    import cadquery
+
+    solids = cadquery.Workplane().newObject(shape.Solids())
+    fine = from_solid(solids, tolerance_mm=MESH_TOLERANCE_MM)
+    report: dict[str, Any] = {
+        "tool": "trimesh",
+        "triangles_fine": len(fine.faces),
+        "triangles": len(fine.faces),
+        "hausdorff_mm": 0.0,
+        "hausdorff_bound_mm": DECIMATION_BOUND_MM,
+        "note": "",
+    }
+    try:
+        import pymeshlab
+    except ImportError as error:
+        report["note"] = f"not thinned: PyMeshLab is not installed (pip install 'designlab[mesh]'; {error})"
+        return fine, report
+    report["tool"] = "pymeshlab"
+    if len(fine.faces) < _SMALLEST_TO_THIN:
+        report["note"] = f"not thinned: fewer than {_SMALLEST_TO_THIN} triangles"
+        return fine, report
+    for share in _KEPT_SHARES:
+        thin, distance = _thinned(pymeshlab, fine, share)
+        if distance <= DECIMATION_BOUND_MM and open_edges(thin) == 0:
+            return thin, report | {"triangles": len(thin.faces), "hausdorff_mm": distance}
+    report["note"] = f"not thinned: no reduction stayed within {DECIMATION_BOUND_MM:g} mm and closed"
+    return fine, report
+
+
+def open_edges(mesh: "trimesh.Trimesh") -> int:
+    """Count edges whose two directions are not used equally often; 0 on a closed, consistently wound surface.
+
+    Unlike "two triangles an edge", this also holds where two closed bodies touch along an edge.
+    """
+    edges = mesh.edges
+    key = edges.astype(np.int64)
+    forward = key[:, 0] < key[:, 1]
+    low, high = key.min(axis=1), key.max(axis=1)
+    _, index = np.unique(low * (len(mesh.vertices) + 1) + high, return_inverse=True)
+    return int(np.count_nonzero(np.bincount(index, weights=np.where(forward, 1.0, -1.0))))
+
+
+def write_3mf(mesh: "trimesh.Trimesh", path: Path, *, name: str) -> None:
+    """Write one mesh as a 3MF package (core specification 1.3: one object, one build item, millimetres)."""
+    vertices = "".join(f'<vertex x="{x:.7g}" y="{y:.7g}" z="{z:.7g}"/>' for x, y, z in mesh.vertices.tolist())
+    triangles = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in mesh.faces.tolist())
+    model = (
+        '<?xml version="1.0" encoding="UTF-8"?>\n'
+        f'<model unit="millimeter" xml:lang="en-US" xmlns="{_NAMESPACE}"><resources>'
+        f'<object id="1" type="model" name="{name}"><mesh><vertices>{vertices}</vertices>'
+        f"<triangles>{triangles}</triangles></mesh></object></resources>"
+        '<build><item objectid="1"/></build></model>'
+    )
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as package:
+        for entry, text in (
+            ("[Content_Types].xml", _CONTENT_TYPES),
+            ("_rels/.rels", _RELATIONSHIPS),
+            ("3D/3dmodel.model", model),
+        ):
+            # A fixed date keeps equal parts equal, byte for byte.
+            package.writestr(zipfile.ZipInfo(entry), text, compress_type=zipfile.ZIP_DEFLATED)
+
+
+def read_3mf(path: Path) -> "trimesh.Trimesh":
+    """Read the one mesh of a package that `write_3mf` wrote, as it stands in the file."""
+    import trimesh
+
+    with zipfile.ZipFile(path) as package:
+        root = ElementTree.fromstring(package.read("3D/3dmodel.model"))
+    vertices = [[float(v.attrib[axis]) for axis in "xyz"] for v in root.iter(f"{{{_NAMESPACE}}}vertex")]
+    faces = [[int(t.attrib[corner]) for corner in ("v1", "v2", "v3")] for t in root.iter(f"{{{_NAMESPACE}}}triangle")]
+    return trimesh.Trimesh(vertices=vertices, faces=faces, process=False)
+
+
+def _thinned(pymeshlab: Any, fine: "trimesh.Trimesh", share: float) -> tuple["trimesh.Trimesh", float]:
+    """Repair and decimate by quadric edge collapse; return the mesh and its Hausdorff distance to the fine one (mm)."""
+    import trimesh
+
+    work = pymeshlab.MeshSet()
+    work.add_mesh(pymeshlab.Mesh(fine.vertices, fine.faces), "fine")
+    work.add_mesh(pymeshlab.Mesh(fine.vertices, fine.faces), "thin")
+    work.meshing_remove_duplicate_vertices()
+    work.meshing_remove_duplicate_faces()
+    work.meshing_remove_null_faces()
+    # Splitting, not removing faces: bodies that touch along an edge stay whole.
+    work.meshing_repair_non_manifold_edges(method="Split Vertices")
+    work.meshing_decimation_quadric_edge_collapse(
+        targetfacenum=max(4, int(share * len(fine.faces))),
+        qualitythr=0.3,
+        preservenormal=True,
+        preservetopology=True,
+        planarquadric=True,
+    )
+    work.meshing_repair_non_manifold_edges(method="Split Vertices")
+    work.meshing_remove_unreferenced_vertices()
+    mesh = work.current_mesh()
+    thin = trimesh.Trimesh(vertices=mesh.vertex_matrix(), faces=mesh.face_matrix(), process=False)
+    distance = 0.0
+    for sampled, target in ((0, 1), (1, 0)):
+        found = work.get_hausdorff_distance(
+            sampledmesh=sampled,
+            targetmesh=target,
+            sampleface=True,
+            samplenum=_SAMPLES,
+            maxdist=pymeshlab.PercentageValue(100),
+        )
+        distance = max(distance, float(found["max"]))
+    return thin, distance
