@@ -83,7 +83,7 @@ class LedArray(Spec):
     emitting_spans_mm: tuple[tuple[float, float], ...] = Field(
         ((-1.0, 1.0),),
         min_length=1,
-        description="Emitting strips of an LED as (from, to) along its height, positive to the membrane (mm).",
+        description="Emitting strips of an LED, (from, to) along its height, positive to the membrane (mm).",
     )
     body_width_mm: float = quantity(
         3.5, unit="mm", gt=0, le=200, description="Width of the package or board."

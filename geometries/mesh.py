@@ -1,5 +1,6 @@
 """Triangle meshes: from a CAD solid or a user's file to arrays."""
 
+import warnings
 from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
@@ -97,6 +98,11 @@ def load(path: str | Path, *, size_mm: float | None = None) -> "trimesh.Trimesh"
     trimesh.Trimesh
         Watertight, outward normals; ``metadata["notes"]`` lists what had to be repaired.
 
+    Warns
+    -----
+    UserWarning
+        With the same notes.
+
     Raises
     ------
     ValueError
@@ -115,18 +121,18 @@ def load(path: str | Path, *, size_mm: float | None = None) -> "trimesh.Trimesh"
         mesh = _closed_body(data, path.suffix.lower()[1:]).copy()
     except _BadMeshError as rule:
         raise ValueError(f"{path}: {rule}") from None
+    for note in mesh.metadata["notes"]:
+        warnings.warn(f"{path}: {note}", stacklevel=2)
     if size_mm is not None:
         if not (np.isfinite(size_mm) and size_mm > 0):
             raise ValueError(f"{path}: size_mm must be positive, is {size_mm:g} mm")
         mesh.apply_transform(np.diag([*3 * [size_mm / max(mesh.extents[:2])], 1.0]))
-    smallest, largest = min(mesh.extents), max(mesh.extents)
+    largest = max(mesh.extents)
     if not (_SMALLEST_MM <= largest <= _LARGEST_MM):
         raise ValueError(
             f"{path}: the largest extent must lie between {_SMALLEST_MM:g} and {_LARGEST_MM:g} mm, "
             f"is {largest:g} mm; the file's unit is taken as mm, give a size to scale it"
         )
-    if smallest < 1e-6 * largest:
-        raise ValueError(f"{path}: the body has no thickness, its extents are {_as_text(mesh.extents)} mm")
     low, high = mesh.bounds
     mesh.apply_translation([-(low[0] + high[0]) / 2, -(low[1] + high[1]) / 2, -high[2]])
     return mesh
@@ -142,7 +148,7 @@ def _closed_body(data: bytes, file_type: str) -> "trimesh.Trimesh":
     import trimesh
 
     try:
-        mesh = trimesh.load_mesh(BytesIO(data), file_type=file_type, skip_materials=True)
+        mesh = trimesh.load_mesh(BytesIO(data), file_type=file_type, process=False, skip_materials=True)
     except Exception as error:  # the readers of trimesh fail on bad bytes with almost any type
         raise _BadMeshError(
             f"is not a valid {file_type.upper()} file ({type(error).__name__}: {error})"
@@ -151,11 +157,11 @@ def _closed_body(data: bytes, file_type: str) -> "trimesh.Trimesh":
         raise _BadMeshError(f"holds no triangles, or is not a valid {file_type.upper()} file")
     if not np.isfinite(mesh.vertices).all():
         raise _BadMeshError("has vertices that are not finite numbers")
-    if not max(mesh.extents) > 0:
-        raise _BadMeshError("all vertices coincide")
+    if not min(mesh.extents) > 1e-6 * max(mesh.extents):
+        raise _BadMeshError(f"the body has no thickness, its extents are {_as_text(mesh.extents)} mm")
     notes = []
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    mesh.update_faces(mesh.nondegenerate_faces() & mesh.unique_faces())
+    mesh.update_faces(_proper(np.asarray(mesh.faces)) & mesh.unique_faces())
     if not mesh.is_watertight:
         trimesh.repair.fill_holes(mesh)
         notes.append("holes were filled")
@@ -192,5 +198,10 @@ def _merged(
     _, label = connected_components(links, directed=False)
     _, first = np.unique(label, return_index=True)
     joined = label[triangles]
-    proper = (joined[:, 0] != joined[:, 1]) & (joined[:, 1] != joined[:, 2]) & (joined[:, 2] != joined[:, 0])
-    return points[first], joined[proper].astype(np.int64)
+    return points[first], joined[_proper(joined)].astype(np.int64)
+
+
+def _proper(triangles: NDArray[Any]) -> NDArray[np.bool_]:
+    """Tell which triangles, as indices of shape (n, 3), have three different corners."""
+    a, b, c = triangles.T
+    return np.asarray((a != b) & (b != c) & (c != a))

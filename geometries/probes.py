@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from geometries.mesh import MESH_SUFFIXES, from_solid, height_map, load
 from geometries.outline import inside_star, regular_polygon, star_polygon
@@ -100,7 +100,10 @@ def parse(text: str) -> Probe:
         raise ValueError(
             f"probe: unknown {name!r} in {text!r}; known are {', '.join(library)}, or a .stl or .obj file"
         )
-    return Probe(kind=library[name], size_mm=_size_mm(size, text) if colon else DEFAULT_SIZE_MM)
+    try:
+        return Probe(kind=library[name], size_mm=_size_mm(size, text) if colon else DEFAULT_SIZE_MM)
+    except ValidationError as error:
+        raise ValueError(f"probe: size_mm in {text!r}: {error.errors()[0]['msg']} (mm)") from None
 
 
 def _size_mm(size: str, text: str) -> float:
