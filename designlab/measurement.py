@@ -1,0 +1,459 @@
+"""Measured frames of a real sensor: the folder format, its checks, and what each frame was taken for."""
+
+import re
+import shutil
+import tomllib
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError, field_validator, model_validator
+
+from designlab.camera import View
+from designlab.design import Design, DesignError, explain, load, loads, preset_names
+from designlab.images import ImageError, from_srgb, read_image, write_image
+from designlab.press import Press
+from designlab.store import atomic_folder
+from geometries import probes
+from geometries.mesh import MESH_SUFFIXES
+from geometries.spec import Spec, quantity
+
+FILE_NAME = "measurement.toml"
+SPLITS = ("train", "select", "final")
+SAME_PLACE_MM = 0.25  # presses nearer than this share most of their light field, so they share a split
+SAME_PLACE_PX = 5.0
+
+Split = Literal["train", "select", "final"]
+Pixels = NDArray[np.float32]
+
+
+class MeasurementError(ValueError):
+    """A measurement folder that breaks a rule; the text names file, frame, field, rule and value."""
+
+
+class PoseSigma(Spec):
+    """How well the pose of a press is known: one standard deviation each."""
+
+    depth_mm: float | None = quantity(None, unit="mm", ge=0, le=20, description="Of the depth.")
+    centre_mm: float | None = quantity(None, unit="mm", ge=0, le=100, description="Of each coordinate.")
+    yaw_deg: float | None = quantity(None, unit="deg", ge=0, le=360, description="Of the yaw.")
+
+
+class Frame(Spec):
+    """One image and what is known about it; a field that is None is unknown, never zero."""
+
+    file: str = Field(min_length=1, description="Image file, relative to the folder.")
+    kind: Literal["background", "press", "light_probe", "dark", "flat_field"] = Field(
+        description="What it shows."
+    )
+    probe: str | None = Field(None, description="Probe as kind[:size_mm] or mesh file[:size_mm].")
+    depth_mm: float | None = quantity(
+        None, unit="mm", gt=0, le=20, description="Largest penetration of the probe."
+    )
+    centre_mm: tuple[float, float] | None = Field(None, description="Where the probe's axis meets the gel.")
+    yaw_deg: float | None = quantity(
+        None, unit="deg", ge=-360, le=360, description="Rotation of the probe, counter-clockwise."
+    )
+    sigma: PoseSigma | None = Field(None, description="How well the pose is known.")
+    leds: tuple[str, ...] | None = Field(None, description="LED groups switched on; all when absent.")
+    exposure: float | None = quantity(None, unit="1", gt=0, description="Relative exposure of the frame.")
+    gel_rotation_deg: float | None = quantity(
+        None, unit="deg", ge=-360, le=360, description="Rotation of the gel about the camera's axis."
+    )
+    crop_px: tuple[int, int, int, int] | None = Field(
+        None, description="Rectangle of the full sensor image: x, y, width, height; a smaller file is binned."
+    )
+    repeat: int | None = Field(None, ge=0, description="Number of the repeat; repeats share all other fields.")
+    split: Split | None = Field(None, description="Use of the frame; by press position when absent.")
+    centre_px: tuple[float, float] | None = Field(None, description="Centre read off the image: column, row.")
+    contact_radius_px: float | None = quantity(
+        None, unit="px", gt=0, description="Radius of the contact read off the image."
+    )
+
+    @field_validator("probe")
+    @classmethod
+    def _known_probe(cls, text: str | None) -> str | None:
+        if text is not None and _mesh_file(text) is None:
+            probes.parse(text)
+        return text
+
+    @field_validator("crop_px")
+    @classmethod
+    def _positive_crop(cls, crop: tuple[int, int, int, int] | None) -> tuple[int, int, int, int] | None:
+        if crop is not None and (min(crop[:2]) < 0 or min(crop[2:]) < 1):
+            raise ValueError("x and y are at least 0, width and height at least 1")
+        return crop
+
+    @model_validator(mode="after")
+    def _kind_has_fields(self) -> Self:
+        if self.kind == "press" and self.probe is None:
+            raise ValueError("probe: a press needs the probe that was pressed")
+        if self.kind == "dark" and self.leds:
+            raise ValueError(f"leds: no LED is on in a dark frame, got {list(self.leds)}")
+        return self
+
+    @property
+    def lit(self) -> bool:
+        """Whether any LED is on."""
+        return self.kind != "dark" and self.leds != ()
+
+
+class Measurement(Spec):
+    """A set of frames of one sensor, in the order of its file."""
+
+    name: str = Field("", description="Short name of the set.")
+    sensor: str = Field("unknown", description="Preset, path of a design or model TOML, or unknown.")
+    response: str = Field("unknown", description="linear, srgb, gamma:2.2 or unknown.")
+    source: str = Field("", description="Where the set comes from.")
+    mm_per_px: float | None = quantity(
+        None, unit="mm/px", gt=0, le=10, description="Size of a pixel of the files on the membrane."
+    )
+    frames: tuple[Frame, ...] = Field(min_length=1, description="The frames.")
+    folder: Path | None = Field(None, description="Folder of the files.", exclude=True)
+
+    @field_validator("response")
+    @classmethod
+    def _known_response(cls, text: str) -> str:
+        match = re.fullmatch(r"gamma:([0-9.]+)", text)
+        if text not in ("linear", "srgb", "unknown") and not (match and 0.1 <= float(match[1]) <= 10):
+            raise ValueError("one of linear, srgb, gamma:G with G from 0.1 to 10, unknown")
+        return text
+
+    def image(self, frame: Frame) -> Pixels:
+        """Values of a frame's file, shape (rows, columns, channels), read-only; see `linear` for radiance."""
+        path = self._path(frame.file)
+        try:
+            return _cached_image(str(path), path.stat().st_mtime_ns)
+        except (OSError, ImageError) as error:
+            raise MeasurementError(str(error)) from None
+
+    def linear(self, frame: Frame) -> Pixels:
+        """Values of a frame's file with the response undone, proportional to radiance plus the black level.
+
+        Raises
+        ------
+        MeasurementError
+            If the response is unknown.
+        """
+        values = self.image(frame)
+        if self.response == "unknown":
+            raise MeasurementError(f"{self.folder}: field response: must be known to get linear values")
+        if self.response == "linear":
+            return values
+        if self.response == "srgb":
+            return from_srgb(values).astype(np.float32)
+        return np.asarray(np.clip(values, 0, None) ** float(self.response.removeprefix("gamma:")), np.float32)
+
+    def design(self) -> Design | None:
+        """Design the set names, None where the sensor is unknown; of a model file, the design it is built on.
+
+        Raises
+        ------
+        MeasurementError
+            If the file cannot be used.
+        """
+        if self.sensor == "unknown":
+            return None
+        try:
+            if self.sensor in preset_names():
+                return load(self.sensor)
+            path = self._path(self.sensor)
+            content = tomllib.loads(path.read_text(encoding="utf-8"))
+            if isinstance(content.get("design"), dict):
+                import tomli_w
+
+                return loads(tomli_w.dumps(content["design"]), source=str(path))
+            return load(path)
+        except (DesignError, OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise MeasurementError(f"{self.folder}: field sensor: {error}") from None
+
+    def view(self, frame: Frame, design: Design) -> View:
+        """Rectangle of the camera's sensor that a frame shows, with the frame's own columns and rows."""
+        rows, columns = self.image(frame).shape[:2]
+        x, y, width, height = frame.crop_px or (0, 0, design.camera.width_px, design.camera.height_px)
+        return View(float(x), float(y), float(width), float(height), columns, rows)
+
+    def centre_mm(self, frame: Frame) -> tuple[float, float] | None:
+        """Centre of a press in the sensor frame (mm), None where unknown.
+
+        A centre read off the image is converted with `mm_per_px`, the middle of the image being the origin.
+        """
+        if frame.centre_mm is not None or frame.centre_px is None or self.mm_per_px is None:
+            return frame.centre_mm
+        rows, columns = self.image(frame).shape[:2]
+        column, row = frame.centre_px
+        return (column - columns / 2) * self.mm_per_px, (rows / 2 - row) * self.mm_per_px
+
+    def press(self, frame: Frame) -> Press | None:
+        """Indentation that a frame shows as far as its metadata tell; None for a frame without contact.
+
+        Raises
+        ------
+        MeasurementError
+            If the size of the probe, its depth or its centre is unknown.
+        """
+        if frame.probe is None:
+            return None
+        mesh = _mesh_file(frame.probe)
+        text = frame.probe if mesh is None else frame.probe.replace(mesh, str(self._path(mesh)), 1)
+        if mesh is None and ":" not in text:
+            raise self._error(frame, "probe: its size is unknown, write kind:size_mm", frame.probe)
+        centre = self.centre_mm(frame)
+        for field, value in (("depth_mm", frame.depth_mm), ("centre_mm", centre)):
+            if value is None:
+                raise self._error(frame, f"{field}: unknown, so the press cannot be simulated", None)
+        try:
+            return Press.model_validate(
+                {
+                    "probe": probes.parse(text),
+                    "depth_mm": frame.depth_mm,
+                    "centre_mm": centre,
+                    # A probe of revolution looks the same at every yaw; for others an unknown yaw starts at zero.
+                    "yaw_deg": frame.yaw_deg or 0.0,
+                }
+            )
+        except ValidationError as error:
+            raise self._error(frame, explain(error), None) from None
+
+    def split(self) -> dict[Split, tuple[Frame, ...]]:
+        """Sort the presses into train, select and final by position, never by pixel.
+
+        Presses at one place (within 0.25 mm or 5 px) share a split. A stated split holds for its whole place. The other
+        places are ordered by azimuth about their centre, so that the order of the file does not matter, and
+        dealt out train, select, final, train in turn; two places give train and final, one gives train.
+        Presses whose place is unknown are only trained on, for nothing shows that they are independent.
+
+        Raises
+        ------
+        MeasurementError
+            If the presses at one place state different splits.
+        """
+        chosen: dict[str, Split] = {}
+        places = self._places()
+        open_places = []
+        for centre, frames in places:
+            stated = {frame.split for frame in frames if frame.split is not None}
+            if len(stated) > 1:
+                raise self._error(frames[0], "split: presses at one place must share it", sorted(stated))
+            if stated:
+                chosen |= {frame.file: split for frame in frames for split in stated}
+            elif centre is None:
+                chosen |= {frame.file: "train" for frame in frames}
+            else:
+                open_places.append((centre, frames))
+        dealt: tuple[Split, ...] = ("train", "select", "final", "train")
+        if len(open_places) == 2 and len(places) == 2:
+            dealt = ("train", "final")
+        middle = np.mean([centre for centre, _ in open_places], axis=0) if open_places else np.zeros(2)
+
+        def azimuth(place: tuple[tuple[float, float], list[Frame]]) -> tuple[float, float, float]:
+            dx, dy = np.round(np.asarray(place[0]) - middle, 6)
+            return round(float(np.arctan2(dy, dx)), 6), float(dx), float(dy)
+
+        for number, (_, frames) in enumerate(sorted(open_places, key=azimuth)):
+            chosen |= {frame.file: dealt[number % len(dealt)] for frame in frames}
+        presses = [frame for frame in self.frames if frame.kind == "press"]
+        train, select, final = (tuple(f for f in presses if chosen[f.file] == split) for split in SPLITS)
+        return {"train": train, "select": select, "final": final}
+
+    def _places(self) -> list[tuple[tuple[float, float] | None, list[Frame]]]:
+        """Presses grouped by place; a centre in mm where every press has one, else in px."""
+        presses = [frame for frame in self.frames if frame.kind == "press"]
+        in_mm = all(frame.centre_mm is not None or frame.centre_px is None for frame in presses)
+        known = [f for f in presses if (f.centre_mm if in_mm else f.centre_px) is not None]
+        places: list[tuple[tuple[float, float] | None, list[Frame]]] = [
+            (None, [frame]) for frame in presses if frame not in known
+        ]
+        if not known:
+            return places
+        centres = np.array([frame.centre_mm if in_mm else frame.centre_px for frame in known])
+        labels = np.zeros(1, dtype=int)
+        if len(known) > 1:
+            from scipy.cluster.hierarchy import fclusterdata
+
+            # Single linkage: a place grows along a chain of near presses, so no two places touch.
+            reach = SAME_PLACE_MM if in_mm else SAME_PLACE_PX
+            labels = fclusterdata(centres, t=reach, criterion="distance", method="single")
+        for label in np.unique(labels):
+            x, y = centres[labels == label].mean(axis=0)
+            members = [frame for frame, own in zip(known, labels, strict=True) if own == label]
+            places.append(((float(x), float(y)), members))
+        return places
+
+    def _path(self, file: str) -> Path:
+        return Path(file) if self.folder is None else self.folder / file
+
+    def _error(self, frame: Frame, rule: str, value: Any) -> MeasurementError:
+        got = "" if value is None else f", got {value!r}"
+        where = FILE_NAME if self.folder is None else self.folder / FILE_NAME
+        number = self.frames.index(frame) + 1
+        return MeasurementError(f"{where}: frame {number} ({frame.file}): field {rule}{got}")
+
+
+def load_measurement(path: str | Path) -> Measurement:
+    """Read and check a measurement folder.
+
+    Parameters
+    ----------
+    path : str or Path
+        The folder, or its ``measurement.toml``.
+
+    Returns
+    -------
+    Measurement
+        With every file found to be an image that agrees with its metadata.
+
+    Raises
+    ------
+    MeasurementError
+        Naming file, frame, field, rule and value.
+    """
+    file = Path(path)
+    if file.is_dir():
+        file = file / FILE_NAME
+    try:
+        content = tomllib.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise MeasurementError(f"{path}: no measurement there, {FILE_NAME} is missing") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise MeasurementError(f"{file}: cannot be read as text: {error}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise MeasurementError(f"{file}: not valid TOML: {error}") from None
+    raw = content.pop("frame", None)
+    if not isinstance(raw, list) or not raw:
+        raise MeasurementError(f"{file}: field frame: at least one [[frame]] is needed")
+    frames = []
+    for number, entry in enumerate(raw, start=1):
+        try:
+            frames.append(Frame.model_validate(entry))
+        except ValidationError as error:
+            name = entry.get("file", "no file") if isinstance(entry, dict) else "not a table"
+            raise MeasurementError(f"{file}: frame {number} ({name}): {explain(error)}") from None
+    for reserved in ("frames", "folder"):
+        if reserved in content:
+            raise MeasurementError(f"{file}: field {reserved}: unknown field")
+    try:
+        measurement = Measurement.model_validate({**content, "frames": frames, "folder": file.parent})
+    except ValidationError as error:
+        raise MeasurementError(f"{file}: {explain(error)}") from None
+    _check(measurement)
+    return measurement
+
+
+def write_measurement(measurement: Measurement, arrays: Mapping[str, NDArray[Any]], folder: str | Path) -> Path:
+    """Write a measurement folder; it appears complete and checked, or not at all.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        The frames. Design and mesh files that it names relative to its own folder are copied along.
+    arrays : mapping of str to array
+        Image of every file.
+    folder : str or Path
+        Where to; may exist if it is empty or itself a measurement, which is then replaced.
+
+    Raises
+    ------
+    MeasurementError
+        If the folder holds something else, an array is missing, or the result would not pass `load_measurement`.
+    """
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise MeasurementError(f"{folder}: exists and is not a folder")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / FILE_NAME).is_file():
+        raise MeasurementError(f"{folder}: is neither empty nor a measurement, so it is not overwritten")
+    names = [frame.file for frame in measurement.frames] + sorted(_attached(measurement))
+    outside = [name for name in names if Path(name).is_absolute() or ".." in Path(name).parts]
+    if outside:
+        raise MeasurementError(f"{folder}: file: lies in the folder, got {', '.join(outside)}")
+    missing = [frame.file for frame in measurement.frames if frame.file not in arrays]
+    if missing:
+        raise MeasurementError(f"{folder}: arrays: no image for {', '.join(missing)}")
+    import tomli_w
+
+    content = measurement.model_dump(mode="json", exclude_none=True)
+    content["frame"] = content.pop("frames")
+    with atomic_folder(folder, replace=True) as temporary:
+        for frame in measurement.frames:
+            (temporary / frame.file).parent.mkdir(parents=True, exist_ok=True)
+            write_image(temporary / frame.file, arrays[frame.file])
+        for name in _attached(measurement):
+            (temporary / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(measurement._path(name), temporary / name)
+        (temporary / FILE_NAME).write_text(tomli_w.dumps(content), encoding="utf-8")
+        load_measurement(temporary)
+    return folder
+
+
+def _attached(measurement: Measurement) -> set[str]:
+    """Files besides the images that a set names relative to its folder."""
+    named = {_mesh_file(frame.probe or "") for frame in measurement.frames}
+    if measurement.sensor not in (*preset_names(), "unknown"):
+        named.add(measurement.sensor)
+    return {name for name in named if name and not Path(name).is_absolute()}
+
+
+def _mesh_file(probe: str) -> str | None:
+    """File of a probe given as mesh, without its size."""
+    suffixes = "|".join(re.escape(suffix) for suffix in MESH_SUFFIXES)
+    match = re.fullmatch(rf"(.+(?:{suffixes}))(?::[^:]*)?", probe.strip(), re.IGNORECASE)
+    return match[1] if match else None
+
+
+@lru_cache(maxsize=32)
+def _cached_image(path: str, modified_ns: int) -> Pixels:
+    pixels = read_image(path)
+    pixels.setflags(write=False)
+    return pixels
+
+
+def _check(measurement: Measurement) -> None:
+    """Rules that need the files, or several frames at once."""
+    design = measurement.design()
+    files = [frame.file for frame in measurement.frames]
+    sizes: dict[Any, tuple[int, ...]] = {}
+    for frame in measurement.frames:
+        if files.count(frame.file) > 1:
+            raise measurement._error(frame, "file: each frame has its own", frame.file)
+        try:
+            shape = measurement.image(frame).shape
+        except MeasurementError as error:
+            raise measurement._error(frame, f"file: {error}", None) from None
+        first = sizes.setdefault(frame.crop_px, shape)
+        if shape != first:
+            rule = f"file: frames of one crop agree in size, others have {_size(first)}"
+            raise measurement._error(frame, rule, _size(shape))
+        mesh = _mesh_file(frame.probe or "")
+        if mesh is not None and not measurement._path(mesh).is_file():
+            raise measurement._error(frame, "probe: no such mesh file", mesh)
+        _check_crop(measurement, frame, shape, design)
+        if design is not None and frame.leds is not None and not set(frame.leds) <= set(design.group_names):
+            rule = f"leds: groups of {measurement.sensor} are {', '.join(design.group_names)}"
+            raise measurement._error(frame, rule, list(frame.leds))
+    measurement.split()
+
+
+def _check_crop(m: Measurement, frame: Frame, shape: tuple[int, ...], design: Design | None) -> None:
+    """Check that the crop lies on the sensor and that the file is it, or it binned alike in both directions."""
+    full = None if design is None else (design.camera.width_px, design.camera.height_px)
+    if frame.crop_px is None and full is None:
+        return
+    x, y, width, height = frame.crop_px or (0, 0, *(full or (0, 0)))
+    if full is not None and (x + width > full[0] or y + height > full[1]):
+        rule = f"crop_px: lies on the sensor of {full[0]} x {full[1]} px"
+        raise m._error(frame, rule, [x, y, width, height])
+    rows, columns = shape[:2]
+    shown = f"crop_px: {width} x {height} px" if frame.crop_px else f"file: the sensor of {width} x {height} px"
+    if columns > width or rows > height:
+        raise m._error(frame, f"{shown} cannot be smaller than the image without crop or enlargement", _size(shape))
+    # Binning both directions alike leaves less than one output pixel of either over.
+    factor = width / columns
+    if abs(rows * factor - height) > max(factor, 1.0) * 1.001:
+        raise m._error(frame, f"{shown} and the image must have one binning in both directions", _size(shape))
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    return f"{shape[1]} x {shape[0]} px of {shape[2]} channels"
