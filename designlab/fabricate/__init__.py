@@ -1,19 +1,27 @@
-"""Files to make a design: STL, STEP, 3MF, LED coordinates, bill of materials, and proof that they are right."""
+"""Files to make a design: STL, STEP, 3MF, LED coordinates, bill of materials, and checks of them all."""
 
 import hashlib
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
-from itertools import chain
+from itertools import combinations, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from designlab.design import Design, dumps
-from designlab.fabricate.checks import Check, check_mesh, check_overlaps, check_step, require
+from designlab.fabricate.checks import Check, check_mesh, check_overlaps, check_step, mesh_checks, require
 from designlab.fabricate.folder import KIND, MANIFEST, replaced_folder
-from designlab.fabricate.parts import MOULD_FLOOR_MM, MOULD_WALL_MM, SENSOR_PARTS, parts, probe_name
+from designlab.fabricate.parts import (
+    CASTING_PARTS,
+    MOULD_FLOOR_MM,
+    MOULD_WALL_MM,
+    SENSOR_PARTS,
+    parts,
+    probe_name,
+)
 from designlab.fabricate.tables import bill, led_rows, readme, write_csv
-from designlab.fabricate.triangles import printable, write_3mf
+from designlab.fabricate.triangles import OPTICAL_THINNING_MM, THINNING_MM, printable, read, write_3mf
 from designlab.margins import MINIMUM_WALL_MM
 from designlab.materials import material
 from geometries import probes as probe_library
@@ -50,7 +58,8 @@ def export(
     design : Design
         The sensor.
     out : str or Path
-        Folder that appears whole or not at all. It may be absent, empty or an earlier export, which is replaced.
+        Folder that appears whole or not at all. It may be absent or empty, or an
+        earlier export, which it replaces.
     probes : sequence of Probe or str
         Indenters to add, as `Probe` or in the form that `geometries.probes.parse` reads (``"sphere:4"``).
     allow_infeasible : bool
@@ -61,7 +70,8 @@ def export(
     Returns
     -------
     dict
-        The manifest, JSON-able: ``parts``, ``bom``, ``checks``, ``margins_mm``, ``walls``, ``warnings``, ``files``.
+        The manifest, JSON-able: ``parts``, ``bom``, ``checks``, ``margins_mm``, ``walls``, ``warnings`` and
+        ``files``, each with its SHA-256.
 
     Raises
     ------
@@ -75,6 +85,9 @@ def export(
     if not allow_infeasible:
         design.require_feasible()
     chosen = list(dict.fromkeys(probe_library.parse(p) if isinstance(p, str) else p for p in probes))
+    names = [probe_name(probe) for probe in chosen]
+    if len(set(names)) < len(names):
+        raise ValueError(f"probes: their names must differ, got {', '.join(names)}")
     with replaced_folder(Path(out)) as folder:
         manifest = _write(design, folder, chosen, allow_infeasible, progress or (lambda *_: None))
         require(Check(**check) for check in manifest["checks"])
@@ -96,13 +109,16 @@ def _write(
         checks += found
     for done, probe in enumerate(meshed, start=len(shapes)):
         progress(done, steps, probe_name(probe))
-        described[probe_name(probe)] = _write_mesh_probe(folder, probe)
+        described[probe_name(probe)], found = _write_mesh_probe(folder, probe)
+        checks += found
     progress(steps - 2, steps, "assembly")
     checks += _write_assembly(design, folder, shapes)
     progress(steps - 1, steps, "checks")
-    overlaps = check_overlaps(design, shapes, SENSOR_PARTS)
+    pairs = [*combinations(SENSOR_PARTS, 2), *combinations(CASTING_PARTS, 2)]
+    overlaps = check_overlaps(design, shapes, pairs)
     if allow_infeasible:
-        overlaps = [check if check.ok else check._replace(ok=True, note="accepted: allow_infeasible") for check in overlaps]
+        note = "accepted: allow_infeasible"
+        overlaps = [check if check.ok else check._replace(ok=True, note=note) for check in overlaps]
     checks += overlaps
     broken = {rule: margin for rule, margin in design.margins().items() if margin > 0}
     manifest: dict[str, Any] = {
@@ -148,14 +164,13 @@ def _write_part(
 
     step, stl = _path(folder, "step", f"{name}.step"), _path(folder, "stl", f"{name}.stl")
     cadquery.exporters.export(cadquery.Workplane(shape), str(step))
-    mesh, report = printable(shape)
+    optical = name in ("gelcore", "elastomer") or name.startswith(("mould", "probe"))
+    mesh, report = printable(shape, bound_mm=OPTICAL_THINNING_MM if optical else THINNING_MM)
     _write_stl(mesh, stl)
     checks = [*check_step(name, step, shape), *check_mesh(name, stl, shape)]
     if report["hausdorff_mm"] > 0:
-        bound = report["hausdorff_bound_mm"]
-        checks.append(
-            Check(name, stl.name, "Hausdorff distance", report["hausdorff_mm"], bound, "mm", report["hausdorff_mm"] <= bound)
-        )
+        distance, bound = report["hausdorff_mm"], report["hausdorff_bound_mm"]
+        checks.append(Check(name, stl.name, "Hausdorff distance", distance, bound, "mm", distance <= bound))
     if _printed(design, name):
         package = _path(folder, "3mf", f"{name}.3mf")
         write_3mf(mesh, package, name=name)
@@ -170,11 +185,13 @@ def _write_part(
     }, checks
 
 
-def _write_mesh_probe(folder: Path, probe: Probe) -> dict[str, Any]:
-    """Write a user's mesh, scaled and placed, as STL; it was checked for being closed when it was loaded."""
-    mesh = probe_library.mesh(probe)
-    _write_stl(mesh, _path(folder, "stl", f"{probe_name(probe)}.stl"))
-    return {"volume_mm3": float(mesh.volume), "size_mm": mesh.extents.tolist(), "source": probe.file}
+def _write_mesh_probe(folder: Path, probe: Probe) -> tuple[dict[str, Any], list[Check]]:
+    """Write a user's mesh, scaled and placed, as STL, and compare the file with it."""
+    name, mesh = probe_name(probe), probe_library.mesh(probe)
+    path = _path(folder, "stl", f"{name}.stl")
+    _write_stl(mesh, path)
+    checks = mesh_checks(name, path.name, read(path), volume_mm3=float(mesh.volume))
+    return {"volume_mm3": float(mesh.volume), "size_mm": mesh.extents.tolist(), "source": probe.file}, checks
 
 
 def _write_stl(mesh: "trimesh.Trimesh", path: Path) -> None:
@@ -182,29 +199,30 @@ def _write_stl(mesh: "trimesh.Trimesh", path: Path) -> None:
 
 
 def _write_assembly(design: Design, folder: Path, shapes: Mapping[str, "cadquery.Shape"]) -> list[Check]:
-    """Write the sensor's parts in place, named and coloured, into one STEP file; LEDs are named by their group."""
+    """Write the sensor's parts in place, named and coloured, into one STEP file; a LED's name has its group."""
     import cadquery
 
-    assembly = cadquery.Assembly(name=design.name or "sensor")
-    for name, colour in PART_COLOURS.items():
-        assembly.add(shapes[name], name=name, color=cadquery.Color(*colour))
+    assembly = cadquery.Assembly(name=re.sub(r"[^A-Za-z0-9_.-]+", "_", design.name) or "sensor")
+    for name, rgba in PART_COLOURS.items():
+        assembly.add(shapes[name], name=name, color=cadquery.Color(*rgba))
     array = cadquery.Assembly(name="led_array")
-    for number, (solid, body) in enumerate(zip(shapes["led_array"].Solids(), bodies(design.leds), strict=True), start=1):
+    for number, body in enumerate(bodies(design.leds)):
         group = design.leds.groups[body.group]
         colour = cadquery.Color(*led_colour(group.wavelength_nm), 1.0)
-        array.add(solid, name=f"led_{number:03d}_{group.name}", color=colour)
+        array.add(
+            shapes["led_array"].Solids()[number], name=f"led_{number + 1:03d}_{group.name}", color=colour
+        )
     assembly.add(array)
     path = folder / "assembly.step"
     assembly.export(str(path))
-    whole = cadquery.Compound.makeCompound(list(chain.from_iterable(shapes[name].Solids() for name in SENSOR_PARTS)))
-    return check_step("assembly", path, whole)
+    solids = [solid for name in SENSOR_PARTS for solid in shapes[name].Solids()]
+    return check_step("assembly", path, cadquery.Compound.makeCompound(solids))
 
 
 def led_colour(wavelength_nm: float) -> tuple[float, float, float]:
     """Display colour (sRGB, 0..1) of a narrow-band LED, for pictures and CAD only.
 
-    Piecewise linear hue over the visible range, after D. Bruton, "Approximate RGB values for visible wavelengths"
-    (1996); infrared is dark red, ultraviolet violet.
+    Linear between hand-set hues of the visible range; infrared is dark red, ultraviolet violet.
     """
     stops = (
         (380.0, (0.5, 0.0, 0.9)),
@@ -216,7 +234,7 @@ def led_colour(wavelength_nm: float) -> tuple[float, float, float]:
         (780.0, (0.55, 0.0, 0.0)),
     )
     wavelength_nm = min(max(wavelength_nm, stops[0][0]), stops[-1][0])
-    for (low, below), (high, above) in zip(stops, stops[1:], strict=False):
+    for (low, below), (high, above) in pairwise(stops):
         if wavelength_nm <= high:
             share = (wavelength_nm - low) / (high - low)
             r, g, b = (start + share * (end - start) for start, end in zip(below, above, strict=True))

@@ -1,14 +1,14 @@
 """Proof that what was written can be made: every file is read again and compared with the CAD solid."""
 
 from collections.abc import Iterable, Mapping
-from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from designlab.design import Design
-from designlab.fabricate.triangles import open_edges, read_3mf
+from designlab.fabricate.parts import solids
+from designlab.fabricate.triangles import open_edges, read
 
 if TYPE_CHECKING:
     import cadquery
@@ -35,9 +35,7 @@ class Check(NamedTuple):
 
 def check_mesh(part: str, path: Path, shape: "cadquery.Shape") -> list[Check]:
     """Read an STL or 3MF file again: closed, outward, volume and bounding box as the CAD solid's."""
-    import trimesh
-
-    mesh = read_3mf(path) if path.suffix == ".3mf" else trimesh.load_mesh(path)
+    mesh = read(path)
     checks = mesh_checks(part, path.name, mesh, volume_mm3=shape.Volume())
     box = shape.BoundingBox(0.001)
     solid_box = np.array([[box.xmin, box.ymin, box.zmin], [box.xmax, box.ymax, box.zmax]])
@@ -60,10 +58,10 @@ def check_step(part: str, path: Path, shape: "cadquery.Shape") -> list[Check]:
     """Read a STEP file again: valid solids of the same volume."""
     import cadquery
 
-    solids = cadquery.importers.importStep(str(path)).solids().vals()
-    invalid = sum(not solid.isValid() for solid in solids)
-    off = abs(sum(solid.Volume() for solid in solids) / shape.Volume() - 1)
-    missing = len(shape.Solids()) - len(solids)
+    found = solids(cadquery.importers.importStep(str(path)))
+    invalid = sum(1 for solid in found if not solid.isValid())
+    off = abs(sum(solid.Volume() for solid in found) / shape.Volume() - 1)
+    missing = len(shape.Solids()) - len(found)
     return [
         Check(part, path.name, "missing solids", missing, 0, "1", missing == 0),
         Check(part, path.name, "invalid solids", invalid, 0, "1", invalid == 0),
@@ -71,19 +69,21 @@ def check_step(part: str, path: Path, shape: "cadquery.Shape") -> list[Check]:
     ]
 
 
-def check_overlaps(design: Design, shapes: Mapping[str, "cadquery.Shape"], names: Iterable[str]) -> list[Check]:
-    """Volume that each pair of parts shares; parts may touch, not overlap.
+def check_overlaps(
+    design: Design, shapes: Mapping[str, "cadquery.Shape"], pairs: Iterable[tuple[str, str]]
+) -> list[Check]:
+    """Find the volume that each pair of parts shares; parts may touch, not overlap.
 
-    A design whose light path is "air" leaves the core out of its optics and its rules, as some published scenes
-    do; there the LEDs may reach into the core, and the figure is reported with a note instead of failing.
+    A design whose light path is "air" leaves the core out of its optics and its rules, as some published
+    scenes do; there the LEDs may reach into the core, and the figure is reported with a note, not failed.
     """
     checks = []
-    for first, second in combinations(names, 2):
+    for first, second in pairs:
         shared = overlap_mm3(shapes[first], shapes[second])
         within, note = shared <= OVERLAP_MM3, ""
         if not within and "led_array" in (first, second) and design.optics.light_path == "air":
             within = {first, second} <= {"led_array", "gelcore", "elastomer"}
-            note = "accepted: light_path is air, so the design has no rule for it; cut pockets into the core or move the LEDs"
+            note = "accepted: light_path is air, so no rule of the design forbids it; the core needs pockets"
         checks.append(Check(f"{first}/{second}", "", "overlap", shared, OVERLAP_MM3, "mm3", within, note))
     return checks
 
@@ -96,11 +96,11 @@ def overlap_mm3(first: "cadquery.Shape", second: "cadquery.Shape") -> float:
         for b in second.Solids():
             box_b = b.BoundingBox()
             apart = (
-                box_a.xmin > box_b.xmax or box_b.xmin > box_a.xmax
-                or box_a.ymin > box_b.ymax or box_b.ymin > box_a.ymax
-                or box_a.zmin > box_b.zmax or box_b.zmin > box_a.zmax
+                (getattr(one, f"{axis}min") > getattr(other, f"{axis}max"))
+                for one, other in ((box_a, box_b), (box_b, box_a))
+                for axis in "xyz"
             )
-            if not apart:
+            if not any(apart):
                 total += sum(solid.Volume() for solid in a.intersect(b).Solids())
     return total
 
@@ -110,7 +110,7 @@ def require(checks: Iterable[Check]) -> None:
     failed = [check for check in checks if not check.ok]
     if failed:
         lines = "; ".join(
-            f"{check.part} {check.file}".rstrip() + f": {check.name} is {check.value:.6g} {check.unit}, bound {check.bound:g}"
-            for check in failed
+            f"{c.part} {c.file}".rstrip() + f": {c.name} is {c.value:.6g} {c.unit}, bound {c.bound:g}"
+            for c in failed
         )
         raise RuntimeError(f"export check failed: {lines}")

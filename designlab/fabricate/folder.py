@@ -19,7 +19,7 @@ def replaced_folder(out: Path) -> Iterator[Path]:
     Parameters
     ----------
     out : Path
-        Folder to make. It may be absent, empty, or an earlier export; an earlier export is replaced as a whole.
+        Folder to make. It may be absent or empty, or an earlier export, which is replaced as a whole.
 
     Raises
     ------
@@ -75,4 +75,3 @@ def _swap(work: Path, out: Path) -> None:
         earlier.rename(out)
         raise
     shutil.rmtree(earlier, ignore_errors=True)
-

@@ -1,7 +1,9 @@
 """The parts of a design as CAD solids in the sensor frame, the mould of the gel among them."""
 
 import math
+import re
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from designlab.design import Design
@@ -14,8 +16,10 @@ if TYPE_CHECKING:
 
 SENSOR_PARTS = ("gelcore", "elastomer", "led_array", "housing")
 """Parts of the sensor itself; the others are tools to make and to calibrate it."""
+CASTING_PARTS = ("elastomer", "mould_cavity", "mould_lid")
+"""Parts that fill the closed mould."""
 
-# The mould, in mm. Pins stand in the corners of the wall, so the wall holds a pin and two printed lines around it.
+# Pins stand in the corners of the wall, which holds a pin and some printed lines around it.
 MOULD_WALL_MM = 8.0
 MOULD_FLOOR_MM = 4.0
 PIN_DIAMETER_MM, PIN_HEIGHT_MM, PIN_INSET_MM = 3.0, 3.0, 3.5
@@ -32,7 +36,7 @@ def parts(design: Design, *, probe_list: Sequence[Probe] = ()) -> dict[str, "cad
     design : Design
         The sensor.
     probe_list : sequence of Probe
-        Indenters to add as ``probe_<kind>_<size>``, in their own frame; a mesh probe has no solid and is refused.
+        Indenters to add as ``probe_<kind>_<size>``, in their own frame; mesh probes have no solid: refused.
 
     Returns
     -------
@@ -52,16 +56,24 @@ def parts(design: Design, *, probe_list: Sequence[Probe] = ()) -> dict[str, "cad
 
 
 def probe_name(probe: Probe) -> str:
-    """Name of a probe's part, for example ``probe_sphere_4mm``."""
-    return f"probe_{probe.kind}_{probe.size_mm:.6g}mm"
+    """Name of a probe's part, for example ``probe_sphere_4mm``; a mesh probe is called after its file."""
+    kind = probe.kind if probe.file is None else re.sub(r"[^A-Za-z0-9_-]+", "_", Path(probe.file).stem)
+    return f"probe_{kind}_{probe.size_mm:.6g}mm"
+
+
+def solids(work: "cadquery.Workplane") -> "list[cadquery.Solid]":
+    """All solids on a workplane, those within compounds included, in their order."""
+    import cadquery
+
+    return [solid for value in work.vals() if isinstance(value, cadquery.Shape) for solid in value.Solids()]
 
 
 def _shape(work: "cadquery.Workplane") -> "cadquery.Shape":
     """Join what stands on a workplane into one shape: the solid, or a compound of several."""
     import cadquery
 
-    solids = [solid for value in work.vals() for solid in value.Solids()]
-    return solids[0] if len(solids) == 1 else cadquery.Compound.makeCompound(solids)
+    found = solids(work)
+    return found[0] if len(found) == 1 else cadquery.Compound.makeCompound(found)
 
 
 def _mould(spec: Elastomer, gel: "cadquery.Shape") -> dict[str, "cadquery.Shape"]:
@@ -98,7 +110,7 @@ def _mould(spec: Elastomer, gel: "cadquery.Shape") -> dict[str, "cadquery.Shape"
 
 
 def _plug(spec: Elastomer, parting_mm: float) -> "cadquery.Workplane":
-    """What the lid of a dome's mould puts into the cavity: the ball's cap between the gel and the parting plane."""
+    """What a dome's lid puts into the cavity: the ball's cap between the gel and the parting plane."""
     import cadquery
 
     assert spec.radius_mm is not None

@@ -2,6 +2,7 @@
 
 import csv
 import math
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -22,12 +23,17 @@ class Stock(NamedTuple):
 
 
 CLEAR_STOCK: dict[str, Stock] = {
-    "silicone": Stock("clear silicone gel", 1.03, "SYLGARD 184 data sheet, cured; clear gels lie between 0.97 and 1.04"),
+    "silicone": Stock(
+        "clear silicone gel", 1.03, "SYLGARD 184 data sheet, cured; clear gels lie between 0.97 and 1.04"
+    ),
     "acrylic": Stock("acrylic (PMMA), optical grade", 1.19, "optical PMMA data sheets, 1.17 to 1.19"),
     "resin-2020": Stock("clear SLA resin, cured", 1.15, "mid of 1.10 to 1.20 in makers' data sheets"),
     "glass": Stock("N-BK7 glass", 2.51, "SCHOTT N-BK7 data sheet"),
+    "air": Stock("nothing (air)", 0.0, "the part is left out"),
 }
-PRINTED = Stock("black PLA, or black SLA resin", 1.24, "PLA filament data sheets, solid print; SLA resin is about 1.15")
+PRINTED = Stock(
+    "black PLA, or black SLA resin", 1.24, "PLA filament data sheets, solid print; SLA resin is about 1.15"
+)
 SMOOTH = Stock("SLA resin, or machined acrylic, polished", 1.15, "mid of 1.10 to 1.20 in makers' data sheets")
 
 CASTING_SURPLUS = 1.3
@@ -35,7 +41,7 @@ CASTING_SURPLUS = 1.3
 
 
 def led_rows(design: Design) -> list[dict[str, Any]]:
-    """One row an emitting strip: group, LED, place, direction, wavelength and its share of the group's flux."""
+    """One row an emitting strip: group, LED, place, direction, wavelength and share of the group's flux."""
     strips = len(design.leds.emitting_spans_mm)
     found = emitters(design.leds)
     area = [0.0] * len(design.leds.groups)
@@ -50,22 +56,23 @@ def led_rows(design: Design) -> list[dict[str, Any]]:
                 "group": group.name,
                 "led": index // strips + 1,
                 "strip": index % strips + 1,
-                "x_mm": round(x, 6),
-                "y_mm": round(y, 6),
-                "z_mm": round(z, 6),
-                **{f"normal_{axis}": round(value, 9) for axis, value in zip("xyz", emitter.normal, strict=True)},
-                "azimuth_deg": round(math.degrees(math.atan2(y, x)) % 360, 6),
-                "width_mm": round(2 * emitter.half_width_mm, 6),
-                "height_mm": round(2 * emitter.half_height_mm, 6),
+                "x_mm": x,
+                "y_mm": y,
+                "z_mm": z,
+                **{f"normal_{axis}": value for axis, value in zip("xyz", emitter.normal, strict=True)},
+                "azimuth_deg": math.degrees(math.atan2(y, x)) % 360,
+                "width_mm": 2 * emitter.half_width_mm,
+                "height_mm": 2 * emitter.half_height_mm,
                 "wavelength_nm": group.wavelength_nm,
-                "flux_mw": round(group.flux_mw * emitter.area_mm2 / area[emitter.group], 9),
+                "flux_mw": group.flux_mw * emitter.area_mm2 / area[emitter.group],
             }
         )
-    return rows
+    # 1 nm is far below any machine's step; adding zero turns -0.0 into 0.0.
+    return [{key: round(v, 6) + 0.0 if isinstance(v, float) else v for key, v in row.items()} for row in rows]
 
 
 def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[str, Any]]:
-    """Bill of materials: every part with count, material, volume (ml) and mass (g), then what has to be bought."""
+    """Bill of materials: each part with count, material, volume (ml) and mass (g), then what is bought."""
     clear = {"gelcore": design.optics.gelcore_material, "elastomer": design.optics.elastomer_material}
     rows = []
     for name, shape in shapes.items():
@@ -75,15 +82,26 @@ def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[st
         if name in clear:
             stock = CLEAR_STOCK[clear[name]]
         volume = shape.Volume() / 1000
-        rows.append(_row(name, 1, stock.material, volume, volume * stock.density_g_ml, f"density {stock.source}"))
+        note = f"density {stock.density_g_ml:g} g/ml ({stock.source})"
+        rows.append(_row(name, 1, stock.material, volume, volume * stock.density_g_ml, note))
     gel = next(row for row in rows if row["item"] == "elastomer")
     gel["note"] += f"; mix {CASTING_SURPLUS * gel['mass_g']:.2g} g"
     membrane_mm2 = _membrane_area_mm2(shapes["elastomer"])
-    rows.append(_row("membrane", 1, f"reflective coating, {membrane_mm2:.0f} mm2", None, None, "see optics.membrane_albedo"))
-    board = f"{design.leds.body_width_mm:g} x {design.leds.body_height_mm:g} x {design.leds.body_thickness_mm:g} mm"
-    for group in design.leds.groups:
+    rows.append(
+        _row(
+            "membrane",
+            1,
+            f"reflective coating, {membrane_mm2:.0f} mm2",
+            None,
+            None,
+            "see optics.membrane_albedo",
+        )
+    )
+    leds = design.leds
+    board = f"{leds.body_width_mm:g} x {leds.body_height_mm:g} x {leds.body_thickness_mm:g} mm"
+    for group in leds.groups:
         count = group.count * len(group.azimuth_deg)
-        text = f"{group.wavelength_nm:g} nm {design.leds.package}, {board}, {group.flux_mw / count:.4g} mW each"
+        text = f"{group.wavelength_nm:g} nm {leds.package}, {board}, {group.flux_mw / count:.4g} mW each"
         rows.append(_row(f"led_{group.name}", count, text, None, None, "places in leds.csv"))
     camera = design.camera
     text = (
@@ -95,7 +113,9 @@ def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[st
     return rows
 
 
-def _row(item: str, count: int, material: str, volume: float | None, mass: float | None, note: str) -> dict[str, Any]:
+def _row(
+    item: str, count: int, material: str, volume: float | None, mass: float | None, note: str
+) -> dict[str, Any]:
     return {
         "item": item,
         "count": count,
@@ -123,37 +143,49 @@ def readme(design: Design, manifest: Mapping[str, Any]) -> str:
     """Text of README.txt: what lies in the folder, how the parts are made, and every warning."""
     gel = next(row for row in manifest["bom"] if row["item"] == "elastomer")
     walls = manifest["walls"]
+    core = CLEAR_STOCK[design.optics.gelcore_material].material
+    notes = [
+        "housing: print it in black with the camera plate down; paint the inside matt black. Its thinnest wall is "
+        f"{walls['thinnest_mm']:g} mm, the least a common printer closes is {walls['least_mm']:g} mm.",
+        f"gelcore: {core}. Polish the window, the gel side and the faces the LEDs shine through; the other sides "
+        f"are {design.gelcore.side_finish}. Machine it from the STEP file: triangles are facets to light.",
+        "mould: the floor of mould_cavity shapes the membrane, and its layers and facets show in every picture. "
+        "Machine it from the STEP file, or print it in SLA resin, then sand and lacquer it. Fresh SLA resin "
+        "inhibits the cure of addition silicone: post-cure, bake and seal it.",
+        f"gel: {gel['volume_ml']:.3g} ml; mix {CASTING_SURPLUS * gel['mass_g']:.2g} g, degas, pour, close with "
+        "mould_lid; surplus leaves through the four grooves. Cure shrinkage (mostly below 1 %) is not compensated.",
+        "membrane: coat the gel's outer side, then bond the gel to the core without bubbles, with the same gel.",
+        "LEDs: place them by leds.csv. Seats for LED boards, gelcore and camera are not part of the design, as "
+        "they depend on what you buy: add them to housing.step.",
+    ]
     lines = [
-        f"{design.name}",
-        f"{design.description}",
+        design.name,
+        *textwrap.wrap(design.description, 100),
         f"design digest {design.digest}",
         "",
         "All lengths are mm. Sensor frame: origin at the centre of the untouched membrane, +z to the camera.",
         "",
-        "design.toml    the design; load it to simulate or to export again",
-        "assembly.step  all parts of the sensor in place, named and coloured",
+        "design.toml    the design; load it to simulate it or to export it again",
+        "assembly.step  the sensor's parts in place, named and coloured",
         "step/ stl/     each part, in the sensor frame (probes in their own)",
         "3mf/           the parts to print",
         "leds.csv       centre, direction, wavelength and flux of every emitting face",
         "bom.csv        parts and materials",
-        "checks.json    every file read again and compared with the solid",
-        "manifest.json  the same figures for programs, with the SHA-256 of every file",
+        "checks.json    every file read again and compared with its solid",
+        "manifest.json  all figures for programs, with the SHA-256 of every file",
         "",
         "Making it",
-        "- housing: print with the camera plate down, in black; paint it matt black inside.",
-        f"  Thinnest wall {walls['thinnest_mm']:g} mm, least {walls['least_mm']:g} mm.",
-        f"- gelcore: {CLEAR_STOCK[design.optics.gelcore_material].material}; "
-        f"polish the window and the faces the LEDs shine through; other sides: {design.gelcore.side_finish}.",
-        "- mould: the cavity's floor shapes the membrane and prints its layers into it: print it in SLA resin and",
-        "  polish it, or line it. Cure addition silicone only in a mould that does not inhibit it (bake or coat resin).",
-        f"- gel: volume {gel['volume_ml']:.3g} ml; {gel['note'].split('; ')[-1]}. Degas, pour, close with the lid;",
-        "  surplus leaves through the four grooves. The lid may be replaced by the gelcore itself, primed, so that",
-        "  the gel bonds to it. Cure shrinkage (typically below 1 %) is not compensated.",
-        "- membrane: coat the gel's outer side.",
-        "- LEDs: place by leds.csv. The parts hold no seats for LED boards, camera and gelcore: how these are",
-        "  fixed depends on the boards, so add the seats to the STEP files.",
+        *_bullets(notes),
         "",
         "Warnings",
-        *([f"- {warning}" for warning in manifest["warnings"]] or ["- none"]),
+        *_bullets(manifest["warnings"] or ["none"]),
     ]
     return "\n".join(lines) + "\n"
+
+
+def _bullets(texts: Sequence[str]) -> list[str]:
+    return [
+        line
+        for text in texts
+        for line in textwrap.wrap(text, 100, initial_indent="- ", subsequent_indent="  ")
+    ]

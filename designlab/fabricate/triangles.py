@@ -13,12 +13,14 @@ if TYPE_CHECKING:
     import cadquery
     import trimesh
 
-MESH_TOLERANCE_MM = 0.005
-"""Largest distance of the untouched mesh to the CAD surface; below the layer height and spot size of desktop printers."""
-DECIMATION_BOUND_MM = 0.02
-"""Largest Hausdorff distance between the thinned and the untouched mesh."""
+MESH_TOLERANCE_MM, MESH_TOLERANCE_DEG = 0.0025, 2.0
+"""Largest distance of the fine mesh to the CAD surface, and angle between its facets."""
+THINNING_MM = 0.02
+"""Largest Hausdorff distance of a thinned mesh to the fine one: half a layer of a fine print."""
+OPTICAL_THINNING_MM = 0.005
+"""The same for parts whose surface light or touch meets; on a radius of 35 mm facets differ by 2 deg then."""
 
-_KEPT_SHARES = (0.1, 0.25, 0.5)
+_KEPT_SHARES = (0.1, 0.2, 0.4, 0.7)
 _SMALLEST_TO_THIN = 1000
 _SAMPLES = 20_000
 _NAMESPACE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
@@ -37,32 +39,34 @@ _RELATIONSHIPS = (
 )
 
 
-def printable(shape: "cadquery.Shape") -> tuple["trimesh.Trimesh", dict[str, Any]]:
+def printable(shape: "cadquery.Shape", *, bound_mm: float) -> tuple["trimesh.Trimesh", dict[str, Any]]:
     """Triangulate a part for printing; with PyMeshLab also repair it and thin it out.
 
     Parameters
     ----------
     shape : cadquery.Shape
         One solid or a compound of several (mm).
+    bound_mm : float
+        Largest Hausdorff distance (mm) that thinning may cause.
 
     Returns
     -------
     mesh : trimesh.Trimesh
         Closed mesh in mm.
     report : dict
-        ``tool``, ``triangles_fine``, ``triangles``, ``hausdorff_mm`` (both directions, sampled; 0 when the mesh is
-        the fine one) and ``note``.
+        ``tool``, ``triangles_fine``, ``triangles``, ``hausdorff_mm`` (both directions, sampled; 0 when the
+        mesh is the fine one), ``hausdorff_bound_mm`` and ``note``.
     """
     import cadquery
 
     solids = cadquery.Workplane().newObject(shape.Solids())
-    fine = from_solid(solids, tolerance_mm=MESH_TOLERANCE_MM)
+    fine = from_solid(solids, tolerance_mm=MESH_TOLERANCE_MM, angular_tolerance_deg=MESH_TOLERANCE_DEG)
     report: dict[str, Any] = {
         "tool": "trimesh",
         "triangles_fine": len(fine.faces),
         "triangles": len(fine.faces),
         "hausdorff_mm": 0.0,
-        "hausdorff_bound_mm": DECIMATION_BOUND_MM,
+        "hausdorff_bound_mm": bound_mm,
         "note": "",
     }
     try:
@@ -76,9 +80,9 @@ def printable(shape: "cadquery.Shape") -> tuple["trimesh.Trimesh", dict[str, Any
         return fine, report
     for share in _KEPT_SHARES:
         thin, distance = _thinned(pymeshlab, fine, share)
-        if distance <= DECIMATION_BOUND_MM and open_edges(thin) == 0:
+        if distance <= bound_mm and open_edges(thin) == 0:
             return thin, report | {"triangles": len(thin.faces), "hausdorff_mm": distance}
-    report["note"] = f"not thinned: no reduction stayed within {DECIMATION_BOUND_MM:g} mm and closed"
+    report["note"] = f"not thinned: no reduction stayed within {bound_mm:g} mm and closed"
     return fine, report
 
 
@@ -87,12 +91,10 @@ def open_edges(mesh: "trimesh.Trimesh") -> int:
 
     Unlike "two triangles an edge", this also holds where two closed bodies touch along an edge.
     """
-    edges = mesh.edges
-    key = edges.astype(np.int64)
-    forward = key[:, 0] < key[:, 1]
-    low, high = key.min(axis=1), key.max(axis=1)
-    _, index = np.unique(low * (len(mesh.vertices) + 1) + high, return_inverse=True)
-    return int(np.count_nonzero(np.bincount(index, weights=np.where(forward, 1.0, -1.0))))
+    start, end = mesh.edges.astype(np.int64).T
+    key = np.minimum(start, end) * len(mesh.vertices) + np.maximum(start, end)
+    _, edge = np.unique(key, return_inverse=True)
+    return int(np.count_nonzero(np.bincount(edge, weights=np.where(start < end, 1.0, -1.0))))
 
 
 def write_3mf(mesh: "trimesh.Trimesh", path: Path, *, name: str) -> None:
@@ -116,19 +118,22 @@ def write_3mf(mesh: "trimesh.Trimesh", path: Path, *, name: str) -> None:
             package.writestr(zipfile.ZipInfo(entry), text, compress_type=zipfile.ZIP_DEFLATED)
 
 
-def read_3mf(path: Path) -> "trimesh.Trimesh":
-    """Read the one mesh of a package that `write_3mf` wrote, as it stands in the file."""
+def read(path: Path) -> "trimesh.Trimesh":
+    """Read an STL file, its corners merged, or the one mesh of a 3MF package as it stands in the file."""
     import trimesh
 
+    if path.suffix != ".3mf":
+        return trimesh.load_mesh(path)
     with zipfile.ZipFile(path) as package:
         root = ElementTree.fromstring(package.read("3D/3dmodel.model"))
     vertices = [[float(v.attrib[axis]) for axis in "xyz"] for v in root.iter(f"{{{_NAMESPACE}}}vertex")]
-    faces = [[int(t.attrib[corner]) for corner in ("v1", "v2", "v3")] for t in root.iter(f"{{{_NAMESPACE}}}triangle")]
+    corners = ("v1", "v2", "v3")
+    faces = [[int(t.attrib[corner]) for corner in corners] for t in root.iter(f"{{{_NAMESPACE}}}triangle")]
     return trimesh.Trimesh(vertices=vertices, faces=faces, process=False)
 
 
 def _thinned(pymeshlab: Any, fine: "trimesh.Trimesh", share: float) -> tuple["trimesh.Trimesh", float]:
-    """Repair and decimate by quadric edge collapse; return the mesh and its Hausdorff distance to the fine one (mm)."""
+    """Repair and decimate by quadric edge collapse; return the mesh and its Hausdorff distance (mm)."""
     import trimesh
 
     work = pymeshlab.MeshSet()
