@@ -75,7 +75,7 @@ def from_solid(
     if not (mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0):
         raise ValueError(
             f"solid: does not give a closed mesh with outward normals at tolerance_mm {tolerance_mm:g} "
-            f"(watertight: {mesh.is_watertight}, volume: {mesh.volume:g} mm3)"
+            f"({'its winding is wrong' if mesh.is_watertight else 'it is not watertight'})"
         )
     return mesh
 
@@ -169,9 +169,10 @@ def _closed_body(data: bytes, file_type: str) -> "trimesh.Trimesh":
         raise _BadMeshError(
             "the surface is not closed (not watertight), and filling small holes did not help"
         )
-    if not (mesh.is_winding_consistent and mesh.volume > 0):
-        mesh.fix_normals()
-        notes.append("normals were turned outwards")
+    with np.errstate(divide="ignore", invalid="ignore"):  # trimesh divides by the volume, which may be zero
+        if not (mesh.is_winding_consistent and mesh.volume > 0):
+            mesh.fix_normals()
+            notes.append("normals were turned outwards")
     if not mesh.volume > 1e-9 * float(np.prod(np.maximum(mesh.extents, 1e-3 * max(mesh.extents)))):
         raise _BadMeshError(f"encloses no volume, its extents are {_as_text(mesh.extents)} mm")
     body = trimesh.Trimesh(vertices=mesh.vertices, faces=mesh.faces, process=False)

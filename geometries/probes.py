@@ -162,7 +162,8 @@ def from_file(path: str | Path, *, size_mm: float | None = None) -> Probe:
         If the file holds no usable body, see `geometries.mesh.load`.
     """
     body = load(path, size_mm=size_mm)
-    return Probe(kind="mesh", size_mm=float(max(body.extents[:2])), file=str(path))
+    own_mm = float(max(body.extents[:2]))
+    return Probe(kind="mesh", size_mm=own_mm if size_mm is None else size_mm, file=str(path))
 
 
 def profile_mm(probe: Probe, x: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
