@@ -1,6 +1,6 @@
 """The camera: from linear radiance on the sensor to digital counts."""
 
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,11 @@ class Camera(Spec):
     width_px: int = Field(1640, ge=16, le=20000, description="Columns of the full sensor.")
     height_px: int = Field(1232, ge=16, le=20000, description="Rows of the full sensor.")
     horizontal_fov_deg: float = quantity(
-        62.2, unit="deg", gt=1, lt=170, description="Full horizontal field of view of the full sensor, in air."
+        62.2,
+        unit="deg",
+        gt=1,
+        lt=170,
+        description="Full horizontal field of view of the full sensor, in air.",
     )
     body_radius_mm: float = quantity(4.0, unit="mm", gt=0, le=100, description="Radius of the lens barrel.")
     exposure: float | None = quantity(
@@ -41,8 +45,12 @@ class Camera(Spec):
     full_well_e: float = quantity(
         4700.0, unit="e-", gt=10, le=1e7, description="Photo-electrons at full scale; sets the photon noise."
     )
-    read_noise_e: float = quantity(5.0, unit="e-", ge=0, le=1e5, description="Standard deviation of the read noise.")
-    black_level: float = quantity(0.0, unit="1", ge=0, lt=1, description="Signal without light, as a share of full scale.")
+    read_noise_e: float = quantity(
+        5.0, unit="e-", ge=0, le=1e5, description="Standard deviation of the read noise."
+    )
+    black_level: float = quantity(
+        0.0, unit="1", ge=0, lt=1, description="Signal without light, as a share of full scale."
+    )
     bit_depth: int = Field(10, ge=1, le=16, description="Bits of the analogue-digital converter.")
 
     @property
@@ -55,7 +63,13 @@ class Camera(Spec):
         return View(0.0, 0.0, float(self.width_px), float(self.height_px), self.width_px, self.height_px)
 
     def expose(
-        self, radiance: NDArray[np.floating], *, exposure: float, seed: int, noise: bool = True, binned: float = 1.0
+        self,
+        radiance: NDArray[np.floating],
+        *,
+        exposure: float,
+        seed: int,
+        noise: bool = True,
+        binned: float = 1.0,
     ) -> NDArray[np.float32]:
         """Turn linear radiance into what the camera reports, as a share of full scale.
 
@@ -93,7 +107,9 @@ class Camera(Spec):
 
     def noise_sigma(self, signal: NDArray[np.floating], *, binned: float = 1.0) -> NDArray[np.float64]:
         """Standard deviation of the noise `expose` adds to a signal given as a share of full scale."""
-        electrons = np.clip(np.asarray(signal, dtype=float) - self.black_level, 0.0, None) * self.full_well_e * binned
+        electrons = (
+            np.clip(np.asarray(signal, dtype=float) - self.black_level, 0.0, None) * self.full_well_e * binned
+        )
         quantisation = 1.0 / ((2**self.bit_depth - 1) * binned) / np.sqrt(12.0)
         electronic = np.sqrt(electrons + self.read_noise_e**2 * binned) / (self.full_well_e * binned)
         return np.asarray(np.hypot(electronic, quantisation))

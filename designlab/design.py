@@ -43,13 +43,20 @@ class Optics(Spec):
     gelcore_material: str = Field("acrylic", description="Material of the gelcore.")
     elastomer_material: str = Field("silicone", description="Material of the clear gel.")
     membrane_albedo: tuple[float, ...] = Field(
-        (0.5,), min_length=1, description="Diffuse reflectance of the membrane's inner side: one for all LED groups, or one for each."
+        (0.5,),
+        min_length=1,
+        description="Diffuse reflectance of the membrane's inner side: one for all LED groups, or one for each.",
     )
     board_reflectance: tuple[float, ...] = Field(
-        (0.0,), min_length=1, description="Diffuse reflectance of the LED boards around the emitters: one, or one for each group."
+        (0.0,),
+        min_length=1,
+        description="Diffuse reflectance of the LED boards around the emitters: one, or one for each group.",
     )
     path_length: int = Field(
-        4, ge=2, le=64, description="Longest light path counted, in segments from emitter to camera; refraction counts as well."
+        4,
+        ge=2,
+        le=64,
+        description="Longest light path counted, in segments from emitter to camera; refraction counts as well.",
     )
 
     @field_validator("gelcore_material", "elastomer_material")
@@ -72,7 +79,9 @@ class Contact(Spec):
     kernel_length_mm: float = quantity(
         0.05, unit="mm", ge=0, le=1.0, description="Length of the smoothing kernel; 0 switches smoothing off."
     )
-    kernel_m: float = quantity(200.0, unit="1", ge=1, le=1e5, description="Plateau parameter of the smoothing kernel.")
+    kernel_m: float = quantity(
+        200.0, unit="1", ge=1, le=1e5, description="Plateau parameter of the smoothing kernel."
+    )
 
 
 class Design(Spec):
@@ -85,10 +94,13 @@ class Design(Spec):
     leds: LedArray = Field(description="The light sources.")
     housing: Housing = Field(default_factory=lambda: Housing(), description="The opaque tube.")
     optics: Optics = Field(default_factory=lambda: Optics(), description="Materials and light path.")
-    contact: Contact = Field(default_factory=lambda: Contact(), description="Smoothing of indentations by the gel.")
+    contact: Contact = Field(
+        default_factory=lambda: Contact(), description="Smoothing of indentations by the gel."
+    )
     camera: Camera = Field(default_factory=lambda: Camera(), description="The camera.")
     sensing_area_mm: tuple[float, float] = Field(
-        (14.0, 10.5), description="Width and height of the area, centred on the membrane's centre, where scores count (mm)."
+        (14.0, 10.5),
+        description="Width and height of the area, centred on the membrane's centre, where scores count (mm).",
     )
     mixing: tuple[tuple[float, ...], ...] | None = Field(
         None,
@@ -108,7 +120,9 @@ class Design(Spec):
         for field in ("membrane_albedo", "board_reflectance"):
             given = len(getattr(self.optics, field))
             if given not in (1, count):
-                raise ValueError(f"optics.{field}: give one value or one for each of the {count} LED groups, got {given}")
+                raise ValueError(
+                    f"optics.{field}: give one value or one for each of the {count} LED groups, got {given}"
+                )
         if self.mixing is None:
             if count != len(CHANNELS):
                 raise ValueError(f"mixing: required unless there are three LED groups, there are {count}")
@@ -159,7 +173,10 @@ class Design(Spec):
         left, right = min(c[0] for c in corners), max(c[0] for c in corners)
         top, bottom = min(c[1] for c in corners), max(c[1] for c in corners)
         rows = max(1, round(columns * (bottom - top) / (right - left)))
-        return View(left, top, right - left, bottom - top, columns, rows)
+        height_px = (
+            (right - left) * rows / columns
+        )  # square pixels; differs from bottom - top by less than half a row
+        return View(left, (top + bottom - height_px) / 2, right - left, height_px, columns, rows)
 
     def project_px(self, x_mm: float, y_mm: float) -> tuple[float, float]:
         """Column and row of the full sensor (fractional; pixel centres at .5) where a point of the undeformed membrane appears.
@@ -186,7 +203,9 @@ class Design(Spec):
         thickness = self.elastomer.thickness_mm
         window = thickness + self.gelcore.height_mm
         if z_c <= window:
-            raise InfeasibleDesign(f"camera.position_mm: z must be above the window at {window:g} mm, is {z_c:g} mm")
+            raise InfeasibleDesign(
+                f"camera.position_mm: z must be above the window at {window:g} mm, is {z_c:g} mm"
+            )
         # On a dome the gel keeps its thickness and the core gets thinner towards the edge.
         return [(thickness, gel.index), (window - thickness - z, core.index), (z_c - window, 1.0)]
 
@@ -204,7 +223,9 @@ class Design(Spec):
         """Raise `InfeasibleDesign` that names every violated rule and by how much."""
         broken = {rule: margin for rule, margin in self.margins().items() if margin > 0}
         if broken:
-            reasons = "; ".join(f"{rule}: {RULES[rule]} (violated by {margin:.3g} mm)" for rule, margin in broken.items())
+            reasons = "; ".join(
+                f"{rule}: {RULES[rule]} (violated by {margin:.3g} mm)" for rule, margin in broken.items()
+            )
             raise InfeasibleDesign(f"design {self.name!r} is infeasible: {reasons}")
 
 
@@ -228,13 +249,15 @@ def _assign(content: dict[str, Any], path: str, value: Any) -> None:
     *parents, last = path.split(".")
     try:
         for key in parents:
-            node = node[int(key)] if isinstance(node, list | tuple) else node[key]
-        if isinstance(node, tuple):
-            raise KeyError(last)
-        _ = node[last]
+            position = int(key) if isinstance(node, list) else key
+            if isinstance(node[position], tuple):
+                node[position] = list(node[position])
+            node = node[position]
+        end = int(last) if isinstance(node, list) else last
+        _ = node[end]
     except (KeyError, IndexError, ValueError, TypeError):
         raise DesignError(f"no field {path!r} in a design") from None
-    node[last] = value
+    node[end] = value
 
 
 def _validated(content: Mapping[str, Any], source: str) -> Design:
@@ -252,7 +275,12 @@ def explain(error: ValidationError) -> str:
     rule = first["msg"].removeprefix("Value error, ")
     if first["type"] == "extra_forbidden":
         rule = "unknown field"
-    value = "" if first["type"] in ("missing", "extra_forbidden") else f", got {_shorten(first['input'])}"
+    whole = isinstance(first["input"], Mapping)  # a rule about several fields names them itself
+    value = (
+        ""
+        if whole or first["type"] in ("missing", "extra_forbidden")
+        else f", got {_shorten(first['input'])}"
+    )
     more = f" ({len(problems) - 1} more problems)" if len(problems) > 1 else ""
     return f"field {field}: {rule}{value if 'got' not in rule else ''}{more}"
 
@@ -292,7 +320,9 @@ def load(name_or_path: str | Path) -> Design:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         known = ", ".join(preset_names())
-        raise DesignError(f"{name_or_path}: no such file, and no preset of that name (presets: {known})") from None
+        raise DesignError(
+            f"{name_or_path}: no such file, and no preset of that name (presets: {known})"
+        ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise DesignError(f"{name_or_path}: cannot be read as text: {error}") from None
     return loads(text, source=str(path))
@@ -308,7 +338,9 @@ def dumps(design: Design) -> str:
 def preset_names() -> tuple[str, ...]:
     """Names of the published and built-in sensors."""
     folder = resources.files("designlab.presets")
-    return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
+    return tuple(
+        sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    )
 
 
 def preset_text(name: str) -> str:

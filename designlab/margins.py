@@ -142,7 +142,11 @@ def _camera_margins(design: "Design") -> dict[str, float]:
     # Straight lines overestimate the width of the view at the window: refraction bends rays towards the axis.
     share = max(0.0, min(1.0, (z_c - window) / z_c)) if z_c > 0 else 0.0
     at_window = np.hypot(x_c + (corners[:, 0] - x_c) * share, y_c + (corners[:, 1] - y_c) * share)
-    through = float(at_window.max()) - core.window_diameter_mm / 2 if design.optics.light_path == "core" else -math.inf
+    through = (
+        float(at_window.max()) - core.window_diameter_mm / 2
+        if design.optics.light_path == "core"
+        else -math.inf
+    )
     return {
         "sensing_area_on_membrane": _beyond(corners, polygon),
         "camera_sees_membrane": sees,

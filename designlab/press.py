@@ -21,9 +21,15 @@ class Press(Spec):
     """One indentation: which probe, how deep, where, and how it is turned."""
 
     probe: Probe = Field(description="The indenter.")
-    depth_mm: float = quantity(unit="mm", gt=0, le=20, description="Largest penetration below the undeformed membrane, along z.")
-    centre_mm: tuple[float, float] = Field((0.0, 0.0), description="Where the probe's axis meets the membrane (x, y) (mm).")
-    yaw_deg: float = quantity(0.0, unit="deg", ge=-360, le=360, description="Rotation about z, counter-clockwise in the image.")
+    depth_mm: float = quantity(
+        unit="mm", gt=0, le=20, description="Largest penetration below the undeformed membrane, along z."
+    )
+    centre_mm: tuple[float, float] = Field(
+        (0.0, 0.0), description="Where the probe's axis meets the membrane (x, y) (mm)."
+    )
+    yaw_deg: float = quantity(
+        0.0, unit="deg", ge=-360, le=360, description="Rotation about z, counter-clockwise in the image."
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +93,12 @@ class Surface:
 
 
 def indent(
-    elastomer: Elastomer, contact: Contact, press: Press | None, *, area_mm: tuple[float, float], pitch_mm: float
+    elastomer: Elastomer,
+    contact: Contact,
+    press: Press | None,
+    *,
+    area_mm: tuple[float, float],
+    pitch_mm: float,
 ) -> Surface:
     """Deform the membrane by a press (none: the untouched gel) over an area centred on the origin.
 

@@ -51,10 +51,15 @@ def rays(design: Design, view: View) -> Rays:
         (columns - camera.width_px / 2) / camera.focal_px, (camera.height_px / 2 - rows) / camera.focal_px
     )
     tangent = np.hypot(tan_x, tan_y)
-    invariant = tangent / np.sqrt(1 + tangent**2)  # n sin(theta), the same in every layer; the camera is in air
+    invariant = tangent / np.sqrt(
+        1 + tangent**2
+    )  # n sin(theta), the same in every layer; the camera is in air
     layers = design.layers_to_camera(0.0)
     per_layer = [invariant / np.sqrt(index**2 - invariant**2) for _, index in layers]
-    lateral = sum((thickness * tan for (thickness, _), tan in zip(layers, per_layer, strict=True)), np.zeros_like(tangent))
+    lateral = sum(
+        (thickness * tan for (thickness, _), tan in zip(layers, per_layer, strict=True)),
+        np.zeros_like(tangent),
+    )
     # Along the axis both vanish, and their ratio is the limit for small angles.
     paraxial = sum(thickness / index for thickness, index in layers)
     safe = np.where(tangent > 1e-9, tangent, 1.0)

@@ -1,0 +1,53 @@
+"""Effects of the camera."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from designlab.design import CHANNELS, Design
+from designlab.effects.base import Effect, Parameter, Stage, Values
+
+
+class ColourMixing(Effect):
+    """A camera channel also sees LED groups of other colours (overlapping spectra, colour matrix)."""
+
+    name: ClassVar[str] = "colour_mixing"
+    stage: ClassVar[Stage] = "camera"
+    summary: ClassVar[str] = "camera channels see LED groups of other colours"
+    transferable: ClassVar[bool] = True
+
+    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+        """One response for each pair of channel and foreign group; a vendor's colour matrix may make it negative."""
+        return tuple(
+            Parameter(
+                f"{channel}_from_{group}",
+                "1",
+                0.0,
+                0.1,
+                -0.7,
+                0.7,
+                f"added response of channel {channel} to group {group}, relative to that of the group's own channel",
+            )
+            for channel, group in _foreign_pairs(design)
+        )
+
+    def on_design(self, design: Design, values: Values) -> Design:
+        """Add to the mixing matrix; a column is scaled by the response of the group's own channel."""
+        if not any(values.values()):
+            return design
+        matrix = design.mixing_matrix.copy()
+        own = np.abs(matrix).max(axis=0)
+        for channel, group in _foreign_pairs(design):
+            row, column = CHANNELS.index(channel), design.group_names.index(group)
+            matrix[row, column] += values[f"{channel}_from_{group}"] * own[column]
+        return design.replace({"mixing": tuple(tuple(float(v) for v in row) for row in matrix)})
+
+
+def _foreign_pairs(design: Design) -> list[tuple[str, str]]:
+    own = np.abs(design.mixing_matrix).argmax(axis=0)
+    return [
+        (channel, group)
+        for row, channel in enumerate(CHANNELS)
+        for column, group in enumerate(design.group_names)
+        if own[column] != row
+    ]

@@ -1,0 +1,176 @@
+"""The one composition: press, scene, effects, light transport, mixing, camera."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.camera import View
+from designlab.design import Design
+from designlab.effects.model import SensorModel, effect
+from designlab.press import Press, Surface, indent
+from designlab.scene import Scene, build
+from designlab.viewing import Rays, rays
+
+Array = NDArray[np.float64]
+SURFACE_MARGIN_MM = 2.0  # the membrane is modelled finely this far beyond the area in view
+TARGET_SIGNAL = 0.7  # automatic exposure puts the 99.5th percentile of the untouched gel here
+TARGET_PERCENTILE = 99.5
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One simulated picture with its ground truth.
+
+    Attributes
+    ----------
+    basis : array, shape (groups, rows, columns)
+        Radiance of each LED group at unit flux (mW/mm2/sr per mW).
+    weights : array, shape (3, groups)
+        Mixing matrix times flux: what turns the basis into camera channels.
+    """
+
+    press: Press | None
+    surface: Surface
+    rays: Rays
+    basis: NDArray[np.float32]
+    weights: Array
+
+    @property
+    def mixed(self) -> NDArray[np.float32]:
+        """Linear radiance of the camera channels, shape (rows, columns, 3)."""
+        return np.einsum("cg,grk->rkc", self.weights, self.basis).astype(np.float32)
+
+    @cached_property
+    def seen_mm(self) -> tuple[Array, Array]:
+        """Membrane point (x, y) every pixel sees."""
+        return self.rays.hit(self.surface)
+
+    @cached_property
+    def height_mm(self) -> Array:
+        """Indentation every pixel sees, shape (rows, columns)."""
+        return self.surface.sample(self.surface.height_mm, *self.seen_mm)
+
+    @cached_property
+    def gradient(self) -> tuple[Array, Array]:
+        """Slopes dz/dx and dz/dy of the indentation every pixel sees."""
+        p, q = self.surface.indentation_gradient
+        return self.surface.sample(p, *self.seen_mm), self.surface.sample(q, *self.seen_mm)
+
+    @cached_property
+    def contact(self) -> NDArray[np.bool_]:
+        """Pixels that see the membrane where the probe touches it."""
+        return np.asarray(self.surface.sample(self.surface.contact.astype(float), *self.seen_mm) > 0.5)
+
+
+class Simulator:
+    """Renders one sensor through one view with one estimator setting.
+
+    Parameters
+    ----------
+    model : Design or SensorModel
+        The sensor.
+    view : View, optional
+        Part of the camera's sensor; the sensing area at `columns` pixels when absent.
+    columns : int
+        Width of the image in pixels when no view is given.
+    samples : int
+        Samples per pixel and LED group of the path tracer; photons per LED group are chosen to match.
+    seed : int
+        Seed of the light transport.
+    """
+
+    def __init__(
+        self,
+        model: Design | SensorModel,
+        *,
+        view: View | None = None,
+        columns: int = 160,
+        samples: int = 64,
+        seed: int,
+    ) -> None:
+        self.model = SensorModel.of(model)
+        self.design = self.model.effective_design()
+        self.view = view or self.design.view(columns)
+        self.samples = samples
+        self.seed = seed
+        self.rays = rays(self.design, self.view)
+        self.pitch_mm = float(np.clip(2 * np.median(np.diff(self.rays.x_mm, axis=1)), 0.025, 0.05))
+
+    def surface(self, press: Press | None) -> Surface:
+        """Membrane under a press over the area in view and a margin around it."""
+        reach_x = float(np.abs(self.rays.x_mm).max()) + SURFACE_MARGIN_MM
+        reach_y = float(np.abs(self.rays.y_mm).max()) + SURFACE_MARGIN_MM
+        return indent(
+            self.design.elastomer,
+            self.design.contact,
+            press,
+            area_mm=(2 * reach_x, 2 * reach_y),
+            pitch_mm=self.pitch_mm,
+        )
+
+    def scene(self, surface: Surface) -> Scene:
+        """Lay out the scene after every effect that acts on it."""
+        scene = build(self.design, surface, self.view)
+        for applied in self.model.effects:
+            scene = effect(applied.name).on_scene(scene, applied.values)
+        return scene
+
+    def frame(self, press: Press | None) -> Frame:
+        """Simulate one picture.
+
+        Raises
+        ------
+        RuntimeError
+            If the picture is black or not finite; the text says which LED group and why it may be.
+        """
+        from designlab.render import transport
+
+        surface = self.surface(press)
+        basis = transport(self.scene(surface), samples=self.samples, seed=self.seed)
+        for name, image in zip(self.design.group_names, basis, strict=True):
+            if not np.isfinite(image).all():
+                raise RuntimeError(
+                    f"LED group {name!r}: the rendered picture holds values that are not finite"
+                )
+            if not image.any():
+                raise RuntimeError(
+                    f"LED group {name!r}: the rendered picture is black; no light of this group reaches the camera "
+                    "(is it behind the gelcore's painted side, or facing away?)"
+                )
+        flux = np.array([group.flux_mw for group in self.design.leds.groups])
+        return Frame(press, surface, self.rays, basis, self.design.mixing_matrix * flux)
+
+
+def exposure(design: Design, untouched: Frame) -> float:
+    """Signal as a share of full scale per unit of radiance: the design's own, or automatic from the untouched gel."""
+    if design.camera.exposure is not None:
+        return design.camera.exposure
+    return TARGET_SIGNAL / float(np.percentile(untouched.mixed, TARGET_PERCENTILE))
+
+
+def render(
+    design: Design | SensorModel,
+    press: Press | None = None,
+    *,
+    columns: int = 320,
+    samples: int = 64,
+    seed: int,
+) -> Frame:
+    """Simulate one picture of the sensing area; see `Simulator` for the parameters."""
+    return Simulator(design, columns=columns, samples=samples, seed=seed).frame(press)
+
+
+def render_all(
+    design: Design | SensorModel,
+    presses: Sequence[Press | None],
+    *,
+    columns: int = 160,
+    samples: int = 64,
+    seed: int,
+) -> list[Frame]:
+    """Simulate several pictures of one sensor."""
+    simulator = Simulator(design, columns=columns, samples=samples, seed=seed)
+    return [simulator.frame(press) for press in presses]
