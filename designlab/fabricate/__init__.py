@@ -199,7 +199,7 @@ def _write_stl(mesh: "trimesh.Trimesh", path: Path) -> None:
 
 
 def _write_assembly(design: Design, folder: Path, shapes: Mapping[str, "cadquery.Shape"]) -> list[Check]:
-    """Write the sensor's parts in place, named and coloured, into one STEP file; a LED's name has its group."""
+    """Write the sensor's parts in place, named and coloured, into one STEP file."""
     import cadquery
 
     assembly = cadquery.Assembly(name=re.sub(r"[^A-Za-z0-9_.-]+", "_", design.name) or "sensor")
@@ -228,9 +228,10 @@ def led_colour(wavelength_nm: float) -> tuple[float, float, float]:
         (380.0, (0.5, 0.0, 0.9)),
         (440.0, (0.15, 0.1, 1.0)),
         (490.0, (0.0, 0.85, 1.0)),
-        (510.0, (0.0, 0.95, 0.25)),
-        (580.0, (1.0, 0.95, 0.0)),
-        (645.0, (1.0, 0.08, 0.05)),
+        (515.0, (0.0, 0.9, 0.25)),
+        (560.0, (0.7, 0.95, 0.0)),
+        (590.0, (1.0, 0.75, 0.0)),
+        (620.0, (1.0, 0.12, 0.08)),
         (780.0, (0.55, 0.0, 0.0)),
     )
     wavelength_nm = min(max(wavelength_nm, stops[0][0]), stops[-1][0])

@@ -145,18 +145,18 @@ def readme(design: Design, manifest: Mapping[str, Any]) -> str:
     walls = manifest["walls"]
     core = CLEAR_STOCK[design.optics.gelcore_material].material
     notes = [
-        "housing: print it in black with the camera plate down; paint the inside matt black. Its thinnest wall is "
-        f"{walls['thinnest_mm']:g} mm, the least a common printer closes is {walls['least_mm']:g} mm.",
-        f"gelcore: {core}. Polish the window, the gel side and the faces the LEDs shine through; the other sides "
-        f"are {design.gelcore.side_finish}. Machine it from the STEP file: triangles are facets to light.",
-        "mould: the floor of mould_cavity shapes the membrane, and its layers and facets show in every picture. "
+        "housing: print it in black with the camera plate down; paint the inside matt black. Its thinnest "
+        f"wall is {walls['thinnest_mm']:g} mm, common printers close {walls['least_mm']:g} mm.",
+        f"gelcore: {core}. Polish the window, the gel side and the faces the LEDs shine through; the other "
+        f"sides are {design.gelcore.side_finish}. Machine it from the STEP file: light sees facets.",
+        "mould: the floor of mould_cavity shapes the membrane; its layers and facets show in every picture. "
         "Machine it from the STEP file, or print it in SLA resin, then sand and lacquer it. Fresh SLA resin "
         "inhibits the cure of addition silicone: post-cure, bake and seal it.",
-        f"gel: {gel['volume_ml']:.3g} ml; mix {CASTING_SURPLUS * gel['mass_g']:.2g} g, degas, pour, close with "
-        "mould_lid; surplus leaves through the four grooves. Cure shrinkage (mostly below 1 %) is not compensated.",
-        "membrane: coat the gel's outer side, then bond the gel to the core without bubbles, with the same gel.",
-        "LEDs: place them by leds.csv. Seats for LED boards, gelcore and camera are not part of the design, as "
-        "they depend on what you buy: add them to housing.step.",
+        f"gel: {gel['volume_ml']:.3g} ml; mix {CASTING_SURPLUS * gel['mass_g']:.2g} g, degas, pour, close "
+        "with mould_lid; surplus leaves through the four grooves. Cure shrinkage is not compensated.",
+        "membrane: coat the gel's outer side, then bond the gel to the core with the same gel, no bubbles.",
+        "LEDs: place them by leds.csv. Seats for LED boards, gelcore and camera are not part of the design, "
+        "as they depend on what you buy: add them to housing.step.",
     ]
     lines = [
         design.name,
