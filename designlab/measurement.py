@@ -66,7 +66,9 @@ class Frame(Spec):
     crop_px: tuple[int, int, int, int] | None = Field(
         None, description="Rectangle of the full sensor image: x, y, width, height; a smaller file is binned."
     )
-    repeat: int | None = Field(None, ge=0, description="Number of the repeat; repeats share all other fields.")
+    repeat: int | None = Field(
+        None, ge=0, description="Number of the repeat; repeats share all other fields."
+    )
     split: Split | None = Field(None, description="Use of the frame; by press position when absent.")
     centre_px: tuple[float, float] | None = Field(None, description="Centre read off the image: column, row.")
     contact_radius_px: float | None = quantity(
@@ -343,7 +345,9 @@ def load_measurement(path: str | Path) -> Measurement:
     return measurement
 
 
-def write_measurement(measurement: Measurement, arrays: Mapping[str, NDArray[Any]], folder: str | Path) -> Path:
+def write_measurement(
+    measurement: Measurement, arrays: Mapping[str, NDArray[Any]], folder: str | Path
+) -> Path:
     """Write a measurement folder; it appears complete and checked, or not at all.
 
     Parameters
@@ -446,9 +450,13 @@ def _check_crop(m: Measurement, frame: Frame, shape: tuple[int, ...], design: De
         rule = f"crop_px: lies on the sensor of {full[0]} x {full[1]} px"
         raise m._error(frame, rule, [x, y, width, height])
     rows, columns = shape[:2]
-    shown = f"crop_px: {width} x {height} px" if frame.crop_px else f"file: the sensor of {width} x {height} px"
+    shown = (
+        f"crop_px: {width} x {height} px" if frame.crop_px else f"file: the sensor of {width} x {height} px"
+    )
     if columns > width or rows > height:
-        raise m._error(frame, f"{shown} cannot be smaller than the image without crop or enlargement", _size(shape))
+        raise m._error(
+            frame, f"{shown} cannot be smaller than the image without crop or enlargement", _size(shape)
+        )
     # Binning both directions alike leaves less than one output pixel of either over.
     factor = width / columns
     if abs(rows * factor - height) > max(factor, 1.0) * 1.001:

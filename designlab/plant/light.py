@@ -1,0 +1,307 @@
+"""Irradiance on the membrane: direct light, light off the LED boards, and light off the membrane itself."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from designlab.plant.rig import Cells, Rig, cells
+from designlab.plant.shadow import Horizon
+from designlab.plant.surface import Box, HeightField
+from geometries import elastomer
+
+Array = NDArray[np.float64]
+
+EMITTER_SPACING_MM = 1.2
+BOARD_SPACING_MM = 2.4
+COARSE_MM = 1.2  # patches of the whole membrane
+FINE_PATCHES = 40  # patches along each side of the box around an indentation
+FINE_MARGIN_MM = 0.8
+CHUNK = 400_000  # pairs of points and cells handled at once, small enough for the processor's cache
+
+
+class Patches(NamedTuple):
+    """Pieces of diffuse surface: centre and normal (n, 3), area (n,) in mm2."""
+
+    centre: Array
+    normal: Array
+    area: Array
+
+
+class Grid(NamedTuple):
+    """Regular grid of patch centres: first centre, pitch, rows (ascending y) and columns."""
+
+    x0_mm: float
+    y0_mm: float
+    pitch_x_mm: float
+    pitch_y_mm: float
+    rows: int
+    columns: int
+
+
+class Lighting:
+    """Light of every LED group at unit flux on a membrane, in mW/mm2 per mW.
+
+    Paths run from an emitter over boards and membrane to the membrane point that the camera sees; `path_length`
+    of the rig counts their segments, the last one to the camera included. Left out: shadows that boards and
+    bumps cast on light that has already met a surface (bumps do shade the light of boards), and the change of the
+    boards' own light by an indentation.
+
+    Parameters
+    ----------
+    rig : Rig
+        The sensor.
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+        self._groups = len(rig.flux_mw)
+        self._emitters = cells(rig.emitters, spacing_mm=EMITTER_SPACING_MM)
+        self._boards = cells(rig.boards, spacing_mm=BOARD_SPACING_MM)
+        self.cells = Cells(
+            *(np.concatenate(parts) for parts in zip(self._emitters, self._boards, strict=True))
+        )
+        self._coarse = _coarse_grid(rig)
+        self._board_patches = Patches(self._boards.centre, self._boards.normal, self._boards.area)
+        self._bounces = rig.path_length - 2
+        # Radiosity of the boards, order by order: (groups, boards) for light that met a surface 1, 2, ... times.
+        self._board_radiosity: list[Array] = []
+        untouched = HeightField(rig.elastomer.radius_mm)
+        self._board_radiosity = self._settle_boards(untouched)
+        self.untouched = Pressed(self, untouched)
+
+    def pressed(self, surface: HeightField) -> "Pressed":
+        """Light on a membrane with an indentation."""
+        return Pressed(self, surface)
+
+    def _power(self, orders: int) -> Array:
+        """Radiance times area of every cell, (groups, cells), boards with all light of up to `orders` bounces."""
+        groups = np.arange(self._groups)[:, None]
+        own = self._emitters.group[None, :] == groups
+        total = np.where(own, self._emitters.area[None, :], 0.0).sum(axis=1, keepdims=True)
+        emitted = np.where(own, self._emitters.area[None, :] / (np.pi * total), 0.0)
+        back = np.sum(self._board_radiosity[:orders], axis=0) if orders and self._board_radiosity else 0.0
+        returned = np.broadcast_to(back * self._boards.area / np.pi, (self._groups, len(self._boards.area)))
+        return np.concatenate([emitted, returned], axis=1)
+
+    def _order_power(self, order: int) -> Array:
+        """As `_power`, but only light that has met surfaces exactly `order` times (0: straight from emitters)."""
+        if order == 0:
+            return self._power(0)
+        return self._power(order) - self._power(order - 1)
+
+    def _settle_boards(self, surface: HeightField) -> list[Array]:
+        """Radiosity of the boards for 1, 2, ... met surfaces, on the untouched membrane."""
+        membrane, _ = coarse_patches(self._rig, surface, self._coarse, without=None)
+        boards = self._board_patches
+        albedo, reflectance = self._rig.albedo[:, None], self._rig.board_reflectance[:, None]
+        lit = Cells(*(part[: len(self._emitters.area)] for part in self.cells))
+        power = self._power(0)[:, : len(self._emitters.area)]
+        on_membrane = albedo * irradiance(membrane.centre, membrane.normal, lit, power)
+        on_boards = reflectance * irradiance(boards.centre, boards.normal, lit, power)
+        orders = [on_boards]
+        everything = Patches(*(np.concatenate(parts) for parts in zip(membrane, boards, strict=True)))
+        exchange = form_factors(everything, everything).T
+        reflectances = np.concatenate(
+            [np.broadcast_to(albedo, on_membrane.shape), np.broadcast_to(reflectance, on_boards.shape)],
+            axis=1,
+        )
+        radiosity = np.concatenate([on_membrane, on_boards], axis=1)
+        for _ in range(self._bounces - 1):
+            radiosity = reflectances * (radiosity @ exchange)
+            orders.append(radiosity[:, len(membrane.area) :])
+        return orders[: max(self._bounces, 0)]
+
+
+class Pressed:
+    """Light on one shape of the membrane."""
+
+    def __init__(self, lighting: Lighting, surface: HeightField) -> None:
+        self.surface = surface
+        self._lighting = lighting
+        self._rig = lighting._rig
+        self.horizon = None if surface.height_mm is None else Horizon(surface, lighting.cells)
+        self._coarse_field, self._fine_field, self._fine = self._between_membrane()
+
+    @property
+    def window(self) -> Box | None:
+        """Box within which the indentation changes the direct light, None without one."""
+        return None if self.horizon is None else self.horizon.window
+
+    def irradiance(self, x: Array, y: Array) -> Array:
+        """Total irradiance at membrane points given by x and y (mm), shape (groups, points)."""
+        lighting = self._lighting
+        return self.from_cells(x, y, lighting._power(lighting._bounces)) + self.from_membrane(x, y)
+
+    def from_cells(self, x: Array, y: Array, power: Array) -> Array:
+        """Irradiance by emitters and boards of given radiance times area, shape (groups, points)."""
+        z, normals = self.surface.z(x, y), self.surface.normals(x, y)
+        points = np.stack([x, y, z], axis=-1)
+        total = np.empty((len(power), len(x)))
+        sources = self._lighting.cells
+        for part in _parts(len(x), len(sources.area)):
+            kernel = _exchange(points[part], normals[part], sources)
+            if self.horizon is not None:
+                near = self.horizon.window.contains(x[part], y[part])
+                place = x[part][near], y[part][near], z[part][near]
+                kernel[near] *= self.horizon.visible_share(*place, sources)
+            total[:, part] = power @ kernel.T
+        return total
+
+    def from_membrane(self, x: Array, y: Array) -> Array:
+        """Irradiance by other parts of the membrane, shape (groups, points), interpolated between patches."""
+        total = np.stack([_interpolate(self._lighting._coarse, field, x, y) for field in self._coarse_field])
+        if self._fine is not None and self._fine_field is not None:
+            grid = self._fine
+            right = grid.x0_mm + (grid.columns - 1) * grid.pitch_x_mm
+            top = grid.y0_mm + (grid.rows - 1) * grid.pitch_y_mm
+            near = Box(grid.x0_mm, right, grid.y0_mm, top).contains(x, y)
+            for group, field in enumerate(self._fine_field):
+                total[group, near] = _interpolate(grid, field, x[near], y[near])
+        return total
+
+    def _between_membrane(self) -> tuple[Array, Array | None, Grid | None]:
+        """Irradiance that patches of the membrane send each other, all orders that count, on both grids."""
+        rig, lighting = self._rig, self._lighting
+        fine_box = None if self.surface.height_mm is None else self.surface.bump.grown(FINE_MARGIN_MM)
+        patches, _ = coarse_patches(rig, self.surface, lighting._coarse, without=fine_box)
+        coarse_count, grid = len(patches.area), None
+        if fine_box is not None:
+            fine, grid = fine_patches(rig, self.surface, fine_box)
+            patches = Patches(*(np.concatenate(parts) for parts in zip(patches, fine, strict=True)))
+        x, y = patches.centre[:, 0], patches.centre[:, 1]
+        total = np.zeros((len(rig.flux_mw), len(x)))
+        between = np.zeros_like(total)
+        curved = rig.elastomer.radius_mm is not None or self.surface.height_mm is not None
+        if curved and lighting._bounces:
+            exchange = form_factors(patches, patches)
+            power = np.concatenate([lighting._order_power(order) for order in range(lighting._bounces)])
+            for arriving in self.from_cells(x, y, power).reshape(lighting._bounces, *total.shape):
+                between = rig.albedo[:, None] * (arriving + between) @ exchange.T
+                total += between
+        shape = lighting._coarse.rows, lighting._coarse.columns
+        coarse_field = total[:, :coarse_count].reshape(-1, *shape)
+        if grid is None:
+            return coarse_field, None, None
+        return coarse_field, total[:, coarse_count:].reshape(-1, grid.rows, grid.columns), grid
+
+
+def irradiance(points: Array, normals: Array, sources: Cells, power: Array) -> Array:
+    """Irradiance by unobstructed Lambertian cells.
+
+    Parameters
+    ----------
+    points, normals : array, shape (n, 3)
+        Receiving points (mm) and their unit normals.
+    sources : Cells
+        Emitting cells.
+    power : array, shape (groups, cells)
+        Radiance times area of every cell in the light of every group.
+
+    Returns
+    -------
+    array, shape (groups, n)
+    """
+    total = np.empty((len(power), len(points)))
+    for part in _parts(len(points), len(sources.area)):
+        total[:, part] = power @ _exchange(points[part], normals[part], sources).T
+    return total
+
+
+def form_factors(receivers: Patches, senders: Patches) -> Array:
+    """Irradiance on patches per radiosity of others, (receivers, senders), by the disc approximation.
+
+    A sender of area A at distance r counts as a disc: cos cos' A / (pi r^2 + A), exact far away and bounded
+    near by (Wallace, Elmquist and Haines 1989, "A ray tracing algorithm for progressive radiosity").
+    """
+    found = np.empty((len(receivers.area), len(senders.area)))
+    for part in _parts(*found.shape):
+        facing, square = _facing(
+            receivers.centre[part], receivers.normal[part], senders.centre, senders.normal
+        )
+        square += 1e-9
+        facing *= senders.area
+        facing /= square * (np.pi * square + senders.area)
+        found[part] = facing
+    return found
+
+
+def coarse_patches(
+    rig: Rig, surface: HeightField, grid: Grid, *, without: Box | None
+) -> tuple[Patches, NDArray[np.bool_]]:
+    """Patches of the whole membrane; their areas count what lies within the gel's outline and outside a box."""
+    x, y = (axis.ravel() for axis in _centres(grid))
+    fine = (np.arange(6) + 0.5) / 6 - 0.5
+    split_x, split_y = (axis.ravel() for axis in np.meshgrid(fine * grid.pitch_x_mm, fine * grid.pitch_y_mm))
+    point_x, point_y = x[:, None] + split_x, y[:, None] + split_y
+    counted = elastomer.inside(rig.elastomer, point_x, point_y)
+    if without is not None:
+        counted &= ~without.contains(point_x, point_y)
+    share = counted.mean(axis=1)
+    return _patches(surface, x, y, share * grid.pitch_x_mm * grid.pitch_y_mm), share > 0
+
+
+def fine_patches(rig: Rig, surface: HeightField, box: Box) -> tuple[Patches, Grid]:
+    """Patches of a box around an indentation."""
+    pitch_x, pitch_y = (box.right - box.left) / FINE_PATCHES, (box.top - box.bottom) / FINE_PATCHES
+    grid = Grid(
+        box.left + pitch_x / 2, box.bottom + pitch_y / 2, pitch_x, pitch_y, FINE_PATCHES, FINE_PATCHES
+    )
+    x, y = (axis.ravel() for axis in _centres(grid))
+    counted = elastomer.inside(rig.elastomer, x, y)
+    return _patches(surface, x, y, counted * pitch_x * pitch_y), grid
+
+
+def _patches(surface: HeightField, x: Array, y: Array, footprint_mm2: Array) -> Patches:
+    normals = surface.normals(x, y)
+    return Patches(np.stack([x, y, surface.z(x, y)], axis=-1), normals, footprint_mm2 / normals[:, 2])
+
+
+def _coarse_grid(rig: Rig) -> Grid:
+    outline = elastomer.polygon(rig.elastomer)
+    (left, bottom), (right, top) = outline.min(axis=0), outline.max(axis=0)
+    columns, rows = int(np.ceil((right - left) / COARSE_MM)), int(np.ceil((top - bottom) / COARSE_MM))
+    pitch_x, pitch_y = (right - left) / columns, (top - bottom) / rows
+    return Grid(left + pitch_x / 2, bottom + pitch_y / 2, pitch_x, pitch_y, rows, columns)
+
+
+def _centres(grid: Grid) -> tuple[Array, Array]:
+    x = grid.x0_mm + np.arange(grid.columns) * grid.pitch_x_mm
+    y = grid.y0_mm + np.arange(grid.rows) * grid.pitch_y_mm
+    grid_x, grid_y = np.meshgrid(x, y)
+    return grid_x, grid_y
+
+
+def _interpolate(grid: Grid, field: Array, x: Array, y: Array) -> Array:
+    place = [(y - grid.y0_mm) / grid.pitch_y_mm, (x - grid.x0_mm) / grid.pitch_x_mm]
+    return np.asarray(map_coordinates(field, place, order=1, mode="nearest"))
+
+
+def _exchange(points: Array, normals: Array, sources: Cells) -> Array:
+    """Cosine times cosine over squared distance, shape (points, cells)."""
+    facing, square = _facing(points, normals, sources.centre, sources.normal)
+    return facing / (square * square + 1e-18)
+
+
+def _facing(points: Array, normals: Array, others: Array, other_normals: Array) -> tuple[Array, Array]:
+    """Both cosines times the squared distance, clamped at zero, and the squared distance; (points, others)."""
+    here = normals @ others.T - (normals * points).sum(axis=1)[:, None]
+    there = points @ other_normals.T
+    there -= (others * other_normals).sum(axis=1)[None, :]
+    square = points @ others.T
+    square *= -2.0
+    square += (points * points).sum(axis=1)[:, None]
+    square += (others * others).sum(axis=1)[None, :]
+    np.maximum(square, 0.0, out=square)
+    np.maximum(here, 0.0, out=here)
+    np.maximum(there, 0.0, out=there)
+    here *= there
+    return here, square
+
+
+def _parts(points: int, cells: int) -> Iterator[slice]:
+    step = max(1, CHUNK // max(cells, 1))
+    for start in range(0, points, step):
+        yield slice(start, min(start + step, points))

@@ -1,0 +1,122 @@
+"""Cast shadows on a height field: how steep a light must stand to be seen, for every point and azimuth."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from designlab.plant.rig import Cells
+from designlab.plant.surface import Box, HeightField
+
+Array = NDArray[np.float64]
+
+STEP_DEG = 3.0
+PITCH_MM = 0.05
+LONGEST_SHADOW_MM = 20.0
+NONE = -10.0  # slope of the horizon where nothing can stand in the way
+
+
+class Horizon:
+    """Slope of the horizon around an indentation, seen towards light cells.
+
+    For an azimuth the height field is resampled on a grid turned so that light comes along its rows, which span the
+    indentation and the longest shadow behind it; the slope from each point to every later one then needs
+    shifted slices only. Between azimuths, `STEP_DEG` apart, the horizon is interpolated linearly.
+    """
+
+    def __init__(self, surface: HeightField, cells: Cells, *, pitch_mm: float = PITCH_MM) -> None:
+        self._pitch_mm = pitch_mm
+        bump = surface.bump
+        self._centre = complex(bump.left + bump.right, bump.bottom + bump.top) / 2
+        self._half = complex(bump.right - bump.left, bump.top - bump.bottom) / 2
+        self._reach_mm = shadow_length_mm(surface, cells)
+        self.window = bump.grown(self._reach_mm)
+        self._maps = {number: self._map(surface, number) for number in self._azimuths(cells)}
+
+    def visible_share(self, x: Array, y: Array, z: Array, cells: Cells) -> Array:
+        """Share of every cell that stands above the horizon, shape (points, cells), for points in the window.
+
+        A cell counts by its extent in elevation, so that the edge of a penumbra is smooth.
+        """
+        share = np.ones((len(x), len(cells.area)))
+        table, column = self._table(x, y)
+        shaded = table.max(axis=1) > NONE
+        if not shaded.any():
+            return share
+        x, y, z = x[shaded], y[shaded], z[shaded]
+        dx, dy = cells.centre[None, :, 0] - x[:, None], cells.centre[None, :, 1] - y[:, None]
+        run = np.hypot(dx, dy) + 1e-9
+        slope = (cells.centre[None, :, 2] - z[:, None]) / run
+        along = (dx * cells.half_down[:, 0] + dy * cells.half_down[:, 1]) / run
+        half = np.abs(cells.half_down[:, 2] - slope * along) / run + 1e-6
+        place = np.arctan2(dy, dx) * (180.0 / np.pi / STEP_DEG) % (360.0 / STEP_DEG)
+        low = place.astype(int)
+        below = np.take_along_axis(table[shaded], column[low], axis=1)
+        above = np.take_along_axis(table[shaded], column[low + 1], axis=1)
+        horizon = below + (place - low) * (above - below)
+        share[shaded] = np.clip((slope - horizon + half) / (2 * half), 0.0, 1.0)
+        return share
+
+    def _table(self, x: Array, y: Array) -> tuple[Array, NDArray[np.int64]]:
+        """Horizon at points for every azimuth that was prepared, and the column of each azimuth's number."""
+        table = np.full((len(x), len(self._maps)), NONE)
+        column = np.zeros(int(360 / STEP_DEG) + 2, dtype=int)
+        offset = x + 1j * y - self._centre
+        for place, (number, (along_mm, across_mm, horizon)) in enumerate(self._maps.items()):
+            column[number] = place
+            turned = np.exp(-1j * np.radians(number * STEP_DEG)) * offset
+            row, step = (turned.imag - across_mm) / self._pitch_mm, (turned.real - along_mm) / self._pitch_mm
+            rows, steps = horizon.shape
+            near = (row >= 0) & (row <= rows - 1) & (step >= 0) & (step <= steps - 1)
+            table[near, place] = map_coordinates(horizon, [row[near], step[near]], order=1)
+        column[-2:] = column[:2]  # 360 deg and beyond are 0 deg and beyond
+        return table, column
+
+    def _map(self, surface: HeightField, number: int) -> tuple[float, float, Array]:
+        """Slope of the horizon towards one azimuth: first place along and across the light (mm), grid."""
+        pitch, turn = self._pitch_mm, np.exp(1j * np.radians(number * STEP_DEG))
+        half_along = abs(turn.real) * self._half.real + abs(turn.imag) * self._half.imag + 2 * pitch
+        half_across = abs(turn.imag) * self._half.real + abs(turn.real) * self._half.imag + 2 * pitch
+        along = np.arange(-half_along - self._reach_mm, half_along + pitch, pitch)
+        across = np.arange(-half_across, half_across + pitch, pitch)
+        points = self._centre + turn * (along[None, :] + 1j * across[:, None])
+        z = surface.z(points.real, points.imag).astype(np.float32)
+        horizon = np.full_like(z, NONE)
+        for stride in _strides(int(np.ceil(self._reach_mm / pitch)), z.shape[1] - 1):
+            rise = (z[:, stride:] - z[:, :-stride]) * np.float32(1 / (stride * pitch))
+            np.maximum(horizon[:, :-stride], rise, out=horizon[:, :-stride])
+        return float(along[0]), float(across[0]), horizon
+
+    def _azimuths(self, cells: Cells) -> list[int]:
+        """Numbers of the azimuths at which the cells are seen from anywhere in the window, and their neighbours."""
+        left, right, bottom, top = self.window
+        found: set[int] = set()
+        count = int(360 / STEP_DEG)
+        for x, y, _ in cells.centre:
+            if left <= x <= right and bottom <= y <= top:
+                return list(range(count))
+            middle = np.arctan2(y - self._centre.imag, x - self._centre.real)
+            corners = np.array([np.arctan2(y - b, x - a) for a in (left, right) for b in (bottom, top)])
+            apart = (corners - middle + np.pi) % (2 * np.pi) - np.pi
+            first = int(np.floor(np.degrees(middle + apart.min()) / STEP_DEG))
+            last = int(np.ceil(np.degrees(middle + apart.max()) / STEP_DEG))
+            found |= {number % count for number in range(first, last + 2)}
+        return sorted(found)
+
+
+def shadow_length_mm(surface: HeightField, cells: Cells) -> float:
+    """Length of the longest shadow an indentation casts behind itself."""
+    bump: Box = surface.bump
+    corners = np.array([(x, y) for x in bump[:2] for y in bump[2:]])
+    lowest = cells.centre[:, 2] - np.abs(cells.half_down[:, 2])
+    run = np.hypot(*(cells.centre[None, :, :2] - corners[:, None]).transpose(2, 0, 1))
+    base = surface.z(corners[:, 0], corners[:, 1])
+    grazing = np.maximum((lowest[None, :] - base[:, None] - surface.peak_mm) / run, 1e-3)
+    return min(surface.peak_mm / float(grazing.min()), LONGEST_SHADOW_MM) + 0.1
+
+
+def _strides(longest: int, most: int) -> list[int]:
+    """Distances to look along the light, in grid steps: every one at first, then 8 % apart."""
+    strides = [1]
+    while strides[-1] < longest:
+        strides.append(max(strides[-1] + 1, round(1.08 * strides[-1])))
+    return [stride for stride in strides if stride <= most]

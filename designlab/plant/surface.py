@@ -1,0 +1,208 @@
+"""The membrane as a height field, untouched or pressed; smoothed by its transfer function."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+from scipy.special import j0
+
+from geometries.elastomer import Elastomer
+from geometries.probes import Probe, profile_mm
+
+Array = NDArray[np.float64]
+
+PITCH_MM = 0.02
+REACH = 6.0  # the kernel ends at this many of its lengths
+
+
+class Box(NamedTuple):
+    """Axis-parallel rectangle of the membrane plane (mm)."""
+
+    left: float
+    right: float
+    bottom: float
+    top: float
+
+    def grown(self, margin_mm: float) -> "Box":
+        """Move every side outwards."""
+        left, right, bottom, top = self
+        return Box(left - margin_mm, right + margin_mm, bottom - margin_mm, top + margin_mm)
+
+    def contains(self, x: Array, y: Array) -> NDArray[np.bool_]:
+        """Which points lie within the box."""
+        return (x >= self.left) & (x <= self.right) & (y >= self.bottom) & (y <= self.top)
+
+
+class Indenter(NamedTuple):
+    """What is pressed, how deep and where; yaw counter-clockwise."""
+
+    probe: Probe
+    depth_mm: float
+    centre_mm: tuple[float, float]
+    yaw_deg: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class HeightField:
+    """Base (plane or sphere) plus an indentation on a square grid; rows ascend with y, columns with x.
+
+    Beyond the grid the indentation is zero.
+    """
+
+    radius_mm: float | None
+    x0_mm: float = 0.0
+    y0_mm: float = 0.0
+    pitch_mm: float = PITCH_MM
+    height_mm: Array | None = None
+    slope_x: Array | None = None
+    slope_y: Array | None = None
+
+    @classmethod
+    def on_grid(
+        cls, radius_mm: float | None, *, x0_mm: float, y0_mm: float, pitch_mm: float, height_mm: Array
+    ) -> Self:
+        """Height field with slopes by central differences."""
+        slope_y, slope_x = np.gradient(height_mm, pitch_mm)
+        return cls(radius_mm, x0_mm, y0_mm, pitch_mm, height_mm, slope_x, slope_y)
+
+    @property
+    def peak_mm(self) -> float:
+        """Largest indentation."""
+        return 0.0 if self.height_mm is None else float(self.height_mm.max())
+
+    @property
+    def bump(self) -> Box:
+        """Bounding box of the indentation."""
+        if self.height_mm is None:
+            raise ValueError("an untouched membrane has no bump")
+        rows, columns = np.nonzero(self.height_mm > 1e-4)
+        return Box(
+            self.x0_mm + columns.min() * self.pitch_mm,
+            self.x0_mm + columns.max() * self.pitch_mm,
+            self.y0_mm + rows.min() * self.pitch_mm,
+            self.y0_mm + rows.max() * self.pitch_mm,
+        )
+
+    def z(self, x: Array, y: Array) -> Array:
+        """Height of the membrane in the sensor frame (mm)."""
+        return base_z(self.radius_mm, x, y) + self._look_up(self.height_mm, x, y)
+
+    def normals(self, x: Array, y: Array) -> Array:
+        """Unit normals towards the camera, shape (..., 3)."""
+        if self.radius_mm is None:
+            p, q = np.zeros_like(x), np.zeros_like(y)
+        else:
+            rise = np.sqrt(np.maximum(self.radius_mm**2 - x**2 - y**2, 1e-12))
+            p, q = x / rise, y / rise
+        p, q = p + self._look_up(self.slope_x, x, y), q + self._look_up(self.slope_y, x, y)
+        return np.stack([-p, -q, np.ones_like(p)], axis=-1) / np.sqrt(1 + p**2 + q**2)[..., None]
+
+    def _look_up(self, grid: Array | None, x: Array, y: Array) -> Array:
+        if grid is None:
+            return np.zeros_like(x)
+        place = [(y - self.y0_mm) / self.pitch_mm, (x - self.x0_mm) / self.pitch_mm]
+        return np.asarray(map_coordinates(grid, place, order=1, mode="constant", cval=0.0))
+
+
+def base_z(radius_mm: float | None, x: Array, y: Array) -> Array:
+    """Height of the undeformed membrane; clamped at the equator of a dome's sphere."""
+    if radius_mm is None:
+        return np.zeros(np.broadcast(x, y).shape)
+    return np.asarray(radius_mm - np.sqrt(np.maximum(radius_mm**2 - x**2 - y**2, 0.0)))
+
+
+def indented(
+    elastomer: Elastomer,
+    indenter: Indenter,
+    *,
+    kernel_length_mm: float,
+    kernel_m: float,
+    pitch_mm: float = PITCH_MM,
+) -> HeightField:
+    """Membrane with a probe pressed into it.
+
+    The penetration is multiplied by the transfer function of the kernel in the frequency domain.
+
+    Raises
+    ------
+    ValueError
+        If the probe does not touch the membrane.
+    """
+    box = _touched(elastomer, indenter).grown(REACH * kernel_length_mm + 6 * pitch_mm)
+    columns = int(np.ceil((box.right - box.left) / pitch_mm)) + 1
+    rows = int(np.ceil((box.top - box.bottom) / pitch_mm)) + 1
+    x = box.left + np.arange(columns) * pitch_mm
+    y = box.bottom + np.arange(rows) * pitch_mm
+    # Four points a cell place straight edges to a quarter of the pitch.
+    quarter = pitch_mm / 4
+    shifted = [
+        _above_base(elastomer, indenter, *np.meshgrid(x + dx, y + dy))
+        for dx in (-quarter, quarter)
+        for dy in (-quarter, quarter)
+    ]
+    highest = max(float(above.max()) for above in shifted)
+    cut = [np.maximum(above - highest + indenter.depth_mm, 0.0) for above in shifted]
+    height = np.mean(cut, axis=0)
+    if kernel_length_mm > 0:
+        height = _smoothed(height, pitch_mm, kernel_length_mm, kernel_m)
+    return HeightField.on_grid(
+        elastomer.radius_mm, x0_mm=box.left, y0_mm=box.bottom, pitch_mm=pitch_mm, height_mm=height
+    )
+
+
+def transfer(wavenumber: Array, *, kernel_length_mm: float, kernel_m: float) -> Array:
+    """Fourier transform of the kernel (m + 1) / (m + exp(r / length)), cut at 6 lengths, one at zero.
+
+    Parameters
+    ----------
+    wavenumber : array
+        Angular wave number (1/mm).
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(96)
+    r = (nodes + 1) / 2 * REACH
+    ring = weights * r * (kernel_m + 1) / (kernel_m + np.exp(r))
+    hankel = j0(np.multiply.outer(np.asarray(wavenumber) * kernel_length_mm, r)) @ ring
+    return np.asarray(hankel / ring.sum())
+
+
+def _smoothed(height: Array, pitch_mm: float, length_mm: float, m: float) -> Array:
+    rows, columns = height.shape
+    k_y = 2 * np.pi * np.fft.fftfreq(rows, pitch_mm)
+    k_x = 2 * np.pi * np.fft.rfftfreq(columns, pitch_mm)
+    k = np.hypot(k_y[:, None], k_x[None, :])
+    table_k, table = _transfer_table(pitch_mm, length_mm, m)
+    spectrum = np.fft.rfft2(height) * np.interp(k, table_k, table)
+    return np.maximum(np.fft.irfft2(spectrum, s=height.shape), 0.0)
+
+
+@lru_cache(maxsize=16)
+def _transfer_table(pitch_mm: float, length_mm: float, m: float) -> tuple[Array, Array]:
+    k = np.linspace(0.0, 1.01 * np.sqrt(2) * np.pi / pitch_mm, 8192)
+    return k, transfer(k, kernel_length_mm=length_mm, kernel_m=m)
+
+
+def _above_base(elastomer: Elastomer, indenter: Indenter, x: Array, y: Array) -> Array:
+    """Height of the probe, its foremost point at z = 0, above the undeformed membrane."""
+    turn = np.exp(-1j * np.radians(indenter.yaw_deg))
+    local = turn * ((x - indenter.centre_mm[0]) + 1j * (y - indenter.centre_mm[1]))
+    return np.asarray(profile_mm(indenter.probe, local.real, local.imag) - base_z(elastomer.radius_mm, x, y))
+
+
+def _touched(elastomer: Elastomer, indenter: Indenter) -> Box:
+    """Bounding box of the contact, found on a coarse grid and grown by one of its steps."""
+    reach = (
+        2.2 * indenter.probe.size_mm
+    )  # the plate of a wave probe is the widest: 1.5 sizes, over the corner 2.12
+    if elastomer.shape == "dome":
+        reach = min(reach, elastomer.width_mm)
+    axis = np.linspace(-reach, reach, 241)
+    x, y = np.meshgrid(indenter.centre_mm[0] + axis, indenter.centre_mm[1] + axis)
+    above = _above_base(elastomer, indenter, x, y)
+    touching = above > above.max() - indenter.depth_mm
+    if not np.isfinite(above.max()):
+        raise ValueError(f"press: probe {indenter.probe.text} misses the membrane")
+    step = float(axis[1] - axis[0])
+    return Box(x[touching].min(), x[touching].max(), y[touching].min(), y[touching].max()).grown(step)
