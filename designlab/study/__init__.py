@@ -1,0 +1,24 @@
+"""Studies: search designs for the best scores, resumably; sweeps over full grids."""
+
+from designlab.study.definition import Parameter, Study, StudyError, dumps_study, load_study
+from designlab.study.results import Results, history, importance, load_results, pareto, picks
+from designlab.study.runner import StudyInterrupted, run_study
+from designlab.study.sweep import optimise, sweep
+
+__all__ = [
+    "Parameter",
+    "Results",
+    "Study",
+    "StudyError",
+    "StudyInterrupted",
+    "dumps_study",
+    "history",
+    "importance",
+    "load_results",
+    "load_study",
+    "optimise",
+    "pareto",
+    "picks",
+    "run_study",
+    "sweep",
+]

@@ -1,0 +1,200 @@
+"""What a study varies and what it seeks: parameters, objectives, effort; its TOML format."""
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal, Self
+
+from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
+
+from designlab.design import Design, DesignError, explain, load
+from designlab.store import digest
+from geometries.spec import Spec
+
+FORMAT_VERSION: Literal[1] = 1
+
+DEFAULT_OBJECTIVES: dict[str, Literal["maximise", "minimise"]] = {
+    "uniformity_u0": "maximise",
+    "normal_error_median_deg": "minimise",
+}
+
+
+class StudyError(ValueError):
+    """A study file, field or folder that cannot be used; the text names it, the value and the rule."""
+
+
+class Parameter(Spec):
+    """Values that one field of the design may take: a range, or a list of choices."""
+
+    low: float | None = Field(None, description="Smallest value, in the unit of the field.")
+    high: float | None = Field(None, description="Largest value, in the unit of the field.")
+    step: float | None = Field(None, gt=0, description="Spacing of the values; continuous if absent.")
+    log: bool = Field(False, description="Whether to search on a logarithmic scale.")
+    choices: tuple[bool | int | float | str, ...] | None = Field(
+        None, min_length=1, description="The values themselves, instead of a range."
+    )
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        if self.choices is not None:
+            if self.low is not None or self.high is not None or self.step is not None or self.log:
+                raise ValueError("give either choices, or low and high with step or log; not both")
+            if len(set(self.choices)) != len(self.choices):
+                raise ValueError(f"choices must differ, got {list(self.choices)}")
+            return self
+        if self.low is None or self.high is None:
+            raise ValueError("give low and high, or choices")
+        if not self.low < self.high:
+            raise ValueError(f"low must be below high, got low {self.low:g}, high {self.high:g}")
+        if self.log and self.low <= 0:
+            raise ValueError(f"a logarithmic range needs low above 0, got low {self.low:g}")
+        if self.log and self.step is not None:
+            raise ValueError("give step or log, not both")
+        return self
+
+    @property
+    def extremes(self) -> tuple[bool | int | float | str, ...]:
+        """The values to check against the field: both ends, or every choice."""
+        if self.choices is not None:
+            return self.choices
+        return tuple(value for value in (self.low, self.high) if value is not None)
+
+
+class Study(Spec):
+    """One optimisation: a base design, the fields to vary, the scores to improve, and the effort."""
+
+    version: Literal[1] = Field(1, description="Version of this format.")
+    name: str = Field("study", min_length=1, description="Short name.")
+    base: Design = Field(description="The design to start from: a preset, a file, or a table.")
+    parameters: dict[str, Parameter] = Field(
+        min_length=1, description="Fields of the design by dotted path, and the values they may take."
+    )
+    objectives: dict[str, Literal["maximise", "minimise"]] = Field(
+        DEFAULT_OBJECTIVES, min_length=1, description="Scores, and which way each is better."
+    )
+    trials: int = Field(40, ge=1, le=100_000, description="Designs to evaluate, infeasible ones not counted.")
+    fidelity: Literal["fast", "standard", "reference"] = Field("fast", description="Effort of an evaluation.")
+    seed: int = Field(0, ge=0, lt=2**31, description="Seed of the search and of every evaluation.")
+    sampler: Literal["tpe", "nsga2", "random", "qmc", "gp"] = Field("tpe", description="Search method.")
+
+    @field_validator("base", mode="before")
+    @classmethod
+    def _loaded(cls, base: Any) -> Any:
+        return load(base) if isinstance(base, str | Path) else base
+
+    @field_validator("parameters", mode="before")
+    @classmethod
+    def _flat(cls, parameters: Any) -> Any:
+        return _flattened(parameters) if isinstance(parameters, Mapping) else parameters
+
+    @field_validator("parameters")
+    @classmethod
+    def _fit_the_design(cls, parameters: dict[str, Parameter], info: ValidationInfo) -> dict[str, Parameter]:
+        base = info.data.get("base")
+        if base is not None:  # else its own error is reported
+            for path, parameter in parameters.items():
+                for value in parameter.extremes:
+                    _require_allowed(base, path, value)
+                if parameter.step is not None and _is_integer(base, path) and parameter.step % 1:
+                    raise ValueError(f"{path}: takes whole numbers, so must its step, got {parameter.step:g}")
+        return parameters
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all that decides the results: everything but the names and the number of trials."""
+        content = self.model_dump(mode="json", exclude={"name", "trials", "base"})
+        return digest(content, self.base.digest)
+
+    def design(self, values: Mapping[str, Any]) -> Design:
+        """Return the base design with the given parameter values; raises DesignError if they do not fit."""
+        return self.base.replace(dict(values))
+
+    def is_integer(self, path: str) -> bool:
+        """Whether a parameter's field takes whole numbers only."""
+        return _is_integer(self.base, path)
+
+    def unit(self, path: str) -> str:
+        """Return the unit of a parameter, read off the name of its field; empty for a pure number."""
+        names = [part for part in path.split(".") if not part.isdigit()]
+        suffix = names[-1].rpartition("_")[2]
+        return {"mm": "mm", "deg": "deg", "nm": "nm", "mw": "mW", "px": "px"}.get(suffix, "")
+
+    def differences(self, other: "Study") -> list[str]:
+        """Names of the fields, other than name and trials, in which two studies differ."""
+        fields = [field for field in type(self).model_fields if field not in ("name", "trials", "base")]
+        differing = [field for field in fields if getattr(self, field) != getattr(other, field)]
+        return differing + (["base"] if self.base.digest != other.base.digest else [])
+
+
+def _flattened(parameters: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Turn nested tables into dotted paths: ``[parameters.leds.tilt_deg]`` needs no quotes then."""
+    flat: dict[str, Any] = {}
+    for key, value in parameters.items():
+        path = f"{prefix}{key}"
+        nested = isinstance(value, Mapping) and value and not set(value) & set(Parameter.model_fields)
+        flat |= _flattened(value, f"{path}.") if nested else {path: value}
+    return flat
+
+
+def _is_integer(design: Design, path: str) -> bool:
+    node: Any = design
+    for key in path.split("."):
+        node = node[int(key)] if key.isdigit() else getattr(node, key)
+    return isinstance(node, int) and not isinstance(node, bool)
+
+
+def _require_allowed(base: Design, path: str, value: Any) -> None:
+    """Refuse a value that the field itself does not take, whatever the rest of the design."""
+    try:
+        base.replace({path: value})
+    except DesignError as error:
+        text = str(error).removeprefix("replace(): ")
+        if text.startswith("no field"):
+            raise ValueError(text) from None
+        # Other texts are about several fields together: some designs are infeasible, the range is not wrong.
+        parent, _, last = path.rpartition(".")
+        field, _, rule = text.removeprefix("field ").partition(": ")
+        if field == path or (last.isdigit() and field == parent):
+            got = "" if repr(value) in rule else f", got {value!r}"
+            raise ValueError(f"{path}: {rule}{got}") from None
+
+
+def load_study(path: str | Path) -> Study:
+    """Read a study from a TOML file.
+
+    Parameters
+    ----------
+    path : str or Path
+        TOML file; a design named in it is a preset, or a file relative to this one.
+
+    Raises
+    ------
+    StudyError
+        If the file cannot be read, is of another format version, or breaks a rule.
+    """
+    file = Path(path)
+    try:
+        content = tomllib.loads(file.read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise StudyError(f"{file}: not valid TOML: {error}") from None
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise StudyError(f"{file}: cannot be read: {reason}") from None
+    version = content.get("version")
+    if version != FORMAT_VERSION:
+        found = "no format version" if version is None else f"format version {version!r}"
+        raise StudyError(f"{file}: field version: has {found}, this designlab reads {FORMAT_VERSION}")
+    beside = file.parent / str(content.get("base"))
+    if isinstance(content.get("base"), str) and beside.is_file():
+        content["base"] = beside
+    try:
+        return Study.model_validate(content)
+    except ValidationError as error:
+        raise StudyError(f"{file}: {explain(error)}") from None
+
+
+def dumps_study(study: Study) -> str:
+    """Write a study as TOML text, complete, with the base design spelled out."""
+    import tomli_w
+
+    return tomli_w.dumps(study.model_dump(mode="json", exclude_none=True))

@@ -1,0 +1,290 @@
+"""Results of a study: a table of trials, its Pareto front, a shortlist, importances."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.design import Design
+from designlab.study.definition import Study
+from designlab.study.folder import read_trial, reading
+
+if TYPE_CHECKING:
+    import optuna
+    import pandas as pd
+
+_STATES = {
+    "COMPLETE": "complete",
+    "PRUNED": "infeasible",
+    "FAIL": "failed",
+    "RUNNING": "running",
+    "WAITING": "waiting",
+}
+
+_FEWEST_FOR_IMPORTANCE = 10
+
+
+@dataclass(frozen=True)
+class Results:
+    """A study and the table of its trials (see `load_results`)."""
+
+    folder: Path
+    study: Study
+    frame: "pd.DataFrame"
+
+    @property
+    def pareto(self) -> "pd.DataFrame":
+        """The evaluated designs that no other beats in every objective."""
+        return pareto(self.frame, self.study.objectives)
+
+    @property
+    def picks(self) -> "pd.DataFrame":
+        """A shortlist of the Pareto front, see `picks`."""
+        return picks(self.frame, self.study.objectives)
+
+    def design(self, trial: int) -> Design:
+        """Return the design of a trial by its number."""
+        rows = self.frame[self.frame["trial"] == trial]
+        if rows.empty:
+            raise ValueError(f"trial: the study has no trial {trial}")
+        values = {path: _native(rows.iloc[0][path]) for path in self.study.parameters}
+        name = f"{self.study.base.name}, trial {trial} of {self.study.name}"
+        return self.study.design(values).replace({"name": name})
+
+    def counts(self) -> dict[str, int]:
+        """Number of trials in each state: complete, infeasible, failed, running, waiting."""
+        return {state: int((self.frame["state"] == state).sum()) for state in _STATES.values()}
+
+    def rejections(self) -> dict[str, int]:
+        """How many infeasible designs each rule rejected, most frequent first; a design may break several."""
+        counts: dict[str, int] = {}
+        infeasible = self.frame[self.frame["state"] == "infeasible"]
+        for reason, rules in zip(infeasible["reason"], infeasible["broken"], strict=True):
+            for rule in rules or [reason]:
+                counts[rule] = counts.get(rule, 0) + 1
+        return dict(sorted(counts.items(), key=lambda item: -item[1]))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data: counts, rejections, Pareto front and shortlist with parameters and scores."""
+        columns = ["trial", *self.study.parameters, *_score_columns(self.frame, self.study)]
+        return {
+            "study": self.study.name,
+            "folder": str(self.folder),
+            "objectives": dict(self.study.objectives),
+            "trials": self.counts(),
+            "rejections": self.rejections(),
+            "pareto": _rows(self.pareto, columns),
+            "picks": _rows(self.picks, [*columns, "pick"]),
+        }
+
+
+def load_results(out: str | Path) -> Results:
+    """Read the results of a study, also while it is running.
+
+    Parameters
+    ----------
+    out : str or Path
+        Folder of the study.
+
+    Returns
+    -------
+    Results
+        Its ``frame`` has one row a trial: ``trial``, ``state`` (complete, infeasible, failed, running,
+        waiting), a column for each parameter (dotted path), for each score its value, ``<score>_se`` and
+        ``<score>_bias_bound``; ``violation_mm``, ``reason`` and ``broken`` (names of the rules) of infeasible
+        designs; ``reuse_of``, the trial that evaluated an equal design before.
+
+    Raises
+    ------
+    StudyError
+        If the folder holds no study.
+    """
+    import pandas as pd
+
+    folder = Path(out)
+    with reading(folder) as (study, record):
+        rows = [_row(study, folder, trial) for trial in record.get_trials(deepcopy=False)]
+    columns = ["trial", "state", *study.parameters]
+    frame = pd.DataFrame(rows, columns=columns if not rows else None)
+    for name in (*columns, "violation_mm", "reason", "broken", "reuse_of"):
+        if name not in frame:
+            frame[name] = None
+    frame = frame.astype({"reuse_of": "Int64", "violation_mm": float})
+    return Results(folder, study, frame)
+
+
+def _row(study: Study, folder: Path, trial: "optuna.trial.FrozenTrial") -> dict[str, Any]:
+    state = _STATES[trial.state.name]
+    row: dict[str, Any] = {"trial": trial.number, "state": state, **trial.params}
+    if state == "complete":
+        row |= dict(zip(study.objectives, trial.values, strict=True))
+        saved = read_trial(folder, trial.number) or {}
+        for name, estimate in saved.get("scores", {}).items():
+            row[name] = _number(estimate["value"])
+            row[f"{name}_se"] = _number(estimate["se"])
+            row[f"{name}_bias_bound"] = _number(estimate["bias_bound"])
+        row["reuse_of"] = saved.get("reuse_of")
+    rejected = trial.user_attrs.get("rejected", {})
+    row["violation_mm"] = trial.constraints.get("violation_mm")
+    row["reason"] = rejected.get("reason", trial.user_attrs.get("failed"))
+    row["broken"] = list(rejected.get("broken", {})) or None
+    return row
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def _native(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _score_columns(frame: "pd.DataFrame", study: Study) -> list[str]:
+    names = [column.removesuffix("_se") for column in frame.columns if column.endswith("_se")]
+    names = [name for name in study.objectives if name in names] + [
+        name for name in names if name not in study.objectives
+    ]
+    return [column for name in names for column in (name, f"{name}_se")]
+
+
+def _rows(frame: "pd.DataFrame", columns: list[str]) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = []
+    for _, row in frame.iterrows():
+        values = {column: _native(row[column]) for column in columns if column in frame}
+        rows.append({name: None if value != value else value for name, value in values.items()})
+    return rows
+
+
+def losses(frame: "pd.DataFrame", objectives: Mapping[str, str]) -> NDArray[np.float64]:
+    """Objectives of the rows of a table, turned so that smaller is better; shape (rows, objectives)."""
+    columns = [
+        np.asarray(frame[name], dtype=float) * (-1.0 if way == "maximise" else 1.0)
+        for name, way in objectives.items()
+    ]
+    return np.stack(columns, axis=1)
+
+
+def pareto(frame: "pd.DataFrame", objectives: Mapping[str, str]) -> "pd.DataFrame":
+    """Rows that no other complete row beats or equals in all objectives while beating it in one.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        Table as of `load_results`.
+    objectives : mapping
+        Score to ``"maximise"`` or ``"minimise"``.
+
+    Returns
+    -------
+    DataFrame
+        The rows of the front, best first in the first objective; of equal designs the first one.
+    """
+    done = frame[(frame["state"] == "complete") & frame["reuse_of"].isna()]
+    if done.empty:
+        return done
+    loss = losses(done, objectives)
+    no_worse = (loss[:, None] <= loss[None]).all(axis=-1)
+    better = (loss[:, None] < loss[None]).any(axis=-1)
+    front = done.iloc[np.flatnonzero(~(no_worse & better).any(axis=0))]
+    first = losses(front, objectives)[:, 0]
+    return front.iloc[np.argsort(first, kind="stable")]
+
+
+def picks(frame: "pd.DataFrame", objectives: Mapping[str, str], *, most: int = 5) -> "pd.DataFrame":
+    """Shortlist of the Pareto front: the best in each objective, the knee, then the most different ones.
+
+    The knee is the design nearest to the point that is best in every objective, with each objective scaled to
+    its range over the front. A front of thousands helps nobody choose; these are the ones to compare first.
+
+    Returns
+    -------
+    DataFrame
+        At most `most` rows of the front with a column ``pick`` that says why each was chosen.
+    """
+    front = pareto(frame, objectives)
+    if front.empty:
+        return front.assign(pick=[])
+    loss = losses(front, objectives)
+    span = np.ptp(loss, axis=0)
+    scaled = (loss - loss.min(axis=0)) / np.where(span > 0, span, 1.0)
+    reasons: dict[int, list[str]] = {}
+    for column, name in enumerate(objectives):
+        reasons.setdefault(int(loss[:, column].argmin()), []).append(f"best {name}")
+    if len(front) > 1 and len(objectives) > 1:
+        reasons.setdefault(int(np.linalg.norm(scaled, axis=1).argmin()), []).append("knee")
+    while len(reasons) < min(most, len(front)):
+        distance = np.linalg.norm(scaled[:, None] - scaled[list(reasons)][None], axis=-1).min(axis=1)
+        reasons[int(distance.argmax())] = ["different"]
+    chosen = front.iloc[list(reasons)]
+    return chosen.assign(pick=[", ".join(texts) for texts in reasons.values()]).iloc[:most]
+
+
+def hypervolume(loss: NDArray[np.float64], reference: NDArray[np.float64]) -> float:
+    """Area dominated by points of two losses, up to a reference point; shape (n, 2) and (2,)."""
+    inside = loss[(loss < reference).all(axis=1)]
+    area, ceiling = 0.0, float(reference[1])
+    for first, second in inside[np.lexsort((inside[:, 1], inside[:, 0]))]:
+        if second < ceiling:
+            area += (reference[0] - first) * (ceiling - second)
+            ceiling = float(second)
+    return float(area)
+
+
+def history(frame: "pd.DataFrame", objectives: Mapping[str, str]) -> "pd.DataFrame":
+    """Progress of a study: best value of each objective, and with two objectives the hypervolume.
+
+    Returns
+    -------
+    DataFrame
+        One row a complete trial: ``trial``, each objective's best value so far, and ``hypervolume`` as a
+        share of its last value, with the worst value of each objective as the reference.
+    """
+    import pandas as pd
+
+    done = frame[frame["state"] == "complete"]
+    table: dict[str, Any] = {"trial": done["trial"].to_numpy()}
+    if done.empty:
+        return pd.DataFrame(table | {name: [] for name in objectives})
+    loss = losses(done, objectives)
+    best = np.minimum.accumulate(loss, axis=0)
+    for column, (name, way) in enumerate(objectives.items()):
+        table[name] = -best[:, column] if way == "maximise" else best[:, column]
+    if len(objectives) == 2:
+        reference = loss.max(axis=0)
+        areas = np.array([hypervolume(loss[: count + 1], reference) for count in range(len(loss))])
+        table["hypervolume"] = areas / areas[-1] if areas[-1] > 0 else areas
+    return pd.DataFrame(table)
+
+
+def importance(out: str | Path) -> dict[str, dict[str, float]] | None:
+    """Share of each objective's variation that each parameter explains (functional ANOVA of a random forest).
+
+    Returns
+    -------
+    dict or None
+        Objective to parameter to share; None while fewer than ten designs are evaluated.
+    """
+    from optuna.importance import FanovaImportanceEvaluator, get_param_importances
+    from optuna.trial import TrialState
+
+    with reading(Path(out)) as (study, record):
+        done = record.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
+        if len(done) < _FEWEST_FOR_IMPORTANCE:
+            return None
+        shares: dict[str, dict[str, float]] = {}
+        for index, name in enumerate(study.objectives):
+            values = np.array([trial.values[index] for trial in done])
+            if np.ptp(values) == 0:
+                continue
+
+            def target(trial: "optuna.trial.FrozenTrial", index: int = index) -> float:
+                return float(trial.values[index])
+
+            evaluator = FanovaImportanceEvaluator(seed=study.seed)
+            found = get_param_importances(record, evaluator=evaluator, target=target)
+            shares[name] = {path: float(share) for path, share in found.items()}
+    return shares

@@ -1,0 +1,176 @@
+"""Run a study: in this process or several, with progress, interruptible and resumable."""
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from designlab.design import Design
+from designlab.study.definition import Study
+from designlab.study.folder import opened
+from designlab.study.interrupts import Interrupts
+from designlab.study.results import Results, load_results
+from designlab.study.search import Evaluator, Search, Submit
+
+_DEATHS = 3  # deaths of worker processes in one run after which it stops
+
+
+class StudyInterrupted(RuntimeError):
+    """A study was stopped by the user; the text says how far it came and how to resume it."""
+
+
+def default_evaluator(design: Design, /, *, fidelity: str, seed: int) -> Any:
+    """Score a design by simulation, with `designlab.evaluate.evaluate`."""
+    from designlab.evaluate import evaluate
+
+    return evaluate(design, fidelity=fidelity, seed=seed)
+
+
+def run_study(
+    study: Study,
+    *,
+    out: str | Path,
+    trials: int | None = None,
+    workers: int = 1,
+    progress: bool = True,
+    evaluator: Evaluator | None = None,
+) -> Results:
+    """Run a study until its number of designs is evaluated; go on where an earlier run in the folder ended.
+
+    Every design is evaluated with the study's own seed, so designs are compared under the same random
+    numbers. Infeasible designs are recorded and never evaluated, equal designs are evaluated once. With one
+    worker, a study that was killed and resumed gives the same trials as one that was not.
+
+    Parameters
+    ----------
+    study : Study
+        What to vary and what to improve.
+    out : str or Path
+        Folder of the study: ``study.toml``, the record ``study.db``, and design and score of each evaluated
+        trial under ``trials/NNNN``.
+    trials : int, optional
+        Number of evaluated designs in the end, those of earlier runs included; the study's own when absent.
+    workers : int
+        Processes that evaluate at the same time. With more than one, a script needs the usual
+        ``if __name__ == "__main__":`` guard, and `evaluator` must be a function of a module.
+    progress : bool
+        Whether to show a bar with the time left on stderr.
+    evaluator : callable, optional
+        Called as ``evaluator(design, fidelity=..., seed=...)``; simulation when absent.
+
+    Returns
+    -------
+    Results
+        All trials so far.
+
+    Raises
+    ------
+    StudyError
+        If the folder holds another study, or an objective names no score.
+    StudyInterrupted
+        If the user pressed Ctrl-C; nothing that was finished is lost.
+    RuntimeError
+        If evaluations fail repeatedly, no feasible design is found, or another run holds the folder.
+    """
+    total = study.trials if trials is None else trials
+    if total < 1 or workers < 1:
+        raise ValueError(f"trials and workers must be at least 1, got trials {total}, workers {workers}")
+    folder = Path(out)
+    with opened(folder, study) as record:
+        search = Search(study, folder, record, evaluator or default_evaluator)
+        search.recover()
+        with _bar(total, search, shown=progress) as update, Interrupts() as interrupts:
+            try:
+                _run(search, total, workers, interrupts, update)
+            except KeyboardInterrupt:
+                raise StudyInterrupted(
+                    f"study {study.name!r} interrupted after {search.done} of {total} designs; "
+                    f"run it again with the same folder, {folder}, to resume"
+                ) from None
+    return load_results(folder)
+
+
+def _run(
+    search: Search, total: int, workers: int, interrupts: Interrupts, update: Callable[[], None]
+) -> None:
+    for deaths in range(1, _DEATHS + 1):
+        try:
+            with _submitter(workers, interrupts) as submit:
+                search.run(total, workers=workers, submit=submit, interrupts=interrupts, on_progress=update)
+                return
+        except BrokenProcessPool as error:
+            search.recover()
+            if deaths == _DEATHS:
+                raise RuntimeError(
+                    f"worker processes died {deaths} times, perhaps for lack of memory with {workers} workers"
+                ) from error
+        except BaseException:
+            search.recover(interrupted=True)
+            raise
+
+
+@contextlib.contextmanager
+def _submitter(workers: int, interrupts: Interrupts) -> Iterator[Submit]:
+    """Give the function that starts an evaluation: here and now, or in one of several processes."""
+    if workers == 1:
+        yield _evaluator_here(interrupts)
+        return
+    import multiprocessing
+
+    context = multiprocessing.get_context("spawn")  # a forked copy of a renderer with threads would hang
+    receiver, sender = context.Pipe(duplex=False)
+    with ProcessPoolExecutor(workers, context, initializer=_start_worker, initargs=(receiver,)) as pool:
+        try:
+            yield pool.submit
+        except BaseException:
+            sender.close()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _evaluator_here(interrupts: Interrupts) -> Submit:
+    def submit(function: Callable[..., dict[str, Any]], /, *arguments: Any) -> Future[dict[str, Any]]:
+        future: Future[dict[str, Any]] = Future()
+        try:
+            with interrupts.allowed():
+                future.set_result(function(*arguments))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+    return submit
+
+
+def _start_worker(receiver: "Connection[Any, Any]") -> None:
+    """Prepare a worker: Ctrl-C is for the parent alone, and the worker leaves with its parent, at once."""
+    import os
+    import signal
+    import threading
+
+    def leave_with_parent() -> None:
+        with contextlib.suppress(EOFError, OSError):
+            receiver.recv()
+        os._exit(1)
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=leave_with_parent, daemon=True).start()
+
+
+@contextlib.contextmanager
+def _bar(total: int, search: Search, *, shown: bool) -> Iterator[Callable[[], None]]:
+    """Show done, total and time left on stderr."""
+    from tqdm import tqdm
+
+    with tqdm(
+        total=total, initial=search.done, unit="design", file=sys.stderr, disable=not shown, leave=True
+    ) as bar:
+
+        def update() -> None:
+            bar.update(search.done - bar.n)
+            bar.set_postfix_str(f"{search.infeasible} infeasible", refresh=False)
+
+        yield update

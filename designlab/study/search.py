@@ -1,0 +1,334 @@
+"""The search: draw designs, set aside what cannot be built, evaluate the rest, and record all of it."""
+
+import math
+import warnings
+from collections.abc import Callable, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+
+from designlab.design import Design, DesignError, InfeasibleDesign, dumps
+from designlab.store import atomic_folder, write_json
+from designlab.study.definition import Parameter, Study, StudyError
+from designlab.study.folder import read_trial, trial_folder
+from designlab.study.interrupts import Interrupts
+
+if TYPE_CHECKING:
+    import optuna
+
+REFUSED_MM = 1000.0
+"""Violation of a design that is refused before its rules can be measured: worse than any that can."""
+
+_PATIENCE = 20  # infeasible designs in a row after which every other one is drawn at random
+_GIVE_UP = 1000  # infeasible designs in a row after which the ranges are taken to hold no feasible one
+_FAILURES = 5  # failed evaluations in a row after which something other than the design is at fault
+
+
+class Evaluator(Protocol):
+    """What turns a design into scores; the result has ``scores``, and may have ``seconds``."""
+
+    def __call__(self, design: Design, /, *, fidelity: str, seed: int) -> Any:
+        """Return the score of a feasible design."""
+
+
+class Submit(Protocol):
+    """Where evaluations are carried out."""
+
+    def __call__(self, function: Callable[..., dict[str, Any]], /, *arguments: Any) -> Future[dict[str, Any]]:
+        """Start one evaluation."""
+
+
+class Task(NamedTuple):
+    """A design under evaluation and the trial it belongs to."""
+
+    trial: "optuna.Trial"
+    design: Design
+
+
+def evaluate_design(evaluator: Evaluator, design: Design, fidelity: str, seed: int) -> dict[str, Any]:
+    """Evaluate one design; plain data, so that it can cross processes and be stored as JSON.
+
+    Returns
+    -------
+    dict
+        ``scores`` (name to ``value``, ``se``, ``bias_bound``, ``unit``), ``margins`` and ``seconds``; or
+        ``infeasible`` or ``failed`` with the reason. Any other exception is a defect and passes through.
+    """
+    try:
+        score = evaluator(design, fidelity=fidelity, seed=seed)
+    except InfeasibleDesign as error:
+        return {"infeasible": str(error)}
+    except RuntimeError as error:
+        if type(error).__name__ != "RenderFailed":  # by name: a search must not load the renderer
+            raise
+        return {"failed": str(error)}
+    scores = {
+        name: {
+            "value": _finite(estimate.value),
+            "se": _finite(estimate.se),
+            "bias_bound": _finite(estimate.bias_bound),
+            "unit": estimate.unit,
+        }
+        for name, estimate in score.scores.items()
+    }
+    return {"scores": scores, "margins": dict(design.margins()), "seconds": _plain(score, "seconds")}
+
+
+def _finite(value: Any) -> float | None:
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
+def _plain(score: Any, name: str) -> Any:
+    found = getattr(score, name, None)
+    return dict(found) if isinstance(found, Mapping) else found
+
+
+class Search:
+    """One run of a study on its record.
+
+    A trial takes a slot: 0, 1, 2, ... The seed of a draw depends on the study's seed and the slot alone, so a
+    run that was interrupted and resumed proposes what an uninterrupted one does.
+    """
+
+    def __init__(self, study: Study, folder: Path, record: "optuna.Study", evaluator: Evaluator) -> None:
+        self.study = study
+        self.folder = folder
+        self.record = record
+        self.evaluator = evaluator
+        self.distributions = {path: distribution(study, path) for path in study.parameters}
+        self._known: dict[str, int] = {}  # design digest -> number of the trial that evaluated it
+        self._followers: dict[str, list[Task]] = {}  # trials that wait for an equal design under evaluation
+        self._rejected = 0
+        self._failed = 0
+        self.done = 0
+        self.infeasible = 0
+
+    def recover(self, *, interrupted: bool = False) -> None:
+        """Settle the trials that were running when their run ended.
+
+        One whose score had been written is completed from it. Any other is marked failed and its design tried
+        again: always after an interruption by the user, once after a death of the process, since the design
+        may have been its cause.
+        """
+        from optuna.trial import TrialState
+
+        trials = self.record.get_trials(deepcopy=False)
+        retried = {trial.user_attrs.get("retry_of") for trial in trials}
+        for trial in trials:
+            if trial.state != TrialState.RUNNING:
+                continue
+            saved = read_trial(self.folder, trial.number)
+            if saved is not None:
+                self.record.tell(trial.number, self._values(saved["scores"]))
+                continue
+            deaths = trial.user_attrs.get("deaths", 0) + (0 if interrupted else 1)
+            complete = "slot" in trial.user_attrs and set(trial.params) == set(self.distributions)
+            if complete and deaths < 2 and trial.number not in retried:
+                attributes = {"slot": trial.user_attrs["slot"], "retry_of": trial.number, "deaths": deaths}
+                self.record.enqueue_trial(dict(trial.params), user_attrs=attributes)
+            self.record.tell(trial.number, state=TrialState.FAIL)
+        self._followers.clear()
+        self._count()
+
+    def _count(self) -> None:
+        """Learn from the record which designs are done."""
+        from optuna.trial import TrialState
+
+        complete = self.record.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
+        self.infeasible = len(self.record.get_trials(deepcopy=False, states=(TrialState.PRUNED,)))
+        self.done = len(complete)
+        for trial in complete:
+            self._known.setdefault(self.study.design(trial.params).digest, trial.number)
+
+    def run(
+        self,
+        total: int,
+        *,
+        workers: int,
+        submit: Submit,
+        interrupts: Interrupts,
+        on_progress: Callable[[], None],
+    ) -> None:
+        """Evaluate designs until `total` trials are complete."""
+        running: dict[Future[dict[str, Any]], Task] = {}
+        while True:
+            while len(running) < workers and self._started(running) < total:
+                interrupts.check()
+                task = self._propose()
+                if task is not None:
+                    arguments = (self.evaluator, task.design, self.study.fidelity, self.study.seed)
+                    running[submit(evaluate_design, *arguments)] = task
+                    self._followers[task.design.digest] = []
+                on_progress()
+            if not running:
+                return
+            with interrupts.allowed():
+                finished = wait(running, return_when=FIRST_COMPLETED).done
+            for future in finished:
+                self._finish(running[future], future.result())
+                del running[future]
+            on_progress()
+
+    def _started(self, running: Mapping[Any, Task]) -> int:
+        return self.done + len(running) + sum(len(tasks) for tasks in self._followers.values())
+
+    def _propose(self) -> Task | None:
+        """Draw one design; None if it is settled without an evaluation: infeasible, or known already."""
+        slot, attempt = self._free_slot()
+        entropy = np.random.SeedSequence([self.study.seed, slot, attempt])
+        at_random = self._rejected > _PATIENCE and self._rejected % 2 == 1
+        self.record.sampler = sampler(self.study, int(entropy.generate_state(1)[0]), at_random=at_random)
+        trial = self.record.ask(self.distributions)
+        if "slot" not in trial.user_attrs:
+            trial.set_user_attr("slot", slot)
+        try:
+            design = self.study.design(trial.params)
+        except DesignError as error:
+            self._reject(trial, str(error).removeprefix("replace(): "), {})
+            return None
+        broken = {rule: margin for rule, margin in design.margins().items() if margin > 0}
+        if broken:
+            self._reject(trial, ", ".join(broken), broken)
+            return None
+        self._rejected = 0
+        task = Task(trial, design)
+        if design.digest in self._known:
+            self._reuse(task, self._known[design.digest])
+            return None
+        if design.digest in self._followers:
+            self._followers[design.digest].append(task)
+            return None
+        return task
+
+    def _free_slot(self) -> tuple[int, int]:
+        """Smallest slot that no trial holds, and how many designs drawn for it were abandoned."""
+        from optuna.trial import TrialState
+
+        taken: set[int] = set()
+        attempts: dict[int, int] = {}
+        for trial in self.record.get_trials(deepcopy=False):
+            slot = trial.user_attrs.get("slot")
+            if slot is None:
+                continue
+            failed = trial.state == TrialState.FAIL
+            if not failed:
+                taken.add(slot)
+            attempts[slot] = attempts.get(slot, 0) + failed - ("retry_of" in trial.user_attrs)
+        slot = next(slot for slot in range(len(taken) + 1) if slot not in taken)
+        return slot, attempts.get(slot, 0)
+
+    def _reject(self, trial: "optuna.Trial", reason: str, broken: Mapping[str, float]) -> None:
+        """Record an infeasible design: pruned, with a constraint from which the sampler learns."""
+        from optuna.trial import TrialState
+
+        violation_mm = sum(broken.values()) if broken else REFUSED_MM
+        trial.set_user_attr("rejected", {"reason": reason, "broken": dict(broken)})
+        trial.set_constraint("violation_mm", violation_mm)
+        self.record.tell(trial, state=TrialState.PRUNED)
+        self.infeasible += 1
+        self._rejected += 1
+        if self._rejected >= _GIVE_UP:
+            raise RuntimeError(
+                f"study {self.study.name!r}: no feasible design among the last {_GIVE_UP}; the last breaks "
+                f"{reason}. Change the ranges or the base design"
+            )
+
+    def _finish(self, task: Task, outcome: dict[str, Any]) -> None:
+        followers = self._followers.pop(task.design.digest, [])
+        if "infeasible" in outcome:
+            for trial, _ in (task, *followers):
+                self._reject(trial, outcome["infeasible"], {})
+            return
+        reason = outcome.get("failed") or self._unusable(outcome["scores"])
+        if reason:
+            for trial, _ in (task, *followers):
+                self._fail(trial, reason)
+            return
+        self._failed = 0
+        self._complete(task, outcome)
+        self._known[task.design.digest] = task.trial.number
+        for follower in followers:
+            self._reuse(follower, task.trial.number)
+
+    def _fail(self, trial: "optuna.Trial", reason: str) -> None:
+        from optuna.trial import TrialState
+
+        trial.set_user_attr("failed", reason)
+        self.record.tell(trial, state=TrialState.FAIL)
+        self._failed += 1
+        if self.done == 0 or self._failed >= _FAILURES:
+            raise RuntimeError(f"study {self.study.name!r}: trial {trial.number} failed: {reason}")
+
+    def _complete(self, task: Task, outcome: Mapping[str, Any]) -> None:
+        # The folder comes first: after a kill before the record knows of it, the trial is completed from it.
+        content = {"trial": task.trial.number, "parameters": task.trial.params, **outcome}
+        with atomic_folder(trial_folder(self.folder, task.trial.number), replace=True) as folder:
+            (folder / "design.toml").write_text(dumps(task.design), encoding="utf-8")
+            write_json(folder / "score.json", content)
+        self.record.tell(task.trial, self._values(outcome["scores"]))
+        self.done += 1
+
+    def _reuse(self, task: Task, number: int) -> None:
+        """Complete a trial with the score of an equal design."""
+        saved = read_trial(self.folder, number)
+        if saved is None:
+            raise StudyError(f"{trial_folder(self.folder, number)}: the score of a complete trial is missing")
+        score = {name: saved[name] for name in ("scores", "margins", "seconds")}
+        self._complete(task, score | {"reuse_of": number})
+
+    def _values(self, scores: Mapping[str, Mapping[str, Any]]) -> list[float]:
+        return [float(scores[name]["value"]) for name in self.study.objectives]
+
+    def _unusable(self, scores: Mapping[str, Mapping[str, Any]]) -> str | None:
+        """Why scores cannot serve the objectives, if so; an objective that is no score is an error."""
+        for name in self.study.objectives:
+            if name not in scores:
+                raise StudyError(f"field objectives: no score is called {name!r}, only {', '.join(scores)}")
+            if scores[name]["value"] is None:
+                return f"{name} is not a finite number"
+        return None
+
+
+def distribution(study: Study, path: str) -> "optuna.distributions.BaseDistribution":
+    """Return the search range of a parameter."""
+    from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
+
+    parameter: Parameter = study.parameters[path]
+    if parameter.choices is not None or parameter.low is None or parameter.high is None:
+        return CategoricalDistribution(parameter.choices or ())
+    low, high, step = parameter.low, parameter.high, parameter.step
+    if step is not None:
+        high = low + math.floor((high - low) / step + 1e-9) * step
+    if study.is_integer(path):
+        return IntDistribution(int(low), int(high), log=parameter.log, step=int(step or 1))
+    return FloatDistribution(low, high, log=parameter.log, step=step)
+
+
+def sampler(study: Study, seed: int, *, at_random: bool = False) -> "optuna.samplers.BaseSampler":
+    """Return the sampler of a study for one draw."""
+    import optuna
+    from optuna import samplers
+
+    if study.sampler == "random" or at_random:
+        return samplers.RandomSampler(seed=seed)
+    if study.sampler == "nsga2":
+        return samplers.NSGAIISampler(population_size=min(50, max(8, study.trials // 4)), seed=seed)
+    if study.sampler == "qmc":
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+            # The sequence is one for the whole study; its position is kept in the record.
+            return samplers.QMCSampler(
+                scramble=True,
+                seed=study.seed,
+                warn_asynchronous_seeding=False,
+                warn_independent_sampling=False,
+            )
+    if study.sampler == "gp":
+        import importlib.util
+
+        if importlib.util.find_spec("torch") is None:
+            raise StudyError("field sampler: 'gp' needs PyTorch, which is not installed (pip install torch)")
+        return samplers.GPSampler(seed=seed, warn_independent_sampling=False)
+    return samplers.TPESampler(seed=seed)

@@ -1,0 +1,152 @@
+"""Sweeps over full grids, and the optimisation as a notebook would call it."""
+
+import itertools
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from pydantic import ValidationError
+
+from designlab.design import Design, DesignError, explain
+from designlab.study.definition import DEFAULT_OBJECTIVES, Parameter, Study, StudyError
+from designlab.study.results import Results
+from designlab.study.runner import default_evaluator, run_study
+from designlab.study.search import Evaluator, evaluate_design
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Fidelity = Literal["fast", "standard", "reference"]
+
+
+def sweep(
+    design: Design,
+    values: Mapping[str, Iterable[Any]],
+    *,
+    fidelity: Fidelity = "fast",
+    seed: int = 0,
+    progress: bool = True,
+    evaluator: Evaluator | None = None,
+) -> "pd.DataFrame":
+    """Evaluate every combination of the given values.
+
+    Parameters
+    ----------
+    design : Design
+        The design to start from.
+    values : mapping
+        Field by dotted path to the values it takes, for example ``{"leds.tilt_deg": range(0, 60, 10)}``.
+    fidelity : {"fast", "standard", "reference"}
+        Effort of an evaluation.
+    seed : int
+        Seed of every evaluation: designs are compared under the same random numbers.
+    progress : bool
+        Whether to show a bar with the time left on stderr.
+    evaluator : callable, optional
+        Called as ``evaluator(design, fidelity=..., seed=...)``; simulation when absent.
+
+    Returns
+    -------
+    DataFrame
+        One row a design: a column for each field, ``feasible``, ``reason`` (why a design was not evaluated,
+        else empty), and for each score its value and ``<score>_se``. Infeasible designs are not evaluated.
+
+    Raises
+    ------
+    DesignError
+        If a path names no field of a design.
+    """
+    import pandas as pd
+    from tqdm import tqdm
+
+    grid = {path: list(chosen) for path, chosen in values.items()}
+    if not grid or not all(grid.values()):
+        raise ValueError("values: give at least one field, and at least one value for each")
+    combinations = [dict(zip(grid, chosen, strict=True)) for chosen in itertools.product(*grid.values())]
+    rows = [
+        _sweep_row(design, combination, evaluator or default_evaluator, fidelity, seed)
+        for combination in tqdm(combinations, unit="design", file=sys.stderr, disable=not progress)
+    ]
+    return pd.DataFrame(rows)
+
+
+def _sweep_row(
+    base: Design, values: Mapping[str, Any], evaluator: Evaluator, fidelity: str, seed: int
+) -> dict[str, Any]:
+    try:
+        design = base.replace(values)
+    except DesignError as error:
+        text = str(error).removeprefix("replace(): ")
+        if text.startswith("no field"):
+            raise
+        return {**values, "feasible": False, "reason": text}
+    broken = [rule for rule, margin in design.margins().items() if margin > 0]
+    if broken:
+        return {**values, "feasible": False, "reason": ", ".join(broken)}
+    outcome = evaluate_design(evaluator, design, fidelity, seed)
+    if "scores" not in outcome:
+        reason = outcome.get("infeasible") or outcome["failed"]
+        return {**values, "feasible": "failed" in outcome, "reason": reason}
+    row = {**values, "feasible": True, "reason": ""}
+    for name, estimate in outcome["scores"].items():
+        row |= {name: estimate["value"], f"{name}_se": estimate["se"]}
+    return row
+
+
+def optimise(
+    design: Design,
+    parameters: Mapping[str, Parameter | tuple[float, float] | Sequence[Any]],
+    *,
+    out: str | Path,
+    objectives: Mapping[str, Literal["maximise", "minimise"]] | None = None,
+    trials: int = 40,
+    fidelity: Fidelity = "fast",
+    seed: int = 0,
+    sampler: Literal["tpe", "nsga2", "random", "qmc", "gp"] = "tpe",
+    workers: int = 1,
+    progress: bool = True,
+    evaluator: Evaluator | None = None,
+) -> Results:
+    """Search for better designs; the same call again resumes, see `run_study`.
+
+    Parameters
+    ----------
+    design : Design
+        The design to start from.
+    parameters : mapping
+        Field by dotted path to a range as a tuple ``(low, high)``, a list of choices, or a `Parameter`.
+    out : str or Path
+        Folder of the study.
+    objectives : mapping, optional
+        Score to ``"maximise"`` or ``"minimise"``; best uniformity and least normal error when absent.
+    trials, fidelity, seed, sampler, workers, progress, evaluator
+        As in `Study` and `run_study`.
+
+    Raises
+    ------
+    StudyError
+        If a parameter does not fit its field; names field, value and rule.
+    """
+    try:
+        study = Study(
+            name=f"{design.name} search",
+            base=design,
+            parameters={path: _parameter(given) for path, given in parameters.items()},
+            objectives=dict(objectives or DEFAULT_OBJECTIVES),
+            trials=trials,
+            fidelity=fidelity,
+            seed=seed,
+            sampler=sampler,
+        )
+    except ValidationError as error:
+        raise StudyError(f"optimise(): {explain(error)}") from None
+    return run_study(study, out=out, workers=workers, progress=progress, evaluator=evaluator)
+
+
+def _parameter(given: Parameter | tuple[float, float] | Sequence[Any]) -> Parameter:
+    if isinstance(given, Parameter):
+        return given
+    if isinstance(given, tuple) and len(given) == 2:
+        return Parameter(low=given[0], high=given[1])
+    return Parameter(choices=tuple(given))

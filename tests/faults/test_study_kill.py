@@ -1,0 +1,164 @@
+"""A study whose process is killed without warning, at any moment, loses and repeats nothing."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import Counter
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from designlab.study import Parameter, Study, load_results
+
+TRIALS = 10
+
+PROGRAM = """
+import math, os, sys, time
+from types import SimpleNamespace
+from designlab.study import load_study, run_study
+
+def evaluator(design, *, fidelity, seed):
+    log(design, "start")
+    time.sleep(0.15)
+    log(design, "end")
+    tilt = design.leds.tilt_deg
+    estimate = lambda value: SimpleNamespace(value=value, se=0.0, bias_bound=0.0, unit="1")
+    return SimpleNamespace(scores={
+        "uniformity_u0": estimate(math.exp(-((tilt - 30) / 40) ** 2)),
+        "normal_error_median_deg": estimate(1 + ((tilt - 10) / 20) ** 2),
+    })
+
+def log(design, event):
+    with open(os.environ["EVALUATIONS"], "a") as file:
+        file.write(f"{design.digest} {event} {os.getpid()}\\n")
+
+if __name__ == "__main__":
+    folder, workers = sys.argv[1], int(sys.argv[2])
+    run_study(load_study(folder + ".toml"), out=folder, workers=workers, progress=False, evaluator=evaluator)
+"""
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Start the study of a folder in a process of its own; killed at the end whatever happens."""
+    from designlab.study import dumps_study
+
+    study = Study(
+        base="gelsight-2020-flat",
+        parameters={
+            "leds.tilt_deg": Parameter(low=-20, high=60),
+            "leds.height_mm": Parameter(low=1, high=14),  # the lowest are infeasible
+        },
+        trials=TRIALS,
+        seed=5,
+    )
+    program = tmp_path / "program.py"
+    program.write_text(PROGRAM)
+    processes = []
+
+    def starter(name, workers=1):
+        (tmp_path / f"{name}.toml").write_text(dumps_study(study))
+        environment = os.environ | {"EVALUATIONS": str(tmp_path / f"{name}.log"), "OMP_NUM_THREADS": "1"}
+        arguments = [sys.executable, str(program), str(tmp_path / name), str(workers)]
+        processes.append(subprocess.Popen(arguments, env=environment, stderr=subprocess.PIPE, text=True))
+        return processes[-1]
+
+    yield starter
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+def finish(process):
+    _, errors = process.communicate(timeout=120)
+    assert process.returncode == 0, errors
+
+
+def kill_after(process, log, events, delay_s):
+    """Kill the process some time after a number of new lines in its log; False if it ended before."""
+    already = len(log.read_text().splitlines()) if log.exists() else 0
+    deadline = time.monotonic() + 120
+    while not log.exists() or len(log.read_text().splitlines()) < already + events:
+        if process.poll() is not None:
+            return False
+        assert time.monotonic() < deadline, "no progress"
+        time.sleep(0.005)
+    time.sleep(delay_s)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    return True
+
+
+def complete(folder):
+    frame = load_results(folder).frame
+    return frame[frame["state"] == "complete"].drop(columns="trial").reset_index(drop=True)
+
+
+@pytest.mark.slow
+def test_killed_studies_end_like_one_that_was_not(tmp_path, start):
+    finish(start("whole"))
+    folder, log = tmp_path / "cut", tmp_path / "cut.log"
+    random = np.random.default_rng(0)
+    kept = pd.DataFrame()
+    kills = 0
+    # Three log lines into a run: in the second evaluation, while it is stored, or while the next is drawn.
+    while kill_after(start("cut"), log, 3, random.uniform(0, 0.3)):
+        kills += 1
+        now = complete(folder)
+        if len(kept):
+            pd.testing.assert_frame_equal(now.iloc[: len(kept)], kept)
+        kept = now
+    assert kills >= 3
+    finish(start("cut"))
+
+    whole, cut = complete(tmp_path / "whole"), complete(folder)
+    assert len(cut) == TRIALS
+    pd.testing.assert_frame_equal(cut, whole)
+    counts = load_results(folder).counts()
+    assert counts["running"] == counts["waiting"] == 0
+    assert counts["failed"] <= kills
+    ended = Counter(line.split()[0] for line in log.read_text().splitlines() if line.split()[1] == "end")
+    # A design is evaluated again only if the kill fell between the end of its evaluation and its storage.
+    assert sum(ended.values()) <= TRIALS + kills
+    assert len(ended) == TRIALS
+
+
+@pytest.mark.slow
+def test_workers_die_with_their_parent_and_the_study_goes_on(tmp_path, start):
+    folder, log = tmp_path / "many", tmp_path / "many.log"
+    process = start("many", workers=2)
+    assert kill_after(process, log, 5, 0.05)
+    workers = {int(line.split()[2]) for line in log.read_text().splitlines()}
+    deadline = time.monotonic() + 20
+    while any(alive(worker) for worker in workers):
+        assert time.monotonic() < deadline, "a worker outlived its parent"
+        time.sleep(0.05)
+    finished = len(complete(folder))
+    finish(start("many", workers=2))
+    assert 1 <= finished < len(complete(folder)) == TRIALS
+
+
+def alive(process_id):
+    try:
+        with open(f"/proc/{process_id}/stat") as file:
+            return file.read().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.slow
+def test_a_design_that_kills_its_process_is_given_up_after_the_second_time(tmp_path, start):
+    folder, log = tmp_path / "deadly", tmp_path / "deadly.log"
+    for _ in range(2):
+        assert kill_after(start("deadly"), log, 1, 0.05)  # always within the first evaluation
+    started = [line.split()[0] for line in log.read_text().splitlines()]
+    assert started[0] == started[1]
+    finish(start("deadly"))
+    results = load_results(folder)
+    assert results.counts()["complete"] == TRIALS
+    assert results.counts()["failed"] == 2
+    assert started[0] not in {results.design(int(t)).digest for t in results.pareto["trial"]}
+    assert log.read_text().count(f"{started[0]} start") == 2

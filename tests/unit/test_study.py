@@ -1,0 +1,622 @@
+"""Studies on an evaluator with a closed form, so that the search is judged without rendering."""
+
+import json
+import math
+import os
+import signal
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from designlab import design as designs
+from designlab.design import DesignError, InfeasibleDesign, preset
+from designlab.study import (
+    Parameter,
+    Study,
+    StudyError,
+    StudyInterrupted,
+    dumps_study,
+    history,
+    importance,
+    load_results,
+    load_study,
+    optimise,
+    pareto,
+    picks,
+    run_study,
+    sweep,
+)
+from designlab.study.results import hypervolume, losses
+
+RANGES = {"leds.tilt_deg": Parameter(low=-20, high=60), "leds.height_mm": Parameter(low=5, high=14)}
+BEST_TILT_DEG = {"uniformity_u0": 30.0, "normal_error_median_deg": 10.0}
+OBJECTIVES = {"uniformity_u0": "maximise", "normal_error_median_deg": "minimise"}
+
+
+@dataclass
+class Estimate:
+    value: float
+    se: float = 0.01
+    bias_bound: float = 0.0
+    unit: str = "1"
+
+
+@dataclass
+class Score:
+    scores: dict[str, Estimate]
+    seconds: float = 0.0
+
+
+def closed_form(design, *, fidelity, seed):
+    """Two scores that disagree about the tilt and agree about a height of 8 mm."""
+    tilt, height = design.leds.tilt_deg, design.leds.height_mm
+    loss = ((height - 8.0) / 10.0) ** 2
+    return Score(
+        {
+            "uniformity_u0": Estimate(math.exp(-(((tilt - 30.0) / 40.0) ** 2) - loss)),
+            "normal_error_median_deg": Estimate(1 + ((tilt - 10.0) / 20.0) ** 2 + loss, unit="deg"),
+            "height_mae_um": Estimate(10.0 * height, unit="um"),
+        }
+    )
+
+
+class Counting:
+    """The closed form, remembering which designs it was asked for."""
+
+    def __init__(self, answer=closed_form):
+        self.answer = answer
+        self.digests = []
+
+    def __call__(self, design, *, fidelity, seed):
+        self.digests.append(design.digest)
+        return self.answer(design, fidelity=fidelity, seed=seed)
+
+
+def make(**changes):
+    content = {"name": "ring", "base": "gelsight-2020-flat", "parameters": RANGES, "trials": 6}
+    return Study.model_validate(content | changes)
+
+
+def run(study, out, **options):
+    return run_study(study, out=out, progress=False, **({"evaluator": closed_form} | options))
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "study-file.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+HEAD = 'version = 1\nbase = "gelsight-2020-flat"\n'
+
+
+# --- definition -----------------------------------------------------------------------------------
+
+
+def test_a_study_file_is_read_with_defaults_and_written_back(tmp_path):
+    text = (
+        HEAD
+        + "[parameters.leds.tilt_deg]\nlow = 0\nhigh = 60\n[parameters.leds.height_mm]\nchoices = [6, 8]\n"
+    )
+    study = load_study(write(tmp_path, text))
+    assert set(study.parameters) == {"leds.tilt_deg", "leds.height_mm"}
+    assert study.parameters["leds.tilt_deg"].high == 60
+    assert study.objectives == OBJECTIVES
+    assert study.base == preset("gelsight-2020-flat")
+    again = load_study(write(tmp_path, dumps_study(study)))
+    assert again == study
+    assert again.digest == study.digest
+
+
+def test_a_design_file_is_found_beside_the_study_file(tmp_path):
+    design = preset("gelsight-2020-flat").replace({"leds.tilt_deg": 7.0})
+    (tmp_path / "mine.toml").write_text(designs.dumps(design), encoding="utf-8")
+    text = 'version = 1\nbase = "mine.toml"\n[parameters.leds.tilt_deg]\nlow = 0\nhigh = 60\n'
+    assert load_study(write(tmp_path, text)).base == design
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (HEAD.replace("1", "2"), r"field version: has format version 2, this designlab reads 1"),
+        ('base = "default"\n', r"field version: has no format version, this designlab reads 1"),
+        ("version = 1\nbase = ", r"study-file\.toml: not valid TOML"),
+        (HEAD, r"study-file\.toml: field parameters: Field required"),
+        (
+            HEAD + "trails = 3\n[parameters.leds.tilt_deg]\nlow = 0\nhigh = 1\n",
+            r"field trails: unknown field",
+        ),
+        (
+            HEAD + "[parameters.leds.tilt_deg]\nlow = 0\nhigh = 100\n",
+            r"field parameters: leds\.tilt_deg: .*less than or equal to 90, got 100\.0",
+        ),
+        (HEAD + "[parameters.leds.tilt]\nlow = 0\nhigh = 1\n", r"no field 'leds\.tilt' in a design"),
+        (
+            HEAD + '[parameters.optics.gelcore_material]\nchoices = ["acrylic", "chalk"]\n',
+            r"field parameters: optics\.gelcore_material: .*chalk",
+        ),
+        (
+            HEAD + "[parameters.leds.groups.0.count]\nlow = 1\nhigh = 3.5\n",
+            r"field parameters: leds\.groups\.0\.count: .*integer.*got 3\.5",
+        ),
+        (
+            HEAD + "[parameters.leds.tilt_deg]\nlow = 9\nhigh = 3\n",
+            r"field parameters\.leds\.tilt_deg: low must be below high, got low 9, high 3",
+        ),
+        (
+            HEAD + "[parameters.leds.tilt_deg]\nlow = 0\nhigh = 3\nlog = true\n",
+            r"logarithmic range needs low above 0, got low 0",
+        ),
+        (HEAD + "[parameters.leds.tilt_deg]\nlow = 0\n", r"give low and high, or choices"),
+        (HEAD + "[parameters.leds.tilt_deg]\nlow = 0\nchoices = [1]\n", r"either choices, or low and high"),
+        (
+            'version = 1\nbase = "nonesuch"\n[parameters.leds.tilt_deg]\nlow = 0\nhigh = 1\n',
+            r"field base: nonesuch: no such file, and no preset of that name",
+        ),
+    ],
+)
+def test_a_bad_study_file_is_refused_by_file_field_and_rule(tmp_path, text, message):
+    with pytest.raises(StudyError, match=message) as caught:
+        load_study(write(tmp_path, text))
+    assert "study-file.toml" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_study_file_is_named(tmp_path):
+    with pytest.raises(StudyError, match=r"absent\.toml: cannot be read: No such file"):
+        load_study(tmp_path / "absent.toml")
+
+
+def test_elements_of_a_position_can_vary():
+    study = make(parameters={"camera.position_mm.2": Parameter(low=35, high=45)})
+    before = study.base.camera.position_mm
+    assert study.design({"camera.position_mm.2": 40.0}).camera.position_mm == (before[0], before[1], 40.0)
+    assert study.unit("camera.position_mm.2") == "mm"
+
+
+def test_the_digest_ignores_names_and_effort_and_nothing_else():
+    study = make()
+    assert study.digest == make(name="other", trials=99).digest
+    for change in (
+        {"seed": 1},
+        {"sampler": "random"},
+        {"fidelity": "standard"},
+        {"objectives": {"height_mae_um": "minimise"}},
+        {"parameters": RANGES | {"leds.height_mm": Parameter(low=5, high=13)}},
+        {"base": preset("gelsight-2020-flat").replace({"leds.radius_mm": 12.0})},
+    ):
+        assert make(**change).digest != study.digest
+        assert study.differences(make(**change)) == list(change)
+
+
+# --- search ---------------------------------------------------------------------------------------
+
+
+def test_each_evaluated_trial_keeps_its_design_and_its_score(tmp_path):
+    study = make()
+    results = run(study, tmp_path)
+    assert results.counts() == {"complete": 6, "infeasible": 0, "failed": 0, "running": 0, "waiting": 0}
+    for _, row in results.frame.iterrows():
+        folder = tmp_path / "trials" / f"{row['trial']:04d}"
+        design = designs.load(folder / "design.toml")
+        expected = closed_form(design, fidelity="fast", seed=0).scores
+        stored = json.loads((folder / "score.json").read_text())["scores"]
+        for name, estimate in expected.items():
+            assert stored[name]["value"] == row[name] == estimate.value
+            assert stored[name]["unit"] == estimate.unit
+            assert row[f"{name}_se"] == estimate.se
+        assert design.digest == results.design(row["trial"]).digest
+
+
+def test_every_evaluation_gets_the_fidelity_and_the_seed_of_the_study(tmp_path):
+    asked = []
+
+    def remember(design, *, fidelity, seed):
+        asked.append((fidelity, seed))
+        return closed_form(design, fidelity=fidelity, seed=seed)
+
+    run(make(trials=2, fidelity="standard", seed=7), tmp_path, evaluator=remember)
+    assert asked == [("standard", 7)] * 2
+
+
+@pytest.mark.parametrize("sampler", ["tpe", "nsga2", "random", "qmc"])
+def test_a_run_in_two_parts_gives_the_trials_of_one_run(tmp_path, sampler):
+    study = make(sampler=sampler, trials=14, seed=3)
+    whole = run(study, tmp_path / "whole").frame
+    counting = Counting()
+    run(study, tmp_path / "parts", trials=5, evaluator=counting)
+    parts = run(study, tmp_path / "parts", evaluator=counting).frame
+    pd.testing.assert_frame_equal(whole, parts)
+    assert len(counting.digests) == len(set(counting.digests)) == parts["reuse_of"].isna().sum()
+
+
+def test_another_seed_gives_other_designs(tmp_path):
+    first = run(make(trials=2), tmp_path / "a").frame
+    second = run(make(trials=2, seed=1), tmp_path / "b").frame
+    assert not set(first["leds.tilt_deg"]) & set(second["leds.tilt_deg"])
+
+
+def test_the_search_finds_the_optimum_of_a_closed_form(tmp_path):
+    study = make(objectives={"normal_error_median_deg": "minimise"}, trials=40)
+    best = run(study, tmp_path).picks.iloc[0]
+    assert best["leds.tilt_deg"] == pytest.approx(10, abs=8)  # a tenth of the range
+    assert best["normal_error_median_deg"] < 1.2
+
+
+def test_infeasible_designs_are_recorded_and_never_evaluated(tmp_path):
+    # Panels of 6.34 mm at 19 deg reach 3 mm below their centre: below about 3 mm they hit the membrane.
+    study = make(
+        parameters=RANGES | {"leds.height_mm": Parameter(low=0, high=14)}, sampler="random", trials=12
+    )
+    counting = Counting()
+    results = run(study, tmp_path, evaluator=counting)
+    frame = results.frame
+    infeasible = frame[frame["state"] == "infeasible"]
+    assert results.counts()["complete"] == 12
+    assert len(infeasible) >= 1
+    assert results.rejections() == {"leds_above_membrane": len(infeasible)}
+    for _, row in infeasible.iterrows():
+        design = results.design(row["trial"])
+        assert design.digest not in counting.digests
+        assert row["violation_mm"] == pytest.approx(design.margins()["leds_above_membrane"])
+        assert not (tmp_path / "trials" / f"{row['trial']:04d}").exists()
+
+
+def test_designs_that_validation_refuses_are_infeasible(tmp_path):
+    parameters = {"leds.emitting_width_mm": Parameter(low=6, high=12)}  # the board is 9 mm wide
+    results = run(make(parameters=parameters, sampler="random"), tmp_path)
+    assert results.counts()["complete"] == 6
+    assert results.counts()["infeasible"] >= 1
+    (reason, count), *rest = results.rejections().items()
+    assert "emitting_width_mm: must not exceed body_width_mm (9 mm)" in reason
+    assert count + sum(number for _, number in rest) == results.counts()["infeasible"]
+
+
+def test_infeasibility_found_while_evaluating_does_not_count(tmp_path):
+    def particular(design, *, fidelity, seed):
+        if design.leds.tilt_deg < 10:
+            raise InfeasibleDesign("the camera sees a LED")
+        return closed_form(design, fidelity=fidelity, seed=seed)
+
+    results = run(make(sampler="random", trials=8), tmp_path, evaluator=particular)
+    assert results.counts()["complete"] == 8
+    assert results.rejections() == {"the camera sees a LED": results.counts()["infeasible"]}
+    assert (results.frame.loc[results.frame["state"] == "complete", "leds.tilt_deg"] >= 10).all()
+
+
+def test_the_sampler_learns_from_infeasible_designs(tmp_path):
+    ranges = RANGES | {"leds.height_mm": Parameter(low=-20, high=14)}  # two thirds lie below the membrane
+    shares = {}
+    for sampler in ("random", "tpe"):
+        frame = run(make(parameters=ranges, sampler=sampler, trials=40, seed=1), tmp_path / sampler).frame
+        later = frame["state"].iloc[len(frame) // 2 :]
+        shares[sampler] = (later == "infeasible").mean()
+    assert shares["random"] > 0.5
+    assert shares["tpe"] < 0.5 * shares["random"]
+
+
+def test_a_search_without_any_feasible_design_ends_and_says_why(tmp_path, monkeypatch):
+    monkeypatch.setattr("designlab.study.search._GIVE_UP", 30)
+    study = make(parameters={"leds.height_mm": Parameter(low=-20, high=-10)})
+    counting = Counting()
+    with pytest.raises(
+        RuntimeError, match=r"no feasible design among the last 30; the last breaks leds_above"
+    ):
+        run(study, tmp_path, evaluator=counting)
+    assert counting.digests == []
+
+
+def test_equal_designs_are_evaluated_once(tmp_path):
+    study = make(parameters={"leds.tilt_deg": Parameter(choices=(10.0, 30.0))}, sampler="random", trials=10)
+    counting = Counting()
+    results = run(study, tmp_path, evaluator=counting)
+    assert results.counts()["complete"] == 10
+    assert len(counting.digests) == len(set(counting.digests)) == 2
+    assert results.frame["reuse_of"].notna().sum() == 8
+    assert len(results.pareto) == 2  # copies are not alternatives
+    for _, row in results.frame[results.frame["reuse_of"].notna()].iterrows():
+        source = results.frame[results.frame["trial"] == row["reuse_of"]].iloc[0]
+        assert source["uniformity_u0"] == row["uniformity_u0"]
+        assert source["leds.tilt_deg"] == row["leds.tilt_deg"]
+
+
+def test_whole_numbers_and_steps_are_kept(tmp_path):
+    study = make(
+        parameters={
+            "leds.tilt_deg": Parameter(low=0, high=50, step=15),
+            "leds.height_mm": Parameter(low=5, high=14, log=True),
+            "optics.path_length": Parameter(low=3, high=9),
+        },
+        sampler="random",
+        trials=12,
+    )
+    frame = run(study, tmp_path).frame
+    assert set(frame["leds.tilt_deg"]) <= {0.0, 15.0, 30.0, 45.0}
+    assert frame["leds.height_mm"].between(5, 14).all()
+    assert frame["optics.path_length"].dtype.kind == "i"
+    assert frame["optics.path_length"].between(3, 9).all()
+
+
+def test_workers_reach_the_same_number_of_designs(tmp_path):
+    results = run(make(trials=8, sampler="random"), tmp_path, workers=2)
+    assert results.counts() == {"complete": 8, "infeasible": 0, "failed": 0, "running": 0, "waiting": 0}
+    alone = run(make(trials=8, sampler="random"), tmp_path / "alone")
+    assert set(results.frame["leds.tilt_deg"]) == set(alone.frame["leds.tilt_deg"])
+
+
+# --- failures -------------------------------------------------------------------------------------
+
+
+def test_the_folder_of_another_study_is_refused_by_name(tmp_path):
+    run(make(trials=1), tmp_path)
+    with pytest.raises(
+        StudyError, match=r"holds another study, 'ring', which differs from 'new' in seed; choose"
+    ):
+        run(make(name="new", seed=5), tmp_path)
+
+
+def test_a_folder_in_use_is_refused(tmp_path):
+    messages = []
+
+    def nested(design, *, fidelity, seed):
+        with pytest.raises(RuntimeError, match="another run of this study is writing there") as caught:
+            run(make(), tmp_path)
+        messages.append(str(caught.value))
+        return closed_form(design, fidelity=fidelity, seed=seed)
+
+    assert run(make(trials=1), tmp_path, evaluator=nested).counts()["complete"] == 1
+    assert messages == [f"{tmp_path}: another run of this study is writing there"]
+
+
+def test_results_can_be_read_while_the_study_runs(tmp_path):
+    seen = []
+
+    def reading(design, *, fidelity, seed):
+        counts = load_results(tmp_path).counts()
+        seen.append((counts["complete"], counts["running"]))
+        return closed_form(design, fidelity=fidelity, seed=seed)
+
+    run(make(trials=3), tmp_path, evaluator=reading)
+    assert seen == [(0, 1), (1, 1), (2, 1)]
+
+
+def test_a_defect_stops_the_study_and_the_design_is_tried_again(tmp_path):
+    def defective(design, *, fidelity, seed):
+        if len(counting.digests) == 3:
+            raise KeyError("a defect")
+        return closed_form(design, fidelity=fidelity, seed=seed)
+
+    counting = Counting(defective)
+    with pytest.raises(KeyError, match="a defect"):
+        run(make(), tmp_path, evaluator=counting)
+    assert load_results(tmp_path).counts()["complete"] == 2
+    results = run(make(), tmp_path, evaluator=counting)
+    assert results.counts() == {"complete": 6, "infeasible": 0, "failed": 1, "running": 0, "waiting": 0}
+    assert counting.digests[2] == counting.digests[3]
+    assert len(set(counting.digests)) == 6
+
+
+def test_a_render_that_fails_costs_one_trial_and_five_end_the_study(tmp_path):
+    class RenderFailed(RuntimeError):
+        pass
+
+    def failing(design, *, fidelity, seed):
+        if len(counting.digests) in failures:
+            raise RenderFailed("out of memory")
+        return closed_form(design, fidelity=fidelity, seed=seed)
+
+    failures = {2}
+    counting = Counting(failing)
+    results = run(make(), tmp_path / "one", evaluator=counting)
+    assert results.counts() == {"complete": 6, "infeasible": 0, "failed": 1, "running": 0, "waiting": 0}
+    assert list(results.frame.loc[results.frame["state"] == "failed", "reason"]) == ["out of memory"]
+    assert len(set(counting.digests)) == 7
+
+    failures = set(range(2, 99))
+    counting = Counting(failing)
+    with pytest.raises(RuntimeError, match="study 'ring': trial 5 failed: out of memory"):
+        run(make(), tmp_path / "all", evaluator=counting)
+    assert len(counting.digests) == 6
+
+    failures = {1}
+    counting = Counting(failing)
+    with pytest.raises(RuntimeError, match="study 'ring': trial 0 failed: out of memory"):
+        run(make(), tmp_path / "first", evaluator=counting)
+
+
+def test_a_score_that_is_no_number_is_a_failure(tmp_path):
+    def blind(design, *, fidelity, seed):
+        score = closed_form(design, fidelity=fidelity, seed=seed)
+        score.scores["uniformity_u0"].value = math.nan
+        return score
+
+    with pytest.raises(RuntimeError, match="trial 0 failed: uniformity_u0 is not a finite number"):
+        run(make(), tmp_path, evaluator=blind)
+
+
+def test_an_objective_that_is_no_score_is_named(tmp_path):
+    study = make(objectives={"normal_eror": "minimise"})
+    with pytest.raises(
+        StudyError, match=r"no score is called 'normal_eror', only uniformity_u0, normal_error_m"
+    ):
+        run(study, tmp_path)
+
+
+def test_gaussian_processes_need_torch(tmp_path):
+    try:
+        import torch  # noqa: F401
+    except ImportError:
+        with pytest.raises(StudyError, match=r"field sampler: 'gp' needs PyTorch.*pip install torch"):
+            run(make(sampler="gp"), tmp_path)
+    else:
+        assert run(make(sampler="gp", trials=12), tmp_path).counts()["complete"] == 12
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_ctrl_c_says_how_to_resume_and_loses_nothing(tmp_path, workers):
+    study = make(trials=8, sampler="random")
+    whole = run(study, tmp_path / "whole")
+
+    def when_two_are_done():
+        while sum(1 for _ in (tmp_path / "cut").glob("trials/*/score.json")) < 2:
+            stop.wait(0.01)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    stop = threading.Event()
+    threading.Thread(target=when_two_are_done, daemon=True).start()
+    with pytest.raises(
+        StudyInterrupted, match=r"'ring' interrupted after \d of 8 designs; run it again .*cut"
+    ):
+        run(study, tmp_path / "cut", evaluator=slow_closed_form, workers=workers)
+    done = load_results(tmp_path / "cut").counts()
+    assert 2 <= done["complete"] < 8
+    assert done["running"] == 0
+    results = run(study, tmp_path / "cut", workers=workers)
+    assert results.counts()["complete"] == 8
+    finished = results.frame[results.frame["state"] == "complete"]
+    assert sorted(finished["leds.tilt_deg"]) == sorted(whole.frame["leds.tilt_deg"])
+
+
+def slow_closed_form(design, *, fidelity, seed):
+    threading.Event().wait(0.1)
+    return closed_form(design, fidelity=fidelity, seed=seed)
+
+
+def test_a_folder_without_a_study_is_named(tmp_path):
+    with pytest.raises(StudyError, match="holds no study"):
+        load_results(tmp_path)
+
+
+def test_a_damaged_record_is_named(tmp_path):
+    run(make(trials=1), tmp_path)
+    (tmp_path / "study.db").write_bytes(b"not a database" * 100)
+    with pytest.raises(StudyError, match=r"study\.db: is not a record of trials"):
+        load_results(tmp_path)
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match=r"cannot write .*file/study/study\.toml"):
+        run(make(), tmp_path / "file" / "study")
+
+
+# --- results --------------------------------------------------------------------------------------
+
+
+def table(loss):
+    names = [f"f{column}" for column in range(loss.shape[1])]
+    frame = pd.DataFrame(loss, columns=names).assign(state="complete", reuse_of=None, trial=range(len(loss)))
+    return frame, dict.fromkeys(names, "minimise")
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_the_front_agrees_with_a_comparison_one_by_one(count):
+    frame, objectives = table(np.random.default_rng(count).integers(0, 6, (60, count)).astype(float))
+    rows = frame[list(objectives)].to_numpy()
+    expected = {
+        i for i, row in enumerate(rows) if not any(all(other <= row) and any(other < row) for other in rows)
+    }
+    assert set(pareto(frame, objectives)["trial"]) == expected
+
+
+def test_maximised_scores_count_upwards():
+    frame = pd.DataFrame(
+        {"trial": [0, 1, 2], "state": "complete", "reuse_of": None, "a": [1, 2, 3], "b": [1, 3, 2]}
+    )
+    assert list(pareto(frame, {"a": "maximise", "b": "minimise"})["trial"]) == [2, 0]
+    assert list(pareto(frame, {"a": "maximise", "b": "maximise"})["trial"]) == [2, 1]
+
+
+def test_the_shortlist_holds_the_extremes_and_the_knee():
+    x = np.linspace(0.05, 1, 40)
+    frame, objectives = table(np.stack([x, 0.05 / x], axis=1))
+    chosen = picks(frame, objectives)
+    assert len(chosen) == 5
+    assert list(chosen["pick"][:3]) == ["best f0", "best f1", "knee"]
+    # The curve y = c / x is symmetric about x = y, where it is nearest to the corner.
+    assert chosen.iloc[2]["f0"] == pytest.approx(math.sqrt(0.05), abs=0.03)
+
+
+def test_the_hypervolume_of_a_staircase_is_its_area():
+    loss = np.array([[0.0, 2.0], [1.0, 1.0], [2.0, 0.0], [2.5, 2.5], [9.0, 0.0]])
+    assert hypervolume(loss, np.array([3.0, 3.0])) == pytest.approx(6.0)  # 1 + 2 + 3 unit cells
+
+
+def test_the_history_never_gets_worse(tmp_path):
+    results = run(make(trials=12, sampler="random"), tmp_path)
+    progress = history(results.frame, results.study.objectives)
+    assert progress["uniformity_u0"].iloc[-1] == results.frame["uniformity_u0"].max()
+    assert progress["normal_error_median_deg"].is_monotonic_decreasing
+    assert progress["hypervolume"].is_monotonic_increasing
+    assert progress["hypervolume"].iloc[-1] == 1
+
+
+def test_importance_finds_the_parameter_that_matters(tmp_path):
+    study = make(trials=30, sampler="qmc")
+    run(study, tmp_path, trials=4)
+    assert importance(tmp_path) is None
+    run(study, tmp_path)
+    shares = importance(tmp_path)
+    assert shares is not None
+    for share in shares.values():  # the tilt moves both scores more than ten times as far as the height
+        assert share["leds.tilt_deg"] > 0.8
+        assert sum(share.values()) == pytest.approx(1)
+
+
+def test_results_as_json_hold_the_front(tmp_path):
+    results = run(make(), tmp_path)
+    content = json.loads(json.dumps(results.to_json(), allow_nan=False))
+    assert content["trials"]["complete"] == 6
+    assert [row["trial"] for row in content["pareto"]] == list(results.pareto["trial"])
+    assert {"leds.tilt_deg", "uniformity_u0", "uniformity_u0_se", "pick"} <= set(content["picks"][0])
+
+
+def test_losses_turn_maximised_scores():
+    frame = pd.DataFrame({"a": [1.0], "b": [2.0]})
+    np.testing.assert_array_equal(losses(frame, {"a": "maximise", "b": "minimise"}), [[-1.0, 2.0]])
+
+
+# --- sweep and optimise ---------------------------------------------------------------------------
+
+
+def test_a_sweep_has_one_row_for_each_combination():
+    counting = Counting()
+    grid = {"leds.tilt_deg": range(0, 60, 20), "leds.height_mm": [1.0, 8.0]}
+    frame = sweep(preset("gelsight-2020-flat"), grid, progress=False, evaluator=counting)
+    assert list(zip(frame["leds.tilt_deg"], frame["leds.height_mm"], strict=True)) == [
+        (tilt, height) for tilt in (0, 20, 40) for height in (1.0, 8.0)
+    ]
+    low = frame[frame["leds.height_mm"] == 1.0]
+    assert not low["feasible"].any()
+    assert low["uniformity_u0"].isna().all()
+    assert (low["reason"] == "leds_above_membrane").all()
+    high = frame[frame["leds.height_mm"] == 8.0]
+    assert high["feasible"].all()
+    np.testing.assert_allclose(high["uniformity_u0"], np.exp(-(((high["leds.tilt_deg"] - 30) / 40) ** 2)))
+    assert len(counting.digests) == 3
+
+
+def test_a_sweep_over_no_field_of_a_design_is_refused():
+    with pytest.raises(DesignError, match=r"no field 'leds\.tilt' in a design"):
+        sweep(preset("default"), {"leds.tilt": [1]}, progress=False, evaluator=closed_form)
+    with pytest.raises(ValueError, match="give at least one field"):
+        sweep(preset("default"), {"leds.tilt_deg": []}, progress=False, evaluator=closed_form)
+
+
+def test_optimise_takes_ranges_and_choices(tmp_path):
+    results = optimise(
+        preset("gelsight-2020-flat"),
+        {"leds.tilt_deg": (0.0, 60.0), "leds.height_mm": [7.0, 9.0]},
+        out=tmp_path,
+        trials=4,
+        progress=False,
+        evaluator=closed_form,
+    )
+    assert set(results.frame["leds.height_mm"]) <= {7.0, 9.0}
+    assert results.frame["leds.tilt_deg"].between(0, 60).all()
+    with pytest.raises(StudyError, match=r"optimise\(\): .*leds\.tilt_deg: .*got 120\.0"):
+        optimise(preset("default"), {"leds.tilt_deg": (0.0, 120.0)}, out=tmp_path, evaluator=closed_form)
