@@ -3,7 +3,9 @@
 Names are loaded on first use, so that importing the package costs nothing.
 """
 
+import sys
 from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -49,6 +51,17 @@ __all__ = [
     "sweep",
     "triangle",
 ]
+
+
+class _Package(ModuleType):
+    """Keeps `render` and `evaluate` functions: importing the modules of these names would hide them."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name not in _HOMES or not isinstance(value, ModuleType):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
 
 
 def __getattr__(name: str) -> Any:
