@@ -1,4 +1,4 @@
-"""Physical effects that a generated sensor has and its design does not mention; each is absent at its null value."""
+"""Physical effects that a generated sensor has and its design does not mention; absent at null values."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -51,9 +51,9 @@ def apply(rig: Rig, effects: Mapping[str, Mapping[str, float]]) -> tuple[Rig, di
     rig : Rig
         The sensor as designed.
     effects : mapping
-        Effect name to values of its parameters; those left out stay at their null. ``colour_mixing`` may instead
-        be given by its cause: ``filter_width_nm`` (standard deviation of every channel's filter curve) and
-        ``leak`` (transmission of the filters everywhere, as a share of their peak).
+        Effect name to values of its parameters; those left out stay at their null. ``colour_mixing`` may
+        instead be given by its cause: ``filter_width_nm`` (standard deviation of every channel's filter
+        curve) and ``leak`` (transmission of the filters everywhere, as a share of their peak).
 
     Returns
     -------
@@ -119,14 +119,12 @@ def own_groups(rig: Rig) -> tuple[int, ...]:
 
 
 def response(rig: Rig, filters: Array) -> Array:
-    """Response of channels to groups, (3, groups): LED spectra of unit flux through filter curves (3, wavelengths).
+    """Response of channels to groups, (3, groups): spectra of unit flux through filters (3, wavelengths).
 
     Spectra are Gaussian about the groups' peak wavelengths.
     """
-    step = WAVELENGTHS_NM[1] - WAVELENGTHS_NM[0]
-    return np.asarray(filters @ _gauss(rig.wavelength_nm, LED_SIGMA_NM).T * step) / (
-        LED_SIGMA_NM * np.sqrt(2 * np.pi)
-    )
+    spectra = _gauss(rig.wavelength_nm, LED_SIGMA_NM) / (LED_SIGMA_NM * np.sqrt(2 * np.pi))
+    return np.asarray(filters @ spectra.T * (WAVELENGTHS_NM[1] - WAVELENGTHS_NM[0]))
 
 
 def _gauss(centres_nm: Array, sigma_nm: float) -> Array:
@@ -144,7 +142,7 @@ def _mixing_parameters(rig: Rig) -> dict[str, Parameter]:
 
 
 def _mixing_of_filters(rig: Rig, *, filter_width_nm: float = 10.0, leak: float = 0.0) -> dict[str, float]:
-    """Off-diagonal responses, relative to each channel's own group, of Gaussian filters with a constant leak."""
+    """Off-diagonal responses, relative to each channel's own group, of Gaussian filters with a leak."""
     own = own_groups(rig)
     if not (1 <= filter_width_nm <= 200 and 0 <= leak <= 0.5):
         raise ValueError(
@@ -162,7 +160,7 @@ def _mixing_of_filters(rig: Rig, *, filter_width_nm: float = 10.0, leak: float =
 
 
 def _mix_colours(rig: Rig, values: Mapping[str, float]) -> Rig:
-    """Give every filter side bands at the other groups' wavelengths; negative ones stand for a colour matrix."""
+    """Give every filter side bands at the other groups' wavelengths; a colour matrix makes negative ones."""
     own = own_groups(rig)
     wanted = np.zeros_like(rig.mixing)
     for row, channel in enumerate(CHANNELS):

@@ -58,9 +58,9 @@ def plant(
     """Generate a measurement folder of a sensor that differs from its design by hidden effects.
 
     The set also carries errors that every bench has: poses and depths differ from the metadata by the `sigma`
-    written with them, the flux of each LED group is off by up to 10 %, and the camera adds its noise. The answer is
-    written beside the folder as ``<out>.answer.json``, and its SHA-256 as ``<out>.seal``; a random salt within the
-    answer keeps it from being guessed.
+    written with them, the flux of each LED group is off by up to 10 %, and the camera adds its noise. The
+    answer is written beside the folder as ``<out>.answer.json``, and its SHA-256 as ``<out>.seal``; a random
+    salt within the answer keeps it from being guessed.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ SUPERSAMPLES = 2  # rays along each side of an output pixel
 
 
 class Rays(NamedTuple):
-    """Rays x = x_c + t tan_x, y = y_c + t tan_y, z = z_c - t from the centre of projection (x_c, y_c, z_c)."""
+    """Rays x = x_c + t tan_x, y = y_c + t tan_y, z = z_c - t from a centre of projection (x_c, y_c, z_c)."""
 
     origin_mm: tuple[float, float, float]
     tan_x: Array
@@ -97,8 +97,8 @@ def pixel_rays(camera: Camera, view: View, *, split: int = SUPERSAMPLES) -> Rays
 def meet(rays: Rays, surface: HeightField, *, steps: int = 16) -> Array:
     """Ray parameter t (mm below the camera) of the first point where each ray meets a membrane.
 
-    The base is met by Newton's method. Where there is an indentation, the piece of the ray between its peak and the base is
-    searched in equal steps for the first crossing, which bisection then narrows down.
+    The base is met by Newton's method. Where there is an indentation, the piece of the ray between its peak
+    and the base is searched in equal steps for the first crossing, which bisection then narrows down.
     """
     t = np.full(rays.tan_x.shape, rays.origin_mm[2])
     if surface.radius_mm is not None:

@@ -1,5 +1,6 @@
 """A design as the generator sees it: rectangles that shine or reflect, reflectances, smoothing, camera."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -9,13 +10,13 @@ from numpy.typing import NDArray
 from designlab.camera import Camera
 from designlab.design import Design
 from geometries.elastomer import Elastomer
-from geometries.leds import bodies, emitters
+from geometries.leds import Body, Emitter, bodies, emitters
 
 Array = NDArray[np.float64]
 
 
 class Rectangles(NamedTuple):
-    """Flat rectangles in the sensor frame: group (n,), centre, unit vectors (n, 3) and half sizes (n, 2) in mm."""
+    """Flat rectangles: group (n,), centre, unit vectors (n, 3), half sizes (n, 2); mm, sensor frame."""
 
     group: NDArray[np.int64]
     centre: Array
@@ -26,7 +27,7 @@ class Rectangles(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """Points that stand for pieces of rectangles; areas in mm2, `half_down` is half a piece's extent downwards."""
+    """Points that stand for pieces of rectangles; area in mm2, `half_down` half the extent downwards."""
 
     group: NDArray[np.int64]
     centre: Array
@@ -72,17 +73,15 @@ class Rig:
         fronts = [np.asarray(box.centre_mm) + box.half_mm[2] * np.asarray(box.normal) for box in boxes]
         return cls(
             emitters=Rectangles(
-                np.array([s.group for s in strips]),
-                *(
-                    np.array([getattr(s, name) for s in strips])
-                    for name in ("centre_mm", "normal", "across", "down")
-                ),
-                np.array([(s.half_width_mm, s.half_height_mm) for s in strips]),
+                np.array([strip.group for strip in strips]),
+                np.array([strip.centre_mm for strip in strips]),
+                *_axes(strips),
+                np.array([(strip.half_width_mm, strip.half_height_mm) for strip in strips]),
             ),
             boards=Rectangles(
                 np.array([box.group for box in boxes]),
                 np.array(fronts),
-                *(np.array([getattr(box, name) for box in boxes]) for name in ("normal", "across", "down")),
+                *_axes(boxes),
                 np.array([box.half_mm[:2] for box in boxes]),
             ),
             flux_mw=np.array([group.flux_mw for group in design.leds.groups]),
@@ -98,6 +97,15 @@ class Rig:
             camera=design.camera,
             sensing_area_mm=design.sensing_area_mm,
         )
+
+
+def _axes(parts: Sequence[Emitter] | Sequence[Body]) -> tuple[Array, Array, Array]:
+    """Normals, directions across and down of LED parts, (n, 3) each."""
+    return (
+        np.array([part.normal for part in parts]),
+        np.array([part.across for part in parts]),
+        np.array([part.down for part in parts]),
+    )
 
 
 def cells(rectangles: Rectangles, *, spacing_mm: float) -> Cells:

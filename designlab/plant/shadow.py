@@ -18,9 +18,9 @@ NONE = -10.0  # slope of the horizon where nothing can stand in the way
 class Horizon:
     """Slope of the horizon around an indentation, seen towards light cells.
 
-    For an azimuth the height field is resampled on a grid turned so that light comes along its rows, which span the
-    indentation and the longest shadow behind it; the slope from each point to every later one then needs
-    shifted slices only. Between azimuths, `STEP_DEG` apart, the horizon is interpolated linearly.
+    For an azimuth the height field is resampled on a grid turned so that light comes along its rows, which
+    span the indentation and the longest shadow behind it; the slope from each point to every later one then
+    needs shifted slices only. Between azimuths, `STEP_DEG` apart, the horizon is interpolated linearly.
     """
 
     def __init__(self, surface: HeightField, cells: Cells, *, pitch_mm: float = PITCH_MM) -> None:
@@ -84,10 +84,10 @@ class Horizon:
         for stride in _strides(int(np.ceil(self._reach_mm / pitch)), z.shape[1] - 1):
             rise = (z[:, stride:] - z[:, :-stride]) * np.float32(1 / (stride * pitch))
             np.maximum(horizon[:, :-stride], rise, out=horizon[:, :-stride])
-        return float(along[0]), float(across[0]), horizon
+        return float(along[0]), float(across[0]), horizon.astype(np.float64)
 
     def _azimuths(self, cells: Cells) -> list[int]:
-        """Numbers of the azimuths at which the cells are seen from anywhere in the window, and their neighbours."""
+        """Numbers of the azimuths at which cells are seen from the window, and their neighbours."""
         left, right, bottom, top = self.window
         found: set[int] = set()
         count = int(360 / STEP_DEG)

@@ -65,7 +65,7 @@ class HeightField:
         cls, radius_mm: float | None, *, x0_mm: float, y0_mm: float, pitch_mm: float, height_mm: Array
     ) -> Self:
         """Height field with slopes by central differences."""
-        slope_y, slope_x = np.gradient(height_mm, pitch_mm)
+        slope_x, slope_y = np.gradient(height_mm, pitch_mm, axis=1), np.gradient(height_mm, pitch_mm, axis=0)
         return cls(radius_mm, x0_mm, y0_mm, pitch_mm, height_mm, slope_x, slope_y)
 
     @property

@@ -1,9 +1,7 @@
-"""Measured frames of a real sensor: the folder format, its checks, and what each frame was taken for."""
+"""Measured frames of a real sensor: what is known about each, and what it was taken for."""
 
 import re
-import shutil
 import tomllib
-from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -14,9 +12,8 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from designlab.camera import View
 from designlab.design import Design, DesignError, explain, load, loads, preset_names
-from designlab.images import ImageError, from_srgb, read_image, write_image
+from designlab.images import ImageError, from_srgb, read_image
 from designlab.press import Press
-from designlab.store import atomic_folder
 from geometries import probes
 from geometries.mesh import MESH_SUFFIXES
 from geometries.spec import Spec, quantity
@@ -78,7 +75,7 @@ class Frame(Spec):
     @field_validator("probe")
     @classmethod
     def _known_probe(cls, text: str | None) -> str | None:
-        if text is not None and _mesh_file(text) is None:
+        if text is not None and mesh_file(text) is None:
             probes.parse(text)
         return text
 
@@ -126,7 +123,7 @@ class Measurement(Spec):
 
     def image(self, frame: Frame) -> Pixels:
         """Values of a frame's file, shape (rows, columns, channels), read-only; see `linear` for radiance."""
-        path = self._path(frame.file)
+        path = self.path(frame.file)
         try:
             return _cached_image(str(path), path.stat().st_mtime_ns)
         except (OSError, ImageError) as error:
@@ -162,7 +159,7 @@ class Measurement(Spec):
         try:
             if self.sensor in preset_names():
                 return load(self.sensor)
-            path = self._path(self.sensor)
+            path = self.path(self.sensor)
             content = tomllib.loads(path.read_text(encoding="utf-8"))
             if isinstance(content.get("design"), dict):
                 import tomli_w
@@ -199,33 +196,34 @@ class Measurement(Spec):
         """
         if frame.probe is None:
             return None
-        mesh = _mesh_file(frame.probe)
-        text = frame.probe if mesh is None else frame.probe.replace(mesh, str(self._path(mesh)), 1)
+        mesh = mesh_file(frame.probe)
+        text = frame.probe if mesh is None else frame.probe.replace(mesh, str(self.path(mesh)), 1)
         if mesh is None and ":" not in text:
-            raise self._error(frame, "probe: its size is unknown, write kind:size_mm", frame.probe)
+            raise self.error(frame, "probe: its size is unknown, write kind:size_mm", frame.probe)
         centre = self.centre_mm(frame)
         for field, value in (("depth_mm", frame.depth_mm), ("centre_mm", centre)):
             if value is None:
-                raise self._error(frame, f"{field}: unknown, so the press cannot be simulated", None)
+                raise self.error(frame, f"{field}: unknown, so the press cannot be simulated", None)
         try:
             return Press.model_validate(
                 {
                     "probe": probes.parse(text),
                     "depth_mm": frame.depth_mm,
                     "centre_mm": centre,
-                    # A probe of revolution looks the same at every yaw; for others an unknown yaw starts at zero.
+                    # A probe of revolution looks the same at every yaw; for others zero is a start.
                     "yaw_deg": frame.yaw_deg or 0.0,
                 }
             )
         except ValidationError as error:
-            raise self._error(frame, explain(error), None) from None
+            raise self.error(frame, explain(error), None) from None
 
     def split(self) -> dict[Split, tuple[Frame, ...]]:
         """Sort the presses into train, select and final by position, never by pixel.
 
-        Presses at one place (within 0.25 mm or 5 px) share a split. A stated split holds for its whole place. The other
-        places are ordered by azimuth about their centre, so that the order of the file does not matter, and
-        dealt out train, select, final, train in turn; two places give train and final, one gives train.
+        Presses at one place (within 0.25 mm or 5 px) share a split. A stated split holds for its whole
+        place. The other places are ordered by azimuth about their centre, so that the order of the file does
+        not matter, and dealt out train, select, final, train in turn; two places give train and final, one
+        gives train.
         Presses whose place is unknown are only trained on, for nothing shows that they are independent.
 
         Raises
@@ -239,7 +237,7 @@ class Measurement(Spec):
         for centre, frames in places:
             stated = {frame.split for frame in frames if frame.split is not None}
             if len(stated) > 1:
-                raise self._error(frames[0], "split: presses at one place must share it", sorted(stated))
+                raise self.error(frames[0], "split: presses at one place must share it", sorted(stated))
             if stated:
                 chosen |= {frame.file: split for frame in frames for split in stated}
             elif centre is None:
@@ -285,122 +283,19 @@ class Measurement(Spec):
             places.append(((float(x), float(y)), members))
         return places
 
-    def _path(self, file: str) -> Path:
+    def path(self, file: str) -> Path:
+        """Where a file that the set names lies."""
         return Path(file) if self.folder is None else self.folder / file
 
-    def _error(self, frame: Frame, rule: str, value: Any) -> MeasurementError:
+    def error(self, frame: Frame, rule: str, value: Any) -> MeasurementError:
+        """Error that names file, frame, field, rule and, unless None, the value."""
         got = "" if value is None else f", got {value!r}"
         where = FILE_NAME if self.folder is None else self.folder / FILE_NAME
         number = self.frames.index(frame) + 1
         return MeasurementError(f"{where}: frame {number} ({frame.file}): field {rule}{got}")
 
 
-def load_measurement(path: str | Path) -> Measurement:
-    """Read and check a measurement folder.
-
-    Parameters
-    ----------
-    path : str or Path
-        The folder, or its ``measurement.toml``.
-
-    Returns
-    -------
-    Measurement
-        With every file found to be an image that agrees with its metadata.
-
-    Raises
-    ------
-    MeasurementError
-        Naming file, frame, field, rule and value.
-    """
-    file = Path(path)
-    if file.is_dir():
-        file = file / FILE_NAME
-    try:
-        content = tomllib.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise MeasurementError(f"{path}: no measurement there, {FILE_NAME} is missing") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise MeasurementError(f"{file}: cannot be read as text: {error}") from None
-    except tomllib.TOMLDecodeError as error:
-        raise MeasurementError(f"{file}: not valid TOML: {error}") from None
-    raw = content.pop("frame", None)
-    if not isinstance(raw, list) or not raw:
-        raise MeasurementError(f"{file}: field frame: at least one [[frame]] is needed")
-    frames = []
-    for number, entry in enumerate(raw, start=1):
-        try:
-            frames.append(Frame.model_validate(entry))
-        except ValidationError as error:
-            name = entry.get("file", "no file") if isinstance(entry, dict) else "not a table"
-            raise MeasurementError(f"{file}: frame {number} ({name}): {explain(error)}") from None
-    for reserved in ("frames", "folder"):
-        if reserved in content:
-            raise MeasurementError(f"{file}: field {reserved}: unknown field")
-    try:
-        measurement = Measurement.model_validate({**content, "frames": frames, "folder": file.parent})
-    except ValidationError as error:
-        raise MeasurementError(f"{file}: {explain(error)}") from None
-    _check(measurement)
-    return measurement
-
-
-def write_measurement(
-    measurement: Measurement, arrays: Mapping[str, NDArray[Any]], folder: str | Path
-) -> Path:
-    """Write a measurement folder; it appears complete and checked, or not at all.
-
-    Parameters
-    ----------
-    measurement : Measurement
-        The frames. Design and mesh files that it names relative to its own folder are copied along.
-    arrays : mapping of str to array
-        Image of every file.
-    folder : str or Path
-        Where to; may exist if it is empty or itself a measurement, which is then replaced.
-
-    Raises
-    ------
-    MeasurementError
-        If the folder holds something else, an array is missing, or the result would not pass `load_measurement`.
-    """
-    folder = Path(folder)
-    if folder.exists() and not folder.is_dir():
-        raise MeasurementError(f"{folder}: exists and is not a folder")
-    if folder.is_dir() and any(folder.iterdir()) and not (folder / FILE_NAME).is_file():
-        raise MeasurementError(f"{folder}: is neither empty nor a measurement, so it is not overwritten")
-    names = [frame.file for frame in measurement.frames] + sorted(_attached(measurement))
-    outside = [name for name in names if Path(name).is_absolute() or ".." in Path(name).parts]
-    if outside:
-        raise MeasurementError(f"{folder}: file: lies in the folder, got {', '.join(outside)}")
-    missing = [frame.file for frame in measurement.frames if frame.file not in arrays]
-    if missing:
-        raise MeasurementError(f"{folder}: arrays: no image for {', '.join(missing)}")
-    import tomli_w
-
-    content = measurement.model_dump(mode="json", exclude_none=True)
-    content["frame"] = content.pop("frames")
-    with atomic_folder(folder, replace=True) as temporary:
-        for frame in measurement.frames:
-            (temporary / frame.file).parent.mkdir(parents=True, exist_ok=True)
-            write_image(temporary / frame.file, arrays[frame.file])
-        for name in _attached(measurement):
-            (temporary / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(measurement._path(name), temporary / name)
-        (temporary / FILE_NAME).write_text(tomli_w.dumps(content), encoding="utf-8")
-        load_measurement(temporary)
-    return folder
-
-
-def _attached(measurement: Measurement) -> set[str]:
-    """Files besides the images that a set names relative to its folder."""
-    named = {_mesh_file(frame.probe or "") for frame in measurement.frames}
-    if measurement.sensor not in (*preset_names(), "unknown"):
-        named.add(measurement.sensor)
-    return {name for name in named if name and not Path(name).is_absolute()}
-
-
-def _mesh_file(probe: str) -> str | None:
+def mesh_file(probe: str) -> str | None:
     """File of a probe given as mesh, without its size."""
     suffixes = "|".join(re.escape(suffix) for suffix in MESH_SUFFIXES)
     match = re.fullmatch(rf"(.+(?:{suffixes}))(?::[^:]*)?", probe.strip(), re.IGNORECASE)
@@ -412,56 +307,3 @@ def _cached_image(path: str, modified_ns: int) -> Pixels:
     pixels = read_image(path)
     pixels.setflags(write=False)
     return pixels
-
-
-def _check(measurement: Measurement) -> None:
-    """Rules that need the files, or several frames at once."""
-    design = measurement.design()
-    files = [frame.file for frame in measurement.frames]
-    sizes: dict[Any, tuple[int, ...]] = {}
-    for frame in measurement.frames:
-        if files.count(frame.file) > 1:
-            raise measurement._error(frame, "file: each frame has its own", frame.file)
-        try:
-            shape = measurement.image(frame).shape
-        except MeasurementError as error:
-            raise measurement._error(frame, f"file: {error}", None) from None
-        first = sizes.setdefault(frame.crop_px, shape)
-        if shape != first:
-            rule = f"file: frames of one crop agree in size, others have {_size(first)}"
-            raise measurement._error(frame, rule, _size(shape))
-        mesh = _mesh_file(frame.probe or "")
-        if mesh is not None and not measurement._path(mesh).is_file():
-            raise measurement._error(frame, "probe: no such mesh file", mesh)
-        _check_crop(measurement, frame, shape, design)
-        if design is not None and frame.leds is not None and not set(frame.leds) <= set(design.group_names):
-            rule = f"leds: groups of {measurement.sensor} are {', '.join(design.group_names)}"
-            raise measurement._error(frame, rule, list(frame.leds))
-    measurement.split()
-
-
-def _check_crop(m: Measurement, frame: Frame, shape: tuple[int, ...], design: Design | None) -> None:
-    """Check that the crop lies on the sensor and that the file is it, or it binned alike in both directions."""
-    full = None if design is None else (design.camera.width_px, design.camera.height_px)
-    if frame.crop_px is None and full is None:
-        return
-    x, y, width, height = frame.crop_px or (0, 0, *(full or (0, 0)))
-    if full is not None and (x + width > full[0] or y + height > full[1]):
-        rule = f"crop_px: lies on the sensor of {full[0]} x {full[1]} px"
-        raise m._error(frame, rule, [x, y, width, height])
-    rows, columns = shape[:2]
-    shown = (
-        f"crop_px: {width} x {height} px" if frame.crop_px else f"file: the sensor of {width} x {height} px"
-    )
-    if columns > width or rows > height:
-        raise m._error(
-            frame, f"{shown} cannot be smaller than the image without crop or enlargement", _size(shape)
-        )
-    # Binning both directions alike leaves less than one output pixel of either over.
-    factor = width / columns
-    if abs(rows * factor - height) > max(factor, 1.0) * 1.001:
-        raise m._error(frame, f"{shown} and the image must have one binning in both directions", _size(shape))
-
-
-def _size(shape: tuple[int, ...]) -> str:
-    return f"{shape[1]} x {shape[0]} px of {shape[2]} channels"

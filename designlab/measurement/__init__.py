@@ -1,0 +1,14 @@
+"""Measured frames of a real sensor: the folder format, its checks, and the split of presses by place."""
+
+from designlab.measurement.folder import load_measurement, write_measurement
+from designlab.measurement.frames import Frame, Measurement, MeasurementError, PoseSigma, Split
+
+__all__ = [
+    "Frame",
+    "Measurement",
+    "MeasurementError",
+    "PoseSigma",
+    "Split",
+    "load_measurement",
+    "write_measurement",
+]

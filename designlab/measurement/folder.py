@@ -1,0 +1,174 @@
+"""The folder of a measurement: reading with all checks, and writing whole or not at all."""
+
+import shutil
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from designlab.design import Design, explain, preset_names
+from designlab.images import write_image
+from designlab.measurement.frames import FILE_NAME, Frame, Measurement, MeasurementError, mesh_file
+from designlab.store import atomic_folder
+
+
+def load_measurement(path: str | Path) -> Measurement:
+    """Read and check a measurement folder.
+
+    Parameters
+    ----------
+    path : str or Path
+        The folder, or its ``measurement.toml``.
+
+    Returns
+    -------
+    Measurement
+        With every file found to be an image that agrees with its metadata.
+
+    Raises
+    ------
+    MeasurementError
+        Naming file, frame, field, rule and value.
+    """
+    file = Path(path)
+    if file.is_dir():
+        file = file / FILE_NAME
+    try:
+        content = tomllib.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise MeasurementError(f"{path}: no measurement there, {FILE_NAME} is missing") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise MeasurementError(f"{file}: cannot be read as text: {error}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise MeasurementError(f"{file}: not valid TOML: {error}") from None
+    raw = content.pop("frame", None)
+    if not isinstance(raw, list) or not raw:
+        raise MeasurementError(f"{file}: field frame: at least one [[frame]] is needed")
+    frames = []
+    for number, entry in enumerate(raw, start=1):
+        try:
+            frames.append(Frame.model_validate(entry))
+        except ValidationError as error:
+            name = entry.get("file", "no file") if isinstance(entry, dict) else "not a table"
+            raise MeasurementError(f"{file}: frame {number} ({name}): {explain(error)}") from None
+    for reserved in ("frames", "folder"):
+        if reserved in content:
+            raise MeasurementError(f"{file}: field {reserved}: unknown field")
+    try:
+        measurement = Measurement.model_validate({**content, "frames": frames, "folder": file.parent})
+    except ValidationError as error:
+        raise MeasurementError(f"{file}: {explain(error)}") from None
+    _check(measurement)
+    return measurement
+
+
+def write_measurement(
+    measurement: Measurement, arrays: Mapping[str, NDArray[Any]], folder: str | Path
+) -> Path:
+    """Write a measurement folder; it appears complete and checked, or not at all.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        The frames. Design and mesh files that it names relative to its own folder are copied along.
+    arrays : mapping of str to array
+        Image of every file.
+    folder : str or Path
+        Where to; may exist if it is empty or itself a measurement, which is then replaced.
+
+    Raises
+    ------
+    MeasurementError
+        If the folder holds something else, an array is missing, or the result breaks a rule of
+        `load_measurement`.
+    """
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise MeasurementError(f"{folder}: exists and is not a folder")
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / FILE_NAME).is_file():
+        raise MeasurementError(f"{folder}: is neither empty nor a measurement, so it is not overwritten")
+    names = [frame.file for frame in measurement.frames] + sorted(_attached(measurement))
+    outside = [name for name in names if Path(name).is_absolute() or ".." in Path(name).parts]
+    if outside:
+        raise MeasurementError(f"{folder}: file: lies in the folder, got {', '.join(outside)}")
+    missing = [frame.file for frame in measurement.frames if frame.file not in arrays]
+    if missing:
+        raise MeasurementError(f"{folder}: arrays: no image for {', '.join(missing)}")
+    import tomli_w
+
+    content = measurement.model_dump(mode="json", exclude_none=True)
+    content["frame"] = content.pop("frames")
+    with atomic_folder(folder, replace=True) as temporary:
+        for frame in measurement.frames:
+            (temporary / frame.file).parent.mkdir(parents=True, exist_ok=True)
+            write_image(temporary / frame.file, arrays[frame.file])
+        for name in _attached(measurement):
+            (temporary / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(measurement.path(name), temporary / name)
+        (temporary / FILE_NAME).write_text(tomli_w.dumps(content), encoding="utf-8")
+        load_measurement(temporary)
+    return folder
+
+
+def _attached(measurement: Measurement) -> set[str]:
+    """Files besides the images that a set names relative to its folder."""
+    named = {mesh_file(frame.probe or "") for frame in measurement.frames}
+    if measurement.sensor not in (*preset_names(), "unknown"):
+        named.add(measurement.sensor)
+    return {name for name in named if name and not Path(name).is_absolute()}
+
+
+def _check(measurement: Measurement) -> None:
+    """Rules that need the files, or several frames at once."""
+    design = measurement.design()
+    files = [frame.file for frame in measurement.frames]
+    sizes: dict[Any, tuple[int, ...]] = {}
+    for frame in measurement.frames:
+        if files.count(frame.file) > 1:
+            raise measurement.error(frame, "file: each frame has its own", frame.file)
+        try:
+            shape = measurement.image(frame).shape
+        except MeasurementError as error:
+            raise measurement.error(frame, f"file: {error}", None) from None
+        first = sizes.setdefault(frame.crop_px, shape)
+        if shape != first:
+            rule = f"file: frames of one crop agree in size, others have {_size(first)}"
+            raise measurement.error(frame, rule, _size(shape))
+        mesh = mesh_file(frame.probe or "")
+        if mesh is not None and not measurement.path(mesh).is_file():
+            raise measurement.error(frame, "probe: no such mesh file", mesh)
+        _check_crop(measurement, frame, shape, design)
+        if design is not None and frame.leds is not None and not set(frame.leds) <= set(design.group_names):
+            rule = f"leds: groups of {measurement.sensor} are {', '.join(design.group_names)}"
+            raise measurement.error(frame, rule, list(frame.leds))
+    measurement.split()
+
+
+def _check_crop(m: Measurement, frame: Frame, shape: tuple[int, ...], design: Design | None) -> None:
+    """Check that the crop lies on the sensor and that the file is it, or it binned."""
+    full = None if design is None else (design.camera.width_px, design.camera.height_px)
+    if frame.crop_px is None and full is None:
+        return
+    x, y, width, height = frame.crop_px or (0, 0, *(full or (0, 0)))
+    if full is not None and (x + width > full[0] or y + height > full[1]):
+        rule = f"crop_px: lies on the sensor of {full[0]} x {full[1]} px"
+        raise m.error(frame, rule, [x, y, width, height])
+    rows, columns = shape[:2]
+    shown = (
+        f"crop_px: {width} x {height} px" if frame.crop_px else f"file: the sensor of {width} x {height} px"
+    )
+    if columns > width or rows > height:
+        raise m.error(
+            frame, f"{shown} cannot be smaller than the image without crop or enlargement", _size(shape)
+        )
+    # Binning both directions alike leaves less than one output pixel of either over.
+    factor = width / columns
+    if abs(rows * factor - height) > max(factor, 1.0) * 1.001:
+        raise m.error(frame, f"{shown} and the image must have one binning in both directions", _size(shape))
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    return f"{shape[1]} x {shape[0]} px of {shape[2]} channels"
