@@ -20,6 +20,10 @@ TARGET_SIGNAL = 0.7  # automatic exposure puts the 99.5th percentile of the unto
 TARGET_PERCENTILE = 99.5
 
 
+class RenderFailed(RuntimeError):
+    """A feasible design of which no usable picture came out; the text says why it may be."""
+
+
 @dataclass(frozen=True, eq=False)
 class Frame:
     """One simulated picture with its ground truth.
@@ -97,7 +101,7 @@ class Simulator:
         self.samples = samples
         self.seed = seed
         self.rays = rays(self.design, self.view)
-        self.pitch_mm = float(np.clip(2 * np.median(np.diff(self.rays.x_mm, axis=1)), 0.025, 0.05))
+        self.pitch_mm = float(np.clip(2 * self.rays.pitch_mm[0], 0.025, 0.05))
 
     def surface(self, press: Press | None) -> Surface:
         """Membrane under a press over the area in view and a margin around it."""
@@ -118,25 +122,25 @@ class Simulator:
             scene = effect(applied.name).on_scene(scene, applied.values)
         return scene
 
-    def frame(self, press: Press | None) -> Frame:
-        """Simulate one picture.
+    def frame(self, press: Press | None, *, seed: int | None = None) -> Frame:
+        """Simulate one picture, with the simulator's seed unless another is given.
 
         Raises
         ------
-        RuntimeError
+        RenderFailed
             If the picture is black or not finite; the text says which LED group and why it may be.
         """
         from designlab.render import transport
 
         surface = self.surface(press)
-        basis = transport(self.scene(surface), samples=self.samples, seed=self.seed)
+        basis = transport(self.scene(surface), samples=self.samples, seed=self.seed if seed is None else seed)
         for name, image in zip(self.design.group_names, basis, strict=True):
             if not np.isfinite(image).all():
-                raise RuntimeError(
+                raise RenderFailed(
                     f"LED group {name!r}: the rendered picture holds values that are not finite"
                 )
             if not image.any():
-                raise RuntimeError(
+                raise RenderFailed(
                     f"LED group {name!r}: the rendered picture is black; no light of this group reaches the camera "
                     "(is it behind the gelcore's painted side, or facing away?)"
                 )

@@ -16,20 +16,28 @@ Array = NDArray[np.float64]
 class Rays:
     """One viewing ray a pixel, as it runs in the layer that touches the membrane.
 
-    The ray of a pixel passes (x_mm, y_mm) at height z = 0 and moves by `slope_x`, `slope_y` mm per mm of height.
-    All arrays have shape (rows, columns).
+    The ray of a pixel passes (x_mm, y_mm) at height z = 0 and moves by `slope_x`, `slope_y` mm a mm of height.
+    All arrays have shape (rows, columns). `binned` sensor pixels make one output pixel.
     """
 
     x_mm: Array
     y_mm: Array
     slope_x: Array
     slope_y: Array
+    binned: float
+
+    @property
+    def pitch_mm(self) -> tuple[float, float]:
+        """Distance of neighbouring pixels on the plane z = 0, along x and y (median)."""
+        return (
+            float(np.median(np.diff(self.x_mm, axis=1))),
+            float(np.median(-np.diff(self.y_mm, axis=0))),
+        )
 
     def hit(self, surface: Surface, *, iterations: int = 8) -> tuple[Array, Array]:
-        """Points (x, y) in mm where the rays meet a deformed membrane, by fixed-point iteration on the height.
+        """Points (x, y) in mm where the rays meet a deformed membrane, by fixed-point iteration.
 
-        The slopes of viewing rays are small against those of the membrane's walls seen from the side, so the iteration
-        contracts wherever a wall does not hide itself.
+        Viewing rays are steep, so the iteration contracts wherever a wall does not hide itself.
         """
         z = np.nan_to_num(surface.z_mm)
         x, y = self.x_mm, self.y_mm
@@ -66,4 +74,5 @@ def rays(design: Design, view: View) -> Rays:
     scale = np.where(tangent > 1e-9, lateral / safe, paraxial)
     slope = np.where(tangent > 1e-9, per_layer[0] / safe, 1.0 / layers[0][1])
     x_c, y_c, _ = camera.position_mm
-    return Rays(x_c + scale * tan_x, y_c + scale * tan_y, -slope * tan_x, -slope * tan_y)
+    binned = (view.width_px / view.columns) * (view.height_px / view.rows)
+    return Rays(x_c + scale * tan_x, y_c + scale * tan_y, -slope * tan_x, -slope * tan_y, binned)
