@@ -17,13 +17,8 @@ if TYPE_CHECKING:
     import optuna
     import pandas as pd
 
-_STATES = {
-    "COMPLETE": "complete",
-    "PRUNED": "infeasible",
-    "FAIL": "failed",
-    "RUNNING": "running",
-    "WAITING": "waiting",
-}
+STATES = ("complete", "infeasible", "failed", "interrupted", "running", "waiting")
+"""What may become of a trial; the design of an interrupted one is tried again in another trial."""
 
 _FEWEST_FOR_IMPORTANCE = 10
 
@@ -56,8 +51,8 @@ class Results:
         return self.study.design(values).replace({"name": name})
 
     def counts(self) -> dict[str, int]:
-        """Number of trials in each state: complete, infeasible, failed, running, waiting."""
-        return {state: int((self.frame["state"] == state).sum()) for state in _STATES.values()}
+        """Number of trials in each of `STATES`."""
+        return {state: int((self.frame["state"] == state).sum()) for state in STATES}
 
     def rejections(self) -> dict[str, int]:
         """How many infeasible designs each rule rejected, most frequent first; a design may break several."""
@@ -93,10 +88,10 @@ def load_results(out: str | Path) -> Results:
     Returns
     -------
     Results
-        Its ``frame`` has one row a trial: ``trial``, ``state`` (complete, infeasible, failed, running,
-        waiting), a column for each parameter (dotted path), for each score its value, ``<score>_se`` and
-        ``<score>_bias_bound``; ``violation_mm``, ``reason`` and ``broken`` (names of the rules) of infeasible
-        designs; ``reuse_of``, the trial that evaluated an equal design before.
+        Its ``frame`` has one row a trial: ``trial``, ``state`` (one of `STATES`), a column for each
+        parameter (dotted path), for each score its value, ``<score>_se`` and ``<score>_bias_bound``;
+        ``violation_mm``, ``reason`` and ``broken`` (names of the rules) of infeasible designs; ``reuse_of``,
+        the trial that evaluated an equal design before.
 
     Raises
     ------
@@ -118,7 +113,7 @@ def load_results(out: str | Path) -> Results:
 
 
 def _row(study: Study, folder: Path, trial: "optuna.trial.FrozenTrial") -> dict[str, Any]:
-    state = _STATES[trial.state.name]
+    state = _state(trial)
     row: dict[str, Any] = {"trial": trial.number, "state": state, **trial.params}
     if state == "complete":
         row |= dict(zip(study.objectives, trial.values, strict=True))
@@ -133,6 +128,12 @@ def _row(study: Study, folder: Path, trial: "optuna.trial.FrozenTrial") -> dict[
     row["reason"] = rejected.get("reason", trial.user_attrs.get("failed"))
     row["broken"] = list(rejected.get("broken", {})) or None
     return row
+
+
+def _state(trial: "optuna.trial.FrozenTrial") -> str:
+    if trial.state.name == "PRUNED":
+        return "failed" if "failed" in trial.user_attrs else "infeasible"
+    return {"COMPLETE": "complete", "FAIL": "interrupted"}.get(trial.state.name, trial.state.name.lower())
 
 
 def _number(value: float | None) -> float:

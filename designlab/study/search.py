@@ -23,7 +23,7 @@ REFUSED_MM = 1000.0
 
 _PATIENCE = 20  # infeasible designs in a row after which every other one is drawn at random
 _GIVE_UP = 1000  # infeasible designs in a row after which the ranges are taken to hold no feasible one
-_FAILURES = 5  # failed evaluations in a row after which something other than the design is at fault
+_FAILURES = 10  # failed evaluations in a row after which something other than the design is at fault
 
 
 class Evaluator(Protocol):
@@ -56,13 +56,13 @@ def evaluate_design(evaluator: Evaluator, design: Design, fidelity: str, seed: i
         ``scores`` (name to ``value``, ``se``, ``bias_bound``, ``unit``), ``margins`` and ``seconds``; or
         ``infeasible`` or ``failed`` with the reason. Any other exception is a defect and passes through.
     """
+    from designlab.simulate import RenderFailed
+
     try:
         score = evaluator(design, fidelity=fidelity, seed=seed)
     except InfeasibleDesign as error:
         return {"infeasible": str(error)}
-    except RuntimeError as error:
-        if type(error).__name__ != "RenderFailed":  # by name: a search must not load the renderer
-            raise
+    except RenderFailed as error:
         return {"failed": str(error)}
     scores = {
         name: {
@@ -137,7 +137,8 @@ class Search:
         from optuna.trial import TrialState
 
         complete = self.record.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
-        self.infeasible = len(self.record.get_trials(deepcopy=False, states=(TrialState.PRUNED,)))
+        pruned = self.record.get_trials(deepcopy=False, states=(TrialState.PRUNED,))
+        self.infeasible = sum("rejected" in trial.user_attrs for trial in pruned)
         self.done = len(complete)
         for trial in complete:
             self._known.setdefault(self.study.design(trial.params).digest, trial.number)
@@ -253,13 +254,18 @@ class Search:
             self._reuse(follower, task.trial.number)
 
     def _fail(self, trial: "optuna.Trial", reason: str) -> None:
+        """Record a design of which no score can be had; the sampler learns to keep away from it."""
         from optuna.trial import TrialState
 
         trial.set_user_attr("failed", reason)
-        self.record.tell(trial, state=TrialState.FAIL)
+        trial.set_constraint("violation_mm", REFUSED_MM)
+        self.record.tell(trial, state=TrialState.PRUNED)
         self._failed += 1
-        if self.done == 0 or self._failed >= _FAILURES:
-            raise RuntimeError(f"study {self.study.name!r}: trial {trial.number} failed: {reason}")
+        if self._failed >= _FAILURES:
+            raise RuntimeError(
+                f"study {self.study.name!r}: {_FAILURES} evaluations in a row failed, "
+                f"the last one (trial {trial.number}) because: {reason}"
+            )
 
     def _complete(self, task: Task, outcome: Mapping[str, Any]) -> None:
         # The folder comes first: after a kill before the record knows of it, the trial is completed from it.

@@ -119,7 +119,7 @@ def test_killed_studies_end_like_one_that_was_not(tmp_path, start):
     pd.testing.assert_frame_equal(cut, whole)
     counts = load_results(folder).counts()
     assert counts["running"] == counts["waiting"] == 0
-    assert counts["failed"] <= kills
+    assert counts["interrupted"] <= kills
     ended = Counter(line.split()[0] for line in log.read_text().splitlines() if line.split()[1] == "end")
     # A design is evaluated again only if the kill fell between the end of its evaluation and its storage.
     assert sum(ended.values()) <= TRIALS + kills
@@ -159,6 +159,6 @@ def test_a_design_that_kills_its_process_is_given_up_after_the_second_time(tmp_p
     finish(start("deadly"))
     results = load_results(folder)
     assert results.counts()["complete"] == TRIALS
-    assert results.counts()["failed"] == 2
+    assert results.counts()["interrupted"] == 2
     assert started[0] not in {results.design(int(t)).digest for t in results.pareto["trial"]}
     assert log.read_text().count(f"{started[0]} start") == 2

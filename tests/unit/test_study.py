@@ -14,6 +14,7 @@ import pytest
 
 from designlab import design as designs
 from designlab.design import DesignError, InfeasibleDesign, preset
+from designlab.simulate import RenderFailed
 from designlab.study import (
     Parameter,
     Study,
@@ -30,7 +31,7 @@ from designlab.study import (
     run_study,
     sweep,
 )
-from designlab.study.results import hypervolume, losses
+from designlab.study.results import STATES, hypervolume, losses
 
 RANGES = {"leds.tilt_deg": Parameter(low=-20, high=60), "leds.height_mm": Parameter(low=5, high=14)}
 BEST_TILT_DEG = {"uniformity_u0": 30.0, "normal_error_median_deg": 10.0}
@@ -83,6 +84,10 @@ def make(**changes):
 
 def run(study, out, **options):
     return run_study(study, out=out, progress=False, **({"evaluator": closed_form} | options))
+
+
+def counts(**given):
+    return dict.fromkeys(STATES, 0) | given
 
 
 def write(folder: Path, text: str) -> Path:
@@ -199,7 +204,7 @@ def test_the_digest_ignores_names_and_effort_and_nothing_else():
 def test_each_evaluated_trial_keeps_its_design_and_its_score(tmp_path):
     study = make()
     results = run(study, tmp_path)
-    assert results.counts() == {"complete": 6, "infeasible": 0, "failed": 0, "running": 0, "waiting": 0}
+    assert results.counts() == counts(complete=6)
     for _, row in results.frame.iterrows():
         folder = tmp_path / "trials" / f"{row['trial']:04d}"
         design = designs.load(folder / "design.toml")
@@ -343,7 +348,7 @@ def test_whole_numbers_and_steps_are_kept(tmp_path):
 
 def test_workers_reach_the_same_number_of_designs(tmp_path):
     results = run(make(trials=8, sampler="random"), tmp_path, workers=2)
-    assert results.counts() == {"complete": 8, "infeasible": 0, "failed": 0, "running": 0, "waiting": 0}
+    assert results.counts() == counts(complete=8)
     alone = run(make(trials=8, sampler="random"), tmp_path / "alone")
     assert set(results.frame["leds.tilt_deg"]) == set(alone.frame["leds.tilt_deg"])
 
@@ -376,8 +381,8 @@ def test_results_can_be_read_while_the_study_runs(tmp_path):
     seen = []
 
     def reading(design, *, fidelity, seed):
-        counts = load_results(tmp_path).counts()
-        seen.append((counts["complete"], counts["running"]))
+        now = load_results(tmp_path).counts()
+        seen.append((now["complete"], now["running"]))
         return closed_form(design, fidelity=fidelity, seed=seed)
 
     run(make(trials=3), tmp_path, evaluator=reading)
@@ -395,37 +400,33 @@ def test_a_defect_stops_the_study_and_the_design_is_tried_again(tmp_path):
         run(make(), tmp_path, evaluator=counting)
     assert load_results(tmp_path).counts()["complete"] == 2
     results = run(make(), tmp_path, evaluator=counting)
-    assert results.counts() == {"complete": 6, "infeasible": 0, "failed": 1, "running": 0, "waiting": 0}
+    assert results.counts() == counts(complete=6, interrupted=1)
     assert counting.digests[2] == counting.digests[3]
     assert len(set(counting.digests)) == 6
 
 
-def test_a_render_that_fails_costs_one_trial_and_five_end_the_study(tmp_path):
-    class RenderFailed(RuntimeError):
-        pass
-
+def test_a_render_that_fails_costs_one_trial_and_ten_in_a_row_end_the_study(tmp_path):
     def failing(design, *, fidelity, seed):
         if len(counting.digests) in failures:
-            raise RenderFailed("out of memory")
+            raise RenderFailed("the picture is black")
         return closed_form(design, fidelity=fidelity, seed=seed)
 
-    failures = {2}
+    failures = {1, 4}
     counting = Counting(failing)
-    results = run(make(), tmp_path / "one", evaluator=counting)
-    assert results.counts() == {"complete": 6, "infeasible": 0, "failed": 1, "running": 0, "waiting": 0}
-    assert list(results.frame.loc[results.frame["state"] == "failed", "reason"]) == ["out of memory"]
-    assert len(set(counting.digests)) == 7
+    results = run(make(), tmp_path / "two", evaluator=counting)
+    assert results.counts() == counts(complete=6, failed=2)
+    assert results.rejections() == {}
+    failed = results.frame[results.frame["state"] == "failed"]
+    assert list(failed["reason"]) == ["the picture is black"] * 2
+    assert len(set(counting.digests)) == 8
 
     failures = set(range(2, 99))
     counting = Counting(failing)
-    with pytest.raises(RuntimeError, match="study 'ring': trial 5 failed: out of memory"):
+    with pytest.raises(
+        RuntimeError, match=r"10 evaluations in a row failed, .*\(trial 10\) .*picture is black"
+    ):
         run(make(), tmp_path / "all", evaluator=counting)
-    assert len(counting.digests) == 6
-
-    failures = {1}
-    counting = Counting(failing)
-    with pytest.raises(RuntimeError, match="study 'ring': trial 0 failed: out of memory"):
-        run(make(), tmp_path / "first", evaluator=counting)
+    assert len(counting.digests) == 11
 
 
 def test_a_score_that_is_no_number_is_a_failure(tmp_path):
@@ -434,8 +435,9 @@ def test_a_score_that_is_no_number_is_a_failure(tmp_path):
         score.scores["uniformity_u0"].value = math.nan
         return score
 
-    with pytest.raises(RuntimeError, match="trial 0 failed: uniformity_u0 is not a finite number"):
+    with pytest.raises(RuntimeError, match="uniformity_u0 is not a finite number"):
         run(make(), tmp_path, evaluator=blind)
+    assert load_results(tmp_path).counts() == counts(failed=10)
 
 
 def test_an_objective_that_is_no_score_is_named(tmp_path):
