@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from designlab.design import Design
 from designlab.fabricate import led_colour, parts
 from geometries.elastomer import base_mm, inside
-from geometries.leds import Emitter, emitters
+from geometries.leds import Emitter, bodies, emitters
 from geometries.mesh import from_solid
 
 if TYPE_CHECKING:
@@ -58,11 +58,13 @@ def scene(design: Design, indentation: tuple[Array, Array, Array] | None, *, cut
     for name, colour in (("gelcore", "#2f7fa8"), ("elastomer", "#b8752c")):
         edges = _mesh(shapes[name]).extract_feature_edges(25.0).strip(join=True)
         add(edges.tube(radius=0.5 * thin), colour, opacity=0.75)
-    add(_mesh(shapes["led_array"]), "#3c6e54", ambient=0.15)
+    colours = [led_colour(group.wavelength_nm) for group in design.leds.groups]
+    for solid, body in zip(shapes["led_array"].Solids(), bodies(design.leds), strict=True):
+        r, g, b = (0.15 + 0.45 * channel for channel in colours[body.group])
+        add(_mesh(solid), (r, g, b), ambient=0.1)
     for emitter in emitters(design.leds):
-        colour_rgb = led_colour(design.leds.groups[emitter.group].wavelength_nm)
-        add(_face(emitter), colour_rgb, lighting=False)
-        add(_arrow(emitter, 0.3 * design.leds.radius_mm), colour_rgb, ambient=0.6)
+        add(_face(emitter), colours[emitter.group], lighting=False)
+        add(_arrow(emitter, 0.45 * design.leds.radius_mm), colours[emitter.group], lighting=False)
     _add_membrane(plotter, design, indentation)
     add(_sensing_area(design).tube(radius=1.2 * thin), SENSING_COLOUR, lighting=False)
     for line in _frustum(design):
@@ -116,9 +118,9 @@ def _arrow(emitter: Emitter, length_mm: float) -> Any:
         start=emitter.centre_mm,
         direction=emitter.normal,
         scale=length_mm,
-        tip_length=0.3,
-        tip_radius=0.09,
-        shaft_radius=0.03,
+        tip_length=0.25,
+        tip_radius=0.06,
+        shaft_radius=0.02,
         tip_resolution=32,
         shaft_resolution=32,
     )
