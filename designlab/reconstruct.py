@@ -20,8 +20,10 @@ POSITION_DEGREES: tuple[tuple[int, ...], ...] = ((2,), (2, 1), (2, 1, 1))
 RIDGES: tuple[float, ...] = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
 # A ratio to a background darker than this share of its mean would be noise.
 _DARKEST = 0.1
-# More pixels of one press repeat each other.
+# More pixels of one press repeat each other; without a limit the flat ones would outvote the contact.
 _SLOPING_PIXELS, _FLAT_PIXELS = 4000, 1000
+# Below this share of a press's steepest slope a pixel counts as flat.
+_FLAT = 0.01
 
 
 class Terms(NamedTuple):
@@ -299,14 +301,15 @@ def _truth(p: ArrayLike, q: ArrayLike, mask: Mask, shape: tuple[int, ...]) -> _T
             f"gradients_p, gradients_q, masks: must be {shape[0]} x {shape[1]} and masks bool, got "
             f"{gradients.shape[:2]} and {mask.dtype} {mask.shape}"
         )
-    gradients = gradients.reshape(-1, 2)
-    if not np.isfinite(gradients[mask.ravel()]).all():
+    known, gradients = np.flatnonzero(mask), gradients.reshape(-1, 2)
+    steepness = np.linalg.norm(gradients[known], axis=1)
+    if not np.isfinite(steepness).all():
         raise ValueError("gradients_p, gradients_q: must be finite within the mask")
-    flat = (gradients == 0).all(axis=1)
-    sloping = _thinned(np.flatnonzero(mask.ravel() & ~flat), _SLOPING_PIXELS)
-    if not sloping.size:
+    if not steepness.any():
         raise ValueError("gradients_p, gradients_q: each press must slope somewhere within its mask")
-    pixels = np.concatenate([sloping, _thinned(np.flatnonzero(mask.ravel() & flat), _FLAT_PIXELS)])
+    flat = steepness <= _FLAT * steepness.max()
+    sloping = _thinned(known[~flat], _SLOPING_PIXELS)
+    pixels = np.concatenate([sloping, _thinned(known[flat], _FLAT_PIXELS)])
     return _Truth(pixels, gradients[pixels], sloping.size)
 
 

@@ -1,6 +1,3 @@
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 from PIL import Image as Pillow
@@ -261,11 +258,8 @@ def test_image_says_why_it_refuses():
 
 
 @pytest.mark.measured
-def test_the_published_half_float_picture_is_read():
-    folder = os.environ.get("DESIGNLAB_MEASURED")
-    if not folder:
-        pytest.skip("DESIGNLAB_MEASURED is not set")
-    picture = read_image(Path(folder) / "gelsight-flat" / "tri0u.exr")
+def test_the_published_half_float_picture_is_read(measured_dir):
+    picture = read_image(measured_dir / "gelsight-flat" / "tri0u.exr")
     assert picture.shape == (600, 600, 3)
     # every value is a half float, so nothing was rescaled
     np.testing.assert_array_equal(picture, picture.astype(np.float16))

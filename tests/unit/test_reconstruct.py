@@ -1,6 +1,4 @@
 import csv
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -270,13 +268,6 @@ def test_fit_refuses_what_it_cannot_use():
 PITCH_PX_MM, BALL_RADIUS_MM, TRUSTED = 0.0592592593, 2.92, 0.85
 
 
-def measured_folder():
-    folder = os.environ.get("DESIGNLAB_MEASURED")
-    if not folder:
-        pytest.skip("DESIGNLAB_MEASURED is not set")
-    return Path(folder) / "thu"
-
-
 def cap(centre_px, contact_radius_px, shape):
     """Gradients of the ball, height above its contact circle, and where that truth holds."""
     rows, columns = np.indices(shape)
@@ -307,17 +298,24 @@ def calibrate_on_measured_balls(folder):
 
 
 @pytest.mark.measured
-def test_measured_presses_of_known_depth():
-    """Balls calibrate, presses of known depth judge; the bounds are those of linear photometric stereo."""
-    folder = measured_folder()
+def test_measured_presses_of_known_depth(measured_dir):
+    """Balls calibrate, presses of known depth judge.
+
+    The gel follows the ball only up to about sqrt(R d) (Hertz). Beyond it the membrane is flatter than the
+    cap that counts as truth, which the wider circle includes.
+    """
+    folder = measured_dir / "thu"
     calibration = calibrate_on_measured_balls(folder)
-    rmse_mm, angle_deg = [], []
+    rmse_mm, angle_deg, hertz_deg = [], [], []
     for depth_mm in (0.25, 0.5, 0.75, 1.0):
         p, q = calibration.gradients(read_image(folder / f"press_sphere_{depth_mm}.png"))
         contact_px = np.sqrt(depth_mm * (2 * BALL_RADIUS_MM - depth_mm)) / PITCH_PX_MM
         true_p, true_q, true_mm, r_px = cap((208, 166), contact_px, p.shape)
         inside = r_px < TRUSTED * contact_px
-        angle_deg.append(normal_error_deg(normals(p, q), normals(true_p, true_q))[inside].mean())
+        error_deg = normal_error_deg(normals(p, q), normals(true_p, true_q))
+        angle_deg.append(error_deg[inside].mean())
+        hertz_px = np.sqrt(BALL_RADIUS_MM * depth_mm) / PITCH_PX_MM
+        hertz_deg.append(error_deg[r_px < TRUSTED * hertz_px].mean())
         height_mm = integrate(p, q, pitch_mm=PITCH_PX_MM, boundary="dirichlet")
         rmse_mm.append(height_error(height_mm, true_mm, inside).rmse_um / 1000)
         p, q = calibration.gradients(read_image(folder / f"press_prism_{depth_mm}.png"))
@@ -325,6 +323,10 @@ def test_measured_presses_of_known_depth():
         face[114:221, 172:243] = True
         height_mm = integrate(p, q, pitch_mm=PITCH_PX_MM, boundary="dirichlet")
         rmse_mm.append(height_error(height_mm, np.full(p.shape, depth_mm), face).rmse_um / 1000)
-    print(f"height RMSE {np.mean(rmse_mm):.4f} mm, normals {np.mean(angle_deg):.2f} deg")
-    assert np.mean(rmse_mm) <= 0.062
+    print(
+        f"height RMSE {np.mean(rmse_mm):.4f} mm, normals {np.mean(angle_deg):.2f} deg, "
+        f"within the Hertz circle {np.mean(hertz_deg):.2f} deg"
+    )
+    assert np.mean(rmse_mm) <= 0.052
     assert np.mean(angle_deg) <= 5.2
+    assert np.mean(hertz_deg) <= 3.8
