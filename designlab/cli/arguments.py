@@ -1,0 +1,248 @@
+"""What may be written after `designlab`: commands, their arguments and their help."""
+
+import argparse
+import re
+from collections.abc import Sequence
+from typing import Any, NoReturn
+
+from designlab import __version__
+
+FIDELITIES = ("fast", "standard", "reference")
+DESIGN_HELP = "preset name (see `designlab presets`) or TOML file"
+MODEL_HELP = "preset name, design file, or model file written by `gap`"
+
+_DESIGNS = "designlab.cli.designs"
+_START = "designlab.cli.start"
+_STUDY = "designlab.cli.study"
+_GAP = "designlab.cli.gap"
+
+_EPILOGUE = """\
+Every command takes --json: one JSON object on stdout and nothing else there.
+Exit status: 0 done, 1 failure, 2 bad input, 130 interrupted.
+First steps: designlab doctor; designlab init my-sensor; designlab demo --out demo-out
+"""
+
+
+class UsageError(ValueError):
+    """Arguments that fit no command; the text names the argument and the rule."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Raises instead of exiting, so that wrong arguments read like every other bad input."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(allow_abbrev=False, **options)
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{message} (see `{self.prog} --help`)")
+
+
+def parse(arguments: Sequence[str]) -> argparse.Namespace:
+    """Read the arguments of the command line.
+
+    Raises
+    ------
+    UsageError
+        If they fit no command.
+    SystemExit
+        After ``--help`` and ``--version``.
+    """
+    return parser().parse_args(_with_negative_values(arguments))
+
+
+def parser() -> argparse.ArgumentParser:
+    """Build the parser of all commands."""
+    common = argparse.ArgumentParser(add_help=False)
+    common.add_argument("--json", action="store_true", help="print one JSON object instead of text")
+    common.add_argument("--debug", action="store_true", help="show the traceback of a failure")
+    top = _Parser(
+        prog="designlab",
+        parents=[common],
+        description="Design, simulate, score and diagnose camera-based tactile sensors.",
+        epilog=_EPILOGUE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    top.add_argument("--version", action="version", version=f"designlab {__version__}")
+    commands = top.add_subparsers(metavar="COMMAND", required=True, parser_class=_Parser)
+
+    def add(name: str, run: str, text: str, *, to: Any = commands, **options: Any) -> argparse.ArgumentParser:
+        added: argparse.ArgumentParser = to.add_parser(
+            name, help=text, description=text[0].upper() + text[1:] + ".", parents=[common], **options
+        )
+        added.set_defaults(run=run)
+        return added
+
+    add("doctor", f"{_START}:doctor", "what this machine offers, what is missing and how to get it")
+    presets = add("presets", f"{_DESIGNS}:presets", "published sensors; one of them as TOML")
+    presets.add_argument("name", nargs="?", metavar="NAME", help="preset to print")
+    init = add("init", f"{_START}:init", "a starter folder: design, study, notebook, measurement template")
+    init.add_argument("folder", metavar="DIR", help="folder to make; must not exist, or be empty")
+    demo = add("demo", f"{_START}:demo", "the main job end to end on a small budget")
+    _out(demo, "folder of the results; the same command again goes on where it ended")
+    _seed(demo)
+    _add_designs(add)
+    _add_study(add)
+    _add_gap(add)
+    return top
+
+
+def _add_designs(add: Any) -> None:
+    evaluate = add("evaluate", f"{_DESIGNS}:evaluate", "scores of a design, by simulation")
+    _design(evaluate)
+    evaluate.add_argument("--fidelity", choices=FIDELITIES, default="fast", help="effort (default: fast)")
+    _seed(evaluate)
+    _out(evaluate, "folder for the score and its pictures", required=False)
+
+    render = add("render", f"{_DESIGNS}:render", "one picture of the sensing area")
+    _model(render, "design")
+    press = render.add_argument_group("press (without: the untouched gel)")
+    press.add_argument("--probe", metavar="SPEC", help="kind[:size_mm] such as sphere:4, or a mesh file")
+    press.add_argument("--depth-mm", type=float, metavar="D", help="how deep it is pressed (mm)")
+    press.add_argument(
+        "--at", type=_point, metavar="X,Y", help="where its axis meets the gel (mm; default 0,0)"
+    )
+    press.add_argument("--yaw-deg", type=float, metavar="A", help="its rotation, counter-clockwise (deg)")
+    render.add_argument(
+        "-o",
+        "--output",
+        required=True,
+        metavar="FILE",
+        help=".exr: linear radiance; .png: picture for eyes (sRGB, brightest 0.1 %% clipped)",
+    )
+    render.add_argument(
+        "--columns", type=_whole(16, 4096), default=640, metavar="N", help="width of the picture in pixels"
+    )
+    _samples(render)
+    _seed(render)
+
+    compare = add("compare", f"{_DESIGNS}:compare", "image metrics of a simulation against the real thing")
+    compare.add_argument("simulated", metavar="SIM", help="image file; or " + MODEL_HELP)
+    compare.add_argument("real", metavar="REAL", help="image file; or a measurement folder")
+    _out(compare, "folder for the simulated pictures, beside the real ones", required=False)
+    _samples(compare)
+    _seed(compare)
+
+    export = add("export", f"{_DESIGNS}:export", "STL, STEP, 3MF, LED coordinates, bill of materials, checks")
+    _design(export)
+    _out(export, "folder to make; replaces an earlier export")
+    export.add_argument(
+        "--probe", action="append", default=[], metavar="SPEC", help="indenter to add (repeatable)"
+    )
+    export.add_argument(
+        "--allow-infeasible", action="store_true", help="export although rules are broken, with warnings"
+    )
+
+
+def _add_study(add: Any) -> None:
+    study = add("study", "", "search for better designs; resumable, many workers")
+    actions = study.add_subparsers(metavar="ACTION", required=True, parser_class=_Parser)
+    run = add("run", f"{_STUDY}:run", "evaluate designs until the study is done", to=actions)
+    run.set_defaults(resume="run the same command again to resume")
+    status = add("status", f"{_STUDY}:status", "how far a study is, and its best designs", to=actions)
+    report = add("report", f"{_STUDY}:report", "one HTML page about a study", to=actions)
+    for action in (run, status, report):
+        action.add_argument("study", metavar="STUDY", help="study file (TOML), or the folder of its results")
+    _out(run, "folder of the results (default: STUDY without .toml, with -out)", required=False)
+    _out(status, "folder of the results, where `run` had one", required=False)
+    report.add_argument("--results", metavar="DIR", help="folder of the results, where `run` had --out")
+    report.add_argument("-o", "--output", metavar="FILE", help="page to write (default: report.html there)")
+    run.add_argument(
+        "--workers", type=_whole(1, 256), default=1, metavar="N", help="processes at once (default: 1)"
+    )
+    run.add_argument(
+        "--trials", type=_whole(1, 100_000), metavar="N", help="designs in all, instead of the study's own"
+    )
+
+
+def _add_gap(add: Any) -> None:
+    gap = add("gap", "", "what a model lacks: diagnose a measurement, or make one with a hidden effect")
+    actions = gap.add_subparsers(metavar="ACTION", required=True, parser_class=_Parser)
+    plant = add("plant", f"{_GAP}:plant", "a measurement set with a hidden effect, answer apart", to=actions)
+    plant.add_argument(
+        "--effect",
+        action="append",
+        default=[],
+        metavar="NAME[:P=V,...]",
+        help="effect to hide (repeatable); without values they are drawn from the seed; none: a null set",
+    )
+    plant.add_argument("--design", default="gelsight-2020-flat", metavar="DESIGN", help=DESIGN_HELP)
+    plant.add_argument(
+        "--strength",
+        type=float,
+        default=1.5,
+        metavar="S",
+        help="size of drawn values in usual spreads (1.5)",
+    )
+    plant.add_argument("--kit", choices=("hour", "small"), default="hour", help="which presses are taken")
+    plant.add_argument(
+        "--columns", type=_whole(8, 2048), default=96, metavar="N", help="image width in pixels"
+    )
+    _out(plant, "folder to make; the answer is written beside it")
+    _seed(plant)
+    diagnose = add("diagnose", f"{_GAP}:diagnose", "name the effects a model lacks", to=actions)
+    diagnose.add_argument("measurement", metavar="MEASUREMENT", help="folder with a measurement.toml")
+    diagnose.add_argument("--model", required=True, metavar="MODEL", help=MODEL_HELP)
+    _out(diagnose, "folder of the report and the updated model")
+    _seed(diagnose)
+
+
+def _design(command: argparse.ArgumentParser) -> None:
+    command.add_argument("design", metavar="DESIGN", help=DESIGN_HELP)
+
+
+def _model(command: argparse.ArgumentParser, name: str) -> None:
+    command.add_argument(name, metavar="DESIGN", help=MODEL_HELP)
+
+
+def _out(command: argparse.ArgumentParser, text: str, *, required: bool = True) -> None:
+    command.add_argument("--out", required=required, metavar="DIR", help=text)
+
+
+def _seed(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--seed", type=_whole(0, 2**31 - 1), default=0, metavar="N", help="random seed (default: 0)"
+    )
+
+
+def _samples(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--samples",
+        type=_whole(1, 65536),
+        default=64,
+        metavar="N",
+        help="light paths a pixel (default: 64)",
+    )
+
+
+def _whole(low: int, high: int) -> Any:
+    """Return the reader of a whole number between two bounds."""
+
+    def read(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"must be a whole number, got {text!r}") from None
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"must lie between {low} and {high}, got {value}")
+        return value
+
+    return read
+
+
+def _point(text: str) -> tuple[float, float]:
+    try:
+        x, y = (float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be two numbers X,Y in mm, got {text!r}") from None
+    return x, y
+
+
+def _with_negative_values(arguments: Sequence[str]) -> list[str]:
+    """Join ``--at -1,2`` to ``--at=-1,2``: argparse takes a leading minus for an option."""
+    joined: list[str] = []
+    for argument in arguments:
+        if joined and joined[-1] == "--at" and re.match(r"-[\d.]", argument):
+            joined[-1] += f"={argument}"
+        else:
+            joined.append(argument)
+    return joined

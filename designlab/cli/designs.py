@@ -1,0 +1,177 @@
+"""Commands about one design: presets, evaluate, render, compare, export."""
+
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from designlab.cli.console import Result
+from designlab.cli.shared import bar, results_folder, source_named, table
+
+if TYPE_CHECKING:
+    from designlab.press import Press
+
+
+def presets(args: Namespace) -> Result:
+    """List the presets, or print one as TOML."""
+    from designlab.design import preset, preset_names, preset_text
+
+    if args.name is not None:
+        text = preset_text(args.name)
+        return Result(
+            {"name": args.name, "digest": preset(args.name).digest, "toml": text}, text.rstrip("\n")
+        )
+    listed = [{"name": name, "description": preset(name).description} for name in preset_names()]
+    width = max(len(entry["name"]) for entry in listed)
+    lines = [f"{entry['name']:<{width}}  {entry['description']}" for entry in listed]
+    return Result({"presets": listed}, "\n".join(lines))
+
+
+def evaluate(args: Namespace) -> Result:
+    """Score a design."""
+    from designlab.effects.model import load_model
+    from designlab.evaluate import evaluate as score_of
+
+    design = load_model(args.design)
+    results_folder(args.out, made_with="score.json")
+    with bar() as progress, source_named(args.design):
+        score = score_of(design, fidelity=args.fidelity, seed=args.seed, out=args.out, progress=progress)
+    rows = [
+        (name, f"{e.value:.4g}", f"{e.se:.2g}", "" if e.unit == "1" else e.unit)
+        for name, e in score.scores.items()
+    ]
+    text = [
+        f"{score.design}, fidelity {score.fidelity}, seed {score.seed}, {sum(score.seconds.values()):.0f} s",
+        table(("score", "value", "std. error", "unit"), rows),
+    ]
+    data: dict[str, Any] = score.to_json()
+    if args.out is not None:
+        pictures = sorted(path.name for path in Path(args.out).glob("*.png"))
+        data |= {"out": args.out, "pictures": pictures}
+        text.append(f"pictures in {args.out}: {', '.join(pictures)}")
+    return Result(data, "\n".join(text))
+
+
+def render(args: Namespace) -> Result:
+    """Write one picture."""
+    from designlab.effects.model import load_model
+    from designlab.images import tone_map, write_image
+    from designlab.simulate import Simulator
+
+    output = Path(args.output)
+    if output.suffix.lower() not in (".exr", ".png"):
+        raise ValueError(f"--output: must end in .exr or .png, got {args.output!r}")
+    model = load_model(args.design)
+    with source_named(args.design):
+        model.effective_design().require_feasible()
+    press = _press(args)
+    results_folder(output.parent)
+    frame = Simulator(model, columns=args.columns, samples=args.samples, seed=args.seed).frame(press)
+    mixed = frame.mixed
+    write_image(output, mixed if output.suffix.lower() == ".exr" else tone_map(mixed))
+    rows, columns = mixed.shape[:2]
+    data = {
+        "output": args.output,
+        "columns": columns,
+        "rows": rows,
+        "mean_radiance": [float(value) for value in mixed.mean(axis=(0, 1))],
+        "deepest_mm": float(frame.height_mm.max()),
+        "samples": args.samples,
+        "seed": args.seed,
+    }
+    return Result(data, f"{args.output}: {columns} x {rows} pixels")
+
+
+def _press(args: Namespace) -> "Press | None":
+    """The press that the arguments describe, if any."""
+    given = [name for name in ("depth_mm", "at", "yaw_deg") if getattr(args, name) is not None]
+    if args.probe is None:
+        if given:
+            raise ValueError(f"--probe: needed with --{given[0].replace('_', '-')}, which probe is pressed?")
+        return None
+    if args.depth_mm is None:
+        raise ValueError("--depth-mm: needed with --probe, how deep is it pressed?")
+    from pydantic import ValidationError
+
+    from designlab.design import explain
+    from designlab.press import Press
+    from geometries.probes import parse
+
+    try:
+        return Press(
+            probe=parse(args.probe),
+            depth_mm=args.depth_mm,
+            centre_mm=args.at or (0.0, 0.0),
+            yaw_deg=args.yaw_deg or 0.0,
+        )
+    except ValidationError as error:
+        raise ValueError(f"press: {explain(error)}") from None
+
+
+def compare(args: Namespace) -> Result:
+    """Compare two images, or a model with a measurement."""
+    real = Path(args.real)
+    measured = real.is_dir() or real.name == "measurement.toml"
+    skipped: list[dict[str, str]] = []
+    if measured:
+        data = _compare_model(args)
+        skipped = data["skipped"]
+    else:
+        from designlab.compare import compare_files
+
+        data = compare_files(args.simulated, args.real)
+    names = ("mse", "snr_db", "smape", "ssim", "structure_corr", "structure_snr_db")
+    channels = data["channels"]
+    rows = [(name, *(f"{entry[name]:.4g}" for entry in (data, *channels.values()))) for name in names]
+    lines = [table(("figure", "all", *channels), rows)]
+    if measured:
+        lines.insert(0, f"compared: {', '.join(frame['file'] for frame in data['frames'])}")
+    lines += [f"skipped {entry['file']}: {entry['reason']}" for entry in skipped]
+    lines += [f"pictures in {args.out}"] if args.out and measured else []
+    return Result(data, "\n".join(lines))
+
+
+def _compare_model(args: Namespace) -> dict[str, Any]:
+    import numpy as np
+
+    from designlab.compare import compare_model
+    from designlab.effects.model import load_model
+    from designlab.images import tone_map, write_image
+    from designlab.measurement import load_measurement
+
+    measurement = load_measurement(args.real)
+    model = load_model(args.simulated)
+    results_folder(args.out)
+    with bar("frame") as progress:
+        found = compare_model(model, measurement, samples=args.samples, seed=args.seed, progress=progress)
+    if args.out is not None:
+        folder = Path(args.out)
+        for pair in found.pairs:
+            stem = Path(pair.file).stem
+            white = float(np.percentile(pair.real, 99.9))
+            beside = np.concatenate([pair.simulated, pair.real], axis=1)
+            write_image(folder / f"{stem}-simulated.exr", pair.simulated)
+            write_image(folder / f"{stem}-simulated-and-real.png", tone_map(beside, white))
+    return found.to_json()
+
+
+def export(args: Namespace) -> Result:
+    """Write the files to make a design."""
+    from designlab.design import load
+    from designlab.fabricate import export as write_files
+
+    design = load(args.design)
+    with bar() as progress, source_named(args.design):
+        manifest = write_files(
+            design,
+            args.out,
+            probes=args.probe,
+            allow_infeasible=args.allow_infeasible,
+            progress=lambda done, total, what: progress(what, done, total),
+        )
+    passed = sum(check["ok"] for check in manifest["checks"])
+    lines = [
+        f"{args.out}: {len(manifest['files'])} files for {', '.join(manifest['parts'])}",
+        f"{passed} of {len(manifest['checks'])} checks passed; README.txt there says what each file is for",
+        *(f"warning: {warning}" for warning in manifest["warnings"]),
+    ]
+    return Result({"out": args.out, **manifest}, "\n".join(lines))

@@ -1,0 +1,89 @@
+"""Commands about studies: run, status, report."""
+
+import shlex
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from designlab.cli.console import Result
+from designlab.cli.shared import results_folder, table
+
+if TYPE_CHECKING:
+    from designlab.study import Results
+
+
+def run(args: Namespace) -> Result:
+    """Run or resume a study."""
+    from designlab.study import StudyInterrupted, load_study, run_study
+
+    given = Path(args.study)
+    folder = _folder(given, args.out)
+    study = load_study(given / "study.toml" if given.is_dir() else given)
+    results_folder(folder)
+    try:
+        results = run_study(study, out=folder, workers=args.workers, trials=args.trials)
+    except StudyInterrupted as interrupt:
+        text = str(interrupt).partition(";")[0]
+        raise StudyInterrupted(f"{text}; to resume: {_again(args)}") from None
+    return Result(results.to_json(), _summary(results, study.trials if args.trials is None else args.trials))
+
+
+def _again(args: Namespace) -> str:
+    """Return the command that goes on."""
+    words = ["designlab", "study", "run", args.study]
+    words += ["--out", args.out] if args.out else []
+    words += ["--workers", str(args.workers)] if args.workers > 1 else []
+    words += ["--trials", str(args.trials)] if args.trials else []
+    return shlex.join(words)
+
+
+def status(args: Namespace) -> Result:
+    """Say how far a study is."""
+    from designlab.study import load_results
+
+    results = load_results(_folder(Path(args.study), args.out))
+    data = {**results.to_json(), "wanted": results.study.trials}
+    return Result(data, _summary(results, results.study.trials))
+
+
+def report(args: Namespace) -> Result:
+    """Write the page about a study."""
+    from designlab.report import study_report
+    from designlab.study import load_results
+
+    folder = _folder(Path(args.study), args.results)
+    results = load_results(folder)
+    page = Path(args.output) if args.output else folder / "report.html"
+    study_report(results, page)
+    return Result({"report": str(page), **results.to_json()}, f"report: {page}")
+
+
+def _folder(given: Path, out: str | None) -> Path:
+    """Folder of the results of a study file, or the folder itself."""
+    if out is not None:
+        return Path(out)
+    return given if given.is_dir() else given.with_name(f"{given.stem}-out")
+
+
+def _summary(results: "Results", wanted: int) -> str:
+    counts = results.counts()
+    lines = [
+        f"{results.study.name}: {counts['complete']} of {wanted} designs evaluated, "
+        f"{counts['infeasible']} infeasible, {counts['failed']} failed, {counts['running']} running"
+    ]
+    rejections = results.rejections()
+    if rejections:
+        lines.append("rejected by: " + ", ".join(f"{rule} ({count})" for rule, count in rejections.items()))
+    columns = [*results.study.parameters, *results.study.objectives]
+    rows = [
+        (f"{row['trial']}", row["pick"], *(_cell(row[column]) for column in columns))
+        for _, row in results.picks.iterrows()
+    ]
+    if rows:
+        lines += ["shortlist:", table(("trial", "why", *columns), rows)]
+    lines.append(f"results: {results.folder}")
+    return "\n".join(lines)
+
+
+def _cell(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
