@@ -115,8 +115,8 @@ def shadow_length_mm(surface: HeightField, cells: Cells) -> float:
 
 
 def _strides(longest: int, most: int) -> list[int]:
-    """Distances to look along the light, in grid steps: every one at first, then 8 % apart."""
+    """Distances to look along the light, in grid steps: every one at first, then 2 % apart."""
     strides = [1]
     while strides[-1] < longest:
-        strides.append(max(strides[-1] + 1, round(1.08 * strides[-1])))
+        strides.append(max(strides[-1] + 1, round(1.02 * strides[-1])))
     return [stride for stride in strides if stride <= most]
