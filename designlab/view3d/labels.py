@@ -119,7 +119,7 @@ def compose(name: str, image: NDArray[Any], found: Sequence[Label], camera: Any,
         for row, index in zip(rows, members, strict=True):
             column = _MARGIN_PX if side == "left" else WIDTH_PX - _MARGIN_PX
             _annotate(axes, found[index], pixels[index], (column, row), side)
-    axes.text(_MARGIN_PX, 48, name, fontsize=16, weight="bold", va="center", color=_INK)
+    axes.text(_MARGIN_PX, 48, name, fontsize=16, weight="bold", va="center", color=_INK, parse_math=False)
     bar = 10 * px_per_mm
     right = WIDTH_PX - _MARGIN_PX
     axes.plot([right - bar, right], [HEIGHT_PX - 36] * 2, color=_INK, lw=3, solid_capstyle="butt")

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from designlab.design import Design
 from designlab.fabricate import led_colour, parts
-from geometries.elastomer import base_mm, inside
+from geometries.elastomer import base_mm, polygon
 from geometries.leds import Emitter, bodies, emitters
 from geometries.mesh import from_solid
 
@@ -25,6 +25,7 @@ CUT_HALF_ANGLE_DEG = 68.0
 SENSING_COLOUR = "#c2185b"
 _DRAWN_TOLERANCE_MM = 0.02
 _MEMBRANE_POINTS = 400
+_MEMBRANE_GAP_MM = 0.02
 
 
 def scene(design: Design, indentation: tuple[Array, Array, Array] | None, *, cutaway: bool) -> Any:
@@ -133,24 +134,26 @@ def _add_membrane(
     import pyvista
     from scipy.interpolate import RegularGridInterpolator
 
+    # Rays from the middle to the outline, so that the grid ends exactly there.
     gel = design.elastomer
-    half_x = gel.width_mm / (np.sqrt(3.0) if gel.outline == "hexagon" else 2.0)
-    half_y = gel.length_mm / 2 if gel.outline == "rectangle" else gel.width_mm / 2
-    axis = np.linspace(-1.0, 1.0, _MEMBRANE_POINTS)
-    x, y = np.meshgrid(half_x * axis, half_y * axis)
-    base, pressed = base_mm(gel, x, y), np.zeros(x.shape)
+    corners = polygon(gel, segments=_MEMBRANE_POINTS)
+    along = np.linspace(0, 1, max(2, 4 * _MEMBRANE_POINTS // len(corners)))[:-1, None]
+    rim = np.vstack([a + along * (b - a) for a, b in pairwise([*corners, corners[0]])] + [corners[:1]])
+    share = np.linspace(0.0, 1.0 - 1e-9, _MEMBRANE_POINTS)[:, None]
+    x, y = share * rim[:, 0], share * rim[:, 1]
+    z, pressed = base_mm(gel, x, y), np.zeros(x.shape)
     if indentation is not None:
         columns, rows, height = indentation
         height_at = RegularGridInterpolator(
             (rows[::-1], columns), height[::-1], bounds_error=False, fill_value=0.0
         )
         pressed = height_at((y, x))
-    valid = inside(gel, x, y) & np.isfinite(base)
-    # Just below the gel's own outer face, or the two would fight for the pixels.
-    grid = pyvista.StructuredGrid(x, y, np.where(valid, base, 0.0) + pressed - 0.02)
+    # Just outside the gel's own outer face, or the two would fight for the pixels.
+    outside = _MEMBRANE_GAP_MM / (gel.radius_mm or np.inf)
+    gap = _MEMBRANE_GAP_MM * (1 - (z / gel.radius_mm if gel.radius_mm else 0.0))
+    grid = pyvista.StructuredGrid((1 + outside) * x, (1 + outside) * y, z + pressed - gap)
     grid["depth"] = pressed.ravel(order="F")
-    cells = valid[:-1, :-1] & valid[1:, :-1] & valid[:-1, 1:] & valid[1:, 1:]
-    membrane = grid.extract_cells(np.flatnonzero(cells.ravel(order="F")).tolist()).extract_surface()
+    membrane = grid.extract_surface()
     look: dict[str, Any] = {"specular": 0.5, "specular_power": 12, "smooth_shading": True}
     if indentation is None:
         plotter.add_mesh(membrane, color="#dddad4", **look)
