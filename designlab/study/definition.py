@@ -3,13 +3,16 @@
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
-from designlab.design import Design, DesignError, explain, load
+from designlab.design import Design, DesignError, explain, preset, preset_names
 from designlab.store import digest
 from geometries.spec import Spec
+
+if TYPE_CHECKING:
+    from designlab.effects.model import SensorModel
 
 FORMAT_VERSION: Literal[1] = 1
 
@@ -59,13 +62,32 @@ class Parameter(Spec):
             return self.choices
         return tuple(value for value in (self.low, self.high) if value is not None)
 
+    def holds(self, value: Any) -> bool:
+        """Whether a value is one of those that the parameter may take."""
+        if self.choices is not None or self.low is None or self.high is None:
+            return value in (self.choices or ())
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not self.low <= value <= self.high
+        ):
+            return False
+        steps = 0.0 if self.step is None else (value - self.low) / self.step
+        return abs(steps - round(steps)) < 1e-9
+
 
 class Study(Spec):
     """One optimisation: a base design, the fields to vary, the scores to improve, and the effort."""
 
     version: Literal[1] = Field(1, description="Version of this format.")
     name: str = Field("study", min_length=1, description="Short name.")
-    base: Design = Field(description="The design to start from: a preset, a file, or a table.")
+    base: Design = Field(
+        description="The design to start from: a preset, a design or model file, or a table."
+    )
+    effects: tuple[dict[str, Any], ...] = Field(
+        (),
+        description="Effects that every design has; of a model file, those that hold for other designs too.",
+    )
     parameters: dict[str, Parameter] = Field(
         min_length=1, description="Fields of the design by dotted path, and the values they may take."
     )
@@ -77,10 +99,21 @@ class Study(Spec):
     seed: int = Field(0, ge=0, lt=2**31, description="Seed of the search and of every evaluation.")
     sampler: Literal["tpe", "nsga2", "random", "qmc", "gp"] = Field("tpe", description="Search method.")
 
-    @field_validator("base", mode="before")
+    @model_validator(mode="before")
     @classmethod
-    def _loaded(cls, base: Any) -> Any:
-        return load(base) if isinstance(base, str | Path) else base
+    def _loaded(cls, content: Any) -> Any:
+        if not isinstance(content, Mapping) or not isinstance(content.get("base"), str | Path):
+            return content
+        base = content["base"]
+        if str(base) in preset_names():
+            return {**content, "base": preset(str(base))}
+        from designlab.effects.model import load_model
+
+        try:
+            model = load_model(base)
+        except ValueError as error:
+            raise ValueError(f"base: {error}") from None
+        return {"effects": carried_effects(model), **content, "base": model.design}
 
     @field_validator("parameters", mode="before")
     @classmethod
@@ -109,6 +142,28 @@ class Study(Spec):
         """Return the base design with the given parameter values; raises DesignError if they do not fit."""
         return self.base.replace(dict(values))
 
+    def subject(self, design: Design) -> "Design | SensorModel":
+        """Return what is evaluated: a design, or the model that it makes with the effects of the study.
+
+        Raises
+        ------
+        DesignError
+            If an effect does not fit the design.
+        """
+        if not self.effects:
+            return design
+        from designlab.effects.model import SensorModel
+
+        try:
+            return SensorModel.model_validate({"design": design, "effects": self.effects})
+        except ValidationError as error:
+            raise DesignError(explain(error)) from None
+
+    def start(self) -> dict[str, Any] | None:
+        """Return the base design's own parameter values; None if a range does not hold one of them."""
+        values = {path: _value(self.base, path) for path in self.parameters}
+        return values if all(p.holds(values[path]) for path, p in self.parameters.items()) else None
+
     def is_integer(self, path: str) -> bool:
         """Whether a parameter's field takes whole numbers only."""
         return _is_integer(self.base, path)
@@ -126,6 +181,13 @@ class Study(Spec):
         return differing + (["base"] if self.base.digest != other.base.digest else [])
 
 
+def carried_effects(model: "SensorModel") -> tuple[dict[str, Any], ...]:
+    """Effects of a built sensor that hold for other designs too; the others belong to that one unit."""
+    from designlab.effects.model import effect
+
+    return tuple(found.model_dump() for found in model.effects if effect(found.name).transferable)
+
+
 def _flattened(parameters: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Turn nested tables into dotted paths: ``[parameters.leds.tilt_deg]`` needs no quotes then."""
     flat: dict[str, Any] = {}
@@ -136,11 +198,16 @@ def _flattened(parameters: Mapping[str, Any], prefix: str = "") -> dict[str, Any
     return flat
 
 
-def _is_integer(design: Design, path: str) -> bool:
+def _value(design: Design, path: str) -> Any:
     node: Any = design
     for key in path.split("."):
         node = node[int(key)] if key.isdigit() else getattr(node, key)
-    return isinstance(node, int) and not isinstance(node, bool)
+    return node
+
+
+def _is_integer(design: Design, path: str) -> bool:
+    value = _value(design, path)
+    return isinstance(value, int) and not isinstance(value, bool)
 
 
 def _require_allowed(base: Design, path: str, value: Any) -> None:

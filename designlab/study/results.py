@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     import optuna
     import pandas as pd
 
+    from designlab.effects.model import SensorModel
+
 STATES = ("complete", "infeasible", "failed", "interrupted", "running", "waiting")
 """What may become of a trial; the design of an interrupted one is tried again in another trial."""
 
@@ -25,11 +27,21 @@ _FEWEST_FOR_IMPORTANCE = 10
 
 @dataclass(frozen=True)
 class Results:
-    """A study and the table of its trials (see `load_results`)."""
+    """A study, the table of its trials (see `load_results`), and the unit of each score."""
 
     folder: Path
     study: Study
     frame: "pd.DataFrame"
+    units: dict[str, str]
+
+    @property
+    def start(self) -> "pd.Series[Any] | None":
+        """The trial of the base design, if it was evaluated."""
+        values = self.study.start()
+        rows = self.frame[self.frame["state"] == "complete"]
+        for path, value in (values or {}).items():
+            rows = rows[rows[path] == value]
+        return None if values is None or rows.empty else rows.iloc[0]
 
     @property
     def pareto(self) -> "pd.DataFrame":
@@ -49,6 +61,10 @@ class Results:
         values = {path: _native(rows.iloc[0][path]) for path in self.study.parameters}
         name = f"{self.study.base.name}, trial {trial} of {self.study.name}"
         return self.study.design(values).replace({"name": name})
+
+    def subject(self, trial: int) -> "Design | SensorModel":
+        """Return what was evaluated in a trial: its design, with the effects of the study if it has some."""
+        return self.study.subject(self.design(trial))
 
     def counts(self) -> dict[str, int]:
         """Number of trials in each of `STATES`."""
@@ -70,6 +86,7 @@ class Results:
             "study": self.study.name,
             "folder": str(self.folder),
             "objectives": dict(self.study.objectives),
+            "units": dict(self.units),
             "trials": self.counts(),
             "rejections": self.rejections(),
             "pareto": _rows(self.pareto, columns),
@@ -102,23 +119,27 @@ def load_results(out: str | Path) -> Results:
 
     folder = Path(out)
     with reading(folder) as (study, record):
-        rows = [_row(study, folder, trial) for trial in record.get_trials(deepcopy=False)]
+        units: dict[str, str] = {}
+        rows = [_row(study, folder, trial, units) for trial in record.get_trials(deepcopy=False)]
     columns = ["trial", "state", *study.parameters]
     frame = pd.DataFrame(rows, columns=columns if not rows else None)
     for name in (*columns, "violation_mm", "reason", "broken", "reuse_of"):
         if name not in frame:
             frame[name] = None
     frame = frame.astype({"reuse_of": "Int64", "violation_mm": float})
-    return Results(folder, study, frame)
+    return Results(folder, study, frame, units)
 
 
-def _row(study: Study, folder: Path, trial: "optuna.trial.FrozenTrial") -> dict[str, Any]:
+def _row(
+    study: Study, folder: Path, trial: "optuna.trial.FrozenTrial", units: dict[str, str]
+) -> dict[str, Any]:
     state = _state(trial)
     row: dict[str, Any] = {"trial": trial.number, "state": state, **trial.params}
     if state == "complete":
         row |= dict(zip(study.objectives, trial.values, strict=True))
         saved = read_trial(folder, trial.number) or {}
         for name, estimate in saved.get("scores", {}).items():
+            units[name] = estimate["unit"]
             row[name] = _number(estimate["value"])
             row[f"{name}_se"] = _number(estimate["se"])
             row[f"{name}_bias_bound"] = _number(estimate["bias_bound"])

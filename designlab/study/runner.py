@@ -7,23 +7,26 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from designlab.design import Design
 from designlab.study.definition import Study
 from designlab.study.folder import opened
 from designlab.study.interrupts import Interrupts
 from designlab.study.results import Results, load_results
 from designlab.study.search import Evaluator, Search, Submit
 
+if TYPE_CHECKING:
+    from designlab.design import Design
+    from designlab.effects.model import SensorModel
+
 _DEATHS = 3  # deaths of worker processes in one run after which it stops
 
 
-class StudyInterrupted(RuntimeError):
+class StudyInterrupted(KeyboardInterrupt):
     """A study was stopped by the user; the text says how far it came and how to resume it."""
 
 
-def default_evaluator(design: Design, /, *, fidelity: str, seed: int) -> Any:
+def default_evaluator(design: "Design | SensorModel", /, *, fidelity: str, seed: int) -> Any:
     """Score a design by simulation, with `designlab.evaluate.evaluate`."""
     from designlab.evaluate import evaluate
 
@@ -41,9 +44,10 @@ def run_study(
 ) -> Results:
     """Run a study until its number of designs is evaluated; go on where an earlier run in the folder ended.
 
-    Every design is evaluated with the study's own seed, so designs are compared under the same random
-    numbers. Infeasible designs are recorded and never evaluated, equal designs are evaluated once. With one
-    worker, a study that was killed and resumed gives the same trials as one that was not.
+    The first design is the base design, if the ranges hold it. Every design is evaluated with the study's own
+    seed, so designs are compared under the same random numbers. Infeasible designs are recorded and never
+    evaluated, equal designs are evaluated once. With one worker, a study that was killed and resumed gives
+    the same trials as one that was not.
 
     Parameters
     ----------

@@ -18,6 +18,8 @@ from designlab.study.interrupts import Interrupts
 if TYPE_CHECKING:
     import optuna
 
+    from designlab.effects.model import SensorModel
+
 REFUSED_MM = 1000.0
 """Violation of a design that is refused before its rules can be measured: worse than any that can."""
 
@@ -29,8 +31,8 @@ _FAILURES = 10  # failed evaluations in a row after which something other than t
 class Evaluator(Protocol):
     """What turns a design into scores; the result has ``scores``, and may have ``seconds``."""
 
-    def __call__(self, design: Design, /, *, fidelity: str, seed: int) -> Any:
-        """Return the score of a feasible design."""
+    def __call__(self, design: Any, /, *, fidelity: str, seed: int) -> Any:
+        """Return the score of a feasible design, or of the sensor model it makes with the study's effects."""
 
 
 class Submit(Protocol):
@@ -41,13 +43,16 @@ class Submit(Protocol):
 
 
 class Task(NamedTuple):
-    """A design under evaluation and the trial it belongs to."""
+    """A design under evaluation, what is evaluated for it, and the trial it belongs to."""
 
     trial: "optuna.Trial"
     design: Design
+    subject: "Design | SensorModel"
 
 
-def evaluate_design(evaluator: Evaluator, design: Design, fidelity: str, seed: int) -> dict[str, Any]:
+def evaluate_design(
+    evaluator: Evaluator, subject: "Design | SensorModel", fidelity: str, seed: int
+) -> dict[str, Any]:
     """Evaluate one design; plain data, so that it can cross processes and be stored as JSON.
 
     Returns
@@ -59,7 +64,7 @@ def evaluate_design(evaluator: Evaluator, design: Design, fidelity: str, seed: i
     from designlab.simulate import RenderFailed
 
     try:
-        score = evaluator(design, fidelity=fidelity, seed=seed)
+        score = evaluator(subject, fidelity=fidelity, seed=seed)
     except InfeasibleDesign as error:
         return {"infeasible": str(error)}
     except RenderFailed as error:
@@ -73,7 +78,7 @@ def evaluate_design(evaluator: Evaluator, design: Design, fidelity: str, seed: i
         }
         for name, estimate in score.scores.items()
     }
-    return {"scores": scores, "margins": dict(design.margins()), "seconds": _plain(score, "seconds")}
+    return {"scores": scores, "seconds": _plain(score, "seconds")}
 
 
 def _finite(value: Any) -> float | None:
@@ -129,6 +134,9 @@ class Search:
                 attributes = {"slot": trial.user_attrs["slot"], "retry_of": trial.number, "deaths": deaths}
                 self.record.enqueue_trial(dict(trial.params), user_attrs=attributes)
             self.record.tell(trial.number, state=TrialState.FAIL)
+        start = self.study.start()
+        if not trials and start is not None:
+            self.record.enqueue_trial(start, user_attrs={"slot": 0})
         self._followers.clear()
         self._count()
 
@@ -159,7 +167,7 @@ class Search:
                 interrupts.check()
                 task = self._propose()
                 if task is not None:
-                    arguments = (self.evaluator, task.design, self.study.fidelity, self.study.seed)
+                    arguments = (self.evaluator, task.subject, self.study.fidelity, self.study.seed)
                     running[submit(evaluate_design, *arguments)] = task
                     self._followers[task.design.digest] = []
                 on_progress()
@@ -186,6 +194,7 @@ class Search:
             trial.set_user_attr("slot", slot)
         try:
             design = self.study.design(trial.params)
+            subject = self.study.subject(design)
         except DesignError as error:
             self._reject(trial, str(error).removeprefix("replace(): "), {})
             return None
@@ -194,7 +203,7 @@ class Search:
             self._reject(trial, ", ".join(broken), broken)
             return None
         self._rejected = 0
-        task = Task(trial, design)
+        task = Task(trial, design, subject)
         if design.digest in self._known:
             self._reuse(task, self._known[design.digest])
             return None
@@ -239,12 +248,12 @@ class Search:
     def _finish(self, task: Task, outcome: dict[str, Any]) -> None:
         followers = self._followers.pop(task.design.digest, [])
         if "infeasible" in outcome:
-            for trial, _ in (task, *followers):
+            for trial, _, _ in (task, *followers):
                 self._reject(trial, outcome["infeasible"], {})
             return
         reason = outcome.get("failed") or self._unusable(outcome["scores"])
         if reason:
-            for trial, _ in (task, *followers):
+            for trial, _, _ in (task, *followers):
                 self._fail(trial, reason)
             return
         self._failed = 0
@@ -269,9 +278,16 @@ class Search:
 
     def _complete(self, task: Task, outcome: Mapping[str, Any]) -> None:
         # The folder comes first: after a kill before the record knows of it, the trial is completed from it.
-        content = {"trial": task.trial.number, "parameters": task.trial.params, **outcome}
+        content = {
+            "trial": task.trial.number,
+            "parameters": task.trial.params,
+            "margins": task.design.margins(),
+            **outcome,
+        }
         with atomic_folder(trial_folder(self.folder, task.trial.number), replace=True) as folder:
             (folder / "design.toml").write_text(dumps(task.design), encoding="utf-8")
+            if not isinstance(task.subject, Design):
+                (folder / "model.toml").write_text(task.subject.dumps(), encoding="utf-8")
             write_json(folder / "score.json", content)
         self.record.tell(task.trial, self._values(outcome["scores"]))
         self.done += 1
@@ -281,7 +297,7 @@ class Search:
         saved = read_trial(self.folder, number)
         if saved is None:
             raise StudyError(f"{trial_folder(self.folder, number)}: the score of a complete trial is missing")
-        score = {name: saved[name] for name in ("scores", "margins", "seconds")}
+        score = {name: saved[name] for name in ("scores", "seconds")}
         self._complete(task, score | {"reuse_of": number})
 
     def _values(self, scores: Mapping[str, Mapping[str, Any]]) -> list[float]:

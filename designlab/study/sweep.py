@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import ValidationError
 
 from designlab.design import Design, DesignError, explain
-from designlab.study.definition import DEFAULT_OBJECTIVES, Parameter, Study, StudyError
+from designlab.study.definition import DEFAULT_OBJECTIVES, Parameter, Study, StudyError, carried_effects
 from designlab.study.results import Results
 from designlab.study.runner import default_evaluator, run_study
 from designlab.study.search import Evaluator, evaluate_design
@@ -17,11 +17,13 @@ from designlab.study.search import Evaluator, evaluate_design
 if TYPE_CHECKING:
     import pandas as pd
 
+    from designlab.effects.model import SensorModel
+
 Fidelity = Literal["fast", "standard", "reference"]
 
 
 def sweep(
-    design: Design,
+    design: "Design | SensorModel",
     values: Mapping[str, Iterable[Any]],
     *,
     fidelity: Fidelity = "fast",
@@ -33,8 +35,8 @@ def sweep(
 
     Parameters
     ----------
-    design : Design
-        The design to start from.
+    design : Design or SensorModel
+        The design to start from; of a model, the effects that hold for other designs too go with it.
     values : mapping
         Field by dotted path to the values it takes, for example ``{"leds.tilt_deg": range(0, 60, 10)}``.
     fidelity : {"fast", "standard", "reference"}
@@ -72,10 +74,19 @@ def sweep(
 
 
 def _sweep_row(
-    base: Design, values: Mapping[str, Any], evaluator: Evaluator, fidelity: str, seed: int
+    base: "Design | SensorModel",
+    values: Mapping[str, Any],
+    evaluator: Evaluator,
+    fidelity: str,
+    seed: int,
 ) -> dict[str, Any]:
+    subject: Design | SensorModel
     try:
-        design = base.replace(values)
+        if isinstance(base, Design):
+            subject = design = base.replace(values)
+        else:
+            design = base.design.replace(values)
+            subject = type(base).model_validate({"design": design, "effects": carried_effects(base)})
     except DesignError as error:
         text = str(error).removeprefix("replace(): ")
         if text.startswith("no field"):
@@ -84,7 +95,7 @@ def _sweep_row(
     broken = [rule for rule, margin in design.margins().items() if margin > 0]
     if broken:
         return {**values, "feasible": False, "reason": ", ".join(broken)}
-    outcome = evaluate_design(evaluator, design, fidelity, seed)
+    outcome = evaluate_design(evaluator, subject, fidelity, seed)
     if "scores" not in outcome:
         reason = outcome.get("infeasible") or outcome["failed"]
         return {**values, "feasible": "failed" in outcome, "reason": reason}
@@ -95,7 +106,7 @@ def _sweep_row(
 
 
 def optimise(
-    design: Design,
+    design: "Design | SensorModel",
     parameters: Mapping[str, Parameter | tuple[float, float] | Sequence[Any]],
     *,
     out: str | Path,
@@ -112,8 +123,8 @@ def optimise(
 
     Parameters
     ----------
-    design : Design
-        The design to start from.
+    design : Design or SensorModel
+        The design to start from; of a model, the effects that hold for other designs too go with it.
     parameters : mapping
         Field by dotted path to a range as a tuple ``(low, high)``, a list of choices, or a `Parameter`.
     out : str or Path
@@ -128,10 +139,13 @@ def optimise(
     StudyError
         If a parameter does not fit its field; names field, value and rule.
     """
+    base = design if isinstance(design, Design) else design.design
+    effects = () if isinstance(design, Design) else carried_effects(design)
     try:
         study = Study(
-            name=f"{design.name} search",
-            base=design,
+            name=f"{base.name} search",
+            base=base,
+            effects=effects,
             parameters={path: _parameter(given) for path, given in parameters.items()},
             objectives=dict(objectives or DEFAULT_OBJECTIVES),
             trials=trials,

@@ -14,6 +14,7 @@ import pytest
 
 from designlab import design as designs
 from designlab.design import DesignError, InfeasibleDesign, preset
+from designlab.effects.model import AppliedEffect, SensorModel, load_model
 from designlab.simulate import RenderFailed
 from designlab.study import (
     Parameter,
@@ -160,7 +161,7 @@ def test_a_design_file_is_found_beside_the_study_file(tmp_path):
         (HEAD + "[parameters.leds.tilt_deg]\nlow = 0\nchoices = [1]\n", r"either choices, or low and high"),
         (
             'version = 1\nbase = "nonesuch"\n[parameters.leds.tilt_deg]\nlow = 0\nhigh = 1\n',
-            r"field base: nonesuch: no such file, and no preset of that name",
+            r"base: nonesuch: no such file, and no preset of that name",
         ),
     ],
 )
@@ -217,6 +218,44 @@ def test_each_evaluated_trial_keeps_its_design_and_its_score(tmp_path):
         assert design.digest == results.design(row["trial"]).digest
 
 
+def test_the_base_design_comes_first_if_the_ranges_hold_it(tmp_path):
+    base = preset("gelsight-2020-flat")
+    results = run(make(trials=2), tmp_path / "inside")
+    assert results.start is not None
+    assert results.start["trial"] == 0
+    assert results.design(0).digest == base.digest
+    outside = RANGES | {"leds.tilt_deg": Parameter(low=30, high=60)}
+    assert run(make(trials=2, parameters=outside), tmp_path / "outside").start is None
+
+
+def test_effects_of_a_model_stay_with_every_design(tmp_path):
+    model = SensorModel.of(preset("gelsight-2020-flat")).with_effect(
+        AppliedEffect(name="contact_kernel", values={"length_ratio": 1.5})
+    )
+    unit = AppliedEffect(
+        name="led_position", values={"radial_mm": 0.5, "height_mm": 0.0, "tangential_mm": 0.0}
+    )
+    (tmp_path / "built.toml").write_text(model.with_effect(unit).dumps(), encoding="utf-8")
+    text = 'version = 1\nbase = "built.toml"\n[parameters.leds.tilt_deg]\nlow = 0\nhigh = 60\n'
+    study = load_study(write(tmp_path, text))
+    assert study.base == model.design
+    assert study.digest != make(parameters={"leds.tilt_deg": Parameter(low=0, high=60)}).digest
+    assert load_study(write(tmp_path, dumps_study(study))).digest == study.digest
+    asked = []
+
+    def remember(subject, *, fidelity, seed):
+        asked.append(subject)
+        return closed_form(subject.design, fidelity=fidelity, seed=seed)
+
+    run(study, tmp_path / "out", trials=2, evaluator=remember)
+    assert asked[0].digest == model.digest  # where one unit's LEDs were found is no property of other designs
+    assert [subject.effects for subject in asked] == [model.effects] * 2
+    assert load_model(tmp_path / "out" / "trials" / "0001" / "model.toml").digest == asked[1].digest
+    sweep(model.with_effect(unit), {"leds.tilt_deg": [5.0]}, progress=False, evaluator=remember)
+    assert asked[2].effects == model.effects
+    assert asked[2].design.leds.tilt_deg == 5.0
+
+
 def test_every_evaluation_gets_the_fidelity_and_the_seed_of_the_study(tmp_path):
     asked = []
 
@@ -240,9 +279,11 @@ def test_a_run_in_two_parts_gives_the_trials_of_one_run(tmp_path, sampler):
 
 
 def test_another_seed_gives_other_designs(tmp_path):
-    first = run(make(trials=2), tmp_path / "a").frame
-    second = run(make(trials=2, seed=1), tmp_path / "b").frame
-    assert not set(first["leds.tilt_deg"]) & set(second["leds.tilt_deg"])
+    study = make(trials=3)
+    first = run(study, tmp_path / "a").frame
+    second = run(make(trials=3, seed=1), tmp_path / "b").frame
+    shared = set(first["leds.tilt_deg"]) & set(second["leds.tilt_deg"])
+    assert shared == {study.base.leds.tilt_deg}
 
 
 def test_the_search_finds_the_optimum_of_a_closed_form(tmp_path):

@@ -1,0 +1,34 @@
+"""Self-contained HTML pages: one file each, no network."""
+
+from designlab.report.page import (
+    Column,
+    Html,
+    Section,
+    facts,
+    gallery,
+    label,
+    page,
+    paragraph,
+    picture,
+    plotly_figure,
+    table,
+)
+from designlab.report.study import study_report
+from designlab.report.tables import evaluation_report, gap_report
+
+__all__ = [
+    "Column",
+    "Html",
+    "Section",
+    "evaluation_report",
+    "facts",
+    "gallery",
+    "gap_report",
+    "label",
+    "page",
+    "paragraph",
+    "picture",
+    "plotly_figure",
+    "study_report",
+    "table",
+]

@@ -1,0 +1,272 @@
+"""The page about a study: what was found, the designs to compare first, and how far the search came."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from designlab.design import Design
+from designlab.margins import RULES
+from designlab.report import figures
+from designlab.report.page import (
+    Column,
+    Html,
+    Section,
+    facts,
+    gallery,
+    label,
+    page,
+    paragraph,
+    picture,
+    plotly_figure,
+    table,
+)
+from designlab.store import write_atomic
+from designlab.study import Results, importance, load_results
+from designlab.study.folder import trial_folder
+
+if TYPE_CHECKING:
+    pass
+
+_CAPTIONS = {"background": "untouched gel", "untouched": "untouched gel", "press": "ball of 4 mm, pressed"}
+
+
+def study_report(
+    results: Results | str | Path, target: str | Path | None = None, *, pictures: bool = True
+) -> Path:
+    """Write the page about a study.
+
+    Parameters
+    ----------
+    results : Results or path
+        A study, or its folder.
+    target : path, optional
+        HTML file to write; ``report.html`` in the folder of the study when absent.
+    pictures : bool
+        Whether to render two pictures of each shortlisted design that has none yet (some seconds each).
+
+    Returns
+    -------
+    Path
+        The file written; it needs no other file and no network.
+
+    Raises
+    ------
+    StudyError
+        If the folder holds no study.
+    OSError
+        If the page cannot be written.
+    """
+    found = results if isinstance(results, Results) else load_results(results)
+    path = Path(target) if target is not None else found.folder / "report.html"
+    if pictures:
+        for number in found.picks["trial"]:
+            _depict(found, int(number))
+    study, counts = found.study, found.counts()
+    sections = [
+        Section("Result", _result(found)),
+        Section("Shortlist", _shortlist(found)),
+        Section("Trade-off", _trade_off(found)),
+        Section("Parameters of all designs", _parallel(found)),
+        Section("What matters", _importance(found)),
+        Section("Progress", _progress(found)),
+        Section("Designs that cannot be built", _rejections(found)),
+        Section("The search", _definition(found)),
+    ]
+    subtitle = f"{counts['complete']} designs evaluated, starting from {study.base.name}"
+    return write_atomic(path, page(f"Study: {study.name}", sections, subtitle=subtitle))
+
+
+def _result(results: Results) -> tuple[Html, ...]:
+    counts = results.counts()
+    if results.picks.empty:
+        return (paragraph("No design has been evaluated yet."),)
+    start = results.start
+    rows = []
+    for name, way in results.study.objectives.items():
+        values = results.frame.loc[results.frame["state"] == "complete", name]
+        place = values.to_numpy().argmax() if way == "maximise" else values.to_numpy().argmin()
+        best = results.frame[results.frame["state"] == "complete"].iloc[int(place)]
+        rows.append(
+            {
+                "score": label(name, results.units.get(name, "")),
+                "aim": f"{way}",
+                "start": None if start is None else start[name],
+                "start_se": None if start is None else start.get(f"{name}_se"),
+                "best": best[name],
+                "best_se": best.get(f"{name}_se"),
+                "trial": f"trial {best['trial']}",
+            }
+        )
+    columns = [Column("score", "score"), Column("aim", "aim")]
+    if start is not None:
+        columns.append(Column("start", "starting design", se="start_se"))
+    columns += [Column("best", "best found", se="best_se"), Column("trial", "by")]
+    waiting = counts["running"] + counts["waiting"]
+    text = (
+        f"{len(results.pareto)} of {counts['complete']} evaluated designs are on the Pareto front: no other "
+        "is better in every objective. The values after ± are standard errors; they cover the choice of "
+        "presses, which is the same for all designs, so differences are surer than the bars suggest."
+    )
+    unfinished = (
+        [paragraph(f"The study is not finished: {waiting} more trials are under way.")] if waiting else []
+    )
+    return (table(rows, columns), paragraph(text), *unfinished)
+
+
+def _shortlist(results: Results) -> tuple[Html, ...]:
+    if results.picks.empty:
+        return ()
+    rows = _rows(results.picks)
+    columns = [
+        Column("trial", "trial"),
+        Column("pick", "why"),
+        *_score_columns(results),
+        *_parameters(results),
+    ]
+    shown = [
+        picture(path, f"trial {row['trial']}: {_CAPTIONS.get(path.stem, path.stem)}")
+        for row in rows
+        for path in sorted(trial_folder(results.folder, row["trial"]).glob("*.png"))
+    ]
+    first = trial_folder(results.folder, rows[0]["trial"]).relative_to(results.folder)
+    note = (
+        f"Each design is kept as `trials/NNNN/design.toml`; `designlab export {first}/design.toml --out DIR` "
+        "writes the files to make it."
+    )
+    return (table(rows, columns), paragraph(note, note=True), gallery(shown))
+
+
+def _trade_off(results: Results) -> tuple[Html, ...]:
+    if results.pareto.empty:
+        return ()
+    caption = "Every evaluated design. Bars are standard errors. Point at a design to see its parameters and scores."
+    first, *others = results.study.objectives
+    return tuple(
+        plotly_figure(figures.pareto(results, first, other), caption, height_px=520) for other in others
+    )
+
+
+def _parallel(results: Results) -> tuple[Html, ...]:
+    if results.pareto.empty:
+        return ()
+    caption = "Each line is a design; those of the Pareto front are blue, the shortlist is orange."
+    return (plotly_figure(figures.parallel(results), caption),)
+
+
+def _importance(results: Results) -> tuple[Html, ...]:
+    shares = importance(results.folder)
+    if not shares:
+        return ()
+    caption = (
+        "Share of the variation of each score that a parameter explains over its range (functional ANOVA of "
+        "a random forest fitted to the evaluated designs)."
+    )
+    height_px = 120 + 28 * len(results.study.parameters) * len(shares)
+    return (plotly_figure(figures.importance(shares, results.study), caption, height_px=height_px),)
+
+
+def _progress(results: Results) -> tuple[Html, ...]:
+    if results.pareto.empty:
+        return ()
+    caption = "Points are designs in the order of their evaluation, lines the best so far."
+    if len(results.study.objectives) == 2:
+        caption += " The hypervolume measures the whole front: its last value is 1."
+    figure, panels = figures.progress(results)
+    return (plotly_figure(figure, caption, height_px=90 + 190 * panels),)
+
+
+def _rejections(results: Results) -> tuple[Html, ...]:
+    counts = results.counts()
+    blocks = []
+    rejections = results.rejections()
+    if rejections:
+        text = (
+            f"{counts['infeasible']} proposed designs cannot be built and were not simulated. "
+            "A design may break several rules."
+        )
+        rows = [
+            {"rule": rule, "text": RULES.get(rule, ""), "count": count} for rule, count in rejections.items()
+        ]
+        columns = [Column("rule", "rule"), Column("text", "what it demands"), Column("count", "designs")]
+        blocks += [paragraph(text), table(rows, columns)]
+    failed = results.frame[results.frame["state"] == "failed"]
+    if len(failed):
+        rows = [
+            {"reason": reason, "count": count} for reason, count in failed["reason"].value_counts().items()
+        ]
+        columns = [Column("reason", "could not be scored because"), Column("count", "designs")]
+        blocks.append(table(rows, columns))
+    return tuple(blocks)
+
+
+def _definition(results: Results) -> tuple[Html, ...]:
+    study = results.study
+    rows = []
+    for path, parameter in study.parameters.items():
+        values = (
+            ", ".join(str(choice) for choice in parameter.choices)
+            if parameter.choices is not None
+            else f"{parameter.low:g} to {parameter.high:g}"
+            + (f" in steps of {parameter.step:g}" if parameter.step is not None else "")
+            + (" (logarithmic)" if parameter.log else "")
+        )
+        rows.append({"path": path, "values": values, "unit": study.unit(path)})
+    settings: Mapping[str, Any] = {
+        "starting design": study.base.name,
+        "effects of the model": ", ".join(effect["name"] for effect in study.effects),
+        "fidelity": study.fidelity,
+        "seed": study.seed,
+        "search method": study.sampler,
+        "folder": str(results.folder.resolve()),
+    }
+    columns = [Column("path", "parameter"), Column("values", "searched over"), Column("unit", "unit")]
+    return (facts(settings), table(rows, columns))
+
+
+def _score_columns(results: Results) -> list[Column]:
+    names = [*results.study.objectives, *(n for n in results.units if n not in results.study.objectives)]
+    return [
+        Column(name, label(name), results.units.get(name, ""), f"{name}_se")
+        if results.units.get(name, "") in ("", "1")
+        else Column(
+            name,
+            label(name, results.units[name]).partition(" (")[0],
+            results.units[name],
+            f"{name}_se",
+        )
+        for name in names
+    ]
+
+
+def _parameters(results: Results) -> list[Column]:
+    study = results.study
+    return [
+        Column(path, label(path, study.unit(path)).partition(" (")[0], study.unit(path))
+        for path in study.parameters
+    ]
+
+
+def _rows(frame: "pd.DataFrame") -> list[dict[str, Any]]:
+    return [{str(name): value for name, value in row.items()} for _, row in frame.iterrows()]
+
+
+def _depict(results: Results, number: int) -> None:
+    """Render the untouched gel and one press of an evaluated design, if it has no pictures yet."""
+    folder = trial_folder(results.folder, number)
+    if any(folder.glob("*.png")) or not folder.is_dir():
+        return
+    from designlab.figures import background, extent_mm
+    from designlab.press import Press
+    from designlab.simulate import exposure, render
+    from geometries.probes import parse
+
+    subject = results.subject(number)
+    design: Design = results.design(number)
+    depth_mm = min(0.8, 0.4 * design.elastomer.thickness_mm)
+    untouched = render(subject, columns=200, samples=32, seed=results.study.seed)
+    press = Press(probe=parse("sphere:4"), depth_mm=depth_mm)
+    pressed = render(subject, press, columns=200, samples=32, seed=results.study.seed)
+    scale = exposure(design, untouched)
+    extent = extent_mm(untouched.rays.x_mm, untouched.rays.y_mm)
+    background(folder / "background.png", untouched.mixed * scale, extent)
+    background(folder / "press.png", pressed.mixed * scale, extent)

@@ -1,0 +1,168 @@
+"""Pages about an evaluation and about a gap, from the data their commands print as JSON."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from designlab.margins import RULES
+from designlab.report.page import (
+    Column,
+    Html,
+    Section,
+    facts,
+    gallery,
+    label,
+    page,
+    paragraph,
+    picture,
+    table,
+)
+from designlab.store import write_atomic
+
+
+def evaluation_report(
+    score: Mapping[str, Any], target: str | Path, *, pictures: Mapping[Path, str] | None = None
+) -> Path:
+    """Write the page about one evaluation.
+
+    Parameters
+    ----------
+    score : mapping
+        What ``Score.to_json`` gives: ``design``, ``fidelity``, ``seed``, ``scores``, ``margins``,
+        ``seconds``.
+    target : path
+        HTML file to write.
+    pictures : mapping of path to str, optional
+        Picture files and their captions.
+    """
+    rows = [
+        {"score": label(name, estimate["unit"]), **estimate} for name, estimate in score["scores"].items()
+    ]
+    columns = [Column("score", "score"), Column("value", "value", se="se")]
+    if any(row.get("bias_bound") is not None for row in rows):
+        columns.append(Column("bias_bound", "bias at most"))
+    settings = {"fidelity": score.get("fidelity", ""), "seed": score.get("seed", "")}
+    sections = [
+        Section(
+            "Scores",
+            (
+                table(rows, columns),
+                paragraph("The values after ± are standard errors.", note=True),
+                facts(settings),
+            ),
+        ),
+        Section("Pictures", (_gallery(pictures),) if pictures else ()),
+        Section("Rules", (_margins(score["margins"]),) if score.get("margins") else ()),
+        Section("Time", (_seconds(score["seconds"]),) if score.get("seconds") else ()),
+    ]
+    return write_atomic(target, page(f"Design: {score['design']}", sections))
+
+
+def gap_report(
+    report: Mapping[str, Any],
+    target: str | Path,
+    *,
+    title: str = "Gap between simulation and measurement",
+    pictures: Mapping[Path, str] | None = None,
+    sections: Sequence[Section] = (),
+) -> Path:
+    """Write the page about a diagnosis.
+
+    Parameters
+    ----------
+    report : mapping
+        What ``gap diagnose --json`` prints: ``verdict``, ``effects``, ``where``, ``gap``,
+        ``next_measurement``, ``model``.
+    target : path
+        HTML file to write.
+    title : str
+        Heading.
+    pictures : mapping of path to str, optional
+        Picture files and their captions.
+    sections : sequence of Section
+        Further sections, placed last.
+    """
+    effects = [
+        {
+            "effect": effect["name"],
+            "parameter": label(name, parameter.get("unit", "")),
+            **parameter,
+            "confidence": effect.get("confidence"),
+            "others": ", ".join(
+                other for other in effect.get("coherence_set", ()) if other != effect["name"]
+            ),
+        }
+        for effect in report.get("effects", ())
+        for name, parameter in effect["parameters"].items()
+    ]
+    effect_columns = [
+        Column("effect", "effect"),
+        Column("parameter", "parameter"),
+        Column("value", "value"),
+        Column("low", "95 % from"),
+        Column("high", "to"),
+        Column("confidence", "confidence"),
+        Column("others", "not told apart from"),
+    ]
+    splits = [{"frames": name, **values} for name, values in report.get("gap", {}).items()]
+    split_columns = [
+        Column("frames", "frames"),
+        Column("before", "before"),
+        Column("after", "after"),
+        Column("floor", "noise floor"),
+    ]
+    where = list(report.get("where", ()))
+    where_columns = [Column(name, name) for name in ("region", "channel", "frames", "share")]
+    verdict: list[Html] = [paragraph(_VERDICTS.get(report["verdict"], report["verdict"]))]
+    if report.get("next_measurement"):
+        verdict.append(paragraph(f"Measure next: {report['next_measurement']}"))
+    if report.get("model"):
+        verdict.append(facts({"updated model": report["model"]}))
+    content = [
+        Section("Verdict", tuple(verdict)),
+        Section("Effects", (table(effects, effect_columns),) if effects else ()),
+        Section("Gap", (table(splits, split_columns),) if splits else ()),
+        Section("Where", (table(where, where_columns),) if where else ()),
+        Section("Pictures", (_gallery(pictures),) if pictures else ()),
+        *sections,
+    ]
+    return write_atomic(target, page(title, content))
+
+
+_VERDICTS = {
+    "named": "The gap is explained by the effects below.",
+    "ambiguous": "Several effects explain the gap equally well on these frames.",
+    "partial": "The effects below explain part of the gap; the rest is above the noise.",
+    "unexplained": "No known effect explains the gap.",
+    "at_floor": "Simulation and measurement agree to within the noise.",
+}
+
+
+def _gallery(pictures: Mapping[Path, str]) -> Html:
+    return gallery(picture(path, caption) for path, caption in pictures.items())
+
+
+def _margins(margins: Mapping[str, float]) -> Html:
+    rows = [
+        {
+            "rule": rule,
+            "text": RULES.get(rule, ""),
+            "slack": -margin,
+            "kept": "broken" if margin > 0 else "kept",
+        }
+        for rule, margin in sorted(margins.items(), key=lambda item: -item[1])
+    ]
+    columns = [
+        Column("rule", "rule"),
+        Column("text", "what it demands"),
+        Column("slack", "room left", "mm"),
+        Column("kept", ""),
+    ]
+    return table(rows, columns)
+
+
+def _seconds(seconds: Mapping[str, float] | float) -> Html:
+    if not isinstance(seconds, Mapping):
+        seconds = {"evaluation": seconds}
+    rows = [{"part": part, "time": value} for part, value in seconds.items()]
+    return table(rows, [Column("part", "part"), Column("time", "time", "s")])
