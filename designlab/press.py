@@ -15,6 +15,7 @@ from geometries.probes import Probe, profile_mm
 from geometries.spec import Spec, quantity
 
 Array = NDArray[np.float64]
+SUBSAMPLES = 3  # along each side of a grid cell
 
 
 class Press(Spec):
@@ -117,7 +118,7 @@ def indent(
     if press is None:
         height, touched = np.zeros_like(base), np.zeros(base.shape, dtype=bool)
     else:
-        penetration = _penetration(press, base, grid_x, grid_y)
+        penetration = _penetration(press, base, grid_x, grid_y, pitch_mm)
         touched = penetration > 0
         height = _smooth(np.maximum(penetration, 0.0), contact, pitch_mm)
     return Surface(x, y, height, base, base_p, base_q, touched)
@@ -128,19 +129,28 @@ def _axis(length_mm: float, pitch_mm: float) -> Array:
     return np.arange(-half, half + 1) * pitch_mm
 
 
-def _penetration(press: Press, base: Array, x: Array, y: Array) -> Array:
-    """Height of the probe's upper side above the undeformed membrane, its largest value being the depth."""
+def _penetration(press: Press, base: Array, x: Array, y: Array, pitch_mm: float) -> Array:
+    """Height of the probe's upper side above the undeformed membrane, its largest value being the depth.
+
+    Averaged over sub-samples of each grid cell, so that sharp rims do not turn into stairs.
+    """
+    offsets = (np.arange(SUBSAMPLES) + 0.5) / SUBSAMPLES - 0.5
+    raised = [_above(press, base, x + dx * pitch_mm, y + dy * pitch_mm) for dx in offsets for dy in offsets]
+    highest = max(float(r.max()) for r in raised)
+    if not np.isfinite(highest):
+        kind, (x_mm, y_mm) = press.probe.kind, press.centre_mm
+        raise ValueError(f"press.centre_mm: the {kind} at ({x_mm:g}, {y_mm:g}) mm misses the membrane")
+    return np.asarray(np.mean([np.maximum(r - highest + press.depth_mm, 0.0) for r in raised], axis=0))
+
+
+def _above(press: Press, base: Array, x: Array, y: Array) -> Array:
+    """Height of the probe's upper side over the base at points (mm); -inf beside probe or membrane."""
     angle = np.radians(press.yaw_deg)
     dx, dy = x - press.centre_mm[0], y - press.centre_mm[1]
     local_x = np.cos(angle) * dx + np.sin(angle) * dy
     local_y = -np.sin(angle) * dx + np.cos(angle) * dy
     above = profile_mm(press.probe, local_x, local_y) - base
-    highest = np.nanmax(np.where(np.isfinite(above), above, -np.inf))
-    if not np.isfinite(highest):
-        raise ValueError(
-            f"press.centre_mm: probe {press.probe.kind} at ({press.centre_mm[0]:g}, {press.centre_mm[1]:g}) mm misses the membrane"
-        )
-    return np.where(np.isfinite(above), above - highest + press.depth_mm, 0.0)
+    return np.asarray(np.where(np.isfinite(above), above, -np.inf))
 
 
 def _smooth(height: Array, contact: Contact, pitch_mm: float) -> Array:

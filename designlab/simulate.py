@@ -122,8 +122,17 @@ class Simulator:
             scene = effect(applied.name).on_scene(scene, applied.values)
         return scene
 
-    def frame(self, press: Press | None, *, seed: int | None = None) -> Frame:
-        """Simulate one picture, with the simulator's seed unless another is given.
+    def frame(self, press: Press | None, *, seed: int | None = None, half: int | None = None) -> Frame:
+        """Simulate one picture.
+
+        Parameters
+        ----------
+        press : Press or None
+            None for the untouched gel.
+        seed : int, optional
+            Seed of the path tracer; the simulator's own when absent.
+        half : int, optional
+            0 or 1: use that half of the light field alone (designs whose light refracts), see `transport`.
 
         Raises
         ------
@@ -133,7 +142,16 @@ class Simulator:
         from designlab.render import transport
 
         surface = self.surface(press)
-        basis = transport(self.scene(surface), samples=self.samples, seed=self.seed if seed is None else seed)
+        basis = transport(
+            self.scene(surface),
+            samples=self.samples,
+            seed=self.seed if seed is None else seed,
+            bake_seed=self.seed,
+            half=half,
+            undeformed=lambda: self.scene(self.surface(None)),
+            surface=surface,
+            rays=self.rays,
+        )
         for name, image in zip(self.design.group_names, basis, strict=True):
             if not np.isfinite(image).all():
                 raise RenderFailed(

@@ -26,20 +26,20 @@ class ColourMixing(Effect):
                 0.1,
                 -0.7,
                 0.7,
-                f"added response of channel {channel} to group {group}, relative to that of the group's own channel",
+                f"added response of channel {channel} to group {group}, relative to that to its own group",
             )
             for channel, group in _foreign_pairs(design)
         )
 
     def on_design(self, design: Design, values: Values) -> Design:
-        """Add to the mixing matrix; a column is scaled by the response of the group's own channel."""
+        """Add to the mixing matrix; a row is scaled by the channel's response to its own group."""
         if not any(values.values()):
             return design
         matrix = design.mixing_matrix.copy()
-        own = np.abs(matrix).max(axis=0)
+        own = np.abs(matrix).max(axis=1)
         for channel, group in _foreign_pairs(design):
             row, column = CHANNELS.index(channel), design.group_names.index(group)
-            matrix[row, column] += values[f"{channel}_from_{group}"] * own[column]
+            matrix[row, column] += values[f"{channel}_from_{group}"] * own[row]
         return design.replace({"mixing": tuple(tuple(float(v) for v in row) for row in matrix)})
 
 

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from designlab.render import bridge
 from designlab.scene import Scene
 
-PASS_SAMPLES = (256, 64, 16, 4, 1)  # the low-discrepancy sampler wants powers of four
+PASS_SAMPLES = (256, 64, 16, 4)  # the low-discrepancy sampler wants powers of four
 MAX_WAVEFRONT = 2**26  # pixel samples traced at once; bounds memory
 
 
@@ -25,7 +25,7 @@ def radiance(scene: Scene, *, samples: int, seed: int) -> NDArray[np.float32]:
     import mitsuba as mi
 
     pixels = scene.view.columns * scene.view.rows
-    single = next(n for n in PASS_SAMPLES if n == 1 or (n <= samples and n * pixels <= MAX_WAVEFRONT))
+    single = next(n for n in PASS_SAMPLES if n == 4 or (n <= samples and n * pixels <= MAX_WAVEFRONT))
     passes = max(1, round(samples / single))
     integrator = {"type": "path", "max_depth": int(scene.path_length), "rr_depth": 1000}
     groups = []

@@ -1,0 +1,116 @@
+"""Light traced from the LEDs to the membrane: finds small light sources behind glass, which path tracing meets by chance."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from designlab.render import bridge
+from designlab.scene import Light, Scene
+
+BATCH = 5_000_000  # photons traced at once; bounds memory
+DIMMEST = 1e-3  # photons that lost all but this share of their power are dropped
+Record = Callable[[Any, Any, Any, Any, Any], None]
+
+
+def trace(scene: Scene, *, group: int, photons: int, seed: int, record: Record) -> None:
+    """Trace photons of one LED group that emits 1 mW and hand every arrival at the membrane to `record`.
+
+    Parameters
+    ----------
+    scene : Scene
+        Must be loaded on a just-in-time back end.
+    group : int
+        LED group.
+    photons : int
+        Number of photons, rounded up to whole batches.
+    seed : int
+        Seed of the random numbers.
+    record : callable
+        Called with Dr.Jit arrays: position, direction back towards the light, membrane normal, power (mW) and the mask
+        of photons that arrive. It is called while a loop is recorded, so it may only scatter.
+    """
+    import drjit as dr
+
+    loaded = bridge.load(scene, group=group, integrator={"type": "path"}, samples=4)
+    lights = [light for light in scene.lights if light.group == group]
+    batches = max(1, round(photons / BATCH))
+    size = int(np.ceil(photons / batches))
+    for batch in range(batches):
+        _batch(loaded, scene, lights, size, batches, _seed(seed, group, batch), record)
+        dr.eval()
+    dr.sync_thread()
+
+
+def _batch(
+    loaded: Any, scene: Scene, lights: list[Light], size: int, batches: int, seed: int, record: Record
+) -> None:
+    import drjit as dr
+    import mitsuba as mi
+
+    sampler = mi.load_dict({"type": "independent"})
+    sampler.seed(seed, size)
+    ray = _emitted(lights, sampler, size)
+    membrane = mi.ShapePtr(next(shape for shape in loaded.shapes() if shape.id() == "membrane"))
+    context = mi.BSDFContext(mi.TransportMode.Importance)
+    # The way from membrane to camera crosses the interface and the window: three segments.
+    longest = scene.path_length - (3 if scene.refracts else 1)
+
+    def going(active: Any, *_: Any) -> Any:
+        return active
+
+    def step(active: Any, ray: Any, power: Any, depth: Any, sampler: Any) -> Any:
+        si = loaded.ray_intersect(ray, active)
+        active = active & si.is_valid()
+        arrives = active & (si.shape == membrane) & (dr.dot(si.sh_frame.n, ray.d) < 0)
+        record(si.p, -ray.d, si.n, power, arrives)
+        bsdf = si.bsdf()
+        sample, weight = bsdf.sample(context, si, sampler.next_1d(active), sampler.next_2d(active), active)
+        power = power * weight.x
+        ray = si.spawn_ray(si.to_world(sample.wo))
+        depth = depth + 1
+        active = active & (power > DIMMEST / (size * batches)) & (depth < longest)
+        return active, ray, power, depth, sampler
+
+    dr.while_loop(
+        (
+            dr.full(mi.Bool, True, size),
+            ray,
+            dr.full(mi.Float, 1.0 / (size * batches), size),
+            dr.zeros(mi.UInt32, size),
+            sampler,
+        ),
+        going,
+        step,
+        labels=("active", "ray", "power", "depth", "sampler"),
+    )
+
+
+def _emitted(lights: list[Light], sampler: Any, size: int) -> Any:
+    """Rays of photons that leave the rectangles: uniform over their area, cosine-distributed in direction."""
+    import drjit as dr
+    import mitsuba as mi
+
+    area = np.array([light.half_width_mm * light.half_height_mm for light in lights])
+    bounds = np.cumsum(area / area.sum())
+    choice = sampler.next_1d()
+    index = dr.zeros(mi.UInt32, size)
+    for bound in bounds[:-1]:
+        index += dr.select(choice >= float(bound), mi.UInt32(1), mi.UInt32(0))
+
+    def column(values: Any) -> Any:
+        table = np.array(values, dtype=np.float32)
+        return mi.Vector3f(*(dr.gather(mi.Float, mi.Float(table[:, k]), index) for k in range(3)))
+
+    centre, normal = column([light.centre_mm for light in lights]), column([light.normal for light in lights])
+    across = column([light.half_width_mm * np.asarray(light.across) for light in lights])
+    down = column([light.half_height_mm * np.asarray(light.down) for light in lights])
+    place = sampler.next_2d()
+    origin = centre + across * (2 * place.x - 1) + down * (2 * place.y - 1)
+    local = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
+    direction = mi.Frame3f(normal).to_world(local)
+    return mi.Ray3f(mi.Point3f(origin + 1e-4 * normal), direction)
+
+
+def _seed(seed: int, group: int, batch: int) -> int:
+    return int(np.random.SeedSequence([seed, group, batch, 77]).generate_state(1)[0])
