@@ -106,10 +106,11 @@ def parallel(results: Results) -> "plotly.graph_objects.Figure":
     return figure
 
 
-def importance(shares: Mapping[str, Mapping[str, float]], study: Study) -> "plotly.graph_objects.Figure":
+def importance(shares: Mapping[str, Mapping[str, float]], results: Results) -> "plotly.graph_objects.Figure":
     """Share of the variation of each objective that each parameter explains, in percent."""
     import plotly.graph_objects as go
 
+    study = results.study
     paths = list(study.parameters)
     figure = go.Figure()
     for name, share in shares.items():
@@ -117,8 +118,8 @@ def importance(shares: Mapping[str, Mapping[str, float]], study: Study) -> "plot
             y=[label(path, study.unit(path)) for path in paths],
             x=[100 * share.get(path, 0.0) for path in paths],
             orientation="h",
-            name=label(name),
-            hovertemplate="%{x:.0f} %<extra>" + label(name) + "</extra>",
+            name=label(name, results.units.get(name, "")),
+            hovertemplate="%{y}: %{x:.0f} %",
         )
     figure.update_xaxes(title="share of variation explained (%)", range=[0, 100])
     figure.update_yaxes(automargin=True, autorange="reversed")

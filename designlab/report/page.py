@@ -202,7 +202,7 @@ def plotly_figure(figure: "plotly.graph_objects.Figure", caption: str = "", *, h
     drawn = figure.to_html(
         full_html=False,
         include_plotlyjs=False,
-        config={"displaylogo": False, "responsive": True, "modeBarButtonsToRemove": ["lasso2d", "select2d"]},
+        config={"displaylogo": False, "responsive": True, "modeBarButtons": [["toImage", "resetScale2d"]]},
     )
     return Html(f'<figure class="plotly">{drawn}{_caption(caption)}</figure>')
 

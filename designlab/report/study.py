@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from designlab.design import Design
 from designlab.margins import RULES
@@ -23,9 +23,6 @@ from designlab.report.page import (
 from designlab.store import write_atomic
 from designlab.study import Results, importance, load_results
 from designlab.study.folder import trial_folder
-
-if TYPE_CHECKING:
-    pass
 
 _CAPTIONS = {"background": "untouched gel", "untouched": "untouched gel", "press": "ball of 4 mm, pressed"}
 
@@ -116,34 +113,42 @@ def _result(results: Results) -> tuple[Html, ...]:
 def _shortlist(results: Results) -> tuple[Html, ...]:
     if results.picks.empty:
         return ()
-    rows = _rows(results.picks)
-    columns = [
-        Column("trial", "trial"),
-        Column("pick", "why"),
-        *_score_columns(results),
-        *_parameters(results),
+    study, units = results.study, dict(results.units)
+    designs = [
+        (f"trial {row['trial']}", row["pick"].replace("_", " "), row) for _, row in results.picks.iterrows()
     ]
+    if results.start is not None and results.start["trial"] not in set(results.picks["trial"]):
+        designs.append((f"trial {results.start['trial']}", "starting design", results.start))
+    scores = [*study.objectives, *(name for name in units if name not in study.objectives)]
+    rows: list[dict[str, Any]] = []
+    for name in (*scores, *study.parameters):
+        row: dict[str, Any] = {"quantity": label(name, units.get(name) or study.unit(name))}
+        for title, _, design in designs:
+            row |= {title: design.get(name), f"{title} se": design.get(f"{name}_se")}
+        rows.append(row)
+    columns = [Column("quantity", "")]
+    columns += [Column(title, title, reason, f"{title} se") for title, reason, _ in designs]
     shown = [
-        picture(path, f"trial {row['trial']}: {_CAPTIONS.get(path.stem, path.stem)}")
-        for row in rows
-        for path in sorted(trial_folder(results.folder, row["trial"]).glob("*.png"))
+        picture(path, f"trial {number}: {_CAPTIONS.get(path.stem, path.stem)}")
+        for number in results.picks["trial"]
+        for path in sorted(trial_folder(results.folder, number).glob("*.png"))
     ]
-    first = trial_folder(results.folder, rows[0]["trial"]).relative_to(results.folder)
+    number = int(results.picks.iloc[0]["trial"])
+    file = trial_folder(results.folder, number) / "design.toml"
     note = (
-        f"Each design is kept as `trials/NNNN/design.toml`; `designlab export {first}/design.toml --out DIR` "
-        "writes the files to make it."
+        "Each design is kept in the study's folder as `trials/NNNN/design.toml`. To get the files to make "
+        f"one: `designlab export {file} --out DIR`"
     )
-    return (table(rows, columns), paragraph(note, note=True), gallery(shown))
+    return (table(rows, columns), gallery(shown), paragraph(note, note=True))
 
 
 def _trade_off(results: Results) -> tuple[Html, ...]:
     if results.pareto.empty:
         return ()
-    caption = "Every evaluated design. Bars are standard errors. Point at a design to see its parameters and scores."
+    caption = "Every evaluated design, with standard errors. Point at one to see its parameters and scores."
     first, *others = results.study.objectives
-    return tuple(
-        plotly_figure(figures.pareto(results, first, other), caption, height_px=520) for other in others
-    )
+    drawn = [figures.pareto(results, first, other) for other in others]
+    return tuple(plotly_figure(figure, caption, height_px=520) for figure in drawn)
 
 
 def _parallel(results: Results) -> tuple[Html, ...]:
@@ -162,7 +167,7 @@ def _importance(results: Results) -> tuple[Html, ...]:
         "a random forest fitted to the evaluated designs)."
     )
     height_px = 120 + 28 * len(results.study.parameters) * len(shares)
-    return (plotly_figure(figures.importance(shares, results.study), caption, height_px=height_px),)
+    return (plotly_figure(figures.importance(shares, results), caption, height_px=height_px),)
 
 
 def _progress(results: Results) -> tuple[Html, ...]:
@@ -221,33 +226,6 @@ def _definition(results: Results) -> tuple[Html, ...]:
     }
     columns = [Column("path", "parameter"), Column("values", "searched over"), Column("unit", "unit")]
     return (facts(settings), table(rows, columns))
-
-
-def _score_columns(results: Results) -> list[Column]:
-    names = [*results.study.objectives, *(n for n in results.units if n not in results.study.objectives)]
-    return [
-        Column(name, label(name), results.units.get(name, ""), f"{name}_se")
-        if results.units.get(name, "") in ("", "1")
-        else Column(
-            name,
-            label(name, results.units[name]).partition(" (")[0],
-            results.units[name],
-            f"{name}_se",
-        )
-        for name in names
-    ]
-
-
-def _parameters(results: Results) -> list[Column]:
-    study = results.study
-    return [
-        Column(path, label(path, study.unit(path)).partition(" (")[0], study.unit(path))
-        for path in study.parameters
-    ]
-
-
-def _rows(frame: "pd.DataFrame") -> list[dict[str, Any]]:
-    return [{str(name): value for name, value in row.items()} for _, row in frame.iterrows()]
 
 
 def _depict(results: Results, number: int) -> None:

@@ -1,0 +1,246 @@
+"""Pages: complete in one file, escaped, with rounded numbers, units and working figures."""
+
+import base64
+import html.parser
+import math
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from designlab.design import preset
+from designlab.report import (
+    Column,
+    Section,
+    evaluation_report,
+    facts,
+    gallery,
+    gap_report,
+    label,
+    page,
+    paragraph,
+    picture,
+    plotly_figure,
+    study_report,
+    table,
+)
+from designlab.report.page import rounded
+from designlab.study import Parameter, Study, run_study
+
+VOID = {"meta", "link", "img", "br", "hr", "input"}
+
+
+class Checker(html.parser.HTMLParser):
+    """Collects what a page refers to and holds, and refuses tags that do not match."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.references, self.text, self.images = [], [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in VOID:
+            self.open.append(tag)
+        for name, value in attrs:
+            if name in ("src", "href"):
+                self.references.append(value)
+        if tag == "img":
+            self.images.append(dict(attrs))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if "script" not in self.open and "style" not in self.open:
+            self.text.append(data)
+
+
+def check(text):
+    checker = Checker()
+    checker.feed(text)
+    assert checker.open == []
+    assert all(reference.startswith("data:") for reference in checker.references)
+    return checker
+
+
+def words(text):
+    return " ".join(" ".join(check(text).text).split())
+
+
+PIXEL = base64.b64decode(
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
+)
+
+
+@pytest.mark.parametrize(
+    ("value", "se", "text"),
+    [
+        (12.3456, 0.0213, "12.346 ± 0.021"),
+        (12.3456, 4.2, "12.3 ± 4.2"),
+        (1234.5, 42.0, "1234 ± 42"),
+        (0.98765, None, "0.9877"),
+        (0.98765, 0.0, "0.9877"),
+        (123456.0, None, "123456"),
+        (math.nan, 0.1, "–"),
+    ],
+)
+def test_numbers_are_rounded_to_their_standard_error(value, se, text):
+    assert rounded(value, se) == text
+
+
+def test_labels_carry_the_unit_in_brackets():
+    assert label("normal_error_median_deg", "deg") == "normal error median (deg)"
+    assert label("height_mae_um", "um") == "height mae (um)"
+    assert label("leds.tilt_deg", "deg") == "leds.tilt (deg)"
+    assert label("leds.groups.0.flux_mw", "mW") == "leds.groups.0.flux (mW)"
+    assert label("uniformity_u0", "1") == "uniformity u0"
+
+
+def test_a_page_needs_no_other_file_and_escapes_what_it_shows():
+    hostile = "<script>alert('1')</script> & \"x\""
+    rows = [{"name": hostile, "value": 1.25, "error": 0.1}, {"name": "b", "value": np.float64("nan")}]
+    text = page(
+        hostile,
+        [
+            Section(hostile, (paragraph(hostile), facts({hostile: hostile}))),
+            Section(
+                "Table", (table(rows, ["name", Column("value", hostile, "mm", "error")], caption=hostile),)
+            ),
+            Section("Picture", (gallery([picture(PIXEL, hostile)]),)),
+            Section("Empty", ()),
+        ],
+        subtitle=hostile,
+    )
+    assert "<script" not in text
+    checker = check(text)
+    assert "Empty" not in " ".join(checker.text)
+    assert "1.25" in words(text)
+    assert "± 0.10" in words(text)
+    (image,) = checker.images
+    assert base64.b64decode(image["src"].partition(",")[2]) == PIXEL
+    assert image["alt"] == hostile
+
+
+def test_the_script_of_figures_is_in_the_page_once():
+    import plotly.graph_objects as go
+
+    figures = [plotly_figure(go.Figure(go.Scatter(x=[1, 2], y=[3, 4])), f"figure {k}") for k in range(2)]
+    with_figures = page("a", [Section("Figures", tuple(figures))])
+    assert with_figures.count("<script>/**\n* plotly.js") == 1
+    assert len(with_figures) > 1e6
+    assert len(page("a", [Section("Text", (paragraph("b"),))])) < 1e4
+    assert not re.search(r"<script[^>]*\ssrc=", with_figures)
+
+
+def test_pictures_of_unknown_kind_are_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"scan\.exr: a page takes pictures as \.png"):
+        picture(tmp_path / "scan.exr", "")
+
+
+def closed_form(design, *, fidelity, seed):
+    tilt = design.leds.tilt_deg
+    return SimpleNamespace(
+        scores={
+            "uniformity_u0": SimpleNamespace(
+                value=math.cos(math.radians(tilt)), se=0.01, bias_bound=None, unit="1"
+            ),
+            "normal_error_median_deg": SimpleNamespace(
+                value=1 + abs(tilt - 25) / 50, se=0.05, bias_bound=None, unit="deg"
+            ),
+        }
+    )
+
+
+def make(**changes):
+    content = {
+        "name": "ring & co",
+        "base": preset("gelsight-2020-flat"),
+        "parameters": {
+            "leds.tilt_deg": Parameter(low=-20, high=60),
+            "leds.height_mm": Parameter(low=1, high=14),
+            "optics.gelcore_material": Parameter(choices=("acrylic", "resin-2020")),
+        },
+        "trials": 14,
+    }
+    return Study.model_validate(content | changes)
+
+
+def test_the_page_of_a_study_shows_its_front_its_start_and_its_rejections(tmp_path):
+    results = run_study(make(), out=tmp_path, progress=False, evaluator=closed_form)
+    number = int(results.picks.iloc[0]["trial"])
+    (tmp_path / "trials" / f"{number:04d}" / "view.png").write_bytes(PIXEL)
+    path = study_report(tmp_path, pictures=False)
+    assert path == tmp_path / "report.html"
+    text = path.read_text(encoding="utf-8")
+    shown = words(text)
+    assert "Study: ring & co" in shown
+    assert "14 designs evaluated, starting from gelsight-2020-flat" in shown
+    assert f"{len(results.pareto)} of 14 evaluated designs are on the Pareto front" in shown
+    assert f"trial {number} best uniformity u0" in shown
+    assert "leds.tilt (deg)" in shown
+    assert f"± {0.01:.3f}" in shown
+    (image,) = check(text).images
+    assert image["alt"] == f"trial {number}: view"
+    for rule, count in results.rejections().items():
+        assert re.search(rf"{rule} .*? {count}", shown)
+    best = results.frame["uniformity_u0"].max()
+    assert rounded(best, 0.01).partition(" ")[0] in shown
+
+
+def test_a_study_with_one_objective_or_none_evaluated_has_a_page(tmp_path):
+    study = make(objectives={"uniformity_u0": "maximise"}, trials=3)
+    results = run_study(study, out=tmp_path / "one", progress=False, evaluator=closed_form)
+    assert "uniformity u0" in words(
+        study_report(results, tmp_path / "one.html", pictures=False).read_text("utf-8")
+    )
+
+    def stop(design, *, fidelity, seed):
+        raise KeyError("stop")
+
+    with pytest.raises(KeyError, match="stop"):
+        run_study(study, out=tmp_path / "none", progress=False, evaluator=stop)
+    shown = words(study_report(tmp_path / "none", pictures=False).read_text("utf-8"))
+    assert "No design has been evaluated yet." in shown
+
+
+def test_the_page_of_an_evaluation_shows_scores_and_room_left(tmp_path):
+    (tmp_path / "a.png").write_bytes(PIXEL)
+    score = {
+        "design": "mine",
+        "fidelity": "fast",
+        "seed": 3,
+        "scores": {"height_mae_um": {"value": 12.34, "se": 1.2, "bias_bound": None, "unit": "um"}},
+        "margins": {"minimum_gel": -1.5, "minimum_wall": 0.25},
+        "seconds": {"test presses": 12.0},
+    }
+    path = evaluation_report(score, tmp_path / "page.html", pictures={tmp_path / "a.png": "a view"})
+    shown = words(path.read_text("utf-8"))
+    assert "Design: mine" in shown
+    assert "height mae (um) 12.3 ± 1.2" in shown
+    assert "minimum_wall housing walls are at least 0.8 mm thick -0.25 broken" in shown
+    assert "minimum_gel the gel is at least 0.5 mm thick 1.5 kept" in shown
+    assert "a view" in shown
+
+
+def test_the_page_of_a_gap_shows_verdict_effects_and_held_out_frames(tmp_path):
+    report = {
+        "verdict": "ambiguous",
+        "effects": [
+            {
+                "name": "vignetting",
+                "parameters": {"k1": {"value": 0.31, "low": 0.2, "high": 0.4, "unit": "1"}},
+                "confidence": 0.9,
+                "coherence_set": ["vignetting", "led_profile"],
+            }
+        ],
+        "where": [{"region": "corners", "channel": "R", "frames": 9, "share": 0.4}],
+        "gap": {"final": {"before": 8.0, "after": 1.1, "floor": 1.0}},
+        "next_measurement": "a light probe at the corners",
+        "model": "out/model.toml",
+    }
+    shown = words(gap_report(report, tmp_path / "gap.html").read_text("utf-8"))
+    assert "Several effects explain the gap equally well" in shown
+    assert "vignetting k1 0.31 0.2 0.4 0.9 led_profile" in shown
+    assert "final 8 1.1 1" in shown
+    assert "Measure next: a light probe at the corners" in shown
+    assert "out/model.toml" in shown
