@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from designlab.evaluate import Score, evaluate
     from designlab.press import Press, Surface
     from designlab.simulate import render
-    from designlab.study import optimise, sweep
+    from designlab.study.sweep import optimise, sweep
     from geometries.probes import Probe, sphere, star, triangle
 
 __version__ = "0.1.0"

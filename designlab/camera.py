@@ -10,7 +10,7 @@ from geometries.spec import Spec, quantity
 
 
 class View(NamedTuple):
-    """A rectangle of the full sensor, in its pixels, sampled by `columns` x `rows` square-binned output pixels."""
+    """A rectangle of the full sensor, in its pixels, shown by `columns` x `rows` output pixels."""
 
     x_px: float
     y_px: float
@@ -40,7 +40,8 @@ class Camera(Spec):
         None,
         unit="1",
         gt=0,
-        description="Signal as a share of full scale per unit of mixed radiance; chosen automatically from the untouched gel when absent.",
+        description="Signal as a share of full scale per unit of mixed radiance; "
+        "chosen automatically from the untouched gel when absent.",
     )
     full_well_e: float = quantity(
         4700.0, unit="e-", gt=10, le=1e7, description="Photo-electrons at full scale; sets the photon noise."
@@ -73,8 +74,8 @@ class Camera(Spec):
     ) -> NDArray[np.float32]:
         """Turn linear radiance into what the camera reports, as a share of full scale.
 
-        Photon noise follows Poisson statistics of the collected electrons (drawn as a Gaussian above 1000 e-, where the
-        two agree), read noise is Gaussian, and the result is quantised and clipped.
+        Photon noise follows Poisson statistics of the collected electrons (drawn as a Gaussian above
+        1000 e-, where the two agree), read noise is Gaussian, and the result is quantised and clipped.
 
         Parameters
         ----------
@@ -103,7 +104,7 @@ class Camera(Spec):
         digital = (shot + read) / (self.full_well_e * binned) + self.black_level
         # Averaging binned pixels refines the steps of the converter.
         steps = (2**self.bit_depth - 1) * binned
-        return np.clip(np.round(digital * steps) / steps, 0.0, 1.0).astype(np.float32)
+        return np.asarray(np.clip(np.round(digital * steps) / steps, 0.0, 1.0), dtype=np.float32)
 
     def noise_sigma(self, signal: NDArray[np.floating], *, binned: float = 1.0) -> NDArray[np.float64]:
         """Standard deviation of the noise `expose` adds to a signal given as a share of full scale."""

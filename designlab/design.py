@@ -26,7 +26,7 @@ CHANNELS = ("R", "G", "B")
 
 
 class DesignError(ValueError):
-    """A design file or field that cannot be used; the text names the source, the field, the value and the rule."""
+    """A design file or field that cannot be used; the text names source, field, value and rule."""
 
 
 class InfeasibleDesign(ValueError):
@@ -38,14 +38,16 @@ class Optics(Spec):
 
     light_path: Literal["air", "core"] = Field(
         "core",
-        description="core: light refracts in gelcore and elastomer; air: both are built and exported, but light does not see them.",
+        description="core: light refracts in gelcore and elastomer; "
+        "air: both are built and exported, but light does not see them.",
     )
     gelcore_material: str = Field("acrylic", description="Material of the gelcore.")
     elastomer_material: str = Field("silicone", description="Material of the clear gel.")
     membrane_albedo: tuple[float, ...] = Field(
         (0.5,),
         min_length=1,
-        description="Diffuse reflectance of the membrane's inner side: one for all LED groups, or one for each.",
+        description="Diffuse reflectance of the membrane's inner side: "
+        "one for all LED groups, or one for each.",
     )
     board_reflectance: tuple[float, ...] = Field(
         (0.0,),
@@ -56,7 +58,8 @@ class Optics(Spec):
         4,
         ge=2,
         le=64,
-        description="Longest light path counted, in segments from emitter to camera; refraction counts as well.",
+        description="Longest light path counted, in segments from emitter to camera; "
+        "refraction counts as well.",
     )
 
     @field_validator("gelcore_material", "elastomer_material")
@@ -74,7 +77,10 @@ class Optics(Spec):
 
 
 class Contact(Spec):
-    """How the gel smooths an indentation: kernel (m + 1) / (m + exp(r / length)), cut at 6 lengths (arXiv 2012.13184)."""
+    """How the gel smooths an indentation.
+
+    The kernel is (m + 1) / (m + exp(r / length)), cut at 6 lengths (arXiv 2012.13184).
+    """
 
     kernel_length_mm: float = quantity(
         0.05, unit="mm", ge=0, le=1.0, description="Length of the smoothing kernel; 0 switches smoothing off."
@@ -100,11 +106,12 @@ class Design(Spec):
     camera: Camera = Field(default_factory=lambda: Camera(), description="The camera.")
     sensing_area_mm: tuple[float, float] = Field(
         (14.0, 10.5),
-        description="Width and height of the area, centred on the membrane's centre, where scores count (mm).",
+        description="Width and height of the area where scores count, centred on the membrane (mm).",
     )
     mixing: tuple[tuple[float, ...], ...] | None = Field(
         None,
-        description="Response of each camera channel (rows R, G, B) to each LED group (columns); the unit matrix when absent.",
+        description="Response of each camera channel (rows R, G, B) to each LED group (columns); "
+        "the unit matrix when absent.",
     )
 
     @field_validator("sensing_area_mm")
@@ -154,7 +161,12 @@ class Design(Spec):
         return values * len(self.leds.groups) if len(values) == 1 else values
 
     def replace(self, changes: Mapping[str, Any]) -> "Design":
-        """Return a validated copy with fields given by dotted path replaced, for example ``{"leds.tilt_deg": 30}``.
+        """Return a validated copy with fields replaced.
+
+        Parameters
+        ----------
+        changes : mapping
+            Dotted path of each field to its new value, for example ``{"leds.tilt_deg": 30}``.
 
         Raises
         ------
@@ -167,23 +179,33 @@ class Design(Spec):
         return _validated(content, "replace()")
 
     def view(self, columns: int) -> View:
-        """Rectangle of the sensor that shows the sensing area, binned to `columns` output pixels of equal width and height."""
+        """Rectangle of the sensor that shows the sensing area in `columns` columns of square pixels."""
         width, height = self.sensing_area_mm
         corners = [self.project_px(x, y) for x in (-width / 2, width / 2) for y in (-height / 2, height / 2)]
         left, right = min(c[0] for c in corners), max(c[0] for c in corners)
         top, bottom = min(c[1] for c in corners), max(c[1] for c in corners)
         rows = max(1, round(columns * (bottom - top) / (right - left)))
-        height_px = (
-            (right - left) * rows / columns
-        )  # square pixels; differs from bottom - top by less than half a row
+        # Square pixels: differs from bottom - top by less than half a row.
+        height_px = (right - left) * rows / columns
         return View(left, (top + bottom - height_px) / 2, right - left, height_px, columns, rows)
 
     def project_px(self, x_mm: float, y_mm: float) -> tuple[float, float]:
-        """Column and row of the full sensor (fractional; pixel centres at .5) where a point of the undeformed membrane appears.
+        """Where a point of the undeformed membrane appears on the full sensor.
 
-        Refraction at plane layers between membrane and camera is included; the gel side of a dome core is taken as plane there.
+        Refraction at plane layers between membrane and camera is included; the gel side of a dome core is
+        taken as plane there.
+
+        Returns
+        -------
+        column, row : float
+            Fractional; pixel centres lie at .5.
+
+        Raises
+        ------
+        InfeasibleDesign
+            If the point lies beyond a dome, or the camera stands below the window.
         """
-        x_c, y_c, z_c = self.camera.position_mm
+        x_c, y_c, _ = self.camera.position_mm
         dx, dy = x_mm - x_c, y_mm - y_c
         distance = math.hypot(dx, dy)
         z = float(base_mm(self.elastomer, np.float64(x_mm), np.float64(y_mm)))
@@ -195,7 +217,10 @@ class Design(Spec):
         return self.camera.width_px / 2 + scale * dx, self.camera.height_px / 2 - scale * dy
 
     def layers_to_camera(self, z: float) -> list[tuple[float, float]]:
-        """Thickness (mm) and index of each plane layer from a membrane point at height z (mm) to the camera, the camera's last."""
+        """Thickness (mm) and index of each plane layer from a membrane point at height z (mm) to the camera.
+
+        The first layer touches the membrane, the last one the camera.
+        """
         z_c = self.camera.position_mm[2]
         if self.optics.light_path == "air":
             return [(z_c - z, 1.0)]
@@ -230,7 +255,7 @@ class Design(Spec):
 
 
 def _apparent_tangent(distance_mm: float, layers: Sequence[tuple[float, float]]) -> float:
-    """Tangent, in the last layer, of the ray that crosses plane layers (thickness, index) over a lateral distance."""
+    """Tangent, in the last of some layers (thickness, index), of the ray that crosses a lateral distance."""
     from scipy.optimize import brentq
 
     highest = min(index for _, index in layers)
@@ -268,7 +293,7 @@ def _validated(content: Mapping[str, Any], source: str) -> Design:
 
 
 def explain(error: ValidationError) -> str:
-    """Put the first problem of a pydantic error into one line: field, rule, value, and how many more there are."""
+    """Put the first problem of a pydantic error into one line: field, rule, value, how many others."""
     problems = error.errors()
     first = problems[0]
     field = ".".join(str(part) for part in first["loc"]) or "(whole)"

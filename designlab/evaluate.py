@@ -1,4 +1,4 @@
-"""Score a design: how evenly it lights the untouched gel, and how well a press can be reconstructed from its pictures."""
+"""Score a design: how evenly it lights the gel, and how well its pictures tell the shape of a press."""
 
 import json
 import time
@@ -26,9 +26,8 @@ from geometries.probes import parse
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
-GROWN_MM = (
-    0.5  # errors count over the contact grown by this: a flat background would make any median look good
-)
+# Errors count over the contact grown by this: a flat background would make any median look good.
+GROWN_MM = 0.5
 SMOOTHING_PX = 2.0  # illumination is smooth; render noise is not, and would pass for unevenness
 BALL_MM = 6.0
 TEST_PROBES = ("sphere:4", "triangle:5", "star:6", "cylinder:4", "cone:4", "dots:1.5")
@@ -67,7 +66,10 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Score:
-    """What `evaluate` found; every score is an attribute too, for example ``score.normal_error_median_deg``."""
+    """What `evaluate` found.
+
+    Every score is an attribute too, for example ``score.normal_error_median_deg``.
+    """
 
     design: str
     digest: str
@@ -135,9 +137,9 @@ def evaluate(
 ) -> Score:
     """Score a design by simulation.
 
-    The untouched gel gives the uniformity of each LED group. Nine ball presses calibrate photometric stereo, which then
-    reconstructs other probes at other places, with camera noise. Standard errors cover the choice of presses (bootstrap
-    over presses), render noise and camera noise.
+    The untouched gel gives the uniformity of each LED group. Nine ball presses calibrate photometric
+    stereo, which then reconstructs other probes at other places, with camera noise. Standard errors cover
+    the choice of presses (bootstrap over presses), render noise and camera noise.
 
     Parameters
     ----------
@@ -316,7 +318,8 @@ def _grown(mask: NDArray[np.bool_], radius_px: float) -> NDArray[np.bool_]:
 def _render_noise(a: Frame, b: Frame) -> Array:
     """Relative standard deviation of each group's pixel noise, from two renders of one scene.
 
-    Only what differs between neighbouring pixels counts: a smooth error is shared by all presses and is calibrated away.
+    Only what differs between neighbouring pixels counts: a smooth error is shared by all presses and is
+    calibrated away.
     """
     difference = (a.basis - b.basis) / (0.5 * (a.basis + b.basis).mean(axis=(1, 2), keepdims=True))
     smooth = gaussian_filter(difference, sigma=(0, 4, 4))

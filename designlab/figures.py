@@ -1,4 +1,4 @@
-"""Pictures of images, normals and heights for people: one scale, units, colour bars. Takes arrays, writes PNG."""
+"""Pictures of images, normals and heights for people: one scale, units, colour bars; arrays to PNG."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
 from designlab.images import tone_map
 
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.floating[Any]]
 Extent = tuple[float, float, float, float]
+BRIGHTEST_PERCENTILE = 99.5  # of all groups: the end of the colour scale
+CONTOUR_SMOOTHING_PX = 2.0  # contours of a noisy picture would be ragged
 
 
 def extent_mm(x_mm: Array, y_mm: Array) -> Extent:
@@ -42,10 +45,12 @@ def uniformity(path: Path, groups: Mapping[str, Array], extent: Extent) -> None:
     """Illumination of the untouched gel by each LED group, relative to its mean."""
     figure = _figure(4.0 * len(groups) + 0.6, 3.6)
     panels = figure.subplots(1, len(groups), squeeze=False)[0]
-    for axes, (name, image) in zip(panels, groups.items(), strict=True):
-        shown = axes.imshow(image / image.mean(), extent=extent, cmap="cividis", vmin=0, vmax=2)
+    relative = {name: image / image.mean() for name, image in groups.items()}
+    brightest = float(np.percentile(np.stack(list(relative.values())), BRIGHTEST_PERCENTILE))
+    for axes, (name, image) in zip(panels, relative.items(), strict=True):
+        shown = axes.imshow(image, extent=extent, cmap="cividis", vmin=0, vmax=brightest)
         axes.contour(
-            np.flipud(image / image.mean()),
+            np.flipud(gaussian_filter(image, CONTOUR_SMOOTHING_PX, mode="nearest")),
             levels=[0.5, 0.75, 1.25, 1.5],
             extent=extent,
             colors="w",

@@ -66,11 +66,11 @@ def _led_margins(design: "Design") -> dict[str, float]:
 def _corners(box: Body) -> NDArray[np.float64]:
     axes = np.array([box.across, box.down, box.normal]) * np.array(box.half_mm)[:, None]
     signs = np.array([(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
-    return np.asarray(box.centre_mm) + signs @ axes
+    return np.asarray(np.asarray(box.centre_mm) + signs @ axes)
 
 
 def _overlap_with_core(design: "Design", corners: NDArray[np.float64]) -> float:
-    """How deep LED corners reach into the convex prism of gelcore and elastomer (light in air: no core, no rule)."""
+    """How deep LED corners reach into the prism of gelcore and elastomer (light in air: no core, no rule)."""
     if design.optics.light_path == "air":
         return -math.inf
     core, top = design.gelcore, design.elastomer.thickness_mm + design.gelcore.height_mm
@@ -84,7 +84,7 @@ def _overlap_with_core(design: "Design", corners: NDArray[np.float64]) -> float:
 
 
 def _intrusion_into_view(design: "Design", corners: NDArray[np.float64]) -> float:
-    """How far LED corners, seen from the camera, reach into the sensing area; measured on the membrane plane."""
+    """How far LED corners, seen from the camera, reach into the sensing area, on the membrane plane."""
     x_c, y_c, z_c = design.camera.position_mm
     below = corners[corners[:, 2] < z_c - 1e-6]
     if len(below) == 0:
@@ -121,7 +121,10 @@ def _body_margins(design: "Design") -> dict[str, float]:
 
 
 def _beyond(points: NDArray[np.float64], polygon: NDArray[np.float64]) -> float:
-    """Largest signed distance of points to a convex counter-clockwise polygon; positive outside (1 um is forgiven)."""
+    """Largest signed distance of points to a convex counter-clockwise polygon, positive outside.
+
+    1 um is forgiven.
+    """
     edge = np.roll(polygon, -1, axis=0) - polygon
     outward = np.stack([edge[:, 1], -edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1, keepdims=True)
     return float(((points[:, None] - polygon[None]) * outward[None]).sum(-1).max()) - 1e-3

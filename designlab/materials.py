@@ -1,12 +1,14 @@
 """Optical constants of the transparent materials these sensors are made of.
 
-Indices are for 589 nm unless the source says otherwise; dispersion over the visible range (about 0.01 to 0.02) is not modelled.
+Indices are for 589 nm unless the source says otherwise; dispersion over the visible range (about 0.01 to
+0.02) is not modelled.
 """
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 
-class Material(NamedTuple):
+@dataclass(frozen=True)
+class Material:
     """A clear material: refractive index (pure number) and where the figure comes from."""
 
     name: str

@@ -1,4 +1,4 @@
-"""A probe pressed into the membrane: the deformed surface that is rendered, and the truth reconstruction is judged by."""
+"""A probe pressed into the membrane: the surface rendered, and the truth reconstruction is judged by."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -71,7 +71,7 @@ class Surface:
     def indentation_gradient(self) -> tuple[Array, Array]:
         """Slopes dz/dx and dz/dy of the indentation alone (central differences)."""
         along_y, along_x = np.gradient(self.height_mm, self.y_mm, self.x_mm)
-        return along_x, along_y
+        return np.asarray(along_x), np.asarray(along_y)
 
     @cached_property
     def gradient(self) -> tuple[Array, Array]:
@@ -103,8 +103,8 @@ def indent(
 ) -> Surface:
     """Deform the membrane by a press (none: the untouched gel) over an area centred on the origin.
 
-    The probe displaces the gel where it would otherwise penetrate it; the step at its rim is then smoothed by the
-    kernel (m + 1) / (m + exp(r / length)), cut at r = 6 lengths and normalised (arXiv 2012.13184).
+    The probe displaces the gel where it would otherwise penetrate it; the step at its rim is then smoothed
+    by the kernel (m + 1) / (m + exp(r / length)), cut at r = 6 lengths and normalised (arXiv 2012.13184).
 
     Raises
     ------
@@ -125,8 +125,12 @@ def indent(
 
 
 def _axis(length_mm: float, pitch_mm: float) -> Array:
-    half = int(np.ceil(length_mm / 2 / pitch_mm))
-    return np.arange(-half, half + 1) * pitch_mm
+    return _offsets(int(np.ceil(length_mm / 2 / pitch_mm)), pitch_mm)
+
+
+def _offsets(steps: int, pitch_mm: float) -> Array:
+    """Distances from the middle of a grid, in both directions."""
+    return np.asarray(np.arange(-steps, steps + 1) * pitch_mm, dtype=float)
 
 
 def _penetration(press: Press, base: Array, x: Array, y: Array, pitch_mm: float) -> Array:
@@ -157,9 +161,9 @@ def _smooth(height: Array, contact: Contact, pitch_mm: float) -> Array:
     if contact.kernel_length_mm == 0:
         return height
     reach = int(np.ceil(6 * contact.kernel_length_mm / pitch_mm))
-    offsets = np.arange(-reach, reach + 1) * pitch_mm
-    kernel = _cell_average(offsets, pitch_mm, contact)
-    return np.maximum(np.asarray(fftconvolve(np.pad(height, reach, mode="edge"), kernel, mode="valid")), 0.0)
+    kernel = _cell_average(_offsets(reach, pitch_mm), pitch_mm, contact)
+    smoothed = fftconvolve(np.pad(height, reach, mode="edge"), kernel, mode="valid")
+    return np.asarray(np.maximum(smoothed, 0.0))
 
 
 def _cell_average(offsets: Array, pitch_mm: float, contact: Contact) -> Array:

@@ -1,4 +1,4 @@
-"""A design and a membrane as plain data: meshes, materials, light sources and camera. Knows no rendering engine."""
+"""A design and a membrane as plain data: meshes, materials, lights and camera. Knows no rendering engine."""
 
 import hashlib
 from collections.abc import Iterator
@@ -149,7 +149,7 @@ def _lights(design: Design) -> Iterator[Light]:
 
 
 def _membrane(design: Design, surface: Surface) -> Shape:
-    """Fine grid over the surface, coarse beyond, one mesh without seams; cells outside the gel's outline are left out."""
+    """Fine grid over the surface, coarse beyond, one mesh without seams, cut off at the gel's outline."""
     gel = design.elastomer
     outline = elastomer.polygon(gel)
     x = _extended(surface.x_mm, float(outline[:, 0].min()), float(outline[:, 0].max()))
@@ -177,7 +177,7 @@ def _membrane(design: Design, surface: Surface) -> Shape:
 
 
 def _extended(axis: FloatArray, low: float, high: float) -> FloatArray:
-    """Continue an ascending axis to [low, high] in at most 24 even steps of at least the axis' pitch on each side."""
+    """Continue an ascending axis to [low, high] in at most 24 even steps a side, no finer than its own."""
 
     def beyond(edge: float, end: float) -> FloatArray:
         pitch = float(axis[1] - axis[0])
@@ -214,15 +214,13 @@ def _oriented(vertices: FloatArray, faces: NDArray[np.int64], outward: FloatArra
     """Faces wound so that their normals point along `outward` (one direction, or one for each face)."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     flipped = (np.cross(b - a, c - a) * outward).sum(-1) < 0
-    faces = faces.copy()
-    faces[flipped] = faces[flipped][:, ::-1]
-    return faces.astype(np.uint32)
+    return np.where(flipped[:, None], faces[:, ::-1], faces).astype(np.uint32)
 
 
 def _core_and_gel(design: Design) -> Iterator[Shape]:
     """Boundaries of gelcore and elastomer as light sees them: sides, window, interface; black where painted.
 
-    The housing needs no shape: light that leaves the core and meets nothing is lost, as it would be on black walls.
+    The housing needs no shape: light that leaves the core and meets nothing is lost, as on black walls.
     """
     core, gel = design.gelcore, design.elastomer
     n_core = material(design.optics.gelcore_material).index
@@ -249,8 +247,9 @@ def _core_and_gel(design: Design) -> Iterator[Shape]:
     rim = elastomer.polygon(gel, segments=72) * 0.999999
     lower = np.column_stack([rim, elastomer.base_mm(gel, rim[:, 0], rim[:, 1])])
     band = np.concatenate([lower, np.column_stack([rim, _interface_z(design, rim)])])
-    faces = _band_faces(len(rim), 0, len(rim))
-    yield Shape("gel-rim", band, _oriented(band, faces, -band[faces].mean(axis=1) * (1.0, 1.0, 0.0)), black)
+    ring = _band_faces(len(rim), 0, len(rim))
+    inward = -band[ring].mean(axis=1) * (1.0, 1.0, 0.0)
+    yield Shape("gel-rim", band, _oriented(band, ring, inward), black)
     rings = [outline * share for share in np.linspace(0.0, 1.0, 49)]
     yield _sheet(
         "interface", rings, [_interface_z(design, ring) for ring in rings], Dielectric(n_gel, n_core)

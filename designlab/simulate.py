@@ -45,7 +45,7 @@ class Frame:
     @property
     def mixed(self) -> NDArray[np.float32]:
         """Linear radiance of the camera channels, shape (rows, columns, 3)."""
-        return np.einsum("cg,grk->rkc", self.weights, self.basis).astype(np.float32)
+        return np.asarray(np.einsum("cg,grk->rkc", self.weights, self.basis), dtype=np.float32)
 
     @cached_property
     def seen_mm(self) -> tuple[Array, Array]:
@@ -159,15 +159,15 @@ class Simulator:
                 )
             if not image.any():
                 raise RenderFailed(
-                    f"LED group {name!r}: the rendered picture is black; no light of this group reaches the camera "
-                    "(is it behind the gelcore's painted side, or facing away?)"
+                    f"LED group {name!r}: the rendered picture is black; no light of this group reaches "
+                    "the camera (is it behind the gelcore's painted side, or facing away?)"
                 )
         flux = np.array([group.flux_mw for group in self.design.leds.groups])
         return Frame(press, surface, self.rays, basis, self.design.mixing_matrix * flux)
 
 
 def exposure(design: Design, untouched: Frame) -> float:
-    """Signal as a share of full scale per unit of radiance: the design's own, or automatic from the untouched gel."""
+    """Signal as a share of full scale per unit of radiance: the design's own, or set by the untouched gel."""
     if design.camera.exposure is not None:
         return design.camera.exposure
     return TARGET_SIGNAL / float(np.percentile(untouched.mixed, TARGET_PERCENTILE))

@@ -16,8 +16,8 @@ Array = NDArray[np.float64]
 class Rays:
     """One viewing ray a pixel, as it runs in the layer that touches the membrane.
 
-    The ray of a pixel passes (x_mm, y_mm) at height z = 0 and moves by `slope_x`, `slope_y` mm a mm of height.
-    All arrays have shape (rows, columns). `binned` sensor pixels make one output pixel.
+    The ray of a pixel passes (x_mm, y_mm) at height z = 0 and moves by `slope_x`, `slope_y` mm a mm of
+    height. All arrays have shape (rows, columns). `binned` sensor pixels make one output pixel.
     """
 
     x_mm: Array

@@ -39,7 +39,10 @@ class Parameter:
 
 
 class Effect:
-    """A named physical effect. Subclasses override the hook of the stage they act on; the others change nothing."""
+    """A named physical effect.
+
+    Subclasses override the hook of the stage they act on; the others change nothing.
+    """
 
     name: ClassVar[str]
     stage: ClassVar[Stage]

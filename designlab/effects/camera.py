@@ -17,7 +17,7 @@ class ColourMixing(Effect):
     transferable: ClassVar[bool] = True
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
-        """One response for each pair of channel and foreign group; a vendor's colour matrix may make it negative."""
+        """One response for each pair of channel and foreign group; a colour matrix may make it negative."""
         return tuple(
             Parameter(
                 f"{channel}_from_{group}",

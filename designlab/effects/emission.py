@@ -52,7 +52,7 @@ class LedPosition(Effect):
 
 
 def _shift(facing: FloatArray, values: Values) -> FloatArray:
-    """Displacement of a row whose emitting side faces `facing`; rows look at the axis, so outwards is its reverse."""
+    """Displacement of a row whose emitting side faces `facing`, the axis; outwards is its reverse."""
     outward = -facing[:2] / np.hypot(*facing[:2])
     radial, tangential = values["radial_mm"], values["tangential_mm"]
     return np.array(

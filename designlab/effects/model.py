@@ -1,4 +1,4 @@
-"""SensorModel: a design plus the effects its built sensor was found to have. Immutable, content-addressed, a TOML file."""
+"""SensorModel: a design plus the effects its built sensor was found to have; immutable, a TOML file."""
 
 import hashlib
 import json
@@ -10,6 +10,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from designlab.design import Design, DesignError, explain, load
 from designlab.effects.base import Effect
+from designlab.effects.catalogue import CATALOGUE
 from geometries.spec import Spec
 
 FORMAT = 1
@@ -42,8 +43,6 @@ def effect(name: str) -> Effect:
     ValueError
         If there is none of that name.
     """
-    from designlab.effects import CATALOGUE
-
     for candidate in CATALOGUE:
         if candidate.name == name:
             return candidate
@@ -63,13 +62,15 @@ class SensorModel(Spec):
             parameters = {p.name: p for p in effect(applied.name).parameters(self.design)}
             if set(applied.values) != set(parameters):
                 raise ValueError(
-                    f"effects.{applied.name}.values: needs exactly {', '.join(parameters)}, got {', '.join(applied.values)}"
+                    f"effects.{applied.name}.values: needs exactly {', '.join(parameters)}, "
+                    f"got {', '.join(applied.values)}"
                 )
             for name, value in applied.values.items():
                 p = parameters[name]
                 if not p.low <= value <= p.high:
                     raise ValueError(
-                        f"effects.{applied.name}.values.{name}: lies between {p.low:g} and {p.high:g} {p.unit}, got {value:g}"
+                        f"effects.{applied.name}.values.{name}: lies between {p.low:g} and {p.high:g} "
+                        f"{p.unit}, got {value:g}"
                     )
         return self
 
@@ -93,8 +94,6 @@ class SensorModel(Spec):
 
     def with_effect(self, applied: AppliedEffect) -> "SensorModel":
         """Return a new version with one effect more (or replaced), kept in pipeline order."""
-        from designlab.effects import CATALOGUE
-
         order = [e.name for e in CATALOGUE]
         others = [a for a in self.effects if a.name != applied.name]
         effects = tuple(sorted([*others, applied], key=lambda a: order.index(a.name)))

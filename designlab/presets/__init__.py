@@ -1,1 +1,4 @@
-"""Published and built-in sensors as TOML files; each figure carries its source, each guess is marked as an assumption."""
+"""Published and built-in sensors as TOML files.
+
+Each figure carries its source, each guess is marked as an assumption.
+"""

@@ -34,9 +34,10 @@ def transport(
 ) -> NDArray[np.float32]:
     """Radiance of every LED group at unit flux, shape (groups, rows, columns), in mW/mm2/sr per mW.
 
-    Where light runs straight, Mitsuba's path tracer renders the deformed scene. Where it refracts, path tracing would
-    meet a small LED behind glass only by chance: there the press is shaded from a light field traced once for the
-    undeformed scene, unless the back end is ``scalar_rgb``, which has the path tracer alone.
+    Where light runs straight, Mitsuba's path tracer renders the deformed scene. Where it refracts, path
+    tracing would meet a small LED behind glass only by chance: there the press is shaded from a light field
+    traced once for the undeformed scene, unless the back end is ``scalar_rgb``, which has the path tracer
+    alone.
 
     Parameters
     ----------

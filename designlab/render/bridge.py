@@ -68,7 +68,7 @@ def _diffuse(reflectance: float) -> dict[str, Any]:
 def _light(light: Light, scene: Scene, group: int) -> dict[str, Any]:
     import mitsuba as mi
 
-    # The rectangle plug-in spans [-1, 1]^2 and emits along +z, so its columns are the half axes and the normal.
+    # The rectangle plug-in spans [-1, 1]^2 and emits along +z: its columns are the half axes and the normal.
     across, normal = np.asarray(light.across), np.asarray(light.normal)
     up = np.cross(normal, across)
     matrix = np.eye(4)

@@ -1,9 +1,10 @@
 """Incident light on the undeformed membrane, traced once per design; shading any press from it costs a sum.
 
-The light that falls on the membrane is kept as power per position cell and direction bin. A press changes the
-membrane's slope, lifts it and shadows it, but hardly the light that arrives: shading sums the bins with the foreshortening
-of the deformed normal, the parallax of the lifted point and the horizon of the indentation. Left out: light reflected
-from wall to wall of the same indentation. Error figures are in docs/validation.md.
+The light that falls on the membrane is kept as power per position cell and direction bin. A press changes
+the membrane's slope, lifts it and shadows it, but hardly the light that arrives: shading sums the bins with
+the foreshortening of the deformed normal, the parallax of the lifted point and the horizon of the
+indentation. Left out: light reflected from wall to wall of the same indentation. Error figures are in
+docs/validation.md.
 """
 
 from dataclasses import dataclass
@@ -21,9 +22,7 @@ from designlab.viewing import Rays
 FloatArray = NDArray[np.float64]
 STEEPEST_COSINE = 0.02  # light more grazing than this weighs as if it came at this angle
 FURTHEST_MM = 4.0  # reach of shadows and of parallax
-PHOTONS_PER_SAMPLE = (
-    300_000  # makes the photon count follow the same effort setting as the path tracer's samples
-)
+PHOTONS_PER_SAMPLE = 300_000  # lets one effort setting rule both photons and the path tracer's samples
 AZIMUTHS, SLANTS, CELL_MM = 48, 33, 1.0
 WIDEST_SLANT_DEG = 99.0  # on a dome light can come from slightly below the apex plane
 
@@ -65,7 +64,9 @@ def bake(scene: Scene, *, samples: int, seed: int) -> LightField:
     for group in range(scene.groups):
         table = dr.zeros(mi.Float, rows * columns * bins)
 
-        def record(position: Any, towards: Any, normal: Any, power: Any, active: Any) -> None:
+        def record(
+            position: Any, towards: Any, normal: Any, power: Any, active: Any, *, table: Any = table
+        ) -> None:
             column = mi.Int32(dr.floor((position.x - float(low[0])) / CELL_MM + 0.5))
             row = mi.Int32(dr.floor((position.y - float(low[1])) / CELL_MM + 0.5))
             slant = mi.Int32(dr.rad2deg(dr.safe_acos(towards.z)) / WIDEST_SLANT_DEG * SLANTS)
@@ -85,9 +86,9 @@ def bake(scene: Scene, *, samples: int, seed: int) -> LightField:
 
 
 def _edges_filled(power: NDArray[np.float32], scene: Scene, low: FloatArray) -> NDArray[np.float32]:
-    """Cells that the membrane fills only in part hold too little light; scale them by their share (half of it at least)."""
+    """Scale up cells that the membrane fills only in part; they hold too little light (at most twofold)."""
     fine = 8
-    groups, rows, columns = power.shape[:3]
+    rows, columns = power.shape[1:3]
     offsets = (np.arange(fine) + 0.5) / fine - 0.5
     x = low[0] + (np.arange(columns)[:, None] + offsets).ravel() * CELL_MM
     y = low[1] + (np.arange(rows)[:, None] + offsets).ravel() * CELL_MM
@@ -244,13 +245,14 @@ def _horizon(surface: Surface, at: dict[str, Any]) -> Any:
 
 
 def _transmission(scene: Scene, rays: Rays) -> FloatArray:
-    """Share of the membrane's radiance that reaches the camera: Fresnel losses and the widening of the beam."""
+    """Share of the membrane's radiance that reaches the camera: Fresnel losses, widening of the beam."""
     boundaries = {s.name: s.material for s in scene.shapes if isinstance(s.material, Dielectric)}
     if not boundaries:
         return np.ones_like(rays.x_mm)
     window, interface = boundaries["window"], boundaries["interface"]
     tangent = np.hypot(rays.slope_x, rays.slope_y)
-    sine = interface.inside_index * tangent / np.sqrt(1 + tangent**2)  # n sin(theta), the same in every layer
+    # n sin(theta) is the same in every layer.
+    sine = interface.inside_index * tangent / np.sqrt(1 + tangent**2)
     passed = np.ones_like(tangent)
     for boundary in (interface, window):
         passed *= 1.0 - _fresnel(sine, boundary.inside_index, boundary.outside_index)

@@ -1,4 +1,4 @@
-"""Radiance by Mitsuba's own path tracer: unbiased, on every back end; slow for small light sources behind glass."""
+"""Radiance by Mitsuba's own path tracer: unbiased, on every back end; slow for small LEDs behind glass."""
 
 import numpy as np
 from numpy.typing import NDArray

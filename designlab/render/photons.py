@@ -1,4 +1,4 @@
-"""Light traced from the LEDs to the membrane: finds small light sources behind glass, which path tracing meets by chance."""
+"""Light traced from the LEDs to the membrane: finds small LEDs behind glass, which paths meet by chance."""
 
 from collections.abc import Callable
 from typing import Any
@@ -27,8 +27,8 @@ def trace(scene: Scene, *, group: int, photons: int, seed: int, record: Record) 
     seed : int
         Seed of the random numbers.
     record : callable
-        Called with Dr.Jit arrays: position, direction back towards the light, membrane normal, power (mW) and the mask
-        of photons that arrive. It is called while a loop is recorded, so it may only scatter.
+        Called with Dr.Jit arrays: position, direction back towards the light, membrane normal, power (mW)
+        and the mask of photons that arrive. It is called while a loop is recorded, so it may only scatter.
     """
     import drjit as dr
 
