@@ -88,7 +88,7 @@ class Camera(Spec):
         noise : bool
             Without it only exposure, black level and clipping act; nothing is quantised.
         binned : float
-            Sensor pixels averaged into one output pixel; lowers the noise accordingly.
+            Sensor pixels averaged into one output pixel, at least 1; lowers the noise accordingly.
         """
         signal = np.clip(np.asarray(radiance, dtype=float) * exposure, 0.0, None)
         if not noise:
@@ -100,10 +100,12 @@ class Camera(Spec):
             random.poisson(np.minimum(electrons, 1000.0)),
             electrons + np.sqrt(electrons) * random.standard_normal(electrons.shape),
         )
-        read = self.read_noise_e * np.sqrt(binned) * random.standard_normal(electrons.shape)
-        digital = (shot + read) / (self.full_well_e * binned) + self.black_level
-        # Averaging binned pixels refines the steps of the converter.
+        # Averaging pixels refines the converter's steps, but each pixel has brought its own rounding error.
         steps = (2**self.bit_depth - 1) * binned
+        rounding_e = self.full_well_e * np.sqrt((binned - 1) / 12) / (2**self.bit_depth - 1)
+        read_e = np.hypot(self.read_noise_e * np.sqrt(binned), rounding_e)
+        read = read_e * random.standard_normal(electrons.shape)
+        digital = (shot + read) / (self.full_well_e * binned) + self.black_level
         return np.asarray(np.clip(np.round(digital * steps) / steps, 0.0, 1.0), dtype=np.float32)
 
     def noise_sigma(self, signal: NDArray[np.floating], *, binned: float = 1.0) -> NDArray[np.float64]:
@@ -111,6 +113,6 @@ class Camera(Spec):
         electrons = (
             np.clip(np.asarray(signal, dtype=float) - self.black_level, 0.0, None) * self.full_well_e * binned
         )
-        quantisation = 1.0 / ((2**self.bit_depth - 1) * binned) / np.sqrt(12.0)
+        quantisation = 1.0 / (2**self.bit_depth - 1) / np.sqrt(12.0 * binned)
         electronic = np.sqrt(electrons + self.read_noise_e**2 * binned) / (self.full_well_e * binned)
         return np.asarray(np.hypot(electronic, quantisation))

@@ -16,6 +16,7 @@ from geometries.spec import Spec, quantity
 
 Array = NDArray[np.float64]
 SUBSAMPLES = 3  # along each side of a grid cell
+REACH_SIZES = 2.2  # no probe extends further from its axis than this times its size
 
 
 class Press(Spec):
@@ -109,7 +110,7 @@ def indent(
     Raises
     ------
     ValueError
-        If the press lies outside the membrane or misses the area.
+        If the press does not touch the membrane within the area.
     """
     x, y = _axis(area_mm[0], pitch_mm), _axis(area_mm[1], pitch_mm)[::-1]
     grid_x, grid_y = np.meshgrid(x, y)
@@ -118,9 +119,15 @@ def indent(
     if press is None:
         height, touched = np.zeros_like(base), np.zeros(base.shape, dtype=bool)
     else:
-        penetration = _penetration(press, base, grid_x, grid_y, pitch_mm)
+        penetration = _penetration(press, elastomer, base, grid_x, grid_y, pitch_mm)
         touched = penetration > 0
-        height = _smooth(np.maximum(penetration, 0.0), contact, pitch_mm)
+        if not touched.any():
+            x_mm, y_mm = press.centre_mm
+            raise ValueError(
+                f"press.centre_mm: the {press.probe.kind} at ({x_mm:g}, {y_mm:g}) mm does not touch the "
+                f"membrane within the simulated area of {2 * x[-1]:g} x {2 * y[0]:g} mm"
+            )
+        height = _smooth(penetration, contact, pitch_mm)
     return Surface(x, y, height, base, base_p, base_q, touched)
 
 
@@ -133,18 +140,26 @@ def _offsets(steps: int, pitch_mm: float) -> Array:
     return np.asarray(np.arange(-steps, steps + 1) * pitch_mm, dtype=float)
 
 
-def _penetration(press: Press, base: Array, x: Array, y: Array, pitch_mm: float) -> Array:
-    """Height of the probe's upper side above the undeformed membrane, its largest value being the depth.
+def _penetration(
+    press: Press, elastomer: Elastomer, base: Array, x: Array, y: Array, pitch_mm: float
+) -> Array:
+    """How far the probe's upper side stands above the undeformed membrane, zero where it does not reach it.
 
     Averaged over sub-samples of each grid cell, so that sharp rims do not turn into stairs.
     """
     offsets = (np.arange(SUBSAMPLES) + 0.5) / SUBSAMPLES - 0.5
     raised = [_above(press, base, x + dx * pitch_mm, y + dy * pitch_mm) for dx in offsets for dy in offsets]
-    highest = max(float(r.max()) for r in raised)
-    if not np.isfinite(highest):
-        kind, (x_mm, y_mm) = press.probe.kind, press.centre_mm
-        raise ValueError(f"press.centre_mm: the {kind} at ({x_mm:g}, {y_mm:g}) mm misses the membrane")
-    return np.asarray(np.mean([np.maximum(r - highest + press.depth_mm, 0.0) for r in raised], axis=0))
+    lifted = press.depth_mm - _first_touch(press, elastomer)
+    return np.asarray(np.mean([np.maximum(r + lifted, 0.0) for r in raised], axis=0))
+
+
+def _first_touch(press: Press, elastomer: Elastomer) -> float:
+    """Greatest height of the probe over the base, wherever that is: its depth counts from there."""
+    if elastomer.radius_mm is None:
+        return 0.0  # a profile is zero at its foremost point
+    reach = REACH_SIZES * press.probe.size_mm
+    x, y = np.meshgrid(*(centre + np.linspace(-reach, reach, 401) for centre in press.centre_mm))
+    return float(_above(press, base_mm(elastomer, x, y), x, y).max())
 
 
 def _above(press: Press, base: Array, x: Array, y: Array) -> Array:

@@ -1,0 +1,220 @@
+"""Pressing a probe into the membrane, against geometry."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import center_of_mass
+
+from designlab.design import Contact
+from designlab.press import Press, indent
+from geometries.elastomer import Elastomer
+from geometries.probes import from_file, parse
+
+FLAT = Elastomer(shape="flat", outline="rectangle", width_mm=30, length_mm=30, thickness_mm=3)
+SHARP = Contact(kernel_length_mm=0.0)
+
+
+def press(text, depth_mm, **where):
+    return Press(probe=parse(text), depth_mm=depth_mm, **where)
+
+
+def indented(one, *, elastomer=FLAT, contact=SHARP, area_mm=(10.0, 8.0), pitch_mm=0.05):
+    return indent(elastomer, contact, one, area_mm=area_mm, pitch_mm=pitch_mm)
+
+
+def kernel(r_mm, contact):
+    """Kernel as published (arXiv 2012.13184), radius in units of its length, cut at 6."""
+    r = r_mm / contact.kernel_length_mm
+    return np.where(r <= 6, (contact.kernel_m + 1) / (contact.kernel_m + np.exp(np.minimum(r, 6))), 0.0)
+
+
+def rise_mm(x, z, low=0.1, high=0.9):
+    """Distance over which an edge rises from 10 to 90 % of its height."""
+    z = (z - z.min()) / (z.max() - z.min())
+    return np.interp(high, z, x) - np.interp(low, z, x)
+
+
+def step(contact, pitch_mm):
+    """Profile across the straight side of a wide flat punch, which lies on the x axis; upwards to -y."""
+    punch = press("triangle:60", 0.4, yaw_deg=180.0, centre_mm=(0.0, -60 / np.sqrt(12)))
+    surface = indented(punch, contact=contact, area_mm=(2.0, 4.0), pitch_mm=pitch_mm)
+    return -surface.y_mm, surface.height_mm[:, surface.height_mm.shape[1] // 2]
+
+
+def test_a_ball_leaves_a_cap_of_its_own_radius():
+    diameter, depth = 4.0, 0.6
+    surface = indented(press("sphere:4", depth))
+    x, y = np.meshgrid(surface.x_mm, surface.y_mm)
+    cap = np.maximum(np.sqrt(np.maximum((diameter / 2) ** 2 - x**2 - y**2, 0)) - diameter / 2 + depth, 0)
+    # heights are averages over a cell: off the cap by the pitch squared over its radius at most
+    inside = np.hypot(x, y) < 1.3
+    np.testing.assert_allclose(surface.height_mm[inside], cap[inside], atol=0.05**2)
+    assert surface.height_mm.max() == pytest.approx(depth, abs=1e-3)
+
+
+@pytest.mark.parametrize(("diameter", "depth"), [(4.0, 0.6), (6.0, 0.3), (2.0, 0.9)])
+def test_contact_of_a_ball_is_a_disc_of_the_chord_radius(diameter, depth):
+    surface = indented(press(f"sphere:{diameter:g}", depth), pitch_mm=0.02)
+    radius = np.sqrt(surface.contact.sum() * surface.pitch_mm**2 / np.pi)
+    # a cell counts when its part of it touches, which adds up to half a pitch
+    assert radius == pytest.approx(np.sqrt(diameter * depth - depth**2), abs=0.02)
+
+
+@pytest.mark.parametrize("pitch_mm", [0.05, 0.08])
+def test_smoothing_conserves_the_displaced_volume(pitch_mm):
+    one = press("sphere:4", 0.6, centre_mm=(0.7, -0.4))
+    volumes = [
+        indented(one, contact=contact, pitch_mm=pitch_mm).height_mm.sum() * pitch_mm**2
+        for contact in (SHARP, Contact(kernel_length_mm=0.1))
+    ]
+    assert volumes[1] == pytest.approx(volumes[0], rel=1e-6)
+    # volume of a spherical cap
+    assert volumes[0] == pytest.approx(np.pi * 0.6**2 * (3 * 2.0 - 0.6) / 3, rel=2e-3)
+
+
+@pytest.mark.parametrize("length_mm", [0.05, 0.1])
+def test_an_edge_rises_as_the_published_kernel_says(length_mm):
+    contact = Contact(kernel_length_mm=length_mm, kernel_m=200)
+    # the edge response of a round kernel is the integral of its line spread
+    t = np.linspace(-6.2, 6.2, 1241) * length_mm
+    line = kernel(np.hypot(t[:, None], t[None]), contact).sum(axis=1)
+    expected = rise_mm(t, np.cumsum(line))
+    assert rise_mm(*step(contact, 0.02)) == pytest.approx(expected, abs=0.005)
+
+
+def test_smoothing_does_not_depend_on_the_grid():
+    contact = Contact(kernel_length_mm=0.1)
+    (fine_y, fine_z), (coarse_y, coarse_z) = step(contact, 0.02), step(contact, 0.1)
+    np.testing.assert_allclose(np.interp(coarse_y, fine_y, fine_z), coarse_z, atol=0.02 * 0.4)
+
+
+def test_heights_do_not_depend_on_the_grid():
+    one = press("star:5", 0.5, yaw_deg=17.0)
+    contact = Contact(kernel_length_mm=0.08)
+    fine, coarse = (indented(one, contact=contact, pitch_mm=pitch) for pitch in (0.025, 0.075))
+    x, y = np.meshgrid(coarse.x_mm[5:-5], coarse.y_mm[5:-5])
+    difference = fine.sample(fine.height_mm, x, y) - coarse.height_mm[5:-5, 5:-5]
+    assert np.sqrt(np.mean(difference**2)) < 0.01 * 0.5
+
+
+def test_a_kernel_of_no_length_smooths_nothing():
+    y, z = step(SHARP, 0.02)
+    # an edge fills one cell in part; 10 to 90 % of the way over its two neighbours is 1.6 pitches at most
+    assert rise_mm(y, z) <= 1.6 * 0.02 + 1e-9
+
+
+@pytest.mark.parametrize("text", ["sphere:4", "triangle:5", "star:6", "cone:4", "dots:1.5", "wave:2"])
+def test_the_depth_is_the_largest_penetration(text):
+    surface = indented(press(text, 0.5, yaw_deg=11.0), pitch_mm=0.02)
+    assert surface.height_mm.max() == pytest.approx(0.5, abs=0.012)
+    assert surface.height_mm.min() == 0.0
+
+
+def test_the_centre_is_right_and_up_in_the_image():
+    surface = indented(press("sphere:3", 0.4, centre_mm=(2.0, 1.5)))
+    row, column = center_of_mass(surface.height_mm)
+    rows, columns = surface.height_mm.shape
+    assert column > columns / 2
+    assert row < rows / 2
+    assert np.interp(column, np.arange(columns), surface.x_mm) == pytest.approx(2.0, abs=1e-3)
+    assert np.interp(row, np.arange(rows), surface.y_mm) == pytest.approx(1.5, abs=1e-3)
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 40.0, -75.0])
+def test_yaw_turns_counter_clockwise_from_a_vertex_at_plus_y(yaw_deg):
+    side = 4.0
+    surface = indented(press("triangle:4", 0.4, yaw_deg=yaw_deg))
+    for corner in range(3):
+        angle = np.radians(90.0 + yaw_deg + 120.0 * corner)
+        for share, touched in ((0.9, True), (1.1, False)):
+            radius = share * side / np.sqrt(3)
+            at = surface.sample(
+                surface.contact.astype(float),
+                np.array([radius * np.cos(angle)]),
+                np.array([radius * np.sin(angle)]),
+            )
+            assert (at[0] > 0.5) == touched
+
+
+def test_slopes_are_those_of_a_ball():
+    surface = indented(press("sphere:6", 0.6), pitch_mm=0.04)
+    x, y = np.meshgrid(surface.x_mm, surface.y_mm)
+    inside = np.hypot(x, y) < 1.4
+    down = np.sqrt(9.0 - x**2 - y**2, where=np.hypot(x, y) < 3, out=np.ones_like(x))
+    p, q = surface.gradient
+    np.testing.assert_allclose(p[inside], -(x / down)[inside], atol=2e-3)
+    np.testing.assert_allclose(q[inside], -(y / down)[inside], atol=2e-3)
+    # on a ball the normal points away from its centre, 3 mm below the tip
+    towards = np.stack([x, y, down], axis=-1) / 3.0
+    np.testing.assert_allclose(surface.normals[inside], towards[inside], atol=2e-3)
+
+
+def test_an_untouched_gel_is_its_base():
+    dome = Elastomer(shape="dome", outline="round", width_mm=24, thickness_mm=2, radius_mm=30)
+    surface = indented(None, elastomer=dome)
+    x, y = np.meshgrid(surface.x_mm, surface.y_mm)
+    np.testing.assert_allclose(surface.z_mm, 30 - np.sqrt(900 - x**2 - y**2), atol=1e-12)
+    np.testing.assert_allclose(surface.gradient[0], x / np.sqrt(900 - x**2 - y**2), atol=1e-12)
+    assert not surface.contact.any()
+
+
+def test_a_dome_of_huge_radius_is_flat():
+    one = press("star:5", 0.5, centre_mm=(1.0, 0.5), yaw_deg=20.0)
+    contact = Contact(kernel_length_mm=0.05)
+    flat = indented(one, contact=contact)
+    dome = indented(
+        one,
+        contact=contact,
+        elastomer=Elastomer(shape="dome", outline="round", width_mm=30, thickness_mm=3, radius_mm=1e7),
+    )
+    np.testing.assert_allclose(dome.height_mm, flat.height_mm, atol=1e-5)
+    np.testing.assert_allclose(dome.z_mm, flat.z_mm, atol=1e-5)
+
+
+def test_a_ball_meets_a_dome_in_the_lens_of_two_spheres():
+    # Two spheres of radii R and r overlap by d, their centres D apart: the cosine rule gives the rim.
+    R, r, d = 20.0, 3.0, 0.5
+    D = R + r - d
+    dome = Elastomer(shape="dome", outline="round", width_mm=30, thickness_mm=3, radius_mm=R)
+    surface = indented(press("sphere:6", d), elastomer=dome, pitch_mm=0.02)
+    along = (D**2 + R**2 - r**2) / (2 * D)
+    expected = np.sqrt(R**2 - along**2)
+    found = np.sqrt(surface.contact.sum() * surface.pitch_mm**2 / np.pi)
+    assert found == pytest.approx(expected, abs=0.02)
+    assert surface.height_mm.max() == pytest.approx(d, abs=1e-3)
+
+
+def test_a_mesh_presses_like_the_shape_it_was_made_of(tmp_path):
+    import trimesh
+
+    ball = trimesh.creation.icosphere(subdivisions=5, radius=2.0)
+    file = tmp_path / "ball.stl"
+    ball.export(file)
+    of_mesh = indented(Press(probe=from_file(file), depth_mm=0.5), pitch_mm=0.1, area_mm=(6, 6))
+    of_ball = indented(press("sphere:4", 0.5), pitch_mm=0.1, area_mm=(6, 6))
+    np.testing.assert_allclose(of_mesh.height_mm, of_ball.height_mm, atol=0.005)
+
+
+def test_sampling_interpolates_linearly_and_holds_the_edge():
+    surface = indented(None, area_mm=(2, 2), pitch_mm=0.1)
+    x, y = np.meshgrid(surface.x_mm, surface.y_mm)
+    plane = 2 * x - 3 * y
+    at_x, at_y = np.array([0.33, -0.71]), np.array([-0.56, 0.12])
+    np.testing.assert_allclose(surface.sample(plane, at_x, at_y), 2 * at_x - 3 * at_y, atol=1e-12)
+    assert surface.sample(plane, np.array([5.0]), np.array([0.0]))[0] == pytest.approx(2 * surface.x_mm[-1])
+
+
+@pytest.mark.parametrize("radius_mm", [None, 40.0])
+def test_a_press_cut_by_the_border_is_as_deep_as_a_whole_one(radius_mm):
+    if radius_mm is None:
+        gel = FLAT
+    else:
+        gel = Elastomer(shape="dome", outline="round", width_mm=30, thickness_mm=3, radius_mm=radius_mm)
+    one = press("sphere:6", 0.6, centre_mm=(5.5, 1.0))
+    cut, whole = (indented(one, elastomer=gel, area_mm=(size, 8.0)) for size in (10.0, 20.0))
+    x, y = np.meshgrid(cut.x_mm, cut.y_mm)
+    np.testing.assert_allclose(cut.height_mm, whole.sample(whole.height_mm, x, y), atol=1e-9)
+
+
+def test_a_press_beside_the_area_names_field_and_place():
+    with pytest.raises(ValueError, match=r"press\.centre_mm: the sphere at \(12, 0\) mm does not touch"):
+        indented(press("sphere:2", 0.5, centre_mm=(12.0, 0.0)))
