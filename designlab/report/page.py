@@ -41,7 +41,7 @@ dl { display: grid; grid-template-columns: max-content 1fr; gap: .2rem 1.5rem; m
 dt { color: var(--soft); } dd { margin: 0; }
 figure { margin: 1.2rem 0; }
 figure img { max-width: 100%; height: auto; display: block; border: 1px solid var(--line); }
-.gallery { display: grid; grid-template-columns: repeat(auto-fill, minmax(15rem, 1fr)); gap: 1.2rem; }
+.gallery { display: grid; grid-template-columns: repeat(auto-fill, minmax(20rem, 1fr)); gap: 1.2rem; }
 .gallery figure { margin: 0; }
 footer { margin-top: 4rem; color: var(--soft); font-size: .8rem; }
 @media print { main { max-width: none; padding: 0; } h2 { break-after: avoid; } }

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from designlab.design import Design
+import numpy as np
+
 from designlab.margins import RULES
 from designlab.report import figures
 from designlab.report.page import (
@@ -24,7 +25,7 @@ from designlab.store import write_atomic
 from designlab.study import Results, importance, load_results
 from designlab.study.folder import trial_folder
 
-_CAPTIONS = {"background": "untouched gel", "untouched": "untouched gel", "press": "ball of 4 mm, pressed"}
+_CAPTIONS = {"untouched": "untouched gel", "press": "a ball of 4 mm, pressed"}
 
 
 def study_report(
@@ -131,7 +132,7 @@ def _shortlist(results: Results) -> tuple[Html, ...]:
     shown = [
         picture(path, f"trial {number}: {_CAPTIONS.get(path.stem, path.stem)}")
         for number in results.picks["trial"]
-        for path in sorted(trial_folder(results.folder, number).glob("*.png"))
+        for path in sorted(trial_folder(results.folder, number).glob("*.png"), reverse=True)
     ]
     number = int(results.picks.iloc[0]["trial"])
     file = trial_folder(results.folder, number) / "design.toml"
@@ -233,18 +234,16 @@ def _depict(results: Results, number: int) -> None:
     folder = trial_folder(results.folder, number)
     if any(folder.glob("*.png")) or not folder.is_dir():
         return
-    from designlab.figures import background, extent_mm
+    from designlab.images import tone_map, write_image
     from designlab.press import Press
-    from designlab.simulate import exposure, render
+    from designlab.simulate import render
     from geometries.probes import parse
 
-    subject = results.subject(number)
-    design: Design = results.design(number)
-    depth_mm = min(0.8, 0.4 * design.elastomer.thickness_mm)
-    untouched = render(subject, columns=200, samples=32, seed=results.study.seed)
+    subject, seed = results.subject(number), results.study.seed
+    depth_mm = min(0.8, 0.4 * results.study.base.elastomer.thickness_mm)
     press = Press(probe=parse("sphere:4"), depth_mm=depth_mm)
-    pressed = render(subject, press, columns=200, samples=32, seed=results.study.seed)
-    scale = exposure(design, untouched)
-    extent = extent_mm(untouched.rays.x_mm, untouched.rays.y_mm)
-    background(folder / "background.png", untouched.mixed * scale, extent)
-    background(folder / "press.png", pressed.mixed * scale, extent)
+    untouched = render(subject, columns=320, samples=32, seed=seed).mixed
+    pressed = render(subject, press, columns=320, samples=32, seed=seed).mixed
+    white = float(np.percentile(untouched, 99.9))  # the same for both, so that they can be compared
+    write_image(folder / "untouched.png", tone_map(untouched, white))
+    write_image(folder / "press.png", tone_map(pressed, white))

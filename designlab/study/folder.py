@@ -47,9 +47,13 @@ def opened(folder: Path, study: Study) -> Iterator["optuna.Study"]:
     directions = [sense[way] for way in study.objectives.values()]
     with _locked(folder), _quiet(), _storage(folder) as storage:
         remove_partial(folder / TRIALS_FOLDER)
-        yield optuna.create_study(
-            study_name=_RECORD_NAME, storage=storage, directions=directions, load_if_exists=True
-        )
+        try:
+            yield optuna.create_study(
+                study_name=_RECORD_NAME, storage=storage, directions=directions, load_if_exists=True
+            )
+        except optuna.exceptions.StorageInternalError as error:
+            cause = error.__cause__ or error
+            raise OSError(f"cannot write {folder / RECORD_FILE}: {getattr(cause, 'orig', cause)}") from error
 
 
 @contextlib.contextmanager

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 
 from designlab.design import Design, DesignError, InfeasibleDesign, dumps
-from designlab.store import atomic_folder, write_json
+from designlab.store import atomic_folder, write_atomic, write_json
 from designlab.study.definition import Parameter, Study, StudyError
 from designlab.study.folder import read_trial, trial_folder
 from designlab.study.interrupts import Interrupts
@@ -285,9 +285,9 @@ class Search:
             **outcome,
         }
         with atomic_folder(trial_folder(self.folder, task.trial.number), replace=True) as folder:
-            (folder / "design.toml").write_text(dumps(task.design), encoding="utf-8")
+            write_atomic(folder / "design.toml", dumps(task.design))
             if not isinstance(task.subject, Design):
-                (folder / "model.toml").write_text(task.subject.dumps(), encoding="utf-8")
+                write_atomic(folder / "model.toml", task.subject.dumps())
             write_json(folder / "score.json", content)
         self.record.tell(task.trial, self._values(outcome["scores"]))
         self.done += 1
@@ -331,23 +331,26 @@ def distribution(study: Study, path: str) -> "optuna.distributions.BaseDistribut
 def sampler(study: Study, seed: int, *, at_random: bool = False) -> "optuna.samplers.BaseSampler":
     """Return the sampler of a study for one draw."""
     import optuna
+
+    with warnings.catch_warnings():
+        # Optuna calls some samplers experimental; its version is pinned.
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        return _sampler("random" if at_random else study.sampler, study, seed)
+
+
+def _sampler(name: str, study: Study, seed: int) -> "optuna.samplers.BaseSampler":
     from optuna import samplers
 
-    if study.sampler == "random" or at_random:
+    if name == "random":
         return samplers.RandomSampler(seed=seed)
-    if study.sampler == "nsga2":
+    if name == "nsga2":
         return samplers.NSGAIISampler(population_size=min(50, max(8, study.trials // 4)), seed=seed)
-    if study.sampler == "qmc":
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-            # The sequence is one for the whole study; its position is kept in the record.
-            return samplers.QMCSampler(
-                scramble=True,
-                seed=study.seed,
-                warn_asynchronous_seeding=False,
-                warn_independent_sampling=False,
-            )
-    if study.sampler == "gp":
+    if name == "qmc":
+        # The sequence is one for the whole study; its position is kept in the record.
+        return samplers.QMCSampler(
+            scramble=True, seed=study.seed, warn_asynchronous_seeding=False, warn_independent_sampling=False
+        )
+    if name == "gp":
         import importlib.util
 
         if importlib.util.find_spec("torch") is None:

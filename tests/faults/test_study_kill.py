@@ -1,6 +1,7 @@
 """A study whose process is killed without warning, at any moment, loses and repeats nothing."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -37,6 +38,9 @@ def log(design, event):
 
 if __name__ == "__main__":
     folder, workers = sys.argv[1], int(sys.argv[2])
+    if "LARGEST_FILE" in os.environ:
+        import resource
+        resource.setrlimit(resource.RLIMIT_FSIZE, (int(os.environ["LARGEST_FILE"]),) * 2)
     run_study(load_study(folder + ".toml"), out=folder, workers=workers, progress=False, evaluator=evaluator)
 """
 
@@ -59,9 +63,10 @@ def start(tmp_path):
     program.write_text(PROGRAM)
     processes = []
 
-    def starter(name, workers=1):
+    def starter(name, workers=1, **variables):
         (tmp_path / f"{name}.toml").write_text(dumps_study(study))
         environment = os.environ | {"EVALUATIONS": str(tmp_path / f"{name}.log"), "OMP_NUM_THREADS": "1"}
+        environment |= variables
         arguments = [sys.executable, str(program), str(tmp_path / name), str(workers)]
         processes.append(subprocess.Popen(arguments, env=environment, stderr=subprocess.PIPE, text=True))
         return processes[-1]
@@ -162,3 +167,22 @@ def test_a_design_that_kills_its_process_is_given_up_after_the_second_time(tmp_p
     assert results.counts()["interrupted"] == 2
     assert started[0] not in {results.design(int(t)).digest for t in results.pareto["trial"]}
     assert log.read_text().count(f"{started[0]} start") == 2
+
+
+@pytest.mark.slow
+def test_a_full_disk_is_named_and_costs_no_finished_trial(tmp_path, start):
+    # Files that may not grow stand for a disk that is full: the record's log reaches 300 kB within the study.
+    process = start("full", LARGEST_FILE="300000")
+    _, errors = process.communicate(timeout=120)
+    assert process.returncode == 1
+    assert re.search(
+        r"OSError: cannot write .*full/study\.db: (disk I/O error|database or disk is full)", errors
+    )
+    finished = complete(tmp_path / "full")
+    assert 1 <= len(finished) < TRIALS
+    finish(start("full"))
+    whole = complete(tmp_path / "full")
+    assert len(whole) == TRIALS
+    pd.testing.assert_frame_equal(whole.iloc[: len(finished)], finished)
+    finish(start("whole"))
+    pd.testing.assert_frame_equal(whole, complete(tmp_path / "whole"))
