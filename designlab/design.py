@@ -307,7 +307,9 @@ def explain(error: ValidationError) -> str:
         else f", got {_shorten(first['input'])}"
     )
     more = f" ({len(problems) - 1} more problems)" if len(problems) > 1 else ""
-    return f"field {field}: {rule}{value if 'got' not in rule else ''}{more}"
+    # Our own rules may state the value themselves; pydantic's "got a number with ..." does not.
+    stated = first["type"] == "value_error" and "got" in rule
+    return f"field {field}: {rule}{'' if stated else value}{more}"
 
 
 def _shorten(value: Any) -> str:

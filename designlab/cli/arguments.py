@@ -77,6 +77,12 @@ def parser() -> argparse.ArgumentParser:
     presets.add_argument("name", nargs="?", metavar="NAME", help="preset to print")
     init = add("init", f"{_START}:init", "a starter folder: design, study, notebook, measurement template")
     init.add_argument("folder", metavar="DIR", help="folder to make; must not exist, or be empty")
+    init.add_argument(
+        "--preset",
+        default="gelsight-2020-flat",
+        metavar="NAME",
+        help="sensor to start from (default: %(default)s)",
+    )
     demo = add("demo", f"{_START}:demo", "the main job end to end on a small budget")
     _out(demo, "folder of the results; the same command again goes on where it ended")
     _seed(demo)
@@ -171,7 +177,7 @@ def _add_gap(add: Any) -> None:
         type=float,
         default=1.5,
         metavar="S",
-        help="size of drawn values in usual spreads (1.5)",
+        help="size of drawn values in usual spreads (default: 1.5)",
     )
     plant.add_argument("--kit", choices=("hour", "small"), default="hour", help="which presses are taken")
     plant.add_argument(

@@ -5,6 +5,7 @@ import errno
 import json
 import math
 import os
+import re
 import sys
 import traceback
 from collections.abc import Iterator, Sequence
@@ -20,6 +21,7 @@ DEBUG_VARIABLE = "DESIGNLAB_DEBUG"
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 _OWN_PACKAGES = ("designlab", "geometries")
+_TEMPORARY = re.compile(r"\.([^/]+)\.[0-9a-f]{8,32}\.partial")
 
 
 class Result(NamedTuple):
@@ -121,6 +123,7 @@ def _of_system(error: OSError) -> str:
     text = error.strerror or str(error)
     if error.filename is not None and str(error.filename) not in text:
         text = f"{error.filename}: {text}"
+    text = _TEMPORARY.sub(r"\1", text)  # what the user asked for, not the name it had while being written
     if error.errno == errno.ENOSPC:
         text += "; make room and run the same command again"
     return " ".join(text.split())

@@ -45,9 +45,13 @@ def evaluate(args: Namespace) -> Result:
     ]
     data: dict[str, Any] = score.to_json()
     if args.out is not None:
-        pictures = sorted(path.name for path in Path(args.out).glob("*.png"))
-        data |= {"out": args.out, "pictures": pictures}
-        text.append(f"pictures in {args.out}: {', '.join(pictures)}")
+        from designlab.report import evaluation_report
+
+        pictures = sorted(Path(args.out).glob("*.png"))
+        captions = {path: path.stem.replace("-", " ") for path in pictures}
+        report = evaluation_report(data, Path(args.out) / "report.html", pictures=captions)
+        data |= {"out": args.out, "pictures": [path.name for path in pictures], "report": str(report)}
+        text += [f"report: {report}", f"pictures beside it: {', '.join(data['pictures'])}"]
     return Result(data, "\n".join(text))
 
 
@@ -67,7 +71,10 @@ def render(args: Namespace) -> Result:
     results_folder(output.parent)
     frame = Simulator(model, columns=args.columns, samples=args.samples, seed=args.seed).frame(press)
     mixed = frame.mixed
-    write_image(output, mixed if output.suffix.lower() == ".exr" else tone_map(mixed))
+    try:
+        write_image(output, mixed if output.suffix.lower() == ".exr" else tone_map(mixed))
+    except OSError as error:
+        raise OSError(error.errno, f"cannot write {output}: {error.strerror or error}") from None
     rows, columns = mixed.shape[:2]
     data = {
         "output": args.output,

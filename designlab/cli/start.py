@@ -1,6 +1,5 @@
 """Commands for the first hour: doctor, init, demo."""
 
-import shutil
 from argparse import Namespace
 from importlib import resources
 from pathlib import Path
@@ -19,17 +18,21 @@ def doctor(args: Namespace) -> Result:
 
 def init(args: Namespace) -> Result:
     """Write a starter folder."""
-    from designlab.store import atomic_folder
+    from designlab.design import preset_text
+    from designlab.store import atomic_folder, write_atomic
 
     target = Path(args.folder)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise ValueError(f"{target}: exists already; choose a folder that does not, nothing is overwritten")
-    with (
-        resources.as_file(resources.files("designlab").joinpath("templates")) as templates,
-        atomic_folder(target) as folder,
-    ):
-        shutil.copytree(templates, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
-    files = sorted(path.relative_to(target).as_posix() for path in target.rglob("*") if path.is_file())
+    contents = {Path("design.toml"): preset_text(args.preset).encode()}
+    with resources.as_file(resources.files("designlab").joinpath("templates")) as templates:
+        for path in templates.rglob("*"):
+            if path.is_file():
+                contents[path.relative_to(templates)] = path.read_bytes()
+    with atomic_folder(target) as folder:
+        for name, content in contents.items():
+            write_atomic(folder / name, content)
+    files = sorted(name.as_posix() for name in contents)
     lines = [f"{target}:", *(f"  {file}" for file in files), f"next: read {target / 'README.md'}"]
     return Result({"folder": str(target), "files": files}, "\n".join(lines))
 
