@@ -4,7 +4,7 @@ import hashlib
 import json
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -16,6 +16,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 from designlab.camera import Camera, View
 from designlab.margins import RULES, margins
 from designlab.materials import material
+from designlab.refraction import apparent_tangent
 from geometries.elastomer import Elastomer, base_mm
 from geometries.gelcore import Gelcore
 from geometries.housing import Housing
@@ -211,17 +212,22 @@ class Design(Spec):
         z = float(base_mm(self.elastomer, np.float64(x_mm), np.float64(y_mm)))
         if math.isnan(z):
             raise InfeasibleDesign(f"sensing_area_mm: ({x_mm:g}, {y_mm:g}) mm lies outside the dome")
-        tangent = _apparent_tangent(distance, self.layers_to_camera(z))
+        tangent = apparent_tangent(distance, self.layers_to_camera(z))
         focal = self.camera.focal_px
         scale = focal * tangent / distance if distance > 0 else 0.0
         return self.camera.width_px / 2 + scale * dx, self.camera.height_px / 2 - scale * dy
 
-    def layers_to_camera(self, z: float) -> list[tuple[float, float]]:
+    def layers_to_camera(self, z: float, *, camera_mm: float | None = None) -> list[tuple[float, float]]:
         """Thickness (mm) and index of each plane layer from a membrane point at height z (mm) to the camera.
 
-        The first layer touches the membrane, the last one the camera.
+        The first layer touches the membrane, the last one the camera, which may be put at another height.
+
+        Raises
+        ------
+        InfeasibleDesign
+            If the camera stands below the window.
         """
-        z_c = self.camera.position_mm[2]
+        z_c = self.camera.position_mm[2] if camera_mm is None else camera_mm
         if self.optics.light_path == "air":
             return [(z_c - z, 1.0)]
         gel, core = material(self.optics.elastomer_material), material(self.optics.gelcore_material)
@@ -254,20 +260,6 @@ class Design(Spec):
             raise InfeasibleDesign(f"design {self.name!r} is infeasible: {reasons}")
 
 
-def _apparent_tangent(distance_mm: float, layers: Sequence[tuple[float, float]]) -> float:
-    """Tangent, in the last of some layers (thickness, index), of the ray that crosses a lateral distance."""
-    from scipy.optimize import brentq
-
-    highest = min(index for _, index in layers)
-
-    def lateral(invariant: float) -> float:
-        return sum(thickness * invariant / math.sqrt(index**2 - invariant**2) for thickness, index in layers)
-
-    low, high = 0.0, highest * (1 - 1e-12)
-    invariant = brentq(lambda s: lateral(s) - distance_mm, low, high, xtol=1e-14) if distance_mm > 0 else 0.0
-    return float(invariant / math.sqrt(layers[-1][1] ** 2 - invariant**2))
-
-
 def _assign(content: dict[str, Any], path: str, value: Any) -> None:
     """Set a nested entry given by dotted path; list positions are numbers (``leds.groups.0.flux_mw``)."""
     node: Any = content
@@ -294,7 +286,7 @@ def _validated(content: Mapping[str, Any], source: str) -> Design:
 
 def explain(error: ValidationError) -> str:
     """Put the first problem of a pydantic error into one line: field, rule, value, how many others."""
-    problems = error.errors()
+    problems = [problem for problem in error.errors() if not _follows_from_another(problem, error)]
     first = problems[0]
     field = ".".join(str(part) for part in first["loc"]) or "(whole)"
     rule = first["msg"].removeprefix("Value error, ")
@@ -306,10 +298,18 @@ def explain(error: ValidationError) -> str:
         if whole or first["type"] in ("missing", "extra_forbidden")
         else f", got {_shorten(first['input'])}"
     )
-    more = f" ({len(problems) - 1} more problems)" if len(problems) > 1 else ""
+    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
     # Our own rules may state the value themselves; pydantic's "got a number with ..." does not.
     stated = first["type"] == "value_error" and "got" in rule
     return f"field {field}: {rule}{'' if stated else value}{more}"
+
+
+def _follows_from_another(problem: Any, error: ValidationError) -> bool:
+    """Whether a list is called too short only because its items were refused."""
+    depth = len(problem["loc"])
+    return problem["type"] == "too_short" and any(
+        len(other["loc"]) > depth and other["loc"][:depth] == problem["loc"] for other in error.errors()
+    )
 
 
 def _shorten(value: Any) -> str:

@@ -1,17 +1,21 @@
 """The geometric rules of a design, as signed distances in mm: positive means violated."""
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from itertools import combinations
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.refraction import apparent_distance_mm, apparent_tangent
 from geometries import elastomer, gelcore
 from geometries.leds import Body, bodies
 
 if TYPE_CHECKING:
     from designlab.design import Design
 
+Array = NDArray[np.float64]
 MINIMUM_WALL_MM = 0.8  # two lines of a 0.4 mm nozzle: the thinnest wall that common printers close reliably
 MINIMUM_GEL_MM = 0.5  # thinner gels tear when they are taken out of the mould
 
@@ -44,56 +48,123 @@ def margins(design: "Design") -> dict[str, float]:
 
 
 def _led_margins(design: "Design") -> dict[str, float]:
-    boxes = bodies(design.leds)
-    corners = np.concatenate([_corners(box) for box in boxes])
+    boxes = [_Convex.box(body) for body in bodies(design.leds)]
+    corners = np.concatenate([box.corners for box in boxes])
     radius = np.hypot(corners[:, 0], corners[:, 1])
-    centres = np.array([box.centre_mm for box in boxes])
-    spacing = np.inf
-    if len(boxes) > 1:
-        distance = np.linalg.norm(centres[:, None] - centres[None], axis=-1)
-        np.fill_diagonal(distance, np.inf)
-        spacing = float(distance.min())
     return {
         "leds_inside_housing": radius.max() - design.housing.inner_radius_mm,
         "leds_below_plate": corners[:, 2].max() - design.housing.top_mm,
         "leds_above_membrane": -corners[:, 2].min(),
-        "leds_clear_of_core": _overlap_with_core(design, corners),
-        "leds_clear_of_each_other": design.leds.body_width_mm - spacing,
-        "leds_outside_view": _intrusion_into_view(design, corners),
+        "leds_clear_of_core": _overlap_with_core(design, boxes),
+        "leds_clear_of_each_other": max(
+            (_overlap(a, b) for a, b in combinations(boxes, 2)), default=-math.inf
+        ),
+        "leds_outside_view": _intrusion_into_view(design, boxes),
     }
 
 
-def _corners(box: Body) -> NDArray[np.float64]:
-    axes = np.array([box.across, box.down, box.normal]) * np.array(box.half_mm)[:, None]
-    signs = np.array([(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
-    return np.asarray(np.asarray(box.centre_mm) + signs @ axes)
+class _Convex(NamedTuple):
+    """Convex body: corners (n, dimensions), unit face normals and unit edge directions."""
+
+    corners: Array
+    normals: Array
+    edges: Array
+
+    @classmethod
+    def box(cls, body: Body) -> "_Convex":
+        """Box of an LED."""
+        axes = np.array([body.across, body.down, body.normal])
+        signs = np.array([(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
+        corners = np.asarray(body.centre_mm) + signs @ (axes * np.array(body.half_mm)[:, None])
+        return cls(corners, axes, axes)
+
+    @classmethod
+    def prism(cls, polygon: Array, height_mm: float) -> "_Convex":
+        """Upright prism over a convex polygon, from z = 0."""
+        outward, along = _sides(polygon)
+        low, high = (np.column_stack([polygon, np.full(len(polygon), z)]) for z in (0.0, height_mm))
+        up = np.array([[0.0, 0.0, 1.0]])
+        level = [np.column_stack([vectors, np.zeros(len(vectors))]) for vectors in (outward, along)]
+        return cls(
+            np.concatenate([low, high]), np.concatenate([level[0], up]), np.concatenate([level[1], up])
+        )
 
 
-def _overlap_with_core(design: "Design", corners: NDArray[np.float64]) -> float:
-    """How deep LED corners reach into the prism of gelcore and elastomer (light in air: no core, no rule)."""
+def _sides(polygon: Array) -> tuple[Array, Array]:
+    """Unit outward normals and unit directions of the sides of a counter-clockwise polygon."""
+    edge = np.roll(polygon, -1, axis=0) - polygon
+    along = edge / np.linalg.norm(edge, axis=1, keepdims=True)
+    return np.column_stack([along[:, 1], -along[:, 0]]), along
+
+
+def _overlap(a: _Convex, b: _Convex) -> float:
+    """How far two convex bodies must move apart to be free; where they are, minus the gap (at least).
+
+    The separating axis theorem: of two convex bodies apart, one face normal of either or one cross product of
+    their edges separates them.
+    """
+    across = np.cross(a.edges[:, None], b.edges[None]).reshape(-1, 3)
+    length = np.linalg.norm(across, axis=1)
+    axes = np.concatenate([a.normals, b.normals, across[length > 1e-9] / length[length > 1e-9, None]])
+    return _least_overlap(a.corners @ axes.T, b.corners @ axes.T)
+
+
+def _least_overlap(a: Array, b: Array) -> float:
+    """Least overlap of two point sets projected on some axes, shapes (points, axes)."""
+    return float(np.minimum(a.max(axis=0) - b.min(axis=0), b.max(axis=0) - a.min(axis=0)).min())
+
+
+def _overlap_with_core(design: "Design", boxes: Sequence[_Convex]) -> float:
+    """How deep LEDs reach into the prism of gelcore and elastomer (light in air: no core, no rule)."""
     if design.optics.light_path == "air":
         return -math.inf
-    core, top = design.gelcore, design.elastomer.thickness_mm + design.gelcore.height_mm
-    polygon = gelcore.polygon(core)
-    edge = np.roll(polygon, -1, axis=0) - polygon
-    outward = np.stack([edge[:, 1], -edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1, keepdims=True)
-    # A drafted side recedes towards the camera, so its lower edge is the nearest.
-    side = ((corners[:, None, :2] - polygon[None]) * outward[None]).sum(-1).max(axis=1)
-    outside = np.maximum(side, corners[:, 2] - top)
-    return float(-outside.min())
+    # A drafted side recedes towards the camera; its lower edge, which is nearest, stands for all of it.
+    height_mm = design.elastomer.thickness_mm + design.gelcore.height_mm
+    core = _Convex.prism(gelcore.polygon(design.gelcore, segments=72), height_mm)
+    return max(_overlap(box, core) for box in boxes)
 
 
-def _intrusion_into_view(design: "Design", corners: NDArray[np.float64]) -> float:
-    """How far LED corners, seen from the camera, reach into the sensing area, on the membrane plane."""
+def _intrusion_into_view(design: "Design", boxes: Sequence[_Convex]) -> float:
+    """How far LEDs reach into the sensing area as the camera sees both; mm at the membrane."""
+    area, distance_mm = _sensing_area_seen(design)
+    position = np.asarray(design.camera.position_mm)
+    worst = -math.inf
+    for box in boxes:
+        below = box.corners[box.corners[:, 2] < position[2] - 1e-6]
+        if len(below):
+            seen = (below[:, :2] - position[:2]) / (position[2] - below[:, 2:]) * distance_mm
+            between = (seen[:, None] - seen[None]).reshape(-1, 2)
+            length = np.linalg.norm(between, axis=1)
+            # Normals of all lines between corners; those of the outline, which decide, are among them.
+            normals = between[length > 1e-9][:, ::-1] * (1.0, -1.0) / length[length > 1e-9, None]
+            axes = np.concatenate([normals, _sides(area)[0]])
+            worst = max(worst, _least_overlap(seen @ axes.T, area @ axes.T))
+    return worst
+
+
+def _sensing_area_seen(design: "Design") -> tuple[Array, float]:
+    """Corners of the sensing area as the camera sees them, counter-clockwise, in mm at its apparent distance.
+
+    A camera below the window is lifted just above it here; it breaks `camera_above_core` anyway.
+    """
     x_c, y_c, z_c = design.camera.position_mm
-    below = corners[corners[:, 2] < z_c - 1e-6]
-    if len(below) == 0:
-        return -math.inf
-    scale = z_c / (z_c - below[:, 2])
-    x = x_c + (below[:, 0] - x_c) * scale
-    y = y_c + (below[:, 1] - y_c) * scale
     half_w, half_h = design.sensing_area_mm[0] / 2, design.sensing_area_mm[1] / 2
-    return float(np.minimum(half_w - np.abs(x), half_h - np.abs(y)).max())
+    corners = np.array([(sx * half_w, sy * half_h) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+    base = np.nan_to_num(elastomer.base_mm(design.elastomer, corners[:, 0], corners[:, 1]))
+    lifted_mm = max(z_c, _window_mm(design) + 0.01, float(base.max()) + 0.01)
+    distance_mm = apparent_distance_mm(design.layers_to_camera(0.0, camera_mm=lifted_mm))
+    seen = []
+    for (x, y), z in zip(corners, base, strict=True):
+        away = math.hypot(x - x_c, y - y_c)
+        tangent = apparent_tangent(away, design.layers_to_camera(float(z), camera_mm=lifted_mm))
+        share = tangent / away if away > 0 else 0.0
+        seen.append(((x - x_c) * share * distance_mm, (y - y_c) * share * distance_mm))
+    return np.array(seen), distance_mm
+
+
+def _window_mm(design: "Design") -> float:
+    """Height of the gelcore's camera side."""
+    return design.elastomer.thickness_mm + design.gelcore.height_mm
 
 
 def _body_margins(design: "Design") -> dict[str, float]:
@@ -111,7 +182,7 @@ def _body_margins(design: "Design") -> dict[str, float]:
     reach = max(np.hypot(*core_polygon.T).max(), np.hypot(*gel_polygon.T).max())
     return {
         "core_inside_housing": float(reach) - housing.inner_radius_mm,
-        "core_below_plate": gel.thickness_mm + core.height_mm - housing.top_mm,
+        "core_below_plate": _window_mm(design) - housing.top_mm,
         "elastomer_on_core": _beyond(gel_polygon, core_polygon),
         "dome_radius": dome_radius,
         "dome_core": dome_core,
@@ -120,13 +191,12 @@ def _body_margins(design: "Design") -> dict[str, float]:
     }
 
 
-def _beyond(points: NDArray[np.float64], polygon: NDArray[np.float64]) -> float:
+def _beyond(points: Array, polygon: Array) -> float:
     """Largest signed distance of points to a convex counter-clockwise polygon, positive outside.
 
     1 um is forgiven.
     """
-    edge = np.roll(polygon, -1, axis=0) - polygon
-    outward = np.stack([edge[:, 1], -edge[:, 0]], axis=1) / np.linalg.norm(edge, axis=1, keepdims=True)
+    outward, _ = _sides(polygon)
     return float(((points[:, None] - polygon[None]) * outward[None]).sum(-1).max()) - 1e-3
 
 
@@ -134,26 +204,19 @@ def _camera_margins(design: "Design") -> dict[str, float]:
     camera, housing, core = design.camera, design.housing, design.gelcore
     x_c, y_c, z_c = camera.position_mm
     half_w, half_h = design.sensing_area_mm[0] / 2, design.sensing_area_mm[1] / 2
-    gel = design.elastomer
-    polygon = elastomer.polygon(gel)
     corners = np.array([(sx * half_w, sy * half_h) for sx in (-1, 1) for sy in (-1, 1)])
-    window = gel.thickness_mm + core.height_mm
-    depth = z_c  # a dome's edge is nearer to the camera, so the apex plane sets the width of the view
-    field_w = depth * math.tan(math.radians(camera.horizontal_fov_deg) / 2)
+    seen, distance_mm = _sensing_area_seen(design)
+    field_w = distance_mm * math.tan(math.radians(camera.horizontal_fov_deg) / 2)
     field_h = field_w * camera.height_px / camera.width_px
-    sees = max(half_w + abs(x_c) - field_w, half_h + abs(y_c) - field_h)
-    # Straight lines overestimate the width of the view at the window: refraction bends rays towards the axis.
-    share = max(0.0, min(1.0, (z_c - window) / z_c)) if z_c > 0 else 0.0
-    at_window = np.hypot(x_c + (corners[:, 0] - x_c) * share, y_c + (corners[:, 1] - y_c) * share)
-    through = (
-        float(at_window.max()) - core.window_diameter_mm / 2
-        if design.optics.light_path == "core"
-        else -math.inf
-    )
+    through = -math.inf
+    if design.optics.light_path == "core":
+        # Rays run straight from the camera to the window.
+        at_window = np.array([x_c, y_c]) + seen * max(z_c - _window_mm(design), 0.0) / distance_mm
+        through = float(np.linalg.norm(at_window, axis=1).max()) - core.window_diameter_mm / 2
     return {
-        "sensing_area_on_membrane": _beyond(corners, polygon),
-        "camera_sees_membrane": sees,
-        "camera_above_core": window - z_c,
+        "sensing_area_on_membrane": _beyond(corners, elastomer.polygon(design.elastomer)),
+        "camera_sees_membrane": float((np.abs(seen) - (field_w, field_h)).max()),
+        "camera_above_core": _window_mm(design) - z_c,
         "camera_clears_plate": 2 * camera.body_radius_mm - housing.camera_hole_mm,
         "view_through_window": through,
     }

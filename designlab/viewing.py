@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from designlab.camera import View
 from designlab.design import Design
 from designlab.press import Surface
+from designlab.refraction import crossing_mm
 
 Array = NDArray[np.float64]
 
@@ -58,21 +59,7 @@ def rays(design: Design, view: View) -> Rays:
     tan_x, tan_y = np.meshgrid(
         (columns - camera.width_px / 2) / camera.focal_px, (camera.height_px / 2 - rows) / camera.focal_px
     )
-    tangent = np.hypot(tan_x, tan_y)
-    invariant = tangent / np.sqrt(
-        1 + tangent**2
-    )  # n sin(theta), the same in every layer; the camera is in air
-    layers = design.layers_to_camera(0.0)
-    per_layer = [invariant / np.sqrt(index**2 - invariant**2) for _, index in layers]
-    lateral = sum(
-        (thickness * tan for (thickness, _), tan in zip(layers, per_layer, strict=True)),
-        np.zeros_like(tangent),
-    )
-    # Along the axis both vanish, and their ratio is the limit for small angles.
-    paraxial = sum(thickness / index for thickness, index in layers)
-    safe = np.where(tangent > 1e-9, tangent, 1.0)
-    scale = np.where(tangent > 1e-9, lateral / safe, paraxial)
-    slope = np.where(tangent > 1e-9, per_layer[0] / safe, 1.0 / layers[0][1])
+    scale, slope = crossing_mm(np.hypot(tan_x, tan_y), design.layers_to_camera(0.0))
     x_c, y_c, _ = camera.position_mm
     binned = (view.width_px / view.columns) * (view.height_px / view.rows)
     return Rays(x_c + scale * tan_x, y_c + scale * tan_y, -slope * tan_x, -slope * tan_y, binned)

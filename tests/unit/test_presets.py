@@ -1,0 +1,95 @@
+"""Presets against the published figures of the sensors they stand for."""
+
+import numpy as np
+import pytest
+
+from designlab.design import dumps, loads, preset, preset_names, preset_text
+from designlab.viewing import rays
+from geometries.leds import emitters
+
+PUBLISHED = ("gelsight-2020-flat", "gelsight-2020-dome")
+# arXiv 2012.13184 and the public scene files: radiance of each panel in its own colour, and its azimuth
+RADIANCE = {"red": 5.237, "green": 6.735, "blue": 6.839}
+AZIMUTH_DEG = {"red": 90.0, "green": 210.0, "blue": 330.0}
+PIXEL_MM = 0.0159
+
+
+def test_names():
+    assert preset_names() == ("default", "gelsight-2020-dome", "gelsight-2020-flat")
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_a_preset_is_feasible_named_and_reads_back(name):
+    design = preset(name)
+    assert design.name == name
+    assert design.description
+    design.require_feasible()
+    assert loads(dumps(design)) == design
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_every_figure_of_a_published_sensor_says_where_it_is_from(name):
+    choices = ("package", "layout", "shape", "outline", "name", "description", "kernel_m", "pitch_mm")
+    whole_table = False
+    for line in preset_text(name).splitlines():
+        if line.startswith("["):
+            whole_table = "assumption" in line or "[P]" in line
+        if "=" not in line or line.startswith(("#", "name", "description")) or whole_table:
+            continue
+        if line.split("=")[0].strip() in (*choices, "mixing"):
+            continue
+        assert any(source in line for source in ("[P]", "[S]", "assumption", "radiance")), line
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_panels_have_the_published_radiance(name):
+    design = preset(name)
+    area = {group: 0.0 for group in design.group_names}
+    for strip in emitters(design.leds):
+        area[design.group_names[strip.group]] += strip.area_mm2
+    for group in design.leds.groups:
+        # two strips of 9.0 x 2.23 mm, Lambertian: flux = pi x area x radiance
+        assert area[group.name] == pytest.approx(2 * 9.0 * 2.23)
+        radiance = group.flux_mw / (np.pi * area[group.name])
+        assert radiance == pytest.approx(RADIANCE[group.name], rel=1e-4)
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_the_green_panels_red_light(name):
+    design = preset(name)
+    red, green, _ = design.per_group("membrane_albedo")
+    # 0.171 of red from the green panel falls on the red albedo, the basis image has the green one
+    expected = 0.171 / 6.735 * red / green
+    assert design.mixing_matrix[0, 1] == pytest.approx(expected, rel=2e-3)
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_panels_stand_where_published(name):
+    design = preset(name)
+    for strip in emitters(design.leds):
+        azimuth = np.radians(AZIMUTH_DEG[design.group_names[strip.group]])
+        outward = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        # panels face the axis, tilted 19 deg towards the membrane
+        tilt = np.radians(19.0)
+        np.testing.assert_allclose(strip.normal, -np.cos(tilt) * outward - [0, 0, np.sin(tilt)], atol=1e-12)
+        # strips at -3.12..-0.89 and 0.94..3.17 along the height, from a centre 12.59 mm out and 8.79 mm up
+        along = (np.array(strip.centre_mm) - (12.59 * outward + [0, 0, 8.79])) @ np.array(strip.down)
+        low, high = along - strip.half_height_mm, along + strip.half_height_mm
+        assert (round(low, 6), round(high, 6)) in {(-3.12, -0.89), (0.94, 3.17)}
+        assert strip.down[2] < 0
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_a_pixel_sees_the_published_length(name):
+    design = preset(name)
+    seen = rays(design, design.camera.full_view()._replace(columns=1296, rows=972))
+    assert seen.pitch_mm == pytest.approx((2 * PIXEL_MM, 2 * PIXEL_MM), rel=3e-3)
+
+
+def test_the_published_crop_shows_the_published_press():
+    # A crop of 600 x 600 px at column 1324, row 970 is centred on a triangle pressed at (1.510, 1.353) mm,
+    # to a few pixels of 0.016 mm.
+    design = preset("gelsight-2020-flat")
+    column, row = design.project_px(1.510, 1.353)
+    assert column == pytest.approx(1324, abs=4)
+    assert row == pytest.approx(970, abs=4)
