@@ -101,8 +101,8 @@ def _result(results: Results) -> tuple[Html, ...]:
     columns += [Column("best", "best found", se="best_se"), Column("trial", "by")]
     waiting = counts["running"] + counts["waiting"]
     text = (
-        f"{len(results.pareto)} of {counts['complete']} evaluated designs are on the Pareto front: no other "
-        "is better in every objective. The values after ± are standard errors; they cover the choice of "
+        f"On the Pareto front: {len(results.pareto)} of {counts['complete']} evaluated designs. No other is "
+        "better than one of these in every objective. The values after ± are standard errors; they cover the choice of "
         "presses, which is the same for all designs, so differences are surer than the bars suggest."
     )
     unfinished = (

@@ -175,7 +175,7 @@ def test_the_page_of_a_study_shows_its_front_its_start_and_its_rejections(tmp_pa
     shown = words(text)
     assert "Study: ring & co" in shown
     assert "14 designs evaluated, starting from gelsight-2020-flat" in shown
-    assert f"{len(results.pareto)} of 14 evaluated designs are on the Pareto front" in shown
+    assert f"On the Pareto front: {len(results.pareto)} of 14 evaluated designs." in shown
     assert f"trial {number} best uniformity u0" in shown
     assert "leds.tilt (deg)" in shown
     assert f"± {0.01:.3f}" in shown
