@@ -16,6 +16,9 @@ class Material:
     source: str
 
 
+# GGX alpha of a ground face: what the 2020 prototype's public scene gives its core (arXiv 2012.13184).
+GROUND_ROUGHNESS = 0.3
+
 AIR = Material("air", 1.0, "definition; air at 20 C is 1.00027")
 
 MATERIALS: dict[str, Material] = {

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from designlab.camera import View
 from designlab.design import Design
-from designlab.materials import AIR, material
+from designlab.materials import AIR, GROUND_ROUGHNESS, material
 from designlab.press import Surface
 from geometries import elastomer, gelcore
 from geometries.leds import Body, bodies, emitters
@@ -28,10 +28,14 @@ class Diffuse:
 
 @dataclass(frozen=True)
 class Dielectric:
-    """Smooth boundary; normals point from the medium of `inside_index` into that of `outside_index`."""
+    """Clear boundary; normals point from the medium of `inside_index` into that of `outside_index`.
+
+    `roughness` is alpha of the GGX distribution of facets, zero where it is smooth.
+    """
 
     inside_index: float
     outside_index: float
+    roughness: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,10 +242,13 @@ def _core_and_gel(design: Design) -> Iterator[Shape]:
     for number, lit in enumerate(_sides_with_light(design, outline)):
         ends = [number, (number + 1) % len(outline)]
         side = np.concatenate([low[ends], high[ends[::-1]]])
-        clear = lit or core.side_finish == "polished"
-        outward = side.mean(axis=0) * (1.0, 1.0, 0.0) * (1.0 if clear else -1.0)
+        painted = core.side_finish == "painted" and not lit
+        outward = side.mean(axis=0) * (1.0, 1.0, 0.0) * (-1.0 if painted else 1.0)
         faces = _oriented(side, np.array([[0, 1, 2], [0, 2, 3]]), outward)
-        yield Shape(f"core-side-{number}", side, faces, Dielectric(n_core, AIR.index) if clear else black)
+        rough = GROUND_ROUGHNESS if core.side_finish == "ground" and not lit else 0.0
+        yield Shape(
+            f"core-side-{number}", side, faces, black if painted else Dielectric(n_core, AIR.index, rough)
+        )
     yield _sheet("window", [top * 0.0, top], [window_z, window_z], Dielectric(n_core, AIR.index))
     # The gel's rim is cut soft silicone against the housing, taken as black.
     rim = elastomer.polygon(gel, segments=72) * 0.999999

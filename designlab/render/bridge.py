@@ -53,11 +53,14 @@ def _mesh(shape: Shape, group: int) -> "mitsuba.Mesh":
 
 def _bsdf(shape: Shape, group: int) -> dict[str, Any]:
     if isinstance(shape.material, Dielectric):
-        return {
-            "type": "dielectric",
+        indices = {
             "int_ior": float(shape.material.inside_index),
             "ext_ior": float(shape.material.outside_index),
         }
+        if shape.material.roughness == 0:
+            return {"type": "dielectric", **indices}
+        rough = {"distribution": "ggx", "alpha": float(shape.material.roughness)}
+        return {"type": "roughdielectric", **rough, **indices}
     return _diffuse(shape.material.reflectance[group])
 
 

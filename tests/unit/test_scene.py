@@ -1,0 +1,194 @@
+"""The scene as plain data: where things are, which way they face, and what the digest covers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from designlab.design import preset
+from designlab.press import Press, indent
+from designlab.scene import Dielectric, Diffuse, build
+from geometries.probes import parse
+
+FLAT, CORE, DOME = preset("gelsight-2020-flat"), preset("default"), preset("gelsight-2020-dome")
+DOMED_CORE = DOME.replace(
+    {
+        "optics.light_path": "core",
+        "leds.radius_mm": 17.0,
+        "leds.tilt_deg": 0.0,
+        "gelcore.side_finish": "painted",
+    }
+)
+BALL = Press(probe=parse("sphere:4"), depth_mm=0.6, centre_mm=(2.0, 1.0))
+
+
+def scene_of(design, press=None, *, columns=32):
+    surface = indent(design.elastomer, design.contact, press, area_mm=(18.0, 14.0), pitch_mm=0.1)
+    return build(design, surface, design.view(columns))
+
+
+def normals(shape):
+    """Unit normals and areas of a mesh's triangles."""
+    a, b, c = (shape.vertices[shape.faces[:, k]] for k in range(3))
+    cross = np.cross(b - a, c - a)
+    length = np.linalg.norm(cross, axis=1)
+    return cross / length[:, None], length / 2
+
+
+def test_the_membrane_has_the_surfaces_heights_and_normals():
+    surface = indent(FLAT.elastomer, FLAT.contact, BALL, area_mm=(18.0, 14.0), pitch_mm=0.1)
+    membrane = build(FLAT, surface, FLAT.view(32)).membrane
+    top = membrane.vertices[membrane.vertices[:, 2].argmax()]
+    assert top == pytest.approx((2.0, 1.0, surface.height_mm.max()), abs=0.06)
+    at = surface.sample(surface.z_mm, membrane.vertices[:, 0], membrane.vertices[:, 1])
+    inside = (np.abs(membrane.vertices[:, 0]) < 9) & (np.abs(membrane.vertices[:, 1]) < 7)
+    np.testing.assert_allclose(membrane.vertices[inside, 2], at[inside], atol=1e-9)
+    # vertex normals lean away from the ball's top: at +x of it they point to +x
+    side = inside & (np.hypot(membrane.vertices[:, 0] - 3.2, membrane.vertices[:, 1] - 1.0) < 0.15)
+    assert (membrane.normals[side, 0] > 0.1).all()
+
+
+@pytest.mark.parametrize("design", [FLAT, CORE, DOME], ids=lambda d: d.name)
+def test_the_membrane_faces_the_camera_and_fills_the_gels_outline(design):
+    membrane = scene_of(design).membrane
+    direction, area = normals(membrane)
+    assert (direction[:, 2] > 0.5).all()
+    width = design.elastomer.width_mm
+    flat_area = {"hexagon": np.sqrt(3) / 2 * width**2, "round": np.pi / 4 * width**2}
+    projected = (area * direction[:, 2]).sum()
+    # cells that the outline cuts are left out or kept as a whole
+    assert projected == pytest.approx(flat_area[design.elastomer.outline], rel=0.03)
+
+
+@pytest.mark.parametrize("design", [FLAT, CORE, DOME], ids=lambda d: d.name)
+def test_each_group_emits_one_milliwatt_towards_the_axis(design):
+    scene = scene_of(design)
+    for group in range(scene.groups):
+        lights = [light for light in scene.lights if light.group == group]
+        flux = sum(np.pi * 4 * s.half_width_mm * s.half_height_mm * s.radiance for s in lights)
+        assert flux == pytest.approx(1.0)
+        for light in lights:
+            assert np.dot(light.centre_mm[:2], light.normal[:2]) < 0
+
+
+def test_strips_shine_just_above_their_board():
+    scene = scene_of(FLAT)
+    boards = [shape for shape in scene.shapes if shape.name.startswith("board")]
+    assert len(boards) == 3
+    for light in scene.lights:
+        distances = []
+        for board in boards:
+            direction, _ = normals(board)
+            if direction[0] @ light.normal > 0.999:
+                distances.append((np.array(light.centre_mm) - board.vertices[0]) @ direction[0])
+        assert distances == [pytest.approx(1e-3)]
+    assert all(isinstance(board.material, Diffuse) for board in boards)
+    assert boards[0].material.reflectance == (0.1, 0.8, 0.1)
+
+
+def test_in_air_there_is_no_glass():
+    assert not scene_of(FLAT).refracts
+    assert not any(isinstance(shape.material, Dielectric) for shape in scene_of(DOME).shapes)
+
+
+@pytest.mark.parametrize("design", [CORE, DOMED_CORE], ids=["flat", "dome"])
+def test_glass_faces_from_the_inside_medium_out(design):
+    scene = scene_of(design)
+    assert scene.refracts
+    glass = {s.name: s for s in scene.shapes if isinstance(s.material, Dielectric)}
+    direction, _ = normals(glass["interface"])
+    assert (direction[:, 2] > 0).all()
+    n_core = {"acrylic": 1.49, "resin-2020": 1.5403}[design.optics.gelcore_material]
+    assert glass["interface"].material == Dielectric(1.41, n_core)
+    assert glass["window"].material == Dielectric(n_core, 1.0)
+    direction, _ = normals(glass["window"])
+    assert (direction[:, 2] > 0.999).all()
+    sides = [shape for name, shape in glass.items() if name.startswith("core-side")]
+    assert sides
+    for side in sides:
+        direction, _ = normals(side)
+        middle = side.vertices.mean(axis=0)
+        assert (direction[:, :2] @ middle[:2] > 0).all()
+
+
+def test_only_lit_sides_are_clear_when_the_others_are_painted():
+    sides = [s for s in scene_of(CORE).shapes if s.name.startswith("core-side")]
+    clear = [s for s in sides if isinstance(s.material, Dielectric)]
+    azimuths = sorted(float(np.degrees(np.arctan2(*s.vertices.mean(axis=0)[1::-1]))) % 360 for s in clear)
+    assert azimuths == pytest.approx([90.0, 210.0, 330.0], abs=1e-6)
+    assert all(s.material == Diffuse((0.0, 0.0, 0.0)) for s in sides if s not in clear)
+    polished = CORE.replace({"gelcore.side_finish": "polished"})
+    assert all(
+        isinstance(s.material, Dielectric)
+        for s in scene_of(polished).shapes
+        if s.name.startswith("core-side")
+    )
+
+
+def test_ground_sides_are_rough():
+    sides = [
+        s
+        for s in scene_of(CORE.replace({"gelcore.side_finish": "ground"})).shapes
+        if s.name.startswith("core-side")
+    ]
+    roughness = sorted(s.material.roughness for s in sides)
+    assert roughness == [0.0, 0.0, 0.0, 0.3, 0.3, 0.3]
+
+
+def closed_volume(shapes):
+    """Volume enclosed by outward triangles, by the divergence theorem."""
+    total = 0.0
+    for shape, sign in shapes:
+        a, b, c = (shape.vertices[shape.faces[:, k]] for k in range(3))
+        total += sign * np.einsum("ij,ij->", a, np.cross(b, c)) / 6
+    return total
+
+
+@pytest.mark.parametrize(
+    ("design", "volume"),
+    [
+        (CORE.replace({"gelcore.side_finish": "polished"}), np.sqrt(3) / 2 * 26**2 * 8),
+        (
+            # frustum of a pyramid: hexagon of 26 mm below, 26 - 2 * 8 tan 10 deg above
+            CORE.replace({"gelcore.side_finish": "polished", "gelcore.draft_deg": 10.0}),
+            np.sqrt(3) / 2 * 8 / 3 * sum(a * b for a, b in ((26, 26), (26, 26 - 16 * np.tan(np.pi / 18)),
+                                                           (26 - 16 * np.tan(np.pi / 18),) * 2)),
+        ),
+    ],
+    ids=["upright", "drafted"],
+)  # fmt: skip
+def test_the_core_is_closed_and_holds_its_volume(design, volume):
+    shapes = {s.name: s for s in scene_of(design).shapes}
+    shell = [(s, 1.0) for name, s in shapes.items() if name.startswith("core-side") or name == "window"]
+    assert closed_volume([*shell, (shapes["interface"], -1.0)]) == pytest.approx(volume, rel=1e-6)
+
+
+def test_a_domed_core_is_closed_and_holds_its_volume():
+    polished = DOMED_CORE.replace({"gelcore.side_finish": "polished"})
+    shapes = {s.name: s for s in scene_of(polished).shapes}
+    shell = [(s, 1.0) for name, s in shapes.items() if name.startswith("core-side") or name == "window"]
+    # disc of 31.4 mm down to z = 2, without the bowl between the sphere of 33 mm and the plane z = 2 (apex)
+    a = 15.7
+    rise = 33 - np.sqrt(33**2 - a**2)
+    cap = np.pi * rise**2 * (3 * 33 - rise) / 3
+    volume = np.pi * a**2 * 11.5 - (np.pi * a**2 * rise - cap)
+    # polygons of 72 corners and 48 rings stand for circle and sphere
+    assert closed_volume([*shell, (shapes["interface"], -1.0)]) == pytest.approx(volume, rel=2.5e-3)
+
+
+def test_the_digest_covers_everything_and_nothing_else():
+    scene = scene_of(CORE)
+    assert scene.digest == scene_of(CORE).digest
+    assert scene.digest == scene_of(CORE.replace({"name": "x", "leds.groups.0.flux_mw": 99.0})).digest
+    others = [
+        scene_of(CORE, BALL),
+        scene_of(CORE, columns=33),
+        scene_of(CORE.replace({"leds.tilt_deg": 1.0})),
+        scene_of(CORE.replace({"optics.membrane_albedo": (0.51,)})),
+        scene_of(CORE.replace({"optics.elastomer_material": "glass"})),
+        scene_of(CORE.replace({"optics.path_length": 15})),
+        scene_of(CORE.replace({"camera.position_mm": (0.1, 0.0, 24.0)})),
+        scene_of(CORE.replace({"camera.horizontal_fov_deg": 62.0})),
+        replace(scene, groups=4),
+    ]
+    assert len({other.digest for other in others} | {scene.digest}) == len(others) + 1
