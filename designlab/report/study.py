@@ -102,8 +102,8 @@ def _result(results: Results) -> tuple[Html, ...]:
     waiting = counts["running"] + counts["waiting"]
     text = (
         f"On the Pareto front: {len(results.pareto)} of {counts['complete']} evaluated designs. No other is "
-        "better than one of these in every objective. The values after ± are standard errors; they cover the choice of "
-        "presses, which is the same for all designs, so differences are surer than the bars suggest."
+        "better than one of these in every objective. The values after ± are standard errors; they cover the "
+        "choice of presses, which is the same for all designs, so differences are surer than they suggest."
     )
     unfinished = (
         [paragraph(f"The study is not finished: {waiting} more trials are under way.")] if waiting else []
