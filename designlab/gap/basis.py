@@ -1,0 +1,147 @@
+"""Rendered pictures of models under presses: each is computed once, kept in memory and on disk."""
+
+import importlib.metadata
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.camera import View
+from designlab.design import Design
+from designlab.effects.base import Effect
+from designlab.effects.model import SensorModel, effect
+from designlab.press import Press
+from designlab.simulate import Simulator
+from designlab.store import digest, read_cache, write_cache
+
+Array = NDArray[np.float64]
+Basis = NDArray[np.float32]
+Progress = Callable[[str, int, int], None]
+Variant = Literal["value", "repeat", "fine"]
+"""The picture itself; another with other random numbers; another with a finer membrane mesh too."""
+
+SIMULATORS_KEPT = 64
+FINER = 1.5  # pitch of the membrane mesh over that of the fine variant
+
+
+@dataclass
+class Renders:
+    """Renders on demand and remembers.
+
+    Models that differ in mixing, LED power or camera noise only share their light transport, so that effects of
+    the camera cost no rendering.
+
+    Parameters
+    ----------
+    folder : Path
+        Where pictures are kept, so that an interrupted run does not repeat them.
+    samples : int
+        Samples per pixel and LED group.
+    seed : int
+        Seed of the light transport; every stream has its own.
+    """
+
+    folder: Path
+    samples: int
+    seed: int
+    progress: Progress | None = None
+    stage: str = ""
+    expected: int = 0
+    rendered: int = 0
+    _kept: dict[str, Basis] = field(default_factory=dict)
+    _simulators: dict[str, Simulator] = field(default_factory=dict)
+    _asked: int = 0
+
+    def begin(self, stage: str, expected: int) -> None:
+        """Start a stage of about `expected` pictures, for the progress shown."""
+        self.stage, self.expected, self._asked = stage, expected, 0
+        self._tell()
+
+    def basis(
+        self, model: SensorModel, press: Press | None, view: View, *, stream: int, variant: Variant = "value"
+    ) -> Basis:
+        """Radiance of every LED group at unit flux, shape (groups, rows, columns).
+
+        Parameters
+        ----------
+        model : SensorModel
+            The sensor.
+        press : Press or None
+            The indentation.
+        view : View
+            The part of the camera's sensor.
+        stream : int
+            Equal streams share their random numbers, so that differences of near models are nearly free of noise.
+        variant : str
+            Which picture, see `Variant`.
+        """
+        settings = (list(view), self.samples, self.seed, stream, variant)
+        key = digest(_transport(model, press), press, _mesh_content(press), *settings, _versions())
+        if key not in self._kept:
+            stored = read_cache(key, folder=self.folder)
+            self._kept[key] = stored["basis"] if stored else self._render(model, press, view, stream, variant)
+            if not stored:
+                write_cache(key, {"basis": self._kept[key]}, folder=self.folder)
+            self._asked += 1
+            self._tell()
+        return self._kept[key]
+
+    def simulator(self, model: SensorModel, view: View, *, variant: Variant = "value") -> Simulator:
+        """Simulator of a model."""
+        key = digest(_transport(model, None), model.effective_design().contact, list(view), variant)
+        if key not in self._simulators:
+            if len(self._simulators) >= SIMULATORS_KEPT:
+                self._simulators.clear()
+            seed = _seed(self.seed, 0, variant)
+            simulator = Simulator(model, view=view, samples=self.samples, seed=seed)
+            if variant == "fine":
+                simulator.pitch_mm /= FINER
+            self._simulators[key] = simulator
+        return self._simulators[key]
+
+    def _render(
+        self, model: SensorModel, press: Press | None, view: View, stream: int, variant: Variant
+    ) -> Basis:
+        self.rendered += 1
+        simulator = self.simulator(model, view, variant=variant)
+        return simulator.frame(press, seed=_seed(self.seed, 1 + stream, variant)).basis
+
+    def _tell(self) -> None:
+        if self.progress is not None:
+            self.expected = max(self.expected, self._asked)
+            self.progress(self.stage, self._asked, self.expected)
+
+
+def _seed(seed: int, stream: int, variant: Variant) -> int:
+    place = ("value", "repeat", "fine").index(variant)
+    return int(np.random.SeedSequence([seed, stream, place]).generate_state(1)[0])
+
+
+def _transport(model: SensorModel, press: Press | None) -> list[object]:
+    """What decides the light transport of a model: no mixing, power or camera noise, no contact without a press."""
+    design: Design = model.effective_design()
+    content = design.model_dump(mode="json", exclude={"name", "description", "mixing", "housing"})
+    if press is None:
+        del content["contact"]
+    for group in content["leds"]["groups"]:
+        del group["flux_mw"]
+    for name in ("exposure", "full_well_e", "read_noise_e", "black_level", "bit_depth"):
+        del content["camera"][name]
+    acting = [
+        [applied.name, applied.values]
+        for applied in model.effects
+        if type(effect(applied.name)).on_scene is not Effect.on_scene
+        and applied.values != effect(applied.name).null(model.design)
+    ]
+    return [content, acting]
+
+
+def _mesh_content(press: Press | None) -> bytes | None:
+    return None if press is None or press.probe.file is None else Path(press.probe.file).read_bytes()
+
+
+def _versions() -> list[str]:
+    return [importlib.metadata.version(package) for package in ("designlab", "mitsuba")]

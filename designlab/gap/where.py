@@ -1,0 +1,116 @@
+"""Where model and measurement differ: regions of the picture known from geometry, and their share of the excess."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.design import CHANNELS, Design
+from designlab.gap.problem import Problem, State
+from designlab.gap.result import Where
+from designlab.press import Press
+from designlab.simulate import Frame
+
+Array = NDArray[np.float64]
+
+WALL_SLOPE = 0.15
+RIM_MM = 0.5
+AROUND_MM = 2.0
+LEAST_SHARE = 0.02
+FACING = 0.5  # cosine between a wall's downhill direction and the way to the LEDs
+
+
+def where(problem: Problem, state: State, shots: Sequence[int]) -> tuple[Where, ...]:
+    """Share of the excess over the noise in each region and channel, largest first.
+
+    Parameters
+    ----------
+    state : State
+        With registered poses.
+    shots : sequence of int
+        Shots to look at.
+    """
+    excess: dict[tuple[str, str, str], float] = {}
+    signed: dict[tuple[str, str, str], list[float]] = {}
+    for number in shots:
+        shot = problem.shots[number]
+        residual = problem.residual(state, number)
+        frames = "background" if shot.press is None else "press"
+        frame = geometry(problem, state, number)
+        for channel, name in enumerate(CHANNELS):
+            atlas = regions(frame, state.model.effective_design(), channel)
+            used = shot.valid[..., channel]
+            for region, place in atlas.items():
+                z = residual[..., channel][place & used]
+                key = (region, name, frames)
+                excess[key] = excess.get(key, 0.0) + float((z**2 - 1).sum())
+                sums = signed.setdefault(key, [0.0, 0.0])
+                sums[0] += float(z.sum())
+                sums[1] += z.size
+    total = sum(excess.values())
+    if total <= 0:
+        return ()
+    found = [
+        Where(*key, share=value / total, mean_z=signed[key][0] / max(signed[key][1], 1.0))
+        for key, value in excess.items()
+        if value / total >= LEAST_SHARE
+    ]
+    return tuple(sorted(found, key=lambda place: -place.share))
+
+
+def regions(frame: Frame, design: Design, channel: int) -> dict[str, NDArray[np.bool_]]:
+    """Regions of a picture as one channel sees it; every pixel lies in exactly one.
+
+    Walls are lit or unlit by the LED group that the channel answers to most.
+    """
+    own = int(np.abs(design.mixing_matrix[channel]).argmax())
+    azimuth = np.radians(design.leds.groups[own].azimuth_deg)
+    towards = np.stack([np.cos(azimuth), np.sin(azimuth)])
+    x, y = frame.seen_mm
+    near = np.max(x[..., None] * towards[0] + y[..., None] * towards[1], axis=-1)
+    low, high = np.quantile(near, (0.2, 0.8))
+    p, q = frame.gradient
+    slope = np.hypot(p, q)
+    facing = np.max(-(p[..., None] * towards[0] + q[..., None] * towards[1]), axis=-1) / np.maximum(
+        slope, 1e-9
+    )
+    wall = slope > WALL_SLOPE
+    away_mm = _distance_mm(frame)
+    candidates = {
+        "wall facing the channel's LEDs": wall & (facing > FACING),
+        "wall facing away from the channel's LEDs": wall & (facing < -FACING),
+        "wall facing sideways": wall,
+        "contact plateau": frame.contact,
+        "rim, up to 0.5 mm outside the contact": away_mm <= RIM_MM,
+        "around the contact, 0.5 to 2 mm": away_mm <= AROUND_MM,
+        "gel near the channel's LEDs": near >= high,
+        "gel far from the channel's LEDs": near <= low,
+        "gel in between": np.ones(near.shape, dtype=bool),
+    }
+    taken = np.zeros(near.shape, dtype=bool)
+    atlas = {}
+    for name, place in candidates.items():
+        atlas[name] = place & ~taken
+        taken |= place
+    return atlas
+
+
+def geometry(problem: Problem, state: State, number: int) -> Frame:
+    """What every pixel of a shot sees; its picture is not rendered."""
+    shot = problem.shots[number]
+    simulator = problem.renders.simulator(state.model, shot.view)
+    press: Press | None = problem.press(state, number)
+    design = simulator.design
+    flux = np.array([group.flux_mw for group in design.leds.groups])
+    empty = np.zeros((len(flux), shot.view.rows, shot.view.columns), dtype=np.float32)
+    return Frame(press, simulator.surface(press), simulator.rays, empty, design.mixing_matrix * flux)
+
+
+def _distance_mm(frame: Frame) -> Array:
+    """Distance of every pixel from the contact; infinite without one."""
+    from scipy.ndimage import distance_transform_edt
+
+    if not frame.contact.any():
+        return np.full(frame.contact.shape, np.inf)
+    pitch = np.abs(np.diff(frame.rays.y_mm, axis=0)).mean(), np.abs(np.diff(frame.rays.x_mm, axis=1)).mean()
+    return np.asarray(distance_transform_edt(~frame.contact, sampling=pitch))
