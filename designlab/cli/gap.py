@@ -1,9 +1,14 @@
 """Commands about the gap between a model and a measurement: plant and diagnose."""
 
 from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from designlab.cli.console import Result
-from designlab.cli.shared import bar, results_folder
+from designlab.cli.shared import bar, results_folder, table
+
+if TYPE_CHECKING:
+    from designlab.gap import GapReport
 
 
 def plant(args: Namespace) -> Result:
@@ -62,10 +67,36 @@ def diagnose(args: Namespace) -> Result:
     from designlab.effects.model import load_model
     from designlab.gap import diagnose as find
     from designlab.measurement import load_measurement
+    from designlab.report import gap_report
 
     measurement = load_measurement(args.measurement)
     model = load_model(args.model)
     results_folder(args.out)
-    with bar() as progress:
+    with bar("picture") as progress:
         report = find(measurement, model, out=args.out, seed=args.seed, progress=progress)
-    return Result(report.to_json(), report.summary)
+    data = report.to_json()
+    page = gap_report(data, Path(args.out) / "report.html", pictures=report.pictures)
+    return Result({**data, "report": str(page)}, f"{_summary(report)}\nreport: {page}")
+
+
+def _summary(report: "GapReport") -> str:
+    lines = [f"verdict: {report.verdict}"]
+    rows = [
+        (f"{effect.name}.{name}", f"{v.value:.4g}", f"{v.low:.4g} to {v.high:.4g}", v.unit.removeprefix("1"))
+        for effect in report.effects
+        for name, v in effect.parameters.items()
+    ]
+    if rows:
+        lines.append(table(("effect", "value", "95 % interval", "unit"), rows))
+    for effect in report.effects:
+        others = [name for name in effect.coherence_set if name != effect.name]
+        if others:
+            lines.append(f"{effect.name} cannot be told apart from {', '.join(others)} on these frames")
+    rows = [
+        (split, f"{gap.before:.3g}", f"{gap.after:.3g}", f"{gap.floor:.3g}")
+        for split, gap in report.gap.items()
+    ]
+    lines.append(table(("squared residual / noise", "before", "after", "floor"), rows))
+    if report.next_measurement:
+        lines.append(f"measure next: {report.next_measurement}")
+    return "\n".join([*lines, *(f"note: {note}" for note in report.notes), f"model: {report.model}"])

@@ -7,13 +7,20 @@ from pathlib import Path
 
 
 @contextmanager
-def bar(unit: str = "step") -> Iterator[Callable[[str, int, int], None]]:
+def bar(unit: str = "step", form: str | None = None) -> Iterator[Callable[[str, int, int], None]]:
     """Give the function that a long task calls with what it does now, steps done, and steps in all."""
     from tqdm import tqdm
 
     # A terminal gets a bar that moves; a log file a line now and then.
     interval_s = 0.1 if sys.stderr.isatty() else 10.0
-    with tqdm(unit=unit, file=sys.stderr, leave=False, mininterval=interval_s, delay=interval_s) as shown:
+    with tqdm(
+        unit=unit,
+        bar_format=form,
+        file=sys.stderr,
+        leave=False,
+        mininterval=interval_s,
+        delay=interval_s,
+    ) as shown:
 
         def update(what: str, done: int, total: int) -> None:
             shown.total = total

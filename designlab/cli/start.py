@@ -5,6 +5,7 @@ from importlib import resources
 from pathlib import Path
 
 from designlab.cli.console import DONE, FAILED, Result
+from designlab.cli.shared import bar, results_folder
 
 
 def doctor(args: Namespace) -> Result:
@@ -41,5 +42,9 @@ def demo(args: Namespace) -> Result:
     """Run the main job end to end."""
     from designlab.demo import demo as run
 
-    found = run(args.out, seed=args.seed)
-    return Result(found.to_json(), found.text)
+    results_folder(args.out, made_with="demo.json")
+    with bar(form="{desc}: {percentage:.0f} % |{bar}| {elapsed} passed, about {remaining} left") as progress:
+        done = run(
+            args.out, seed=args.seed, progress=lambda what, share: progress(what, round(1000 * share), 1000)
+        )
+    return Result(done.to_json(), done.text)

@@ -1,4 +1,4 @@
-"""Bad input ends with one line that names file, field, value and rule, not with a traceback or half a file."""
+"""Bad input ends with one line naming file, field, value and rule, not with a traceback or half a file."""
 
 import errno
 import json

@@ -1,0 +1,371 @@
+"""The main job end to end on a small budget: scores, files to make, search, hidden effect, real picture.
+
+Every stage keeps its results in a folder of its own; a stage whose results are there already is not repeated.
+"""
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from designlab.design import Design, preset
+from designlab.store import write_atomic, write_json
+
+SENSOR = "gelsight-2020-flat"
+MEASURED_VARIABLE = "DESIGNLAB_MEASURED"
+"""Environment variable that names a folder of real pictures; without it that stage is left out."""
+
+TRIALS = 8
+PARAMETERS = {"leds.height_mm": (5.0, 14.0), "leds.tilt_deg": (-10.0, 60.0)}
+HIDDEN = {"led_position": {"radial_mm": 1.0, "height_mm": 0.8}}
+PROBE = "sphere:4"
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the share of the whole demo that is done, 0 to 1."""
+
+_SECONDS = {"evaluation": 18, "parts": 8, "study": 18 * TRIALS + 10, "gap": 60, "real": 15}
+"""What stages take on two cores, in relation to each other; only the time left depends on it."""
+
+
+class _Step(NamedTuple):
+    """One stage: what it is called, and the function that does it."""
+
+    title: str
+    run: Callable[["Demo", Callable[[str, int, int], None]], dict[str, Any]]
+
+
+@dataclass
+class Demo:
+    """A demo in a folder, with what its stages have found so far."""
+
+    out: Path
+    seed: int
+    design: Design
+    found: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    @property
+    def index(self) -> Path:
+        """The page about everything."""
+        return self.out / "index.html"
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data: what each stage found, and where."""
+        return {"out": str(self.out), "report": str(self.index), "stages": self.found}
+
+    @property
+    def text(self) -> str:
+        """Where everything is, for people."""
+        real = self.found["real"].get("skipped") or f"{self.out / 'real'}"
+        return "\n".join(
+            [
+                f"report         {self.index}",
+                f"STL, STEP, 3MF {self.out / 'parts'}",
+                f"pictures       {self.out / 'evaluation'}",
+                f"study          {self.out / 'study' / 'report.html'}",
+                f"diagnosis      {self.out / 'diagnosis' / 'report.html'}",
+                f"real picture   {real}",
+            ]
+        )
+
+
+def demo(out: str | Path, *, seed: int = 0, progress: Progress | None = None) -> Demo:
+    """Run the demo; the same call again goes on where it ended.
+
+    Parameters
+    ----------
+    out : path
+        Folder of the results; may exist if it is empty or an earlier demo with the same seed.
+    seed : int
+        Seed of everything random.
+    progress : callable, optional
+        Called with what is being done and the share that is done.
+
+    Raises
+    ------
+    ValueError
+        If the folder holds something else.
+    RuntimeError
+        If a stage fails; names the stage and the reason.
+    OSError
+        If the folder cannot be written.
+    """
+    state = Demo(Path(out), seed, preset(SENSOR))
+    _claim(state)
+    tell = progress or (lambda what, share: None)
+    total, done = sum(_SECONDS.values()), 0
+    for name, step in _STEPS.items():
+        cost = _SECONDS[name]
+
+        def within(
+            what: str, count: int, of: int, step: _Step = step, done: int = done, cost: int = cost
+        ) -> None:
+            tell(f"{step.title}: {what}", (done + cost * count / max(of, 1)) / total)
+
+        tell(step.title, done / total)
+        try:
+            state.found[name] = step.run(state, within)
+        except (ValueError, RuntimeError) as error:
+            raise RuntimeError(f"demo, {step.title}: {error}") from error
+        done += cost
+    write_atomic(state.index, _page(state))
+    tell("done", 1.0)
+    return state
+
+
+def _claim(state: Demo) -> None:
+    """Mark a new folder; refuse one that holds something else."""
+    marker = state.out / "demo.json"
+    content = {"design": state.design.digest, "seed": state.seed, "trials": TRIALS}
+    if marker.is_file():
+        if json.loads(marker.read_text(encoding="utf-8")) != content:
+            raise ValueError(f"{state.out}: holds a demo with other settings; choose another folder")
+        return
+    if state.out.is_dir() and any(state.out.iterdir()):
+        raise ValueError(f"{state.out}: must be absent, empty or an earlier demo; it has no demo.json")
+    write_json(marker, content)
+
+
+def _evaluation(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any]:
+    from designlab.evaluate import evaluate
+    from designlab.report import evaluation_report
+
+    folder = state.out / "evaluation"
+    report = folder / "report.html"
+    if not report.is_file():
+        score = evaluate(state.design, seed=state.seed, out=folder, progress=within)
+        evaluation_report(score.to_json(), report, pictures=_captioned(folder))
+    data: dict[str, Any] = json.loads((folder / "score.json").read_text(encoding="utf-8"))
+    return data
+
+
+def _parts(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any]:
+    from designlab.fabricate import export
+    from designlab.view3d import render_view
+
+    folder, view = state.out / "parts", state.out / "sensor.png"
+    if not (folder / "manifest.json").is_file():
+        export(
+            state.design, folder, probes=[PROBE], progress=lambda done, of, what: within(what, done, of + 1)
+        )
+    drawn = view.is_file() or render_view(state.design, view).path is not None
+    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    return {
+        "folder": str(folder),
+        "files": sorted(manifest["files"]),
+        "parts": manifest["parts"],
+        "checks": len(manifest["checks"]),
+        "warnings": manifest["warnings"],
+        "picture": str(view) if drawn else None,
+    }
+
+
+def _study(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any]:
+    from designlab.evaluate import Score, evaluate
+    from designlab.report import study_report
+    from designlab.study import Parameter, Study, StudyInterrupted, load_results, run_study
+
+    folder = state.out / "study"
+    study = Study(
+        name="LED height and tilt",
+        base=state.design,
+        parameters={path: Parameter(low=low, high=high) for path, (low, high) in PARAMETERS.items()},
+        trials=TRIALS,
+        seed=state.seed,
+    )
+    count = load_results(folder).counts()["complete"] if (folder / "study.db").is_file() else 0
+
+    def counted(design: Design, /, *, fidelity: str, seed: int) -> Score:
+        nonlocal count
+
+        def tick(what: str, done: int, of: int) -> None:
+            within(f"design {count + 1} of {TRIALS}", count * of + done, TRIALS * of)
+
+        score = evaluate(design, fidelity=fidelity, seed=seed, progress=tick)
+        count += 1
+        return score
+
+    try:
+        results = run_study(study, out=folder, progress=False, evaluator=counted)
+    except StudyInterrupted:
+        raise KeyboardInterrupt from None  # the demo as a whole goes on, not the study alone
+    if not (folder / "report.html").is_file():
+        study_report(results)
+    return results.to_json()
+
+
+def _gap(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any]:
+    from designlab.effects.model import SensorModel
+    from designlab.gap import diagnose
+    from designlab.measurement import load_measurement
+    from designlab.plant import plant, seal_path, unseal
+    from designlab.report import gap_report
+
+    measured, folder = state.out / "measurement", state.out / "diagnosis"
+    report = folder / "report.html"
+    if not report.is_file():
+        if not (measured.is_dir() and seal_path(measured).is_file()):
+            plant(state.design, effects=HIDDEN, out=measured, seed=state.seed, kit="small")
+        found = diagnose(
+            load_measurement(measured),
+            SensorModel.of(state.design),
+            out=folder,
+            seed=state.seed,
+            progress=within,
+            columns=96,
+        )
+        gap_report(found.to_json(), report, pictures=found.pictures)
+    data: dict[str, Any] = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    return {**data, "hidden": unseal(measured)["effects"]}
+
+
+def _real(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any]:
+    import numpy as np
+
+    from designlab.compare import compare_model
+    from designlab.images import tone_map, write_image
+    from designlab.measurement import load_measurement
+
+    named = os.environ.get(MEASURED_VARIABLE)
+    if not named:
+        return {"skipped": f"left out: {MEASURED_VARIABLE} names no folder of real pictures"}
+    folder = state.out / "real"
+    kept = folder / "comparison.json"
+    if not kept.is_file():
+        found = compare_model(
+            state.design, load_measurement(Path(named) / "gelsight-flat"), seed=state.seed, progress=within
+        )
+        folder.mkdir(parents=True, exist_ok=True)
+        for pair in found.pairs:
+            beside = np.concatenate([pair.simulated, pair.real], axis=1)
+            white = float(np.percentile(pair.real, 99.9))
+            write_image(folder / f"{Path(pair.file).stem}.png", tone_map(beside, white))
+        write_json(kept, found.to_json())
+    data: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8"))
+    return data
+
+
+_STEPS: dict[str, _Step] = {
+    "evaluation": _Step("scoring the design", _evaluation),
+    "parts": _Step("files to make it", _parts),
+    "study": _Step("searching for better LED places", _study),
+    "gap": _Step("finding a hidden effect", _gap),
+    "real": _Step("comparing with a real picture", _real),
+}
+
+
+def _captioned(folder: Path) -> dict[Path, str]:
+    return {path: path.stem.replace("-", " ") for path in sorted(folder.glob("*.png"))}
+
+
+def _page(state: Demo) -> str:
+    from designlab.report import Column, Html, Section, facts, gallery, label, page, paragraph, picture, table
+
+    def link(path: Path) -> Html:
+        relative = path.relative_to(state.out).as_posix()
+        return Html(f'<a href="{relative}">{relative}</a>')
+
+    score, parts, study, gap, real = (state.found[name] for name in _STEPS)
+    scores = [{"score": label(name, e["unit"]), **e} for name, e in score["scores"].items()]
+    chosen = [
+        Column("trial", "trial"),
+        Column("pick", "why"),
+        Column("leds.height_mm", "LED height", "mm"),
+        Column("leds.tilt_deg", "LED tilt", "deg"),
+        Column("uniformity_u0", "uniformity U0", se="uniformity_u0_se"),
+        Column("normal_error_median_deg", "normal error", "deg", se="normal_error_median_deg_se"),
+    ]
+    compared = [
+        {"figure": figure, "value": real.get(figure)}
+        for figure in ("mse", "snr_db", "ssim", "structure_corr")
+    ]
+    sections = [
+        Section(
+            "The sensor and its scores",
+            (
+                *(
+                    [picture(parts["picture"], "The sensor, its housing cut open")]
+                    if parts["picture"]
+                    else []
+                ),
+                table(scores, [Column("score", "score"), Column("value", "value", se="se")]),
+                gallery(picture(p, p.stem) for p in _presses(state.out / "evaluation")),
+                facts({"more": link(state.out / "evaluation" / "report.html")}),
+            ),
+        ),
+        Section(
+            "Files to make it",
+            (
+                paragraph(
+                    f"{len(parts['files'])} files for {', '.join(parts['parts'])}; {parts['checks']} checks."
+                ),
+                *(paragraph(warning, note=True) for warning in parts["warnings"]),
+                facts(
+                    {
+                        "what each is for": link(state.out / "parts" / "README.txt"),
+                        "assembly": link(state.out / "parts" / "assembly.step"),
+                    }
+                ),
+            ),
+        ),
+        Section(
+            "Better places for the LEDs",
+            (
+                paragraph(f"{study['trials']['complete']} designs were evaluated. The shortlist:"),
+                table(study["picks"], chosen),
+                facts({"more": link(state.out / "study" / "report.html")}),
+            ),
+        ),
+        Section(
+            "An effect that the model did not know",
+            (*_hidden(gap), facts({"more": link(state.out / "diagnosis" / "report.html")})),
+        ),
+        Section(
+            "Against a real picture",
+            (paragraph(real["skipped"]),)
+            if "skipped" in real
+            else (
+                paragraph("Published values, nothing fitted: simulated left, measured right."),
+                *(picture(p, p.stem) for p in sorted((state.out / "real").glob("*.png"))),
+                table(compared, [Column("figure", "figure"), Column("value", "value")]),
+            ),
+        ),
+    ]
+    return page("designlab demo", sections, subtitle=f"{state.design.name}, seed {state.seed}")
+
+
+def _presses(folder: Path) -> list[Path]:
+    """The untouched gel and three presses."""
+    return [
+        path
+        for path in [folder / "background.png", *sorted(folder.glob("press-*.png"))[:3]]
+        if path.is_file()
+    ]
+
+
+def _hidden(gap: Mapping[str, Any]) -> tuple[Any, ...]:
+    """What was hidden in the generated measurement, and what the diagnosis says."""
+    from designlab.report import Column, paragraph, table
+
+    found = {effect["name"]: effect["parameters"] for effect in gap["effects"]}
+    rows = []
+    for effect, values in gap["hidden"].items():
+        for name, value in values.items():
+            estimate = found.get(effect, {}).get(name, {})
+            rows.append({"parameter": f"{effect}.{name}", "hidden": value, **estimate})
+    columns = [
+        Column("parameter", "parameter"),
+        Column("hidden", "hidden"),
+        Column("value", "found"),
+        Column("low", "95 % from"),
+        Column("high", "to"),
+        Column("unit", "unit"),
+    ]
+    final = gap["gap"]["final"]
+    text = (
+        f"A measurement was generated by an independent program with the LEDs out of place. Verdict of the "
+        f"diagnosis: {gap['verdict']}. On presses that decided nothing, the squared residual falls from "
+        f"{final['before']:.3g} to {final['after']:.3g} times the noise (floor {final['floor']:.3g})."
+    )
+    return paragraph(text), table(rows, columns)
