@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
+from designlab import store
 from designlab.render import llvm
 
 VARIANTS = ("cuda_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
@@ -202,9 +203,7 @@ def run_apart(
 
 def cache_folder() -> Path:
     """Return the folder where proofs are remembered; it may not exist yet."""
-    import platformdirs
-
-    return platformdirs.user_cache_path("designlab") / "backend"
+    return store.cache_dir() / "backend"
 
 
 def _backend(variant: str, library: llvm.Library | None, reasons: list[str]) -> Backend:
