@@ -1,0 +1,278 @@
+"""Photons and light field against closed forms, energy balance and Mitsuba's path tracer."""
+
+from dataclasses import replace
+from importlib import import_module
+
+import numpy as np
+import pytest
+from closed_forms import block_means, direct_radiance
+
+from designlab import store
+from designlab.design import preset
+from designlab.press import Press, indent
+from designlab.render import bridge, lightfield, path, photons, transport
+from designlab.scene import Dielectric, Diffuse, Light, Scene, Shape, build
+from designlab.simulate import Simulator
+from designlab.viewing import rays
+from geometries.probes import parse
+
+pytestmark = [pytest.mark.llvm, pytest.mark.usefixtures("backend")]
+
+AIR = preset("gelsight-2020-flat").replace(
+    {"optics.board_reflectance": (0.0,), "optics.path_length": 2, "mixing": None, "elastomer.width_mm": 31.0}
+)
+# The built-in sensor with one wide LED a side, which the path tracer finds often enough.
+CORE = preset("default").replace(
+    {
+        "leds.emitting_width_mm": 12.0,
+        "leds.emitting_spans_mm": ((-3.5, 3.5),),
+        "leds.body_width_mm": 12.0,
+        "leds.body_height_mm": 7.0,
+        **{f"leds.groups.{k}.count": 1 for k in range(3)},
+    }
+)
+
+
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path, monkeypatch):
+    """Light fields of tests belong to the test alone."""
+    monkeypatch.setenv(store.CACHE_VARIABLE, str(tmp_path))
+    forget(monkeypatch)
+
+
+def forget(monkeypatch):
+    """Empty the memory of recent light fields; the package's own `render` is a function, hence the import."""
+    monkeypatch.setattr(import_module("designlab.render"), "_recent", {})
+
+
+def view_of(design, columns, rows):
+    whole = design.view(columns)
+    return whole._replace(rows=rows, height_px=whole.width_px * rows / columns)
+
+
+def arrivals(scene, *, count, seed=1, group=0):
+    """Total power that arrives at the membrane (mW)."""
+    import drjit as dr
+    import mitsuba as mi
+
+    total = dr.zeros(mi.Float, 1)
+
+    def record(position, towards, normal, power, active):
+        dr.scatter_add(total, power, mi.UInt32(0), active)
+
+    photons.trace(scene, group=group, photons=count, seed=seed, record=record)
+    return float(np.asarray(total)[0])
+
+
+def box(name, size_mm, material, *, inward):
+    """Closed cube about the origin."""
+    corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size_mm / 2
+    faces = np.array(
+        [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+         [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+    )  # fmt: skip
+    a, b, c = (corners[faces[:, k]] for k in range(3))
+    outward = (np.cross(b - a, c - a) * a).sum(axis=1) > 0
+    flipped = outward if inward else ~outward
+    faces[flipped] = faces[flipped][:, ::-1]
+    return Shape(name, corners, faces.astype(np.uint32), material)
+
+
+def closed_box(reflectance, *inside, path_length):
+    # tiny, for it casts a shadow
+    half_mm = 0.01
+    frame = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+    light = Light(0, (-4.0, 0.3, 0.2), *frame, half_mm, half_mm, 1 / (np.pi * 4 * half_mm**2))
+    return Scene(
+        shapes=(box("membrane", 10.0, Diffuse((reflectance,)), inward=True), *inside),
+        lights=(light,),
+        groups=1,
+        camera_mm=(0.0, 0.0, 4.0),
+        focal_px=10.0,
+        sensor_px=(16, 16),
+        view=view_of(AIR, 4, 3),
+        path_length=path_length,
+    )
+
+
+@pytest.mark.parametrize(("reflectance", "path_length"), [(0.0, 4), (0.5, 4), (0.8, 11)])
+def test_a_closed_box_receives_the_geometric_series_of_its_reflections(reflectance, path_length):
+    # every photon meets the walls at each of path_length - 1 segments
+    scene = closed_box(reflectance, path_length=path_length)
+    expected = sum(reflectance**k for k in range(path_length - 1))
+    assert arrivals(scene, count=200_000) == pytest.approx(expected, rel=2e-4)
+
+
+def test_glass_between_passes_light_on_and_loses_none():
+    glass = box("glass", 3.0, Dielectric(1.49, 1.0), inward=False)
+    scene = closed_box(0.0, glass, path_length=64)
+    assert arrivals(scene, count=200_000) == pytest.approx(1.0, abs=2e-4)
+
+
+def test_photons_of_a_panel_land_as_its_view_factor_says():
+    design = AIR.replace({"elastomer.outline": "rectangle", "elastomer.length_mm": 31.0})
+    surface = indent(design.elastomer, design.contact, None, area_mm=(4.0, 4.0), pitch_mm=1.0)
+    scene = build(design, surface, design.view(8))
+    # irradiance in closed form, summed over cells of 0.5 mm
+    axis = (np.arange(62) + 0.5) / 2 - 15.5
+    radiance = direct_radiance(design, *np.meshgrid(axis, axis))
+    albedo = np.array(design.per_group("membrane_albedo"))
+    expected = radiance.sum(axis=(1, 2)) * 0.5**2 * np.pi / albedo
+    found = [arrivals(scene, count=1_000_000, group=group) for group in range(3)]
+    np.testing.assert_allclose(found, expected, rtol=4e-3)
+
+
+def test_a_field_shaded_on_the_flat_gel_is_lamberts_closed_form():
+    view = view_of(AIR, 24, 18)
+    surface = indent(AIR.elastomer, AIR.contact, None, area_mm=(20.0, 16.0), pitch_mm=0.1)
+    scene = build(AIR, surface, view)
+    seen = rays(AIR, view)
+    image = lightfield.shade(lightfield.bake(scene, samples=32, seed=1), scene, surface, seen)
+    exact = direct_radiance(AIR, seen.x_mm, seen.y_mm)
+    np.testing.assert_allclose(block_means(image, 6), block_means(exact, 6), rtol=0.015)
+
+
+@pytest.mark.parametrize("probe", ["sphere:6", "triangle:5"])
+def test_a_press_shaded_from_the_field_is_what_the_path_tracer_renders(probe):
+    view = view_of(AIR, 64, 48)
+    press = Press(probe=parse(probe), depth_mm=0.6, centre_mm=(1.0, -0.5), yaw_deg=20.0)
+    sim = Simulator(AIR, view=view, samples=4, seed=1)
+    flat, pressed = sim.surface(None), sim.surface(press)
+    field = lightfield.bake(build(AIR, flat, view), samples=8, seed=1)
+    scene = sim.scene(pressed)
+    shaded = lightfield.shade(field, scene, pressed, sim.rays)
+    traced = path.radiance(scene, samples=256, seed=1)
+    level = traced.mean(axis=(1, 2), keepdims=True)
+    difference = (shaded - traced) / level
+    assert np.abs(difference.mean(axis=(1, 2))).max() < 0.01
+    assert np.sqrt((difference**2).mean(axis=(1, 2))).max() < 0.06
+    # contact, walls and cast shadows together: what the press changed
+    x, y = sim.rays.x_mm, sim.rays.y_mm
+    around = np.hypot(x - 1.0, y + 0.5) < 4.0
+    untouched = lightfield.shade(field, build(AIR, flat, view), flat, sim.rays)
+    for group in range(3):
+        change = ((traced - untouched) / level)[group][around]
+        found = ((shaded - untouched) / level)[group][around]
+        assert np.corrcoef(change, found)[0, 1] > 0.97
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("press", [None, "sphere:8"])
+def test_behind_glass_field_and_path_tracer_agree(press):
+    view = view_of(CORE, 24, 18)
+    if press is not None:
+        press = Press(probe=parse(press), depth_mm=0.8, centre_mm=(1.0, 0.5))
+    sim = Simulator(CORE, view=view, samples=4, seed=1)
+    found = sim.frame(press).basis.mean(axis=(1, 2))
+    scene = sim.scene(sim.surface(press))
+    runs = np.array([path.radiance(scene, samples=1024, seed=s).mean(axis=(1, 2)) for s in range(4)])
+    error = runs.std(axis=0, ddof=1) / np.sqrt(len(runs))
+    assert (error < 0.01 * found).all()
+    assert (np.abs(found - runs.mean(axis=0)) < 0.015 * found + 3 * error).all()
+
+
+def test_the_way_to_the_camera_costs_fresnels_share():
+    import mitsuba as mi
+
+    design = CORE
+    seen = rays(design, view_of(design, 24, 18))
+    scene = build(
+        design, indent(design.elastomer, design.contact, None, area_mm=(4, 4), pitch_mm=0.5), design.view(4)
+    )
+    passed = lightfield._transmission(scene, seen)
+    # normal incidence: 1 - ((n1 - n2) / (n1 + n2))^2 at each boundary, radiance falls with n^2
+    normal = (1 - ((1.41 - 1.49) / 2.9) ** 2) * (1 - ((1.49 - 1) / 2.49) ** 2) / 1.41**2
+    middle = np.unravel_index(np.hypot(seen.slope_x, seen.slope_y).argmin(), passed.shape)
+    assert passed[middle] == pytest.approx(normal, rel=1e-4)
+    # oblique: Mitsuba's Fresnel term, on the angle in each medium
+    in_gel = np.arctan(np.hypot(seen.slope_x, seen.slope_y))
+    in_core = np.arcsin(1.41 / 1.49 * np.sin(in_gel))
+    expected = 1 / 1.41**2
+    for cosine, ratio in ((np.cos(in_gel), 1.49 / 1.41), (np.cos(in_core), 1 / 1.49)):
+        reflected = mi.fresnel(mi.Float(cosine.ravel().astype(np.float32)), ratio)[0]
+        expected = expected * (1 - np.asarray(reflected).reshape(cosine.shape))
+    np.testing.assert_allclose(passed, expected, rtol=1e-5)
+
+
+def seen_through_mitsuba(design, view):
+    """Where rays through pixel centres meet the membrane, refracted by Mitsuba at every boundary it finds."""
+    import drjit as dr
+    import mitsuba as mi
+
+    surface = indent(design.elastomer, design.contact, None, area_mm=(20, 16), pitch_mm=0.1)
+    # LED boards do not matter for what the camera sees of the membrane
+    scene = replace(build(design, surface, view), lights=build(design, surface, view).lights[:1])
+    loaded = bridge.load(scene, group=0, integrator={"type": "path"}, samples=4)
+    columns, rows = np.meshgrid(
+        (np.arange(view.columns) + 0.5) / view.columns, (np.arange(view.rows) + 0.5) / view.rows
+    )
+    place = mi.Point2f(columns.ravel().astype(np.float32), rows.ravel().astype(np.float32))
+    ray, _ = loaded.sensors()[0].sample_ray(0.0, 0.5, place, mi.Point2f(0.5))
+    for _ in range(6):
+        si = loaded.ray_intersect(ray)
+        smooth = mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.DeltaTransmission)
+        # a sample close to 1 chooses refraction rather than reflection
+        sample, _ = si.bsdf().sample(mi.BSDFContext(), si, mi.Float(1 - 1e-6), mi.Point2f(0.5))
+        following = si.spawn_ray(si.to_world(sample.wo))
+        ray.o = dr.select(smooth, following.o, ray.o)
+        ray.d = dr.select(smooth, following.d, ray.d)
+    si = loaded.ray_intersect(ray)
+    assert dr.all(mi.Bool(si.shape == next(s for s in loaded.shapes() if s.id() == "membrane")))
+    shape = (view.rows, view.columns)
+    return np.asarray(si.p.x).reshape(shape), np.asarray(si.p.y).reshape(shape)
+
+
+def test_pixels_see_what_mitsubas_rays_see_through_the_glass():
+    view = view_of(CORE, 24, 18)
+    x, y = seen_through_mitsuba(CORE, view)
+    seen = rays(CORE, view)
+    # Mitsuba starts a refracted ray 1 um beyond the boundary
+    np.testing.assert_allclose(x, seen.x_mm, atol=1e-3)
+    np.testing.assert_allclose(y, seen.y_mm, atol=1e-3)
+
+
+def test_taking_a_domes_boundary_as_plane_moves_what_is_seen_little():
+    dome = preset("gelsight-2020-dome").replace(
+        {"optics.light_path": "core", "leds.radius_mm": 17.0, "leds.tilt_deg": 0.0}
+    )
+    view = view_of(dome, 24, 18)
+    x, y = seen_through_mitsuba(dome, view)
+    surface = indent(dome.elastomer, dome.contact, None, area_mm=(20, 16), pitch_mm=0.1)
+    found_x, found_y = rays(dome, view).hit(surface)
+    pixel_mm = 16.0 / 24
+    assert np.hypot(found_x - x, found_y - y).max() < 0.15 * pixel_mm
+
+
+def render(design, *, seed=1, half=None, bake_seed=1):
+    view = view_of(design, 16, 12)
+    surface = indent(design.elastomer, design.contact, None, area_mm=(18, 14), pitch_mm=0.1)
+    scene = build(design, surface, view)
+    return transport(
+        scene,
+        samples=2,
+        seed=seed,
+        bake_seed=bake_seed,
+        half=half,
+        undeformed=lambda: scene,
+        surface=surface,
+        rays=rays(design, view),
+    )
+
+
+def test_halves_are_independent_and_average_to_the_whole():
+    short = CORE.replace({"optics.path_length": 8})
+    whole, first, second = render(short), render(short, half=0), render(short, half=1)
+    np.testing.assert_allclose((first + second) / 2, whole, rtol=1e-4)
+    assert np.abs(first - second).mean() > 1e-3 * whole.mean()
+
+
+def test_a_seed_gives_the_same_field_again_and_another_another(monkeypatch):
+    short = CORE.replace({"optics.path_length": 8})
+    first = render(short)
+    # from the cache on disk, and traced anew
+    forget(monkeypatch)
+    np.testing.assert_array_equal(render(short), first)
+    monkeypatch.setattr("designlab.store.read_cache", lambda key: None)
+    forget(monkeypatch)
+    np.testing.assert_allclose(render(short), first, rtol=1e-4)
+    assert np.abs(render(short, bake_seed=2) - first).mean() > 1e-3 * first.mean()
