@@ -2,7 +2,7 @@
 
 import shutil
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from designlab.effects import CATALOGUE
 from designlab.effects.model import AppliedEffect, SensorModel, effect
 from designlab.gap.advise import advise
 from designlab.gap.basis import Progress, Renders
-from designlab.gap.fit import Fit, fit
+from designlab.gap.fit import Fit, fit, numerical_shift
 from designlab.gap.floor import floor, problem
 from designlab.gap.judge import Judged, counted, judge
 from designlab.gap.observe import Observations, limited, observe
@@ -95,30 +95,32 @@ def diagnose(
     compared, start = problem(renders, shots, State(model, np.ones(len(model.design.leds.groups)), {}))
     renders.begin("registering", 3 * len(train))
     registered = fit(compared, start, shots=train).state
-    select_floor = floor(compared, registered, select, [counted(compared, n) for n in select], seed=seed)
-    search = Search(compared, names, train, select, select_floor, seed)
+    search = Search(compared, names, train, select, seed)
     best, before, after = search.run(registered)
-    verdict = _verdict(search, before, after)
+    verdict = _verdict(search, best.state, before, after)
     if verdict in ("unexplained", "at_floor"):
         best, after = replace(best, state=registered, free=()), before
     renders.begin("final presses", 5 * len(final))
     ends = [judge(compared, state, final) for state in (registered, best.state)]
-    final_floor = floor(compared, registered, final, [counted(compared, n) for n in final], seed=seed)
     presses = [n for n in train if shots[n].press is not None]
-    train_floor = floor(compared, registered, presses, [shots[n].valid for n in presses], seed=seed)
+    judged = {n: shots[n].valid for n in presses} | {n: counted(compared, n) for n in (*select, *final)}
+    floors = [
+        floor(compared, best.state, part, [judged[n] for n in part], seed=seed).envelope
+        for part in (presses, select, final)
+    ]
+    fitted = [_mean(compared, state, presses) for state in (registered, best.state)]
     gap = {
-        "train": Level(
-            *(_mean(compared, s, presses) for s in (registered, best.state)), train_floor.envelope
-        ),
-        "select": Level(before.mean, after.mean, select_floor.envelope),
-        "final": Level(ends[0].mean, ends[1].mean, final_floor.envelope),
+        "train": Level(fitted[0], fitted[1], floors[0]),
+        "select": Level(before.mean, after.mean, floors[1]),
+        "final": Level(ends[0].mean, ends[1].mean, floors[2]),
     }
+    shift = numerical_shift(compared, best, shots=train)
     at_poses = replace(registered, poses={**registered.poses, **before.state.poses})
-    updated = _updated(model, best, measurement.name)
+    updated = _updated(model, best, shift, measurement.name)
     report = GapReport(
         verdict=verdict,
         effects=tuple(
-            Found(w.name, _values(best, w.name), w.confidence, w.coherence_set)
+            Found(w.name, _values(best, w.name, shift), w.confidence, w.coherence_set)
             for w in search.winners
             if verdict != "unexplained"
         ),
@@ -137,9 +139,9 @@ def diagnose(
     return report
 
 
-def _verdict(search: Search, before: Judged, after: Judged) -> Verdict:
+def _verdict(search: Search, state: State, before: Judged, after: Judged) -> Verdict:
     """Judge by the select presses alone."""
-    envelope = search.floor.envelope
+    envelope = search.floor(state).envelope
     if not search.winners:
         return "at_floor" if before.mean <= envelope else "unexplained"
     left = max(after.mean - envelope, 0.0) / max(before.mean - envelope, 1e-12)
@@ -155,8 +157,10 @@ def _mean(compared: Problem, state: State, shots: Sequence[int]) -> float:
     return float(np.mean([square.mean() for square in squares]))
 
 
-def _values(best: Fit, name: str) -> dict[str, Value]:
-    values, deviation = best.values(name), best.deviation(name)
+def _values(best: Fit, name: str, shift: Mapping[tuple[str, str], float]) -> dict[str, Value]:
+    """Values with 95 % intervals: statistical error, and the move that a finer simulation would cause."""
+    values = best.values(name)
+    deviation = {p: float(np.hypot(d, shift[name, p])) for p, d in best.deviation(name).items()}
     parameters = effect(name).parameters(best.state.model.design)
     return {
         p.name: Value(
@@ -169,10 +173,12 @@ def _values(best: Fit, name: str) -> dict[str, Value]:
     }
 
 
-def _updated(model: SensorModel, best: Fit, found_in: str) -> SensorModel:
+def _updated(
+    model: SensorModel, best: Fit, shift: Mapping[tuple[str, str], float], found_in: str
+) -> SensorModel:
     """Add the effects found to the model that was given."""
     for name in dict.fromkeys(free.effect for free in best.free):
-        values = _values(best, name)
+        values = _values(best, name, shift)
         model = model.with_effect(
             AppliedEffect(
                 name=name,

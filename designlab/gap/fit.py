@@ -12,11 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.effects.base import Parameter
-from designlab.gap.problem import Problem, State, blocks, halves, mixed, weights
+from designlab.gap.basis import Variant
+from designlab.gap.problem import Problem, State, blocks, halves, weights
 
 Array = NDArray[np.float64]
 
-STEP_SD = 0.4  # finite differences span this share of a prior standard deviation
+# Finite differences span a whole prior standard deviation, and only moves of half of one correct derivatives: where an
+# effect moves geometry, the renderer's noise is not common to both pictures, and short steps would magnify it.
+STEP_SD = 1.0
+LEAST_MOVE_SD = 0.5
 LONGEST_STEP_SD = 2.0
 POSE_BOUND_SD = 4.0
 STILL_SD = 0.02  # a pose that would move less stays, so that its picture need not be rendered again
@@ -40,6 +44,7 @@ class Fit:
     free: tuple[Free, ...]
     covariance: Array
     objective: float
+    linear: Mapping[int, "_Linear"]
 
     def values(self, effect: str) -> dict[str, float]:
         """Fitted values of an effect."""
@@ -133,7 +138,7 @@ def fit(
         state, linear, objective = moved, trial, reached
         if fallen < SETTLED * solver.count:
             break
-    return Fit(state, tuple(free), solver.covariance(state, linear), objective)
+    return Fit(state, tuple(free), solver.covariance(state, linear), objective, linear)
 
 
 def screen(problem: Problem, state: State, *, free: Sequence[Free], shots: Sequence[int]) -> Screened:
@@ -142,6 +147,22 @@ def screen(problem: Problem, state: State, *, free: Sequence[Free], shots: Seque
     solver = _Solver(problem, tuple(free), tuple(shots), gains=True, half=False)
     linear = solver.linearise(started)
     return Screened(linear, solver.step(started, linear)[1] / solver.count)
+
+
+def numerical_shift(problem: Problem, found: Fit, *, shots: Sequence[int]) -> dict[tuple[str, str], float]:
+    """By how much parameters would move if a finer simulation took the place of the one they were fitted with."""
+    solver = _Solver(problem, found.free, tuple(shots), gains=True, half=False)
+    finer = {
+        number: replace(part, residual=solver.residual(found.state, number, variant="fine"))
+        for number, part in found.linear.items()
+    }
+    step = (
+        solver.step(found.state, finer)[0].parameters - solver.step(found.state, found.linear)[0].parameters
+    )
+    return {
+        (f.effect, f.parameter.name): float(move * f.parameter.sd)
+        for f, move in zip(found.free, step, strict=True)
+    }
 
 
 def free_parameters(state: State, names: Sequence[str]) -> tuple[Free, ...]:
@@ -190,11 +211,16 @@ class _Solver:
         if (sigma > 0).any():
             by_pose = problem.pose_columns(state, number)[..., sigma > 0] * sigma[sigma > 0]
         return _Linear(
-            self._whitened(number, problem.shots[number].signal - here),
+            self.residual(state, number),
             self._whitened(number, by_parameter),
             self._gain_columns(state, number),
             self._whitened(number, by_pose),
         )
+
+    def residual(self, state: State, number: int, *, variant: Variant = "value") -> Array:
+        """Measured minus predicted values of a shot in units of the noise."""
+        signal = self.problem.shots[number].signal
+        return self._whitened(number, signal - self.problem.predict(state, number, variant=variant))
 
     def _gain_columns(self, state: State, number: int) -> Array:
         basis = self.problem.basis(state, number)
@@ -255,8 +281,9 @@ class _Solver:
         """Step of all unknowns, and the fall of the objective that the linear model predicts."""
         matrix, right, kept = self._reduced(state, linear)
         # A touch of damping keeps directions that nothing decides where they are.
-        common = np.linalg.solve(matrix + 1e-9 * np.diag(np.diag(matrix) + 1e-12), right)
-        poses, predicted = {}, float(right @ common)
+        common: Array = np.linalg.solve(matrix + 1e-9 * np.diag(np.diag(matrix) + 1e-12), right)
+        poses: dict[int, Array] = {}
+        predicted = float(right @ common)
         for number, (inner, cross, inner_right) in kept.items():
             poses[number] = np.linalg.solve(inner, inner_right - cross.T @ common)
             predicted += float(inner_right @ np.linalg.solve(inner, inner_right))
@@ -288,17 +315,16 @@ class _Solver:
         taken = self._departure(new) - self._departure(old)
         found = {}
         for number, part in linear.items():
-            shot = self.problem.shots[number]
             predicted = self.problem.predict(new, number)
-            before = mixed(weights(replace(old, gains=new.gains), shot), self.problem.basis(old, number))
+            before = self.problem.predict(replace(old, gains=new.gains), number)
             move = np.concatenate([taken, self._pose(new, number) - self._pose(old, number)])
             derivative = np.concatenate([part.by_parameter, part.by_pose], axis=1)
-            if move.any():
+            if np.linalg.norm(move) >= LEAST_MOVE_SD:
                 missed = self._whitened(number, predicted - before) - derivative @ move
                 derivative = derivative + np.outer(missed, move) / (move @ move)
             few = len(taken)
             found[number] = _Linear(
-                self._whitened(number, shot.signal - predicted),
+                self.residual(new, number),
                 derivative[:, :few],
                 self._gain_columns(new, number),
                 derivative[:, few:],

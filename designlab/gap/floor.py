@@ -12,6 +12,7 @@ from designlab.gap.observe import Shot
 from designlab.gap.problem import Problem, State, blocks, mixed, weights
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 SMOOTHING_PX = 2.0  # the renderer's variance is taken from one pair of pictures, so neighbours are averaged
 NULLS = 60
@@ -37,20 +38,18 @@ def problem(renders: Renders, shots: tuple[Shot, ...], state: State) -> tuple[Pr
     ValueError
         If the light of a group does not fit the measurement at all.
     """
-    camera_only = Problem(renders, shots, tuple(np.sqrt(shot.variance) for shot in shots))
+    camera_only = Problem(renders, shots, tuple(np.sqrt(shot.variance) for shot in shots), ())
     state = replace(state, gains=_first_gains(camera_only, state))
-    sigma = []
-    for number, shot in enumerate(shots):
-        spread = renderer_difference(camera_only, state, number) ** 2 / 2
-        sigma.append(np.sqrt(shot.variance + _neighbours(spread)))
-    return Problem(renders, shots, tuple(sigma)), state
-
-
-def renderer_difference(problem: Problem, state: State, number: int) -> Array:
-    """Difference of two pictures of a shot at its nominal pose that differ in random numbers, (rows, columns, 3)."""
-    at_nominal = replace(state, poses={})
-    pair = [problem.basis(at_nominal, number, variant=variant) for variant in ("value", "repeat")]
-    return mixed(weights(state, problem.shots[number]), pair[0] - pair[1])
+    pairs = [
+        [camera_only.basis(state, number, variant=variant) for variant in ("value", "repeat")]
+        for number in range(len(shots))
+    ]
+    spread = tuple(first - second for first, second in pairs)
+    sigma = [
+        np.sqrt(shot.variance + _neighbours(mixed(weights(state, shot), part) ** 2 / 2))
+        for shot, part in zip(shots, spread, strict=True)
+    ]
+    return Problem(renders, shots, tuple(sigma), spread), state
 
 
 def _neighbours(values: Array) -> Array:
@@ -87,7 +86,7 @@ def _first_gains(problem: Problem, state: State) -> Array:
 
 
 def floor(
-    problem: Problem, state: State, shots: Sequence[int], judged: Sequence[Array], *, seed: int
+    problem: Problem, state: State, shots: Sequence[int], judged: Sequence[Mask], *, seed: int
 ) -> Floor:
     """Range of the mean squared residual under parametric nulls: the model itself, camera noise, renderer noise.
 
@@ -101,7 +100,7 @@ def floor(
     for place, number in enumerate(shots):
         shot, sigma, counts = problem.shots[number], problem.sigma[number], judged[place]
         camera = np.sqrt(shot.variance) / sigma
-        renderer = renderer_difference(problem, state, number) / np.sqrt(2.0) / sigma
+        renderer = mixed(weights(state, shot), problem.spread[number]) / np.sqrt(2.0) / sigma
         label = blocks(counts.shape)
         for null in range(NULLS):
             # The renderer's error keeps its shape within a block; its sign in each is drawn.

@@ -41,11 +41,15 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Shots, the standard deviation expected of each value, and the renderer."""
+    """Shots, the standard deviation expected of each value, and the renderer.
+
+    `spread` is the difference of two basis pictures of each shot with different random numbers.
+    """
 
     renders: Renders
     shots: tuple[Shot, ...]
     sigma: tuple[Array, ...]
+    spread: tuple[Array, ...]
     _pose_columns: dict[int, Array] = field(default_factory=dict)
 
     def press(self, state: State, number: int) -> Press | None:

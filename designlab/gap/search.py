@@ -6,12 +6,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from designlab.gap.fit import Fit, fit, free_parameters, screen
-from designlab.gap.floor import Floor
+from designlab.gap.floor import Floor, floor
 from designlab.gap.judge import (
     LEAST_IMPROVED,
     LEAST_SHARE,
     Gain,
     Judged,
+    counted,
     gain,
     judge,
     threshold,
@@ -54,8 +55,6 @@ class Search:
         Effects to try.
     train, select : sequence of int
         Shots to fit to, and to judge by.
-    floor : Floor
-        Mean squared residual of a perfect model on the select shots.
     seed : int
         Seed of the bootstrap.
     """
@@ -64,7 +63,6 @@ class Search:
     catalogue: Sequence[str]
     train: Sequence[int]
     select: Sequence[int]
-    floor: Floor
     seed: int
     tried: list[Candidate] = field(default_factory=list)
     winners: list[Winner] = field(default_factory=list)
@@ -81,16 +79,21 @@ class Search:
         """
         self._stage("match before", 2 * len(self.select))
         first = judge(self.problem, state, self.select)
-        self.gap = max(first.mean - self.floor.mean, 0.0)
-        best, now = Fit(state, (), np.zeros((0, 0)), 0.0), first
+        self.gap = max(first.mean - self.floor(state).mean, 0.0)
+        best, now = Fit(state, (), np.zeros((0, 0)), 0.0, {}), first
         for number in range(1, MOST_EFFECTS + 1):
-            if now.mean <= self.floor.envelope:
+            if now.mean <= self.floor(best.state).envelope:
                 break
             attempt = self._round(number, best.state, now)
             if attempt is None:
                 break
             best, now = attempt.fit, attempt.judged
         return best, first, now
+
+    def floor(self, state: State) -> Floor:
+        """Mean squared residual of a perfect model on the select shots."""
+        judged = [counted(self.problem, number) for number in self.select]
+        return floor(self.problem, state, self.select, judged, seed=self.seed)
 
     def _round(self, number: int, state: State, now: Judged) -> _Attempt | None:
         attempts = self._attempts(number, state, now)
