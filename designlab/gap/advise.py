@@ -26,12 +26,14 @@ def advise(problem: Problem, seen: Observations, search: Search, verdict: Verdic
         return "one frame with the LEDs off: without it an additive floor hides in other effects"
     single = {int(np.argmax(s.lit)) for s in seen.shots if s.press is None and (s.lit > 0).sum() == 1}
     if verdict in ("unexplained", "partial") and len(single) < len(problem.shots[0].lit):
-        return "one background for each LED group alone: it separates effects of light from effects of the camera"
+        return (
+            "one background for each LED group alone: it separates effects of light from those of the camera"
+        )
     held_out = len(seen.of("select"))
     if verdict == "unexplained":
         return (
-            "the same press at two more depths, and turned by 180 deg with the gel: the first tells effects of "
-            "contact from effects of light, the second effects of the gel from effects of the sensor"
+            "the same press at two more depths, and turned by 180 deg with the gel: the first tells effects "
+            "of contact from effects of light, the second effects of the gel from effects of the sensor"
         )
     if verdict in ("named", "partial") and held_out < FEW_HELD_OUT:
         return f"presses at more places: only {held_out} held-out presses bear the verdict"
@@ -39,13 +41,13 @@ def advise(problem: Problem, seen: Observations, search: Search, verdict: Verdic
 
 
 def _separating(problem: Problem, search: Search) -> str:
-    """The frame on which the effects of the last coherence set differ most, gains refitted, in standard deviations."""
+    """The frame on which the effects of the last coherence set differ most after refitting the gains."""
     pairs = list(combinations(search.alternatives.values(), 2))
     scores = {}
     for text, shot in _actions(problem, search).items():
         scores[text] = min(_separation(problem, shot, *pair) for pair in pairs)
     best = max(scores, key=lambda text: scores[text])
-    return f"{best}: the effects of the set differ there by {scores[best]:.3g} standard deviations (root mean square)"
+    return f"{best}: there the effects of the set differ by {scores[best]:.3g} standard deviations (rms)"
 
 
 def _actions(problem: Problem, search: Search) -> dict[str, Shot]:

@@ -31,8 +31,8 @@ FINER = 1.5  # pitch of the membrane mesh over that of the fine variant
 class Renders:
     """Renders on demand and remembers.
 
-    Models that differ in mixing, LED power or camera noise only share their light transport, so that effects of
-    the camera cost no rendering.
+    Models that differ in mixing, LED power or camera noise only share their light transport, so that effects
+    of the camera cost no rendering.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class Renders:
         view : View
             The part of the camera's sensor.
         stream : int
-            Equal streams share their random numbers, so that differences of near models are nearly free of noise.
+            Equal streams share their random numbers, so that differences of near models have little noise.
         variant : str
             Which picture, see `Variant`.
         """
@@ -121,7 +121,7 @@ def _seed(seed: int, stream: int, variant: Variant) -> int:
 
 
 def _transport(model: SensorModel, press: Press | None) -> list[object]:
-    """What decides the light transport of a model: no mixing, power or camera noise, no contact without a press."""
+    """What decides light transport: not mixing, power or camera noise, and no contact without a press."""
     design: Design = model.effective_design()
     content = design.model_dump(mode="json", exclude={"name", "description", "mixing", "housing"})
     if press is None:

@@ -47,8 +47,8 @@ def diagnose(
 ) -> GapReport:
     """Find the effects that explain the difference between a measurement and a model.
 
-    Every candidate is fitted on the training presses with gains and poses as nuisances, and judged on the select
-    presses; the final presses give the last numbers and decide nothing.
+    Every candidate is fitted on the training presses with gains and poses as nuisances, and judged on the
+    select presses; the final presses give the last numbers and decide nothing.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ ENVELOPE = 0.95
 
 @dataclass(frozen=True, eq=False)
 class Floor:
-    """Mean squared residual, in units of the noise, of a perfect model: its mean and the upper end of its range."""
+    """Mean squared residual of a perfect model in units of the noise: mean and upper end of its range."""
 
     mean: float
     envelope: float
@@ -30,8 +30,8 @@ class Floor:
 def problem(renders: Renders, shots: tuple[Shot, ...], state: State) -> tuple[Problem, State]:
     """Set up the comparison: first gains, and the standard deviation of every value.
 
-    The renderer's variance is half the squared difference of two pictures with other random numbers, averaged over
-    the neighbours of each pixel without itself, so that no value is judged by a variance it took part in.
+    The renderer's variance is half the squared difference of two pictures with other random numbers, averaged
+    over the neighbours of each pixel without itself: no value is judged by a variance it took part in.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def _neighbours(values: Array) -> Array:
 
 
 def _first_gains(problem: Problem, state: State) -> Array:
-    """Gains by linear least squares over the untouched gel and the training presses at their nominal poses."""
+    """Gains by linear least squares over the untouched gel and the training presses at nominal poses."""
     groups = len(state.model.design.leds.groups)
     matrix, right = np.zeros((groups, groups)), np.zeros(groups)
     unit = replace(state, gains=np.ones(groups))
@@ -79,8 +79,8 @@ def _first_gains(problem: Problem, state: State) -> Array:
     for name, gain in zip(state.model.design.group_names, gains, strict=True):
         if not gain > 0:
             raise ValueError(
-                f"model: the light of LED group {name!r} fits the measurement only with the negative gain {gain:.3g}; "
-                "are its groups, their places or the colour channels mixed up?"
+                f"model: the light of LED group {name!r} fits the measurement only with the negative gain "
+                f"{gain:.3g}; are the groups, their places or the colour channels mixed up?"
             )
     return np.asarray(gains)
 
@@ -88,7 +88,7 @@ def _first_gains(problem: Problem, state: State) -> Array:
 def floor(
     problem: Problem, state: State, shots: Sequence[int], judged: Sequence[Mask], *, seed: int
 ) -> Floor:
-    """Range of the mean squared residual under parametric nulls: the model itself, camera noise, renderer noise.
+    """Range of the mean squared residual under parametric nulls: nothing but camera and renderer noise.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How well a state explains presses it was not fitted to, and whether one explains them better than another."""
+"""How well a state explains presses it was not fitted to, and whether better than another does."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -47,7 +47,7 @@ class Judged:
 
 @dataclass(frozen=True)
 class Gain:
-    """Fall of the mean squared residual from one state to another, its standard error, and presses improved."""
+    """Fall of the mean squared residual between two states, its standard error, share of presses improved."""
 
     value: float
     se: float
@@ -110,8 +110,8 @@ def winning_frequency(
 ) -> float:
     """Share of bootstrap draws of held-out shots and blocks in which a candidate passes and is the best.
 
-    It is limited by the rule of succession for the number of shots: few presses cannot make anything certain. No
-    frequency of being right has been measured for it, so it is a ranking, not yet a calibrated probability.
+    It is limited by the rule of succession for the number of shots: few presses cannot make anything certain.
+    No frequency of being right has been measured for it, so it ranks and is not yet a calibrated probability.
     """
     random = np.random.default_rng([seed, 11])
     names = list(rivals)

@@ -44,7 +44,7 @@ class Shot:
     valid : bool array, shape (rows, columns, 3)
         Values that are not saturated.
     clip_sigma : array, shape (3,)
-        Noise of single counts of channels that are clipped at zero light, as a share of full scale; else zero.
+        Noise of counts without light, as a share of full scale, of channels clipped at zero; else zero.
     """
 
     files: tuple[str, ...]
@@ -101,7 +101,7 @@ def observe(measurement: Measurement, design: Design, *, columns: int) -> Observ
     """
     if measurement.response == "unknown":
         raise MeasurementError(
-            f"{measurement.folder}: field response: must be known, for every comparison is one of linear light"
+            f"{measurement.folder}: field response: must be known, since linear light is compared"
         )
     notes: list[str] = []
     usable = [frame for frame in measurement.frames if _usable(measurement, frame, design, notes)]
@@ -162,7 +162,7 @@ def _black_level(
 
 
 def _dark_level(values: Array) -> float:
-    """Mean of dark values; their median where counts are clipped at zero, since a one-sided cut moves the mean."""
+    """Mean of dark values; their median where counts are clipped at zero, for the cut moves the mean."""
     return float(np.median(values) if (values <= 0).mean() > CLIPPED_SHARE else values.mean())
 
 
@@ -179,7 +179,7 @@ def _read_variance(values: Array) -> float:
 def _noise(
     measurement: Measurement, frames: list[Frame], design: Design, notes: list[str]
 ) -> tuple[_Noise, str, bool]:
-    """Variance as read noise plus photon noise: from repeats where there are any, else from the camera's description."""
+    """Variance as read plus photon noise: from repeats, or from the camera's description without any."""
     pairs = [group for group in _groups(frame for frame in frames if frame.lit) if len(group) > 1]
     dark = [measurement.linear(frame).astype(float) for frame in frames if not frame.lit]
     first = next(frame for frame in frames if frame.lit)
@@ -247,7 +247,7 @@ def _shot(
 
 
 def _binned(values: Array, factor: int) -> Array:
-    """Average squares of `factor` x `factor` pixels; what does not fill a square at the right and bottom is cut."""
+    """Average squares of `factor` x `factor` pixels; what fills no square at the right and bottom is cut."""
     if factor == 1:
         return values
     rows, columns = values.shape[0] // factor, values.shape[1] // factor
@@ -282,8 +282,8 @@ def _require_enough(measurement: Measurement, shots: list[Shot]) -> None:
     missing = [use for use in ("train", "select", "final") if not any(shot.use == use for shot in shots)]
     if missing:
         raise MeasurementError(
-            f"{measurement.folder}: field frame: usable presses at {LEAST_PLACES} places or more are needed, so that an "
-            f"effect fitted at one is judged at others; none is left for {', '.join(missing)}"
+            f"{measurement.folder}: field frame: usable presses at {LEAST_PLACES} places or more are needed, "
+            f"so that an effect fitted at one is judged at others; none is left for {', '.join(missing)}"
         )
 
 

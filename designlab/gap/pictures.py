@@ -38,8 +38,8 @@ def draw(problem: Problem, before: State, after: State, out: Path) -> dict[Path,
     }
     return {
         _figure(problem, before, after, number, out / name): (
-            f"{what} ({problem.shots[number].files[0]}): measured minus simulated. Upper row: the model as given; "
-            "lower row: the updated model. One colour scale."
+            f"{what} ({problem.shots[number].files[0]}): measured minus simulated. Upper row: the model as "
+            "given; lower row: the updated model. One colour scale."
         )
         for name, (number, what) in shown.items()
     }

@@ -21,7 +21,7 @@ BLOCK_PX = 8
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A model with the nuisances of one measurement: a gain for each LED group, a pose error for each shot."""
+    """A model with the nuisances of one measurement: gains of LED groups, pose errors of shots."""
 
     model: SensorModel
     gains: Array
@@ -78,11 +78,11 @@ class Problem:
         return np.where(shot.valid, difference, 0.0)
 
     def pose_columns(self, state: State, number: int) -> Array:
-        """Derivative of the predicted signal by x, y, depth (per mm) and yaw (per deg), (rows, columns, 3, 4).
+        """Derivative of the signal by x, y, depth (per mm) and yaw (per deg), (rows, columns, 3, 4).
 
-        A small shift or turn of the probe moves the difference to the untouched gel; depth is a finite difference of
-        two renders with common random numbers. What was found at the first state serves every later one: fits
-        correct their derivatives as they go.
+        A small shift or turn of the probe moves the difference to the untouched gel; depth is a finite
+        difference of two renders with common random numbers. What was found at the first state serves every
+        later one: fits correct their derivatives as they go.
         """
         if number not in self._pose_columns:
             self._pose_columns[number] = self._found_pose_columns(state, number)
@@ -157,6 +157,6 @@ def blocks(shape: tuple[int, ...]) -> NDArray[np.int64]:
 
 
 def halves(shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Every other block, like a chess board: True where poses are registered, False where the match is judged."""
+    """Every other block, as on a chess board: True where poses are registered, False where judged."""
     row, column = np.indices(shape[:2]) // BLOCK_PX
     return np.asarray((row + column) % 2 == 0)

@@ -61,7 +61,7 @@ class Where:
 
 @dataclass(frozen=True)
 class Level:
-    """Mean squared residual in units of the noise: of the model given, of the updated model, and the noise floor."""
+    """Mean squared residual in units of the noise: given model, updated model, and the noise floor."""
 
     before: float
     after: float

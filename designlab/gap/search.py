@@ -1,4 +1,4 @@
-"""The race: every candidate effect is fitted on some presses and judged on others; the best joins the model."""
+"""The race: candidates are fitted on some presses and judged on others; the best joins the model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Where model and measurement differ: regions of the picture known from geometry, and their share of the excess."""
+"""Where model and measurement differ: regions known from geometry, and their share of the excess."""
 
 from collections.abc import Sequence
 
