@@ -103,6 +103,9 @@ def compare_model(
     if not known:
         reasons = "; ".join(f"{file}: {reason}" for file, reason in skipped.items())
         raise MeasurementError(f"{measurement.folder}: no press can be simulated ({reasons})")
+    # Only a design that leaves its exposure to the camera needs a picture of the untouched gel.
+    untouched = None if design.camera.exposure else Simulator(sensor, samples=samples, seed=seed).frame(None)
+    scale = design.camera.exposure if untouched is None else exposure(design, untouched)
     pairs = []
     for number, frame in enumerate(known):
         if progress is not None:
@@ -119,7 +122,6 @@ def compare_model(
         picture = simulator.frame(measurement.press(frame))
         lit = [frame.leds is None or name in frame.leds for name in design.group_names]
         mixed = np.einsum("cg,grk->rkc", picture.weights * lit, picture.basis)
-        scale = camera.exposure or exposure(design, simulator.frame(None))
         simulated = (mixed * scale * (frame.exposure or 1.0)).astype(np.float32)
         try:
             figures = metrics.compare(simulated, real)

@@ -350,6 +350,20 @@ class TestCompare:
         saved = read_image(tmp_path / "pictures" / "all-simulated.exr")
         np.testing.assert_allclose(np.mean(saved), exposure * np.mean(picture.mixed), rtol=0.02)
 
+    def test_automatic_exposure_brings_the_bright_parts_to_0_7_of_full_scale(self, tmp_path):
+        from designlab.compare import compare_model
+        from designlab.measurement import Frame, Measurement
+
+        design = preset("gelsight-2020-flat").replace({"camera.exposure": None})
+        width, height = design.camera.width_px // 16, design.camera.height_px // 16
+        write_image(tmp_path / "a.exr", np.full((height, width, 3), 0.5, dtype=np.float32))
+        frame = Frame(file="a.exr", kind="press", probe="sphere:1", depth_mm=0.01, centre_mm=(5, 4))
+        measurement = Measurement(sensor="unknown", response="linear", frames=(frame,), folder=tmp_path)
+        (pair,) = compare_model(design, measurement, samples=16, seed=1).pairs
+        left, top, wide, high = (round(value / 16) for value in design.view(100)[:4])
+        inside = pair.simulated[top : top + high, left : left + wide]
+        assert np.percentile(inside, 99.5) == pytest.approx(0.7, rel=0.05)
+
     @pytest.mark.slow
     @pytest.mark.measured
     def test_published_values_against_the_real_triangle(self, run_json, measured_dir):
