@@ -21,6 +21,8 @@ TRIALS = 8
 PARAMETERS = {"leds.height_mm": (5.0, 14.0), "leds.tilt_deg": (-10.0, 60.0)}
 HIDDEN = {"led_position": {"radial_mm": 1.0, "height_mm": 0.8}}
 PROBE = "sphere:4"
+DIAGNOSIS_PICTURES = 150
+"""About as many pictures as a diagnosis of this size renders; only the time left depends on it."""
 
 Progress = Callable[[str, float], None]
 """Called with what is being done and the share of the whole demo that is done, 0 to 1."""
@@ -212,12 +214,26 @@ def _gap(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any]
             SensorModel.of(state.design),
             out=folder,
             seed=state.seed,
-            progress=within,
+            progress=_cumulative(within),
             columns=96,
         )
         gap_report(found.to_json(), report, pictures=found.pictures)
     data: dict[str, Any] = json.loads((folder / "report.json").read_text(encoding="utf-8"))
     return {**data, "hidden": unseal(measured)["effects"]}
+
+
+def _cumulative(within: Callable[[str, int, int], None]) -> Callable[[str, int, int], None]:
+    """Add up the parts of a diagnosis, each of which counts its pictures from zero."""
+    now, before, last = "", 0, 0
+
+    def progress(what: str, done: int, of: int) -> None:
+        nonlocal now, before, last
+        if what != now:
+            now, before = what, before + last
+        last = done
+        within(what, min(before + done, DIAGNOSIS_PICTURES), DIAGNOSIS_PICTURES)
+
+    return progress
 
 
 def _real(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any]:
