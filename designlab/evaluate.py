@@ -10,28 +10,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, gaussian_filter
+from scipy.ndimage import gaussian_filter
 
-from designlab.camera import Camera
+from designlab.bench import SMOOTHING_PX, Bench, Reconstruction, plan_presses, sub_seed
 from designlab.design import Design
 from designlab.effects.model import SensorModel
-from designlab.metrics import normal_error_deg, uniformity_cv, uniformity_u0
+from designlab.metrics import uniformity_cv, uniformity_u0
 from designlab.press import Press
-from designlab.reconstruct import Calibration, fit_calibration, integrate, normals
 from designlab.simulate import Frame, Simulator, exposure
 from designlab.store import atomic_folder, write_atomic
-from geometries.elastomer import base_gradient
-from geometries.probes import parse
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
-# Errors count over the contact grown by this: a flat background would make any median look good.
-GROWN_MM = 0.5
-SMOOTHING_PX = 2.0  # illumination is smooth; render noise is not, and would pass for unevenness
-BALL_MM = 6.0
-TEST_PROBES = ("sphere:4", "triangle:5", "star:6", "cylinder:4", "cone:4", "dots:1.5")
 BOOTSTRAPS = 400
+UNIFORMITY_DRAWS = 100
+BLOCK_MM = 3.0  # noise of a light field reaches over its cells of 1 mm, not over three of them
 
 
 class Fidelity(NamedTuple):
@@ -39,7 +33,7 @@ class Fidelity(NamedTuple):
 
     samples: int
     rounds: int
-    columns: int = 200
+    columns: int = 160
 
 
 FIDELITIES: dict[str, Fidelity] = {
@@ -102,31 +96,6 @@ class Score:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class Reconstruction:
-    """One test press: the picture, what was reconstructed from it, and the truth."""
-
-    frame: Frame
-    image: NDArray[np.float32]
-    normals: Array
-    true_normals: Array
-    height_mm: Array
-    region: NDArray[np.bool_]
-    error_deg: Array
-
-    @property
-    def height_error_um(self) -> Array:
-        """Errors of height in the region that counts, one a pixel."""
-        return np.asarray(1000 * (self.height_mm - self.frame.height_mm)[self.region])
-
-
-class Presses(NamedTuple):
-    """Calibration balls and test presses; their places are disjoint."""
-
-    calibration: tuple[Press, ...]
-    test: tuple[Press, ...]
-
-
 def evaluate(
     design: Design | SensorModel,
     *,
@@ -138,8 +107,9 @@ def evaluate(
     """Score a design by simulation.
 
     The untouched gel gives the uniformity of each LED group. Nine ball presses calibrate photometric
-    stereo, which then reconstructs other probes at other places, with camera noise. Standard errors cover
-    the choice of presses (bootstrap over presses), render noise and camera noise.
+    stereo, which then reconstructs other probes at other places, with camera noise; and they tell how well
+    the picture's response to slope stands out of the camera's noise. Standard errors cover the choice of
+    presses (bootstrap over presses), render noise and camera noise.
 
     Parameters
     ----------
@@ -174,24 +144,27 @@ def evaluate(
     steps = _Steps(progress, 2 + len(presses.calibration) + len(presses.test) + 1)
 
     with clock.part("untouched gel"):
-        untouched = _render(simulator, None, steps, "untouched gel", _sub(seed, 3, 0), half=0)
-        again = _render(simulator, None, steps, "untouched gel", _sub(seed, 3, 1), half=1)
+        untouched = _render(simulator, None, steps, "untouched gel", sub_seed(seed, 3, 0), half=0)
+        again = _render(simulator, None, steps, "untouched gel", sub_seed(seed, 3, 1), half=1)
     with clock.part("calibration presses"):
         balls = [
-            _render(simulator, p, steps, "calibration press", _sub(seed, 1, k))
+            _render(simulator, p, steps, "calibration press", sub_seed(seed, 1, k))
             for k, p in enumerate(presses.calibration)
         ]
     with clock.part("test presses"):
         tests = [
-            _render(simulator, p, steps, "test press", _sub(seed, 2, k)) for k, p in enumerate(presses.test)
+            _render(simulator, p, steps, "test press", sub_seed(seed, 2, k))
+            for k, p in enumerate(presses.test)
         ]
     with clock.part("reconstruction"):
         steps("reconstruction")
-        bench = _Bench(simulator.design, exposure(simulator.design, untouched), seed)
+        bench = Bench(simulator.design, exposure(simulator.design, untouched), seed)
         results = bench.reconstruct(untouched, again, balls, tests, extra_noise=False)
         noisier = bench.reconstruct(untouched, again, balls, tests, extra_noise=True)
-        scores = _uniformity(simulator.design, untouched, again) | _reconstruction_scores(
-            results, noisier, seed
+        scores = (
+            _uniformity(simulator.design, untouched, again, seed)
+            | _reconstruction_scores(results, noisier, seed)
+            | _information(bench, untouched, balls)
         )
     score = Score(
         design=simulator.design.name,
@@ -207,138 +180,54 @@ def evaluate(
     return score
 
 
-def plan_presses(design: Design, *, rounds: int, seed: int) -> Presses:
-    """Choose places and depths: balls on a jittered 3 x 3 grid, test probes at random places between them."""
-    random = np.random.default_rng(_sub(seed, 0, 0))
-    width, height = design.sensing_area_mm
-    scale = min(1.0, min(width, height) / 12.0)  # small sensors get small probes
-    depth = min(0.4 * design.elastomer.thickness_mm, 0.8) * scale
-    balls = []
-    for number, (column, row) in enumerate((c, r) for r in (-1, 0, 1) for c in (-1, 0, 1)):
-        jitter = random.uniform(-0.04, 0.04, size=2)
-        centre = ((0.3 * column + jitter[0]) * width, (0.28 * row + jitter[1]) * height)
-        balls.append(
-            Press(
-                probe=parse(f"sphere:{BALL_MM * scale:.6g}"),
-                depth_mm=depth * (1.0, 0.6)[number % 2],
-                centre_mm=centre,
-            )
-        )
-    tests = []
-    for number in range(rounds):
-        # The first round does not depend on how many follow.
-        draw = np.random.default_rng(_sub(seed, 9, number))
-        for text in TEST_PROBES:
-            kind, size = text.split(":")
-            centre = (draw.uniform(-0.22, 0.22) * width, draw.uniform(-0.2, 0.2) * height)
-            tests.append(
-                Press(
-                    probe=parse(f"{kind}:{float(size) * scale:.6g}"),
-                    depth_mm=depth * draw.uniform(0.5, 0.9),
-                    centre_mm=centre,
-                    yaw_deg=draw.uniform(-180.0, 180.0),
-                )
-            )
-    return Presses(tuple(balls), tuple(tests))
-
-
-@dataclass(frozen=True)
-class _Bench:
-    """Camera and reconstruction around rendered frames."""
-
-    design: Design
-    exposure: float
-    seed: int
-
-    def picture(self, frame: Frame, number: int, extra: Array | None) -> NDArray[np.float32]:
-        """What the camera reports; `extra` adds render noise of the given standard deviation per group."""
-        mixed = frame.mixed
-        if extra is not None:
-            random = np.random.default_rng(_sub(self.seed, 5, number))
-            noise = random.standard_normal(frame.basis.shape) * extra[:, None, None] * frame.basis
-            mixed = np.einsum("cg,grk->rkc", frame.weights, frame.basis + noise).astype(np.float32)
-        camera: Camera = self.design.camera
-        return camera.expose(
-            mixed, exposure=self.exposure, seed=_sub(self.seed, 4, number), binned=max(frame.rays.binned, 1.0)
-        )
-
-    def reconstruct(
-        self,
-        untouched: Frame,
-        again: Frame,
-        balls: Sequence[Frame],
-        tests: Sequence[Frame],
-        *,
-        extra_noise: bool,
-    ) -> list[Reconstruction]:
-        """Calibrate on the balls and reconstruct the tests."""
-        extra = _render_noise(untouched, again) if extra_noise else None
-        # A lab averages many frames of the untouched gel; smoothing stands for that.
-        background = gaussian_filter(
-            (self.picture(untouched, 0, extra) + self.picture(again, 1, extra)) / 2,
-            sigma=(SMOOTHING_PX, SMOOTHING_PX, 0),
-        )
-        x, y = untouched.rays.x_mm, untouched.rays.y_mm
-        images = [self.picture(frame, 10 + number, extra) for number, frame in enumerate(balls)]
-        truths = [frame.gradient for frame in balls]
-        everywhere = [np.ones(x.shape, dtype=bool) for _ in balls]
-        calibration = fit_calibration(
-            images, background, [p for p, _ in truths], [q for _, q in truths], everywhere, x, y
-        )
-        return [
-            self._one(calibration, frame, self.picture(frame, 100 + k, extra))
-            for k, frame in enumerate(tests)
-        ]
-
-    def _one(self, calibration: Calibration, frame: Frame, image: NDArray[np.float32]) -> Reconstruction:
-        p, q = calibration.gradients(image)
-        true_p, true_q = frame.gradient
-        base_p, base_q = base_gradient(self.design.elastomer, *frame.seen_mm)
-        pitch = frame.rays.pitch_mm
-        estimated, truth = normals(p + base_p, q + base_q), normals(true_p + base_p, true_q + base_q)
-        region = _grown(frame.contact, GROWN_MM / pitch[0])
-        return Reconstruction(
-            frame=frame,
-            image=image,
-            normals=estimated,
-            true_normals=truth,
-            height_mm=integrate(p, q, pitch_mm=pitch, boundary="dirichlet"),
-            region=region,
-            error_deg=normal_error_deg(estimated, truth),
-        )
-
-
-def _grown(mask: NDArray[np.bool_], radius_px: float) -> NDArray[np.bool_]:
-    reach = int(np.ceil(radius_px))
-    offsets = np.arange(-reach, reach + 1)
-    disc = np.hypot(offsets[:, None], offsets[None]) <= radius_px
-    return np.asarray(binary_dilation(mask, structure=disc))
-
-
-def _render_noise(a: Frame, b: Frame) -> Array:
-    """Relative standard deviation of each group's pixel noise, from two renders of one scene.
-
-    Only what differs between neighbouring pixels counts: a smooth error is shared by all presses and is
-    calibrated away.
-    """
-    difference = (a.basis - b.basis) / (0.5 * (a.basis + b.basis).mean(axis=(1, 2), keepdims=True))
-    smooth = gaussian_filter(difference, sigma=(0, 4, 4))
-    return np.asarray((difference - smooth).std(axis=(1, 2)) / np.sqrt(2.0))
-
-
-def _uniformity(design: Design, a: Frame, b: Frame) -> dict[str, Estimate]:
-    width, height = design.sensing_area_mm
-    mask = (np.abs(a.rays.x_mm) <= width / 2) & (np.abs(a.rays.y_mm) <= height / 2)
-
-    def worst(images: NDArray[np.floating]) -> tuple[float, float]:
-        smooth = [gaussian_filter(image, SMOOTHING_PX, mode="nearest") for image in images]
-        return min(uniformity_u0(i, mask) for i in smooth), max(uniformity_cv(i, mask) for i in smooth)
-
-    both, first, second = worst((a.basis + b.basis) / 2), worst(a.basis), worst(b.basis)
+def _uniformity(design: Design, a: Frame, b: Frame, seed: int) -> dict[str, Estimate]:
+    """Evenness of the worst LED group; errors from the difference of two independent renders."""
+    mask = _sensing_area(design, a)
+    # Mean and half difference carry the same noise: blocks of the latter with random signs are new draws.
+    mean, noise = (a.basis + b.basis) / 2, (a.basis - b.basis) / 2
+    random = np.random.default_rng(sub_seed(seed, 7, 0))
+    block = max(1, round(BLOCK_MM / a.rays.pitch_mm[0]))
+    draws = [
+        _evenness(mean + _random_signs(random, mean.shape, block) * noise, mask)
+        for _ in range(UNIFORMITY_DRAWS)
+    ]
+    u0, cv = _evenness(mean, mask)
+    se_u0, se_cv = np.std(draws, axis=0, ddof=1)
     return {
-        name: Estimate(both[k], abs(first[k] - second[k]) / 2 + 1e-6, "1")
-        for k, name in enumerate(("uniformity_u0", "uniformity_cv"))
+        "uniformity_u0": Estimate(u0, float(se_u0), "1"),
+        "uniformity_cv": Estimate(cv, float(se_cv), "1"),
     }
+
+
+def _sensing_area(design: Design, frame: Frame) -> NDArray[np.bool_]:
+    width, height = design.sensing_area_mm
+    return np.asarray((np.abs(frame.rays.x_mm) <= width / 2) & (np.abs(frame.rays.y_mm) <= height / 2))
+
+
+def _evenness(basis: NDArray[np.floating], mask: NDArray[np.bool_]) -> tuple[float, float]:
+    """U0 and coefficient of variation of the worst group."""
+    smooth = [gaussian_filter(image, SMOOTHING_PX, mode="nearest") for image in basis]
+    return min(uniformity_u0(i, mask) for i in smooth), max(uniformity_cv(i, mask) for i in smooth)
+
+
+def _random_signs(random: np.random.Generator, shape: tuple[int, ...], block: int) -> NDArray[np.float32]:
+    """Signs that are equal over square blocks of an image stack."""
+    groups, rows, columns = shape
+    coarse = random.choice([-1.0, 1.0], size=(groups, -(-rows // block), -(-columns // block)))
+    fine = np.repeat(np.repeat(coarse, block, axis=1), block, axis=2)
+    return fine[:, :rows, :columns].astype(np.float32)
+
+
+def _information(bench: Bench, untouched: Frame, balls: Sequence[Frame]) -> dict[str, Estimate]:
+    """Median noise limit over the sensing area; error by leaving each ball out in turn (jackknife)."""
+    mask = _sensing_area(bench.design, untouched)
+
+    def median(chosen: Sequence[Frame]) -> float:
+        return float(np.median(bench.noise_limit_deg(untouched, chosen)[mask]))
+
+    without = [median([b for b in balls if b is not left_out]) for left_out in balls]
+    se = float(np.std(without) * np.sqrt(len(balls) - 1))
+    return {"information_deg": Estimate(median(balls), se, "deg")}
 
 
 def _reconstruction_scores(
@@ -351,14 +240,16 @@ def _reconstruction_scores(
         "height_rmse_um": "um",
     }
     value, doubled = _pooled(results), _pooled(noisier)
-    random = np.random.default_rng(_sub(seed, 6, 0))
+    random = np.random.default_rng(sub_seed(seed, 6, 0))
     draws = [
         _pooled([results[k] for k in random.integers(0, len(results), len(results))])
         for _ in range(BOOTSTRAPS)
     ]
+    # The spread of a bootstrap falls short of that of the sample by (n - 1) / n.
+    short = np.sqrt(len(results) / (len(results) - 1))
     estimates = {}
     for name, unit in units.items():
-        choice = float(np.std([draw[name] for draw in draws]))
+        choice = short * float(np.std([draw[name] for draw in draws]))
         # Doubling the variance of the render noise moves a score by about what that noise already moved it.
         estimates[name] = Estimate(value[name], float(np.hypot(choice, doubled[name] - value[name])), unit)
     return estimates
@@ -381,11 +272,6 @@ def _render(
 ) -> Frame:
     steps(what if press is None else f"{what} {press.probe.text}")
     return simulator.frame(press, seed=seed, half=half)
-
-
-def _sub(seed: int, stage: int, number: int) -> int:
-    """Independent seed of one draw."""
-    return int(np.random.SeedSequence([seed, stage, number]).generate_state(1)[0])
 
 
 class _Steps:

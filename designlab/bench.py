@@ -1,0 +1,195 @@
+"""The test bench of a design: which presses, the camera's pictures of them, and what is reconstructed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, gaussian_filter
+
+from designlab import information
+from designlab.design import Design
+from designlab.metrics import normal_error_deg
+from designlab.press import Press
+from designlab.reconstruct import Calibration, fit_calibration, integrate, normals
+from designlab.simulate import Frame
+from geometries.elastomer import base_gradient
+from geometries.probes import parse
+
+Array = NDArray[np.float64]
+
+# Errors count over the contact grown by this: a flat background would make any median look good.
+GROWN_MM = 0.5
+SMOOTHING_PX = 2.0  # illumination is smooth; render noise is not, and would pass for unevenness
+BALL_MM = 6.0
+TEST_PROBES = ("sphere:4", "triangle:5", "star:6", "cylinder:4", "cone:4", "dots:1.5")
+# Errors grow steeply with depth: one depth for all test presses keeps their choice from deciding the score.
+TEST_DEPTH = 0.7
+
+
+def sub_seed(seed: int, stage: int, number: int) -> int:
+    """Independent seed of one draw."""
+    return int(np.random.SeedSequence([seed, stage, number]).generate_state(1)[0])
+
+
+class Presses(NamedTuple):
+    """Calibration balls and test presses."""
+
+    calibration: tuple[Press, ...]
+    test: tuple[Press, ...]
+
+
+def plan_presses(design: Design, *, rounds: int, seed: int) -> Presses:
+    """Choose places: calibration balls on a jittered 3 x 3 grid, test probes at random places and angles."""
+    random = np.random.default_rng(sub_seed(seed, 0, 0))
+    width, height = design.sensing_area_mm
+    scale = min(1.0, min(width, height) / 12.0)  # small sensors get small probes
+    depth = min(0.4 * design.elastomer.thickness_mm, 0.8) * scale
+    balls = []
+    for number, (column, row) in enumerate((c, r) for r in (-1, 0, 1) for c in (-1, 0, 1)):
+        jitter = random.uniform(-0.04, 0.04, size=2)
+        centre = ((0.3 * column + jitter[0]) * width, (0.28 * row + jitter[1]) * height)
+        balls.append(
+            Press(
+                probe=parse(f"sphere:{BALL_MM * scale:.6g}"),
+                depth_mm=depth * (1.0, 0.6)[number % 2],
+                centre_mm=centre,
+            )
+        )
+    tests = []
+    for number in range(rounds):
+        # The first round does not depend on how many follow.
+        draw = np.random.default_rng(sub_seed(seed, 9, number))
+        for text in TEST_PROBES:
+            kind, size = text.split(":")
+            centre = (draw.uniform(-0.22, 0.22) * width, draw.uniform(-0.2, 0.2) * height)
+            tests.append(
+                Press(
+                    probe=parse(f"{kind}:{float(size) * scale:.6g}"),
+                    depth_mm=depth * TEST_DEPTH,
+                    centre_mm=centre,
+                    yaw_deg=draw.uniform(-180.0, 180.0),
+                )
+            )
+    return Presses(tuple(balls), tuple(tests))
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """One test press: the picture, what was reconstructed from it, and the truth."""
+
+    frame: Frame
+    image: NDArray[np.float32]
+    normals: Array
+    true_normals: Array
+    height_mm: Array
+    region: NDArray[np.bool_]
+    error_deg: Array
+
+    @property
+    def height_error_um(self) -> Array:
+        """Errors of height in the region that counts, one a pixel."""
+        return np.asarray(1000 * (self.height_mm - self.frame.height_mm)[self.region])
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Camera and reconstruction around rendered frames."""
+
+    design: Design
+    exposure: float
+    seed: int
+
+    def picture(self, frame: Frame, number: int, extra: Array | None) -> NDArray[np.float32]:
+        """What the camera reports; `extra` adds render noise of the given standard deviation per group."""
+        mixed = frame.mixed
+        if extra is not None:
+            random = np.random.default_rng(sub_seed(self.seed, 5, number))
+            noise = random.standard_normal(frame.basis.shape) * extra[:, None, None] * frame.basis
+            mixed = np.einsum("cg,grk->rkc", frame.weights, frame.basis + noise).astype(np.float32)
+        return self.design.camera.expose(
+            mixed, exposure=self.exposure, seed=sub_seed(self.seed, 4, number), binned=_binned(frame)
+        )
+
+    def reconstruct(
+        self,
+        untouched: Frame,
+        again: Frame,
+        balls: Sequence[Frame],
+        tests: Sequence[Frame],
+        *,
+        extra_noise: bool,
+    ) -> list[Reconstruction]:
+        """Calibrate on the balls and reconstruct the tests."""
+        extra = render_noise(untouched, again) if extra_noise else None
+        # A lab averages many frames of the untouched gel; smoothing stands for that.
+        background = gaussian_filter(
+            (self.picture(untouched, 0, extra) + self.picture(again, 1, extra)) / 2,
+            sigma=(SMOOTHING_PX, SMOOTHING_PX, 0),
+        )
+        x, y = untouched.rays.x_mm, untouched.rays.y_mm
+        images = [self.picture(frame, 10 + number, extra) for number, frame in enumerate(balls)]
+        truths = [frame.gradient for frame in balls]
+        everywhere = [np.ones(x.shape, dtype=bool) for _ in balls]
+        calibration = fit_calibration(
+            images, background, [p for p, _ in truths], [q for _, q in truths], everywhere, x, y
+        )
+        return [
+            self._one(calibration, frame, self.picture(frame, 100 + k, extra))
+            for k, frame in enumerate(tests)
+        ]
+
+    def noise_limit_deg(self, untouched: Frame, balls: Sequence[Frame]) -> Array:
+        """Least tilt that camera noise makes up at each pixel of the untouched gel, see `information`."""
+        background = self.exposure * gaussian_filter(untouched.mixed, (SMOOTHING_PX, SMOOTHING_PX, 0))
+        slopes = information.response(
+            [self.exposure * frame.mixed for frame in balls],
+            background,
+            [frame.gradient for frame in balls],
+            untouched.rays.x_mm,
+            untouched.rays.y_mm,
+        )
+        camera = self.design.camera
+        sigma = camera.noise_sigma(background + camera.black_level, binned=_binned(untouched))
+        return information.noise_limit_deg(slopes, sigma)
+
+    def _one(self, calibration: Calibration, frame: Frame, image: NDArray[np.float32]) -> Reconstruction:
+        p, q = calibration.gradients(image)
+        true_p, true_q = frame.gradient
+        base_p, base_q = base_gradient(self.design.elastomer, *frame.seen_mm)
+        pitch = frame.rays.pitch_mm
+        estimated, truth = normals(p + base_p, q + base_q), normals(true_p + base_p, true_q + base_q)
+        region = _grown(frame.contact, GROWN_MM / pitch[0])
+        return Reconstruction(
+            frame=frame,
+            image=image,
+            normals=estimated,
+            true_normals=truth,
+            height_mm=integrate(p, q, pitch_mm=pitch, boundary="dirichlet"),
+            region=region,
+            error_deg=normal_error_deg(estimated, truth),
+        )
+
+
+def _binned(frame: Frame) -> float:
+    """Sensor pixels in a pixel of the picture; a picture finer than the sensor is not noisier for it."""
+    return max(frame.rays.binned, 1.0)
+
+
+def _grown(mask: NDArray[np.bool_], radius_px: float) -> NDArray[np.bool_]:
+    reach = int(np.ceil(radius_px))
+    offsets = np.arange(-reach, reach + 1)
+    disc = np.hypot(offsets[:, None], offsets[None]) <= radius_px
+    return np.asarray(binary_dilation(mask, structure=disc))
+
+
+def render_noise(a: Frame, b: Frame) -> Array:
+    """Relative standard deviation of each group's pixel noise, from two renders of one scene.
+
+    Only what differs between neighbouring pixels counts: a smooth error is shared by all presses and is
+    calibrated away.
+    """
+    difference = (a.basis - b.basis) / (0.5 * (a.basis + b.basis).mean(axis=(1, 2), keepdims=True))
+    smooth = gaussian_filter(difference, sigma=(0, 4, 4))
+    return np.asarray((difference - smooth).std(axis=(1, 2)) / np.sqrt(2.0))

@@ -1,0 +1,84 @@
+"""How well a picture could tell slopes at best: camera noise against the picture's response to slope.
+
+For a known background the only unknowns of a pixel are the two slopes. With J the response of its channels
+to them and S the covariance of the camera's noise, no unbiased estimate scatters less than (J' S^-1 J)^-1
+(Cramer and Rao); the root of its trace is the tilt of a flat membrane that noise alone makes up.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+GENTLEST, STEEPEST = 0.02, 0.35  # slopes between which the response is taken as quadratic
+NO_INFORMATION_DEG = 90.0
+
+
+def response(
+    signals: Sequence[NDArray[np.floating]],
+    background: NDArray[np.floating],
+    gradients: Sequence[tuple[Array, Array]],
+    x_mm: Array,
+    y_mm: Array,
+) -> Array:
+    """Response of a flat membrane's picture to slope, fitted to presses of known shape.
+
+    Relative to the background the response is a quadratic polynomial in position, which absorbs most of how
+    light falls off; terms of second order keep steeper pixels from biasing it.
+
+    Parameters
+    ----------
+    signals : sequence of arrays, shape (rows, columns, channels)
+        Pictures of presses without camera noise.
+    background : array, shape (rows, columns, channels)
+        The untouched gel.
+    gradients : sequence of pairs of arrays, shape (rows, columns)
+        Slopes p = dz/dx and q = dz/dy of each press.
+    x_mm, y_mm : array, shape (rows, columns)
+        Membrane point that each pixel sees.
+
+    Returns
+    -------
+    array, shape (rows, columns, channels, 2)
+        Change of signal per unit of p and of q.
+    """
+    background = np.asarray(background, dtype=float)
+    position = _position_terms(x_mm, y_mm)
+    rows, changes = [], []
+    for signal, (p, q) in zip(signals, gradients, strict=True):
+        slope = np.hypot(p, q)
+        used = (slope > GENTLEST) & (slope < STEEPEST) & (background > 0).all(axis=-1)
+        # A Lambertian membrane is linear in the components of its unit normal, not in its slopes.
+        u, v = (component[used, None] / np.sqrt(1 + slope[used, None] ** 2) for component in (p, q))
+        at = position[used]
+        rows.append(np.concatenate([u * at, v * at, u**2, u * v, v**2], axis=1))
+        changes.append(signal[used] / background[used] - 1.0)
+    weights, *_ = np.linalg.lstsq(np.concatenate(rows), np.concatenate(changes), rcond=None)
+    count = position.shape[-1]
+    relative = np.stack([position @ weights[:count], position @ weights[count : 2 * count]], axis=-1)
+    return np.asarray(background[..., None] * relative)
+
+
+def noise_limit_deg(response: Array, sigma: Array) -> Array:
+    """Least tilt (deg) that camera noise makes up on a flat membrane, shape (rows, columns); 90 at most.
+
+    Parameters
+    ----------
+    response : array, shape (rows, columns, channels, 2)
+        Change of signal per unit of slope.
+    sigma : array, shape (rows, columns, channels)
+        Standard deviation of the camera's noise.
+    """
+    weighted = response / sigma[..., None]
+    fisher = np.einsum("...ci,...cj->...ij", weighted, weighted)
+    determinant = fisher[..., 0, 0] * fisher[..., 1, 1] - fisher[..., 0, 1] ** 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        tilt = np.degrees(np.sqrt((fisher[..., 0, 0] + fisher[..., 1, 1]) / determinant))
+    return np.asarray(np.minimum(np.where(determinant > 0, tilt, np.inf), NO_INFORMATION_DEG))
+
+
+def _position_terms(x_mm: Array, y_mm: Array) -> Array:
+    """1, x, y, x^2, xy, y^2 of positions brought to -1..1, along a new last axis."""
+    x, y = (2 * (v - v.min()) / np.ptp(v) - 1 for v in (x_mm, y_mm))
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)

@@ -1,0 +1,82 @@
+"""Presses of the test bench, and noise told from the difference of two renders."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from designlab.bench import plan_presses, render_noise
+from designlab.design import preset
+from designlab.evaluate import _evenness, _uniformity
+from designlab.press import indent
+
+FLAT = preset("gelsight-2020-flat")
+
+
+@pytest.mark.parametrize("area_mm", [(16.0, 12.0), (8.0, 6.0), (24.0, 10.0)])
+def test_every_press_touches_within_the_sensing_area(area_mm):
+    design = FLAT.replace({"sensing_area_mm": area_mm})
+    presses = plan_presses(design, rounds=2, seed=3)
+    assert len(presses.calibration) == 9
+    assert len(presses.test) == 12
+    for press in [*presses.calibration, *presses.test]:
+        surface = indent(design.elastomer, design.contact, press, area_mm=(40.0, 40.0), pitch_mm=0.2)
+        rows, columns = np.nonzero(surface.contact)
+        assert np.abs(surface.x_mm[columns]).max() < area_mm[0] / 2
+        assert np.abs(surface.y_mm[rows]).max() < area_mm[1] / 2
+        assert press.depth_mm < 0.5 * design.elastomer.thickness_mm
+
+
+def test_the_seed_decides_the_places_and_more_rounds_keep_the_first():
+    once, twice = plan_presses(FLAT, rounds=1, seed=5), plan_presses(FLAT, rounds=2, seed=5)
+    assert twice.calibration == once.calibration
+    assert twice.test[:6] == once.test
+    assert twice.test[6:] != once.test
+    assert plan_presses(FLAT, rounds=1, seed=6) != once
+
+
+def frames(random, *, sigma, correlation_px, shape=(3, 90, 120)):
+    """Two renders of an uneven light with noise of known size, some of it smooth."""
+    x, y = np.meshgrid(np.linspace(-8, 8, shape[2]), np.linspace(6, -6, shape[1]))
+    light = 1.0 + 0.4 * np.sin(0.2 * x)[None] * np.array([0.5, 1.0, 0.8])[:, None, None] + 0.02 * y
+
+    def noise():
+        white = random.standard_normal(shape)
+        if correlation_px:
+            white = gaussian_filter(white, (0, correlation_px, correlation_px))
+            white /= white.std()
+        return sigma * white
+
+    rays = SimpleNamespace(x_mm=x, y_mm=y, pitch_mm=(16 / 119, 12 / 89))
+    return [SimpleNamespace(basis=light * (1 + noise()), rays=rays) for _ in range(2)]
+
+
+@pytest.mark.parametrize(("sigma", "correlation_px"), [(0.05, 0.0), (0.03, 4.0)])
+def test_stated_errors_of_evenness_are_the_scatter_over_renders(sigma, correlation_px):
+    random = np.random.default_rng(8)
+    mask = np.ones((90, 120), dtype=bool)
+    values, stated = [], []
+    for number in range(24):
+        a, b = frames(random, sigma=sigma, correlation_px=correlation_px)
+        values.append(_evenness((a.basis + b.basis) / 2, mask))
+        if number < 6:
+            found = _uniformity(FLAT, a, b, seed=number)
+            stated.append((found["uniformity_u0"].se, found["uniformity_cv"].se))
+    scatter = np.std(values, axis=0, ddof=1)
+    # the scatter of 24 values is itself known to 15 % (one standard deviation)
+    ratio = np.mean(stated, axis=0) / scatter
+    assert (ratio > 0.6).all()
+    assert (ratio < 1.7).all()
+
+
+def test_render_noise_is_that_of_single_pixels():
+    a, b = frames(np.random.default_rng(1), sigma=0.05, correlation_px=0.0)
+    light = [f.basis.mean(axis=0).mean() for f in (a, b)]
+    rms = np.sqrt(np.mean((np.mean([a.basis, b.basis], axis=0)) ** 2, axis=(1, 2))) / np.mean(light)
+    np.testing.assert_allclose(render_noise(a, b), 0.05 * rms, rtol=0.05)
+
+
+def test_smooth_errors_do_not_count_as_pixel_noise():
+    a, b = frames(np.random.default_rng(1), sigma=0.05, correlation_px=10.0)
+    assert (render_noise(a, b) < 0.01).all()

@@ -1,0 +1,146 @@
+"""Scores of designs, at an effort small enough for tests."""
+
+import json
+from importlib import import_module
+
+import pytest
+
+from designlab.design import InfeasibleDesign, load, preset
+from designlab.effects import AppliedEffect, SensorModel
+
+evaluation = import_module("designlab.evaluate")  # the package's own `evaluate` is the function
+evaluate = evaluation.evaluate
+
+FLAT = preset("gelsight-2020-flat")
+NAMES = {
+    "uniformity_u0": "1",
+    "uniformity_cv": "1",
+    "normal_error_median_deg": "deg",
+    "normal_error_mean_deg": "deg",
+    "height_mae_um": "um",
+    "height_rmse_um": "um",
+    "information_deg": "deg",
+}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_effort(backend):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(evaluation.FIDELITIES, "fast", evaluation.Fidelity(samples=16, rounds=1, columns=64))
+        yield
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("score") / "flat"
+
+
+@pytest.fixture(scope="module")
+def steps():
+    return []
+
+
+@pytest.fixture(scope="module")
+def score(folder, steps):
+    return evaluate(FLAT, seed=1, out=folder, progress=lambda *step: steps.append(step))
+
+
+def test_scores_have_value_error_and_unit(score):
+    assert {name: estimate.unit for name, estimate in score.scores.items()} == NAMES
+    for name, estimate in score.scores.items():
+        assert estimate.value > 0, name
+        assert 0 < estimate.se < estimate.value, name
+        assert getattr(score, name) is estimate
+    assert score.uniformity_u0.value < 1
+    assert score.normal_error_median_deg.value < score.normal_error_mean_deg.value < 20
+    assert score.height_mae_um.value < score.height_rmse_um.value < 500
+    with pytest.raises(AttributeError, match="no score 'x'; there are uniformity_u0"):
+        _ = score.x
+
+
+def test_json_is_complete_and_strict(score, folder):
+    content = json.loads(json.dumps(score.to_json(), allow_nan=False))
+    assert set(content) == {"design", "digest", "fidelity", "seed", "scores", "margins", "seconds"}
+    assert content["design"] == "gelsight-2020-flat"
+    assert content["digest"] == FLAT.digest
+    assert (content["fidelity"], content["seed"]) == ("fast", 1)
+    for name, unit in NAMES.items():
+        assert set(content["scores"][name]) == {"value", "se", "bias_bound", "unit"}
+        assert content["scores"][name]["unit"] == unit
+    assert content["margins"] == FLAT.margins()
+    assert all(seconds >= 0 for seconds in content["seconds"].values())
+    assert json.loads((folder / "score.json").read_text()) == content
+
+
+def test_the_folder_holds_design_and_pictures(score, folder):
+    assert load(folder / "design.toml").digest == FLAT.digest
+    pictures = sorted(file.name for file in folder.glob("*.png"))
+    kinds = ("sphere", "triangle", "star", "cylinder", "cone", "dots")
+    presses = [f"press-{number + 1:02d}-{kind}.png" for number, kind in enumerate(kinds)]
+    assert pictures == sorted(["background.png", "uniformity.png", *presses])
+    assert all(file.stat().st_size > 5000 for file in folder.glob("*.png"))
+
+
+def test_progress_counts_to_its_end(score, steps):
+    done, totals = [step[1] for step in steps], {step[2] for step in steps}
+    assert totals == {len(steps)}
+    assert done == list(range(len(steps)))
+    assert steps[-1][0] == "reconstruction"
+
+
+def test_the_same_seed_gives_the_same_scores(score):
+    again = evaluate(FLAT, seed=1)
+    for name, estimate in score.scores.items():
+        assert again.scores[name].value == pytest.approx(estimate.value, rel=1e-4), name
+        assert again.scores[name].se == pytest.approx(estimate.se, rel=1e-2), name
+
+
+@pytest.mark.slow
+def test_one_light_alone_tells_slopes_along_one_direction_only(score):
+    one = FLAT.replace(
+        {
+            "leds.groups": FLAT.leds.groups[:1],
+            "mixing": ((1.0,), (0.9,), (0.8,)),
+            "optics.membrane_albedo": (0.5,),
+            "optics.board_reflectance": (0.1,),
+        }
+    )
+    worse = evaluate(one, seed=1)
+    assert worse.normal_error_mean_deg.value > 1.5 * score.normal_error_mean_deg.value
+    assert worse.height_rmse_um.value > 1.5 * score.height_rmse_um.value
+    assert worse.information_deg.value > 10 * score.information_deg.value
+
+
+@pytest.mark.slow
+def test_steep_light_is_even_but_tells_slopes_worse(score):
+    # From high above, a flat gel is lit evenly, and a slope changes little of the light that it receives.
+    above = FLAT.replace({"leds.height_mm": 32.0, "leds.tilt_deg": 75.0})
+    other = evaluate(above, seed=1)
+    assert other.uniformity_u0.value > score.uniformity_u0.value + 0.3
+    assert other.information_deg.value > 1.5 * score.information_deg.value
+
+
+def test_effects_belong_to_what_is_scored(score):
+    mixed = SensorModel(design=FLAT).with_effect(
+        AppliedEffect(name="contact_kernel", values={"length_ratio": 3.0})
+    )
+    softer = evaluate(mixed, seed=1)
+    assert softer.digest == mixed.digest != score.digest
+    # a gel that smooths more has gentler slopes
+    assert softer.normal_error_mean_deg.value < score.normal_error_mean_deg.value
+
+
+def test_what_cannot_be_scored_is_refused_before_any_work(tmp_path):
+    with pytest.raises(ValueError, match="fidelity: must be one of fast, standard, reference, got 'quick'"):
+        evaluate(FLAT, fidelity="quick")
+    with pytest.raises(InfeasibleDesign, match="minimum_wall"):
+        evaluate(FLAT.replace({"housing.wall_mm": 0.1}))
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(NotADirectoryError, match="must be a folder"):
+        evaluate(FLAT, out=tmp_path / "file")
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "thesis.tex").write_text("x")
+    with pytest.raises(FileExistsError, match="holds no earlier evaluation"):
+        evaluate(FLAT, out=other)
+    assert (other / "thesis.tex").read_text() == "x"

@@ -1,0 +1,88 @@
+"""The noise limit of slopes against the closed form for distant lights."""
+
+import numpy as np
+import pytest
+
+from designlab.information import noise_limit_deg, response
+
+X, Y = np.meshgrid(np.linspace(-7, 7, 70), np.linspace(5, -5, 50))
+
+
+def lights(slant_deg, azimuths_deg):
+    slant, azimuth = np.radians(slant_deg), np.radians(azimuths_deg)
+    return np.stack(
+        [
+            np.sin(slant) * np.cos(azimuth),
+            np.sin(slant) * np.sin(azimuth),
+            np.full(len(azimuth), np.cos(slant)),
+        ],
+        axis=1,
+    )
+
+
+def ball(x0, y0, radius=6.0):
+    """Slopes of a spherical cap of 1.6 mm radius."""
+    dx, dy = X - x0, Y - y0
+    down = np.sqrt(np.maximum(radius**2 - dx**2 - dy**2, 1.0))
+    touched = np.hypot(dx, dy) < 1.6
+    return np.where(touched, -dx / down, 0.0), np.where(touched, -dy / down, 0.0)
+
+
+def picture(p, q, light, level):
+    normal = np.stack([-p, -q, np.ones_like(p)], axis=-1) / np.sqrt(1 + p**2 + q**2)[..., None]
+    return level[..., None] * np.maximum(normal @ light.T, 0.0)
+
+
+PRESSES = [ball(x, y) for x in (-4, 0, 4) for y in (-3, 0, 3)]
+
+
+@pytest.mark.parametrize("slant_deg", [30.0, 54.7, 75.0])
+def test_three_even_lights_reach_the_closed_form(slant_deg):
+    light = lights(slant_deg, [90.0, 210.0, 330.0])
+    level = np.ones_like(X)
+    found = response(
+        [picture(p, q, light, level) for p, q in PRESSES],
+        picture(0 * X, 0 * Y, light, level),
+        PRESSES,
+        X,
+        Y,
+    )
+    # dI/dp = -l_x and dI/dq = -l_y on a flat membrane
+    np.testing.assert_allclose(found[25, 35], -light[:, :2], atol=0.01)
+    sigma = 0.004
+    limit = noise_limit_deg(found, np.full((*X.shape, 3), sigma))
+    # trace of the covariance: 4 sigma^2 / (k sin^2 slant) for k lights of unit signal at equal azimuths
+    expected = np.degrees(sigma * np.sqrt(4 / 3) / np.sin(np.radians(slant_deg)))
+    np.testing.assert_allclose(limit, expected, rtol=0.02)
+
+
+def test_the_limit_follows_the_light_that_falls_off():
+    light = lights(60.0, [90.0, 210.0, 330.0])
+    level = np.exp(0.08 * X - 0.05 * Y)
+    found = response(
+        [picture(p, q, light, level) for p, q in PRESSES],
+        picture(0 * X, 0 * Y, light, level),
+        PRESSES,
+        X,
+        Y,
+    )
+    limit = noise_limit_deg(found, np.full((*X.shape, 3), 0.004))
+    np.testing.assert_allclose(limit * level, np.median(limit * level), rtol=0.02)
+
+
+def test_scatter_of_least_squares_reaches_the_limit():
+    random = np.random.default_rng(3)
+    jacobian = random.normal(size=(3, 2))
+    sigma = np.array([0.01, 0.02, 0.015])
+    noise = random.standard_normal((200_000, 3)) * sigma
+    weights = np.linalg.pinv(jacobian / sigma[:, None])
+    slopes = (noise / sigma) @ weights.T
+    scatter = np.degrees(np.sqrt((slopes**2).sum(axis=1).mean()))
+    limit = noise_limit_deg(jacobian[None, None], sigma[None, None])
+    assert limit[0, 0] == pytest.approx(scatter, rel=0.01)
+
+
+def test_lights_in_one_plane_carry_no_information():
+    light = lights(60.0, [90.0, 90.0, 270.0])
+    flat = np.broadcast_to(-light[:, :2], (*X.shape, 3, 2)).round(12)
+    assert (noise_limit_deg(flat, np.full((*X.shape, 3), 0.004)) == 90.0).all()
