@@ -41,7 +41,10 @@ def test_different_specs_differ() -> None:
     assert len(set(VALUES)) == len(VALUES)
 
 
-@pytest.mark.parametrize("spec", {type(v) for v in VALUES} | {LedGroup}, ids=lambda spec: spec.__name__)
+SPECS = sorted({type(v) for v in VALUES} | {LedGroup}, key=lambda spec: spec.__name__)
+
+
+@pytest.mark.parametrize("spec", SPECS, ids=lambda spec: spec.__name__)
 def test_every_field_is_described_and_every_length_has_its_unit(spec: type[Spec]) -> None:
     for name, field in spec.model_fields.items():
         assert field.description, name
