@@ -7,8 +7,9 @@ import time
 
 import pytest
 
-from designlab import cli, demo
+from designlab import cli
 from designlab.demo import Demo
+from designlab.demo import run as demo
 
 
 class Links(html.parser.HTMLParser):
@@ -43,7 +44,7 @@ def quick(monkeypatch):
         return demo._Step(f"stage {name}", run)
 
     monkeypatch.setattr(demo, "_STEPS", {name: stage(name) for name in demo._STEPS})
-    monkeypatch.setattr(demo, "_page", lambda state: "<html></html>")
+    monkeypatch.setattr(demo, "index_page", lambda *_: "<html></html>")
     return ran
 
 

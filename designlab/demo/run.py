@@ -5,11 +5,12 @@ Every stage keeps its results in a folder of its own; a stage whose results are 
 
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from designlab.demo.page import index_page
 from designlab.design import Design, preset
 from designlab.store import write_atomic, write_json
 
@@ -59,7 +60,7 @@ class Demo:
     @property
     def text(self) -> str:
         """Where everything is, for people."""
-        real = self.found["real"].get("skipped") or f"{self.out / 'real'}"
+        real = self.found["real"].get("left_out") or f"{self.out / 'real'}"
         return "\n".join(
             [
                 f"report         {self.index}",
@@ -111,7 +112,7 @@ def demo(out: str | Path, *, seed: int = 0, progress: Progress | None = None) ->
         except (ValueError, RuntimeError) as error:
             raise RuntimeError(f"demo, {step.title}: {error}") from error
         done += cost
-    write_atomic(state.index, _page(state))
+    write_atomic(state.index, index_page(state.out, state.design, state.seed, state.found))
     tell("done", 1.0)
     return state
 
@@ -245,7 +246,7 @@ def _real(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any
 
     named = os.environ.get(MEASURED_VARIABLE)
     if not named:
-        return {"skipped": f"left out: {MEASURED_VARIABLE} names no folder of real pictures"}
+        return {"left_out": f"left out: {MEASURED_VARIABLE} names no folder of real pictures"}
     folder = state.out / "real"
     kept = folder / "comparison.json"
     if not kept.is_file():
@@ -273,115 +274,3 @@ _STEPS: dict[str, _Step] = {
 
 def _captioned(folder: Path) -> dict[Path, str]:
     return {path: path.stem.replace("-", " ") for path in sorted(folder.glob("*.png"))}
-
-
-def _page(state: Demo) -> str:
-    from designlab.report import Column, Html, Section, facts, gallery, label, page, paragraph, picture, table
-
-    def link(path: Path) -> Html:
-        relative = path.relative_to(state.out).as_posix()
-        return Html(f'<a href="{relative}">{relative}</a>')
-
-    score, parts, study, gap, real = (state.found[name] for name in _STEPS)
-    scores = [{"score": label(name, e["unit"]), **e} for name, e in score["scores"].items()]
-    chosen = [
-        Column("trial", "trial"),
-        Column("pick", "why"),
-        Column("leds.height_mm", "LED height", "mm"),
-        Column("leds.tilt_deg", "LED tilt", "deg"),
-        Column("uniformity_u0", "uniformity U0", se="uniformity_u0_se"),
-        Column("normal_error_median_deg", "normal error", "deg", se="normal_error_median_deg_se"),
-    ]
-    compared = [
-        {"figure": figure, "value": real.get(figure)}
-        for figure in ("mse", "snr_db", "ssim", "structure_corr")
-    ]
-    sections = [
-        Section(
-            "The sensor and its scores",
-            (
-                *(
-                    [picture(parts["picture"], "The sensor, its housing cut open")]
-                    if parts["picture"]
-                    else []
-                ),
-                table(scores, [Column("score", "score"), Column("value", "value", se="se")]),
-                gallery(picture(p, p.stem) for p in _presses(state.out / "evaluation")),
-                facts({"more": link(state.out / "evaluation" / "report.html")}),
-            ),
-        ),
-        Section(
-            "Files to make it",
-            (
-                paragraph(
-                    f"{len(parts['files'])} files for {', '.join(parts['parts'])}; {parts['checks']} checks."
-                ),
-                *(paragraph(warning, note=True) for warning in parts["warnings"]),
-                facts(
-                    {
-                        "what each is for": link(state.out / "parts" / "README.txt"),
-                        "assembly": link(state.out / "parts" / "assembly.step"),
-                    }
-                ),
-            ),
-        ),
-        Section(
-            "Better places for the LEDs",
-            (
-                paragraph(f"{study['trials']['complete']} designs were evaluated. The shortlist:"),
-                table(study["picks"], chosen),
-                facts({"more": link(state.out / "study" / "report.html")}),
-            ),
-        ),
-        Section(
-            "An effect that the model did not know",
-            (*_hidden(gap), facts({"more": link(state.out / "diagnosis" / "report.html")})),
-        ),
-        Section(
-            "Against a real picture",
-            (paragraph(real["skipped"]),)
-            if "skipped" in real
-            else (
-                paragraph("Published values, nothing fitted: simulated left, measured right."),
-                *(picture(p, p.stem) for p in sorted((state.out / "real").glob("*.png"))),
-                table(compared, [Column("figure", "figure"), Column("value", "value")]),
-            ),
-        ),
-    ]
-    return page("designlab demo", sections, subtitle=f"{state.design.name}, seed {state.seed}")
-
-
-def _presses(folder: Path) -> list[Path]:
-    """The untouched gel and three presses."""
-    return [
-        path
-        for path in [folder / "background.png", *sorted(folder.glob("press-*.png"))[:3]]
-        if path.is_file()
-    ]
-
-
-def _hidden(gap: Mapping[str, Any]) -> tuple[Any, ...]:
-    """What was hidden in the generated measurement, and what the diagnosis says."""
-    from designlab.report import Column, paragraph, table
-
-    found = {effect["name"]: effect["parameters"] for effect in gap["effects"]}
-    rows = []
-    for effect, values in gap["hidden"].items():
-        for name, value in values.items():
-            estimate = found.get(effect, {}).get(name, {})
-            rows.append({"parameter": f"{effect}.{name}", "hidden": value, **estimate})
-    columns = [
-        Column("parameter", "parameter"),
-        Column("hidden", "hidden"),
-        Column("value", "found"),
-        Column("low", "95 % from"),
-        Column("high", "to"),
-        Column("unit", "unit"),
-    ]
-    final = gap["gap"]["final"]
-    text = (
-        f"A measurement was generated by an independent program with the LEDs out of place. Verdict of the "
-        f"diagnosis: {gap['verdict']}. On presses that decided nothing, the squared residual falls from "
-        f"{final['before']:.3g} to {final['after']:.3g} times the noise (floor {final['floor']:.3g})."
-    )
-    return paragraph(text), table(rows, columns)
