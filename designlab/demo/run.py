@@ -8,11 +8,14 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from designlab.demo.page import index_page
 from designlab.design import Design, preset
 from designlab.store import write_atomic, write_json
+
+if TYPE_CHECKING:
+    from designlab.evaluate import Score
 
 SENSOR = "gelsight-2020-flat"
 MEASURED_VARIABLE = "DESIGNLAB_MEASURED"
@@ -47,6 +50,7 @@ class Demo:
     seed: int
     design: Design
     found: dict[str, dict[str, Any]] = field(default_factory=dict)
+    score: "Score | None" = None
 
     @property
     def index(self) -> Path:
@@ -137,8 +141,8 @@ def _evaluation(state: Demo, within: Callable[[str, int, int], None]) -> dict[st
     folder = state.out / "evaluation"
     report = folder / "report.html"
     if not report.is_file():
-        score = evaluate(state.design, seed=state.seed, out=folder, progress=within)
-        evaluation_report(score.to_json(), report, pictures=_captioned(folder))
+        state.score = evaluate(state.design, seed=state.seed, out=folder, progress=within)
+        evaluation_report(state.score.to_json(), report, pictures=_captioned(folder))
     data: dict[str, Any] = json.loads((folder / "score.json").read_text(encoding="utf-8"))
     return data
 
@@ -165,7 +169,7 @@ def _parts(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, An
 
 
 def _study(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any]:
-    from designlab.evaluate import Score, evaluate
+    from designlab.evaluate import evaluate
     from designlab.report import study_report
     from designlab.study import Parameter, Study, StudyInterrupted, load_results, run_study
 
@@ -179,15 +183,17 @@ def _study(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, An
     )
     count = load_results(folder).counts()["complete"] if (folder / "study.db").is_file() else 0
 
-    def counted(design: Design, /, *, fidelity: str, seed: int) -> Score:
+    def counted(design: Design, /, *, fidelity: str, seed: int) -> "Score":
         nonlocal count
 
         def tick(what: str, done: int, of: int) -> None:
             within(f"design {count + 1} of {TRIALS}", count * of + done, TRIALS * of)
 
-        score = evaluate(design, fidelity=fidelity, seed=seed, progress=tick)
+        known = state.score  # of the first stage, whose design is the study's starting point
+        if known is None or (known.digest, known.fidelity, known.seed) != (design.digest, fidelity, seed):
+            known = evaluate(design, fidelity=fidelity, seed=seed, progress=tick)
         count += 1
-        return score
+        return known
 
     try:
         results = run_study(study, out=folder, progress=False, evaluator=counted)

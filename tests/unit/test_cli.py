@@ -375,6 +375,70 @@ class TestCompare:
         assert found["structure_corr"] >= 0.50
 
 
+class TestStudy:
+    @pytest.fixture
+    def study_file(self, run, tmp_path):
+        """The starter study, with three trials already evaluated by a closed form instead of a simulation."""
+        from types import SimpleNamespace
+
+        from designlab.study import run_study
+
+        assert run("init", tmp_path / "mine")[0] == 0
+        path = tmp_path / "mine" / "study.toml"
+        path.write_text(path.read_text().replace("trials = 24", "trials = 3"))
+
+        def evaluator(design, *, fidelity, seed):
+            tilt = design.leds.tilt_deg
+            values = {
+                "uniformity_u0": 1 / (1 + tilt**2),
+                "normal_error_median_deg": 2 + (tilt - 30) ** 2 / 900,
+            }
+            estimates = {
+                name: SimpleNamespace(value=value, se=0.01, bias_bound=None, unit="1")
+                for name, value in values.items()
+            }
+            return SimpleNamespace(scores=estimates, seconds={})
+
+        run_study(load_study(path), out=tmp_path / "mine" / "study-out", progress=False, evaluator=evaluator)
+        return path
+
+    def test_a_file_or_its_folder_name_the_same_study(self, run_json, study_file):
+        status, found = run_json("study", "status", study_file)
+        assert status == 0
+        assert found["trials"]["complete"] == found["wanted"] == 3
+        assert run_json("study", "status", study_file.with_name("study-out")) == (status, found)
+        moved = study_file.with_name("elsewhere")
+        study_file.with_name("study-out").rename(moved)
+        assert run_json("study", "status", study_file, "--out", moved)[1]["trials"] == found["trials"]
+
+    def test_a_study_that_is_done_is_not_run_again(self, run, run_json, study_file):
+        status, found = run_json("study", "run", study_file)
+        assert status == 0
+        assert found["trials"]["complete"] == 3
+        best = max(found["pareto"], key=lambda row: row["uniformity_u0"])
+        assert best["uniformity_u0"] == pytest.approx(1 / (1 + best["leds.tilt_deg"] ** 2))
+        assert "3 of 3 designs evaluated" in run("study", "run", study_file.with_name("study-out"))[1]
+
+    def test_an_interrupted_study_says_how_to_go_on(self, run, study_file, monkeypatch):
+        import designlab.study
+
+        def interrupted(study, **settings):
+            raise designlab.study.StudyInterrupted("study 'x' interrupted after 3 of 9 designs; run it again")
+
+        monkeypatch.setattr(designlab.study, "run_study", interrupted)
+        status, _, err = run("study", "run", study_file, "--trials", 9, "--workers", 2)
+        assert status == 130
+        assert f"designlab study run {study_file} --workers 2 --trials 9" in err
+        assert "3 of 9 designs" in err
+
+    @pytest.mark.slow
+    def test_the_report_is_one_page(self, run_json, study_file, tmp_path):
+        page = tmp_path / "page.html"
+        status, found = run_json("study", "report", study_file, "-o", page)
+        assert (status, found["report"]) == (0, str(page))
+        assert page.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
 @pytest.mark.slow
 def test_evaluate_prints_the_scores_and_shows_the_pictures(run_json, tmp_path):
     out = tmp_path / "evaluation"
