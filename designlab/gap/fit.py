@@ -13,7 +13,7 @@ from designlab.gap.problem import Problem, State
 Array = NDArray[np.float64]
 
 ITERATIONS = 5
-SETTLED = 1e-3  # predicted fall of the mean squared residual below which a fit has converged
+SETTLED = 5e-4  # predicted fall of the mean squared residual below which a fit has converged
 AT_BOUND = 0.01  # share of a parameter's range that counts as its bound
 
 

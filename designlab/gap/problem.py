@@ -43,13 +43,15 @@ class State:
 class Problem:
     """Shots, the standard deviation expected of each value, and the renderer.
 
-    `spread` is the difference of two basis pictures of each shot with different random numbers.
+    `spread` is the difference of two basis pictures of each shot with different random numbers, `budget` the
+    systematic error granted to the simulation, both part of `sigma`.
     """
 
     renders: Renders
     shots: tuple[Shot, ...]
     sigma: tuple[Array, ...]
     spread: tuple[Array, ...]
+    budget: tuple[Array, ...]
     _pose_columns: dict[int, Array] = field(default_factory=dict)
 
     def press(self, state: State, number: int) -> Press | None:

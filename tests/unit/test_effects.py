@@ -90,7 +90,7 @@ def test_contact_kernel_widens_the_rim_and_keeps_the_volume() -> None:
     nominal = surface(DESIGN)
     smoother = surface(applied("contact_kernel", length_ratio=2.0).effective_design())
     assert smoother.height_mm.sum() == pytest.approx(nominal.height_mm.sum(), rel=1e-3)
-    # A kernel adds its own variance to that of a shape, and the variance of a kernel grows with its length squared.
+    # A kernel adds its own variance to that of a shape, and its variance grows with its length squared.
     spread = [second_moment(s) for s in (surface(sharp()), nominal, smoother)]
     assert spread[2] - spread[0] == pytest.approx(4 * (spread[1] - spread[0]), rel=0.03)
 
