@@ -89,6 +89,12 @@ class Scene:
     @property
     def digest(self) -> str:
         """SHA-256 of the content, arrays by their bytes."""
+        camera = self.camera_mm, self.focal_px, self.sensor_px, self.view
+        return hashlib.sha256(repr((self.light_digest, camera)).encode()).hexdigest()
+
+    @property
+    def light_digest(self) -> str:
+        """SHA-256 of all but the camera: what light on the membrane depends on."""
         state = hashlib.sha256()
         for shape in self.shapes:
             state.update(repr((shape.name, shape.material)).encode())
@@ -97,16 +103,7 @@ class Scene:
                     state.update(
                         repr((array.shape, str(array.dtype))).encode() + np.ascontiguousarray(array).tobytes()
                     )
-        rest = (
-            self.lights,
-            self.groups,
-            self.camera_mm,
-            self.focal_px,
-            self.sensor_px,
-            self.view,
-            self.path_length,
-        )
-        state.update(repr(rest).encode())
+        state.update(repr((self.lights, self.groups, self.path_length)).encode())
         return state.hexdigest()
 
 

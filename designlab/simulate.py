@@ -16,6 +16,7 @@ from designlab.viewing import Rays, rays
 
 Array = NDArray[np.float64]
 SURFACE_MARGIN_MM = 2.0  # the membrane is modelled finely this far beyond the area in view
+UNDEFORMED_PITCH_MM = 0.25  # vertex normals are exact, so a coarse grid shows a dome well
 TARGET_SIGNAL = 0.7  # automatic exposure puts the 99.5th percentile of the untouched gel here
 TARGET_PERCENTILE = 99.5
 
@@ -122,6 +123,17 @@ class Simulator:
             scene = effect(applied.name).on_scene(scene, applied.values)
         return scene
 
+    def _undeformed(self) -> Scene:
+        """Lay out the scene that light fields are traced in: one for every view of the sensor."""
+        flat = indent(
+            self.design.elastomer,
+            self.design.contact,
+            None,
+            area_mm=self.design.sensing_area_mm,
+            pitch_mm=UNDEFORMED_PITCH_MM,
+        )
+        return self.scene(flat)
+
     def frame(self, press: Press | None, *, seed: int | None = None, half: int | None = None) -> Frame:
         """Simulate one picture.
 
@@ -148,7 +160,7 @@ class Simulator:
             seed=self.seed if seed is None else seed,
             bake_seed=self.seed,
             half=half,
-            undeformed=lambda: self.scene(self.surface(None)),
+            undeformed=self._undeformed,
             surface=surface,
             rays=self.rays,
         )

@@ -50,7 +50,7 @@ def transport(
     half : int, optional
         Of the two independent halves of a light field, use this one only; shows its random error.
     undeformed : callable
-        Returns the scene without a press.
+        Returns the scene without a press; its camera does not matter.
     surface, rays : Surface, Rays
         The membrane of `scene`, and where the pixels look.
     """
@@ -78,7 +78,7 @@ def _light_field(scene: Scene, samples: int, seed: int, half: int) -> "LightFiel
     from designlab.render import lightfield
 
     key = store.digest(
-        "light field", LIGHTFIELD_VERSION, version("mitsuba"), scene.digest, samples, seed, half
+        "light field", LIGHTFIELD_VERSION, version("mitsuba"), scene.light_digest, samples, seed, half
     )
     if key not in _recent:
         stored = store.read_cache(key)

@@ -276,3 +276,14 @@ def test_a_seed_gives_the_same_field_again_and_another_another(monkeypatch):
     forget(monkeypatch)
     np.testing.assert_allclose(render(short), first, rtol=1e-4)
     assert np.abs(render(short, bake_seed=2) - first).mean() > 1e-3 * first.mean()
+
+
+def test_one_field_serves_every_view(monkeypatch):
+    baked = []
+    original = lightfield.bake
+    monkeypatch.setattr(lightfield, "bake", lambda *a, **k: baked.append(k["seed"]) or original(*a, **k))
+    short = CORE.replace({"optics.path_length": 6})
+    press = Press(probe=parse("sphere:4"), depth_mm=0.4)
+    for view in (view_of(short, 16, 12), view_of(short, 24, 18)._replace(width_px=200.0, height_px=150.0)):
+        Simulator(short, view=view, samples=2, seed=1).frame(press)
+    assert len(baked) == 2  # its two halves

@@ -192,3 +192,11 @@ def test_the_digest_covers_everything_and_nothing_else():
         replace(scene, groups=4),
     ]
     assert len({other.digest for other in others} | {scene.digest}) == len(others) + 1
+
+
+def test_the_camera_does_not_belong_to_what_light_depends_on():
+    scene = scene_of(CORE)
+    camera = {"camera.position_mm": (0.1, 0.0, 24.0), "camera.horizontal_fov_deg": 61.0}
+    assert scene_of(CORE.replace(camera), columns=20).light_digest == scene.light_digest
+    assert scene_of(CORE.replace({"leds.tilt_deg": 1.0})).light_digest != scene.light_digest
+    assert scene_of(CORE, BALL).light_digest != scene.light_digest
