@@ -16,7 +16,7 @@ Mask = NDArray[np.bool_]
 
 # Budget of the simulation's own error, systematic: a share of the signal, and a share of its curvature per
 # squared pixel, which is what sampling within a pixel and the membrane's mesh get wrong at sharp edges. Two
-# independent programs agree to 0.1 % (rms) on balls; at a triangle's edges they differ by 2 % of the curvature.
+# programs that share no code agree to 0.1 % (rms) on balls and differ by 2 % of the curvature at a triangle.
 SIGNAL_BUDGET = 0.0015
 EDGE_BUDGET = 0.02
 SMOOTHING_PX = 2.0  # the renderer's variance is taken from one pair of pictures, so neighbours are averaged

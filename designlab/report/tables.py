@@ -120,15 +120,35 @@ def gap_report(
         verdict.append(facts({"updated model": report["model"]}))
     content = [
         Section("Verdict", tuple(verdict)),
-        Section("Effects", (table(effects, effect_columns),) if effects else ()),
-        Section("Gap", (table(splits, split_columns),) if splits else ()),
-        Section("Where", (table(where, where_columns),) if where else ()),
-        Section("Pictures", (_gallery(pictures),) if pictures else ()),
+        Section("Effects", (table(effects, effect_columns, caption=_CONFIDENCE),) if effects else ()),
+        Section("Gap", (table(splits, split_columns, caption=_GAP),) if splits else ()),
+        Section("Where", (table(where, where_columns, caption=_WHERE),) if where else ()),
+        Section("Pictures", tuple(picture(path, caption) for path, caption in (pictures or {}).items())),
+        Section("Candidates", (_candidates(report["candidates"]),) if report.get("candidates") else ()),
+        Section("Notes", tuple(paragraph(note) for note in report.get("notes", ()))),
         *sections,
     ]
     return write_atomic(target, page(title, content))
 
 
+def _candidates(candidates: Sequence[Mapping[str, Any]]) -> Html:
+    """Every candidate that was tried, rejected ones too."""
+    columns = [
+        Column("round", "round"),
+        Column("name", "candidate"),
+        Column("outcome", "outcome"),
+        Column("gain", "fall of the residual on held-out presses", se="se"),
+        Column("improved", "share of them improved"),
+    ]
+    return table(candidates, columns)
+
+
+_CONFIDENCE = (
+    "Confidence: how often the effect wins when held-out presses are drawn again, limited by their number; "
+    "not calibrated."
+)
+_GAP = "Mean squared residual in units of the noise; the final frames were used for nothing else."
+_WHERE = "Shares of the excess over the noise, before the update."
 _VERDICTS = {
     "named": "The gap is explained by the effects below.",
     "ambiguous": "Several effects explain the gap equally well on these frames.",

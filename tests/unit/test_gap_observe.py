@@ -1,0 +1,180 @@
+import numpy as np
+import pytest
+
+from designlab.camera import Camera
+from designlab.design import preset
+from designlab.gap.observe import limited, observe
+from designlab.measurement import Frame, Measurement, MeasurementError, load_measurement, write_measurement
+
+DESIGN = preset("gelsight-2020-flat")
+ROWS, COLUMNS, BINNED = 90, 120, 81.0
+CROP = (700, 500, COLUMNS * 9, ROWS * 9)
+PLACES = ((-4.0, -3.0), (4.0, -2.0), (0.0, 3.0))
+
+
+def exposed(level: float, seed: int, camera: Camera = DESIGN.camera) -> np.ndarray:
+    """A flat picture with a gradient from left to right, as the camera reports it."""
+    ramp = np.broadcast_to(np.linspace(0.5, 1.5, COLUMNS)[None, :, None], (ROWS, COLUMNS, 3))
+    return camera.expose(level * ramp, exposure=1.0, seed=seed, binned=BINNED)
+
+
+def measured(
+    folder, *, camera: Camera = DESIGN.camera, dark=True, repeats=3, response="linear", extra=(), **over
+):
+    """A set of pictures with known noise; what they show does not matter here."""
+    frames, images = [], {}
+
+    def take(file, level, **fields):
+        frames.append(Frame.model_validate({"file": file, "crop_px": CROP, **fields}))
+        images[file] = exposed(level, seed=len(frames), camera=camera)
+
+    if dark:
+        take("dark.exr", 0.0, kind="dark", leds=())
+    for repeat in range(repeats):
+        take(f"background-{repeat}.exr", 0.2, kind="background", repeat=repeat)
+    for number, centre in enumerate(PLACES):
+        press = {
+            "kind": "press",
+            "probe": "sphere:4",
+            "depth_mm": 0.5,
+            "centre_mm": centre,
+            "sigma": {"depth_mm": 0.02, "centre_mm": 0.05},
+            "split": ("train", "select", "final")[number],
+        }
+        take(f"press-{number}.exr", 0.2, **press | over)
+    for file, level, fields in extra:
+        take(file, level, **fields)
+    measurement = Measurement(sensor="gelsight-2020-flat", response=response, frames=tuple(frames))
+    return load_measurement(write_measurement(measurement, images, folder))
+
+
+def test_noise_from_repeats_is_that_of_the_camera(tmp_path) -> None:
+    seen = observe(measured(tmp_path / "m"), DESIGN, columns=128)
+    background = next(shot for shot in seen.shots if shot.press is None)
+    assert seen.noise_source == "repeated frames"
+    assert len(background.files) == 3
+    stated = DESIGN.camera.noise_sigma(background.signal, binned=BINNED) ** 2 / 3
+    np.testing.assert_allclose(np.median(background.variance / stated), 1.0, rtol=0.05)
+
+
+def test_noise_without_repeats_is_the_stated_one_and_said_to_be_assumed(tmp_path) -> None:
+    seen = observe(measured(tmp_path / "m", repeats=1), DESIGN, columns=128)
+    background = next(shot for shot in seen.shots if shot.press is None)
+    stated = DESIGN.camera.noise_sigma(background.signal, binned=BINNED) ** 2
+    np.testing.assert_allclose(np.median(background.variance / stated), 1.0, rtol=0.05)
+    assert any("floor is assumed" in note for note in seen.notes)
+    assert not seen.repeats
+
+
+def test_drift_between_repeats_is_not_taken_for_noise(tmp_path) -> None:
+    drifted = [("background-9.exr", 0.21, {"kind": "background", "repeat": 9})]
+    seen = observe(measured(tmp_path / "m", extra=drifted), DESIGN, columns=128)
+    background = next(shot for shot in seen.shots if shot.press is None)
+    stated = DESIGN.camera.noise_sigma(background.signal, binned=BINNED) ** 2 / 4
+    np.testing.assert_allclose(np.median(background.variance / stated), 1.0, rtol=0.06)
+
+
+def test_black_level_is_that_of_the_dark_frame(tmp_path) -> None:
+    lifted = DESIGN.camera.model_copy(update={"black_level": 0.06})
+    seen = observe(measured(tmp_path / "m", camera=lifted), DESIGN, columns=128)
+    np.testing.assert_allclose(seen.black_level, 0.06, atol=2e-5)
+    background = next(shot for shot in seen.shots if shot.press is None)
+    assert background.signal.mean() == pytest.approx(0.2, rel=1e-3)
+    assert not background.clip_sigma.any()
+
+
+def test_black_level_of_a_camera_that_clips_at_zero_is_zero(tmp_path) -> None:
+    seen = observe(measured(tmp_path / "m"), DESIGN, columns=128)
+    # Half of the dark values are cut to zero; their mean would be 0.4 standard deviations of the read noise.
+    read = DESIGN.camera.read_noise_e / DESIGN.camera.full_well_e / np.sqrt(BINNED)
+    assert np.abs(seen.black_level).max() < 0.03 * read
+
+
+def test_a_channel_without_light_knows_that_it_is_clipped(tmp_path) -> None:
+    off = [("unlit.exr", 0.0, {"kind": "background", "leds": ("red",)})]
+    seen = observe(measured(tmp_path / "m", extra=off), DESIGN, columns=128)
+    unlit = next(shot for shot in seen.shots if shot.files == ("unlit.exr",))
+    read = DESIGN.camera.read_noise_e / DESIGN.camera.full_well_e / np.sqrt(BINNED)
+    np.testing.assert_allclose(unlit.clip_sigma, read, rtol=0.1)
+    np.testing.assert_array_equal(unlit.lit, [1.0, 0.0, 0.0])
+
+
+def test_saturated_values_are_left_out(tmp_path) -> None:
+    bright = [("bright.exr", 0.8, {"kind": "background", "leds": ("green",)})]
+    seen = observe(measured(tmp_path / "m", extra=bright), DESIGN, columns=128)
+    shot = next(shot for shot in seen.shots if shot.files == ("bright.exr",))
+    assert shot.valid[:, :80].all()
+    assert not shot.valid[:, 95:].any()  # 0.8 x 1.3 of full scale and more
+    assert any("bright.exr" in note and "saturated" in note for note in seen.notes)
+
+
+def test_frames_are_binned_with_their_noise(tmp_path) -> None:
+    measurement = measured(tmp_path / "m")
+    whole, coarse = (observe(measurement, DESIGN, columns=columns) for columns in (128, 64))
+    first, second = whole.shots[0], coarse.shots[0]
+    assert second.signal.shape == (45, 60, 3)
+    assert second.view[:4] == first.view[:4]
+    np.testing.assert_allclose(second.signal.mean(), first.signal.mean(), rtol=1e-6)
+    np.testing.assert_allclose(second.variance.mean(), first.variance.mean() / 4, rtol=1e-6)
+
+
+def test_poses_carry_their_stated_doubt(tmp_path) -> None:
+    seen = observe(measured(tmp_path / "m"), DESIGN, columns=128)
+    press = next(shot for shot in seen.shots if shot.press)
+    np.testing.assert_allclose(press.pose_sigma, [0.05, 0.05, 0.02, 0.0])  # a ball has no yaw
+
+
+def test_poses_without_stated_doubt_are_noted(tmp_path) -> None:
+    seen = observe(measured(tmp_path / "m", sigma=None), DESIGN, columns=128)
+    assert any("press-0.exr" in note and "not stated" in note for note in seen.notes)
+
+
+def test_exposure_scales_the_light(tmp_path) -> None:
+    longer = [("longer.exr", 0.4, {"kind": "background", "exposure": 2.0})]
+    seen = observe(measured(tmp_path / "m", extra=longer), DESIGN, columns=128)
+    shot = next(shot for shot in seen.shots if shot.files == ("longer.exr",))
+    np.testing.assert_array_equal(shot.lit, [2.0, 2.0, 2.0])
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [
+        ({"kind": "press", "probe": "sphere", "depth_mm": 0.5, "centre_mm": (1.0, 1.0)}, "size is unknown"),
+        ({"kind": "press", "probe": "sphere:4", "centre_mm": (1.0, 1.0)}, "depth_mm: unknown"),
+        ({"kind": "press", "probe": "sphere:4", "depth_mm": 0.5}, "centre_mm: unknown"),
+        ({"kind": "background", "gel_rotation_deg": 180.0}, "turned gel"),
+        ({"kind": "flat_field"}, "flat_field"),
+    ],
+)
+def test_frames_that_cannot_be_compared_are_left_out_by_name(tmp_path, fields, reason) -> None:
+    seen = observe(measured(tmp_path / "m", extra=[("odd.exr", 0.2, fields)]), DESIGN, columns=128)
+    assert all("odd.exr" not in shot.files for shot in seen.shots)
+    assert any("odd.exr: left out" in note and reason in note for note in seen.notes)
+
+
+def test_unknown_response_is_refused(tmp_path) -> None:
+    with pytest.raises(MeasurementError, match="field response: must be known"):
+        observe(measured(tmp_path / "m", response="unknown"), DESIGN, columns=128)
+
+
+def test_too_few_places_are_refused(tmp_path) -> None:
+    with pytest.raises(
+        MeasurementError, match=r"presses at 3 places or more .* none is left for select, final"
+    ):
+        observe(measured(tmp_path / "m", centre_mm=(0.0, 0.0), split=None), DESIGN, columns=128)
+
+
+def test_presses_are_split_by_place(tmp_path) -> None:
+    seen = observe(measured(tmp_path / "m", split=None), DESIGN, columns=128)
+    assert [len(seen.of(use)) for use in ("background", "train", "select", "final")] == [1, 1, 1, 1]
+
+
+def test_training_presses_kept_are_of_many_places_and_deep(tmp_path) -> None:
+    more = [
+        (f"more-{n}.exr", 0.2, {"kind": "press", "probe": "sphere:4", "depth_mm": depth, "centre_mm": centre})
+        for n, (depth, centre) in enumerate([(0.9, (-4.0, -3.0)), (0.3, (2.0, 2.0)), (0.7, (2.0, 2.0))])
+    ]
+    extra = [(file, level, fields | {"split": "train"}) for file, level, fields in more]
+    seen = observe(measured(tmp_path / "m", extra=extra), DESIGN, columns=128)
+    kept = [shot.press for shot in limited(seen.shots, 2) if shot.use == "train" and shot.press]
+    assert {(p.centre_mm, p.depth_mm) for p in kept} == {((-4.0, -3.0), 0.9), ((2.0, 2.0), 0.7)}
