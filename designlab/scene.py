@@ -16,6 +16,7 @@ from geometries.leds import Body, bodies, emitters
 
 FloatArray = NDArray[np.float64]
 LED_FACE_GAP_MM = 1e-3  # strips shine just above their board, so that the two never fight for a ray
+FLAT_MM = 1e-6  # lower indentations are rounding of the smoothing, not gel
 FACING_DEG = 20.0  # a side face that points at an LED row within this angle lets its light in
 
 
@@ -150,7 +151,7 @@ def _lights(design: Design) -> Iterator[Light]:
 
 
 def _membrane(design: Design, surface: Surface) -> Shape:
-    """Fine grid over the surface, coarse beyond, one mesh without seams, cut off at the gel's outline."""
+    """Grid, fine where the gel is pressed, coarse elsewhere, without seams, cut off at the gel's outline."""
     gel = design.elastomer
     outline = elastomer.polygon(gel)
     x = _extended(surface.x_mm, float(outline[:, 0].min()), float(outline[:, 0].max()))
@@ -164,6 +165,11 @@ def _membrane(design: Design, surface: Surface) -> Shape:
     dp, dq = surface.indentation_gradient
     p[fine] += dp
     q[fine] += dq
+    pressed = np.zeros(z.shape, dtype=bool)
+    pressed[fine] = surface.height_mm > FLAT_MM
+    rows, columns = (_worth_keeping(np.asarray(pressed.any(axis=k))) for k in (1, 0))
+    x, y, kept_nodes = x[columns], y[rows], np.ix_(rows, columns)
+    grid_x, grid_y, z, p, q = (field[kept_nodes] for field in (grid_x, grid_y, z, p, q))
     middle_x, middle_y = np.meshgrid((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2)
     corners = np.isfinite(z)
     whole = corners[1:, 1:] & corners[1:, :-1] & corners[:-1, 1:] & corners[:-1, :-1]
@@ -175,6 +181,16 @@ def _membrane(design: Design, surface: Surface) -> Shape:
     normals = np.nan_to_num(normals / np.linalg.norm(normals, axis=-1, keepdims=True), nan=0.0)
     vertices = np.nan_to_num(np.stack([grid_x, grid_y, z], axis=-1).reshape(-1, 3))
     return Shape("membrane", vertices, faces, Diffuse(design.per_group("membrane_albedo")), normals)
+
+
+def _worth_keeping(pressed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Grid lines through pressed gel with their neighbours, every eighth of the others, and the ends."""
+    kept = pressed.copy()
+    kept[1:] |= pressed[:-1]
+    kept[:-1] |= pressed[1:]
+    kept[::8] = True
+    kept[-1] = True
+    return kept
 
 
 def _extended(axis: FloatArray, low: float, high: float) -> FloatArray:
