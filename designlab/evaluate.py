@@ -45,7 +45,10 @@ FIDELITIES: dict[str, Fidelity] = {
 
 @dataclass(frozen=True)
 class Estimate:
-    """A score with its standard error, both in `unit`; `bias_bound` is None where no bias is known."""
+    """A score with its standard error, both in `unit`.
+
+    `bias_bound` is how much of the standard error is systematic; None where no bias is known.
+    """
 
     value: float
     se: float
@@ -181,21 +184,27 @@ def evaluate(
 
 
 def _uniformity(design: Design, a: Frame, b: Frame, seed: int) -> dict[str, Estimate]:
-    """Evenness of the worst LED group; errors from the difference of two independent renders."""
+    """Evenness of the worst LED group; errors from the difference of two independent renders.
+
+    Noise passes for unevenness in proportion to its variance, of which each render has twice that of their
+    mean; the difference of the two is taken off.
+    """
     mask = _sensing_area(design, a)
     # Mean and half difference carry the same noise: blocks of the latter with random signs are new draws.
     mean, noise = (a.basis + b.basis) / 2, (a.basis - b.basis) / 2
     random = np.random.default_rng(sub_seed(seed, 7, 0))
-    block = max(1, round(BLOCK_MM / a.rays.pitch_mm[0]))
+    # A path tracer's pixels err independently.
+    block = 1 if design.optics.light_path == "air" else max(1, round(BLOCK_MM / a.rays.pitch_mm[0]))
     draws = [
         _evenness(mean + _random_signs(random, mean.shape, block) * noise, mask)
         for _ in range(UNIFORMITY_DRAWS)
     ]
-    u0, cv = _evenness(mean, mask)
-    se_u0, se_cv = np.std(draws, axis=0, ddof=1)
+    single = np.mean([_evenness(a.basis, mask), _evenness(b.basis, mask)], axis=0)
+    values = 2 * np.array(_evenness(mean, mask)) - single
+    errors = np.std(draws, axis=0, ddof=1)
     return {
-        "uniformity_u0": Estimate(u0, float(se_u0), "1"),
-        "uniformity_cv": Estimate(cv, float(se_cv), "1"),
+        name: Estimate(float(value), float(se), "1")
+        for name, value, se in zip(("uniformity_u0", "uniformity_cv"), values, errors, strict=True)
     }
 
 
@@ -251,7 +260,8 @@ def _reconstruction_scores(
     for name, unit in units.items():
         choice = short * float(np.std([draw[name] for draw in draws]))
         # Doubling the variance of the render noise moves a score by about what that noise already moved it.
-        estimates[name] = Estimate(value[name], float(np.hypot(choice, doubled[name] - value[name])), unit)
+        bias = abs(doubled[name] - value[name])
+        estimates[name] = Estimate(value[name], float(np.hypot(choice, bias)), unit, bias)
     return estimates
 
 
