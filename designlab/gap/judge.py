@@ -1,7 +1,7 @@
 """How well a state explains presses it was not fitted to, and whether better than another does."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,23 +21,26 @@ BOOTSTRAPS = 400
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Squared residuals of held-out shots, in units of the noise, summed over blocks.
+    """Residuals of held-out shots, in units of the noise.
 
     Attributes
     ----------
     state : State
         With the poses registered on the other half of the blocks.
-    sums : tuple of arrays
-        For each shot, the sum over each block divided by the number of values of the shot.
+    residuals : tuple of arrays
+        For each shot, the values that count.
+    block : tuple of int arrays
+        For each shot, the number of the block that each value lies in.
     """
 
     state: State
-    sums: tuple[Array, ...]
+    residuals: tuple[Array, ...]
+    block: tuple[NDArray[np.int64], ...]
 
     @property
     def per_shot(self) -> Array:
         """Mean squared residual of each shot."""
-        return np.array([part.sum() for part in self.sums])
+        return np.array([float((part**2).mean()) for part in self.residuals])
 
     @property
     def mean(self) -> float:
@@ -76,28 +79,40 @@ def judge(
     """
     if register:
         state = fit(problem, state, shots=shots, gains=False, half=True).state
-    sums = []
+    residuals, label = [], []
     for number in shots:
         counts = counted(problem, number)
-        square = problem.residual(state, number, variant=variant) ** 2
-        label = np.broadcast_to(blocks(counts.shape)[..., None], counts.shape)[counts]
-        sums.append(np.bincount(label, square[counts]) / counts.sum())
-    return Judged(state, tuple(sums))
+        residuals.append(problem.residual(state, number, variant=variant)[counts])
+        label.append(np.broadcast_to(blocks(counts.shape)[..., None], counts.shape)[counts])
+    return Judged(state, tuple(residuals), tuple(label))
 
 
 def gain(base: Judged, other: Judged) -> Gain:
-    """Compare two states shot by shot; the error is that of blocks, or of presses where there are many.
-
-    Neighbouring pixels are not independent, so blocks of pixels are what is counted.
-    """
-    falls = [b - o for b, o in zip(base.sums, other.sums, strict=True)]
-    per_shot = np.array([fall.sum() for fall in falls])
+    """Compare two states; the standard error is that of noise in blocks, or the spread of many presses."""
+    falls, noise = _falls(base, other)
     if len(falls) >= MANY_PRESSES:
-        se = float(per_shot.std(ddof=1) / np.sqrt(len(per_shot)))
+        se = float(falls.std(ddof=1) / np.sqrt(len(falls)))
     else:
-        variance = [len(fall) * fall.var(ddof=1) for fall in falls]
-        se = float(np.sqrt(sum(variance)) / len(falls))
-    return Gain(float(per_shot.mean()), se, float((per_shot > 0).mean()))
+        se = float(np.sqrt((noise**2).sum()) / len(noise))
+    return Gain(float(falls.mean()), se, float((falls > 0).mean()))
+
+
+def _falls(base: Judged, other: Judged) -> tuple[Array, Array]:
+    """Fall of the mean squared residual of each shot, and the standard error that noise gives it.
+
+    Where residual b falls to o, its square falls by (b - o)^2 + 2 (b - o) o. If the better state is right, o
+    is noise and the second term is what varies; neighbouring pixels are not independent, so it is summed over
+    blocks first.
+    """
+    better = other if other.mean < base.mean else base
+    falls, errors = [], []
+    for first, second, noise, label in zip(
+        base.residuals, other.residuals, better.residuals, base.block, strict=True
+    ):
+        falls.append(float((first**2 - second**2).mean()))
+        sums = np.bincount(label, 2 * (first - second) * noise)
+        errors.append(float(np.sqrt((sums**2).sum()) / len(label)))
+    return np.array(falls), np.array(errors)
 
 
 def threshold(found: Gain, gap: float) -> float:
@@ -108,27 +123,22 @@ def threshold(found: Gain, gap: float) -> float:
 def winning_frequency(
     base: Judged, rivals: Mapping[str, Judged], name: str, *, gap: float, seed: int
 ) -> float:
-    """Share of bootstrap draws of held-out shots and blocks in which a candidate passes and is the best.
+    """Share of bootstrap draws in which a candidate passes and is the best.
 
-    It is limited by the rule of succession for the number of shots: few presses cannot make anything certain.
-    No frequency of being right has been measured for it, so it ranks and is not yet a calibrated probability.
+    A draw takes held-out shots anew, with replacement, and adds noise to the gain on each. The share is
+    limited by the rule of succession for the number of shots: few presses cannot make anything certain. No
+    frequency of being right has been measured for it, so it ranks and is not yet a calibrated probability.
     """
     random = np.random.default_rng([seed, 11])
-    names = list(rivals)
-    falls = [[b - o for b, o in zip(base.sums, rivals[n].sums, strict=True)] for n in names]
-    shots, own, wins = len(base.sums), names.index(name), 0
+    names, shots = list(rivals), len(base.residuals)
+    compared = [_falls(base, rivals[rival]) for rival in names]
+    falls, errors = (np.stack(part) for part in zip(*compared, strict=True))
+    own, wins = names.index(name), 0
     for _ in range(BOOTSTRAPS):
-        gains = np.zeros(len(names))
-        for shot in random.integers(shots, size=shots):
-            size = len(base.sums[shot])
-            drawn = random.integers(size, size=size)
-            gains += [part[shot][drawn].sum() for part in falls]
-        gains /= shots
+        drawn = random.integers(shots, size=shots)
+        gains = (falls[:, drawn] + errors[:, drawn] * random.standard_normal((len(names), shots))).mean(
+            axis=1
+        )
         wins += bool(gains[own] >= gains.max() and gains[own] >= LEAST_SHARE * gap)
-    improved = int((base.per_shot > rivals[name].per_shot).sum())
+    improved = int((falls[own] > 0).sum())
     return min((wins + 1) / (BOOTSTRAPS + 2), (improved + 1) / (shots + 2))
-
-
-def without_poses(state: State) -> State:
-    """Put every press back to its nominal pose."""
-    return replace(state, poses={})
