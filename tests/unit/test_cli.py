@@ -190,7 +190,14 @@ class TestFailures:
     def test_ctrl_c_leaves_nothing_behind_and_says_how_to_go_on(self, tmp_path):
         out = tmp_path / "evaluation"
         command = [PROGRAM, "evaluate", "gelsight-2020-flat", "--out", str(out), "--json"]
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        process = subprocess.Popen(
+            command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            # a run in the background may have inherited the order to ignore it
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        )
         time.sleep(4)
         process.send_signal(signal.SIGINT)
         stdout, stderr = process.communicate(timeout=120)
