@@ -167,7 +167,8 @@ def _membrane(design: Design, surface: Surface) -> Shape:
     q[fine] += dq
     pressed = np.zeros(z.shape, dtype=bool)
     pressed[fine] = surface.height_mm > FLAT_MM
-    rows, columns = (_worth_keeping(np.asarray(pressed.any(axis=k))) for k in (1, 0))
+    rows = _worth_keeping(np.asarray(pressed.any(axis=1)), row, len(surface.y_mm))
+    columns = _worth_keeping(np.asarray(pressed.any(axis=0)), column, len(surface.x_mm))
     x, y, kept_nodes = x[columns], y[rows], np.ix_(rows, columns)
     grid_x, grid_y, z, p, q = (field[kept_nodes] for field in (grid_x, grid_y, z, p, q))
     middle_x, middle_y = np.meshgrid((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2)
@@ -183,13 +184,17 @@ def _membrane(design: Design, surface: Surface) -> Shape:
     return Shape("membrane", vertices, faces, Diffuse(design.per_group("membrane_albedo")), normals)
 
 
-def _worth_keeping(pressed: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Grid lines through pressed gel with their neighbours, every eighth of the others, and the ends."""
+def _worth_keeping(pressed: NDArray[np.bool_], first: int, count: int) -> NDArray[np.bool_]:
+    """Grid lines through pressed gel with their neighbours, every eighth other fine one, all coarse ones.
+
+    The `count` fine lines start at `first`; the coarse ones reach to the outline, which they must follow.
+    """
     kept = pressed.copy()
     kept[1:] |= pressed[:-1]
     kept[:-1] |= pressed[1:]
-    kept[::8] = True
-    kept[-1] = True
+    kept[first : first + count : 8] = True
+    kept[:first] = True
+    kept[first + count - 1 :] = True
     return kept
 
 

@@ -16,7 +16,7 @@ from designlab.viewing import Rays, rays
 
 Array = NDArray[np.float64]
 SURFACE_MARGIN_MM = 2.0  # the membrane is modelled finely this far beyond the area in view
-UNDEFORMED_PITCH_MM = 0.25  # vertex normals are exact, so a coarse grid shows a dome well
+UNDEFORMED_PITCH_MM = 0.05  # of which the mesh keeps every eighth line
 TARGET_SIGNAL = 0.7  # automatic exposure puts the 99.5th percentile of the untouched gel here
 TARGET_PERCENTILE = 99.5
 
