@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,21 +22,85 @@ FACING_DEG = 20.0  # a side face that points at an LED row within this angle let
 
 
 @dataclass(frozen=True)
+class Medium:
+    """What fills a volume: refractive index, and per mm the absorption for each LED group and the haze.
+
+    `anisotropy` is the mean cosine g of the scattering angle (Henyey and Greenstein 1941).
+    """
+
+    index: float
+    absorption_per_mm: tuple[float, ...]
+    scattering_per_mm: float = 0.0
+    anisotropy: float = 0.0
+
+    @property
+    def clear(self) -> bool:
+        """Whether light passes undimmed."""
+        return not any(self.absorption_per_mm) and self.scattering_per_mm == 0
+
+
+@dataclass(frozen=True)
 class Diffuse:
     """Opaque Lambertian surface; `reflectance` for the light of each LED group, zero is black."""
 
     reflectance: tuple[float, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """Factor on a reflectance by place (x, y), over a rectangle centred on the sensor's axis.
+
+    `values` has shape (layers, rows, columns), row 0 at +y: one layer for all LED groups, or one for each.
+    Between the centres of its cells it is interpolated linearly; beyond the rectangle its edge goes on.
+    """
+
+    values: NDArray[np.float32]
+    width_mm: float
+    height_mm: float
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of the content."""
+        return hashlib.sha256(self.values.tobytes() + repr(self.values.shape).encode()).hexdigest()
+
+    def layer(self, group: int) -> NDArray[np.float32]:
+        """Factor for the light of one LED group, shape (rows, columns)."""
+        return np.asarray(self.values[group if len(self.values) > 1 else 0])
+
+    def __repr__(self) -> str:
+        return f"Texture({self.digest}, {self.width_mm!r}, {self.height_mm!r})"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Texture) and repr(self) == repr(other)
+
+    def __hash__(self) -> int:
+        return hash(repr(self))
+
+
+@dataclass(frozen=True)
+class Coating:
+    """The membrane's inner side: Lambertian, with a share `specular` of the reflected light in a GGX lobe.
+
+    `reflectance` is for each LED group, `roughness` is alpha of the lobe. `texture` is a factor on the
+    reflectance by place; their product stays within 1.
+    """
+
+    reflectance: tuple[float, ...]
+    specular: float = 0.0
+    roughness: float = 0.3
+    texture: Texture | None = None
+    transmittance: float = 0.0
+
+
 @dataclass(frozen=True)
 class Dielectric:
-    """Clear boundary; normals point from the medium of `inside_index` into that of `outside_index`.
+    """Clear boundary; normals point from the medium `inside` into the medium `outside`.
 
     `roughness` is alpha of the GGX distribution of facets, zero where it is smooth.
     """
 
-    inside_index: float
-    outside_index: float
+    inside: Medium
+    outside: Medium
     roughness: float = 0.0
 
 
@@ -46,7 +111,7 @@ class Shape:
     name: str
     vertices: FloatArray
     faces: NDArray[np.uint32]
-    material: Diffuse | Dielectric
+    material: Diffuse | Coating | Dielectric
     normals: FloatArray | None = None
 
 
@@ -181,7 +246,7 @@ def _membrane(design: Design, surface: Surface) -> Shape:
     normals = np.stack([-p, -q, np.ones_like(p)], axis=-1).reshape(-1, 3)
     normals = np.nan_to_num(normals / np.linalg.norm(normals, axis=-1, keepdims=True), nan=0.0)
     vertices = np.nan_to_num(np.stack([grid_x, grid_y, z], axis=-1).reshape(-1, 3))
-    return Shape("membrane", vertices, faces, Diffuse(design.per_group("membrane_albedo")), normals)
+    return Shape("membrane", vertices, faces, Coating(design.per_group("membrane_albedo")), normals)
 
 
 def _worth_keeping(pressed: NDArray[np.bool_], first: int, count: int) -> NDArray[np.bool_]:
@@ -245,9 +310,12 @@ def _core_and_gel(design: Design) -> Iterator[Shape]:
     The housing needs no shape: light that leaves the core and meets nothing is lost, as on black walls.
     """
     core, gel = design.gelcore, design.elastomer
-    n_core = material(design.optics.gelcore_material).index
-    n_gel = material(design.optics.elastomer_material).index
-    black = Diffuse((0.0,) * len(design.leds.groups))
+    groups = len(design.leds.groups)
+    inner, soft, air = (
+        Medium(material(name).index, (0.0,) * groups)
+        for name in (design.optics.gelcore_material, design.optics.elastomer_material, AIR.name)
+    )
+    black = Diffuse((0.0,) * groups)
     outline = gelcore.polygon(core, segments=72)
     lean_mm = np.tan(np.radians(core.draft_deg)) * core.height_mm
     top = (
@@ -264,10 +332,8 @@ def _core_and_gel(design: Design) -> Iterator[Shape]:
         outward = side.mean(axis=0) * (1.0, 1.0, 0.0) * (-1.0 if painted else 1.0)
         faces = _oriented(side, np.array([[0, 1, 2], [0, 2, 3]]), outward)
         rough = GROUND_ROUGHNESS if core.side_finish == "ground" and not lit else 0.0
-        yield Shape(
-            f"core-side-{number}", side, faces, black if painted else Dielectric(n_core, AIR.index, rough)
-        )
-    yield _sheet("window", [top * 0.0, top], [window_z, window_z], Dielectric(n_core, AIR.index))
+        yield Shape(f"core-side-{number}", side, faces, black if painted else Dielectric(inner, air, rough))
+    yield _sheet("window", [top * 0.0, top], [window_z, window_z], Dielectric(inner, air))
     # The gel's rim is cut soft silicone against the housing, taken as black.
     rim = elastomer.polygon(gel, segments=72) * 0.999999
     lower = np.column_stack([rim, elastomer.base_mm(gel, rim[:, 0], rim[:, 1])])
@@ -276,9 +342,7 @@ def _core_and_gel(design: Design) -> Iterator[Shape]:
     inward = -band[ring].mean(axis=1) * (1.0, 1.0, 0.0)
     yield Shape("gel-rim", band, _oriented(band, ring, inward), black)
     rings = [outline * share for share in np.linspace(0.0, 1.0, 49)]
-    yield _sheet(
-        "interface", rings, [_interface_z(design, ring) for ring in rings], Dielectric(n_gel, n_core)
-    )
+    yield _sheet("interface", rings, [_interface_z(design, ring) for ring in rings], Dielectric(soft, inner))
 
 
 def _interface_z(design: Design, xy: FloatArray) -> FloatArray:

@@ -6,7 +6,8 @@ import numpy as np
 
 from designlab.camera import View
 from designlab.render.backend import activate
-from designlab.scene import Dielectric, Light, Scene, Shape
+from designlab.render.surfaces import bsdf
+from designlab.scene import Diffuse, Light, Scene, Shape
 
 if TYPE_CHECKING:
     import mitsuba
@@ -32,7 +33,7 @@ def _mesh(shape: Shape, group: int) -> "mitsuba.Mesh":
     import mitsuba as mi
 
     properties = mi.Properties()
-    properties["bsdf"] = mi.load_dict(_bsdf(shape, group))
+    properties["bsdf"] = mi.load_dict(bsdf(shape.material, group))
     if shape.normals is None:
         properties["face_normals"] = True
     mesh = mi.Mesh(
@@ -51,23 +52,6 @@ def _mesh(shape: Shape, group: int) -> "mitsuba.Mesh":
     return mesh
 
 
-def _bsdf(shape: Shape, group: int) -> dict[str, Any]:
-    if isinstance(shape.material, Dielectric):
-        indices = {
-            "int_ior": float(shape.material.inside_index),
-            "ext_ior": float(shape.material.outside_index),
-        }
-        if shape.material.roughness == 0:
-            return {"type": "dielectric", **indices}
-        rough = {"distribution": "ggx", "alpha": float(shape.material.roughness)}
-        return {"type": "roughdielectric", **rough, **indices}
-    return _diffuse(shape.material.reflectance[group])
-
-
-def _diffuse(reflectance: float) -> dict[str, Any]:
-    return {"type": "diffuse", "reflectance": {"type": "rgb", "value": [float(reflectance)] * 3}}
-
-
 def _light(light: Light, scene: Scene, group: int) -> dict[str, Any]:
     import mitsuba as mi
 
@@ -83,7 +67,7 @@ def _light(light: Light, scene: Scene, group: int) -> dict[str, Any]:
     return {
         "type": "rectangle",
         "to_world": mi.ScalarTransform4f(matrix),
-        "bsdf": _bsdf(board, group) if board is not None else _diffuse(0.0),
+        "bsdf": bsdf(board.material if board is not None else Diffuse((0.0,) * scene.groups), group),
         "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [float(light.radiance)] * 3}},
     }
 

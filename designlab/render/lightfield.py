@@ -252,11 +252,11 @@ def _transmission(scene: Scene, rays: Rays) -> FloatArray:
     window, interface = boundaries["window"], boundaries["interface"]
     tangent = np.hypot(rays.slope_x, rays.slope_y)
     # n sin(theta) is the same in every layer.
-    sine = interface.inside_index * tangent / np.sqrt(1 + tangent**2)
+    sine = interface.inside.index * tangent / np.sqrt(1 + tangent**2)
     passed = np.ones_like(tangent)
     for boundary in (interface, window):
-        passed *= 1.0 - _fresnel(sine, boundary.inside_index, boundary.outside_index)
-    return np.asarray(passed / interface.inside_index**2)
+        passed *= 1.0 - _fresnel(sine, boundary.inside.index, boundary.outside.index)
+    return np.asarray(passed / interface.inside.index**2)
 
 
 def _fresnel(invariant: FloatArray, inside: float, outside: float) -> FloatArray:

@@ -11,7 +11,7 @@ from designlab import store
 from designlab.design import preset
 from designlab.press import Press, indent
 from designlab.render import bridge, lightfield, path, photons, transport
-from designlab.scene import Dielectric, Diffuse, Light, Scene, Shape, build
+from designlab.scene import Dielectric, Diffuse, Light, Medium, Scene, Shape, build
 from designlab.simulate import Simulator
 from designlab.viewing import rays
 from geometries.probes import parse
@@ -104,7 +104,7 @@ def test_a_closed_box_receives_the_geometric_series_of_its_reflections(reflectan
 
 
 def test_glass_between_passes_light_on_and_loses_none():
-    glass = box("glass", 3.0, Dielectric(1.49, 1.0), inward=False)
+    glass = box("glass", 3.0, Dielectric(Medium(1.49, (0.0,)), Medium(1.0, (0.0,))), inward=False)
     scene = closed_box(0.0, glass, path_length=64)
     assert arrivals(scene, count=200_000) == pytest.approx(1.0, abs=2e-4)
 

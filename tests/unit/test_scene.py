@@ -7,7 +7,7 @@ import pytest
 
 from designlab.design import preset
 from designlab.press import Press, indent
-from designlab.scene import Dielectric, Diffuse, build
+from designlab.scene import Dielectric, Diffuse, Medium, build
 from geometries.probes import parse
 
 FLAT, CORE, DOME = preset("gelsight-2020-flat"), preset("default"), preset("gelsight-2020-dome")
@@ -99,8 +99,9 @@ def test_glass_faces_from_the_inside_medium_out(design):
     direction, _ = normals(glass["interface"])
     assert (direction[:, 2] > 0).all()
     n_core = {"acrylic": 1.49, "resin-2020": 1.5403}[design.optics.gelcore_material]
-    assert glass["interface"].material == Dielectric(1.41, n_core)
-    assert glass["window"].material == Dielectric(n_core, 1.0)
+    gel, core, air = (Medium(index, (0.0, 0.0, 0.0)) for index in (1.41, n_core, 1.0))
+    assert glass["interface"].material == Dielectric(gel, core)
+    assert glass["window"].material == Dielectric(core, air)
     direction, _ = normals(glass["window"])
     assert (direction[:, 2] > 0.999).all()
     sides = [shape for name, shape in glass.items() if name.startswith("core-side")]
