@@ -16,6 +16,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 from designlab.camera import Camera, View
 from designlab.margins import RULES, margins
 from designlab.materials import material
+from designlab.optics import FOLDER, Optics
 from designlab.refraction import apparent_tangent
 from geometries.elastomer import Elastomer, base_mm
 from geometries.gelcore import Gelcore
@@ -24,6 +25,15 @@ from geometries.leds import LedArray
 from geometries.spec import Spec, quantity
 
 CHANNELS = ("R", "G", "B")
+EDGE_POINTS = 33  # on each edge of the sensing area, where the lens distorts
+PER_GROUP = (
+    "membrane_albedo",
+    "board_reflectance",
+    "housing_reflectance",
+    "gelcore_absorption_per_mm",
+    "elastomer_absorption_per_mm",
+)
+"""Fields of `Optics` that take one value for all LED groups, or one for each."""
 
 
 class DesignError(ValueError):
@@ -32,49 +42,6 @@ class DesignError(ValueError):
 
 class InfeasibleDesign(ValueError):
     """A well-formed design that breaks at least one of its geometric rules."""
-
-
-class Optics(Spec):
-    """What light meets between the LEDs, the membrane and the camera."""
-
-    light_path: Literal["air", "core"] = Field(
-        "core",
-        description="core: light refracts in gelcore and elastomer; "
-        "air: both are built and exported, but light does not see them.",
-    )
-    gelcore_material: str = Field("acrylic", description="Material of the gelcore.")
-    elastomer_material: str = Field("silicone", description="Material of the clear gel.")
-    membrane_albedo: tuple[float, ...] = Field(
-        (0.5,),
-        min_length=1,
-        description="Diffuse reflectance of the membrane's inner side: "
-        "one for all LED groups, or one for each.",
-    )
-    board_reflectance: tuple[float, ...] = Field(
-        (0.0,),
-        min_length=1,
-        description="Diffuse reflectance of the LED boards around the emitters: one, or one for each group.",
-    )
-    path_length: int = Field(
-        4,
-        ge=2,
-        le=64,
-        description="Longest light path counted, in segments from emitter to camera; "
-        "refraction counts as well.",
-    )
-
-    @field_validator("gelcore_material", "elastomer_material")
-    @classmethod
-    def _known(cls, name: str) -> str:
-        return material(name).name
-
-    @field_validator("membrane_albedo", "board_reflectance")
-    @classmethod
-    def _physical(cls, values: tuple[float, ...]) -> tuple[float, ...]:
-        for value in values:
-            if not 0.0 <= value <= 1.0:
-                raise ValueError(f"a reflectance lies between 0 and 1, got {value:g}")
-        return values
 
 
 class Contact(Spec):
@@ -125,8 +92,8 @@ class Design(Spec):
     @model_validator(mode="after")
     def _groups_agree(self) -> Self:
         count = len(self.leds.groups)
-        for field in ("membrane_albedo", "board_reflectance"):
-            given = len(getattr(self.optics, field))
+        for field in PER_GROUP:
+            given = len(getattr(self.optics, field) or (0.0,))
             if given not in (1, count):
                 raise ValueError(
                     f"optics.{field}: give one value or one for each of the {count} LED groups, got {given}"
@@ -156,10 +123,20 @@ class Design(Spec):
         """Response of camera channels to LED groups, shape (3, groups)."""
         return np.eye(len(CHANNELS)) if self.mixing is None else np.asarray(self.mixing, dtype=float)
 
-    def per_group(self, field: Literal["membrane_albedo", "board_reflectance"]) -> tuple[float, ...]:
+    def per_group(
+        self, field: Literal["membrane_albedo", "board_reflectance", "housing_reflectance"]
+    ) -> tuple[float, ...]:
         """Reflectance for every LED group."""
         values: tuple[float, ...] = getattr(self.optics, field)
         return values * len(self.leds.groups) if len(values) == 1 else values
+
+    def absorption_per_mm(self, part: Literal["gelcore", "elastomer"]) -> tuple[float, ...]:
+        """Absorption coefficient of a clear part for every LED group, the material's unless it is given."""
+        given: tuple[float, ...] | None = getattr(self.optics, f"{part}_absorption_per_mm")
+        if given is not None:
+            return given * len(self.leds.groups) if len(given) == 1 else given
+        stuff = material(getattr(self.optics, f"{part}_material"))
+        return tuple(stuff.absorption_per_mm(wavelength_nm=group.wavelength_nm) for group in self.leds.groups)
 
     def replace(self, changes: Mapping[str, Any]) -> "Design":
         """Return a validated copy with fields replaced.
@@ -182,9 +159,17 @@ class Design(Spec):
     def view(self, columns: int) -> View:
         """Rectangle of the sensor that shows the sensing area in `columns` columns of square pixels."""
         width, height = self.sensing_area_mm
-        corners = [self.project_px(x, y) for x in (-width / 2, width / 2) for y in (-height / 2, height / 2)]
-        left, right = min(c[0] for c in corners), max(c[0] for c in corners)
-        top, bottom = min(c[1] for c in corners), max(c[1] for c in corners)
+        # Straight edges stay straight in a perspective; a distorted edge may bulge beyond its corners.
+        count = 2 if self.camera.is_plain else EDGE_POINTS
+        along_x, along_y = (
+            np.linspace(-width / 2, width / 2, count),
+            np.linspace(-height / 2, height / 2, count),
+        )
+        edge = [(x, y) for x in along_x[[0, -1]] for y in along_y]
+        edge += [(x, y) for x in along_x[1:-1] for y in along_y[[0, -1]]]
+        seen = [self.project_px(float(x), float(y)) for x, y in edge]
+        left, right = min(c[0] for c in seen), max(c[0] for c in seen)
+        top, bottom = min(c[1] for c in seen), max(c[1] for c in seen)
         rows = max(1, round(columns * (bottom - top) / (right - left)))
         # Square pixels: differs from bottom - top by less than half a row.
         height_px = (right - left) * rows / columns
@@ -213,9 +198,9 @@ class Design(Spec):
         if math.isnan(z):
             raise InfeasibleDesign(f"sensing_area_mm: ({x_mm:g}, {y_mm:g}) mm lies outside the dome")
         tangent = apparent_tangent(distance, self.layers_to_camera(z))
-        focal = self.camera.focal_px
-        scale = focal * tangent / distance if distance > 0 else 0.0
-        return self.camera.width_px / 2 + scale * dx, self.camera.height_px / 2 - scale * dy
+        share = tangent / distance if distance > 0 else 0.0
+        column, row = self.camera.project(share * dx, share * dy)
+        return float(column), float(row)
 
     def layers_to_camera(self, z: float, *, camera_mm: float | None = None) -> list[tuple[float, float]]:
         """Thickness (mm) and index of each plane layer from a membrane point at height z (mm) to the camera.
@@ -230,7 +215,7 @@ class Design(Spec):
         z_c = self.camera.position_mm[2] if camera_mm is None else camera_mm
         if self.optics.light_path == "air":
             return [(z_c - z, 1.0)]
-        gel, core = material(self.optics.elastomer_material), material(self.optics.gelcore_material)
+        gel_index, core_index = self.optics.gel_index, self.optics.core_index
         thickness = self.elastomer.thickness_mm
         window = thickness + self.gelcore.height_mm
         if z_c <= window:
@@ -238,7 +223,7 @@ class Design(Spec):
                 f"camera.position_mm: z must be above the window at {window:g} mm, is {z_c:g} mm"
             )
         # On a dome the gel keeps its thickness and the core gets thinner towards the edge.
-        return [(thickness, gel.index), (window - thickness - z, core.index), (z_c - window, 1.0)]
+        return [(thickness, gel_index), (window - thickness - z, core_index), (z_c - window, 1.0)]
 
     def margins(self) -> dict[str, float]:
         """Signed distance to every geometric rule in mm; positive means violated.
@@ -277,9 +262,9 @@ def _assign(content: dict[str, Any], path: str, value: Any) -> None:
     node[end] = value
 
 
-def _validated(content: Mapping[str, Any], source: str) -> Design:
+def _validated(content: Mapping[str, Any], source: str, folder: Path | None = None) -> Design:
     try:
-        return Design.model_validate(content)
+        return Design.model_validate(content, context={FOLDER: folder or Path()})
     except ValidationError as error:
         raise DesignError(f"{source}: {explain(error)}") from None
 
@@ -317,8 +302,8 @@ def _shorten(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def loads(text: str, *, source: str = "design") -> Design:
-    """Read a design from TOML text.
+def loads(text: str, *, source: str = "design", folder: Path | None = None) -> Design:
+    """Read a design from TOML text; files it names are relative to `folder`, the current one when absent.
 
     Raises
     ------
@@ -329,7 +314,7 @@ def loads(text: str, *, source: str = "design") -> Design:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise DesignError(f"{source}: not valid TOML: {error}") from None
-    return _validated(content, source)
+    return _validated(content, source, folder)
 
 
 def load(name_or_path: str | Path) -> Design:
@@ -352,7 +337,7 @@ def load(name_or_path: str | Path) -> Design:
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise DesignError(f"{name_or_path}: cannot be read as text: {error}") from None
-    return loads(text, source=str(path))
+    return loads(text, source=str(path), folder=path.parent)
 
 
 def dumps(design: Design) -> str:

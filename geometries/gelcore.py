@@ -50,7 +50,23 @@ class Gelcore(Spec):
         12.0, unit="mm", gt=0, le=200, description="Diameter of the clear area the camera looks through."
     )
     side_finish: Literal["polished", "ground", "painted"] = Field(
-        "painted", description="Finish of the side faces away from the LEDs; painted means black."
+        "painted", description="Finish of the side faces away from the LEDs."
+    )
+    ground_roughness: float = quantity(
+        0.3,
+        unit="1",
+        ge=0.01,
+        le=1,
+        description="GGX alpha of ground side faces; 0.3 is what the public scene of the 2020 prototype "
+        "gives its core (arXiv 2012.13184).",
+    )
+    paint_reflectance: float = quantity(
+        0.0,
+        unit="1",
+        ge=0,
+        le=0.99,
+        description="Diffuse reflectance of painted side faces, seen from inside the core: paint wets the "
+        "face, so that no air gap reflects. 0 is black, 0.9 a good white.",
     )
 
     @model_validator(mode="after")

@@ -28,6 +28,8 @@ CLEAR_STOCK: dict[str, Stock] = {
     ),
     "acrylic": Stock("acrylic (PMMA), optical grade", 1.19, "optical PMMA data sheets, 1.17 to 1.19"),
     "resin-2020": Stock("clear SLA resin, cured", 1.15, "mid of 1.10 to 1.20 in makers' data sheets"),
+    "resin-clear": Stock("clear SLA resin, cured", 1.15, "mid of 1.10 to 1.20 in makers' data sheets"),
+    "epoxy": Stock("clear casting epoxy", 1.15, "assumption: as other cured unfilled resins, 1.1 to 1.2"),
     "glass": Stock("N-BK7 glass", 2.51, "SCHOTT N-BK7 data sheet"),
     "air": Stock("nothing (air)", 0.0, "the part is left out"),
 }

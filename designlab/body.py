@@ -1,0 +1,109 @@
+"""What light meets besides the membrane: LED boards, gelcore, gel, and the housing's inside."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from designlab.design import Design
+from designlab.materials import AIR
+from designlab.matter import Dielectric, Diffuse, FloatArray, Medium, Shape
+from designlab.mounting import front_corners, seated
+from designlab.sheets import band_faces, oriented, rectangle, sheet
+from geometries import elastomer, gelcore
+from geometries.leds import Body
+
+FACING_DEG = 20.0  # a side face that points at an LED row within this angle lets its light in
+
+
+def boards(design: Design) -> Iterator[Shape]:
+    """Front faces of the LED packages; packages cast into the core are closed boxes."""
+    reflectance = Diffuse(design.per_group("board_reflectance"))
+    for number, body in enumerate(seated(design)[0]):
+        if design.leds.coupling == "embedded":
+            yield _box(f"board-{number}", body, reflectance)
+            continue
+        front = np.asarray(body.centre_mm) + body.half_mm[2] * np.asarray(body.normal)
+        across, down = body.half_mm[0] * np.asarray(body.across), body.half_mm[1] * np.asarray(body.down)
+        yield rectangle(f"board-{number}", front, across, down, reflectance)
+
+
+def _box(name: str, body: Body, surface: Diffuse) -> Shape:
+    """All six faces of a package, the emitting one first, outside."""
+    front = front_corners(body)
+    vertices = np.concatenate([front, front - 2 * body.half_mm[2] * np.asarray(body.normal)])
+    faces = np.concatenate([[[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]], band_faces(4, 0, 4)])
+    outward = vertices[faces].mean(axis=1) - np.asarray(body.centre_mm)
+    return Shape(name, vertices, oriented(vertices, faces, outward), surface)
+
+
+def core_and_gel(design: Design) -> Iterator[Shape]:
+    """Boundaries of gelcore and elastomer as light sees them: sides, window, interface; black where painted.
+
+    The housing needs no shape: light that leaves the core and meets nothing is lost, as on black walls.
+    """
+    core, gel = design.gelcore, design.elastomer
+    groups = len(design.leds.groups)
+    inner, soft, air = _media(design)
+    black = Diffuse((0.0,) * groups)
+    outline = gelcore.polygon(core, segments=72)
+    lean_mm = np.tan(np.radians(core.draft_deg)) * core.height_mm
+    top = (
+        outline * (1 - lean_mm / (core.width_mm / 2))
+        if core.shape == "hexagonal"
+        else outline - lean_mm * np.sign(outline)
+    )
+    window_z = np.full(len(top), gel.thickness_mm + core.height_mm)
+    low, high = np.column_stack([outline, _interface_z(design, outline)]), np.column_stack([top, window_z])
+    for number, lit in enumerate(_sides_with_light(design, outline)):
+        ends = [number, (number + 1) % len(outline)]
+        side = np.concatenate([low[ends], high[ends[::-1]]])
+        painted = core.side_finish == "painted" and not lit
+        outward = side.mean(axis=0) * (1.0, 1.0, 0.0) * (-1.0 if painted else 1.0)
+        faces = oriented(side, np.array([[0, 1, 2], [0, 2, 3]]), outward)
+        rough = core.ground_roughness if core.side_finish == "ground" and not lit else 0.0
+        yield Shape(f"core-side-{number}", side, faces, black if painted else Dielectric(inner, air, rough))
+    yield sheet("window", [top * 0.0, top], [window_z, window_z], Dielectric(inner, air))
+    # The gel's rim is cut soft silicone against the housing, taken as black.
+    rim = elastomer.polygon(gel, segments=72) * 0.999999
+    lower = np.column_stack([rim, elastomer.base_mm(gel, rim[:, 0], rim[:, 1])])
+    band = np.concatenate([lower, np.column_stack([rim, _interface_z(design, rim)])])
+    ring = band_faces(len(rim), 0, len(rim))
+    inward = -band[ring].mean(axis=1) * (1.0, 1.0, 0.0)
+    yield Shape("gel-rim", band, oriented(band, ring, inward), black)
+    rings = [outline * share for share in np.linspace(0.0, 1.0, 49)]
+    yield sheet("interface", rings, [_interface_z(design, ring) for ring in rings], Dielectric(soft, inner))
+
+
+def _interface_z(design: Design, xy: FloatArray) -> FloatArray:
+    """Height of the boundary between elastomer and gelcore at points (n, 2)."""
+    gel = design.elastomer
+    if gel.radius_mm is None:
+        return np.full(len(xy), gel.thickness_mm)
+    inner_mm = gel.radius_mm - gel.thickness_mm
+    return np.asarray(gel.radius_mm - np.sqrt(np.maximum(inner_mm**2 - (xy**2).sum(axis=1), 0.0)))
+
+
+def _sides_with_light(design: Design, outline: FloatArray) -> list[bool]:
+    """Which side faces look at a row of LEDs; none where the LEDs are inside."""
+    if design.leds.coupling == "embedded":
+        return [False] * len(outline)
+    edge = np.roll(outline, -1, axis=0) - outline
+    facing_deg = np.degrees(np.arctan2(-edge[:, 0], edge[:, 1]))
+    rows_deg = np.array([azimuth for group in design.leds.groups for azimuth in group.azimuth_deg])
+    apart_deg = np.abs((facing_deg[:, None] - rows_deg[None] + 180.0) % 360.0 - 180.0)
+    return [bool(near) for near in (apart_deg < FACING_DEG).any(axis=1)]
+
+
+def _media(design: Design) -> tuple[Medium, Medium, Medium]:
+    """Gelcore, gel and air."""
+    optics = design.optics
+    return (
+        Medium(
+            optics.core_index,
+            design.absorption_per_mm("gelcore"),
+            optics.gelcore_scattering_per_mm,
+            optics.gelcore_anisotropy if optics.gelcore_scattering_per_mm else 0.0,
+        ),
+        Medium(optics.gel_index, design.absorption_per_mm("elastomer")),
+        Medium(AIR.index, (0.0,) * len(design.leds.groups)),
+    )
