@@ -1,12 +1,19 @@
-"""The camera: from linear radiance on the sensor to digital counts."""
+"""The camera: where its pixels look, and from linear radiance on the sensor to digital counts."""
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
+from designlab.lens import Distortion, Fisheye, Lens, Pinhole
+from designlab.response import Response
 from geometries.spec import Spec, quantity
+
+Array = NDArray[np.float64]
+WIDEST_PINHOLE_DEG = 170.0
+CURVE_STEPS = 1024  # signals at which noise behind a response curve is tabulated
+DEVIATES = np.linspace(-6.0, 6.0, 241)  # of the Gaussian that stands for noise there
 
 
 class View(NamedTuple):
@@ -19,9 +26,37 @@ class View(NamedTuple):
     columns: int
     rows: int
 
+    def centres(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Column and row on the full sensor of the output pixels' centres, shape (rows, columns)."""
+        columns = self.x_px + (np.arange(self.columns) + 0.5) * self.width_px / self.columns
+        rows = self.y_px + (np.arange(self.rows) + 0.5) * self.height_px / self.rows
+        grid_columns, grid_rows = np.meshgrid(columns, rows)
+        return grid_columns, grid_rows
+
+
+class Vignetting(Spec):
+    """Fall of brightness from the centre of the picture: cos(t)^power (1 + a1 r^2 + a2 r^4 + a3 r^6).
+
+    t is the angle to the axis (power 4 is the natural law of a simple lens), r the distance from the centre
+    over half the diagonal of the full sensor.
+    """
+
+    cosine_power: float = quantity(
+        0.0, unit="1", ge=0, le=20, description="Power of the cosine; 4 is natural vignetting."
+    )
+    a1: float = quantity(0.0, unit="1", ge=-100, le=100, description="Coefficient of r^2.")
+    a2: float = quantity(0.0, unit="1", ge=-100, le=100, description="Coefficient of r^4.")
+    a3: float = quantity(0.0, unit="1", ge=-100, le=100, description="Coefficient of r^6.")
+
+    def factor(self, cosine: Array, radius: Array) -> Array:
+        """Brightness over that at the centre, from the cosine of t and from r."""
+        square = radius**2
+        polynomial = 1 + square * (self.a1 + square * (self.a2 + square * self.a3))
+        return np.asarray(np.maximum(cosine, 0.0) ** self.cosine_power * polynomial)
+
 
 class Camera(Spec):
-    """Pinhole camera with a noise model. It looks along -z, image up is +y, image right is +x."""
+    """Camera with a lens and a noise model. It looks along -z, image up is +y, image right is +x."""
 
     position_mm: tuple[float, float, float] = Field(
         (0.0, 0.0, 30.0), description="Centre of projection in the sensor frame (mm)."
@@ -32,8 +67,35 @@ class Camera(Spec):
         62.2,
         unit="deg",
         gt=1,
-        lt=170,
-        description="Full horizontal field of view of the full sensor, in air.",
+        lt=300,
+        description="Full horizontal field of view of the full sensor, in air: for a fisheye the true one, "
+        "distortion included; for a pinhole (below 170 deg) that of its focal length, before distortion.",
+    )
+    lens: Literal["pinhole", "fisheye"] = Field(
+        "pinhole", description="Projection: perspective, or equidistant as of a fisheye lens."
+    )
+    distortion: Distortion = Field(
+        default_factory=lambda: Distortion(),
+        description="OpenCV's coefficients: k1 k2 p1 p2 k3 of a pinhole, k1 to k4 of a fisheye.",
+    )
+    vignetting: Vignetting = Field(
+        default_factory=lambda: Vignetting(), description="Fall of brightness towards the corners."
+    )
+    focus_mm: float | None = quantity(
+        None,
+        unit="mm",
+        gt=0,
+        le=1e5,
+        description="Distance of the sharp plane below the lens, in air; all is sharp when absent.",
+    )
+    aperture_mm: float | None = quantity(
+        None, unit="mm", gt=0, le=100, description="Diameter of the lens opening (entrance pupil)."
+    )
+    f_number: float | None = quantity(
+        None, unit="1", gt=0.3, le=100, description="Focal length over opening; instead of aperture_mm."
+    )
+    focal_length_mm: float | None = quantity(
+        None, unit="mm", gt=0, le=1000, description="Focal length that f_number refers to."
     )
     body_radius_mm: float = quantity(4.0, unit="mm", gt=0, le=100, description="Radius of the lens barrel.")
     exposure: float | None = quantity(
@@ -53,11 +115,147 @@ class Camera(Spec):
         0.0, unit="1", ge=0, lt=1, description="Signal without light, as a share of full scale."
     )
     bit_depth: int = Field(10, ge=1, le=16, description="Bits of the analogue-digital converter.")
+    response: Response = Field(
+        default_factory=lambda: Response(), description="Curve between the signal and its quantisation."
+    )
+
+    @model_validator(mode="after")
+    def _lens_can_be_used(self) -> Self:
+        foreign = ("k4",) if self.lens == "pinhole" else ("p1", "p2")
+        for name in foreign:
+            if value := getattr(self.distortion, name):
+                raise ValueError(f"distortion.{name}: is no coefficient of a {self.lens} lens, got {value:g}")
+        if self.lens == "pinhole" and self.horizontal_fov_deg >= WIDEST_PINHOLE_DEG:
+            raise ValueError(
+                f"horizontal_fov_deg: must be below {WIDEST_PINHOLE_DEG:g} deg for a pinhole lens, "
+                f"got {self.horizontal_fov_deg:g} deg"
+            )
+        try:
+            _, _, forward = self.unproject(*self._picture())
+        except ValueError as error:
+            raise ValueError(f"distortion: must be invertible over the picture; {error}") from None
+        if self.vignetting.cosine_power > 0 and forward.min() <= 0:
+            raise ValueError(
+                "vignetting.cosine_power: must be 0 where the picture reaches 90 deg from the axis, "
+                f"got {self.vignetting.cosine_power:g}"
+            )
+        radius = np.linspace(0.0, 1.0, 1001)
+        darkest = float(self.vignetting.factor(np.ones(1), radius).min())
+        if darkest <= 0:
+            raise ValueError(
+                f"vignetting: must stay above 0 over the picture, its polynomial falls to {darkest:.3g}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _focus_is_complete(self) -> Self:
+        if (self.f_number is None) != (self.focal_length_mm is None):
+            missing = "focal_length_mm" if self.focal_length_mm is None else "f_number"
+            raise ValueError(f"{missing}: f_number and focal_length_mm go together, got only one")
+        if self.f_number is not None and self.aperture_mm is not None:
+            raise ValueError("aperture_mm: give it or f_number with focal_length_mm, got both")
+        if self.focus_mm is not None and self.opening_mm is None:
+            raise ValueError("focus_mm: needs aperture_mm, or f_number and focal_length_mm, got neither")
+        return self
 
     @property
     def focal_px(self) -> float:
-        """Focal length in pixels of the full sensor."""
-        return self.width_px / 2 / float(np.tan(np.radians(self.horizontal_fov_deg) / 2))
+        """Focal length in pixels of the full sensor, at the centre of the picture."""
+        half = np.radians(self.horizontal_fov_deg) / 2
+        if self.lens == "fisheye":
+            return self.width_px / 2 / Fisheye(self.distortion).distance(float(half))
+        return self.width_px / 2 / float(np.tan(half))
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether the projection is a perspective without distortion."""
+        return self.lens == "pinhole" and self.distortion == Distortion()
+
+    @property
+    def opening_mm(self) -> float | None:
+        """Diameter of the lens opening, where it is stated."""
+        if self.f_number is not None and self.focal_length_mm is not None:
+            return self.focal_length_mm / self.f_number
+        return self.aperture_mm
+
+    @property
+    def defocus(self) -> tuple[float, float] | None:
+        """Radius of the opening and distance of the sharp plane (mm); None where all is sharp."""
+        if self.focus_mm is None or self.opening_mm is None:
+            return None
+        return self.opening_mm / 2, self.focus_mm
+
+    @property
+    def _unit_lens(self) -> Lens:
+        return Pinhole(self.distortion) if self.lens == "pinhole" else Fisheye(self.distortion)
+
+    def _picture(self) -> tuple[Array, Array]:
+        """Places all over the full sensor, its outline and corners among them (px)."""
+        across, down = np.linspace(0, self.width_px, 33), np.linspace(0, self.height_px, 33)
+        column, row = np.meshgrid(across, down)
+        return column, row
+
+    def project(
+        self,
+        right: NDArray[np.floating] | float,
+        up: NDArray[np.floating] | float,
+        forward: NDArray[np.floating] | float = 1.0,
+    ) -> tuple[Array, Array]:
+        """Where light from a direction falls on the full sensor.
+
+        Parameters
+        ----------
+        right, up, forward : array or float
+            Components of the direction from the camera, along x, y and -z, on any common scale.
+            With `forward` left at 1, the others are tangents of angles to the axis.
+
+        Returns
+        -------
+        column, row : array
+            Fractional; pixel centres lie at .5. Not a number where a pinhole cannot look. Directions beyond
+            the range in which the lens can be inverted are continued outward, outside the picture.
+        """
+        x, y, z = np.broadcast_arrays(*(np.asarray(c, dtype=float) for c in (right, up, forward)))
+        seen_x, seen_y = self._unit_lens.image(x, -y, z)
+        focal = self.focal_px
+        return self.width_px / 2 + focal * seen_x, self.height_px / 2 + focal * seen_y
+
+    def unproject(
+        self, column: NDArray[np.floating] | float, row: NDArray[np.floating] | float
+    ) -> tuple[Array, Array, Array]:
+        """Direction that a place on the full sensor sees.
+
+        Parameters
+        ----------
+        column, row : array or float
+            Fractional; pixel centres lie at .5.
+
+        Returns
+        -------
+        right, up, forward : array
+            Components along x, y and -z. A pinhole's `forward` is 1, so that the others are tangents; a
+            fisheye's direction has unit length.
+
+        Raises
+        ------
+        ValueError
+            If the lens shows no direction there (never inside the picture).
+        """
+        columns, rows = np.broadcast_arrays(np.asarray(column, dtype=float), np.asarray(row, dtype=float))
+        focal = self.focal_px
+        right, down, forward = self._unit_lens.direction(
+            (columns - self.width_px / 2) / focal, (rows - self.height_px / 2) / focal
+        )
+        return right, -down, forward
+
+    def vignette(self, view: View) -> Array:
+        """Brightness of every output pixel over that at the centre of the picture, shape (rows, columns)."""
+        column, row = view.centres()
+        right, up, forward = self.unproject(column, row)
+        radius = np.hypot(column - self.width_px / 2, row - self.height_px / 2)
+        half_diagonal = np.hypot(self.width_px, self.height_px) / 2
+        cosine = forward / np.sqrt(right**2 + up**2 + forward**2)
+        return self.vignetting.factor(cosine, radius / half_diagonal)
 
     def full_view(self) -> View:
         """The whole sensor at its own resolution."""
@@ -75,7 +273,8 @@ class Camera(Spec):
         """Turn linear radiance into what the camera reports, as a share of full scale.
 
         Photon noise follows Poisson statistics of the collected electrons (drawn as a Gaussian above
-        1000 e-, where the two agree), read noise is Gaussian, and the result is quantised and clipped.
+        1000 e-, where the two agree), read noise is Gaussian; the black level is added, the response curve
+        acts, and the result is quantised and clipped.
 
         Parameters
         ----------
@@ -86,14 +285,23 @@ class Camera(Spec):
         seed : int
             Seed of the noise.
         noise : bool
-            Without it only exposure, black level and clipping act; nothing is quantised.
+            Without it only exposure, black level, response and clipping act; nothing is quantised.
         binned : float
-            Sensor pixels averaged into one output pixel, at least 1; lowers the noise accordingly.
+            Sensor pixels averaged into one output pixel, at least 1; lowers the noise accordingly. The
+            response acts on each of them: behind a curve the noise of their mean is drawn as a Gaussian.
         """
         signal = np.clip(np.asarray(radiance, dtype=float) * exposure, 0.0, None)
         if not noise:
-            return np.clip(signal + self.black_level, 0.0, 1.0).astype(np.float32)
+            return np.clip(self.response.encode(signal + self.black_level), 0.0, 1.0).astype(np.float32)
         random = np.random.default_rng(seed)
+        steps = (2**self.bit_depth - 1) * binned
+        if binned > 1 and not self.response.is_linear:
+            mean, sigma = self._behind_curve(signal + self.black_level)
+            # The last rounding below brings the rest of the pixels' rounding errors.
+            rounding = np.sqrt((1 - 1 / binned) / 12) / (2**self.bit_depth - 1)
+            deviates = random.standard_normal(signal.shape)
+            digital = mean + np.hypot(sigma, rounding) / np.sqrt(binned) * deviates
+            return np.asarray(np.clip(np.round(digital * steps) / steps, 0.0, 1.0), dtype=np.float32)
         electrons = signal * self.full_well_e * binned
         shot = np.where(
             electrons < 1000.0,
@@ -101,18 +309,43 @@ class Camera(Spec):
             electrons + np.sqrt(electrons) * random.standard_normal(electrons.shape),
         )
         # Averaging pixels refines the converter's steps, but each pixel has brought its own rounding error.
-        steps = (2**self.bit_depth - 1) * binned
         rounding_e = self.full_well_e * np.sqrt((binned - 1) / 12) / (2**self.bit_depth - 1)
         read_e = np.hypot(self.read_noise_e * np.sqrt(binned), rounding_e)
         read = read_e * random.standard_normal(electrons.shape)
-        digital = (shot + read) / (self.full_well_e * binned) + self.black_level
+        digital = self.response.encode((shot + read) / (self.full_well_e * binned) + self.black_level)
         return np.asarray(np.clip(np.round(digital * steps) / steps, 0.0, 1.0), dtype=np.float32)
 
     def noise_sigma(self, signal: NDArray[np.floating], *, binned: float = 1.0) -> NDArray[np.float64]:
-        """Standard deviation of the noise `expose` adds to a signal given as a share of full scale."""
-        electrons = (
-            np.clip(np.asarray(signal, dtype=float) - self.black_level, 0.0, None) * self.full_well_e * binned
-        )
+        """Standard deviation of the noise of what `expose` reports.
+
+        Parameters
+        ----------
+        signal : array
+            Linear signal as a share of full scale, black level included, before the response curve.
+        binned : float
+            Sensor pixels averaged into one output pixel.
+        """
         quantisation = 1.0 / (2**self.bit_depth - 1) / np.sqrt(12.0 * binned)
-        electronic = np.sqrt(electrons + self.read_noise_e**2 * binned) / (self.full_well_e * binned)
-        return np.asarray(np.hypot(electronic, quantisation))
+        if not self.response.is_linear:
+            _, sigma = self._behind_curve(np.asarray(signal, dtype=float))
+            return np.asarray(np.hypot(sigma / np.sqrt(binned), quantisation))
+        return np.asarray(np.hypot(self._electronic(np.asarray(signal, dtype=float), binned), quantisation))
+
+    def _electronic(self, signal: Array, binned: float) -> Array:
+        """Standard deviation of photon and read noise in the linear signal."""
+        electrons = np.clip(signal - self.black_level, 0.0, None) * self.full_well_e * binned
+        return np.asarray(np.sqrt(electrons + self.read_noise_e**2 * binned) / (self.full_well_e * binned))
+
+    def _behind_curve(self, signal: Array) -> tuple[Array, Array]:
+        """Mean and standard deviation of one sensor pixel behind the response curve, before quantisation.
+
+        The curve's slope alone would not do: near black a gamma curve is steeper than the noise is small. So
+        the Gaussian of photon and read noise is integrated over the curve, clipping included.
+        """
+        levels = 1.2 * np.linspace(0.0, 1.0, CURVE_STEPS) ** 2
+        weights = np.exp(-(DEVIATES**2) / 2)
+        weights /= weights.sum()
+        encoded = self.response.encode(levels[:, None] + self._electronic(levels, 1.0)[:, None] * DEVIATES)
+        mean = encoded @ weights
+        sigma = np.sqrt(((encoded - mean[:, None]) ** 2) @ weights)
+        return np.interp(signal, levels, mean), np.interp(signal, levels, sigma)

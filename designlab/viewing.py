@@ -11,6 +11,7 @@ from designlab.press import Surface
 from designlab.refraction import crossing_mm
 
 Array = NDArray[np.float64]
+STEEPEST = float(np.tan(np.radians(89.0)))  # tangent of the angle to the axis
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,18 +49,39 @@ class Rays:
         return x, y
 
 
-def rays(design: Design, view: View) -> Rays:
+def rays(design: Design, view: View, *, lens_point: tuple[float, float] = (0.0, 0.0)) -> Rays:
     """Viewing rays through the centres of the output pixels of a view.
 
-    Refraction follows Snell's law at plane layers; the gel side of a dome core is taken as plane.
+    Refraction follows Snell's law at plane layers; the gel side of a dome core is taken as plane. A fisheye's
+    directions beyond `STEEPEST` from the axis, which meet no membrane, are bent back to that angle.
+
+    Parameters
+    ----------
+    design : Design
+        The sensor.
+    view : View
+        The part of the camera's sensor.
+    lens_point : (float, float)
+        Point of the lens opening the rays pass, along x and y in radii of the opening. Away from the centre
+        the ray of a pixel meets its central ray in the plane of focus: averages over the opening make the
+        picture of a thin lens. It matters only where `camera.focus_mm` is set.
     """
     camera = design.camera
-    columns = view.x_px + (np.arange(view.columns) + 0.5) * view.width_px / view.columns
-    rows = view.y_px + (np.arange(view.rows) + 0.5) * view.height_px / view.rows
-    tan_x, tan_y = np.meshgrid(
-        (columns - camera.width_px / 2) / camera.focal_px, (camera.height_px / 2 - rows) / camera.focal_px
-    )
+    right, up, forward = camera.unproject(*view.centres())
+    tan_x, tan_y = _tangents(right, up, forward)
+    u, v = 0.0, 0.0
+    if camera.defocus is not None:
+        radius_mm, focus_mm = camera.defocus
+        u, v = radius_mm * lens_point[0], radius_mm * lens_point[1]
+        tan_x, tan_y = tan_x - u / focus_mm, tan_y - v / focus_mm
     scale, slope = crossing_mm(np.hypot(tan_x, tan_y), design.layers_to_camera(0.0))
     x_c, y_c, _ = camera.position_mm
     binned = (view.width_px / view.columns) * (view.height_px / view.rows)
-    return Rays(x_c + scale * tan_x, y_c + scale * tan_y, -slope * tan_x, -slope * tan_y, binned)
+    return Rays(x_c + u + scale * tan_x, y_c + v + scale * tan_y, -slope * tan_x, -slope * tan_y, binned)
+
+
+def _tangents(right: Array, up: Array, forward: Array) -> tuple[Array, Array]:
+    """Tangents of a direction's angles to the axis, bent back to `STEEPEST` where it is steeper."""
+    sideways = np.hypot(right, up)
+    forward = np.maximum(forward, sideways / STEEPEST)
+    return right / forward, up / forward
