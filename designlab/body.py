@@ -12,6 +12,7 @@ from designlab.sheets import band_faces, oriented, rectangle, sheet
 from geometries import elastomer, gelcore
 from geometries.leds import Body
 
+CLEARANCE_MM = 1e-3  # between parts that would otherwise touch and fight for a ray
 FACING_DEG = 20.0  # a side face that points at an LED row within this angle lets its light in
 
 
@@ -37,14 +38,14 @@ def _box(name: str, body: Body, surface: Diffuse) -> Shape:
 
 
 def core_and_gel(design: Design) -> Iterator[Shape]:
-    """Boundaries of gelcore and elastomer as light sees them: sides, window, interface; black where painted.
+    """Boundaries of gelcore and elastomer as light sees them: sides, window, interface.
 
-    The housing needs no shape: light that leaves the core and meets nothing is lost, as on black walls.
+    Paint wets the face it is on: seen from inside the core it reflects diffusely, without an air gap.
     """
     core, gel = design.gelcore, design.elastomer
     groups = len(design.leds.groups)
     inner, soft, air = _media(design)
-    black = Diffuse((0.0,) * groups)
+    paint, black = Diffuse((core.paint_reflectance,) * groups), Diffuse((0.0,) * groups)
     outline = gelcore.polygon(core, segments=72)
     lean_mm = np.tan(np.radians(core.draft_deg)) * core.height_mm
     top = (
@@ -61,7 +62,7 @@ def core_and_gel(design: Design) -> Iterator[Shape]:
         outward = side.mean(axis=0) * (1.0, 1.0, 0.0) * (-1.0 if painted else 1.0)
         faces = oriented(side, np.array([[0, 1, 2], [0, 2, 3]]), outward)
         rough = core.ground_roughness if core.side_finish == "ground" and not lit else 0.0
-        yield Shape(f"core-side-{number}", side, faces, black if painted else Dielectric(inner, air, rough))
+        yield Shape(f"core-side-{number}", side, faces, paint if painted else Dielectric(inner, air, rough))
     yield sheet("window", [top * 0.0, top], [window_z, window_z], Dielectric(inner, air))
     # The gel's rim is cut soft silicone against the housing, taken as black.
     rim = elastomer.polygon(gel, segments=72) * 0.999999
@@ -107,3 +108,46 @@ def _media(design: Design) -> tuple[Medium, Medium, Medium]:
         Medium(optics.gel_index, design.absorption_per_mm("elastomer")),
         Medium(AIR.index, (0.0,) * len(design.leds.groups)),
     )
+
+
+def housing_inside(design: Design) -> Iterator[Shape]:
+    """Inside of the housing: tube, camera plate with its hole, and floor around the gel.
+
+    Black walls need no shape: light that meets nothing is lost as well. The floor stands at the tube's lower
+    rim, or just below the LEDs where those reach lower.
+    """
+    reflectance = design.per_group("housing_reflectance")
+    if not any(reflectance):
+        return
+    housing, walls = design.housing, Diffuse(reflectance)
+    lowest_mm = min(float(front_corners(body)[:, 2].min()) for body in seated(design)[0])
+    floor_mm = min(housing.bottom_mm, lowest_mm - CLEARANCE_MM)
+    part = gelcore.polygon(design.gelcore) if design.optics.light_path == "core" else None
+    inner = elastomer.polygon(design.elastomer) if part is None else part
+    angles = np.unique(
+        np.concatenate([np.arctan2(inner[:, 1], inner[:, 0]), np.linspace(-np.pi, np.pi, 145)[:-1]])
+    )
+    round_ = np.column_stack([np.cos(angles), np.sin(angles)])
+    count = len(angles)
+    tube, hole = housing.inner_radius_mm * round_, housing.camera_hole_mm / 2 * round_
+    edge = round_ * _reach_mm(inner, round_)[:, None] + CLEARANCE_MM * round_
+    low, high = (np.column_stack([tube, np.full(count, z)]) for z in (floor_mm, housing.top_mm))
+    wall = np.concatenate([low, high])
+    ring = band_faces(count, 0, count)
+    inward = -wall[ring].mean(axis=1) * (1.0, 1.0, 0.0)
+    yield Shape("housing-tube", wall, oriented(wall, ring, inward), walls)
+    top = np.full(count, housing.top_mm)
+    yield sheet("housing-plate", [hole, tube], [top, top], walls, up=-1.0)
+    bottom = np.full(count, floor_mm)
+    yield sheet("housing-floor", [edge, tube], [bottom, bottom], walls)
+
+
+def _reach_mm(polygon: FloatArray, directions: FloatArray) -> FloatArray:
+    """Distance from the axis to a convex polygon around it along unit vectors (n, 2)."""
+    edge = np.roll(polygon, -1, axis=0) - polygon
+    outward = np.column_stack([edge[:, 1], -edge[:, 0]])
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    ahead = directions @ outward.T
+    with np.errstate(divide="ignore"):
+        reach = np.where(ahead > 1e-12, (polygon * outward).sum(axis=1) / ahead, np.inf)
+    return np.asarray(reach.min(axis=1))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.body import boards, core_and_gel
+from designlab.body import boards, core_and_gel, housing_inside
 from designlab.camera import View
 from designlab.design import Design
 from designlab.matter import Coating, Dielectric, Diffuse, Medium, Shape, Texture
@@ -101,7 +101,7 @@ def build(design: Design, surface: Surface, view: View) -> Scene:
     view : View
         The part of the camera's sensor that is rendered.
     """
-    shapes = [membrane(design, surface), *boards(design)]
+    shapes = [membrane(design, surface), *boards(design), *housing_inside(design)]
     if design.optics.light_path == "core":
         shapes += core_and_gel(design)
     camera = design.camera

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.render import bridge
+from designlab.render.surfaces import needs_media
 from designlab.scene import Scene
 
 PASS_SAMPLES = (256, 64, 16, 4)  # the low-discrepancy sampler wants powers of four
@@ -27,7 +28,9 @@ def radiance(scene: Scene, *, samples: int, seed: int) -> NDArray[np.float32]:
     pixels = scene.view.columns * scene.view.rows
     single = next(n for n in PASS_SAMPLES if n == 4 or (n <= samples and n * pixels <= MAX_WAVEFRONT))
     passes = max(1, round(samples / single))
-    integrator = {"type": "path", "max_depth": int(scene.path_length), "rr_depth": 1000}
+    # Only the volumetric integrator tracks what light loses on its way.
+    kind = "volpath" if needs_media(scene.shapes) else "path"
+    integrator = {"type": kind, "max_depth": int(scene.path_length), "rr_depth": 1000}
     groups = []
     for group in range(scene.groups):
         loaded = bridge.load(scene, group=group, integrator=integrator, samples=single)
