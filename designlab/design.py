@@ -103,6 +103,11 @@ class Design(Spec):
                 raise ValueError(f"mixing: required unless there are three LED groups, there are {count}")
         elif len(self.mixing) != len(CHANNELS) or any(len(row) != count for row in self.mixing):
             raise ValueError(f"mixing: must be 3 rows (R, G, B) of {count} values, one for each LED group")
+        if self.leds.coupling != "air_gap" and self.optics.light_path == "air":
+            raise ValueError(
+                f"leds.coupling: {self.leds.coupling!r} needs optics.light_path = 'core', "
+                "light in air meets no core"
+            )
         if self.gelcore.shape == "dome" and self.elastomer.shape != "dome":
             raise ValueError("elastomer.shape: a dome gelcore carries a dome elastomer")
         return self

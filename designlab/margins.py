@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.camera import Camera
+from designlab.mounting import face_corners, interface_mm, sides
 from designlab.refraction import apparent_distance_mm, apparent_tangent
 from geometries import elastomer, gelcore
-from geometries.leds import Body, bodies
+from geometries.leds import Body, bodies, emitters
 
 if TYPE_CHECKING:
     from designlab.design import Design
@@ -23,7 +25,8 @@ RULES: dict[str, str] = {
     "leds_inside_housing": "every LED body lies inside the housing's inner radius",
     "leds_below_plate": "every LED body lies below the camera plate",
     "leds_above_membrane": "every LED body lies above the membrane plane",
-    "leds_clear_of_core": "no LED body reaches into gelcore or elastomer",
+    "leds_clear_of_core": "no LED body reaches into gelcore or elastomer; the emitting face of a bonded one "
+    "lies on a side of the gelcore within leds.glue_mm; embedded ones lie wholly inside the gelcore",
     "leds_clear_of_each_other": "LED bodies do not overlap",
     "leds_outside_view": "no LED body stands between the camera and the sensing area",
     "core_inside_housing": "gelcore and elastomer fit into the housing",
@@ -55,7 +58,7 @@ def _led_margins(design: "Design") -> dict[str, float]:
         "leds_inside_housing": radius.max() - design.housing.inner_radius_mm,
         "leds_below_plate": corners[:, 2].max() - design.housing.top_mm,
         "leds_above_membrane": -corners[:, 2].min(),
-        "leds_clear_of_core": _overlap_with_core(design, boxes),
+        "leds_clear_of_core": _off_their_seat(design, boxes),
         "leds_clear_of_each_other": max(
             (_overlap(a, b) for a, b in combinations(boxes, 2)), default=-math.inf
         ),
@@ -114,10 +117,56 @@ def _least_overlap(a: Array, b: Array) -> float:
     return float(np.minimum(a.max(axis=0) - b.min(axis=0), b.max(axis=0) - a.min(axis=0)).min())
 
 
-def _overlap_with_core(design: "Design", boxes: Sequence[_Convex]) -> float:
-    """How deep LEDs reach into the prism of gelcore and elastomer (light in air: no core, no rule)."""
+def _off_their_seat(design: "Design", boxes: Sequence[_Convex]) -> float:
+    """How far LEDs are from where their coupling wants them (light in air: no core, no rule)."""
     if design.optics.light_path == "air":
         return -math.inf
+    if design.leds.coupling == "air_gap":
+        return _overlap_with_core(design, boxes)
+    walls = sides(design)
+
+    def outside(points: Array) -> Array:
+        """How far points lie above the window or below the gelcore's gel side."""
+        below = interface_mm(design, points[:, 0], points[:, 1]) - points[:, 2]
+        return np.maximum(points[:, 2] - _window_mm(design), below)
+
+    if design.leds.coupling == "embedded":
+        corners = np.concatenate([box.corners for box in boxes])
+        return float(np.maximum(walls.distance_mm(corners), outside(corners)).max())
+    faces = np.concatenate([face_corners(strip) for strip in emitters(design.leds)])
+    apart = np.maximum(walls.distance_mm(faces) - design.leds.glue_mm, outside(faces))
+    # 1 um is forgiven: a bonded body touches the side.
+    core, gel = _core_body(design), _gel_body(design)
+    overlap = max(max(_overlap(box, core), _overlap(box, gel)) for box in boxes) - 1e-3
+    return max(float(apart.max()), overlap)
+
+
+def _core_body(design: "Design") -> _Convex:
+    """Gelcore as a convex body, its drafted sides included."""
+    core = design.gelcore
+    low = gelcore.polygon(core, segments=72)
+    walls = sides(design)
+    # A side with normal (cos d, sin d) recedes by tan d times the height; corners follow both their sides.
+    level = walls.normals[:, :2] / np.linalg.norm(walls.normals[:, :2], axis=1, keepdims=True)
+    lean_mm = core.height_mm * walls.normals[0, 2] / float(np.linalg.norm(walls.normals[0, :2]))
+    before = np.roll(level, 1, axis=0)
+    both = (level + before) / (1 + (level * before).sum(axis=1, keepdims=True))
+    corners = [
+        np.column_stack([polygon, np.full(len(low), z)])
+        for polygon, z in ((low, design.elastomer.thickness_mm), (low - lean_mm * both, _window_mm(design)))
+    ]
+    edge, slant = np.roll(corners[0], -1, axis=0) - corners[0], corners[1] - corners[0]
+    edges = np.concatenate([edge, slant])
+    normals = np.concatenate([walls.normals, [[0.0, 0.0, 1.0]]])
+    return _Convex(np.concatenate(corners), normals, edges / np.linalg.norm(edges, axis=1, keepdims=True))
+
+
+def _gel_body(design: "Design") -> _Convex:
+    return _Convex.prism(elastomer.polygon(design.elastomer, segments=72), design.elastomer.thickness_mm)
+
+
+def _overlap_with_core(design: "Design", boxes: Sequence[_Convex]) -> float:
+    """How deep LEDs reach into the prism of gelcore and elastomer."""
     # A drafted side recedes towards the camera; its lower edge, which is nearest, stands for all of it.
     height_mm = design.elastomer.thickness_mm + design.gelcore.height_mm
     core = _Convex.prism(gelcore.polygon(design.gelcore, segments=72), height_mm)
@@ -132,7 +181,7 @@ def _intrusion_into_view(design: "Design", boxes: Sequence[_Convex]) -> float:
     for box in boxes:
         below = box.corners[box.corners[:, 2] < position[2] - 1e-6]
         if len(below):
-            seen = (below[:, :2] - position[:2]) / (position[2] - below[:, 2:]) * distance_mm
+            seen = _tangents(design, below) * distance_mm
             between = (seen[:, None] - seen[None]).reshape(-1, 2)
             length = np.linalg.norm(between, axis=1)
             # Normals of all lines between corners; those of the outline, which decide, are among them.
@@ -140,6 +189,26 @@ def _intrusion_into_view(design: "Design", boxes: Sequence[_Convex]) -> float:
             axes = np.concatenate([normals, _sides(area)[0]])
             worst = max(worst, _least_overlap(seen @ axes.T, area @ axes.T))
     return worst
+
+
+def _tangents(design: "Design", points: Array) -> Array:
+    """Tangents of the directions in which the camera sees points below it, shape (n, 2).
+
+    Points beside the core are seen straight, those of embedded LEDs through the window.
+    """
+    x_c, y_c, z_c = design.camera.position_mm
+    away = points[:, :2] - (x_c, y_c)
+    straight = away / (z_c - points[:, 2:])
+    window = _window_mm(design)
+    if design.leds.coupling != "embedded" or design.optics.light_path == "air" or z_c <= window:
+        return np.asarray(straight)
+    index = design.optics.core_index
+    for number, point in enumerate(points):
+        distance = float(np.hypot(*away[number]))
+        if point[2] < window and distance > 0:
+            tangent = apparent_tangent(distance, [(window - point[2], index), (z_c - window, 1.0)])
+            straight[number] = away[number] / distance * tangent
+    return np.asarray(straight)
 
 
 def _sensing_area_seen(design: "Design") -> tuple[Array, float]:
@@ -200,14 +269,25 @@ def _beyond(points: Array, polygon: Array) -> float:
     return float(((points[:, None] - polygon[None]) * outward[None]).sum(-1).max()) - 1e-3
 
 
+def _beyond_picture(camera: Camera, tangents: Array) -> float:
+    """How far a polygon of directions (n, 2) reaches out of the picture, in focal lengths.
+
+    Points between the corners count too: a distorted edge may bulge.
+    """
+    share = np.linspace(0.0, 1.0, 16, endpoint=False)[:, None, None]
+    edge = (tangents + share * (np.roll(tangents, -1, axis=0) - tangents)).reshape(-1, 2)
+    column, row = camera.project(edge[:, 0], edge[:, 1])
+    half_w, half_h = camera.width_px / 2, camera.height_px / 2
+    beyond = np.maximum(np.abs(column - half_w) - half_w, np.abs(row - half_h) - half_h)
+    return float(beyond.max()) / camera.focal_px
+
+
 def _camera_margins(design: "Design") -> dict[str, float]:
     camera, housing, core = design.camera, design.housing, design.gelcore
     x_c, y_c, z_c = camera.position_mm
     half_w, half_h = design.sensing_area_mm[0] / 2, design.sensing_area_mm[1] / 2
     corners = np.array([(sx * half_w, sy * half_h) for sx in (-1, 1) for sy in (-1, 1)])
     seen, distance_mm = _sensing_area_seen(design)
-    field_w = distance_mm * math.tan(math.radians(camera.horizontal_fov_deg) / 2)
-    field_h = field_w * camera.height_px / camera.width_px
     through = -math.inf
     if design.optics.light_path == "core":
         # Rays run straight from the camera to the window.
@@ -215,7 +295,7 @@ def _camera_margins(design: "Design") -> dict[str, float]:
         through = float(np.linalg.norm(at_window, axis=1).max()) - core.window_diameter_mm / 2
     return {
         "sensing_area_on_membrane": _beyond(corners, elastomer.polygon(design.elastomer)),
-        "camera_sees_membrane": float((np.abs(seen) - (field_w, field_h)).max()),
+        "camera_sees_membrane": _beyond_picture(camera, seen / distance_mm) * distance_mm,
         "camera_above_core": _window_mm(design) - z_c,
         "camera_clears_plate": 2 * camera.body_radius_mm - housing.camera_hole_mm,
         "view_through_window": through,

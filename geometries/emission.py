@@ -3,13 +3,14 @@
 import math
 from functools import cached_property
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from geometries.spec import Spec, quantity
+from geometries.spec import FOLDER, Spec, quantity
 
 Array = NDArray[np.float64]
 SYMMETRIES_DEG = (90.0, 180.0, 360.0)  # where planes may end: two mirror planes, one, none
@@ -57,8 +58,23 @@ class AngularProfile(Spec):
     ies: str | None = Field(
         None,
         max_length=400,
-        description="IES LM-63 file beside the design file; its table is kept in the design when it is read.",
+        description="IES LM-63 file, relative to the design's own file; it is read once and its table then "
+        "kept in the design.",
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read(cls, content: Any, info: ValidationInfo) -> Any:
+        """Read the named file, unless its table is already there."""
+        if not isinstance(content, dict) or not isinstance(content.get("ies"), str):
+            return content
+        if any(content.get(name) for name in ("exponent", "beam_deg", "polar_deg", "intensity")):
+            return content
+        from geometries.ies import read
+
+        name = content["ies"]
+        found = read(Path((info.context or {}).get(FOLDER, ".")) / name, name=name)
+        return content | found.model_dump(include={"polar_deg", "azimuth_deg", "intensity"})
 
     @field_validator("intensity", mode="before")
     @classmethod
@@ -74,11 +90,6 @@ class AngularProfile(Spec):
         table = bool(self.polar_deg or self.intensity or self.azimuth_deg)
         if len(given) + table > 1 or (given and self.ies is not None):
             raise ValueError("give one of exponent, beam_deg, a table (polar_deg, intensity) and ies")
-        if self.ies is not None and not table:
-            raise ValueError(
-                f"ies: {self.ies!r} was not read, since the design does not come from a file; "
-                "give its table as polar_deg and intensity"
-            )
         if table:
             _require_angles("polar_deg", self.polar_deg, (0.0, 90.0))
             if self.azimuth_deg:
@@ -107,7 +118,7 @@ class AngularProfile(Spec):
         """Whether the face looks equally bright from everywhere."""
         return self.power == 1.0
 
-    @cached_property
+    @property
     def planes(self) -> tuple[Array, Array]:
         """Table over the whole turn: azimuths 0 to 360 (deg), intensities of shape (azimuths, polar)."""
         rows = np.asarray(self.intensity, dtype=float)

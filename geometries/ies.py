@@ -106,21 +106,22 @@ def _after_tilt(lines: list[str], name: str) -> int:
 def _profile(
     polar: list[float], azimuth: list[float], candela: np.ndarray, numbers: "_Numbers", name: str
 ) -> AngularProfile:
-    """Cut the table at 90 deg, close the turn, and make the profile."""
+    """Profile of the table, cut at 90 deg and with its turn closed."""
     angle = np.array(polar)
+    if angle[-1] > 90.0 and 90.0 not in angle:
+        edge = [float(np.interp(90.0, angle, row)) for row in candela]
+        place = int(np.searchsorted(angle, 90.0))
+        angle, candela = np.insert(angle, place, 90.0), np.insert(candela, place, edge, axis=1)
+    front = angle <= 90.0
     weight = candela.mean(axis=0) * np.sin(np.radians(angle))
-    front = np.minimum(angle, 90.0)
-    behind = 1.0 - np.trapezoid(weight, front) / max(np.trapezoid(weight, angle), 1e-300)
+    whole = float(np.trapezoid(weight, angle))
+    behind = (whole - float(np.trapezoid(weight[front], angle[front]))) / max(whole, 1e-300)
     if behind > BEHIND:
         raise numbers.error(
             f"{behind:.1%} of the light lies beyond 90 deg, an LED's face sends none there "
             f"(up to {BEHIND:.0%} is cut off)"
         )
-    if angle[-1] > 90.0:
-        kept = angle < 90.0
-        edge = [float(np.interp(90.0, angle, row)) for row in candela]
-        candela = np.column_stack([candela[:, kept], edge])
-        angle = np.append(angle[kept], 90.0)
+    angle, candela = angle[front], candela[:, front]
     if 180.0 < azimuth[-1] < 360.0:
         # Many files leave out the plane at 360 deg, which repeats the one at 0.
         azimuth, candela = [*azimuth, 360.0], np.concatenate([candela, candela[:1]])

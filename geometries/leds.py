@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
+from geometries.emission import AngularProfile
 from geometries.spec import Spec, quantity
 
 if TYPE_CHECKING:
@@ -34,14 +35,50 @@ class LedGroup(Spec):
         description="Total radiant flux of the group, shared equally by its LEDs.",
     )
     wavelength_nm: float = quantity(530.0, unit="nm", ge=350, le=1100, description="Peak wavelength.")
+    width_nm: float | None = quantity(
+        None,
+        unit="nm",
+        gt=0.1,
+        le=300,
+        description="Full width of the spectrum at half maximum; typical of the colour when absent.",
+    )
+    profile: AngularProfile | None = Field(
+        None, description="Angular profile of this group's LEDs; the array's when absent."
+    )
+    part: str | None = Field(
+        None,
+        min_length=1,
+        max_length=80,
+        description="Part of the LED library that fills wavelength, width, flux and profile where not given.",
+    )
 
 
 class LedArray(Spec):
     """Where the LEDs stand, what they look like, and which belong together."""
 
-    package: Literal["panel", "smd"] = Field(
+    package: Literal["panel", "smd", "spot"] = Field(
         "smd",
-        description="panel: a flat board whose strips emit; smd: a small package with one emitting face.",
+        description="panel: a flat board whose strips emit; smd: a small package with one emitting face; "
+        "spot: a small source with a narrow beam, see profile.beam_deg.",
+    )
+    part: str | None = Field(
+        None,
+        min_length=1,
+        max_length=80,
+        description="Part of the LED library that fills package, sizes, profile and, by group name, "
+        "wavelength, width and flux where not given.",
+    )
+    profile: AngularProfile = Field(
+        default_factory=lambda: AngularProfile(),
+        description="Angular profile of the light that leaves each emitting face.",
+    )
+    coupling: Literal["air_gap", "bonded", "embedded"] = Field(
+        "air_gap",
+        description="air_gap: the LEDs stand apart and light refracts into the core; bonded: clear glue of "
+        "the core's index joins emitting face and core side; embedded: the LEDs are cast into the core.",
+    )
+    glue_mm: float = quantity(
+        0.1, unit="mm", gt=0, le=2, description="Thickest layer of glue under a bonded LED."
     )
     layout: Literal["edge", "ring"] = Field(
         "edge",
@@ -119,7 +156,20 @@ class LedArray(Spec):
                 f"emitting_width_mm: must not exceed body_width_mm ({self.body_width_mm:g} mm), "
                 f"is {self.emitting_width_mm:g} mm"
             )
+        if self.package == "spot":
+            for index, group in enumerate(self.groups):
+                power = self.profile_of(index).power
+                if power is not None and power <= 1.0 + 1e-9:
+                    raise ValueError(
+                        f"package: a spot has a beam narrower than 120 deg, group {group.name!r} has not; "
+                        "give profile.beam_deg"
+                    )
         return self
+
+    def profile_of(self, group: int) -> AngularProfile:
+        """Angular profile of the LEDs of a group, given by its index."""
+        own = self.groups[group].profile
+        return self.profile if own is None else own
 
 
 class Emitter(NamedTuple):

@@ -4,6 +4,9 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+FOLDER = "folder"
+"""Key of the validation context under which the folder stands that files named in a specification lie in."""
+
 
 class Spec(BaseModel):
     """A frozen value object: equal by content, hashable, refusing unknown fields and non-finite numbers."""

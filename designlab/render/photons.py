@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from designlab.render import bridge
+from designlab.render import bridge, emitters
 from designlab.scene import Light, Scene
 
 BATCH = 5_000_000  # photons traced at once; bounds memory
@@ -50,7 +50,7 @@ def _batch(
 
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, size)
-    ray = _emitted(lights, sampler, size)
+    ray = emitters.photons(lights, sampler, size)
     membrane = mi.ShapePtr(next(shape for shape in loaded.shapes() if shape.id() == "membrane"))
     context = mi.BSDFContext(mi.TransportMode.Importance)
     # The way from membrane to camera crosses the interface and the window: three segments.
@@ -84,32 +84,6 @@ def _batch(
         step,
         labels=("active", "ray", "power", "depth", "sampler"),
     )
-
-
-def _emitted(lights: list[Light], sampler: Any, size: int) -> Any:
-    """Rays of photons that leave the rectangles: uniform over their area, cosine-distributed in direction."""
-    import drjit as dr
-    import mitsuba as mi
-
-    area = np.array([light.half_width_mm * light.half_height_mm for light in lights])
-    bounds = np.cumsum(area / area.sum())
-    choice = sampler.next_1d()
-    index = dr.zeros(mi.UInt32, size)
-    for bound in bounds[:-1]:
-        index += dr.select(choice >= float(bound), mi.UInt32(1), mi.UInt32(0))
-
-    def column(values: Any) -> Any:
-        table = np.array(values, dtype=np.float32)
-        return mi.Vector3f(*(dr.gather(mi.Float, mi.Float(table[:, k]), index) for k in range(3)))
-
-    centre, normal = column([light.centre_mm for light in lights]), column([light.normal for light in lights])
-    across = column([light.half_width_mm * np.asarray(light.across) for light in lights])
-    down = column([light.half_height_mm * np.asarray(light.down) for light in lights])
-    place = sampler.next_2d()
-    origin = centre + across * (2 * place.x - 1) + down * (2 * place.y - 1)
-    local = mi.warp.square_to_cosine_hemisphere(sampler.next_2d())
-    direction = mi.Frame3f(normal).to_world(local)
-    return mi.Ray3f(mi.Point3f(origin + 1e-4 * normal), direction)
 
 
 def _seed(seed: int, group: int, batch: int) -> int:
