@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.body import boards, core_and_gel, housing_inside
-from designlab.camera import View
+from designlab.camera import Camera, View
 from designlab.design import Design
 from designlab.matter import Coating, Dielectric, Diffuse, Medium, Shape, Texture
 from designlab.membrane import membrane
@@ -52,9 +52,7 @@ class Scene:
     shapes: tuple[Shape, ...]
     lights: tuple[Light, ...]
     groups: int
-    camera_mm: tuple[float, float, float]
-    focal_px: float
-    sensor_px: tuple[int, int]
+    camera: Camera
     view: View
     path_length: int
 
@@ -71,8 +69,7 @@ class Scene:
     @property
     def digest(self) -> str:
         """SHA-256 of the content, arrays by their bytes."""
-        camera = self.camera_mm, self.focal_px, self.sensor_px, self.view
-        return hashlib.sha256(repr((self.light_digest, camera)).encode()).hexdigest()
+        return hashlib.sha256(repr((self.light_digest, self.camera, self.view)).encode()).hexdigest()
 
     @property
     def light_digest(self) -> str:
@@ -104,14 +101,11 @@ def build(design: Design, surface: Surface, view: View) -> Scene:
     shapes = [membrane(design, surface), *boards(design), *housing_inside(design)]
     if design.optics.light_path == "core":
         shapes += core_and_gel(design)
-    camera = design.camera
     return Scene(
         shapes=tuple(shapes),
         lights=tuple(_lights(design)),
         groups=len(design.leds.groups),
-        camera_mm=camera.position_mm,
-        focal_px=camera.focal_px,
-        sensor_px=(camera.width_px, camera.height_px),
+        camera=design.camera,
         view=view,
         path_length=design.optics.path_length,
     )

@@ -7,7 +7,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.camera import View
+from designlab.camera import View, Vignetting
+from designlab.defocus import blur, radius_px
 from designlab.design import Design
 from designlab.effects.model import SensorModel, effect
 from designlab.press import Press, Surface, indent
@@ -16,6 +17,7 @@ from designlab.viewing import Rays, rays
 
 Array = NDArray[np.float64]
 SURFACE_MARGIN_MM = 2.0  # the membrane is modelled finely this far beyond the area in view
+OUTSIDE_SHARE = 1.0  # of the gel's diagonal, from its centre, up to which the view may reach outside it
 UNDEFORMED_PITCH_MM = 0.05  # of which the mesh keeps every eighth line
 TARGET_SIGNAL = 0.7  # automatic exposure puts the 99.5th percentile of the untouched gel here
 TARGET_PERCENTILE = 99.5
@@ -106,8 +108,13 @@ class Simulator:
 
     def surface(self, press: Press | None) -> Surface:
         """Membrane under a press over the area in view and a margin around it."""
-        reach_x = float(np.abs(self.rays.x_mm).max()) + SURFACE_MARGIN_MM
-        reach_y = float(np.abs(self.rays.y_mm).max()) + SURFACE_MARGIN_MM
+        # A wide lens sees far beyond the gel, where there is no membrane to lay out.
+        gel = self.design.elastomer
+        furthest_mm = OUTSIDE_SHARE * float(np.hypot(gel.width_mm, gel.length_mm))
+        reach_x, reach_y = (
+            min(float(np.abs(seen).max()), furthest_mm) + SURFACE_MARGIN_MM
+            for seen in (self.rays.x_mm, self.rays.y_mm)
+        )
         return indent(
             self.design.elastomer,
             self.design.contact,
@@ -134,6 +141,18 @@ class Simulator:
         )
         return self.scene(flat)
 
+    def _through_lens(
+        self, basis: NDArray[np.float32], scene: Scene, surface: Surface
+    ) -> NDArray[np.float32]:
+        """Defocus where light transport has not seen to it, and vignetting."""
+        from designlab.render import shows_defocus
+
+        if not shows_defocus(scene):
+            basis = blur(basis, radius_px(self.design, self.view, surface))
+        if self.design.camera.vignetting == Vignetting():
+            return basis
+        return (basis * self.design.camera.vignette(self.view)).astype(np.float32)
+
     def frame(self, press: Press | None, *, seed: int | None = None, half: int | None = None) -> Frame:
         """Simulate one picture.
 
@@ -154,8 +173,9 @@ class Simulator:
         from designlab.render import transport
 
         surface = self.surface(press)
+        scene = self.scene(surface)
         basis = transport(
-            self.scene(surface),
+            scene,
             samples=self.samples,
             seed=self.seed if seed is None else seed,
             bake_seed=self.seed,
@@ -164,6 +184,7 @@ class Simulator:
             surface=surface,
             rays=self.rays,
         )
+        basis = self._through_lens(basis, scene, surface)
         for name, image in zip(self.design.group_names, basis, strict=True):
             if not np.isfinite(image).all():
                 raise RenderFailed(

@@ -128,7 +128,7 @@ def _transport(model: SensorModel, press: Press | None) -> list[object]:
         del content["contact"]
     for group in content["leds"]["groups"]:
         del group["flux_mw"]
-    for name in ("exposure", "full_well_e", "read_noise_e", "black_level", "bit_depth"):
+    for name in ("exposure", "full_well_e", "read_noise_e", "black_level", "bit_depth", "response"):
         del content["camera"][name]
     acting = [
         [applied.name, applied.values]

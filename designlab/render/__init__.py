@@ -54,7 +54,7 @@ def transport(
     surface, rays : Surface, Rays
         The membrane of `scene`, and where the pixels look.
     """
-    if scene.refracts and activate().is_jit:
+    if _by_light_field(scene):
         from designlab.render import lightfield
 
         flat = undeformed()
@@ -68,6 +68,17 @@ def transport(
     from designlab.render import path
 
     return path.radiance(scene, samples=samples, seed=seed)
+
+
+def shows_defocus(scene: Scene) -> bool:
+    """Whether `transport` traces light through all of the lens opening (else its picture is sharp)."""
+    from designlab.render import sensors
+
+    return not _by_light_field(scene) and sensors.traces_lens(scene.camera)
+
+
+def _by_light_field(scene: Scene) -> bool:
+    return scene.refracts and activate().is_jit
 
 
 _recent: dict[str, "LightField"] = {}

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.render import bridge
+from designlab.render import bridge, sensors
 from designlab.render.surfaces import needs_media
 from designlab.scene import Scene
 
@@ -25,6 +25,10 @@ def radiance(scene: Scene, *, samples: int, seed: int) -> NDArray[np.float32]:
     """
     import mitsuba as mi
 
+    if sensors.must_resample(scene.camera):
+        flat = sensors.perspective_of(scene)
+        fine = radiance(flat, samples=max(4, samples // sensors.FINER**2), seed=seed)
+        return sensors.resampled(fine, flat, scene)
     pixels = scene.view.columns * scene.view.rows
     single = next(n for n in PASS_SAMPLES if n == 4 or (n <= samples and n * pixels <= MAX_WAVEFRONT))
     passes = max(1, round(samples / single))

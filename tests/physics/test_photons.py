@@ -8,6 +8,7 @@ import pytest
 from closed_forms import block_means, direct_radiance
 
 from designlab import store
+from designlab.camera import Camera
 from designlab.design import preset
 from designlab.press import Press, indent
 from designlab.render import bridge, lightfield, path, photons, transport
@@ -87,9 +88,7 @@ def closed_box(reflectance, *inside, path_length):
         shapes=(box("membrane", 10.0, Diffuse((reflectance,)), inward=True), *inside),
         lights=(light,),
         groups=1,
-        camera_mm=(0.0, 0.0, 4.0),
-        focal_px=10.0,
-        sensor_px=(16, 16),
+        camera=Camera(position_mm=(0.0, 0.0, 4.0), width_px=16, height_px=16),
         view=view_of(AIR, 4, 3),
         path_length=path_length,
     )
