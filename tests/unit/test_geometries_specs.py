@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from geometries import Elastomer, Gelcore, Housing, LedArray, LedGroup, Probe, Spec
+from geometries.emission import AngularProfile
 
 GROUP = {"name": "red", "azimuth_deg": [90.0]}
 VALUES = [
@@ -17,6 +18,8 @@ VALUES = [
     Elastomer(shape="dome", outline="round", radius_mm=20.0),
     Housing(),
     LedArray(groups=(LedGroup(name="red", azimuth_deg=(90.0,)),)),
+    AngularProfile(beam_deg=20.0),
+    AngularProfile(polar_deg=(0, 90), azimuth_deg=(0, 90), intensity=((2, 1), (2, 0))),
     Probe(kind="sphere", size_mm=4.0),
     Probe(kind="mesh", size_mm=4.0, file="part.stl"),
 ]
@@ -29,10 +32,8 @@ def test_specs_are_values(spec: Spec) -> None:
     assert hash(copy) == hash(spec)
     assert pickle.loads(pickle.dumps(spec)) == spec
     assert type(spec).model_validate_json(spec.model_dump_json()) == spec
-    assert (
-        eval(repr(spec), {type(v).__name__: type(v) for v in [*VALUES, spec]} | {"LedGroup": LedGroup})
-        == spec
-    )
+    names = {type(value).__name__: type(value) for value in [*VALUES, spec]} | {"LedGroup": LedGroup}
+    assert eval(repr(spec), names) == spec
     with pytest.raises(ValueError, match="frozen"):
         spec.size_mm = 1.0  # type: ignore[attr-defined]
 
