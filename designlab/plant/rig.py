@@ -62,13 +62,15 @@ class Rig:
         Raises
         ------
         ValueError
-            If light refracts in the design: rays are traced through air only.
+            If light refracts in the design, or an LED is not Lambertian: rays are traced through air only.
         """
         if design.optics.light_path != "air":
             raise ValueError(
                 "optics.light_path: measurements are generated for light in air only, "
                 f"got {design.optics.light_path!r}"
             )
+        if not all(design.leds.profile_of(k).is_lambertian for k in range(len(design.leds.groups))):
+            raise ValueError("leds.profile: measurements are generated for Lambertian LEDs only")
         strips, boxes = emitters(design.leds), bodies(design.leds)
         fronts = [np.asarray(box.centre_mm) + box.half_mm[2] * np.asarray(box.normal) for box in boxes]
         return cls(

@@ -47,7 +47,7 @@ def photons(lights: list[Light], sampler: Any, size: int) -> "mitsuba.Ray3f":
     if profile.is_lambertian:
         direction = mi.Frame3f(normal).to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d()))
     else:
-        local = _Directions(profile).sample(sampler.next_2d())
+        local = Directions(profile).sample(sampler.next_2d())
         frame = mi.Frame3f(dr.normalize(across), dr.normalize(down), normal)
         direction = frame.to_world(local)
     return mi.Ray3f(mi.Point3f(origin + 1e-4 * normal), direction)
@@ -60,7 +60,7 @@ def _common_profile(lights: list[Light]) -> AngularProfile:
     return profile
 
 
-class _Directions:
+class Directions:
     """Angular profile in Dr.Jit: directions drawn from it, and its density by solid angle.
 
     A power of the cosine is inverted in closed form. A table is put on a grid over v = sqrt(1 - cosine) and
@@ -157,7 +157,7 @@ def _profiled_area(variant: str) -> Any:
             mi.Emitter.__init__(self, mi.Properties())
             self.m_flags = int(mi.EmitterFlags.Surface)
             self.m_needs_sample_2 = self.m_needs_sample_3 = True
-            self.light, self.directions = light, _Directions(light.profile)
+            self.light, self.directions = light, Directions(light.profile)
             # Radiance of a Lambertian face of this flux, times pi: flux over area.
             self.exitance = float(np.pi * light.radiance)
             self.area = 4.0 * light.half_width_mm * light.half_height_mm
