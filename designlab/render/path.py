@@ -7,7 +7,7 @@ from designlab.render import bridge, sensors
 from designlab.render.surfaces import needs_media
 from designlab.scene import Scene
 
-PASS_SAMPLES = (256, 64, 16, 4)  # the low-discrepancy sampler wants powers of four
+PASS_SAMPLES = (256, 64, 16, 4)  # the sampler's grids of cells want powers of four
 MAX_WAVEFRONT = 2**26  # pixel samples traced at once; bounds memory
 
 
