@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from designlab.lens import Distortion, Fisheye, Lens, Pinhole
 from designlab.response import Response
+from designlab.spectra import Sensitivity
 from geometries.spec import Spec, quantity
 
 Array = NDArray[np.float64]
@@ -32,6 +33,30 @@ class View(NamedTuple):
         rows = self.y_px + (np.arange(self.rows) + 0.5) * self.height_px / self.rows
         grid_columns, grid_rows = np.meshgrid(columns, rows)
         return grid_columns, grid_rows
+
+    def grown(self, pixels: int, camera: "Camera") -> tuple["View", tuple[slice, slice]]:
+        """Widen by up to so many output pixels a side, as far as the sensor goes.
+
+        Returns
+        -------
+        view, place : View, (slice, slice)
+            The wider view, and where this one lies in it (rows, columns).
+        """
+        across, down = self.width_px / self.columns, self.height_px / self.rows
+        left, right, top, bottom = (
+            int(np.clip(room // pixel, 0, pixels))
+            for room, pixel in (
+                (self.x_px, across),
+                (camera.width_px - self.x_px - self.width_px, across),
+                (self.y_px, down),
+                (camera.height_px - self.y_px - self.height_px, down),
+            )
+        )
+        columns, rows = left + self.columns + right, top + self.rows + bottom
+        wider = View(
+            self.x_px - left * across, self.y_px - top * down, columns * across, rows * down, columns, rows
+        )
+        return wider, (slice(top, top + self.rows), slice(left, left + self.columns))
 
 
 class Vignetting(Spec):
@@ -98,6 +123,11 @@ class Camera(Spec):
         None, unit="mm", gt=0, le=1000, description="Focal length that f_number refers to."
     )
     body_radius_mm: float = quantity(4.0, unit="mm", gt=0, le=100, description="Radius of the lens barrel.")
+    sensitivity: Sensitivity | None = Field(
+        None,
+        description="Spectral sensitivity of the channels, from which the design's mixing follows when it is "
+        "absent: the name of a published set, or a table.",
+    )
     exposure: float | None = quantity(
         None,
         unit="1",

@@ -18,6 +18,7 @@ from designlab.margins import RULES, margins
 from designlab.materials import material
 from designlab.optics import FOLDER, Optics
 from designlab.refraction import apparent_tangent
+from designlab.spectra import response
 from geometries.elastomer import Elastomer, base_mm
 from geometries.gelcore import Gelcore
 from geometries.housing import Housing
@@ -78,8 +79,8 @@ class Design(Spec):
     )
     mixing: tuple[tuple[float, ...], ...] | None = Field(
         None,
-        description="Response of each camera channel (rows R, G, B) to each LED group (columns); "
-        "the unit matrix when absent.",
+        description="Response of each camera channel (rows R, G, B) to each LED group (columns); when "
+        "absent, it follows from LED spectra and camera.sensitivity, and without that it is the unit matrix.",
     )
 
     @field_validator("sensing_area_mm")
@@ -98,9 +99,17 @@ class Design(Spec):
                 raise ValueError(
                     f"optics.{field}: give one value or one for each of the {count} LED groups, got {given}"
                 )
-        if self.mixing is None:
+        if self.mixing is None and self.camera.sensitivity is not None:
+            try:
+                _ = self.mixing_matrix
+            except ValueError as error:
+                raise ValueError(f"camera.sensitivity: {error}") from None
+        elif self.mixing is None:
             if count != len(CHANNELS):
-                raise ValueError(f"mixing: required unless there are three LED groups, there are {count}")
+                raise ValueError(
+                    f"mixing: required unless there are three LED groups or camera.sensitivity is given, "
+                    f"there are {count} groups"
+                )
         elif len(self.mixing) != len(CHANNELS) or any(len(row) != count for row in self.mixing):
             raise ValueError(f"mixing: must be 3 rows (R, G, B) of {count} values, one for each LED group")
         if self.leds.coupling != "air_gap" and self.optics.light_path == "air":
@@ -126,7 +135,15 @@ class Design(Spec):
     @property
     def mixing_matrix(self) -> NDArray[np.float64]:
         """Response of camera channels to LED groups, shape (3, groups)."""
-        return np.eye(len(CHANNELS)) if self.mixing is None else np.asarray(self.mixing, dtype=float)
+        if self.mixing is not None:
+            return np.asarray(self.mixing, dtype=float)
+        if self.camera.sensitivity is None:
+            return np.eye(len(CHANNELS))
+        return response(
+            self.camera.sensitivity,
+            wavelength_nm=[group.wavelength_nm for group in self.leds.groups],
+            width_nm=[group.width_nm for group in self.leds.groups],
+        )
 
     def per_group(
         self, field: Literal["membrane_albedo", "board_reflectance", "housing_reflectance"]

@@ -1,0 +1,157 @@
+"""Spectra of LEDs and cameras: how much each colour channel answers to each LED group."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any, Literal, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from geometries.spec import Spec
+
+Array = NDArray[np.float64]
+
+WIDTHS_NM = ((490.0, 25.0), (560.0, 35.0), (1100.0, 20.0))
+"""Typical full width at half maximum up to a peak wavelength: blue InGaN, green InGaN, red AlGaInP.
+
+Source: Kingbright data sheet DSAO4460 (APTF1616LSEKJ3ZGKQBC), spectral bandwidth at 50 %. The red one also
+stands for longer wavelengths (assumption).
+"""
+
+
+class Curves(NamedTuple):
+    """Published sensitivity of a camera: rows of wavelength (nm), red, green, blue, and their source."""
+
+    per: Literal["photon", "energy"]
+    rows: tuple[tuple[float, float, float, float], ...]
+    source: str
+
+
+SENSITIVITIES: dict[str, Curves] = {
+    "imx219": Curves(
+        per="photon",
+        rows=(
+            (400, 9.86, 7.68, 48.85), (410, 7.85, 6.06, 56.91), (420, 5.74, 4.61, 61.92),
+            (430, 4.28, 4.54, 69.74), (440, 3.62, 5.56, 74.66), (450, 3.15, 6.17, 81.28),
+            (460, 3.06, 8.59, 82.95), (470, 3.88, 23.56, 81.23), (480, 5.01, 60.63, 72.04),
+            (490, 5.48, 84.57, 59.83), (500, 6.28, 93.42, 47.13), (510, 8.57, 97.48, 34.61),
+            (520, 12.06, 99.46, 23.84), (530, 13.34, 97.46, 18.41), (540, 11.44, 92.92, 14.61),
+            (550, 10.64, 88.05, 11.44), (560, 11.30, 82.86, 9.19), (570, 14.39, 74.54, 8.45),
+            (580, 51.04, 65.82, 8.41), (590, 93.49, 56.25, 8.08), (600, 96.12, 43.02, 7.10),
+            (610, 89.15, 30.68, 6.04), (620, 84.06, 22.59, 5.60), (630, 80.71, 18.06, 5.52),
+            (640, 76.41, 15.35, 5.90), (650, 71.87, 13.75, 6.71), (660, 66.70, 13.43, 7.65),
+            (670, 60.90, 14.71, 8.44), (680, 55.23, 17.15, 9.08), (690, 50.95, 19.97, 9.68),
+            (700, 49.31, 22.73, 10.70),
+        ),
+        source="Sony IMX219 (Raspberry Pi camera v2), quantum efficiency relative to its highest, no "
+        "infrared filter in it: the data sheet's curve as digitised by K. Hufkens (2016), published with "
+        "github.com/scivision/raspicam-spectra, file archive/IMX219.csv; every tenth nm, rounded",
+    ),
+}  # fmt: skip
+
+
+class Sensitivity(Spec):
+    """Spectral sensitivity of a camera's three channels: a published set by name, or a table."""
+
+    name: str | None = Field(None, description="Published set: " + ", ".join(SENSITIVITIES) + ".")
+    wavelength_nm: tuple[float, ...] = Field(
+        (), max_length=2000, description="Rising wavelengths of a table (nm); dark beyond its ends."
+    )
+    red: tuple[float, ...] = Field((), max_length=2000, description="Response of channel R at each.")
+    green: tuple[float, ...] = Field((), max_length=2000, description="Response of channel G at each.")
+    blue: tuple[float, ...] = Field((), max_length=2000, description="Response of channel B at each.")
+    per: Literal["photon", "energy"] = Field(
+        "energy", description="photon: the table is a quantum efficiency; energy: a response to power."
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named(cls, content: Any) -> Any:
+        """Take a plain string for the name of a set."""
+        return {"name": content} if isinstance(content, str) else content
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        channels = {"red": self.red, "green": self.green, "blue": self.blue}
+        if self.name is not None:
+            if self.wavelength_nm or any(channels.values()):
+                raise ValueError("name: give the name of a set or a table, not both")
+            if self.name not in SENSITIVITIES:
+                raise ValueError(f"name: unknown {self.name!r}; known are {', '.join(SENSITIVITIES)}")
+            return self
+        if len(self.wavelength_nm) < 2:
+            raise ValueError("wavelength_nm: a table needs at least two wavelengths, or give a name")
+        for before, after in pairwise(self.wavelength_nm):
+            if after <= before:
+                raise ValueError(f"wavelength_nm: must rise, {after:g} nm follows {before:g} nm")
+        if self.wavelength_nm[0] < 100 or self.wavelength_nm[-1] > 3000:
+            raise ValueError("wavelength_nm: must lie between 100 and 3000 nm")
+        for name, values in channels.items():
+            if len(values) != len(self.wavelength_nm):
+                raise ValueError(
+                    f"{name}: needs a value for each of the {len(self.wavelength_nm)} wavelengths, "
+                    f"has {len(values)}"
+                )
+            if min(values) < 0 or not any(values):
+                raise ValueError(f"{name}: must not be negative, and somewhere positive")
+        return self
+
+    @property
+    def curves(self) -> Curves:
+        """The table, by name or given."""
+        if self.name is not None:
+            return SENSITIVITIES[self.name]
+        rows = tuple(zip(self.wavelength_nm, self.red, self.green, self.blue, strict=True))
+        return Curves(self.per, rows, "given in the design")
+
+
+def typical_width_nm(wavelength_nm: float) -> float:
+    """Typical full width at half maximum of an LED's spectrum by its peak wavelength, see `WIDTHS_NM`."""
+    return next((width for limit, width in WIDTHS_NM if wavelength_nm < limit), WIDTHS_NM[-1][1])
+
+
+def response(
+    sensitivity: Sensitivity, *, wavelength_nm: Sequence[float], width_nm: Sequence[float | None]
+) -> Array:
+    """Response of each camera channel to the power of each LED group.
+
+    The spectrum of a group is a Gaussian of power by wavelength. A sensitivity per photon is weighted by the
+    wavelength, as a milliwatt of longer waves holds more photons.
+
+    Parameters
+    ----------
+    sensitivity : Sensitivity
+        The camera's.
+    wavelength_nm, width_nm : sequence of float
+        Peak and full width at half maximum of each group's spectrum; typical of the colour where None.
+
+    Returns
+    -------
+    array, shape (3, groups)
+        Rows R, G, B; the largest entry is 1, since exposure sets the scale.
+
+    Raises
+    ------
+    ValueError
+        If a group's light lies outside the table, so that no channel answers to it.
+    """
+    per, rows, _ = sensitivity.curves
+    table = np.asarray(rows, dtype=float)
+    columns = []
+    for peak, width in zip(wavelength_nm, width_nm, strict=True):
+        sigma = (typical_width_nm(peak) if width is None else width) / (2 * np.sqrt(2 * np.log(2)))
+        # Midpoints far finer than the spectrum and the table; 5 sigma hold all but 6e-7 of the light.
+        grid = peak + sigma * (np.arange(4000) - 1999.5) / 400
+        spectrum = np.exp(-0.5 * ((grid - peak) / sigma) ** 2)
+        weight = spectrum / spectrum.sum() * (grid / 550.0 if per == "photon" else 1.0)
+        curves = [np.interp(grid, table[:, 0], table[:, k], left=0.0, right=0.0) for k in (1, 2, 3)]
+        columns.append([float((curve * weight).sum()) for curve in curves])
+    matrix = np.array(columns).T
+    for group, column in enumerate(matrix.T):
+        if column.max() < 1e-6 * table[:, 1:].max():
+            raise ValueError(
+                f"no channel answers to LED group {group + 1} at {wavelength_nm[group]:g} nm; the "
+                f"sensitivity is known from {table[0, 0]:g} to {table[-1, 0]:g} nm"
+            )
+    return np.asarray(matrix / matrix.max())
