@@ -124,9 +124,9 @@ def housing_inside(design: Design) -> Iterator[Shape]:
     floor_mm = min(housing.bottom_mm, lowest_mm - CLEARANCE_MM)
     part = gelcore.polygon(design.gelcore) if design.optics.light_path == "core" else None
     inner = elastomer.polygon(design.elastomer) if part is None else part
-    angles = np.unique(
-        np.concatenate([np.arctan2(inner[:, 1], inner[:, 0]), np.linspace(-np.pi, np.pi, 145)[:-1]])
-    )
+    corners = np.arctan2(inner[:, 1], inner[:, 0])
+    turns = np.concatenate([corners / (2 * np.pi), np.arange(144) / 144]) % 1.0
+    angles = np.unique(np.round(turns, 9) % 1.0) * 2 * np.pi
     round_ = np.column_stack([np.cos(angles), np.sin(angles)])
     count = len(angles)
     tube, hole = housing.inner_radius_mm * round_, housing.camera_hole_mm / 2 * round_

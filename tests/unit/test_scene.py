@@ -136,6 +136,67 @@ def test_ground_sides_are_rough():
     assert roughness == [0.0, 0.0, 0.0, 0.3, 0.3, 0.3]
 
 
+def test_paint_reflects_what_it_is_said_to_towards_the_core():
+    white = CORE.replace({"gelcore.paint_reflectance": 0.9})
+    painted = [
+        s
+        for s in scene_of(white).shapes
+        if s.name.startswith("core-side") and isinstance(s.material, Diffuse)
+    ]
+    assert len(painted) == 3
+    for side in painted:
+        assert side.material == Diffuse((0.9, 0.9, 0.9))
+        direction, _ = normals(side)
+        assert (direction[:, :2] @ side.vertices.mean(axis=0)[:2] < 0).all()
+    rough = CORE.replace({"gelcore.side_finish": "ground", "gelcore.ground_roughness": 0.15})
+    sides = [s for s in scene_of(rough).shapes if s.name.startswith("core-side")]
+    assert {s.material.roughness for s in sides} == {0.0, 0.15}
+
+
+@pytest.mark.parametrize("design", [FLAT, CORE, DOME], ids=lambda d: d.name)
+def test_the_housing_stands_around_with_a_hole_and_a_floor(design):
+    assert not any(s.name.startswith("housing") for s in scene_of(design).shapes)
+    white = design.replace({"optics.housing_reflectance": (0.8,)})
+    walls = {s.name: s for s in scene_of(white).shapes if s.name.startswith("housing")}
+    assert set(walls) == {"housing-tube", "housing-plate", "housing-floor"}
+    assert all(wall.material == Diffuse((0.8, 0.8, 0.8)) for wall in walls.values())
+    housing = design.housing
+    tube, plate, floor = (walls[f"housing-{name}"] for name in ("tube", "plate", "floor"))
+    direction, area = normals(tube)
+    middle = tube.vertices[tube.faces].mean(axis=1)
+    assert ((direction * middle)[:, :2].sum(axis=1) < 0).all()
+    height = housing.top_mm - tube.vertices[:, 2].min()
+    assert area.sum() == pytest.approx(2 * np.pi * housing.inner_radius_mm * height, rel=1e-3)
+    direction, area = normals(plate)
+    assert (direction[:, 2] < -0.999).all()
+    hole = housing.camera_hole_mm / 2
+    assert area.sum() == pytest.approx(np.pi * (housing.inner_radius_mm**2 - hole**2), rel=1e-3)
+    assert np.hypot(*plate.vertices[:, :2].T).min() == pytest.approx(hole)
+    direction, area = normals(floor)
+    assert (direction[:, 2] > 0.999).all()
+    part = design.gelcore if design.optics.light_path == "core" else design.elastomer
+    inner = {"gelsight-2020-dome": np.pi / 4}.get(design.name, np.sqrt(3) / 2) * part.width_mm**2
+    assert area.sum() == pytest.approx(np.pi * housing.inner_radius_mm**2 - inner, rel=2e-3)
+    boards = [s for s in scene_of(white).shapes if s.name.startswith("board")]
+    assert floor.vertices[0, 2] <= min(1.0, min(b.vertices[:, 2].min() for b in boards))
+
+
+def test_media_carry_index_absorption_and_haze_of_the_design():
+    changed = CORE.replace(
+        {
+            "optics.gelcore_index": 1.6,
+            "optics.gelcore_absorption_per_mm": (0.01, 0.02, 0.03),
+            "optics.gelcore_scattering_per_mm": 0.05,
+            "optics.gelcore_anisotropy": 0.7,
+            "optics.elastomer_absorption_per_mm": (0.002,),
+        }
+    )
+    shapes = {s.name: s for s in scene_of(changed).shapes}
+    core = Medium(1.6, (0.01, 0.02, 0.03), 0.05, 0.7)
+    assert shapes["interface"].material == Dielectric(Medium(1.41, (0.002,) * 3), core)
+    assert shapes["window"].material == Dielectric(core, Medium(1.0, (0.0,) * 3))
+
+
 def closed_volume(shapes):
     """Volume enclosed by outward triangles, by the divergence theorem."""
     total = 0.0
