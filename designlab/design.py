@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, field_validator, model_validator
 
+from designlab import parts
 from designlab.camera import Camera, View
 from designlab.margins import RULES, margins
 from designlab.materials import material
@@ -82,6 +83,14 @@ class Design(Spec):
         description="Response of each camera channel (rows R, G, B) to each LED group (columns); when "
         "absent, it follows from LED spectra and camera.sensitivity, and without that it is the unit matrix.",
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_parts(cls, content: Any) -> Any:
+        """Fill in what the LED library knows of the parts named."""
+        if isinstance(content, Mapping) and isinstance(content.get("leds"), Mapping):
+            return {**content, "leds": parts.filled(content["leds"])}
+        return content
 
     @field_validator("sensing_area_mm")
     @classmethod
@@ -176,6 +185,9 @@ class Design(Spec):
         content = self.model_dump()
         for path, value in changes.items():
             _assign(content, path, value)
+        for path in changes:
+            if path.startswith("leds.") and path.endswith(".part"):
+                parts.forget(content["leds"], path, given=changes)
         return _validated(content, "replace()")
 
     def view(self, columns: int) -> View:
@@ -218,7 +230,7 @@ class Design(Spec):
         distance = math.hypot(dx, dy)
         z = float(base_mm(self.elastomer, np.float64(x_mm), np.float64(y_mm)))
         if math.isnan(z):
-            raise InfeasibleDesign(f"sensing_area_mm: ({x_mm:g}, {y_mm:g}) mm lies outside the dome")
+            raise InfeasibleDesign(f"sensing_area_mm: ({x_mm:g}, {y_mm:g}) mm lies outside the curved membrane")
         tangent = apparent_tangent(distance, self.layers_to_camera(z))
         share = tangent / distance if distance > 0 else 0.0
         column, row = self.camera.project(share * dx, share * dy)
@@ -244,6 +256,9 @@ class Design(Spec):
             raise InfeasibleDesign(
                 f"camera.position_mm: z must be above the window at {window:g} mm, is {z_c:g} mm"
             )
+        if self.elastomer.shape == "freeform":
+            # Its core is flat: the gel gets thinner towards the edge.
+            return [(thickness - z, gel_index), (window - thickness, core_index), (z_c - window, 1.0)]
         # On a dome the gel keeps its thickness and the core gets thinner towards the edge.
         return [(thickness, gel_index), (window - thickness - z, core_index), (z_c - window, 1.0)]
 

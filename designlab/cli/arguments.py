@@ -75,6 +75,8 @@ def parser() -> argparse.ArgumentParser:
     add("doctor", f"{_START}:doctor", "what this machine offers, what is missing and how to get it")
     presets = add("presets", f"{_DESIGNS}:presets", "published sensors; one of them as TOML")
     presets.add_argument("name", nargs="?", metavar="NAME", help="preset to print")
+    parts = add("parts", f"{_DESIGNS}:parts", "LEDs with the figures of their data sheets")
+    parts.add_argument("name", nargs="?", metavar="NAME", help="part to show, with its source")
     init = add("init", f"{_START}:init", "a starter folder: design, study, notebook, measurement template")
     init.add_argument("folder", metavar="DIR", help="folder to make; must not exist, or be empty")
     init.add_argument(

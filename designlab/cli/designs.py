@@ -26,6 +26,36 @@ def presets(args: Namespace) -> Result:
     return Result({"presets": listed}, "\n".join(lines))
 
 
+def parts(args: Namespace) -> Result:
+    """List the LED library, or one part of it."""
+    from designlab.parts import PARTS, part
+
+    def content(name: str) -> dict[str, Any]:
+        entry = part(name)
+        return {
+            "name": name,
+            **entry._asdict(),
+            "chips": {colour: chip._asdict() for colour, chip in entry.chips.items()},
+        }
+
+    names = list(PARTS) if args.name is None else [args.name]
+    entries = [content(name) for name in names]
+    rows = []
+    for entry in entries:
+        size = entry["size_mm"]
+        front = "-" if size is None else " x ".join("?" if s is None else f"{s:g}" for s in size)
+        angle = "-" if entry["viewing_deg"] is None else f"{entry['viewing_deg']:g}"
+        for colour, chip in entry["chips"].items():
+            figures = (chip["wavelength_nm"], chip["width_nm"], chip["flux_mw"])
+            shown = ["-" if figure is None else f"{figure:g}" for figure in figures]
+            rows.append((entry["name"], front, angle, colour, *shown))
+    header = ("part", "size mm", "angle deg", "chip", "nm", "width nm", "mW")
+    lines = [table(header, rows)]
+    if args.name is not None:
+        lines += [f"{entries[0]['maker']} {entries[0]['number']}", f"source: {entries[0]['source']}"]
+    return Result({"parts": entries} if args.name is None else entries[0], "\n".join(lines))
+
+
 def evaluate(args: Namespace) -> Result:
     """Score a design."""
     from designlab.effects.model import load_model

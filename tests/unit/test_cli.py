@@ -24,6 +24,7 @@ PROGRAM = Path(sys.executable).with_name("designlab")
 COMMANDS = (
     "doctor",
     "presets",
+    "parts",
     "init",
     "demo",
     "evaluate",
