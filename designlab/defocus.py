@@ -20,39 +20,40 @@ SMALLEST_PX = 0.02  # of radius: less is no blur
 STEP_PX = 0.5  # between radii for which a whole picture is blurred
 MOST_STEPS = 48
 SUPERSAMPLES = 16  # along each side of a pixel of the disc's edge
+BISECTIONS = 8
 
 
 def radius_px(design: Design, view: View, surface: Surface) -> Array:
     """Radius of the disc in output pixels over which each pixel sees the membrane, shape (rows, columns).
 
-    Off the axis of a window the disc becomes an ellipse; the radius is that of the circle of equal area.
+    Off the axis of a window the disc becomes an ellipse; the circle of this radius has the same spread.
     """
     if design.camera.defocus is None:
         return np.zeros((view.rows, view.columns))
     centre = rays(design, view)
     z = surface.sample(np.nan_to_num(surface.z_mm), *centre.hit(surface))
-    along_x, along_y = (_shift(centre, rays(design, view, lens_point=point), z) for point in ((1, 0), (0, 1)))
-    area = along_x[0] * along_y[1] - along_x[1] * along_y[0]
-    return np.asarray(np.sqrt(np.abs(area / _pixel_area_mm2(centre, z))))
+    to_pixels = _pixels_per_mm(centre, z)
+    square = np.zeros(z.shape)
+    for point in ((1.0, 0.0), (0.0, 1.0)):
+        shift_mm = _shift(centre, rays(design, view, lens_point=point), z)
+        square += ((to_pixels @ shift_mm[..., None]) ** 2).sum(axis=(-2, -1))
+    return np.asarray(np.sqrt(square / 2))
 
 
-def _shift(centre: Rays, other: Rays, z: Array) -> tuple[Array, Array]:
-    """Way from one ray of each pixel to another at height z (mm)."""
-    return (
-        other.x_mm - centre.x_mm + z * (other.slope_x - centre.slope_x),
-        other.y_mm - centre.y_mm + z * (other.slope_y - centre.slope_y),
-    )
+def _shift(centre: Rays, other: Rays, z: Array) -> Array:
+    """Way along x and y from one ray of each pixel to another at height z (mm), shape (rows, columns, 2)."""
+    x = other.x_mm - centre.x_mm + z * (other.slope_x - centre.slope_x)
+    y = other.y_mm - centre.y_mm + z * (other.slope_y - centre.slope_y)
+    return np.stack([x, y], axis=-1)
 
 
-def _pixel_area_mm2(centre: Rays, z: Array) -> Array:
-    """Area between the rays of neighbouring pixels on a plane at height z (mm)."""
-    x_row, x_column = (
-        a + z * b for a, b in zip(np.gradient(centre.x_mm), np.gradient(centre.slope_x), strict=True)
-    )
-    y_row, y_column = (
-        a + z * b for a, b in zip(np.gradient(centre.y_mm), np.gradient(centre.slope_y), strict=True)
-    )
-    return np.asarray(x_column * y_row - x_row * y_column)
+def _pixels_per_mm(centre: Rays, z: Array) -> Array:
+    """Derivatives of row and column by x and y on a plane at height z (mm), shape (rows, columns, 2, 2)."""
+    by_pixel = [
+        np.stack([a + z * b for a, b in zip(np.gradient(place), np.gradient(slope), strict=True)], axis=-1)
+        for place, slope in ((centre.x_mm, centre.slope_x), (centre.y_mm, centre.slope_y))
+    ]
+    return np.linalg.inv(np.stack(by_pixel, axis=-2))
 
 
 def blur(image: NDArray[np.float32], radius: Array) -> NDArray[np.float32]:
@@ -61,7 +62,7 @@ def blur(image: NDArray[np.float32], radius: Array) -> NDArray[np.float32]:
     Parameters
     ----------
     image : array, shape (..., rows, columns)
-        The sharp picture; what lies outside it is taken to be like its edge.
+        The sharp picture; beyond its edge it is continued in proportion.
     radius : array, shape (rows, columns)
         Radius of the disc around each pixel, in pixels.
     """
@@ -77,14 +78,16 @@ def blur(image: NDArray[np.float32], radius: Array) -> NDArray[np.float32]:
         weight = np.clip(1 - np.abs(place - number), 0.0, 1.0)
         if weight.any():
             total += weight * _blurred(image, float(node))
-    return total.astype(np.float32)
+    return np.maximum(total, 0.0).astype(np.float32)
 
 
 def _blurred(image: NDArray[np.float32], radius: float) -> Array:
     disc = _disc(radius)
     reach = disc.shape[0] // 2
     still = [(0, 0)] * (image.ndim - 2)
-    padded = np.pad(image.astype(float), [*still, (reach, reach), (reach, reach)], mode="edge")
+    padded = np.pad(
+        image.astype(float), [*still, (reach, reach), (reach, reach)], "reflect", reflect_type="odd"
+    )
     kernel = disc.reshape((1,) * (image.ndim - 2) + disc.shape)
     return np.asarray(oaconvolve(padded, kernel, mode="valid", axes=(-2, -1)))
 
@@ -96,12 +99,19 @@ def _disc(radius: float) -> Array:
         side = radius**2 / 8
         row = np.array([side, 1 - 2 * side, side])
         return np.outer(row, row)
-    # Pixels are squares, which adds 1/12 to the variance.
-    covered = np.sqrt(radius**2 - 1 / 3)
-    reach = int(np.ceil(covered + 0.5))
+    reach = int(np.ceil(radius + 0.5))
     fine = np.arange((2 * reach + 1) * SUPERSAMPLES) + 0.5
     offset = fine / SUPERSAMPLES - (reach + 0.5)
-    inside = (offset[:, None] ** 2 + offset[None] ** 2 <= covered**2).astype(float)
     shape = 2 * reach + 1, SUPERSAMPLES, 2 * reach + 1, SUPERSAMPLES
-    weights = inside.reshape(shape).sum(axis=(1, 3))
-    return np.asarray(weights / weights.sum())
+    pixel = np.arange(-reach, reach + 1)
+    # That pixels are squares adds about 1/12 to the variance, so the disc they cover must be smaller.
+    low, high = 0.0, radius
+    weights = np.zeros((2 * reach + 1, 2 * reach + 1))
+    for _ in range(BISECTIONS):
+        covered = (low + high) / 2
+        inside = (offset[:, None] ** 2 + offset[None] ** 2 <= covered**2).astype(float)
+        weights = inside.reshape(shape).sum(axis=(1, 3))
+        weights /= weights.sum()
+        wide = weights.sum(axis=0) @ pixel**2 > radius**2 / 4
+        low, high = (low, covered) if wide else (covered, high)
+    return weights

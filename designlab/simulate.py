@@ -1,7 +1,7 @@
 """The one composition: press, scene, effects, light transport, mixing, camera."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -141,18 +141,6 @@ class Simulator:
         )
         return self.scene(flat)
 
-    def _through_lens(
-        self, basis: NDArray[np.float32], scene: Scene, surface: Surface
-    ) -> NDArray[np.float32]:
-        """Defocus where light transport has not seen to it, and vignetting."""
-        from designlab.render import shows_defocus
-
-        if not shows_defocus(scene):
-            basis = blur(basis, radius_px(self.design, self.view, surface))
-        if self.design.camera.vignetting == Vignetting():
-            return basis
-        return (basis * self.design.camera.vignette(self.view)).astype(np.float32)
-
     def frame(self, press: Press | None, *, seed: int | None = None, half: int | None = None) -> Frame:
         """Simulate one picture.
 
@@ -170,10 +158,16 @@ class Simulator:
         RenderFailed
             If the picture is black or not finite; the text says which LED group and why it may be.
         """
-        from designlab.render import transport
+        from designlab.render import shows_defocus, transport
 
         surface = self.surface(press)
-        scene = self.scene(surface)
+        scene, seen, place = self.scene(surface), self.rays, (slice(None), slice(None))
+        sharp = not shows_defocus(scene)
+        if sharp:
+            # Light from around the view is blurred into it.
+            reach = int(np.ceil(radius_px(self.design, self.view, surface).max()))
+            wider, place = self.view.grown(reach, self.design.camera)
+            scene, seen = replace(scene, view=wider), rays(self.design, wider)
         basis = transport(
             scene,
             samples=self.samples,
@@ -182,9 +176,12 @@ class Simulator:
             half=half,
             undeformed=self._undeformed,
             surface=surface,
-            rays=self.rays,
+            rays=seen,
         )
-        basis = self._through_lens(basis, scene, surface)
+        if sharp:
+            basis = blur(basis, radius_px(self.design, scene.view, surface))[:, *place]
+        if self.design.camera.vignetting != Vignetting():
+            basis = (basis * self.design.camera.vignette(self.view)).astype(np.float32)
         for name, image in zip(self.design.group_names, basis, strict=True):
             if not np.isfinite(image).all():
                 raise RenderFailed(

@@ -71,10 +71,8 @@ def transport(
 
 
 def shows_defocus(scene: Scene) -> bool:
-    """Whether `transport` traces light through all of the lens opening (else its picture is sharp)."""
-    from designlab.render import sensors
-
-    return not _by_light_field(scene) and sensors.traces_lens(scene.camera)
+    """Whether what `transport` returns is as sharp as the camera sees it, not sharper."""
+    return scene.camera.defocus is None or (activate().is_jit and not _by_light_field(scene))
 
 
 def _by_light_field(scene: Scene) -> bool:

@@ -33,11 +33,6 @@ def sensor(scene: Scene, samples: int) -> "dict[str, Any] | mitsuba.Sensor":
     return _lens(scene, samples)
 
 
-def traces_lens(camera: Camera) -> bool:
-    """Whether path-traced pictures show the camera's defocus."""
-    return camera.defocus is None or activate().is_jit
-
-
 def _perspective(scene: Scene, samples: int) -> dict[str, Any]:
     import mitsuba as mi
 
