@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from designlab.camera import Camera
+from designlab.camera import Camera, View
+from designlab.images import to_srgb
+from designlab.response import Response
 
 PIXELS = 100_000
 
@@ -106,3 +108,125 @@ def test_focal_length_spans_the_field_of_view():
     camera = Camera(width_px=1000, height_px=500, horizontal_fov_deg=90)
     assert camera.focal_px == pytest.approx(500.0)  # tan 45 deg = 1
     assert camera.full_view() == (0.0, 0.0, 1000.0, 500.0, 1000, 500)
+
+
+GAMMA = {"curve": "gamma", "gamma": 2.2}
+SRGB = {"curve": "srgb"}
+# steep in the dark, a knee at a quarter, flat above
+TABLE = {"curve": "table", "table": (0.0, 0.55, 0.75, 0.88, 1.0)}
+
+
+@pytest.mark.parametrize("response", [GAMMA, SRGB, TABLE], ids=["gamma", "srgb", "table"])
+@pytest.mark.parametrize("bit_depth", [8, 12])
+@pytest.mark.parametrize("binned", [1.0, 2.0, 6.25, 64.0])
+@pytest.mark.parametrize("light", [0.0, 0.02, 0.21, 0.7])
+def test_noise_behind_a_curve_has_the_stated_standard_deviation(light, binned, bit_depth, response):
+    camera = Camera(
+        full_well_e=4700, read_noise_e=20, black_level=0.03, bit_depth=bit_depth, response=response
+    )
+    seen = expose(camera, light, binned=binned)
+    sigma = float(camera.noise_sigma(np.array(light + camera.black_level), binned=binned))
+    assert_variance(seen, sigma)
+
+
+@pytest.mark.parametrize("response", [GAMMA, SRGB, TABLE], ids=["gamma", "srgb", "table"])
+@pytest.mark.parametrize("light", [0.0, 0.004, 0.3])
+def test_a_binned_pixel_behind_a_curve_is_the_average_of_pixels(light, response):
+    # without a black level half of the dark noise is cut off before the curve
+    camera = Camera(full_well_e=4700, read_noise_e=25, bit_depth=10, response=response)
+    nine = expose(camera, light, seed=2, count=9 * 20_000).reshape(-1, 9).mean(axis=1)
+    once = expose(camera, light, seed=3, count=20_000, binned=9.0)
+    assert once.mean() == pytest.approx(nine.mean(), abs=5 * nine.std() / np.sqrt(20_000))
+    ratio = once.var(ddof=1) / nine.var(ddof=1)
+    low, high = stats.f.ppf([5e-5, 1 - 5e-5], 19_999, 19_999)
+    assert low < ratio < high
+
+
+def test_far_from_the_knees_noise_is_scaled_by_the_slope_of_the_curve():
+    # first-order propagation: gamma 2 at a signal of 1/4 has slope 1
+    linear = Camera(full_well_e=1e6, read_noise_e=300, bit_depth=16)
+    for signal, slope in ((0.25, 1.0), (0.0625, 2.0)):
+        curved = linear.model_copy(update={"response": Response(curve="gamma", gamma=2.0)})
+        assert float(curved.response.slope(np.array(signal))) == pytest.approx(slope, rel=1e-6)
+        ratio = float(curved.noise_sigma(np.array(signal)) / linear.noise_sigma(np.array(signal)))
+        assert ratio == pytest.approx(slope, rel=2e-3)
+
+
+def test_gain_and_read_noise_follow_from_a_photon_transfer_curve():
+    # variance over mean of pairs of flat pictures: slope 1 / full well, offset the read noise
+    camera = Camera(full_well_e=8000, read_noise_e=12, black_level=0.05, bit_depth=12)
+    levels = np.linspace(0.05, 0.8, 12)
+    pairs = [[expose(camera, level, seed=2 * k + s) for s in (0, 1)] for k, level in enumerate(levels)]
+    variance = [np.var(a - b) / 2 for a, b in pairs]
+    mean = [(a + b).mean() / 2 - 0.05 for a, b in pairs]
+    slope, offset = np.polyfit(mean, variance, 1, w=1 / levels)
+    assert 1 / slope == pytest.approx(8000, rel=0.01)
+    assert np.sqrt(offset) * 8000 == pytest.approx(12, rel=0.1)
+
+
+@pytest.mark.parametrize("response", [GAMMA, SRGB, TABLE], ids=["gamma", "srgb", "table"])
+def test_a_response_curve_is_undone(response):
+    curve = Response(**response)
+    signal = np.linspace(0, 1, 1001)
+    encoded = curve.encode(signal)
+    assert (np.diff(encoded) > 0).all()
+    assert encoded[[0, -1]] == pytest.approx([0, 1])
+    np.testing.assert_allclose(curve.decode(encoded), signal, atol=1e-12)
+
+
+def test_srgb_is_the_encoding_of_pictures():
+    # IEC 61966-2-1: 18 % grey is 0.4613, the linear toe ends at 0.04045
+    curve = Response(curve="srgb")
+    assert float(curve.encode(np.array(0.18))) == pytest.approx(0.46136, abs=1e-5)
+    assert float(curve.encode(np.array(0.0031308))) == pytest.approx(0.04045, abs=1e-5)
+    np.testing.assert_allclose(curve.encode(np.linspace(0, 1, 64)), to_srgb(np.linspace(0, 1, 64)), atol=2e-6)
+
+
+def test_quantisation_comes_after_the_curve():
+    # 4 bits behind gamma 2: levels lie at (k / 15)^2 of the linear signal
+    camera = Camera(
+        read_noise_e=0.0, full_well_e=1e7, bit_depth=4, response=Response(curve="gamma", gamma=2.0)
+    )
+    seen = camera.expose(np.linspace(0, 1, 4000).reshape(-1, 1, 1), exposure=1.0, seed=1).ravel()
+    counts = np.unique(np.round(seen * 15, 4))
+    np.testing.assert_array_equal(counts, np.arange(16))
+    # steps lie half-way between levels: the first count ends at (1.5 / 15)^2
+    first = np.linspace(0, 1, 4000)[np.round(seen * 15) == 1].max()
+    assert first == pytest.approx((1.5 / 15) ** 2, abs=1e-3)
+
+
+@pytest.mark.parametrize("power", [3.0, 4.0])
+def test_natural_vignetting_is_a_power_of_the_cosine(power):
+    camera = Camera(horizontal_fov_deg=90.0, vignetting={"cosine_power": power})
+    view = camera.full_view()._replace(columns=41, rows=31)
+    factor = camera.vignette(view)
+    column, _ = view.centres()
+    tangent = (column[15] - 820) / 820  # on the row through the centre
+    np.testing.assert_allclose(factor[15], (1 + tangent**2) ** (-power / 2), rtol=1e-9)
+    assert factor.max() == pytest.approx(1.0)
+
+
+def test_polynomial_vignetting_is_one_at_the_centre_and_counts_half_diagonals():
+    camera = Camera(
+        width_px=1600,
+        height_px=1200,
+        vignetting={"a1": -0.3, "a2": -0.1, "a3": 0.05},
+        horizontal_fov_deg=60.0,
+    )
+    corner = camera.vignette(View(0.0, 0.0, 0.002, 0.002, 1, 1))
+    assert float(corner[0, 0]) == pytest.approx(0.65, abs=1e-5)
+    edge = camera.vignette(View(1599.999, 600.0, 0.002, 0.002, 1, 1))  # 0.8 half diagonals away
+    assert float(edge[0, 0]) == pytest.approx(1 - 0.3 * 0.64 - 0.1 * 0.64**2 + 0.05 * 0.64**3, abs=1e-5)
+    assert float(camera.vignette(View(799.5, 599.5, 1.0, 1.0, 1, 1))[0, 0]) == pytest.approx(1.0)
+
+
+def test_default_noise_is_what_it_was_without_a_response_curve():
+    # shot, then read noise from one stream: written out as the physics says
+    camera, light = Camera(black_level=0.1), 0.4
+    random = np.random.default_rng(7)
+    electrons = np.full((50, 1, 1), light * 4700)
+    random.poisson(np.full(electrons.shape, 1000.0))  # drawn for dim pixels, of which there are none
+    shot = electrons + np.sqrt(electrons) * random.standard_normal(electrons.shape)
+    signal = (shot + 5.0 * random.standard_normal(electrons.shape)) / 4700 + 0.1
+    expected = np.round(signal * 1023) / 1023
+    np.testing.assert_allclose(expose(camera, light, seed=7, count=50), expected.ravel(), atol=1e-6)
