@@ -13,6 +13,7 @@ from scipy.ndimage import map_coordinates
 from designlab.defocus import blur, radius_px
 from designlab.design import dumps, preset
 from designlab.press import Press
+from designlab.refraction import apparent_distance_mm
 from designlab.render import bridge, path, sensors
 from designlab.simulate import Simulator
 from designlab.viewing import rays
@@ -174,3 +175,47 @@ def test_a_defocused_picture_is_that_of_mitsubas_thin_lens():
     assert rms["traced"] < 0.02
     assert rms["fast"] < 0.03
     assert rms["sharp"] > 3 * rms["fast"]
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("design", [DIRECT, CORE], ids=["path tracer", "light field"])
+def test_vignetting_darkens_the_finished_picture(design):
+    frames = [
+        simulator(design.replace({"camera.vignetting": vignetting}), columns=16, rows=12, samples=4).frame(
+            None
+        )
+        for vignetting in ({}, {"cosine_power": 4.0})
+    ]
+    camera = design.camera
+    view = simulator(design, columns=16, rows=12, samples=4).view
+    column, row = view.centres()
+    tangent = np.hypot(column - camera.width_px / 2, row - camera.height_px / 2) / camera.focal_px
+    ratio = frames[1].basis / frames[0].basis
+    np.testing.assert_allclose(ratio, np.broadcast_to((1 + tangent**2) ** -2, ratio.shape), rtol=1e-5)
+    assert ratio.min() < 0.95
+
+
+@pytest.mark.llvm
+def test_a_defocused_light_field_is_the_average_over_the_opening():
+    # the same field shaded along the rays of many points of the opening
+    from designlab.render import lightfield
+
+    distance = apparent_distance_mm(CORE.layers_to_camera(0.0))
+    design = CORE.replace({"camera.focus_mm": 0.6 * distance, "camera.aperture_mm": 1.5})
+    sim = Simulator(design, columns=80, samples=4, seed=1)
+    surface = sim.surface(BALL)
+    scene = sim.scene(surface)
+    field = lightfield.bake(sim._undeformed(), samples=4, seed=1)
+    axis = (np.arange(6) + 0.5) / 6 * 2 - 1
+    points = [(u, v) for u in axis for v in axis if u * u + v * v <= 1]
+    exact = np.mean(
+        [lightfield.shade(field, scene, surface, rays(design, sim.view, lens_point=p)) for p in points],
+        axis=0,
+    )
+    sharp = lightfield.shade(field, scene, surface, sim.rays)
+    fast = blur(sharp, radius_px(design, sim.view, surface))
+    inside = np.s_[:, 6:-6, 6:-6]
+    error = (fast / exact - 1)[inside]
+    assert error.std() < 0.01
+    assert abs(error.mean()) < 1e-3
+    assert (sharp / exact - 1)[inside].std() > 4 * error.std()
