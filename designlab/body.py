@@ -77,11 +77,7 @@ def core_and_gel(design: Design) -> Iterator[Shape]:
 
 def _interface_z(design: Design, xy: FloatArray) -> FloatArray:
     """Height of the boundary between elastomer and gelcore at points (n, 2)."""
-    gel = design.elastomer
-    if gel.radius_mm is None:
-        return np.full(len(xy), gel.thickness_mm)
-    inner_mm = gel.radius_mm - gel.thickness_mm
-    return np.asarray(gel.radius_mm - np.sqrt(np.maximum(inner_mm**2 - (xy**2).sum(axis=1), 0.0)))
+    return elastomer.interface_mm(design.elastomer, xy[:, 0], xy[:, 1])
 
 
 def _sides_with_light(design: Design, outline: FloatArray) -> list[bool]:

@@ -256,7 +256,7 @@ def _body_margins(design: "Design") -> dict[str, float]:
         "dome_radius": dome_radius,
         "dome_core": dome_core,
         "minimum_wall": MINIMUM_WALL_MM - min(housing.wall_mm, housing.plate_mm),
-        "minimum_gel": MINIMUM_GEL_MM - gel.thickness_mm,
+        "minimum_gel": MINIMUM_GEL_MM - elastomer.thinnest_mm(gel),
     }
 
 

@@ -155,7 +155,7 @@ def _penetration(
 
 def _first_touch(press: Press, elastomer: Elastomer) -> float:
     """Greatest height of the probe over the base, wherever that is: its depth counts from there."""
-    if elastomer.radius_mm is None:
+    if elastomer.shape == "flat":
         return 0.0  # a profile is zero at its foremost point
     reach = REACH_SIZES * press.probe.size_mm
     x, y = np.meshgrid(*(centre + np.linspace(-reach, reach, 401) for centre in press.centre_mm))

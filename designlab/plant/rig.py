@@ -71,6 +71,10 @@ class Rig:
             )
         if not all(design.leds.profile_of(k).is_lambertian for k in range(len(design.leds.groups))):
             raise ValueError("leds.profile: measurements are generated for Lambertian LEDs only")
+        if design.elastomer.shape == "freeform":
+            raise ValueError(
+                "elastomer.shape: measurements are generated for flat gels and domes, got 'freeform'"
+            )
         strips, boxes = emitters(design.leds), bodies(design.leds)
         fronts = [np.asarray(box.centre_mm) + box.half_mm[2] * np.asarray(box.normal) for box in boxes]
         return cls(
