@@ -102,15 +102,20 @@ class Bench:
     seed: int
 
     def picture(self, frame: Frame, number: int, extra: Array | None) -> NDArray[np.float32]:
-        """What the camera reports; `extra` adds render noise of the given standard deviation per group."""
+        """What the camera reports, its response curve undone.
+
+        `extra` adds render noise of the given standard deviation per group.
+        """
         mixed = frame.mixed
         if extra is not None:
             random = np.random.default_rng(sub_seed(self.seed, 5, number))
             noise = random.standard_normal(frame.basis.shape) * extra[:, None, None] * frame.basis
             mixed = np.einsum("cg,grk->rkc", frame.weights, frame.basis + noise).astype(np.float32)
-        return self.design.camera.expose(
+        camera = self.design.camera
+        seen = camera.expose(
             mixed, exposure=self.exposure, seed=sub_seed(self.seed, 4, number), binned=_binned(frame)
         )
+        return camera.response.decode(seen).astype(np.float32)
 
     def reconstruct(
         self,
@@ -151,7 +156,8 @@ class Bench:
             untouched.rays.y_mm,
         )
         camera = self.design.camera
-        sigma = camera.noise_sigma(background + camera.black_level, binned=_binned(untouched))
+        signal = background + camera.black_level
+        sigma = camera.noise_sigma(signal, binned=_binned(untouched)) / camera.response.slope(signal)
         return information.noise_limit_deg(slopes, sigma)
 
     def _one(self, calibration: Calibration, frame: Frame, image: NDArray[np.float32]) -> Reconstruction:

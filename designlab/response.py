@@ -43,6 +43,13 @@ class Response(Spec):
         """Whether signals pass unchanged."""
         return self.curve == "linear"
 
+    @property
+    def label(self) -> str:
+        """Name of the curve in a measurement's metadata; unknown where they have none."""
+        if self.curve == "table":
+            return "unknown"
+        return f"gamma:{self.gamma:.6g}" if self.curve == "gamma" else self.curve
+
     def encode(self, signal: NDArray[np.floating]) -> Array:
         """Signal behind the curve; below 0 and above 1 it is clipped (a linear response clips nothing)."""
         if self.is_linear:

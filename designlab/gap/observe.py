@@ -186,7 +186,9 @@ def _noise(
     view = measurement.view(first, design)
     binned = view.width_px / view.columns * view.height_px / view.rows
     camera = design.camera
-    stated = float(camera.noise_sigma(np.full(1, camera.black_level), binned=binned)[0]) ** 2
+    dark_signal = np.full(1, camera.black_level)
+    noise = camera.noise_sigma(dark_signal, binned=binned) / camera.response.slope(dark_signal)
+    stated = float(noise[0]) ** 2
     read = np.full(3, stated)
     black = np.full(3, camera.black_level)
     if dark:

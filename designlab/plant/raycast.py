@@ -82,13 +82,24 @@ class Caster:
         radiance = self._rig.albedo[:, None] / np.pi * np.where(membrane, irradiance, 0.0)
         split = SUPERSAMPLES
         shape = len(radiance), self._view.rows, split, self._view.columns, split
-        return np.asarray(radiance.reshape(shape).mean(axis=(2, 4)))
+        return np.asarray(radiance.reshape(shape).mean(axis=(2, 4))) * self._rig.camera.vignette(self._view)
 
 
 def pixel_rays(camera: Camera, view: View, *, split: int = SUPERSAMPLES) -> Rays:
-    """Rays through `split` x `split` evenly spaced points of every output pixel, rows first, flattened."""
+    """Rays through `split` x `split` evenly spaced points of every output pixel, rows first, flattened.
+
+    Raises
+    ------
+    ValueError
+        If a pixel looks 90 deg or more away from the axis, where no ray meets the membrane.
+    """
     u = view.x_px + (np.arange(view.columns * split) + 0.5) * view.width_px / (view.columns * split)
     v = view.y_px + (np.arange(view.rows * split) + 0.5) * view.height_px / (view.rows * split)
+    if not camera.is_plain:
+        right, up, forward = camera.unproject(*np.meshgrid(u, v))
+        if forward.min() <= 0:
+            raise ValueError("camera.lens: the picture must stay within 90 deg of the axis")
+        return Rays(camera.position_mm, (right / forward).ravel(), (up / forward).ravel())
     per_px = 2 * np.tan(np.radians(camera.horizontal_fov_deg / 2)) / camera.width_px
     tan_x, tan_y = np.meshgrid(per_px * (u - camera.width_px / 2), per_px * (camera.height_px / 2 - v))
     return Rays(camera.position_mm, tan_x.ravel(), tan_y.ravel())

@@ -219,3 +219,17 @@ def test_a_defocused_light_field_is_the_average_over_the_opening():
     assert error.std() < 0.01
     assert abs(error.mean()) < 1e-3
     assert (sharp / exact - 1)[inside].std() > 4 * error.std()
+
+
+@pytest.mark.llvm
+@pytest.mark.parametrize("changes", LENSES.values(), ids=LENSES)
+def test_the_generator_of_measurements_sees_the_same_through_a_lens(changes):
+    from designlab.plant.raycast import Caster
+    from designlab.plant.rig import Rig
+
+    design = CLOSE.replace({**changes, "camera.vignetting": {"cosine_power": 2.0, "a1": -0.1}})
+    sim = simulator(design, columns=32, rows=24, samples=256)
+    cast = Caster(Rig.of(design), sim.view).radiance(None)
+    found = sim.frame(None).basis
+    np.testing.assert_allclose(block_means(found, 8), block_means(cast, 8), rtol=5e-3)
+    np.testing.assert_allclose(found, cast, rtol=0.05)
