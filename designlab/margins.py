@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.camera import Camera
-from designlab.mounting import face_corners, interface_mm, sides
+from designlab.mounting import face_corners, sides
 from designlab.refraction import apparent_distance_mm, apparent_tangent
 from geometries import elastomer, gelcore
 from geometries.leds import Body, bodies, emitters
@@ -127,7 +127,7 @@ def _off_their_seat(design: "Design", boxes: Sequence[_Convex]) -> float:
 
     def outside(points: Array) -> Array:
         """How far points lie above the window or below the gelcore's gel side."""
-        below = interface_mm(design, points[:, 0], points[:, 1]) - points[:, 2]
+        below = elastomer.interface_mm(design.elastomer, points[:, 0], points[:, 1]) - points[:, 2]
         return np.maximum(points[:, 2] - _window_mm(design), below)
 
     if design.leds.coupling == "embedded":

@@ -3,9 +3,9 @@
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from geometries import gelcore
+from geometries import elastomer, gelcore
 from geometries.leds import Body, Emitter, bodies, emitters
 
 if TYPE_CHECKING:
@@ -63,16 +63,6 @@ def _corners(middle: Array, across: Array, down: Array) -> Array:
     return np.array([middle + i * across + j * down for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
 
 
-def interface_mm(design: "Design", x: ArrayLike, y: ArrayLike) -> Array:
-    """Height of the boundary between elastomer and gelcore (mm)."""
-    gel = design.elastomer
-    x, y = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
-    if gel.radius_mm is None:
-        return np.full(x.shape, gel.thickness_mm)
-    inner_mm = gel.radius_mm - gel.thickness_mm
-    return np.asarray(gel.radius_mm - np.sqrt(np.maximum(inner_mm**2 - x**2 - y**2, 0.0)))
-
-
 def sides(design: "Design") -> Sides:
     """Side planes of the gelcore; a drafted one leans to the axis towards the camera."""
     core = design.gelcore
@@ -81,7 +71,10 @@ def sides(design: "Design") -> Sides:
     level = np.column_stack([edge[:, 1], -edge[:, 0]]) / np.linalg.norm(edge, axis=1, keepdims=True)
     draft = np.radians(0.0 if core.shape == "dome" else core.draft_deg)
     normals = np.column_stack([np.cos(draft) * level, np.full(len(level), np.sin(draft))])
-    return Sides(np.column_stack([outline, interface_mm(design, outline[:, 0], outline[:, 1])]), normals)
+    return Sides(
+        np.column_stack([outline, elastomer.interface_mm(design.elastomer, outline[:, 0], outline[:, 1])]),
+        normals,
+    )
 
 
 def seated(design: "Design") -> tuple[list[Body], list[Emitter]]:

@@ -5,7 +5,7 @@ import pytest
 
 from designlab.design import DesignError, InfeasibleDesign, preset
 from designlab.margins import _tangents
-from designlab.mounting import front_corners, interface_mm, seated, sides
+from designlab.mounting import front_corners, seated, sides
 from designlab.press import indent
 from designlab.scene import build
 from geometries import gelcore
@@ -14,7 +14,6 @@ from geometries.leds import bodies
 CORE = preset("default")  # hexagon, 26 mm over flats, z 2 to 10 mm; LEDs 2.5 x 2.4 mm at 6 mm
 BONDED = CORE.replace({"leds.coupling": "bonded", "leds.radius_mm": 13.0})
 EMBEDDED = CORE.replace({"leds.coupling": "embedded", "leds.radius_mm": 11.5})
-DOME = preset("gelsight-2020-dome").replace({"optics.light_path": "core"})
 
 
 def seat(design):
@@ -108,9 +107,20 @@ def test_side_planes_are_those_of_the_solid():
         assert ((np.abs(distance) < 1e-6).sum(axis=1) == 2).all()
 
 
-def test_the_interface_of_a_dome_is_the_concentric_sphere():
-    assert interface_mm(DOME, 0.0, 0.0) == pytest.approx(2.0)
-    assert interface_mm(DOME, 10.0, 0.0) == pytest.approx(35.0 - np.sqrt(33.0**2 - 10.0**2))
+def test_an_embedded_led_keeps_clear_of_a_dome_of_gel():
+    # the gel's inner sphere, radius 33 mm about z = 35 mm, stands at 35 - sqrt(33^2 - 13^2) at 13 mm
+    dome = preset("gelsight-2020-dome").replace(
+        {
+            "optics.light_path": "core", "leds.coupling": "embedded", "leds.tilt_deg": 0.0,
+            "leds.radius_mm": 12.0, "leds.body_width_mm": 1e-3, "leds.emitting_width_mm": 1e-3,
+            "leds.body_height_mm": 2.0, "leds.emitting_spans_mm": ((-1.0, 1.0),),
+            "leds.body_thickness_mm": 1.0,
+        }
+    )  # fmt: skip
+    above = 35.0 - np.sqrt(33.0**2 - 13.0**2)
+    for height in (5.0, 6.0, 7.0):
+        margin = seat(dome.replace({"leds.height_mm": height}))
+        assert margin == pytest.approx(max(above - (height - 1.0), 13.0 - 15.7), abs=1e-3)
 
 
 def test_only_bonded_leds_are_moved():
