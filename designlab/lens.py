@@ -16,6 +16,8 @@ from geometries.spec import Spec, quantity
 Array = NDArray[np.float64]
 TOLERANCE = 1e-13  # focal lengths; a thousandth of a millionth of a pixel
 
+NEGLIGIBLE = 1e-50  # coefficient that no picture shows, but that overflows where it is divided by
+
 
 class Distortion(Spec):
     """Distortion coefficients of OpenCV; all zero is a lens without distortion."""
@@ -226,7 +228,8 @@ def _odd_slopes(coefficients: Sequence[float]) -> tuple[float, ...]:
 
 def _turn(coefficients: Sequence[float]) -> float:
     """Smallest radius at which `_odd` stops growing; infinite where it never does."""
-    roots = np.roots([*reversed(_odd_slopes(coefficients)), 1.0])
+    slopes = [value if abs(value) > NEGLIGIBLE else 0.0 for value in _odd_slopes(coefficients)]
+    roots = np.roots([*reversed(slopes), 1.0])
     real = roots.real[(np.abs(roots.imag) < 1e-9 * np.maximum(np.abs(roots), 1e-300)) & (roots.real > 0)]
     return float(np.sqrt(real.min())) if len(real) else np.inf
 

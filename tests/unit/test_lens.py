@@ -3,6 +3,8 @@
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from designlab.camera import Camera
 from designlab.design import DesignError, preset
@@ -100,6 +102,34 @@ def test_fisheye_directions_are_those_opencv_finds():
     found = cv2.fisheye.undistortPoints(points, matrix, coefficients, criteria=criteria).reshape(-1, 2)
     seen = np.stack([right / forward, -up / forward], axis=-1)[front]
     np.testing.assert_allclose(seen, found, rtol=1e-8, atol=1e-9)
+
+
+COEFFICIENT = st.floats(-0.6, 0.6)
+
+
+@given(
+    lens=st.sampled_from(["pinhole", "fisheye"]),
+    fov=st.floats(20.0, 150.0),
+    radial=st.tuples(COEFFICIENT, COEFFICIENT, COEFFICIENT),
+    tangential=st.tuples(st.floats(-0.05, 0.05), st.floats(-0.05, 0.05)),
+)
+def test_any_lens_is_refused_or_inverted(lens, fov, radial, tangential):
+    coefficients = dict(zip(("k1", "k2", "k3"), radial, strict=True))
+    if lens == "pinhole":
+        coefficients |= dict(zip(("p1", "p2"), tangential, strict=True))
+    refused = ""
+    try:
+        camera = camera_of(lens, fov, coefficients)
+    except ValueError as error:
+        refused = str(error)
+    if refused:
+        assert "must be invertible over the picture" in refused
+        return
+    column, row = picture(camera, step=200)
+    np.testing.assert_allclose(camera.project(*camera.unproject(column, row)), (column, row), atol=1e-6)
+    # the picture is not folded: places further right look further right
+    right, _, _ = camera.unproject(np.linspace(0, 1640, 60), 616.0)
+    assert (np.diff(right) > 0).all()
 
 
 @pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
