@@ -7,11 +7,13 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import chi2
 
+from designlab import store
 from designlab.camera import Camera, View
 from designlab.design import preset
 from designlab.press import indent
 from designlab.render import path, photons
 from designlab.scene import Diffuse, Light, Scene, Shape, build
+from designlab.simulate import Simulator
 from geometries.emission import AngularProfile
 
 pytestmark = [pytest.mark.llvm, pytest.mark.usefixtures("backend")]
@@ -230,3 +232,50 @@ def test_a_bonded_light_lies_just_inside_the_side_with_its_board_behind_it():
     assert light.inside
     assert 12.99 < light.centre_mm[1] < board.vertices[:, 1].min() < 13.0
     assert not any(light.inside for light in scene_of(GAP).lights)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"leds.coupling": "bonded", "leds.radius_mm": 13.0},
+        {"leds.coupling": "embedded", "leds.radius_mm": 11.9},
+        {"leds.profile": {"beam_deg": 60.0}},
+    ],
+    ids=["bonded", "embedded", "narrow"],
+)
+def test_field_and_path_tracer_agree(changes, tmp_path, monkeypatch):
+    monkeypatch.setenv(store.CACHE_VARIABLE, str(tmp_path))
+    # one wide LED a side, which the path tracer finds often enough
+    wide = {
+        "leds.emitting_width_mm": 12.0,
+        "leds.emitting_spans_mm": ((-3.5, 3.5),),
+        "leds.body_width_mm": 12.0,
+        "leds.body_height_mm": 7.0,
+        **{f"leds.groups.{k}.count": 1 for k in range(3)},
+    }
+    design = preset("default").replace(wide | changes)
+    view = design.view(24)._replace(rows=18)
+    sim = Simulator(design, view=view, samples=8, seed=1)
+    found = sim.frame(None).basis.mean(axis=(1, 2))
+    scene = sim.scene(sim.surface(None))
+    runs = np.array([path.radiance(scene, samples=512, seed=s).mean(axis=(1, 2)) for s in range(4)])
+    error = runs.std(axis=0, ddof=1) / np.sqrt(len(runs))
+    assert (error < 0.01 * found).all()
+    assert (np.abs(found - runs.mean(axis=0)) < 0.015 * found + 3 * error).all()
+
+
+def test_a_back_end_without_python_code_names_the_field(monkeypatch):
+    from dataclasses import dataclass
+
+    from designlab.render import emitters
+
+    @dataclass
+    class Scalar:
+        variant: str = "scalar_rgb"
+        is_jit: bool = False
+
+    monkeypatch.setattr(emitters, "activate", Scalar)
+    scene = over_a_plane(NARROW)
+    with pytest.raises(RuntimeError, match=r"leds\.profile: the back end scalar_rgb renders Lambertian"):
+        emitters.emitter(scene.lights[0], scene, 0)
