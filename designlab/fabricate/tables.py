@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from designlab.design import Design
+from designlab.parts import part
 from geometries.leds import emitters
 
 if TYPE_CHECKING:
@@ -37,6 +38,17 @@ PRINTED = Stock(
     "black PLA, or black SLA resin", 1.24, "PLA filament data sheets, solid print; SLA resin is about 1.15"
 )
 SMOOTH = Stock("SLA resin, or machined acrylic, polished", 1.15, "mid of 1.10 to 1.20 in makers' data sheets")
+
+COUPLING_NOTES: dict[str, tuple[str, ...]] = {
+    "bonded": (
+        "bonding: join each emitting face to the gelcore's side with clear glue of the core's index, without "
+        "bubbles; an air gap would bend all light to within the critical angle.",
+    ),
+    "embedded": (
+        "embedding: the LEDs are cast into the gelcore. Its files show the cavities they fill; hold them in "
+        "the mould by leds.csv, and lead the wires out through a side or the window's rim.",
+    ),
+}
 
 CASTING_SURPLUS = 1.3
 """Gel to mix over the gel's volume: overflow, cup and nozzle keep some."""
@@ -104,6 +116,9 @@ def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[st
     for group in leds.groups:
         count = group.count * len(group.azimuth_deg)
         text = f"{group.wavelength_nm:g} nm {leds.package}, {board}, {group.flux_mw / count:.4g} mW each"
+        bought = group.part or leds.part
+        if bought is not None:
+            text = f"{part(bought).maker} {part(bought).number}, {text}"
         rows.append(_row(f"led_{group.name}", count, text, None, None, "places in leds.csv"))
     camera = design.camera
     text = (
@@ -157,6 +172,7 @@ def readme(design: Design, manifest: Mapping[str, Any]) -> str:
         f"gel: {gel['volume_ml']:.3g} ml; mix {CASTING_SURPLUS * gel['mass_g']:.2g} g, degas, pour, close "
         "with mould_lid; surplus leaves through the four grooves. Cure shrinkage is not compensated.",
         "membrane: coat the gel's outer side, then bond the gel to the core with the same gel, no bubbles.",
+        *COUPLING_NOTES.get(design.leds.coupling, ()),
         "LEDs: place them by leds.csv. Seats for LED boards, gelcore and camera are not part of the design, "
         "as they depend on what you buy: add them to housing.step.",
     ]
