@@ -39,6 +39,7 @@ RULES: dict[str, str] = {
     "camera_above_core": "the camera stands above the gelcore",
     "camera_clears_plate": "the lens fits through the hole of the camera plate",
     "view_through_window": "the camera sees the sensing area through the gelcore's clear window",
+    "view_through_plate": "the camera sees the sensing area through the hole of the camera plate",
     "minimum_wall": f"housing walls are at least {MINIMUM_WALL_MM} mm thick",
     "minimum_gel": f"the gel is at least {MINIMUM_GEL_MM} mm thick",
 }
@@ -293,10 +294,15 @@ def _camera_margins(design: "Design") -> dict[str, float]:
         # Rays run straight from the camera to the window.
         at_window = np.array([x_c, y_c]) + seen * max(z_c - _window_mm(design), 0.0) / distance_mm
         through = float(np.linalg.norm(at_window, axis=1).max()) - core.window_diameter_mm / 2
+    hole = -math.inf
+    if z_c > housing.top_mm:
+        at_plate = np.array([x_c, y_c]) + seen * (z_c - housing.top_mm) / distance_mm
+        hole = float(np.linalg.norm(at_plate, axis=1).max()) - housing.camera_hole_mm / 2
     return {
         "sensing_area_on_membrane": _beyond(corners, elastomer.polygon(design.elastomer)),
         "camera_sees_membrane": _beyond_picture(camera, seen / distance_mm) * distance_mm,
         "camera_above_core": _window_mm(design) - z_c,
         "camera_clears_plate": 2 * camera.body_radius_mm - housing.camera_hole_mm,
         "view_through_window": through,
+        "view_through_plate": hole,
     }

@@ -25,6 +25,7 @@ BREAKING = {
     "camera_above_core": (FLAT, {"camera.position_mm": (0.0, 0.0, 13.0)}),
     "camera_clears_plate": (FLAT, {"camera.body_radius_mm": 4.6}),
     "view_through_window": (CORE, {"gelcore.window_diameter_mm": 8.0}),
+    "view_through_plate": (FLAT, {"camera.position_mm": (1.103, 1.324, 60.0)}),
     "minimum_wall": (FLAT, {"housing.wall_mm": 0.7}),
     "minimum_gel": (FLAT, {"elastomer.thickness_mm": 0.4}),
 }
@@ -122,6 +123,19 @@ def test_light_in_air_with_a_dome_sees_its_nearer_corner_wider():
     half = np.tan(np.radians(53.3 / 2))
     beyond = max((8 + x_c) / depth - half, (6 + y_c) / depth - half * 1944 / 2592)
     assert m == pytest.approx(beyond * z_c, rel=1e-9)
+
+
+def test_the_view_runs_straight_from_the_camera_through_the_plates_hole():
+    # corner (-8, -6) of the flat sensor's area is the one farthest from the axis at the plate
+    x_c, y_c, z_c = FLAT.camera.position_mm
+    share = (z_c - FLAT.housing.top_mm) / z_c
+    corners = [
+        (x_c + share * (sx * 8 - x_c), y_c + share * (sy * 6 - y_c)) for sx in (-1, 1) for sy in (-1, 1)
+    ]
+    expected = max(np.hypot(*corner) for corner in corners) - 4.5
+    assert FLAT.margins()["view_through_plate"] == pytest.approx(expected, rel=1e-9)
+    below = FLAT.replace({"camera.position_mm": (0.0, 0.0, 37.0)})
+    assert "view_through_plate" not in below.margins()
 
 
 def test_leds_of_a_ring_are_checked_against_each_other():
