@@ -22,7 +22,10 @@ class LedPosition(Effect):
     transferable: ClassVar[bool] = False
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
-        """Three distances; 0.3 mm is a circuit board's tolerance, 1 mm a hand assembly's."""
+        """Three distances; 0.3 mm is a circuit board's tolerance, 1 mm a hand assembly's.
+
+        LEDs bonded to the core have no radial play that light could tell: glue of the core's index fills it.
+        """
         return tuple(
             Parameter(f"{direction}_mm", "mm", 0.0, 0.5, -3.0, 3.0, meaning)
             for direction, meaning in (
@@ -30,6 +33,7 @@ class LedPosition(Effect):
                 ("height", "towards the camera"),
                 ("tangential", "counter-clockwise around the axis"),
             )
+            if direction != "radial" or design.leds.coupling != "bonded"
         )
 
     def on_scene(self, scene: Scene, values: Values) -> Scene:
@@ -54,7 +58,7 @@ class LedPosition(Effect):
 def _shift(facing: FloatArray, values: Values) -> FloatArray:
     """Displacement of a row whose emitting side faces `facing`, the axis; outwards is its reverse."""
     outward = -facing[:2] / np.hypot(*facing[:2])
-    radial, tangential = values["radial_mm"], values["tangential_mm"]
+    radial, tangential = values.get("radial_mm", 0.0), values["tangential_mm"]
     return np.array(
         [
             radial * outward[0] - tangential * outward[1],

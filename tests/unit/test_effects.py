@@ -4,6 +4,7 @@ import pytest
 from designlab.design import Design, preset
 from designlab.effects import CATALOGUE, AppliedEffect, Effect, ModelError, SensorModel, load_model
 from designlab.effects.model import effect
+from designlab.mounting import sides
 from designlab.press import Press, Surface, indent
 from designlab.scene import LED_FACE_GAP_MM, Scene, build
 from geometries.probes import parse
@@ -121,6 +122,19 @@ def test_led_position_moves_rows_along_their_own_directions() -> None:
         assert shift @ around == pytest.approx(0.2)
         assert shift[2] == pytest.approx(-0.3)
         assert (after.normal, after.radiance) == (before.normal, before.radiance)
+
+
+def test_glued_leds_slide_along_the_side_but_stay_on_it() -> None:
+    glued = preset("default").replace({"leds.coupling": "bonded", "leds.radius_mm": 13.0})
+    assert [p.name for p in effect("led_position").parameters(glued)] == ["height_mm", "tangential_mm"]
+    laid_out = scene(glued)
+    moved = effect("led_position").on_scene(laid_out, {"height_mm": 0.3, "tangential_mm": -0.2})
+    walls = sides(glued)
+    before, after = (
+        walls.distance_mm(np.array([light.centre_mm for light in s.lights])) for s in (laid_out, moved)
+    )
+    np.testing.assert_allclose(after, before, atol=1e-9)
+    assert (after < 0).all()
 
 
 def test_led_position_keeps_strips_on_their_boards_and_moves_nothing_else() -> None:
