@@ -27,13 +27,13 @@ class AngularProfile(Spec):
         None,
         unit="1",
         ge=0,
-        le=1e5,
+        le=2e4,
         description="m of an intensity proportional to cos(polar angle)^m; 1 is a Lambertian face.",
     )
     beam_deg: float | None = quantity(
         None,
         unit="deg",
-        ge=0.5,
+        ge=1,
         lt=180,
         description="Full angle between the directions of half the axial intensity; sets the exponent.",
     )

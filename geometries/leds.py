@@ -70,7 +70,8 @@ class LedArray(Spec):
     )
     profile: AngularProfile = Field(
         default_factory=lambda: AngularProfile(),
-        description="Angular profile of the light that leaves each emitting face.",
+        description="Angular profile of the light that leaves each emitting face: in air, or within the core "
+        "where the LEDs are bonded or embedded.",
     )
     coupling: Literal["air_gap", "bonded", "embedded"] = Field(
         "air_gap",
