@@ -62,8 +62,8 @@ class View(NamedTuple):
 class Vignetting(Spec):
     """Fall of brightness from the centre of the picture: cos(t)^power (1 + a1 r^2 + a2 r^4 + a3 r^6).
 
-    t is the angle to the axis (power 4 is the natural law of a simple lens), r the distance from the centre
-    over half the diagonal of the full sensor.
+    t is the angle to the axis (power 4 is the natural law of a simple lens), r the distance from it in
+    the picture over half the diagonal of the full sensor.
     """
 
     cosine_power: float = quantity(
@@ -102,6 +102,11 @@ class Camera(Spec):
     distortion: Distortion = Field(
         default_factory=lambda: Distortion(),
         description="OpenCV's coefficients: k1 k2 p1 p2 k3 of a pinhole, k1 to k4 of a fisheye.",
+    )
+    principal_point_px: tuple[float, float] | None = Field(
+        None,
+        description="Column and row of the full sensor that the axis meets, 0.5 more than OpenCV's cx and "
+        "cy; the middle when absent.",
     )
     vignetting: Vignetting = Field(
         default_factory=lambda: Vignetting(), description="Fall of brightness towards the corners."
@@ -160,6 +165,9 @@ class Camera(Spec):
                 f"horizontal_fov_deg: must be below {WIDEST_PINHOLE_DEG:g} deg for a pinhole lens, "
                 f"got {self.horizontal_fov_deg:g} deg"
             )
+        x, y = self.centre_px
+        if not (0 <= x <= self.width_px and 0 <= y <= self.height_px):
+            raise ValueError(f"principal_point_px: must lie on the sensor, got ({x:g}, {y:g})")
         try:
             _, _, forward = self.unproject(*self._picture())
         except ValueError as error:
@@ -169,7 +177,7 @@ class Camera(Spec):
                 "vignetting.cosine_power: must be 0 where the picture reaches 90 deg from the axis, "
                 f"got {self.vignetting.cosine_power:g}"
             )
-        radius = np.linspace(0.0, 1.0, 1001)
+        radius = np.linspace(0.0, float(self._radius(*self._picture()).max()), 1001)
         darkest = float(self.vignetting.factor(np.ones(1), radius).min())
         if darkest <= 0:
             raise ValueError(
@@ -195,6 +203,11 @@ class Camera(Spec):
         if self.lens == "fisheye":
             return self.width_px / 2 / Fisheye(self.distortion).distance(float(half))
         return self.width_px / 2 / float(np.tan(half))
+
+    @property
+    def centre_px(self) -> tuple[float, float]:
+        """Column and row of the full sensor that the axis of the lens meets."""
+        return self.principal_point_px or (self.width_px / 2, self.height_px / 2)
 
     @property
     def is_plain(self) -> bool:
@@ -247,8 +260,8 @@ class Camera(Spec):
         """
         x, y, z = np.broadcast_arrays(*(np.asarray(c, dtype=float) for c in (right, up, forward)))
         seen_x, seen_y = self._unit_lens.image(x, -y, z)
-        focal = self.focal_px
-        return self.width_px / 2 + focal * seen_x, self.height_px / 2 + focal * seen_y
+        focal, (x_c, y_c) = self.focal_px, self.centre_px
+        return x_c + focal * seen_x, y_c + focal * seen_y
 
     def unproject(
         self, column: NDArray[np.floating] | float, row: NDArray[np.floating] | float
@@ -272,20 +285,21 @@ class Camera(Spec):
             If the lens shows no direction there (never inside the picture).
         """
         columns, rows = np.broadcast_arrays(np.asarray(column, dtype=float), np.asarray(row, dtype=float))
-        focal = self.focal_px
-        right, down, forward = self._unit_lens.direction(
-            (columns - self.width_px / 2) / focal, (rows - self.height_px / 2) / focal
-        )
+        focal, (x_c, y_c) = self.focal_px, self.centre_px
+        right, down, forward = self._unit_lens.direction((columns - x_c) / focal, (rows - y_c) / focal)
         return right, -down, forward
 
     def vignette(self, view: View) -> Array:
         """Brightness of every output pixel over that at the centre of the picture, shape (rows, columns)."""
         column, row = view.centres()
         right, up, forward = self.unproject(column, row)
-        radius = np.hypot(column - self.width_px / 2, row - self.height_px / 2)
-        half_diagonal = np.hypot(self.width_px, self.height_px) / 2
         cosine = forward / np.sqrt(right**2 + up**2 + forward**2)
-        return self.vignetting.factor(cosine, radius / half_diagonal)
+        return self.vignetting.factor(cosine, self._radius(column, row))
+
+    def _radius(self, column: Array, row: Array) -> Array:
+        """Distance from the axis of the lens over half the diagonal of the full sensor."""
+        x_c, y_c = self.centre_px
+        return np.asarray(np.hypot(column - x_c, row - y_c) / (np.hypot(self.width_px, self.height_px) / 2))
 
     def full_view(self) -> View:
         """The whole sensor at its own resolution."""

@@ -101,7 +101,8 @@ def pixel_rays(camera: Camera, view: View, *, split: int = SUPERSAMPLES) -> Rays
             raise ValueError("camera.lens: the picture must stay within 90 deg of the axis")
         return Rays(camera.position_mm, (right / forward).ravel(), (up / forward).ravel())
     per_px = 2 * np.tan(np.radians(camera.horizontal_fov_deg / 2)) / camera.width_px
-    tan_x, tan_y = np.meshgrid(per_px * (u - camera.width_px / 2), per_px * (camera.height_px / 2 - v))
+    x_c, y_c = camera.centre_px
+    tan_x, tan_y = np.meshgrid(per_px * (u - x_c), per_px * (y_c - v))
     return Rays(camera.position_mm, tan_x.ravel(), tan_y.ravel())
 
 

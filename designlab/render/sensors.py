@@ -38,8 +38,9 @@ def _perspective(scene: Scene, samples: int) -> dict[str, Any]:
 
     view, camera = scene.view, scene.camera
     origin = np.asarray(camera.position_mm)
-    off_x = (view.x_px + view.width_px / 2 - camera.width_px / 2) / view.width_px
-    off_y = (view.y_px + view.height_px / 2 - camera.height_px / 2) / view.height_px
+    x_c, y_c = camera.centre_px
+    off_x = (view.x_px + view.width_px / 2 - x_c) / view.width_px
+    off_y = (view.y_px + view.height_px / 2 - y_c) / view.height_px
     return {
         "type": "perspective",
         "to_world": mi.ScalarTransform4f().look_at(
@@ -57,8 +58,8 @@ def _perspective(scene: Scene, samples: int) -> dict[str, Any]:
 
 
 def _sampler(samples: int) -> dict[str, Any]:
-    # Not Mitsuba's ldsampler, whose numbers repeat from bounce to bounce of a compiled loop: light that a dome
-    # throws on itself comes out 1.3 % too weak with it, at any number of samples.
+    # Not Mitsuba's ldsampler, whose numbers repeat from bounce to bounce of a compiled loop: light that a
+    # dome throws on itself comes out 1.3 % too weak with it, at any number of samples.
     return {"type": "multijitter", "sample_count": int(samples)}
 
 
@@ -179,8 +180,8 @@ def perspective_of(scene: Scene) -> Scene:
     top, bottom = -focal * tangents[..., 1].max(), -focal * tangents[..., 1].min()
     columns, rows = int(np.ceil((right - left) / pixel)), int(np.ceil((bottom - top) / pixel))
     wide = View(
-        camera.width_px / 2 + left,
-        camera.height_px / 2 + top,
+        camera.centre_px[0] + left,
+        camera.centre_px[1] + top,
         columns * pixel,
         rows * pixel,
         columns,

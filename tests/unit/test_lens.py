@@ -38,13 +38,16 @@ def camera_of(lens, fov, coefficients, **fields):
 
 CAMERAS = {f"pinhole {name}": camera_of("pinhole", *case) for name, case in PINHOLES.items()}
 CAMERAS |= {f"fisheye {name}": camera_of("fisheye", *case) for name, case in FISHEYES.items()}
+CAMERAS["fisheye off centre"] = camera_of("fisheye", 130.0, {"k1": 0.02}, principal_point_px=(800.5, 655.0))
+CAMERAS["pinhole off centre"] = camera_of("pinhole", 60.0, {"k1": -0.1}, principal_point_px=(870.0, 590.25))
 CAMERAS["plain"] = camera_of("pinhole", 62.0, {})
 
 
 def opencv(camera):
     """Matrix and coefficients of a camera as OpenCV has them; its places count like those of `Camera`."""
     f, k = camera.focal_px, camera.distortion
-    matrix = np.array([[f, 0, camera.width_px / 2], [0, f, camera.height_px / 2], [0, 0, 1.0]])
+    x_c, y_c = camera.principal_point_px or (camera.width_px / 2, camera.height_px / 2)
+    matrix = np.array([[f, 0, x_c], [0, f, y_c], [0, 0, 1.0]])
     if camera.lens == "fisheye":
         return matrix, np.array([k.k1, k.k2, k.k3, k.k4])
     return matrix, np.array([k.k1, k.k2, k.p1, k.p2, k.k3])
@@ -194,6 +197,7 @@ def test_what_lies_far_outside_does_not_fold_into_the_picture():
             },
             ["vignetting.cosine_power", "90 deg"],
         ),
+        ({"camera.principal_point_px": (2600.0, 900.0)}, ["principal_point_px", "on the sensor", "2600"]),
         ({"camera.focus_mm": 30.0}, ["focus_mm", "aperture_mm"]),
         ({"camera.f_number": 2.0}, ["focal_length_mm", "together"]),
         (
