@@ -20,6 +20,19 @@ stands for longer wavelengths (assumption).
 """
 
 
+LUMINOUS_EFFICIENCY = (
+    (380, 4e-5), (390, 1.2e-4), (400, 4e-4), (410, 0.0012), (420, 0.0040), (430, 0.0116), (440, 0.0230),
+    (450, 0.0380), (460, 0.0600), (470, 0.0910), (480, 0.1390), (490, 0.2080), (500, 0.3230), (510, 0.5030),
+    (520, 0.7100), (530, 0.8620), (540, 0.9540), (550, 0.9950), (555, 1.0), (560, 0.9950), (570, 0.9520),
+    (580, 0.8700), (590, 0.7570), (600, 0.6310), (610, 0.5030), (620, 0.3810), (630, 0.2650), (640, 0.1750),
+    (650, 0.1070), (660, 0.0610), (670, 0.0320), (680, 0.0170), (690, 0.0082), (700, 0.0041), (710, 0.0021),
+    (720, 0.0010), (730, 5e-4), (740, 2.5e-4), (750, 1.2e-4), (760, 6e-5), (770, 3e-5), (780, 1.5e-5),
+)  # fmt: skip
+"""Spectral luminous efficiency V for photopic vision, CIE 1924, by wavelength (nm)."""
+PEAK_EFFICACY_LM_W = 683.0
+"""Lumen per watt where V is 1: the definition of the candela."""
+
+
 class Curves(NamedTuple):
     """Published sensitivity of a camera: rows of wavelength (nm), red, green, blue, and their source."""
 
@@ -140,11 +153,8 @@ def response(
     table = np.asarray(rows, dtype=float)
     columns = []
     for peak, width in zip(wavelength_nm, width_nm, strict=True):
-        sigma = (typical_width_nm(peak) if width is None else width) / (2 * np.sqrt(2 * np.log(2)))
-        # Midpoints far finer than the spectrum and the table; 5 sigma hold all but 6e-7 of the light.
-        grid = peak + sigma * (np.arange(4000) - 1999.5) / 400
-        spectrum = np.exp(-0.5 * ((grid - peak) / sigma) ** 2)
-        weight = spectrum / spectrum.sum() * (grid / 550.0 if per == "photon" else 1.0)
+        grid, share = _spectrum(peak, width)
+        weight = share * (grid / 550.0 if per == "photon" else 1.0)
         curves = [np.interp(grid, table[:, 0], table[:, k], left=0.0, right=0.0) for k in (1, 2, 3)]
         columns.append([float((curve * weight).sum()) for curve in curves])
     matrix = np.array(columns).T
@@ -155,3 +165,21 @@ def response(
                 f"sensitivity is known from {table[0, 0]:g} to {table[-1, 0]:g} nm"
             )
     return np.asarray(matrix / matrix.max())
+
+
+def luminous_efficacy_lm_w(wavelength_nm: float, width_nm: float | None = None) -> float:
+    """Lumen per watt of an LED's light, a Gaussian spectrum as in `response` weighted with V."""
+    grid, share = _spectrum(wavelength_nm, width_nm)
+    table = np.asarray(LUMINOUS_EFFICIENCY)
+    return float(
+        PEAK_EFFICACY_LM_W * (share * np.interp(grid, table[:, 0], table[:, 1], left=0.0, right=0.0)).sum()
+    )
+
+
+def _spectrum(peak_nm: float, width_nm: float | None) -> tuple[Array, Array]:
+    """Wavelengths (nm) and the share of an LED's power at each; a width of None is typical of the colour."""
+    sigma = (typical_width_nm(peak_nm) if width_nm is None else width_nm) / (2 * np.sqrt(2 * np.log(2)))
+    # Midpoints far finer than the spectrum and any table; 5 sigma hold all but 6e-7 of the light.
+    steps = (np.arange(4000) - 1999.5) / 400
+    spectrum = np.exp(-0.5 * steps**2)
+    return peak_nm + sigma * steps, spectrum / spectrum.sum()

@@ -28,14 +28,17 @@ def presets(args: Namespace) -> Result:
 
 def parts(args: Namespace) -> Result:
     """List the LED library, or one part of it."""
-    from designlab.parts import PARTS, part
+    from designlab.parts import PARTS, flux_mw, part
 
     def content(name: str) -> dict[str, Any]:
         entry = part(name)
         return {
             "name": name,
             **entry._asdict(),
-            "chips": {colour: chip._asdict() for colour, chip in entry.chips.items()},
+            "chips": {
+                colour: {**chip._asdict(), "estimated_flux_mw": flux_mw(entry, chip)}
+                for colour, chip in entry.chips.items()
+            },
         }
 
     names = list(PARTS) if args.name is None else [args.name]
@@ -46,11 +49,12 @@ def parts(args: Namespace) -> Result:
         front = "-" if size is None else " x ".join("?" if s is None else f"{s:g}" for s in size)
         angle = "-" if entry["viewing_deg"] is None else f"{entry['viewing_deg']:g}"
         for colour, chip in entry["chips"].items():
-            figures = (chip["wavelength_nm"], chip["width_nm"], chip["flux_mw"])
+            flux = chip["flux_mw"] if chip["flux_mw"] is not None else chip["estimated_flux_mw"]
+            figures = (chip["wavelength_nm"], chip["width_nm"], chip["intensity_mcd"], flux)
             shown = ["-" if figure is None else f"{figure:g}" for figure in figures]
             rows.append((entry["name"], front, angle, colour, *shown))
-    header = ("part", "size mm", "angle deg", "chip", "nm", "width nm", "mW")
-    lines = [table(header, rows)]
+    header = ("part", "size mm", "angle deg", "chip", "nm", "width nm", "mcd", "mW")
+    lines = [table(header, rows), "mW beside mcd are estimated from angle and spectrum"]
     if args.name is not None:
         lines += [f"{entries[0]['maker']} {entries[0]['number']}", f"source: {entries[0]['source']}"]
     return Result({"parts": entries} if args.name is None else entries[0], "\n".join(lines))

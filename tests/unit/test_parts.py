@@ -7,7 +7,8 @@ import pytest
 
 from designlab import cli
 from designlab.design import DesignError, dumps, loads
-from designlab.parts import PARTS
+from designlab.parts import PARTS, flux_mw
+from designlab.spectra import luminous_efficacy_lm_w
 
 HEAD = """
 [leds]
@@ -67,6 +68,18 @@ def test_a_group_may_name_its_own_part():
     # half the intensity at half of 80 deg
     assert leds.profile_of(2).power == pytest.approx(math.log(0.5) / math.log(math.cos(math.radians(40.0))))
     assert leds.profile_of(0).is_lambertian
+
+
+def test_flux_follows_from_intensity_angle_and_spectrum():
+    # 405 mcd of a Lambertian red face: pi times that in lumen, at some 220 lm/W
+    ws = PARTS["worldsemi-ws2812b"]
+    efficacy = luminous_efficacy_lm_w(622.5)
+    assert flux_mw(ws, ws.chips["red"]) == pytest.approx(405.0 * math.pi / efficacy, rel=5e-3)
+    assert 5.0 < flux_mw(ws, ws.chips["red"]) < 6.5
+    stated = PARTS["osram-gf-cs8pm1"]
+    assert flux_mw(stated, stated.chips["infrared"]) == 231.0
+    unknown = PARTS["kingbright-apfa3010"]  # no wavelength
+    assert flux_mw(unknown, unknown.chips["red"]) is None
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import norm
 
 from designlab.design import DesignError, dumps, loads, preset
-from designlab.spectra import SENSITIVITIES, Sensitivity, response, typical_width_nm
+from designlab.spectra import SENSITIVITIES, Sensitivity, luminous_efficacy_lm_w, response, typical_width_nm
 
 CORE = preset("default")
 EDGES = (500.0, 500.001, 600.0, 600.001)
@@ -91,6 +91,16 @@ def test_with_a_sensitivity_any_number_of_groups_will_do():
     wavelength_nm = 590.0
     """  # noqa: E501
     assert loads(white).mixing_matrix.shape == (3, 1)
+
+
+def test_lumen_per_watt_are_those_of_a_data_sheet():
+    # Broadcom ASMT-QTB4-0AA02, table 3: peaks at 629 and 521 nm, 210 and 535 lm/W; its spectra are skewed.
+    # Blue is not compared: there the skew, which a Gaussian has not, weighs more than the rest.
+    found = [luminous_efficacy_lm_w(peak) for peak in (629.0, 521.0)]
+    np.testing.assert_allclose(found, [210.0, 535.0], rtol=0.13)
+    assert luminous_efficacy_lm_w(555.0, 0.2) == pytest.approx(683.0, rel=1e-3)
+    # linear between two entries of the table
+    assert luminous_efficacy_lm_w(605.0, 0.2) == pytest.approx(683 * (0.631 + 0.503) / 2, rel=1e-3)
 
 
 @pytest.mark.parametrize(
