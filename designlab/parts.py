@@ -179,8 +179,8 @@ def flux_mw(chosen: Part, chip: Chip) -> float | None:
     """Radiant flux of one chip (mW): the data sheet's, or estimated from its luminous intensity.
 
     The intensity spreads as cos(angle)^m, m from the viewing angle, over 2 pi / (m + 1) sr; the spectrum
-    turns lumen into watt. Against a sheet that states its lumen per watt (Broadcom ASMT-QTB4-0AA02) a Gaussian
-    spectrum makes the estimate 8 % (red) and 14 % (green) too high, and 56 % for blue, whose real spectrum has
+    turns lumen into watt. Against a sheet that states its lumen per watt (Broadcom ASMT-QTB4) a Gaussian
+    spectrum makes the estimate 8 % (red) and 14 % (green) too high; 56 % for blue, whose real spectrum has
     a tail towards green that the eye sees far better than the peak.
     """
     known = chosen.viewing_deg is not None and chip.intensity_mcd is not None
