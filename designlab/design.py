@@ -230,7 +230,9 @@ class Design(Spec):
         distance = math.hypot(dx, dy)
         z = float(base_mm(self.elastomer, np.float64(x_mm), np.float64(y_mm)))
         if math.isnan(z):
-            raise InfeasibleDesign(f"sensing_area_mm: ({x_mm:g}, {y_mm:g}) mm lies outside the curved membrane")
+            raise InfeasibleDesign(
+                f"sensing_area_mm: ({x_mm:g}, {y_mm:g}) mm lies outside the curved membrane"
+            )
         tangent = apparent_tangent(distance, self.layers_to_camera(z))
         share = tangent / distance if distance > 0 else 0.0
         column, row = self.camera.project(share * dx, share * dy)

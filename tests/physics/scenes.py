@@ -32,7 +32,7 @@ def sheet_at(name, z_mm, reach_mm, material):
 
 
 def rectangle_light(*, half_mm, face=0, x_mm=0.0, z_mm=None, down=False):
-    """Square source of 1 mW: a wall of the cube of that half size, or one at a height that faces up or down."""
+    """Square source of 1 mW: a wall of the cube of that half size, or one at a height, facing up or down."""
     normal, across = (np.array(v, dtype=float) for v in FACES[face])
     centre = -half_mm * normal
     if z_mm is not None or down:

@@ -166,7 +166,7 @@ def test_on_a_dome_a_point_is_nearer_to_the_camera():
     height = 35 - np.sqrt(35**2 - 6.0**2)
     column, _ = dome.project_px(6.0, 0.0)
     assert column == pytest.approx(1296 + dome.camera.focal_px * (6.0 - x_c) / (z_c - height), rel=1e-9)
-    with pytest.raises(InfeasibleDesign, match=r"\(40, 0\) mm lies outside the dome"):
+    with pytest.raises(InfeasibleDesign, match=r"\(40, 0\) mm lies outside the curved membrane"):
         dome.project_px(40.0, 0.0)
 
 
