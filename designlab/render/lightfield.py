@@ -92,15 +92,20 @@ def _edges_filled(power: NDArray[np.float32], scene: Scene, low: FloatArray) -> 
     offsets = (np.arange(fine) + 0.5) / fine - 0.5
     x = low[0] + (np.arange(columns)[:, None] + offsets).ravel() * CELL_MM
     y = low[1] + (np.arange(rows)[:, None] + offsets).ravel() * CELL_MM
-    triangles = scene.membrane.vertices[scene.membrane.faces][:, :, :2]
-    outline = triangles.reshape(-1, 2)
-    from scipy.spatial import ConvexHull
-
-    hull = ConvexHull(outline[:: max(1, len(outline) // 200_000)])
-    points = np.stack(np.meshgrid(x, y), axis=-1)
-    inside = (points @ hull.equations[:, :2].T + hull.equations[:, 2] <= 1e-9).all(axis=-1)
+    inside = _on_membrane(scene, *np.meshgrid(x, y))
     share = inside.reshape(rows, fine, columns, fine).mean(axis=(1, 3))
     return np.asarray(power / np.maximum(share, 0.5)[None, :, :, None, None], dtype=np.float32)
+
+
+def _on_membrane(scene: Scene, x: FloatArray, y: FloatArray) -> NDArray[np.bool_]:
+    """Points within the outline of the membrane."""
+    from scipy.spatial import ConvexHull
+
+    triangles = scene.membrane.vertices[scene.membrane.faces][:, :, :2]
+    outline = triangles.reshape(-1, 2)
+    hull = ConvexHull(outline[:: max(1, len(outline) // 200_000)])
+    points = np.stack([x, y], axis=-1)
+    return np.asarray((points @ hull.equations[:, :2].T + hull.equations[:, 2] <= 1e-9).all(axis=-1))
 
 
 def shade(field: LightField, scene: Scene, surface: Surface, rays: Rays) -> NDArray[np.float32]:
@@ -120,7 +125,8 @@ def shade(field: LightField, scene: Scene, surface: Surface, rays: Rays) -> NDAr
         for name, value in pixels.items()
     }
     horizon = _horizon(surface, at)
-    view = np.einsum("...,...->...", _transmission(scene, rays), np.ones_like(x))
+    # A wide lens also sees what lies beside the gel: its black rim.
+    view = _transmission(scene, rays) * _on_membrane(scene, x, y)
     albedo = _membrane_albedo(scene)
     images = []
     for group in range(scene.groups):
