@@ -193,8 +193,11 @@ def test_the_way_to_the_camera_costs_fresnels_share():
     np.testing.assert_allclose(passed, expected, rtol=1e-5)
 
 
-def seen_through_mitsuba(design, view):
-    """Where rays through pixel centres meet the membrane, refracted by Mitsuba at every boundary it finds."""
+def seen_through_mitsuba(design, view, *, opening=(0.5, 0.5)):
+    """Where rays through pixel centres meet the membrane, refracted by Mitsuba at every boundary it finds.
+
+    They pass a point of the lens opening, given in the unit square.
+    """
     import drjit as dr
     import mitsuba as mi
 
@@ -206,7 +209,7 @@ def seen_through_mitsuba(design, view):
         (np.arange(view.columns) + 0.5) / view.columns, (np.arange(view.rows) + 0.5) / view.rows
     )
     place = mi.Point2f(columns.ravel().astype(np.float32), rows.ravel().astype(np.float32))
-    ray, _ = loaded.sensors()[0].sample_ray(0.0, 0.5, place, mi.Point2f(0.5))
+    ray, _ = loaded.sensors()[0].sample_ray(0.0, 0.5, place, mi.Point2f(*opening))
     for _ in range(6):
         si = loaded.ray_intersect(ray)
         smooth = mi.has_flag(si.bsdf().flags(), mi.BSDFFlags.DeltaTransmission)
@@ -226,6 +229,28 @@ def test_pixels_see_what_mitsubas_rays_see_through_the_glass():
     x, y = seen_through_mitsuba(CORE, view)
     seen = rays(CORE, view)
     # Mitsuba starts a refracted ray 1 um beyond the boundary
+    np.testing.assert_allclose(x, seen.x_mm, atol=1e-3)
+    np.testing.assert_allclose(y, seen.y_mm, atol=1e-3)
+
+
+@pytest.mark.parametrize("opening", [(0.5, 0.5), (0.9, 0.3), (0.1, 0.65)])
+@pytest.mark.parametrize(
+    "lens",
+    [
+        {"camera.lens": "fisheye", "camera.horizontal_fov_deg": 110.0, "camera.distortion.k1": -0.03},
+        {"camera.distortion": {"k1": -0.3, "k2": 0.1, "p1": 0.004}, "camera.principal_point_px": (850, 600)},
+    ],
+    ids=["fisheye", "barrel"],
+)
+def test_pixels_of_an_open_lens_see_what_mitsubas_rays_see(lens, opening):
+    import mitsuba as mi
+
+    design = CORE.replace({**lens, "camera.focus_mm": 15.0, "camera.aperture_mm": 2.0})
+    view = view_of(design, 24, 18)
+    x, y = seen_through_mitsuba(design, view, opening=opening)
+    point = mi.warp.square_to_uniform_disk_concentric(mi.Point2f(*opening))
+    u, v = (float(np.asarray(c).ravel()[0]) for c in (point.x, point.y))
+    seen = rays(design, view, lens_point=(u, v))
     np.testing.assert_allclose(x, seen.x_mm, atol=1e-3)
     np.testing.assert_allclose(y, seen.y_mm, atol=1e-3)
 
