@@ -8,6 +8,7 @@ from designlab.viewing import rays
 from geometries.leds import emitters
 
 PUBLISHED = ("gelsight-2020-flat", "gelsight-2020-dome")
+CORES = tuple(f"{name}-core" for name in PUBLISHED)
 # arXiv 2012.13184 and the public scene files: radiance of each panel in its own colour, and its azimuth
 RADIANCE = {"red": 5.237, "green": 6.735, "blue": 6.839}
 AZIMUTH_DEG = {"red": 90.0, "green": 210.0, "blue": 330.0}
@@ -15,7 +16,13 @@ PIXEL_MM = 0.0159
 
 
 def test_names():
-    assert preset_names() == ("default", "gelsight-2020-dome", "gelsight-2020-flat")
+    assert preset_names() == (
+        "default",
+        "gelsight-2020-dome",
+        "gelsight-2020-dome-core",
+        "gelsight-2020-flat",
+        "gelsight-2020-flat-core",
+    )
 
 
 @pytest.mark.parametrize("name", preset_names())
@@ -27,9 +34,19 @@ def test_a_preset_is_feasible_named_and_reads_back(name):
     assert loads(dumps(design)) == design
 
 
-@pytest.mark.parametrize("name", PUBLISHED)
+@pytest.mark.parametrize("name", [*PUBLISHED, *CORES])
 def test_every_figure_of_a_published_sensor_says_where_it_is_from(name):
-    choices = ("package", "layout", "shape", "outline", "name", "description", "kernel_m", "pitch_mm")
+    choices = (
+        "package",
+        "layout",
+        "shape",
+        "outline",
+        "name",
+        "description",
+        "kernel_m",
+        "pitch_mm",
+        "light_path",
+    )
     whole_table = False
     for line in preset_text(name).splitlines():
         if line.startswith("["):
@@ -38,7 +55,26 @@ def test_every_figure_of_a_published_sensor_says_where_it_is_from(name):
             continue
         if line.split("=")[0].strip() in (*choices, "mixing"):
             continue
-        assert any(source in line for source in ("[P]", "[S]", "assumption", "radiance")), line
+        sources = "[P]", "[S]", "assumption", "radiance", "measured"
+        assert any(source in line for source in sources), line
+
+
+@pytest.mark.parametrize("name", PUBLISHED)
+def test_with_the_core_in_the_path_of_light_only_what_must_differ_does(name):
+    released, core = (preset(n).model_dump() for n in (name, f"{name}-core"))
+    different = set()
+    for part, content in released.items():
+        if not isinstance(content, dict):
+            continue
+        different |= {f"{part}.{field}" for field in content if content[field] != core[part][field]}
+    assert different - {"housing.inner_radius_mm"} == {
+        "leds.radius_mm",
+        "leds.coupling",
+        "optics.light_path",
+        "optics.path_length",
+        "camera.exposure",
+    } - ({"leds.coupling"} if name == "gelsight-2020-dome" else set())
+    assert released["leds"]["groups"] == core["leds"]["groups"]
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
