@@ -406,6 +406,32 @@ def leaves(content, path=()):
 
 
 PRESETS = {name: tomllib.loads(dumps(preset(name))) for name in preset_names()}
+# fields that no preset gives
+PRESETS["freeform"] = tomllib.loads(
+    dumps(
+        preset("default").replace(
+            {
+                "elastomer": {
+                    "shape": "freeform",
+                    "outline": "round",
+                    "width_mm": 24.0,
+                    "thickness_mm": 3.0,
+                    "profile_mm": ((0.0, 0.0), (4.0, 0.2), (8.0, 0.9), (12.0, 2.0)),
+                },
+                "optics.gelcore_index": 1.52,
+                "optics.elastomer_index": 1.4,
+                "optics.gelcore_absorption_per_mm": (0.01, 0.0, 0.02),
+                "optics.elastomer_absorption_per_mm": (0.01,),
+                "optics.gelcore_scattering_per_mm": 0.02,
+                "optics.coating_specular": 0.3,
+                "optics.coating_transmittance": 0.1,
+                "optics.object_reflectance": 0.5,
+                "optics.marker_pitch_mm": 1.5,
+                "optics.housing_reflectance": (0.6,),
+            }
+        )
+    )
+)
 PATHS = {name: list(leaves(content)) for name, content in PRESETS.items()}
 
 numbers = st.one_of(
@@ -418,7 +444,20 @@ numbers = st.one_of(
 texts = st.one_of(
     st.text(st.characters(exclude_categories=["Cs", "Cc"]), max_size=8),
     st.sampled_from(
-        ["flat", "dome", "hexagonal", "air", "core", "ring", "edge", "smd", "panel", "acrylic", "red"]
+        [
+            "flat",
+            "dome",
+            "freeform",
+            "hexagonal",
+            "air",
+            "core",
+            "ring",
+            "edge",
+            "smd",
+            "panel",
+            "acrylic",
+            "red",
+        ]
     ),
 )
 anything = st.recursive(
