@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +72,7 @@ class Scene:
         """SHA-256 of the content, arrays by their bytes."""
         return hashlib.sha256(repr((self.light_digest, self.camera, self.view)).encode()).hexdigest()
 
-    @property
+    @cached_property
     def light_digest(self) -> str:
         """SHA-256 of all but the camera: what light on the membrane depends on."""
         state = hashlib.sha256()

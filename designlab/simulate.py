@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,9 @@ from designlab.effects.model import SensorModel, effect
 from designlab.press import Press, Surface, indent
 from designlab.scene import Scene, build
 from designlab.viewing import Rays, rays
+
+if TYPE_CHECKING:
+    from designlab.render import Estimator
 
 Array = NDArray[np.float64]
 SURFACE_MARGIN_MM = 2.0  # the membrane is modelled finely this far beyond the area in view
@@ -87,6 +91,8 @@ class Simulator:
         Samples per pixel and LED group of the path tracer; photons per LED group are chosen to match.
     seed : int
         Seed of the light transport.
+    estimator : str
+        "fast", "reference" or "path", see `designlab.render.Estimator`.
     """
 
     def __init__(
@@ -97,12 +103,14 @@ class Simulator:
         columns: int = 160,
         samples: int = 64,
         seed: int,
+        estimator: "Estimator" = "fast",
     ) -> None:
         self.model = SensorModel.of(model)
         self.design = self.model.effective_design()
         self.view = view or self.design.view(columns)
         self.samples = samples
         self.seed = seed
+        self.estimator: Estimator = estimator
         self.rays = rays(self.design, self.view)
         self.pitch_mm = float(np.clip(2 * self.rays.pitch_mm[0], 0.025, 0.05))
 
@@ -130,6 +138,7 @@ class Simulator:
             scene = effect(applied.name).on_scene(scene, applied.values)
         return scene
 
+    @cached_property
     def _undeformed(self) -> Scene:
         """Lay out the scene that light fields are traced in: one for every view of the sensor."""
         flat = indent(
@@ -149,35 +158,39 @@ class Simulator:
         press : Press or None
             None for the untouched gel.
         seed : int, optional
-            Seed of the path tracer; the simulator's own when absent.
+            Seed of the light transport where each picture is traced; the simulator's own when absent.
         half : int, optional
-            0 or 1: use that half of the light field alone (designs whose light refracts), see `transport`.
+            0 or 1: shade from that half of the light field alone, which shows its random error.
 
         Raises
         ------
         RenderFailed
             If the picture is black or not finite; the text says which LED group and why it may be.
         """
-        from designlab.render import shows_defocus, transport
+        from designlab.render import chosen, shader, trace, traces_lens
 
         surface = self.surface(press)
         scene, seen, place = self.scene(surface), self.rays, (slice(None), slice(None))
-        sharp = not shows_defocus(scene)
+        estimator = chosen(self.estimator, scene)
+        sharp = scene.camera.defocus is not None and not traces_lens(estimator)
         if sharp:
             # Light from around the view is blurred into it.
             reach = int(np.ceil(radius_px(self.design, self.view, surface).max()))
             wider, place = self.view.grown(reach, self.design.camera)
             scene, seen = replace(scene, view=wider), rays(self.design, wider)
-        basis = transport(
-            scene,
-            samples=self.samples,
-            seed=self.seed if seed is None else seed,
-            bake_seed=self.seed,
-            half=half,
-            undeformed=self._undeformed,
-            surface=surface,
-            rays=seen,
-        )
+        if estimator == "fast":
+            shading = shader(
+                self._undeformed, self.surface(None), samples=self.samples, seed=self.seed, half=half
+            )
+            basis = shading.radiance(surface, scene, seen)
+        else:
+            basis = trace(
+                scene,
+                seen,
+                estimator=estimator,
+                samples=self.samples,
+                seed=self.seed if seed is None else seed,
+            )
         if sharp:
             basis = blur(basis, radius_px(self.design, scene.view, surface))[:, *place]
         if self.design.camera.vignetting != Vignetting():

@@ -14,6 +14,7 @@ from designlab.design import Design
 from designlab.effects.base import Effect
 from designlab.effects.model import SensorModel, effect
 from designlab.press import Press
+from designlab.render import Estimator
 from designlab.simulate import Simulator
 from designlab.store import digest, read_cache, write_cache
 
@@ -96,7 +97,9 @@ class Renders:
             if len(self._simulators) >= SIMULATORS_KEPT:
                 self._simulators.clear()
             seed = _seed(self.seed, 0, variant)
-            simulator = Simulator(model, view=view, samples=self.samples, seed=seed)
+            # Near models are told apart by the statistics of pictures: no bias where one can do without.
+            estimator: Estimator = "path" if model.design.optics.light_path == "air" else "fast"
+            simulator = Simulator(model, view=view, samples=self.samples, seed=seed, estimator=estimator)
             if variant == "fine":
                 simulator.pitch_mm /= FINER
             self._simulators[key] = simulator

@@ -1,9 +1,8 @@
 """Rendering: the only part of designlab that imports Mitsuba and Dr.Jit."""
 
-from collections.abc import Callable
 from contextlib import suppress
 from importlib.metadata import version
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,70 +15,89 @@ from designlab.viewing import Rays
 
 if TYPE_CHECKING:
     from designlab.render.lightfield import LightField
+    from designlab.render.shading import Shader
 
-KEPT_IN_MEMORY = 4  # light fields, about 20 MB each
-LIGHTFIELD_VERSION = 1  # raise when a change of the light field makes cached ones wrong
+Estimator = Literal["fast", "reference", "path"]
+"""fast: presses are shaded from a light field of the design, with a small known bias; reference: unbiased, by
+light tracing where light refracts and by path tracing elsewhere; path: Mitsuba's path tracer."""
+
+Thing = TypeVar("Thing")
+KEPT_IN_MEMORY = 4  # light fields and shaders, some 20 MB each
+LIGHTFIELD_VERSION = 2  # raise when a change of the light field makes cached ones wrong
+PHOTONS_PER_SAMPLE = 32_000  # lets one effort setting rule photons and the path tracer's samples
 
 
-def transport(
-    scene: Scene,
-    *,
-    samples: int,
-    seed: int,
-    bake_seed: int,
-    half: int | None,
-    undeformed: Callable[[], Scene],
-    surface: Surface,
-    rays: Rays,
-) -> NDArray[np.float32]:
-    """Radiance of every LED group at unit flux, shape (groups, rows, columns), in mW/mm2/sr per mW.
+def chosen(estimator: Estimator, scene: Scene) -> Estimator:
+    """Estimator that is used: ``scalar_rgb`` has the path tracer alone."""
+    if not activate().is_jit or (estimator == "reference" and not scene.refracts):
+        return "path"
+    return estimator
 
-    Where light runs straight, Mitsuba's path tracer renders the deformed scene. Where it refracts, path
-    tracing would meet a small LED behind glass only by chance: there the press is shaded from a light field
-    traced once for the undeformed scene, unless the back end is ``scalar_rgb``, which has the path tracer
-    alone.
+
+def traces_lens(estimator: Estimator) -> bool:
+    """Whether an estimator sees to defocus itself: the path tracer of a just-in-time back end does."""
+    return estimator == "path" and activate().is_jit
+
+
+def trace(scene: Scene, rays: Rays, *, estimator: Estimator, samples: int, seed: int) -> NDArray[np.float32]:
+    """Trace radiance of every LED group at unit flux, shape (groups, rows, columns), in mW/mm2/sr per mW.
 
     Parameters
     ----------
     scene : Scene
         What to render.
+    rays : Rays
+        Where its pixels look.
+    estimator : str
+        "reference" or "path".
     samples : int
-        Effort: samples per pixel and LED group, or light-field photons in proportion.
-    seed, bake_seed : int
-        Seeds of the path tracer and of the light field. Same seeds, same numbers, on one back end.
-    half : int, optional
-        Of the two independent halves of a light field, use this one only; shows its random error.
-    undeformed : callable
-        Returns the scene without a press; its camera does not matter.
-    surface, rays : Surface, Rays
-        The membrane of `scene`, and where the pixels look.
+        Effort: samples per pixel and LED group, or photons in proportion.
+    seed : int
+        Same seeds, same numbers, on one back end.
     """
-    if _by_light_field(scene):
-        from designlab.render import lightfield
+    if chosen(estimator, scene) == "reference":
+        from designlab.render import reference
 
-        flat = undeformed()
-        fields = [_light_field(flat, samples, bake_seed, k) for k in ((0, 1) if half is None else (half,))]
-        mean = lightfield.LightField(
-            np.mean([field.power for field in fields], axis=0, dtype=np.float32),
-            fields[0].x_mm,
-            fields[0].y_mm,
-        )
-        return lightfield.shade(mean, scene, surface, rays)
+        return reference.radiance(scene, rays, photons_per_group=samples * PHOTONS_PER_SAMPLE, seed=seed)
     from designlab.render import path
 
     return path.radiance(scene, samples=samples, seed=seed)
 
 
-def shows_defocus(scene: Scene) -> bool:
-    """Whether what `transport` returns is as sharp as the camera sees it, not sharper."""
-    return scene.camera.defocus is None or (activate().is_jit and not _by_light_field(scene))
+_fields: dict[str, "LightField"] = {}
+_shaders: dict[str, "Shader"] = {}
 
 
-def _by_light_field(scene: Scene) -> bool:
-    return scene.refracts and activate().is_jit
+def shader(
+    undeformed: Scene, untouched: Surface, *, samples: int, seed: int, half: int | None = None
+) -> "Shader":
+    """What shades every press of a design, from its light field: baked, or taken from memory or the disk.
 
+    Parameters
+    ----------
+    undeformed : Scene
+        The scene without a press; its camera does not matter.
+    untouched : Surface
+        The undeformed membrane on the grid that all presses share.
+    samples : int
+        Effort; photons in proportion.
+    seed : int
+        Same seeds, same numbers, on one back end.
+    half : int, optional
+        Of the two independent halves of a light field, use this one only; shows its random error.
+    """
+    from designlab.render.lightfield import LightField
+    from designlab.render.shading import Shader
 
-_recent: dict[str, "LightField"] = {}
+    grid = [untouched.x_mm, untouched.y_mm]
+    key = store.digest("shader", undeformed.light_digest, samples, seed, half, *grid)
+    if key not in _shaders:
+        halves = (0, 1) if half is None else (half,)
+        fields = [_light_field(undeformed, samples, seed, k) for k in halves]
+        power = np.asarray(np.mean([field.power for field in fields], axis=0), dtype=np.float32)
+        mean = LightField(power, fields[0].x_mm, fields[0].y_mm)
+        _remember(_shaders, key, Shader(mean, undeformed, untouched))
+    return _shaders[key]
 
 
 def _light_field(scene: Scene, samples: int, seed: int, half: int) -> "LightField":
@@ -89,15 +107,20 @@ def _light_field(scene: Scene, samples: int, seed: int, half: int) -> "LightFiel
     key = store.digest(
         "light field", LIGHTFIELD_VERSION, version("mitsuba"), scene.light_digest, samples, seed, half
     )
-    if key not in _recent:
+    if key not in _fields:
         stored = store.read_cache(key)
         if stored is None:
-            halved = lightfield.bake(scene, samples=max(1, samples // 2), seed=2 * seed + half)
+            photons = max(1, samples * PHOTONS_PER_SAMPLE // 2)
+            halved = lightfield.bake(scene, photons=photons, seed=2 * seed + half)
             stored = {"power": halved.power, "origin": np.array([halved.x_mm, halved.y_mm])}
             with suppress(OSError):  # a full or read-only cache costs time, not the result
                 store.write_cache(key, stored)
-        while len(_recent) >= KEPT_IN_MEMORY:
-            del _recent[next(iter(_recent))]
         x_mm, y_mm = (float(v) for v in stored["origin"])
-        _recent[key] = lightfield.LightField(stored["power"], x_mm, y_mm)
-    return _recent[key]
+        _remember(_fields, key, lightfield.LightField(stored["power"], x_mm, y_mm))
+    return _fields[key]
+
+
+def _remember(kept: dict[str, Thing], key: str, thing: Thing) -> None:
+    while len(kept) >= KEPT_IN_MEMORY:
+        del kept[next(iter(kept))]
+    kept[key] = thing

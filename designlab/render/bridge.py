@@ -1,5 +1,6 @@
 """From a `Scene` to Mitsuba objects: the one place where the two meet."""
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,6 +29,14 @@ def load(scene: Scene, *, group: int, integrator: dict[str, Any], samples: int) 
     for number, light in enumerate(light for light in scene.lights if light.group == group):
         content[f"light-{number}"] = emitter(light, scene, group)
     return mi.load_dict(content)
+
+
+def load_shapes(shapes: Iterable[Shape]) -> "mitsuba.Scene":
+    """Load shapes alone, without light or camera, to be hit by rays."""
+    activate()
+    import mitsuba as mi
+
+    return mi.load_dict({"type": "scene", **{shape.name: _mesh(shape, 0) for shape in shapes}})
 
 
 def _mesh(shape: Shape, group: int) -> "mitsuba.Mesh":

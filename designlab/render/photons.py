@@ -1,25 +1,79 @@
 """Light traced from the LEDs to the membrane: finds small LEDs behind glass, which paths meet by chance."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from designlab.render import bridge, emitters
-from designlab.scene import Light, Scene
+from designlab.scene import Dielectric, Light, Medium, Scene
 
 BATCH = 5_000_000  # photons traced at once; bounds memory
-DIMMEST = 1e-3  # photons that lost all but this share of their power are dropped
-Record = Callable[[Any, Any, Any, Any, Any], None]
+FAINT = 1 / 16  # photons that lost all but this share of their power live on by chance
+LATTICE = 1.1347241384015194  # root of x**6 = x + 1: its powers spread points evenly in five dimensions
+FACE_CELLS, DIRECTION_CELLS = 4, 32  # of a guide, along each side of an LED's face and of its directions
+UNGUIDED = 0.2  # share of photons that a guide leaves alone, so that no way is missed
+PILOT = 500_000  # photons that a guide is learnt from
 
 
-def trace(scene: Scene, *, group: int, photons: int, seed: int, record: Record) -> None:
+@dataclass(frozen=True, eq=False)
+class Arrival:
+    """Photons at the membrane, as Dr.Jit arrays.
+
+    Attributes
+    ----------
+    at
+        Mitsuba's surface interaction.
+    towards
+        Unit vector back along the ray.
+    power
+        In mW, of the 1 mW that the LED group emits.
+    bounces
+        Surfaces met before.
+    start
+        Cell of the guide that the photon started in.
+    """
+
+    at: Any
+    towards: Any
+    power: Any
+    bounces: Any
+    start: Any
+
+
+Record = Callable[[Arrival, Any], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Guide:
+    """Where on the LEDs, and into which directions, photons are worth starting: shares of cells."""
+
+    share: NDArray[np.float64]
+
+    @staticmethod
+    def cells(lights: int) -> int:
+        """Return how many cells there are: lights x face x directions."""
+        return lights * FACE_CELLS**2 * DIRECTION_CELLS**2
+
+
+def trace(
+    scene: Scene,
+    *,
+    group: int,
+    photons: int,
+    seed: int,
+    record: Record,
+    loaded: Any = None,
+    guide: Guide | None = None,
+) -> None:
     """Trace photons of one LED group that emits 1 mW and hand every arrival at the membrane to `record`.
 
     Parameters
     ----------
     scene : Scene
-        Must be loaded on a just-in-time back end.
+        What light meets. Needs a just-in-time back end.
     group : int
         LED group.
     photons : int
@@ -27,31 +81,132 @@ def trace(scene: Scene, *, group: int, photons: int, seed: int, record: Record) 
     seed : int
         Seed of the random numbers.
     record : callable
-        Called with Dr.Jit arrays: position, direction back towards the light, membrane normal, power (mW)
-        and the mask of photons that arrive. It is called while a loop is recorded, so it may only scatter.
+        Called with an `Arrival` and the mask of photons that arrive. It is called while a loop is recorded,
+        so it may only scatter.
+    loaded : mitsuba.Scene, optional
+        The scene loaded for this group.
+    guide : Guide, optional
+        Start photons where they are worth most.
     """
     import drjit as dr
 
-    loaded = bridge.load(scene, group=group, integrator={"type": "path"}, samples=4)
+    loaded = loaded if loaded is not None else load(scene, group)
     lights = [light for light in scene.lights if light.group == group]
     batches = max(1, round(photons / BATCH))
     size = int(np.ceil(photons / batches))
+    shifts = np.random.default_rng([seed, group, 78]).integers(0, 2**32, size=5)
     for batch in range(batches):
-        _batch(loaded, scene, lights, size, batches, _seed(seed, group, batch), record)
+        starts = Starts(batch * size, size, shifts, len(lights), guide)
+        _batch(loaded, scene, group, lights, starts, size * batches, _seed(seed, group, batch), record)
         dr.eval()
     dr.sync_thread()
 
 
+def load(scene: Scene, group: int) -> Any:
+    """Load a scene for `trace`."""
+    return bridge.load(scene, group=group, integrator={"type": "path"}, samples=4)
+
+
+class Starts:
+    """Evenly spread starts of photons, as a sampler of five numbers: light, place on it, direction.
+
+    Generalised golden-ratio (Kronecker) sequence with a random shift, see Niederreiter, Random Number
+    Generation and Quasi-Monte Carlo Methods (1992), ch. 3; in whole numbers modulo 2**32, unrounded.
+
+    Attributes
+    ----------
+    cell : Dr.Jit array
+        Cell of the guide that each start lies in.
+    weight : Dr.Jit array
+        How much more power each photon carries than an unguided one.
+    """
+
+    def __init__(self, first: int, size: int, shifts: Any, lights: int, guide: Guide | None) -> None:
+        import drjit as dr
+        import mitsuba as mi
+
+        index = dr.arange(mi.UInt32, size) + first
+        numbers = []
+        for k in range(5):
+            step = round(LATTICE ** -(k + 1) % 1 * 2**32) % 2**32
+            bits = index * mi.UInt32(step) + mi.UInt32(int(shifts[k]))
+            # The top 24 bits are exact in single precision and never reach one.
+            numbers.append(mi.Float(bits >> 8) * float(2.0**-24))
+        self.weight = mi.Float(1.0)
+        counts = (lights, FACE_CELLS, FACE_CELLS, DIRECTION_CELLS, DIRECTION_CELLS)
+        if guide is None:
+            places = [dr.minimum(mi.UInt32(u * n), n - 1) for u, n in zip(numbers, counts, strict=True)]
+            self.cell = mi.UInt32(0)
+            for place, n in zip(places, counts, strict=True):
+                self.cell = self.cell * n + place
+        else:
+            distribution = mi.DiscreteDistribution(np.ascontiguousarray(guide.share, dtype=np.float32))
+            self.cell, inner, share = distribution.sample_reuse_pmf(numbers[0])
+            self.weight = 1.0 / (share * len(guide.share))
+            rest, places = self.cell, []
+            for n in counts[::-1]:
+                places.insert(0, rest % n)
+                rest = rest // n
+            numbers = [
+                (mi.Float(place) + (inner if k == 0 else u)) / n
+                for k, (place, u, n) in enumerate(zip(places, numbers, counts, strict=True))
+            ]
+        self._numbers = [dr.minimum(u, 1.0 - 2.0**-24) for u in numbers]
+
+    def next_1d(self, active: Any = True) -> Any:
+        """Return the next number of every start."""
+        return self._numbers.pop(0)
+
+    def next_2d(self, active: Any = True) -> Any:
+        """Return the next two numbers of every start."""
+        import mitsuba as mi
+
+        first = self.next_1d()
+        return mi.Point2f(first, self.next_1d())
+
+
+def learn(scene: Scene, *, group: int, seed: int, worth: Callable[[Arrival, Any], Any], loaded: Any) -> Guide:
+    """Learn from a pilot run where photons start that are `worth` most: an importance of each arrival."""
+    import drjit as dr
+    import mitsuba as mi
+
+    lights = sum(light.group == group for light in scene.lights)
+    squares = dr.zeros(mi.Float, Guide.cells(lights))
+
+    def record(arrival: Arrival, active: Any) -> None:
+        value = worth(arrival, active) * PILOT
+        dr.scatter_add(squares, value * value, arrival.start, active & (value > 0))
+
+    trace(scene, group=group, photons=PILOT, seed=seed, record=record, loaded=loaded)
+    # The best density follows the root mean square of what a start brings; neighbours make it less jagged.
+    cells = np.asarray(squares).reshape(-1, DIRECTION_CELLS, DIRECTION_CELLS)
+    faces = cells.reshape(lights, FACE_CELLS**2, *cells.shape[1:]).mean(axis=1, keepdims=True)
+    smooth = np.sqrt(cells.reshape(lights, FACE_CELLS**2, *cells.shape[1:]) + faces).ravel()
+    if smooth.sum() == 0:
+        smooth = np.ones_like(smooth)
+    return Guide((1 - UNGUIDED) * smooth / smooth.sum() + UNGUIDED / len(smooth))
+
+
 def _batch(
-    loaded: Any, scene: Scene, lights: list[Light], size: int, batches: int, seed: int, record: Record
+    loaded: Any,
+    scene: Scene,
+    group: int,
+    lights: list[Light],
+    starts: Starts,
+    total: int,
+    seed: int,
+    record: Record,
 ) -> None:
     import drjit as dr
     import mitsuba as mi
 
+    cell, weight = starts.cell, starts.weight / total
+    size = dr.width(cell)
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, size)
-    ray = emitters.photons(lights, sampler, size)
+    ray = emitters.photons(lights, starts, size)
     membrane = mi.ShapePtr(next(shape for shape in loaded.shapes() if shape.id() == "membrane"))
+    matter = _Matter.of(scene, group, loaded)
     context = mi.BSDFContext(mi.TransportMode.Importance)
     # The way from membrane to camera crosses the interface and the window: three segments.
     longest = scene.path_length - (3 if scene.refracts else 1)
@@ -62,21 +217,29 @@ def _batch(
     def step(active: Any, ray: Any, power: Any, depth: Any, sampler: Any) -> Any:
         si = loaded.ray_intersect(ray, active)
         active = active & si.is_valid()
-        arrives = active & (si.shape == membrane) & (dr.dot(si.sh_frame.n, ray.d) < 0)
-        record(si.p, -ray.d, si.n, power, arrives)
+        scattered = mi.Mask(False)
+        if matter is not None:
+            power, ray, scattered = matter.cross(si, ray, power, sampler, active)
+        arrives = active & ~scattered & (si.shape == membrane) & (dr.dot(si.sh_frame.n, ray.d) < 0)
+        record(Arrival(si, -ray.d, power, depth, cell), arrives)
         bsdf = si.bsdf()
-        sample, weight = bsdf.sample(context, si, sampler.next_1d(active), sampler.next_2d(active), active)
-        power = power * weight.x
-        ray = si.spawn_ray(si.to_world(sample.wo))
+        meets = active & ~scattered
+        sample, reflected = bsdf.sample(context, si, sampler.next_1d(meets), sampler.next_2d(meets), meets)
+        power = dr.select(scattered, power, power * reflected.x)
+        ray = dr.select(scattered, ray, si.spawn_ray(si.to_world(sample.wo)))
         depth = depth + 1
-        active = active & (power > DIMMEST / (size * batches)) & (depth < longest)
+        active = active & (power > 0) & (depth < longest)
+        # Russian roulette: the faint ones live on with their chance, and those that do are brighter for it.
+        chance = dr.minimum(power / (weight * FAINT), 1.0)
+        active = active & (sampler.next_1d(active) < chance)
+        power = power / dr.maximum(chance, 1e-12)
         return active, ray, power, depth, sampler
 
     dr.while_loop(
         (
             dr.full(mi.Bool, True, size),
             ray,
-            dr.full(mi.Float, 1.0 / (size * batches), size),
+            mi.Float(weight) + dr.zeros(mi.Float, size),
             dr.zeros(mi.UInt32, size),
             sampler,
         ),
@@ -84,6 +247,90 @@ def _batch(
         step,
         labels=("active", "ray", "power", "depth", "sampler"),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Matter:
+    """What absorbs or scatters light between two surfaces, found from the side of the surface it meets."""
+
+    shapes: int
+    absorption: Any
+    scattering: Any
+    anisotropy: Any
+
+    @staticmethod
+    def of(scene: Scene, group: int, loaded: Any) -> "_Matter | None":
+        """Tables by shape and side; None where all is clear."""
+        import mitsuba as mi
+
+        boundaries = {s.name: s.material for s in scene.shapes if isinstance(s.material, Dielectric)}
+        media = [m for b in boundaries.values() for m in (b.inside, b.outside)]
+        if all(medium.clear for medium in media):
+            return None
+        sides = {shape.name: _sides(shape.name, boundaries, scene) for shape in scene.shapes}
+        numbers = {shape.id(): int(dr_index(mi.ShapePtr(shape))) for shape in loaded.shapes()}
+        count = max(numbers.values()) + 1
+        tables = np.zeros((3, count, 2), dtype=np.float32)
+        for name, number in numbers.items():
+            for side, medium in enumerate(sides.get(name, ())):
+                if medium is not None:
+                    tables[:, number, side] = (
+                        medium.absorption_per_mm[group],
+                        medium.scattering_per_mm,
+                        medium.anisotropy,
+                    )
+        return _Matter(count, *(mi.Float(table.ravel()) for table in tables))
+
+    def cross(self, si: Any, ray: Any, power: Any, sampler: Any, active: Any) -> Any:
+        """Power left at the surface, or a new ray where the photon is scattered before it."""
+        import drjit as dr
+        import mitsuba as mi
+
+        behind = dr.dot(si.n, ray.d) > 0
+        index = 2 * dr_index(si.shape) + dr.select(behind, mi.UInt32(1), mi.UInt32(0))
+        absorption, scattering, g = (
+            dr.gather(mi.Float, table, index, active)
+            for table in (self.absorption, self.scattering, self.anisotropy)
+        )
+        free = -dr.log(1.0 - sampler.next_1d(active)) / dr.maximum(scattering, 1e-12)
+        scattered = active & (scattering > 0) & (free < si.t)
+        travelled = dr.minimum(free, si.t)
+        power = dr.select(active, power * dr.exp(-absorption * travelled), power)
+        cosine = _henyey_greenstein(sampler.next_1d(active), g)
+        turn = 2 * dr.pi * sampler.next_1d(active)
+        sine = dr.safe_sqrt(1 - cosine * cosine)
+        local = mi.Vector3f(sine * dr.cos(turn), sine * dr.sin(turn), cosine)
+        onward = mi.Ray3f(ray(travelled), mi.Frame3f(ray.d).to_world(local))
+        return power, dr.select(scattered, onward, ray), scattered
+
+
+def dr_index(pointer: Any) -> Any:
+    """Number of a shape in Dr.Jit's registry."""
+    import drjit as dr
+    import mitsuba as mi
+
+    return dr.reinterpret_array(mi.UInt32, pointer)
+
+
+def _sides(name: str, boundaries: dict[str, Dielectric], scene: Scene) -> tuple[Medium | None, Medium | None]:
+    """Media on the side that a shape's normal points to, and on the other one."""
+    if name in boundaries:
+        return boundaries[name].outside, boundaries[name].inside
+    if name in ("membrane", "gel-rim"):
+        return boundaries["interface"].inside, None
+    within = name.startswith("core-side") or (
+        name.startswith(("board", "light")) and any(light.inside for light in scene.lights)
+    )
+    return (boundaries["window"].inside if within else boundaries["window"].outside), None
+
+
+def _henyey_greenstein(uniform: Any, g: Any) -> Any:
+    """Cosine of the scattering angle (Henyey and Greenstein 1941), inverted in closed form."""
+    import drjit as dr
+
+    safe = dr.select(dr.abs(g) < 1e-3, 1e-3, g)
+    ratio = (1 - safe * safe) / (1 - safe + 2 * safe * uniform)
+    return dr.clip((1 + safe * safe - ratio * ratio) / (2 * safe), -1.0, 1.0)
 
 
 def _seed(seed: int, group: int, batch: int) -> int:

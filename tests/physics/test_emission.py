@@ -96,7 +96,8 @@ def test_photons_land_on_a_plane_as_the_profile_says(profile):
     count, cells, half_mm = 1_000_000, 10, 10.0
     table = dr.zeros(mi.Float, cells * cells)
 
-    def record(position, towards, normal, power, active):
+    def record(arrival, active):
+        position = arrival.at.p
         column = mi.Int32(dr.floor((position.x + half_mm) / (2 * half_mm) * cells))
         row = mi.Int32(dr.floor((position.y + half_mm) / (2 * half_mm) * cells))
         inside = (column >= 0) & (column < cells) & (row >= 0) & (row < cells)
@@ -120,7 +121,8 @@ def caught(scene, *, count, below_y_mm=1e9):
 
     table = dr.zeros(mi.Float, 4096)
 
-    def record(position, towards, normal, power, active):
+    def record(arrival, active):
+        position, power = arrival.at.p, arrival.power
         part = mi.UInt32(dr.abs(position.z * 7919.0 + position.x * 104729.0)) % 4096
         dr.scatter_add(table, power, part, active & (position.y < below_y_mm))
 
@@ -204,7 +206,8 @@ def slants(design):
 
     table = dr.zeros(mi.Float, 50)
 
-    def record(position, towards, normal, power, active):
+    def record(arrival, active):
+        towards, power = arrival.towards, arrival.power
         # the component along the level interface keeps n times the direction cosine
         along = dr.abs(towards.y) * 1.41 / INDEX
         sine = dr.sqrt(dr.maximum(1 - along * along, 0.0))

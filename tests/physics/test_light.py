@@ -28,7 +28,7 @@ def simulator(design, *, columns=24, rows=18, samples=256, seed=1, view=None):
     if view is None:
         whole = design.view(columns)
         view = whole._replace(rows=rows, height_px=whole.width_px * rows / columns)
-    return Simulator(design, view=view, samples=samples, seed=seed)
+    return Simulator(design, view=view, samples=samples, seed=seed, estimator="path")
 
 
 @pytest.mark.parametrize(

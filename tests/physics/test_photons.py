@@ -11,7 +11,8 @@ from designlab import store
 from designlab.camera import Camera
 from designlab.design import preset
 from designlab.press import Press, indent
-from designlab.render import bridge, lightfield, path, photons, transport
+from designlab.render import bridge, lightfield, path, photons
+from designlab.render.window import transmission
 from designlab.scene import Dielectric, Diffuse, Light, Medium, Scene, Shape, build
 from designlab.simulate import Simulator
 from designlab.viewing import rays
@@ -43,7 +44,8 @@ def own_cache(tmp_path, monkeypatch):
 
 def forget(monkeypatch):
     """Empty the memory of recent light fields; the package's own `render` is a function, hence the import."""
-    monkeypatch.setattr(import_module("designlab.render"), "_recent", {})
+    for kept in ("_fields", "_shaders"):
+        monkeypatch.setattr(import_module("designlab.render"), kept, {})
 
 
 def view_of(design, columns, rows):
@@ -58,8 +60,8 @@ def arrivals(scene, *, count, seed=1, group=0):
 
     total = dr.zeros(mi.Float, 1)
 
-    def record(position, towards, normal, power, active):
-        dr.scatter_add(total, power, mi.UInt32(0), active)
+    def record(arrival, active):
+        dr.scatter_add(total, arrival.power, mi.UInt32(0), active)
 
     photons.trace(scene, group=group, photons=count, seed=seed, record=record)
     return float(np.asarray(total)[0])
@@ -121,38 +123,28 @@ def test_photons_of_a_panel_land_as_its_view_factor_says():
     np.testing.assert_allclose(found, expected, rtol=4e-3)
 
 
-def test_a_field_shaded_on_the_flat_gel_is_lamberts_closed_form():
+def test_direct_light_on_the_flat_gel_is_lamberts_closed_form():
     view = view_of(AIR, 24, 18)
-    surface = indent(AIR.elastomer, AIR.contact, None, area_mm=(20.0, 16.0), pitch_mm=0.1)
-    scene = build(AIR, surface, view)
+    image = Simulator(AIR, view=view, samples=4, seed=1).frame(None).basis
     seen = rays(AIR, view)
-    image = lightfield.shade(lightfield.bake(scene, samples=32, seed=1), scene, surface, seen)
     exact = direct_radiance(AIR, seen.x_mm, seen.y_mm)
-    np.testing.assert_allclose(block_means(image, 6), block_means(exact, 6), rtol=0.015)
+    # where a panel's own board shades part of another one, the closed form does not hold: nowhere in view
+    np.testing.assert_allclose(image, exact, rtol=5e-3)
 
 
-@pytest.mark.parametrize("probe", ["sphere:6", "triangle:5"])
-def test_a_press_shaded_from_the_field_is_what_the_path_tracer_renders(probe):
-    view = view_of(AIR, 64, 48)
+@pytest.mark.parametrize("probe", ["sphere:6", "triangle:5", "cylinder:4"])
+@pytest.mark.parametrize("path_length", [2, 4])
+def test_a_press_shaded_from_the_field_is_what_the_path_tracer_renders(probe, path_length):
+    design = AIR.replace({"optics.path_length": path_length})
+    view = view_of(design, 64, 48)
     press = Press(probe=parse(probe), depth_mm=0.6, centre_mm=(1.0, -0.5), yaw_deg=20.0)
-    sim = Simulator(AIR, view=view, samples=4, seed=1)
-    flat, pressed = sim.surface(None), sim.surface(press)
-    field = lightfield.bake(build(AIR, flat, view), samples=8, seed=1)
-    scene = sim.scene(pressed)
-    shaded = lightfield.shade(field, scene, pressed, sim.rays)
-    traced = path.radiance(scene, samples=256, seed=1)
+    shaded = Simulator(design, view=view, samples=16, seed=1).frame(press).basis
+    traced = Simulator(design, view=view, samples=256, seed=1, estimator="path").frame(press).basis
     level = traced.mean(axis=(1, 2), keepdims=True)
     difference = (shaded - traced) / level
-    assert np.abs(difference.mean(axis=(1, 2))).max() < 0.01
-    assert np.sqrt((difference**2).mean(axis=(1, 2))).max() < 0.06
-    # contact, walls and cast shadows together: what the press changed
-    x, y = sim.rays.x_mm, sim.rays.y_mm
-    around = np.hypot(x - 1.0, y + 0.5) < 4.0
-    untouched = lightfield.shade(field, build(AIR, flat, view), flat, sim.rays)
-    for group in range(3):
-        change = ((traced - untouched) / level)[group][around]
-        found = ((shaded - untouched) / level)[group][around]
-        assert np.corrcoef(change, found)[0, 1] > 0.97
+    assert np.abs(difference.mean(axis=(1, 2))).max() < 0.005
+    assert np.abs(block_means(difference, 8)).max() < 0.05
+    assert np.sqrt((difference**2).mean(axis=(1, 2))).max() < 0.03
 
 
 @pytest.mark.slow
@@ -161,7 +153,7 @@ def test_behind_glass_field_and_path_tracer_agree(press):
     view = view_of(CORE, 24, 18)
     if press is not None:
         press = Press(probe=parse(press), depth_mm=0.8, centre_mm=(1.0, 0.5))
-    sim = Simulator(CORE, view=view, samples=4, seed=1)
+    sim = Simulator(CORE, view=view, samples=64, seed=1)
     found = sim.frame(press).basis.mean(axis=(1, 2))
     scene = sim.scene(sim.surface(press))
     runs = np.array([path.radiance(scene, samples=1024, seed=s).mean(axis=(1, 2)) for s in range(4)])
@@ -178,7 +170,7 @@ def test_the_way_to_the_camera_costs_fresnels_share():
     scene = build(
         design, indent(design.elastomer, design.contact, None, area_mm=(4, 4), pitch_mm=0.5), design.view(4)
     )
-    passed = lightfield._transmission(scene, seen)
+    passed = transmission(scene, seen)[0]
     # normal incidence: 1 - ((n1 - n2) / (n1 + n2))^2 at each boundary, radiance falls with n^2
     normal = (1 - ((1.41 - 1.49) / 2.9) ** 2) * (1 - ((1.49 - 1) / 2.49) ** 2) / 1.41**2
     middle = np.unravel_index(np.hypot(seen.slope_x, seen.slope_y).argmin(), passed.shape)
@@ -190,7 +182,7 @@ def test_the_way_to_the_camera_costs_fresnels_share():
     for cosine, ratio in ((np.cos(in_gel), 1.49 / 1.41), (np.cos(in_core), 1 / 1.49)):
         reflected = mi.fresnel(mi.Float(cosine.ravel().astype(np.float32)), ratio)[0]
         expected = expected * (1 - np.asarray(reflected).reshape(cosine.shape))
-    np.testing.assert_allclose(passed, expected, rtol=1e-5)
+    np.testing.assert_allclose(passed, expected, rtol=2e-5)
 
 
 def seen_through_mitsuba(design, view, *, opening=(0.5, 0.5)):
@@ -267,39 +259,58 @@ def test_taking_a_domes_boundary_as_plane_moves_what_is_seen_little():
     assert np.hypot(found_x - x, found_y - y).max() < 0.15 * pixel_mm
 
 
-def render(design, *, seed=1, half=None, bake_seed=1):
-    view = view_of(design, 16, 12)
-    surface = indent(design.elastomer, design.contact, None, area_mm=(18, 14), pitch_mm=0.1)
-    scene = build(design, surface, view)
-    return transport(
-        scene,
-        samples=2,
-        seed=seed,
-        bake_seed=bake_seed,
-        half=half,
-        undeformed=lambda: scene,
-        surface=surface,
-        rays=rays(design, view),
-    )
+def picture(design, *, seed=1, half=None, **settings):
+    simulator = Simulator(design, view=view_of(design, 16, 12), samples=16, seed=seed, **settings)
+    return simulator.frame(None, half=half).basis
+
+
+@pytest.mark.parametrize("press", [None, "triangle:5"])
+def test_photons_seen_by_the_camera_are_the_shaded_picture(press):
+    # neither shares with the other how the camera sees a point, nor what a press does to light
+    if press is not None:
+        press = Press(probe=parse(press), depth_mm=0.6, centre_mm=(1.0, -0.5), yaw_deg=20.0)
+    view = view_of(CORE, 32, 24)
+    shaded = Simulator(CORE, view=view, samples=32, seed=1).frame(press).basis
+    traced = Simulator(CORE, view=view, samples=32, seed=2, estimator="reference").frame(press).basis
+    difference = (shaded - traced) / traced.mean(axis=(1, 2), keepdims=True)
+    assert np.abs(difference.mean(axis=(1, 2))).max() < 0.01
+    assert np.abs(block_means(difference, 4)).max() < 0.05
+
+
+@pytest.mark.slow
+def test_photons_seen_by_the_camera_are_the_path_tracers_picture():
+    view = view_of(CORE, 24, 18)
+    found = Simulator(CORE, view=view, samples=64, seed=1, estimator="reference").frame(None).basis
+    paths = [
+        Simulator(CORE, view=view, samples=1024, seed=s, estimator="path").frame(None).basis for s in range(4)
+    ]
+    means = np.array([p.mean(axis=(1, 2)) for p in paths])
+    error = means.std(axis=0, ddof=1) / 2
+    assert (error < 0.01 * means.mean(axis=0)).all()
+    assert (
+        np.abs(found.mean(axis=(1, 2)) - means.mean(axis=0)) < 0.005 * means.mean(axis=0) + 3 * error
+    ).all()
 
 
 def test_halves_are_independent_and_average_to_the_whole():
     short = CORE.replace({"optics.path_length": 8})
-    whole, first, second = render(short), render(short, half=0), render(short, half=1)
-    np.testing.assert_allclose((first + second) / 2, whole, rtol=1e-4)
-    assert np.abs(first - second).mean() > 1e-3 * whole.mean()
+    whole, first, second = picture(short), picture(short, half=0), picture(short, half=1)
+    # what little is left comes from which bins were bright enough to be kept apart
+    spread = np.abs(first - second).mean()
+    assert spread > 1e-4 * whole.mean()
+    assert np.abs((first + second) / 2 - whole).mean() < 0.1 * spread
 
 
 def test_a_seed_gives_the_same_field_again_and_another_another(monkeypatch):
     short = CORE.replace({"optics.path_length": 8})
-    first = render(short)
+    first = picture(short)
     # from the cache on disk, and traced anew
     forget(monkeypatch)
-    np.testing.assert_array_equal(render(short), first)
+    np.testing.assert_array_equal(picture(short), first)
     monkeypatch.setattr("designlab.store.read_cache", lambda key: None)
     forget(monkeypatch)
-    np.testing.assert_allclose(render(short), first, rtol=1e-4)
-    assert np.abs(render(short, bake_seed=2) - first).mean() > 1e-3 * first.mean()
+    np.testing.assert_allclose(picture(short), first, rtol=1e-4)
+    assert np.abs(picture(short, seed=2) - first).mean() > 1e-4 * first.mean()
 
 
 def test_one_field_serves_every_view(monkeypatch):

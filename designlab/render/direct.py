@@ -1,0 +1,162 @@
+"""Light straight from the LEDs through air, integrated over their faces instead of traced."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.press import Surface
+from designlab.render import bridge
+from designlab.render.emitters import Directions
+from designlab.render.lightfield import AZIMUTHS, Bins, LightField
+from designlab.scene import Light, Scene
+
+if TYPE_CHECKING:
+    from designlab.render.shading import Nodes
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+PATCH_MM = 0.5  # an LED's face is divided into patches no larger than this
+MOST_PATCHES = 24  # along each side of a face
+Response = Callable[[Any], Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """Patches of the emitting faces of one LED group.
+
+    Attributes
+    ----------
+    patches : array, shape (patches, 14)
+        Centre (mm), unit vectors along the face, down the face and away from it, half of the patch's extent
+        down the face (mm; softens the edge of shadows), and share of the group's flux.
+    directions : Directions
+        Angular profile.
+    """
+
+    patches: Array
+    directions: Directions
+
+    def light(self, nodes: "Nodes", horizon: Any | None, response: Response) -> Any:
+        """Sum of `response` (to the unit vector towards the light) times the fluence at every membrane node.
+
+        Nothing but the indentation's horizon is in the way, if one is given.
+        """
+        import drjit as dr
+        import mitsuba as mi
+
+        tables = [mi.Float(np.ascontiguousarray(c, dtype=np.float32)) for c in self.patches.T]
+        count = dr.width(nodes.x)
+        node = dr.arange(mi.UInt32, count)
+
+        def going(k: Any, _: Any) -> Any:
+            return k < len(self.patches)
+
+        def step(k: Any, total: Any) -> Any:
+            cx, cy, cz, *axes, half, flux = (dr.gather(mi.Float, c, k) for c in tables)
+            way = mi.Vector3f(cx - nodes.x, cy - nodes.y, cz - nodes.z)
+            square = dr.squared_norm(way)
+            towards = way * dr.rsqrt(square)
+            value = flux * self.directions.density(_local(axes, -towards)) / square * response(towards)
+            if horizon is not None:
+                value = value * _visible(horizon, node, way, half)
+            return k + 1, total + value
+
+        _, total = dr.while_loop((dr.zeros(mi.UInt32, count), dr.zeros(mi.Float, count)), going, step)
+        return total
+
+
+def _local(axes: Any, direction: Any) -> Any:
+    """Components along the face, down the face and away from it."""
+    import drjit as dr
+    import mitsuba as mi
+
+    return mi.Vector3f(*(dr.dot(mi.Vector3f(*axes[3 * k : 3 * k + 3]), direction) for k in range(3)))
+
+
+def _visible(horizon: Any, node: Any, way: Any, half_mm: Any) -> Any:
+    """Share of a patch above the horizon, which is linear between the azimuths it is known at."""
+    import drjit as dr
+    import mitsuba as mi
+
+    across = dr.maximum(dr.sqrt(way.x * way.x + way.y * way.y), 1e-3)
+    turn = dr.atan2(way.y, way.x) / (2 * dr.pi)
+    place = (turn - dr.floor(turn)) * AZIMUTHS + (AZIMUTHS - 0.5)
+    first = mi.UInt32(place)
+    share = place - mi.Float(first)
+    low = dr.gather(mi.Float, horizon, node * AZIMUTHS + first % AZIMUTHS)
+    high = dr.gather(mi.Float, horizon, node * AZIMUTHS + (first + 1) % AZIMUTHS)
+    rim = dr.lerp(dr.maximum(low, -100.0), dr.maximum(high, -100.0), share)
+    return dr.clip((way.z - rim * across) / (2 * half_mm) + 0.5, 0.0, 1.0)
+
+
+def sources(scene: Scene, group: int) -> Sources:
+    """Divide the emitting faces of a group into patches."""
+    lights = [light for light in scene.lights if light.group == group]
+    total = sum(light.half_width_mm * light.half_height_mm for light in lights)
+    patches = []
+    for light in lights:
+        columns, rows = (
+            int(np.clip(np.ceil(2 * half / PATCH_MM), 2, MOST_PATCHES))
+            for half in (light.half_width_mm, light.half_height_mm)
+        )
+        flux = light.half_width_mm * light.half_height_mm / total / (columns * rows)
+        for u in (np.arange(columns) + 0.5) / columns * 2 - 1:
+            for v in (np.arange(rows) + 0.5) / rows * 2 - 1:
+                axes = (light.across, light.down, light.normal)
+                half = light.half_height_mm / rows
+                patches.append(np.concatenate([_point(light, u, v), *axes, [half, flux]]))
+    return Sources(np.array(patches), Directions(lights[0].profile))
+
+
+def _point(light: Light, u: float, v: float) -> Array:
+    across, down = (
+        light.half_width_mm * np.asarray(light.across),
+        light.half_height_mm * np.asarray(light.down),
+    )
+    return np.asarray(np.asarray(light.centre_mm) + u * across + v * down)
+
+
+def irradiance_vector(
+    scene: Scene, source: Sources, group: int, surface: Surface, field: LightField, bins: Bins
+) -> Single:
+    """Direct light on the undeformed membrane as a vector, shape (3, rows, columns) of the field's nodes.
+
+    Its product with a normal is the irradiance. What stands between an LED and the membrane shadows it.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    loaded = bridge.load(scene, group=group, integrator={"type": "path"}, samples=4)
+    rows, columns = bins.power.shape[1:]
+    grid_x, grid_y = np.meshgrid(
+        field.x_mm + bins.pitch_mm * np.arange(columns), field.y_mm + bins.pitch_mm * np.arange(rows)
+    )
+    base = (surface.base_mm, surface.base_p, surface.base_q)
+    tables = [grid_x, grid_y, *(surface.sample(np.nan_to_num(values), grid_x, grid_y) for values in base)]
+    x, y, z, p, q = (mi.Float(values.ravel().astype(np.float32)) for values in tables)
+    normal = dr.normalize(mi.Vector3f(-p, -q, 1.0))
+    count = len(source.patches)
+    index = dr.arange(mi.UInt32, rows * columns * count)
+    node, patch = index // count, index % count
+    origin = dr.gather(mi.Point3f, mi.Point3f(x, y, z), node) + 1e-3 * dr.gather(mi.Vector3f, normal, node)
+    columns_of = [
+        dr.gather(mi.Float, mi.Float(np.ascontiguousarray(c, dtype=np.float32)), patch)
+        for c in source.patches.T
+    ]
+    way = mi.Point3f(*columns_of[:3]) - origin
+    square = dr.squared_norm(way)
+    distance = dr.sqrt(square)
+    towards = way / distance
+    facing = dr.dot(dr.gather(mi.Vector3f, normal, node), towards)
+    blocked = loaded.ray_test(mi.Ray3f(origin, towards, distance * (1 - 1e-3), 0.0, []), facing > 0)
+    density = source.directions.density(_local(columns_of[3:12], -towards))
+    value = dr.select((facing > 0) & ~blocked, columns_of[13] * density / square, 0.0)
+    found = []
+    for component in (towards.x, towards.y, towards.z):
+        table = dr.zeros(mi.Float, rows * columns)
+        dr.scatter_add(table, value * component, node)
+        found.append(np.asarray(table).reshape(rows, columns))
+    return np.array(found)

@@ -1,0 +1,515 @@
+"""Pictures of presses from the light field of a design: a sum over directions instead of rays.
+
+A press changes the membrane's slope, lifts it and shadows it, but hardly the light that arrives from afar.
+So the light that falls on the undeformed membrane is traced once, and each press is shaded from it:
+
+- far from the indentation the picture is that of the untouched gel, kept free of grain;
+- near it, the sum over direction bins with the foreshortening of the deformed normal, the parallax of the
+  lifted point and the horizon of the indentation, relative to the same sum without a press;
+- light that goes straight from an LED through air is integrated over the LED's face instead of bins;
+- light that one wall of the indentation throws on another is gathered along the horizon, one bounce of it.
+
+Bias figures are in docs/validation.md.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from designlab.coating import coating_brdf
+from designlab.press import Surface
+from designlab.render.direct import Response, Sources, irradiance_vector, sources
+from designlab.render.eye import Eye
+from designlab.render.lightfield import AZIMUTHS, Bins, LightField, on_membrane
+from designlab.render.tables import bilinear
+from designlab.render.window import transmission
+from designlab.scene import Coating, Dielectric, Scene
+from designlab.viewing import Rays
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+FURTHEST_MM = 4.0  # reach of shadows, of parallax and of light between walls
+RAISED_MM = 1e-3  # lower indentations cast no shadow worth counting
+SHADOW_REACH = 4.0  # shadows reach this many times the height of what casts them, as from light at 14 deg
+FINE_MM = 0.2  # around the indentation every grid node is shaded
+STRIDE = 3  # further out one node in this many, along each axis
+LOBE_STRIDE = 10  # of the nodes at which the untouched gel's lobe is summed
+GATHER_AZIMUTHS = 24  # directions in which light from other walls is looked for
+SUBPIXELS = 2  # look-ups along each side of a pixel
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Membrane points that are shaded: Dr.Jit arrays of one value a node."""
+
+    x: Any
+    y: Any
+    z: Any
+    height: Any
+    normal: Any
+    base_p: Any
+    base_q: Any
+
+
+class Shader:
+    """Shades presses of one design.
+
+    Parameters
+    ----------
+    field : LightField
+        Light on the undeformed membrane, without what comes straight from the LEDs through air.
+    scene : Scene
+        The undeformed scene.
+    untouched : Surface
+        The undeformed membrane on the grid that all presses share.
+    """
+
+    def __init__(self, field: LightField, scene: Scene, untouched: Surface) -> None:
+        self._field, self._untouched = field, untouched
+        self._bins = [field.bins(group) for group in range(scene.groups)]
+        self._sources: list[Sources | None] = [
+            None if scene.refracts else sources(scene, group) for group in range(scene.groups)
+        ]
+        x, y = np.meshgrid(untouched.x_mm, untouched.y_mm)
+        normal = _base_normals(untouched)
+        smooth, binned = [], []
+        for group, bins in enumerate(self._bins):
+            at = [(y - field.y_mm) / bins.pitch_mm, (x - field.x_mm) / bins.pitch_mm]
+            vector, source = bins.vector, self._sources[group]
+            coarse = [map_coordinates(v, at, order=1, mode="nearest") for v in vector]
+            if source is not None:
+                vector = vector + irradiance_vector(scene, source, group, untouched, field, bins)
+            fine = [map_coordinates(v, at, order=3, mode="nearest") for v in vector]
+            smooth.append(np.maximum(np.einsum("krc,krc->rc", normal, fine), 0.0))
+            binned.append(np.einsum("krc,krc->rc", normal, coarse))
+        # Irradiance of the untouched gel at every grid node, free of grain, and by interpolation of the bins.
+        # A wide lens also sees what lies beside the gel: its black rim.
+        self._smooth = np.array(smooth, dtype=np.float32) * on_membrane(scene, x, y)
+        self._binned = np.array(binned, dtype=np.float32)
+        self._lobe: tuple[Rays, Single] | None = None
+        self._passed: tuple[Rays, Array] | None = None
+
+    def radiance(self, surface: Surface, scene: Scene, rays: Rays) -> Single:
+        """Radiance of every group at the camera, shape (groups, rows, columns), at unit flux.
+
+        Parameters
+        ----------
+        surface : Surface
+            The pressed membrane, on the grid of the untouched one.
+        scene : Scene
+            The pressed scene; of it only the membrane's coating and the window matter.
+        rays : Rays
+            Where the pixels look.
+        """
+        albedo = _albedo(scene, surface)
+        choice = _Choice.near(surface)
+        coating = scene.membrane.material
+        specular = coating.specular if isinstance(coating, Coating) else 0.0
+        light, lobe = self._smooth, self._mirrored(scene, rays) if specular else np.float32(0)
+        if choice is not None:
+            nodes = _nodes(surface, choice.nodes)
+            horizon = _horizon(surface, nodes)
+            light = light.copy()
+            for group in range(scene.groups):
+                own = np.maximum(self._local(group, choice.nodes), 1e-12)
+                pressed = np.asarray(self._light(group, nodes, horizon, _facing(nodes)))
+                light[group] *= choice.spread(pressed / own, 1.0)
+            if scene.path_length > (4 if scene.refracts else 2):
+                between = _between_walls(surface, nodes, albedo / np.pi * light)
+                light += np.array([choice.spread(added, 0.0) for added in between])
+            if specular:
+                lobe = lobe + self._mirrored_change(scene, rays, nodes, horizon, choice)
+        grids = albedo * ((1 - specular) / np.float32(np.pi) * light + specular * lobe)
+        if self._passed is None or self._passed[0] is not rays:
+            self._passed = rays, transmission(scene, rays)
+        return np.asarray(_look(grids, surface, rays) * self._passed[1], dtype=np.float32)
+
+    def _light(self, group: int, nodes: Nodes, horizon: Any | None, response: Response) -> Any:
+        """Sum over all light at membrane nodes, each direction weighted with its `response`."""
+        import drjit as dr
+
+        total = _binned_light(self._field, self._bins[group], nodes, horizon, response)
+        source = self._sources[group]
+        if source is not None:
+            total = total + source.light(nodes, horizon, response)
+        dr.eval(total)
+        return total
+
+    def _local(self, group: int, chosen: NDArray[np.bool_]) -> Single:
+        """Irradiance of nodes without a press, by the same sums as with one."""
+        total, source = self._binned[group][chosen], self._sources[group]
+        if source is not None:
+            nodes = _nodes(self._untouched, chosen)
+            total = total + np.asarray(source.light(nodes, None, _facing(nodes)))
+        return np.asarray(total)
+
+    def _mirrored(self, scene: Scene, rays: Rays) -> Single:
+        """Radiance towards the camera that the untouched gel's lobe returns, for a reflectance of one."""
+        if self._lobe is None or self._lobe[0] is not rays:
+            lattice = np.zeros(self._untouched.height_mm.shape, dtype=bool)
+            lattice[::LOBE_STRIDE, ::LOBE_STRIDE] = True
+            nodes = _nodes(self._untouched, lattice)
+            shape = lattice[::LOBE_STRIDE, ::LOBE_STRIDE].shape
+            at = np.indices(lattice.shape) / LOBE_STRIDE
+            response = _lobe(nodes, scene, rays)
+            sums = [np.asarray(self._light(g, nodes, None, response)) for g in range(scene.groups)]
+            grids = [map_coordinates(s.reshape(shape), at, order=3, mode="nearest") for s in sums]
+            self._lobe = rays, np.array(grids, dtype=np.float32)
+        return self._lobe[1]
+
+    def _mirrored_change(
+        self, scene: Scene, rays: Rays, nodes: Nodes, horizon: Any, choice: "_Choice"
+    ) -> Single:
+        """By how much a press changes what the lobe returns."""
+        before = _nodes(self._untouched, choice.nodes)
+        found = []
+        for group in range(scene.groups):
+            pressed = self._light(group, nodes, horizon, _lobe(nodes, scene, rays))
+            untouched = self._light(group, before, None, _lobe(before, scene, rays))
+            found.append(choice.spread(np.asarray(pressed - untouched), 0.0))
+        return np.array(found)
+
+
+def _facing(nodes: Nodes) -> Response:
+    """Cosine between the membrane's normal and the light: what makes fluence irradiance."""
+    import drjit as dr
+
+    return lambda towards: dr.maximum(dr.dot(nodes.normal, towards), 0.0)
+
+
+def _lobe(nodes: Nodes, scene: Scene, rays: Rays) -> Response:
+    """BRDF of the coating's lobe towards the camera, for a reflectance of one, times the light's cosine."""
+    import drjit as dr
+    import mitsuba as mi
+
+    coating = scene.membrane.material
+    assert isinstance(coating, Coating)
+    seen = Eye.of(rays).look(nodes.x, nodes.y, nodes.z)
+    view = dr.normalize(mi.Vector3f(seen.slope_x, seen.slope_y, 1.0))
+    cos_out = dr.dot(nodes.normal, view)
+
+    def response(towards: Any) -> Any:
+        cos_in = dr.dot(nodes.normal, towards)
+        cos_half = dr.dot(nodes.normal, dr.normalize(towards + view))
+        value = coating_brdf(
+            dr.maximum(cos_in, 1e-4),
+            dr.maximum(cos_out, 1e-4),
+            cos_half,
+            reflectance=1.0,
+            specular=1.0,
+            roughness=coating.roughness,
+        )
+        return dr.select((cos_in > 0) & (cos_out > 0), value * cos_in, 0.0)
+
+    return response
+
+
+def _albedo(scene: Scene, surface: Surface) -> Single:
+    """Reflectance of the membrane at every grid node, shape (groups, rows, columns)."""
+    coating = scene.membrane.material
+    if isinstance(coating, Dielectric):
+        raise ValueError("membrane: must be opaque, is a dielectric")
+    shape = surface.height_mm.shape
+    found = np.empty((scene.groups, *shape), dtype=np.float32)
+    x, y = np.meshgrid(surface.x_mm, surface.y_mm)
+    for group in range(scene.groups):
+        found[group] = coating.reflectance[group]
+        if isinstance(coating, Coating) and coating.texture is not None:
+            values = coating.texture.layer(group)
+            rows, columns = values.shape
+            at = [
+                (0.5 - y / coating.texture.height_mm) * rows - 0.5,
+                (x / coating.texture.width_mm + 0.5) * columns - 0.5,
+            ]
+            found[group] *= map_coordinates(values, at, order=1, mode="nearest")
+    return found
+
+
+def _base_normals(surface: Surface) -> Array:
+    """Normals of the undeformed membrane, shape (3, rows, columns)."""
+    p, q = np.nan_to_num(surface.base_p), np.nan_to_num(surface.base_q)
+    return np.stack([-p, -q, np.ones_like(p)]) / np.sqrt(1 + p**2 + q**2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Choice:
+    """Grid nodes that are shaded: all those on and beside the indentation, every few ones around it.
+
+    Attributes
+    ----------
+    fine, coarse : bool array, shape (rows, columns)
+        Nodes of either kind; the coarse ones lie `STRIDE` apart.
+    """
+
+    fine: NDArray[np.bool_]
+    coarse: NDArray[np.bool_]
+
+    @property
+    def nodes(self) -> NDArray[np.bool_]:
+        return self.fine | self.coarse
+
+    @staticmethod
+    def near(surface: Surface) -> "_Choice | None":
+        """Nodes that an indentation may lift, tilt, shadow or light; None where there is none."""
+        from scipy.ndimage import binary_dilation, distance_transform_edt
+
+        raised = surface.height_mm > RAISED_MM
+        if not raised.any():
+            return None
+        distance_mm = distance_transform_edt(~raised) * surface.pitch_mm
+        there = np.isfinite(surface.base_mm)
+        fine = (distance_mm <= FINE_MM) & there
+        reach_mm = np.clip(SHADOW_REACH * surface.height_mm.max(), 2 * FINE_MM, FURTHEST_MM)
+        around = (distance_mm <= reach_mm) & there
+        lattice = np.zeros_like(raised)
+        lattice[::STRIDE, ::STRIDE] = True
+        cell = np.ones((2 * STRIDE - 1, 2 * STRIDE - 1), dtype=bool)
+        coarse = lattice & binary_dilation(around & ~fine, structure=cell) & there
+        return _Choice(fine, coarse)
+
+    def spread(self, values: NDArray[np.floating], outside: float) -> Single:
+        """Values at the nodes as a whole grid: linear between coarse nodes, `outside` elsewhere."""
+        grid = np.full(self.fine.shape, outside, dtype=np.float32)
+        grid[self.nodes] = values
+        lattice = grid[::STRIDE, ::STRIDE]
+        found: NDArray[np.floating] = lattice
+        for axis, count in enumerate(self.fine.shape):
+            found = _linear(found, np.arange(count) / STRIDE, axis)
+        return np.where(self.fine, grid, found).astype(np.float32)
+
+
+def _linear(values: NDArray[np.floating], at: Array, axis: int) -> NDArray[np.floating]:
+    """Interpolate linearly along one axis at fractional positions."""
+    first = np.minimum(at.astype(int), values.shape[axis] - 1)
+    second = np.minimum(first + 1, values.shape[axis] - 1)
+    share = np.expand_dims(at - first, 1 - axis)
+    return np.asarray(np.take(values, first, axis) * (1 - share) + np.take(values, second, axis) * share)
+
+
+def _nodes(surface: Surface, chosen: NDArray[np.bool_]) -> Nodes:
+    import mitsuba as mi
+
+    def column(values: Array) -> Any:
+        return mi.Float(np.ascontiguousarray(values[chosen], dtype=np.float32))
+
+    x, y = np.meshgrid(surface.x_mm, surface.y_mm)
+    normals = surface.normals
+    return Nodes(
+        x=column(x),
+        y=column(y),
+        z=column(surface.z_mm),
+        height=column(surface.height_mm),
+        normal=mi.Vector3f(*(column(normals[..., k]) for k in range(3))),
+        base_p=column(surface.base_p),
+        base_q=column(surface.base_q),
+    )
+
+
+def _binned_light(
+    field: LightField, bins: Bins, nodes: Nodes, horizon: Any | None, response: Response
+) -> Any:
+    """Sum over the direction bins that hold light, in one kernel with a loop over them."""
+    import drjit as dr
+    import mitsuba as mi
+
+    count = dr.width(nodes.x)
+    if not len(bins.azimuth):
+        return dr.zeros(mi.Float, count)
+    rows, columns = bins.power.shape[1:]
+    power = mi.Float(bins.power.ravel())
+    tables = [mi.Float(np.ascontiguousarray(c, dtype=np.float32)) for c in bins.direction.T]
+    low, high = mi.Float(bins.lower.astype(np.float32)), mi.Float(bins.upper.astype(np.float32))
+    azimuth = mi.UInt32(bins.azimuth.astype(np.uint32))
+    node = dr.arange(mi.UInt32, count)
+
+    def going(k: Any, _: Any) -> Any:
+        return k < len(bins.azimuth)
+
+    def step(k: Any, total: Any) -> Any:
+        towards = mi.Vector3f(*(dr.gather(mi.Float, c, k) for c in tables))
+        # Light that reaches a lifted point would have met the undeformed membrane further away.
+        sinking = dr.maximum(towards.z - nodes.base_p * towards.x - nodes.base_q * towards.y, 1e-3)
+        across = dr.maximum(dr.sqrt(towards.x * towards.x + towards.y * towards.y), 1e-3)
+        drift = dr.minimum(nodes.height / sinking, FURTHEST_MM / across)
+        u = (nodes.x - drift * towards.x - field.x_mm) / bins.pitch_mm
+        v = (nodes.y - drift * towards.y - field.y_mm) / bins.pitch_mm
+        value = bilinear(power, u, v, rows, columns, k * (rows * columns)) * response(towards)
+        if horizon is not None:
+            rim = dr.gather(mi.Float, horizon, node * AZIMUTHS + dr.gather(mi.UInt32, azimuth, k))
+            lower, upper = dr.gather(mi.Float, low, k), dr.gather(mi.Float, high, k)
+            value = value * dr.clip((upper - rim) / (upper - lower), 0.0, 1.0)
+        return k + 1, total + value
+
+    _, total = dr.while_loop(
+        (dr.zeros(mi.UInt32, count), dr.zeros(mi.Float, count)), going, step, labels=("k", "total")
+    )
+    return total
+
+
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """A surface's grid as Dr.Jit tables, and how to march over it."""
+
+    surface: Surface
+    z: Any
+    raised: Any
+
+    @staticmethod
+    def of(surface: Surface) -> "_Grid":
+        import mitsuba as mi
+
+        z = mi.Float(np.nan_to_num(surface.z_mm).astype(np.float32).ravel())
+        return _Grid(surface, z, mi.Float(surface.height_mm.astype(np.float32).ravel()))
+
+    def place(self, x: Any, y: Any) -> tuple[Any, Any]:
+        """Fractional column and row of a point."""
+        pitch = self.surface.pitch_mm
+        return (x - float(self.surface.x_mm[0])) / pitch, (float(self.surface.y_mm[0]) - y) / pitch
+
+    def sample(self, table: Any, x: Any, y: Any) -> Any:
+        rows, columns = self.surface.height_mm.shape
+        return bilinear(table, *self.place(x, y), rows, columns)
+
+    def next(self, distance: Any) -> Any:
+        """Steps grow with the distance: far walls subtend less."""
+        return distance * 1.1 + 0.5 * self.surface.pitch_mm
+
+
+def _turns(nodes: Nodes, azimuths: int) -> tuple[Any, Any, Any, Any, Any]:
+    """Return (node, x, y, dx, dy) for every node and azimuth, azimuth last."""
+    import drjit as dr
+    import mitsuba as mi
+
+    index = dr.arange(mi.UInt32, dr.width(nodes.x) * azimuths)
+    node = index // azimuths
+    angle = (mi.Float(index % azimuths) + 0.5) * (2 * dr.pi / azimuths)
+    x, y = dr.gather(mi.Float, nodes.x, node), dr.gather(mi.Float, nodes.y, node)
+    return node, x, y, dr.cos(angle), dr.sin(angle)
+
+
+def _horizon(surface: Surface, nodes: Nodes) -> Any:
+    """Tangent of the indentation's horizon at every node and azimuth, flattened with azimuth last."""
+    import drjit as dr
+    import mitsuba as mi
+
+    grid = _Grid.of(surface)
+    _, x, y, dx, dy = _turns(nodes, AZIMUTHS)
+    here = grid.sample(grid.z, x, y)
+    count = dr.width(x)
+
+    def going(distance: Any, _: Any) -> Any:
+        return distance < FURTHEST_MM
+
+    def step(distance: Any, rim: Any) -> Any:
+        px, py = x + distance * dx, y + distance * dy
+        slope = (grid.sample(grid.z, px, py) - here) / distance
+        rim = dr.select(grid.sample(grid.raised, px, py) > RAISED_MM, dr.maximum(rim, slope), rim)
+        return grid.next(distance), rim
+
+    _, rim = dr.while_loop(
+        (dr.full(mi.Float, 1.5 * surface.pitch_mm, count), dr.full(mi.Float, -1e6, count)),
+        going,
+        step,
+        labels=("distance", "rim"),
+    )
+    dr.eval(rim)
+    return rim
+
+
+def _between_walls(surface: Surface, nodes: Nodes, radiance: Single) -> Single:
+    """Irradiance of the nodes by light from the membrane itself, shape (groups, nodes).
+
+    Seen from a node, each step outwards that rises above the horizon so far shows a strip of membrane between
+    two elevations; its cosine-weighted solid angle is closed. Strips of undeformed membrane count only where
+    the undeformed node would not see them: that light is part of the light field.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    grid = _Grid.of(surface)
+    node, x, y, dx, dy = _turns(nodes, GATHER_AZIMUTHS)
+    count = dr.width(x)
+    here = grid.sample(grid.z, x, y)
+    normal = dr.gather(mi.Vector3f, nodes.normal, node)
+    ahead = normal.x * dx + normal.y * dy
+    own = -ahead / dr.maximum(normal.z, 1e-3)
+    undeformed = dr.gather(mi.Float, nodes.base_p, node) * dx + dr.gather(mi.Float, nodes.base_q, node) * dy
+    tables = [mi.Float(np.ascontiguousarray(image).ravel()) for image in radiance]
+    rows, columns = surface.height_mm.shape
+
+    def weight(low: Any, high: Any) -> Any:
+        return _strip(high, ahead, normal.z) - _strip(low, ahead, normal.z)
+
+    def going(distance: Any, *_: Any) -> Any:
+        return distance < FURTHEST_MM
+
+    def step(distance: Any, rim: Any, *sums: Any) -> Any:
+        px, py = x + distance * dx, y + distance * dy
+        slope = (grid.sample(grid.z, px, py) - here) / distance
+        raised = grid.sample(grid.raised, px, py) > RAISED_MM
+        top = dr.select(raised, slope, dr.minimum(slope, undeformed))
+        seen = weight(rim, dr.maximum(rim, top))
+        u, v = grid.place(px, py)
+        column = mi.UInt32(dr.clip(u + 0.5, 0, columns - 1))
+        row = mi.UInt32(dr.clip(v + 0.5, 0, rows - 1))
+        added = tuple(
+            s + seen * dr.gather(mi.Float, table, row * columns + column)
+            for s, table in zip(sums, tables, strict=True)
+        )
+        return grid.next(distance), dr.maximum(rim, slope), *added
+
+    start = dr.full(mi.Float, 1.5 * surface.pitch_mm, count)
+    zeros = tuple(dr.zeros(mi.Float, count) for _ in tables)
+    _, _, *sums = dr.while_loop((start, own, *zeros), going, step)
+    share = 2 * np.pi / GATHER_AZIMUTHS
+    return np.stack([np.asarray(s).reshape(-1, GATHER_AZIMUTHS).sum(axis=1) * share for s in sums]).astype(
+        np.float32
+    )
+
+
+def _strip(tangent: Any, ahead: Any, up: Any) -> Any:
+    """Integral of the cosine over elevation, up to the one of the given tangent."""
+    import drjit as dr
+
+    square = tangent * tangent
+    return ahead * 0.5 * (dr.atan(tangent) + tangent / (1 + square)) + up * 0.5 * square / (1 + square)
+
+
+def _look(grids: Single, surface: Surface, rays: Rays) -> Single:
+    """Average radiance of the membrane that each pixel sees, shape (groups, rows, columns)."""
+    import drjit as dr
+    import mitsuba as mi
+
+    rows, columns = rays.x_mm.shape
+    fine = [
+        mi.Float(_subdivided(values).astype(np.float32).ravel())
+        for values in (rays.x_mm, rays.y_mm, rays.slope_x, rays.slope_y)
+    ]
+    x0, y0, slope_x, slope_y = fine
+    grid = _Grid.of(surface)
+    x, y = x0, y0
+    for _ in range(8):
+        z = grid.sample(grid.z, x, y)
+        x, y = x0 + slope_x * z, y0 + slope_y * z
+    at = grid.place(x, y)
+    shape = surface.height_mm.shape
+    images = [bilinear(mi.Float(np.ascontiguousarray(image).ravel()), *at, *shape) for image in grids]
+    dr.eval(*images)
+    return np.stack(
+        [np.asarray(image).reshape(rows, SUBPIXELS, columns, SUBPIXELS).mean(axis=(1, 3)) for image in images]
+    )
+
+
+def _subdivided(values: Array) -> Array:
+    """Values at the centres of sub-pixels, linear between pixel centres and beyond the outer ones."""
+    offsets = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
+    for axis in (0, 1):
+        slope = np.gradient(values, axis=axis)
+        stacked = np.stack([values + o * slope for o in offsets], axis=axis + 1)
+        shape = list(values.shape)
+        shape[axis] *= SUBPIXELS
+        values = stacked.reshape(shape)
+    return values
