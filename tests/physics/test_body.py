@@ -10,6 +10,7 @@ from designlab.design import preset
 from designlab.press import indent
 from designlab.render import path
 from designlab.scene import Coating, Dielectric, Diffuse, Medium, Scene, Texture, build
+from designlab.simulate import Simulator
 
 pytestmark = pytest.mark.usefixtures("backend")
 
@@ -270,3 +271,35 @@ def test_black_walls_of_a_housing_need_no_shape_and_white_ones_light_up_the_gel(
     # the camera looks through the hole of the plate: walls that reflect nothing change nothing
     np.testing.assert_allclose(images[1].mean(axis=(1, 2)), level, rtol=5e-3)
     assert (images[2].mean(axis=(1, 2)) > 1.1 * level).all()
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"optics.gelcore_absorption_per_mm": (0.05,)},
+        {"optics.gelcore_scattering_per_mm": 0.02},
+        {"optics.marker_pitch_mm": 1.5, "optics.marker_diameter_mm": 1.2},
+        {"optics.coating_specular": 0.5},
+    ],
+    ids=["absorption", "haze", "markers", "gloss"],
+)
+def test_nothing_that_a_design_says_of_its_body_is_left_out_of_a_picture(changes):
+    # whichever way of rendering is chosen, the picture is the path tracer's, not that of the plain design
+    design = preset("default").replace(
+        {
+            "optics.path_length": 10,
+            "leds.emitting_width_mm": 12.0,
+            "leds.emitting_spans_mm": ((-3.5, 3.5),),
+            "leds.body_width_mm": 12.0,
+            "leds.body_height_mm": 7.0,
+            **{f"leds.groups.{k}.count": 1 for k in range(3)},
+            **changes,
+        }
+    )
+    sim = Simulator(design, view=design.view(12)._replace(rows=9), samples=256, seed=1)
+    scene = sim.scene(sim.surface(None))
+    runs = np.array([path.radiance(scene, samples=256, seed=seed).mean() for seed in range(2, 10)])
+    found = sim.frame(None).basis.mean()
+    spread = runs.std(ddof=1)
+    assert spread < 0.05 * runs.mean()
+    assert abs(found - runs.mean()) < 4 * spread
