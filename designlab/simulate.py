@@ -186,6 +186,7 @@ class Simulator:
         else:
             basis = trace(
                 scene,
+                surface,
                 seen,
                 estimator=estimator,
                 samples=self.samples,

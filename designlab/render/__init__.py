@@ -39,15 +39,17 @@ def traces_lens(estimator: Estimator) -> bool:
     return estimator == "path" and activate().is_jit
 
 
-def trace(scene: Scene, rays: Rays, *, estimator: Estimator, samples: int, seed: int) -> NDArray[np.float32]:
+def trace(
+    scene: Scene, surface: Surface, rays: Rays, *, estimator: Estimator, samples: int, seed: int
+) -> NDArray[np.float32]:
     """Trace radiance of every LED group at unit flux, shape (groups, rows, columns), in mW/mm2/sr per mW.
 
     Parameters
     ----------
     scene : Scene
         What to render.
-    rays : Rays
-        Where its pixels look.
+    surface, rays : Surface, Rays
+        Its membrane, and where its pixels look.
     estimator : str
         "reference" or "path".
     samples : int
@@ -58,7 +60,9 @@ def trace(scene: Scene, rays: Rays, *, estimator: Estimator, samples: int, seed:
     if chosen(estimator, scene) == "reference":
         from designlab.render import reference
 
-        return reference.radiance(scene, rays, photons_per_group=samples * PHOTONS_PER_SAMPLE, seed=seed)
+        return reference.radiance(
+            scene, surface, rays, photons_per_group=samples * PHOTONS_PER_SAMPLE, seed=seed
+        )
     from designlab.render import path
 
     return path.radiance(scene, samples=samples, seed=seed)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.press import Surface
 from designlab.render import photons
 from designlab.render.eye import Eye
 from designlab.render.window import transmission
@@ -17,13 +18,17 @@ from designlab.scene import Scene
 from designlab.viewing import Rays
 
 
-def radiance(scene: Scene, rays: Rays, *, photons_per_group: int, seed: int) -> NDArray[np.float32]:
+def radiance(
+    scene: Scene, surface: Surface, rays: Rays, *, photons_per_group: int, seed: int
+) -> NDArray[np.float32]:
     """Radiance of every LED group at unit flux, shape (groups, rows, columns), in mW/mm2/sr per mW.
 
     Parameters
     ----------
     scene : Scene
         The pressed scene; the camera looks through a window onto it.
+    surface : Surface
+        Its membrane.
     rays : Rays
         Where the pixels look.
     photons_per_group : int
@@ -35,7 +40,7 @@ def radiance(scene: Scene, rays: Rays, *, photons_per_group: int, seed: int) -> 
     import mitsuba as mi
 
     eye, shape = Eye.of(rays), rays.x_mm.shape
-    passed = transmission(scene, rays)
+    passed = transmission(scene, surface, rays)
     pictures = []
     for group in range(scene.groups):
         loaded = photons.load(scene, group)

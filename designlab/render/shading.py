@@ -124,7 +124,7 @@ class Shader:
                 lobe = lobe + self._mirrored_change(scene, rays, nodes, horizon, choice)
         grids = albedo * ((1 - specular) / np.float32(np.pi) * light + specular * lobe)
         if self._passed is None or self._passed[0] is not rays:
-            self._passed = rays, transmission(scene, rays)
+            self._passed = rays, transmission(scene, self._untouched, rays)
         return np.asarray(_look(grids, surface, rays) * self._passed[1], dtype=np.float32)
 
     def _light(self, group: int, nodes: Nodes, horizon: Any | None, response: Response) -> Any:

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.press import Surface
 from designlab.render import bridge
 from designlab.scene import Dielectric, Scene
 from designlab.viewing import Rays
@@ -11,11 +12,11 @@ Array = NDArray[np.float64]
 ON_THE_WAY = ("interface", "window")  # boundaries between membrane and camera
 
 
-def transmission(scene: Scene, rays: Rays) -> Array:
+def transmission(scene: Scene, surface: Surface, rays: Rays) -> Array:
     """Share of the membrane's radiance that reaches the camera, shape (groups, rows, columns).
 
-    The viewing rays are followed from the plane z = 0 through the boundaries: Fresnel's losses for
-    unpolarised light, what the media absorb or scatter away, and the widening of the beam on leaving the gel.
+    The viewing rays are followed from the membrane through the boundaries: Fresnel's losses for unpolarised
+    light, what the media absorb or scatter away, and the widening of the beam on leaving the gel.
     """
     boundaries = {s.name: s for s in scene.shapes if s.name in ON_THE_WAY}
     passed = np.ones((scene.groups, *rays.x_mm.shape))
@@ -25,12 +26,13 @@ def transmission(scene: Scene, rays: Rays) -> Array:
     import mitsuba as mi
 
     loaded = bridge.load_shapes(boundaries.values())
-    at = (
+    at_x, at_y = rays.hit(surface)
+    at_z = surface.sample(np.nan_to_num(surface.z_mm), at_x, at_y)
+    x, y, z, slope_x, slope_y = (
         mi.Float(np.ascontiguousarray(a, dtype=np.float32).ravel())
-        for a in (rays.x_mm, rays.y_mm, rays.slope_x, rays.slope_y)
+        for a in (at_x, at_y, at_z, rays.slope_x, rays.slope_y)
     )
-    x, y, slope_x, slope_y = at
-    ray = mi.Ray3f(mi.Point3f(x, y, 0.0), dr.normalize(mi.Vector3f(slope_x, slope_y, 1.0)))
+    ray = mi.Ray3f(mi.Point3f(x, y, z), dr.normalize(mi.Vector3f(slope_x, slope_y, 1.0)))
     for name in ON_THE_WAY:
         boundary = boundaries[name].material
         assert isinstance(boundary, Dielectric)
