@@ -268,7 +268,7 @@ class _Matter:
         if all(medium.clear for medium in media):
             return None
         sides = {shape.name: _sides(shape.name, boundaries, scene) for shape in scene.shapes}
-        numbers = {shape.id(): int(dr_index(mi.ShapePtr(shape))) for shape in loaded.shapes()}
+        numbers = {shape.id(): int(np.asarray(dr_index(mi.ShapePtr(shape)))[0]) for shape in loaded.shapes()}
         count = max(numbers.values()) + 1
         tables = np.zeros((3, count, 2), dtype=np.float32)
         for name, number in numbers.items():
