@@ -1,0 +1,201 @@
+"""Bias of the fast estimator: pictures of random designs against unbiased ones.
+
+    python benchmarks/bias_of_fast.py --designs 30 --photons 4e6
+
+Every design of `designlab.sampling` is pressed by a ball, a triangle or star, and another test probe. Each
+press is rendered with the settings of fidelity "fast" and, twice independently, by the unbiased estimator:
+light tracing where light refracts, path tracing in air. For every LED group the mean of the picture and the
+means of its blocks of 8 x 8 pixels are compared, relative to the mean radiance of the picture.
+
+The largest of many noisy differences is too large. So one unbiased run chooses the worst block and the other
+one measures it, both ways round, and the mean of the two is reported: its expectation is the true difference
+at the chosen block, never more than the true worst. "systematic" does the same with the halves of the light
+field too, so that what is left is bias alone. Statistical errors come from the differences between the two
+runs and between the two halves. Finished designs are kept in the results folder, so that an interrupted run
+goes on where it stopped; pictures are kept there as well.
+"""
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.bench import plan_presses
+from designlab.design import Design
+from designlab.evaluate import FIDELITIES
+from designlab.press import Press
+from designlab.sampling import random_design
+from designlab.simulate import Simulator
+from designlab.store import write_json
+
+Array = NDArray[np.float64]
+BLOCK = 8
+PHOTONS_PER_SAMPLE = 32_000
+MEAN_TARGET, BLOCK_TARGET = 0.01, 0.05
+
+
+def presses(design: Design, seed: int) -> list[Press]:
+    """A ball, a triangle or star, and another of the test probes, as the bench would press them."""
+    random = np.random.default_rng([seed, 21])
+    plan = plan_presses(design, rounds=1, seed=seed)
+    sharp = int(random.choice([1, 2]))
+    other = int(random.choice([k for k in range(len(plan.test)) if k != sharp]))
+    return [plan.calibration[int(random.integers(9))], plan.test[sharp], plan.test[other]]
+
+
+def run(seed: int, *, photons: float, samples: int, folder: Path) -> dict[str, Any]:
+    """Render and compare one design."""
+    design = random_design(seed)
+    effort = FIDELITIES["fast"]
+    traced = round(photons / PHOTONS_PER_SAMPLE) if design.optics.light_path == "core" else samples
+    fast = Simulator(design, columns=effort.columns, samples=effort.samples, seed=seed)
+    unbiased = Simulator(
+        design, columns=effort.columns, samples=max(1, traced), seed=seed, estimator="reference"
+    )
+    pictures: dict[str, list[Any]] = {name: [] for name in ("fast", "half_0", "half_1", "run_0", "run_1")}
+    seconds = {"fast": 0.0, "unbiased": 0.0}
+    plan = presses(design, seed)
+    for number, press in enumerate(plan):
+        begun = time.perf_counter()
+        pictures["fast"].append(fast.frame(press).basis)
+        seconds["fast"] += time.perf_counter() - begun
+        for half in (0, 1):
+            pictures[f"half_{half}"].append(fast.frame(press, half=half).basis)
+        begun = time.perf_counter()
+        for k in (0, 1):
+            frame = unbiased.frame(press, seed=1_000_000 * (k + 1) + 10 * seed + number)
+            pictures[f"run_{k}"].append(frame.basis)
+        seconds["unbiased"] += time.perf_counter() - begun
+    stacks = {name: np.array(images, dtype=np.float32) for name, images in pictures.items()}
+    folder.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(folder / f"pictures-{seed}.npz", **stacks)
+    leds = design.leds
+    return compared(stacks) | {
+        "seed": seed,
+        "digest": design.digest,
+        "shape": design.elastomer.shape,
+        "light_path": design.optics.light_path,
+        "leds": f"{leds.package} {leds.coupling} x{leds.groups[0].count}",
+        "side_finish": design.gelcore.side_finish,
+        "presses": [f"{p.probe.text} {p.depth_mm:.2f} mm" for p in plan],
+        "samples": traced,
+        "seconds": seconds,
+    }
+
+
+def compared(stacks: dict[str, NDArray[np.float32]]) -> dict[str, Any]:
+    """Differences of pictures, arrays of shape (presses, groups, rows, columns), relative to the mean."""
+    mean = (stacks["run_0"] + stacks["run_1"]).mean(axis=(2, 3), dtype=float) / 2
+    whole = {name: stack.mean(axis=(2, 3), dtype=float) / mean for name, stack in stacks.items()}
+    parts = {name: _blocks(stack) / mean[..., None, None] for name, stack in stacks.items()}
+
+    def misses(values: dict[str, Array], which: str, run: int) -> Array:
+        return np.asarray(values[which] - values[f"run_{run}"])
+
+    blocks = [misses(parts, "fast", k) for k in (0, 1)]
+    halves = [misses(parts, f"half_{k}", k) for k in (0, 1)]
+    value, place = _worst(*blocks)
+    return {
+        "mean": (whole["fast"] - 1).tolist(),
+        "mean_error": float(_error(whole)),
+        "worst_mean": _worst(*(misses(whole, "fast", k) for k in (0, 1)))[0],
+        "worst_block": value,
+        "worst_at": place,
+        "worst_block_of": [
+            [_worst(blocks[0][p, g], blocks[1][p, g])[0] for g in range(mean.shape[1])]
+            for p in range(mean.shape[0])
+        ],
+        "systematic": _worst(*halves)[0],
+        "systematic_rms": float(np.sqrt(max(float(np.mean(halves[0] * halves[1])), 0.0))),
+        "noise_fast": float(np.sqrt(np.mean((parts["half_0"] - parts["half_1"]) ** 2)) / 2),
+        "noise_run": float(np.sqrt(np.mean((parts["run_0"] - parts["run_1"]) ** 2) / 2)),
+    }
+
+
+def _error(whole: dict[str, Array]) -> Any:
+    """Standard error of the difference of means, pooled over presses and groups."""
+    halves, runs = whole["half_0"] - whole["half_1"], whole["run_0"] - whole["run_1"]
+    return np.sqrt((np.mean(halves**2) + np.mean(runs**2)) / 4)
+
+
+def _blocks(stack: NDArray[np.float32]) -> Array:
+    """Means of blocks, what does not fill one left out."""
+    rows, columns = (n // BLOCK for n in stack.shape[2:])
+    cut = stack[:, :, : rows * BLOCK, : columns * BLOCK].astype(float)
+    return np.asarray(cut.reshape(*stack.shape[:2], rows, BLOCK, columns, BLOCK).mean(axis=(3, 5)))
+
+
+def _worst(a: Array, b: Array) -> tuple[float, list[int]]:
+    """Largest difference, chosen in one measurement and taken from the other; where `a` has its largest."""
+    chosen = [int(np.abs(values).argmax()) for values in (a, b)]
+    found = [
+        np.sign(pick.flat[k]) * other.flat[k] for pick, other, k in ((a, b, chosen[0]), (b, a, chosen[1]))
+    ]
+    sign = np.sign(a.flat[chosen[0]])
+    return float(sign * np.mean(found)), [int(k) for k in np.unravel_index(chosen[0], a.shape)]
+
+
+def table(results: list[dict[str, Any]]) -> str:
+    """One line a design, then the summary and the worst cases."""
+    lines = [
+        f"{'seed':>4} {'shape':<5}{'light':<5}{'LEDs':<18}{'sides':<9}{'mean':>8}{'±':>6}{'block':>8}"
+        f"{'systematic':>11}{'RMS':>6}{'noise fast':>11}{'noise run':>10}{'s fast':>7}{'s run':>7}"
+    ]
+    for r in results:
+        lines.append(
+            f"{r['seed']:>4} {r['shape']:<5}{r['light_path']:<5}{r['leds']:<18}{r['side_finish']:<9}"
+            f"{r['worst_mean']:>8.2%}{r['mean_error']:>6.2%}{r['worst_block']:>8.1%}{r['systematic']:>11.1%}"
+            f"{r['systematic_rms']:>6.1%}{r['noise_fast']:>11.2%}{r['noise_run']:>10.2%}"
+            f"{r['seconds']['fast']:>7.0f}{r['seconds']['unbiased']:>7.0f}"
+        )
+    means, blocks = (np.abs([r[key] for r in results]) for key in ("worst_mean", "worst_block"))
+    both = (means <= MEAN_TARGET) & (blocks <= BLOCK_TARGET)
+    lines += [
+        f"{len(results)} designs: mean within {MEAN_TARGET:.0%} in {(means <= MEAN_TARGET).sum()}, worst "
+        f"block within {BLOCK_TARGET:.0%} in {(blocks <= BLOCK_TARGET).sum()}, both in {both.sum()}",
+        f"worst channel's mean: median {np.median(means):.2%}, largest {means.max():.2%}; "
+        f"worst block: median {np.median(blocks):.1%}, largest {blocks.max():.1%}",
+    ]
+    for r in sorted(results, key=lambda r: -abs(r["worst_block"]))[:8]:
+        press, group, row, column = r["worst_at"]
+        lines.append(
+            f"seed {r['seed']}: {r['worst_block']:+.1%} at press {r['presses'][press]}, group {group}, "
+            f"block row {row} column {column}"
+        )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Run what is missing and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--designs", type=int, default=30, help="number of designs (default: 30)")
+    parser.add_argument("--first-seed", type=int, default=0, help="seed of the first design (default: 0)")
+    parser.add_argument(
+        "--photons", type=float, default=4e6, help="of each of two runs, a press and LED group (default: 4e6)"
+    )
+    parser.add_argument(
+        "--samples", type=int, default=256, help="a pixel of each of two runs, light in air (default: 256)"
+    )
+    parser.add_argument("--out", type=Path, default=Path("results/bias_of_fast"), help="results folder")
+    args = parser.parse_args()
+    seeds = range(args.first_seed, args.first_seed + args.designs)
+    missing = [seed for seed in seeds if not (args.out / f"design-{seed}.json").is_file()]
+    begun = time.perf_counter()
+    for done, seed in enumerate(missing):
+        found = run(seed, photons=args.photons, samples=args.samples, folder=args.out)
+        write_json(args.out / f"design-{seed}.json", found)
+        left = (time.perf_counter() - begun) / (done + 1) * (len(missing) - done - 1)
+        print(
+            f"design {seed}: mean {found['worst_mean']:+.2%}, worst block {found['worst_block']:+.1%} "
+            f"(systematic {found['systematic']:+.1%}); {left / 60:.0f} min left",
+            flush=True,
+        )
+    print(table([json.loads((args.out / f"design-{seed}.json").read_text()) for seed in seeds]))
+
+
+if __name__ == "__main__":
+    main()
