@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, gaussian_filter
+from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from designlab import information
 from designlab.design import Design
@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 # Errors count over the contact grown by this: a flat background would make any median look good.
 GROWN_MM = 0.5
 SMOOTHING_PX = 2.0  # illumination is smooth; render noise is not, and would pass for unevenness
+GRAIN_PX = 4.0  # noise of single pixels is finer than this
 BALL_MM = 6.0
 TEST_PROBES = ("sphere:4", "triangle:5", "star:6", "cylinder:4", "cone:4", "dots:1.5")
 # Errors grow steeply with depth: one depth for all test presses keeps their choice from deciding the score.
@@ -93,6 +94,13 @@ class Reconstruction:
         return np.asarray(1000 * (self.height_mm - self.frame.height_mm)[self.region])
 
 
+class RenderNoise(NamedTuple):
+    """Relative error of rendering: `shared` by all pictures, (groups, rows, columns), and `grain` of each."""
+
+    shared: Array
+    grain: Array
+
+
 @dataclass(frozen=True)
 class Bench:
     """Camera and reconstruction around rendered frames."""
@@ -101,16 +109,14 @@ class Bench:
     exposure: float
     seed: int
 
-    def picture(self, frame: Frame, number: int, extra: Array | None) -> NDArray[np.float32]:
-        """What the camera reports, its response curve undone.
-
-        `extra` adds render noise of the given standard deviation per group.
-        """
+    def picture(self, frame: Frame, number: int, extra: RenderNoise | None) -> NDArray[np.float32]:
+        """What the camera reports, its response curve undone; `extra` is added render noise."""
         mixed = frame.mixed
         if extra is not None:
             random = np.random.default_rng(sub_seed(self.seed, 5, number))
-            noise = random.standard_normal(frame.basis.shape) * extra[:, None, None] * frame.basis
-            mixed = np.einsum("cg,grk->rkc", frame.weights, frame.basis + noise).astype(np.float32)
+            grain = random.standard_normal(frame.basis.shape) * extra.grain[:, None, None]
+            noisy = frame.basis * (1 + extra.shared + grain)
+            mixed = np.einsum("cg,grk->rkc", frame.weights, noisy).astype(np.float32)
         camera = self.design.camera
         seen = camera.expose(
             mixed, exposure=self.exposure, seed=sub_seed(self.seed, 4, number), binned=_binned(frame)
@@ -124,10 +130,14 @@ class Bench:
         balls: Sequence[Frame],
         tests: Sequence[Frame],
         *,
-        extra_noise: bool,
-    ) -> list[Reconstruction]:
-        """Calibrate on the balls and reconstruct the tests."""
-        extra = render_noise(untouched, again) if extra_noise else None
+        noisier_than: Calibration | None = None,
+    ) -> tuple[Calibration, list[Reconstruction]]:
+        """Calibrate on the balls and reconstruct the tests.
+
+        Given an earlier calibration, a second dose of the renderer's noise is added to all pictures, and the
+        polynomial is fitted again with the terms chosen before.
+        """
+        extra = render_noise(untouched, again) if noisier_than is not None else None
         # A lab averages many frames of the untouched gel; smoothing stands for that.
         background = gaussian_filter(
             (self.picture(untouched, 0, extra) + self.picture(again, 1, extra)) / 2,
@@ -138,17 +148,21 @@ class Bench:
         truths = [frame.gradient for frame in balls]
         everywhere = [np.ones(x.shape, dtype=bool) for _ in balls]
         calibration = fit_calibration(
-            images, background, [p for p, _ in truths], [q for _, q in truths], everywhere, x, y
-        )
-        return [
+            images, background, [p for p, _ in truths], [q for _, q in truths], everywhere, x, y,
+            like=noisier_than,
+        )  # fmt: skip
+        return calibration, [
             self._one(calibration, frame, self.picture(frame, 100 + k, extra))
             for k, frame in enumerate(tests)
         ]
 
-    def noise_limit_deg(self, untouched: Frame, balls: Sequence[Frame]) -> Array:
-        """Least tilt that camera noise makes up at each pixel of the untouched gel, see `information`."""
+    def noise_limits_deg(self, untouched: Frame, balls: Sequence[Frame]) -> list[Array]:
+        """Least tilt that camera noise makes up at each pixel of the untouched gel, see `information`.
+
+        The first one uses all balls, each further one leaves out one ball in turn.
+        """
         background = self.exposure * gaussian_filter(untouched.mixed, (SMOOTHING_PX, SMOOTHING_PX, 0))
-        slopes = information.response(
+        slopes = information.responses(
             [self.exposure * frame.mixed for frame in balls],
             background,
             [frame.gradient for frame in balls],
@@ -158,7 +172,7 @@ class Bench:
         camera = self.design.camera
         signal = background + camera.black_level
         sigma = camera.noise_sigma(signal, binned=_binned(untouched)) / camera.response.slope(signal)
-        return information.noise_limit_deg(slopes, sigma)
+        return [information.noise_limit_deg(slope, sigma) for slope in slopes]
 
     def _one(self, calibration: Calibration, frame: Frame, image: NDArray[np.float32]) -> Reconstruction:
         p, q = calibration.gradients(image)
@@ -184,18 +198,18 @@ def _binned(frame: Frame) -> float:
 
 
 def _grown(mask: NDArray[np.bool_], radius_px: float) -> NDArray[np.bool_]:
-    reach = int(np.ceil(radius_px))
-    offsets = np.arange(-reach, reach + 1)
-    disc = np.hypot(offsets[:, None], offsets[None]) <= radius_px
-    return np.asarray(binary_dilation(mask, structure=disc))
+    return np.asarray(distance_transform_edt(~mask) <= radius_px) & mask.any()
 
 
-def render_noise(a: Frame, b: Frame) -> Array:
-    """Relative standard deviation of each group's pixel noise, from two renders of one scene.
+def render_noise(a: Frame, b: Frame) -> RenderNoise:
+    """Noise of the mean of two renders of one scene, from their difference.
 
-    Only what differs between neighbouring pixels counts: a smooth error is shared by all presses and is
-    calibrated away.
+    What differs between neighbouring pixels is drawn anew in each picture; a smooth error is that of a light
+    field, which all presses share.
     """
-    difference = (a.basis - b.basis) / (0.5 * (a.basis + b.basis).mean(axis=(1, 2), keepdims=True))
-    smooth = gaussian_filter(difference, sigma=(0, 4, 4))
-    return np.asarray((difference - smooth).std(axis=(1, 2)) / np.sqrt(2.0))
+    level = (a.basis + b.basis).mean(axis=(1, 2), keepdims=True) / 2
+    half = (a.basis - b.basis) / 2 / np.maximum((a.basis + b.basis) / 2, 0.1 * level)
+    smooth = gaussian_filter(half, sigma=(0, GRAIN_PX, GRAIN_PX))
+    # A picture of its own has twice the variance of the mean of two.
+    grain = np.sqrt(2.0) * (half - smooth).std(axis=(1, 2))
+    return RenderNoise(smooth if a.grain_mm > 0 else np.zeros_like(smooth), np.asarray(grain))

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
+from threadpoolctl import threadpool_limits
 
 from designlab.bench import SMOOTHING_PX, Bench, Reconstruction, plan_presses, sub_seed
 from designlab.design import Design
@@ -25,7 +26,7 @@ Progress = Callable[[str, int, int], None]
 
 BOOTSTRAPS = 400
 UNIFORMITY_DRAWS = 100
-BLOCK_MM = 3.0  # noise of a light field reaches over its cells of 1 mm, not over three of them
+BLOCK_CELLS = 3  # noise of a light field reaches over its cells, not over three of them
 
 
 class Fidelity(NamedTuple):
@@ -159,11 +160,12 @@ def evaluate(
             _render(simulator, p, steps, "test press", sub_seed(seed, 2, k))
             for k, p in enumerate(presses.test)
         ]
-    with clock.part("reconstruction"):
+    # Threads of the linear algebra wait for each other longer than its small products take.
+    with clock.part("reconstruction"), threadpool_limits(limits=1, user_api="blas"):
         steps("reconstruction")
         bench = Bench(simulator.design, exposure(simulator.design, untouched), seed)
-        results = bench.reconstruct(untouched, again, balls, tests, extra_noise=False)
-        noisier = bench.reconstruct(untouched, again, balls, tests, extra_noise=True)
+        calibration, results = bench.reconstruct(untouched, again, balls, tests)
+        _, noisier = bench.reconstruct(untouched, again, balls, tests, noisier_than=calibration)
         scores = (
             _uniformity(simulator.design, untouched, again, seed)
             | _reconstruction_scores(results, noisier, seed)
@@ -193,8 +195,8 @@ def _uniformity(design: Design, a: Frame, b: Frame, seed: int) -> dict[str, Esti
     # Mean and half difference carry the same noise: blocks of the latter with random signs are new draws.
     mean, noise = (a.basis + b.basis) / 2, (a.basis - b.basis) / 2
     random = np.random.default_rng(sub_seed(seed, 7, 0))
-    # A path tracer's pixels err independently.
-    block = 1 if design.optics.light_path == "air" else max(1, round(BLOCK_MM / a.rays.pitch_mm[0]))
+    # A path tracer's pixels err independently, a light field over its cells.
+    block = max(1, round(BLOCK_CELLS * a.grain_mm / a.rays.pitch_mm[0]))
     draws = [
         _evenness(mean + _random_signs(random, mean.shape, block) * noise, mask)
         for _ in range(UNIFORMITY_DRAWS)
@@ -231,12 +233,9 @@ def _information(bench: Bench, untouched: Frame, balls: Sequence[Frame]) -> dict
     """Median noise limit over the sensing area; error by leaving each ball out in turn (jackknife)."""
     mask = _sensing_area(bench.design, untouched)
 
-    def median(chosen: Sequence[Frame]) -> float:
-        return float(np.median(bench.noise_limit_deg(untouched, chosen)[mask]))
-
-    without = [median([b for b in balls if b is not left_out]) for left_out in balls]
+    value, *without = (float(np.median(limit[mask])) for limit in bench.noise_limits_deg(untouched, balls))
     se = float(np.std(without) * np.sqrt(len(balls) - 1))
-    return {"information_deg": Estimate(median(balls), se, "deg")}
+    return {"information_deg": Estimate(value, se, "deg")}
 
 
 def _reconstruction_scores(
@@ -248,12 +247,10 @@ def _reconstruction_scores(
         "height_mae_um": "um",
         "height_rmse_um": "um",
     }
-    value, doubled = _pooled(results), _pooled(noisier)
+    each = _errors(results)
+    value, doubled = _pooled(each), _pooled(_errors(noisier))
     random = np.random.default_rng(sub_seed(seed, 6, 0))
-    draws = [
-        _pooled([results[k] for k in random.integers(0, len(results), len(results))])
-        for _ in range(BOOTSTRAPS)
-    ]
+    draws = [_pooled(each[random.integers(0, len(each), len(each))]) for _ in range(BOOTSTRAPS)]
     # The spread of a bootstrap falls short of that of the sample by (n - 1) / n.
     short = np.sqrt(len(results) / (len(results) - 1))
     estimates = {}
@@ -265,15 +262,26 @@ def _reconstruction_scores(
     return estimates
 
 
-def _pooled(results: Sequence[Reconstruction]) -> dict[str, float]:
-    """Each press counts the same, whatever its size."""
+def _errors(results: Sequence[Reconstruction]) -> Array:
+    """Median and mean angle, mean absolute and mean square height error of each press, shape (presses, 4)."""
     angles = [r.error_deg[r.region] for r in results]
     heights = [r.height_error_um for r in results]
+    return np.array(
+        [
+            (np.median(a), a.mean(), np.abs(h).mean(), np.mean(h**2))
+            for a, h in zip(angles, heights, strict=True)
+        ]
+    )
+
+
+def _pooled(errors: Array) -> dict[str, float]:
+    """Each press counts the same, whatever its size."""
+    median, mean, absolute, square = (float(value) for value in errors.mean(axis=0))
     return {
-        "normal_error_median_deg": float(np.mean([np.median(a) for a in angles])),
-        "normal_error_mean_deg": float(np.mean([a.mean() for a in angles])),
-        "height_mae_um": float(np.mean([np.abs(h).mean() for h in heights])),
-        "height_rmse_um": float(np.sqrt(np.mean([np.mean(h**2) for h in heights]))),
+        "normal_error_median_deg": median,
+        "normal_error_mean_deg": mean,
+        "height_mae_um": absolute,
+        "height_rmse_um": float(np.sqrt(square)),
     }
 
 

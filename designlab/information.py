@@ -15,14 +15,16 @@ GENTLEST, STEEPEST = 0.02, 0.35  # slopes between which the response is taken as
 NO_INFORMATION_DEG = 90.0
 
 
-def response(
+def responses(
     signals: Sequence[NDArray[np.floating]],
     background: NDArray[np.floating],
     gradients: Sequence[tuple[Array, Array]],
     x_mm: Array,
     y_mm: Array,
-) -> Array:
+) -> list[Array]:
     """Response of a flat membrane's picture to slope, fitted to presses of known shape.
+
+    The first one is fitted to all presses, each further one without one press in turn.
 
     Relative to the background the response is a quadratic polynomial in position, which absorbs most of how
     light falls off; terms of second order keep steeper pixels from biasing it.
@@ -40,24 +42,29 @@ def response(
 
     Returns
     -------
-    array, shape (rows, columns, channels, 2)
+    list of arrays, shape (rows, columns, channels, 2)
         Change of signal per unit of p and of q.
     """
     background = np.asarray(background, dtype=float)
     position = _position_terms(x_mm, y_mm)
-    rows, changes = [], []
+    matrices, rights = [], []
     for signal, (p, q) in zip(signals, gradients, strict=True):
         slope = np.hypot(p, q)
         used = (slope > GENTLEST) & (slope < STEEPEST) & (background > 0).all(axis=-1)
         # A Lambertian membrane is linear in the components of its unit normal, not in its slopes.
         u, v = (component[used, None] / np.sqrt(1 + slope[used, None] ** 2) for component in (p, q))
         at = position[used]
-        rows.append(np.concatenate([u * at, v * at, u**2, u * v, v**2], axis=1))
-        changes.append(signal[used] / background[used] - 1.0)
-    weights, *_ = np.linalg.lstsq(np.concatenate(rows), np.concatenate(changes), rcond=None)
-    count = position.shape[-1]
-    relative = np.stack([position @ weights[:count], position @ weights[count : 2 * count]], axis=-1)
-    return np.asarray(background[..., None] * relative)
+        terms = np.concatenate([u * at, v * at, u**2, u * v, v**2], axis=1)
+        matrices.append(terms.T @ terms)
+        rights.append(terms.T @ (signal[used] / background[used] - 1.0))
+    matrix, right = np.sum(matrices, axis=0), np.sum(rights, axis=0)
+    left_out = [(matrix - m, right - r) for m, r in zip(matrices, rights, strict=True)]
+    count, found = position.shape[-1], []
+    for normal, moment in [(matrix, right), *left_out]:
+        weights, *_ = np.linalg.lstsq(normal, moment, rcond=None)
+        relative = np.stack([position @ weights[:count], position @ weights[count : 2 * count]], axis=-1)
+        found.append(np.asarray(background[..., None] * relative))
+    return found
 
 
 def noise_limit_deg(response: Array, sigma: Array) -> Array:

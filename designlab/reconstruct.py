@@ -108,6 +108,7 @@ def fit_calibration(
     signals: Sequence[Signal] = ("difference", "ratio"),
     position_degrees: Sequence[tuple[int, ...]] = POSITION_DEGREES,
     ridges: Sequence[float] = RIDGES,
+    like: "Calibration | None" = None,
 ) -> Calibration:
     """Calibrate photometric stereo on presses of known shape.
 
@@ -129,12 +130,20 @@ def fit_calibration(
         Membrane point that each pixel sees (mm).
     signals, position_degrees, ridges : sequences
         Candidates, see `Terms` and `Calibration`.
+    like : Calibration, optional
+        Take its terms and ridge instead of choosing.
 
     Raises
     ------
     ValueError
         If there are fewer than two presses, shapes differ, a value is not finite, or nothing slopes.
     """
+    if like is not None:
+        signals, position_degrees, ridges = (
+            (like.terms.signal,),
+            (like.terms.position_degrees,),
+            (like.ridge,),
+        )
     background = np.asarray(background, dtype=float)
     background = _checked_image(background, background.shape, "background")
     if (background.mean(axis=(0, 1)) <= 0).any():

@@ -41,6 +41,8 @@ class Frame:
         Radiance of each LED group at unit flux (mW/mm2/sr per mW).
     weights : array, shape (3, groups)
         Mixing matrix times flux: what turns the basis into camera channels.
+    grain_mm : float
+        How far the random error of the picture reaches on the membrane; zero where pixels err independently.
     """
 
     press: Press | None
@@ -48,6 +50,7 @@ class Frame:
     rays: Rays
     basis: NDArray[np.float32]
     weights: Array
+    grain_mm: float = 0.0
 
     @property
     def mixed(self) -> NDArray[np.float32]:
@@ -168,6 +171,7 @@ class Simulator:
             If the picture is black or not finite; the text says which LED group and why it may be.
         """
         from designlab.render import chosen, shader, trace, traces_lens
+        from designlab.render.lightfield import CELL_MM
 
         surface = self.surface(press)
         scene, seen, place = self.scene(surface), self.rays, (slice(None), slice(None))
@@ -207,7 +211,8 @@ class Simulator:
                     "the camera (is it behind the gelcore's painted side, or facing away?)"
                 )
         flux = np.array([group.flux_mw for group in self.design.leds.groups])
-        return Frame(press, surface, self.rays, basis, self.design.mixing_matrix * flux)
+        grain_mm = CELL_MM if estimator == "fast" else 0.0
+        return Frame(press, surface, self.rays, basis, self.design.mixing_matrix * flux, grain_mm)
 
 
 def exposure(design: Design, untouched: Frame) -> float:

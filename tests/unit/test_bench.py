@@ -49,7 +49,8 @@ def frames(random, *, sigma, correlation_px, shape=(3, 90, 120)):
         return sigma * white
 
     rays = SimpleNamespace(x_mm=x, y_mm=y, pitch_mm=(16 / 119, 12 / 89))
-    return [SimpleNamespace(basis=light * (1 + noise()), rays=rays) for _ in range(2)]
+    grain_mm = 1.0 if correlation_px else 0.0
+    return [SimpleNamespace(basis=light * (1 + noise()), rays=rays, grain_mm=grain_mm) for _ in range(2)]
 
 
 @pytest.mark.parametrize(("design", "sigma", "correlation_px"), [(FLAT, 0.1, 0.0), (CORE, 0.03, 4.0)])
@@ -74,11 +75,14 @@ def test_evenness_is_unbiased_and_scatters_as_stated(design, sigma, correlation_
 
 def test_render_noise_is_that_of_single_pixels():
     a, b = frames(np.random.default_rng(1), sigma=0.05, correlation_px=0.0)
-    light = [f.basis.mean(axis=0).mean() for f in (a, b)]
-    rms = np.sqrt(np.mean((np.mean([a.basis, b.basis], axis=0)) ** 2, axis=(1, 2))) / np.mean(light)
-    np.testing.assert_allclose(render_noise(a, b), 0.05 * rms, rtol=0.05)
+    noise = render_noise(a, b)
+    np.testing.assert_allclose(noise.grain, 0.05, rtol=0.05)
+    assert not noise.shared.any()
 
 
-def test_smooth_errors_do_not_count_as_pixel_noise():
+def test_smooth_errors_are_shared_by_all_pictures():
     a, b = frames(np.random.default_rng(1), sigma=0.05, correlation_px=10.0)
-    assert (render_noise(a, b) < 0.01).all()
+    noise = render_noise(a, b)
+    assert (noise.grain < 0.01).all()
+    # the mean of two pictures errs by 1 / sqrt(2) of one
+    np.testing.assert_allclose(noise.shared.std(axis=(1, 2)), 0.05 / np.sqrt(2), rtol=0.25)

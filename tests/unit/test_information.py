@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from designlab.information import noise_limit_deg, response
+from designlab.information import noise_limit_deg, responses
 
 X, Y = np.meshgrid(np.linspace(-7, 7, 70), np.linspace(5, -5, 50))
 
@@ -40,7 +40,7 @@ PRESSES = [ball(x, y) for x in (-4, 0, 4) for y in (-3, 0, 3)]
 def test_three_even_lights_reach_the_closed_form(slant_deg):
     light = lights(slant_deg, [90.0, 210.0, 330.0])
     level = np.ones_like(X)
-    found = response(
+    found, *_ = responses(
         [picture(p, q, light, level) for p, q in PRESSES],
         picture(0 * X, 0 * Y, light, level),
         PRESSES,
@@ -59,7 +59,7 @@ def test_three_even_lights_reach_the_closed_form(slant_deg):
 def test_the_limit_follows_the_light_that_falls_off():
     light = lights(60.0, [90.0, 210.0, 330.0])
     level = np.exp(0.08 * X - 0.05 * Y)
-    found = response(
+    found, *_ = responses(
         [picture(p, q, light, level) for p, q in PRESSES],
         picture(0 * X, 0 * Y, light, level),
         PRESSES,
