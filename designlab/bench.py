@@ -1,8 +1,10 @@
 """The test bench of a design: which presses, the camera's pictures of them, and what is reconstructed."""
 
-from collections.abc import Sequence
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +20,8 @@ from geometries.elastomer import base_gradient
 from geometries.probes import parse
 
 Array = NDArray[np.float64]
+Thing = TypeVar("Thing")
+MOST_THREADS = 4  # beyond these NumPy's own lock leaves no gain
 
 # Errors count over the contact grown by this: a flat background would make any median look good.
 GROWN_MM = 0.5
@@ -144,17 +148,16 @@ class Bench:
             sigma=(SMOOTHING_PX, SMOOTHING_PX, 0),
         )
         x, y = untouched.rays.x_mm, untouched.rays.y_mm
-        images = [self.picture(frame, 10 + number, extra) for number, frame in enumerate(balls)]
-        truths = [frame.gradient for frame in balls]
+        images = _each(lambda k: self.picture(balls[k], 10 + k, extra), len(balls))
+        truths = _each(lambda k: balls[k].gradient, len(balls))
         everywhere = [np.ones(x.shape, dtype=bool) for _ in balls]
         calibration = fit_calibration(
             images, background, [p for p, _ in truths], [q for _, q in truths], everywhere, x, y,
             like=noisier_than,
         )  # fmt: skip
-        return calibration, [
-            self._one(calibration, frame, self.picture(frame, 100 + k, extra))
-            for k, frame in enumerate(tests)
-        ]
+        return calibration, _each(
+            lambda k: self._one(calibration, tests[k], self.picture(tests[k], 100 + k, extra)), len(tests)
+        )
 
     def noise_limits_deg(self, untouched: Frame, balls: Sequence[Frame]) -> list[Array]:
         """Least tilt that camera noise makes up at each pixel of the untouched gel, see `information`.
@@ -190,6 +193,12 @@ class Bench:
             region=region,
             error_deg=normal_error_deg(estimated, truth),
         )
+
+
+def _each(work: Callable[[int], Thing], count: int) -> list[Thing]:
+    """Do independent pieces of work side by side."""
+    with ThreadPoolExecutor(min(os.cpu_count() or 1, MOST_THREADS)) as pool:
+        return list(pool.map(work, range(count)))
 
 
 def _binned(frame: Frame) -> float:

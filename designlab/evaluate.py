@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +18,8 @@ from designlab.bench import SMOOTHING_PX, Bench, Reconstruction, plan_presses, s
 from designlab.design import Design
 from designlab.effects.model import SensorModel
 from designlab.metrics import uniformity_cv, uniformity_u0
-from designlab.press import Press
+from designlab.press import Press, Surface
+from designlab.render import Estimator
 from designlab.simulate import Frame, Simulator, exposure
 from designlab.store import atomic_folder, write_atomic
 
@@ -25,22 +27,23 @@ Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
 BOOTSTRAPS = 400
-UNIFORMITY_DRAWS = 100
+UNIFORMITY_DRAWS = 50
 BLOCK_CELLS = 3  # noise of a light field reaches over its cells, not over three of them
 
 
 class Fidelity(NamedTuple):
-    """Effort of an evaluation: samples per pixel and LED group, and rounds of the six test probes."""
+    """Effort of an evaluation: samples per pixel and LED group, rounds of the six test probes, estimator."""
 
     samples: int
     rounds: int
-    columns: int = 160
+    estimator: Estimator = "fast"
+    columns: int = 320
 
 
 FIDELITIES: dict[str, Fidelity] = {
     "fast": Fidelity(samples=64, rounds=1),
     "standard": Fidelity(samples=256, rounds=2),
-    "reference": Fidelity(samples=1024, rounds=2),
+    "reference": Fidelity(samples=1024, rounds=2, estimator="corrected"),
 }
 
 
@@ -143,21 +146,26 @@ def evaluate(
     if out is not None:
         _require_writable(Path(out))
     clock = _Clock()
-    simulator = Simulator(model, columns=effort.columns, samples=effort.samples, seed=seed)
+    simulator = Simulator(
+        model, columns=effort.columns, samples=effort.samples, seed=seed, estimator=effort.estimator
+    )
     presses = plan_presses(simulator.design, rounds=effort.rounds, seed=seed)
     steps = _Steps(progress, 2 + len(presses.calibration) + len(presses.test) + 1)
 
-    with clock.part("untouched gel"):
+    # Surfaces are laid out while light is traced.
+    with ThreadPoolExecutor(1) as ahead, clock.part("untouched gel"):
+        laid_out = ahead.map(simulator.surface, (*presses.calibration, *presses.test))
         untouched = _render(simulator, None, steps, "untouched gel", sub_seed(seed, 3, 0), half=0)
         again = _render(simulator, None, steps, "untouched gel", sub_seed(seed, 3, 1), half=1)
+        surfaces = dict(zip((*presses.calibration, *presses.test), laid_out, strict=True))
     with clock.part("calibration presses"):
         balls = [
-            _render(simulator, p, steps, "calibration press", sub_seed(seed, 1, k))
+            _render(simulator, p, steps, "calibration press", sub_seed(seed, 1, k), surface=surfaces[p])
             for k, p in enumerate(presses.calibration)
         ]
     with clock.part("test presses"):
         tests = [
-            _render(simulator, p, steps, "test press", sub_seed(seed, 2, k))
+            _render(simulator, p, steps, "test press", sub_seed(seed, 2, k), surface=surfaces[p])
             for k, p in enumerate(presses.test)
         ]
     # Threads of the linear algebra wait for each other longer than its small products take.
@@ -286,10 +294,17 @@ def _pooled(errors: Array) -> dict[str, float]:
 
 
 def _render(
-    simulator: Simulator, press: Press | None, steps: "_Steps", what: str, seed: int, half: int | None = None
+    simulator: Simulator,
+    press: Press | None,
+    steps: "_Steps",
+    what: str,
+    seed: int,
+    *,
+    half: int | None = None,
+    surface: Surface | None = None,
 ) -> Frame:
     steps(what if press is None else f"{what} {press.probe.text}")
-    return simulator.frame(press, seed=seed, half=half)
+    return simulator.frame(press, seed=seed, half=half, surface=surface)
 
 
 class _Steps:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
 
 from designlab.camera import View, Vignetting
 from designlab.defocus import blur, radius_px
@@ -95,7 +96,9 @@ class Simulator:
     seed : int
         Seed of the light transport.
     estimator : str
-        "fast", "reference" or "path", see `designlab.render.Estimator`.
+        "fast", "corrected", "reference" or "path", see `designlab.render.Estimator`.
+    traced_samples : int
+        Effort of the unbiased part of the estimator "corrected".
     """
 
     def __init__(
@@ -107,6 +110,7 @@ class Simulator:
         samples: int = 64,
         seed: int,
         estimator: "Estimator" = "fast",
+        traced_samples: int = 256,
     ) -> None:
         self.model = SensorModel.of(model)
         self.design = self.model.effective_design()
@@ -114,6 +118,7 @@ class Simulator:
         self.samples = samples
         self.seed = seed
         self.estimator: Estimator = estimator
+        self.traced_samples = traced_samples
         self.rays = rays(self.design, self.view)
         self.pitch_mm = float(np.clip(2 * self.rays.pitch_mm[0], 0.025, 0.05))
 
@@ -153,7 +158,14 @@ class Simulator:
         )
         return self.scene(flat)
 
-    def frame(self, press: Press | None, *, seed: int | None = None, half: int | None = None) -> Frame:
+    def frame(
+        self,
+        press: Press | None,
+        *,
+        seed: int | None = None,
+        half: int | None = None,
+        surface: Surface | None = None,
+    ) -> Frame:
         """Simulate one picture.
 
         Parameters
@@ -164,38 +176,28 @@ class Simulator:
             Seed of the light transport where each picture is traced; the simulator's own when absent.
         half : int, optional
             0 or 1: shade from that half of the light field alone, which shows its random error.
+        surface : Surface, optional
+            What `surface(press)` gave.
 
         Raises
         ------
         RenderFailed
             If the picture is black or not finite; the text says which LED group and why it may be.
         """
-        from designlab.render import chosen, shader, trace, traces_lens
+        from designlab.render import chosen, traces_lens
         from designlab.render.lightfield import CELL_MM
 
-        surface = self.surface(press)
-        scene, seen, place = self.scene(surface), self.rays, (slice(None), slice(None))
-        estimator = chosen(self.estimator, scene)
+        surface = surface or self.surface(press)
+        estimator = chosen(self.estimator, self._undeformed)
+        scene = self._undeformed if estimator == "fast" and self._same_coating else self.scene(surface)
+        seen, place = self.rays, (slice(None), slice(None))
         sharp = scene.camera.defocus is not None and not traces_lens(estimator)
         if sharp:
             # Light from around the view is blurred into it.
             reach = int(np.ceil(radius_px(self.design, self.view, surface).max()))
             wider, place = self.view.grown(reach, self.design.camera)
             scene, seen = replace(scene, view=wider), rays(self.design, wider)
-        if estimator == "fast":
-            shading = shader(
-                self._undeformed, self.surface(None), samples=self.samples, seed=self.seed, half=half
-            )
-            basis = shading.radiance(surface, scene, seen)
-        else:
-            basis = trace(
-                scene,
-                surface,
-                seen,
-                estimator=estimator,
-                samples=self.samples,
-                seed=self.seed if seed is None else seed,
-            )
+        basis = self._basis(estimator, scene, surface, seen, self.seed if seed is None else seed, half)
         if sharp:
             basis = blur(basis, radius_px(self.design, scene.view, surface))[:, *place]
         if self.design.camera.vignetting != Vignetting():
@@ -211,8 +213,36 @@ class Simulator:
                     "the camera (is it behind the gelcore's painted side, or facing away?)"
                 )
         flux = np.array([group.flux_mw for group in self.design.leds.groups])
-        grain_mm = CELL_MM if estimator == "fast" else 0.0
+        grain_mm = CELL_MM if estimator in ("fast", "corrected") else 0.0
         return Frame(press, surface, self.rays, basis, self.design.mixing_matrix * flux, grain_mm)
+
+    @property
+    def _same_coating(self) -> bool:
+        """Whether a press leaves the coating as it is: nothing shines through from behind."""
+        return not (self.design.optics.coating_transmittance and self.design.optics.object_reflectance)
+
+    def _basis(
+        self, estimator: "Estimator", scene: Scene, surface: Surface, seen: Rays, seed: int, half: int | None
+    ) -> NDArray[np.float32]:
+        """Radiance of every LED group at unit flux."""
+        from designlab.render import shader, trace
+        from designlab.render.lightfield import CELL_MM
+
+        effort = self.traced_samples if estimator == "corrected" else self.samples
+        if estimator in ("reference", "path"):
+            return trace(scene, surface, seen, estimator=estimator, samples=effort, seed=seed)
+        shading = shader(
+            self._undeformed, self.surface(None), samples=self.samples, seed=self.seed, half=half
+        )
+        shaded = shading.radiance(surface, scene, seen)
+        if estimator == "fast":
+            return shaded
+        traced = trace(scene, surface, seen, estimator=estimator, samples=effort, seed=seed)
+        # Finer than its own grain the light field is right but for the edges of shadows; averaging over that
+        # much takes most of the noise out of the correction.
+        width_px = CELL_MM / np.abs(seen.pitch_mm[1]), CELL_MM / np.abs(seen.pitch_mm[0])
+        correction = gaussian_filter(traced - shaded, (0, *width_px), mode="nearest")
+        return np.asarray(shaded + correction, dtype=np.float32)
 
 
 def exposure(design: Design, untouched: Frame) -> float:

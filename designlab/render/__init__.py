@@ -17,9 +17,10 @@ if TYPE_CHECKING:
     from designlab.render.lightfield import LightField
     from designlab.render.shading import Shader
 
-Estimator = Literal["fast", "reference", "path"]
+Estimator = Literal["fast", "corrected", "reference", "path"]
 """fast: presses are shaded from a light field of the design, with a small known bias; reference: unbiased, by
-light tracing where light refracts and by path tracing elsewhere; path: Mitsuba's path tracer."""
+light tracing where light refracts and by path tracing elsewhere; corrected: fast, plus the smoothed
+difference of reference and fast; path: Mitsuba's path tracer."""
 
 Thing = TypeVar("Thing")
 KEPT_IN_MEMORY = 4  # light fields and shaders, some 20 MB each
@@ -51,13 +52,13 @@ def trace(
     surface, rays : Surface, Rays
         Its membrane, and where its pixels look.
     estimator : str
-        "reference" or "path".
+        "reference" or "path"; "corrected" stands for its unbiased part, "reference".
     samples : int
         Effort: samples per pixel and LED group, or photons in proportion.
     seed : int
         Same seeds, same numbers, on one back end.
     """
-    if chosen(estimator, scene) == "reference":
+    if chosen("reference" if estimator == "corrected" else estimator, scene) == "reference":
         from designlab.render import reference
 
         return reference.radiance(

@@ -37,7 +37,7 @@ SHADOW_REACH = 4.0  # shadows reach this many times the height of what casts the
 FINE_MM = 0.2  # around the indentation every grid node is shaded
 STRIDE = 3  # further out one node in this many, along each axis
 LOBE_STRIDE = 10  # of the nodes at which the untouched gel's lobe is summed
-GATHER_AZIMUTHS = 24  # directions in which light from other walls is looked for
+GATHER_AZIMUTHS = 16  # directions in which light from other walls is looked for
 SUBPIXELS = 2  # look-ups along each side of a pixel
 
 
@@ -373,10 +373,6 @@ class _Grid:
         rows, columns = self.surface.height_mm.shape
         return bilinear(table, *self.place(x, y), rows, columns)
 
-    def next(self, distance: Any) -> Any:
-        """Steps grow with the distance: far walls subtend less."""
-        return distance * 1.1 + 0.5 * self.surface.pitch_mm
-
 
 def _turns(nodes: Nodes, azimuths: int) -> tuple[Any, Any, Any, Any, Any]:
     """Return (node, x, y, dx, dy) for every node and azimuth, azimuth last."""
@@ -407,7 +403,8 @@ def _horizon(surface: Surface, nodes: Nodes) -> Any:
         px, py = x + distance * dx, y + distance * dy
         slope = (grid.sample(grid.z, px, py) - here) / distance
         rim = dr.select(grid.sample(grid.raised, px, py) > RAISED_MM, dr.maximum(rim, slope), rim)
-        return grid.next(distance), rim
+        # Steps grow with the distance: far walls subtend less.
+        return distance * 1.1 + 0.5 * surface.pitch_mm, rim
 
     _, rim = dr.while_loop(
         (dr.full(mi.Float, 1.5 * surface.pitch_mm, count), dr.full(mi.Float, -1e6, count)),
@@ -440,18 +437,15 @@ def _between_walls(surface: Surface, nodes: Nodes, radiance: Single) -> Single:
     tables = [mi.Float(np.ascontiguousarray(image).ravel()) for image in radiance]
     rows, columns = surface.height_mm.shape
 
-    def weight(low: Any, high: Any) -> Any:
-        return _strip(high, ahead, normal.z) - _strip(low, ahead, normal.z)
-
     def going(distance: Any, *_: Any) -> Any:
         return distance < FURTHEST_MM
 
-    def step(distance: Any, rim: Any, *sums: Any) -> Any:
+    def step(distance: Any, rim: Any, below: Any, *sums: Any) -> Any:
         px, py = x + distance * dx, y + distance * dy
         slope = (grid.sample(grid.z, px, py) - here) / distance
         raised = grid.sample(grid.raised, px, py) > RAISED_MM
         top = dr.select(raised, slope, dr.minimum(slope, undeformed))
-        seen = weight(rim, dr.maximum(rim, top))
+        seen = _strip(dr.maximum(rim, top), ahead, normal.z) - below
         u, v = grid.place(px, py)
         column = mi.UInt32(dr.clip(u + 0.5, 0, columns - 1))
         row = mi.UInt32(dr.clip(v + 0.5, 0, rows - 1))
@@ -459,11 +453,12 @@ def _between_walls(surface: Surface, nodes: Nodes, radiance: Single) -> Single:
             s + seen * dr.gather(mi.Float, table, row * columns + column)
             for s, table in zip(sums, tables, strict=True)
         )
-        return grid.next(distance), dr.maximum(rim, slope), *added
+        rim = dr.maximum(rim, slope)
+        return distance * 1.2 + 0.5 * surface.pitch_mm, rim, _strip(rim, ahead, normal.z), *added
 
     start = dr.full(mi.Float, 1.5 * surface.pitch_mm, count)
     zeros = tuple(dr.zeros(mi.Float, count) for _ in tables)
-    _, _, *sums = dr.while_loop((start, own, *zeros), going, step)
+    _, _, _, *sums = dr.while_loop((start, own, _strip(own, ahead, normal.z), *zeros), going, step)
     share = 2 * np.pi / GATHER_AZIMUTHS
     return np.stack([np.asarray(s).reshape(-1, GATHER_AZIMUTHS).sum(axis=1) * share for s in sums]).astype(
         np.float32
