@@ -1,18 +1,61 @@
-"""What README and docs promise is there: links, commands, and the script, which runs."""
+"""What README and docs promise is there: links, commands, fields, designs, and the script, which runs."""
 
+import json
 import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
+from typing import get_args
 
+import annotated_types
+import numpy as np
 import pytest
+import tomli_w
+from PIL import Image
 
+from designlab.camera import Camera, Vignetting
 from designlab.cli import arguments
+from designlab.design import Design, dumps, loads, preset_names, preset_text
+from designlab.lens import Distortion
+from designlab.materials import MATERIALS
+from designlab.optics import AlbedoImage, Optics
+from designlab.parts import PARTS
+from designlab.response import Response
+from designlab.spectra import SENSITIVITIES, Sensitivity
+from geometries.emission import AngularProfile
+from geometries.gelcore import Gelcore
+from geometries.leds import LedArray, LedGroup
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+OPTICS = (ROOT / "docs" / "optics.md").read_text(encoding="utf-8")
+EXAMPLES = re.findall(r"^```toml\n(.*?)^```", OPTICS, re.DOTALL | re.MULTILINE)
+KEPT_BY_THE_PROGRAM = {"rows", "columns", "pixels"}
+GEOMETRY = {"layout", "groups", "radius_mm", "height_mm", "tilt_deg", "pitch_mm"}  # of the LEDs
+DESCRIBED = (
+    ("leds", LedArray, set(LedArray.model_fields) - GEOMETRY),
+    ("leds.groups", LedGroup, set(LedGroup.model_fields) - {"name", "azimuth_deg", "count"}),
+    ("leds.profile", AngularProfile, set(AngularProfile.model_fields)),
+    ("gelcore", Gelcore, {"side_finish", "ground_roughness", "paint_reflectance", "window_diameter_mm"}),
+    ("optics", Optics, set(Optics.model_fields)),
+    ("optics.albedo_image", AlbedoImage, set(AlbedoImage.model_fields) - KEPT_BY_THE_PROGRAM),
+    ("camera", Camera, set(Camera.model_fields)),
+    ("camera.distortion", Distortion, set(Distortion.model_fields)),
+    ("camera.vignetting", Vignetting, set(Vignetting.model_fields)),
+    ("camera.response", Response, set(Response.model_fields)),
+    ("camera.sensitivity", Sensitivity, set(Sensitivity.model_fields)),
+    ("design", Design, {"mixing"}),
+)
+IES = """IESNA:LM-63-2002
+TILT=NONE
+1 1000 1 3 1 1 2 0 0 0 1 1 50
+0 45 90
+0
+8 5 0
+"""
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -46,9 +89,67 @@ def test_folders_of_the_tree_exist():
         assert (ROOT / ("designlab" if indent else "") / name).is_dir(), name
 
 
-def test_pictures_are_small():
-    for picture in (ROOT / "docs" / "images").iterdir():
-        assert picture.stat().st_size < 300_000
+def test_pictures_are_small_and_shown():
+    pages = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    pictures = [path for path in (ROOT / "docs" / "images").rglob("*") if path.is_file()]
+    sizes = {picture: picture.stat().st_size for picture in pictures}
+    assert max(sizes.values()) < 300_000
+    assert sum(sizes.values()) < 2_000_000
+    for picture in pictures:
+        assert picture.relative_to(ROOT / "docs").as_posix() in pages
+
+
+def row(prefix, name, field):
+    """Row of a field in the tables of docs/optics.md, from the field itself."""
+    unit = (field.json_schema_extra or {}).get("unit", "")
+    bounds = {}
+    for rule in field.metadata:
+        if isinstance(rule, annotated_types.Ge | annotated_types.Le):
+            bounds[type(rule).__name__[0]] = f"{getattr(rule, type(rule).__name__.lower()):g}"
+        elif isinstance(rule, annotated_types.Gt | annotated_types.Lt):
+            word = "above" if isinstance(rule, annotated_types.Gt) else "below"
+            bounds[type(rule).__name__[0]] = f"{word} {getattr(rule, type(rule).__name__.lower()):g}"
+    choices = [text for text in get_args(field.annotation) if isinstance(text, str)]
+    values = ", ".join(choices) or " to ".join(bounds[key] for key in "GL" if key in bounds)
+    default = "" if field.is_required() or field.default_factory else field.default
+    absent = "" if default in ("", (), None) else json.dumps(default) if isinstance(default, tuple) else default
+    path = name if prefix == "design" else f"{prefix}.{name}"
+    cells = f"`{path}`", unit if unit != "1" else "", values, absent, " ".join(field.description.split())
+    return "| " + " | ".join(map(str, cells)) + " |"
+
+
+@pytest.mark.parametrize(("prefix", "model", "names"), DESCRIBED, ids=[prefix for prefix, _, _ in DESCRIBED])
+def test_every_field_of_the_optics_has_its_row(prefix, model, names):
+    """A row that is missing or out of date is printed as it should stand in docs/optics.md."""
+    for name in names:
+        assert row(prefix, name, model.model_fields[name]) in OPTICS.splitlines()
+
+
+def test_every_material_part_and_camera_that_is_known_is_listed():
+    for name in (*MATERIALS, *PARTS, *SENSITIVITIES):
+        assert f"| `{name}` |" in OPTICS
+
+
+def merged(content, change):
+    """Tables are merged, anything else is replaced."""
+    both = isinstance(content, dict) and isinstance(change, dict)
+    if not both:
+        return change
+    return content | {key: merged(content.get(key), value) for key, value in change.items()}
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=range(1, len(EXAMPLES) + 1))
+def test_every_example_makes_a_design_that_can_be_built(example, tmp_path):
+    """Each block is written into the preset that its first line names."""
+    (tmp_path / "led.ies").write_text(IES, encoding="ascii")
+    Image.fromarray(np.full((30, 40), 200, dtype=np.uint8)).save(tmp_path / "albedo.png")
+    (name,) = re.findall(r"^# changes to ([\w-]+)", example)
+    assert name in preset_names()
+    before = tomllib.loads(preset_text(name))
+    design = loads(tomli_w.dumps(merged(before, tomllib.loads(example))), folder=tmp_path)
+    design.require_feasible()
+    assert design != loads(preset_text(name))
+    assert loads(dumps(design)) == design
 
 
 @pytest.mark.slow
