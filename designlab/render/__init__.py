@@ -101,7 +101,7 @@ def shader(
         fields = [_light_field(undeformed, samples, seed, k) for k in halves]
         power = np.asarray(np.mean([field.power for field in fields], axis=0), dtype=np.float32)
         mean = LightField(power, fields[0].x_mm, fields[0].y_mm)
-        _remember(_shaders, key, Shader(mean, undeformed, untouched))
+        _remember(_shaders, key, Shader(mean, undeformed, untouched, seed=seed))
     return _shaders[key]
 
 

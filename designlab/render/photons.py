@@ -43,7 +43,17 @@ class Arrival:
     start: Any
 
 
+@dataclass(frozen=True, eq=False)
+class Scattering:
+    """Photons on the point of being scattered by haze: where (mm), their direction so far, and power (mW)."""
+
+    position: Any
+    direction: Any
+    power: Any
+
+
 Record = Callable[[Arrival, Any], None]
+Scattered = Callable[[Scattering, Any], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +77,7 @@ def trace(
     record: Record,
     loaded: Any = None,
     guide: Guide | None = None,
+    scattered: Scattered | None = None,
 ) -> None:
     """Trace photons of one LED group that emits 1 mW and hand every arrival at the membrane to `record`.
 
@@ -87,6 +98,8 @@ def trace(
         The scene loaded for this group.
     guide : Guide, optional
         Start photons where they are worth most.
+    scattered : callable, optional
+        Called likewise with a `Scattering` wherever haze scatters photons.
     """
     import drjit as dr
 
@@ -97,7 +110,8 @@ def trace(
     shifts = np.random.default_rng([seed, group, 78]).integers(0, 2**32, size=5)
     for batch in range(batches):
         starts = Starts(batch * size, size, shifts, len(lights), guide)
-        _batch(loaded, scene, group, lights, starts, size * batches, _seed(seed, group, batch), record)
+        lot = size * batches, _seed(seed, group, batch)
+        _batch(loaded, scene, group, lights, starts, *lot, record, scattered)
         dr.eval()
     dr.sync_thread()
 
@@ -196,6 +210,7 @@ def _batch(
     total: int,
     seed: int,
     record: Record,
+    see: Scattered | None,
 ) -> None:
     import drjit as dr
     import mitsuba as mi
@@ -219,7 +234,10 @@ def _batch(
         active = active & si.is_valid()
         scattered = mi.Mask(False)
         if matter is not None:
+            before = ray.d
             power, ray, scattered = matter.cross(si, ray, power, sampler, active)
+            if see is not None:
+                see(Scattering(ray.o, before, power), scattered)
         arrives = active & ~scattered & (si.shape == membrane) & (dr.dot(si.sh_frame.n, ray.d) < 0)
         record(Arrival(si, -ray.d, power, depth, cell), arrives)
         bsdf = si.bsdf()

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from designlab.press import Surface
 from designlab.render import photons
 from designlab.render.eye import Eye
+from designlab.render.stray import stray
 from designlab.render.window import transmission
 from designlab.scene import Scene
 from designlab.viewing import Rays
@@ -68,7 +69,8 @@ def radiance(
             guide=guide,
         )
         pictures.append(np.asarray(picture).reshape(shape) * passed[group])
-    return np.stack(pictures).astype(np.float32)
+    haze = stray(scene, photons_per_group=photons_per_group, seed=seed)
+    return np.asarray(np.stack(pictures) + haze, dtype=np.float32)
 
 
 class _Camera:

@@ -12,18 +12,20 @@ So the light that falls on the undeformed membrane is traced once, and each pres
 Bias figures are in docs/validation.md.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from designlab.camera import View
 from designlab.coating import coating_brdf
 from designlab.press import Surface
 from designlab.render.direct import Response, Sources, irradiance_vector, sources
 from designlab.render.eye import Eye
 from designlab.render.lightfield import AZIMUTHS, Bins, LightField, on_membrane
+from designlab.render.stray import stray
 from designlab.render.tables import bilinear
 from designlab.render.window import transmission
 from designlab.scene import Coating, Dielectric, Scene
@@ -38,6 +40,7 @@ FINE_MM = 0.2  # around the indentation every grid node is shaded
 STRIDE = 3  # further out one node in this many, along each axis
 LOBE_STRIDE = 10  # of the nodes at which the untouched gel's lobe is summed
 GATHER_AZIMUTHS = 16  # directions in which light from other walls is looked for
+STRAY_PHOTONS = 500_000  # for each group; the light they show is dim and smooth
 SUBPIXELS = 2  # look-ups along each side of a pixel
 
 
@@ -65,10 +68,12 @@ class Shader:
         The undeformed scene.
     untouched : Surface
         The undeformed membrane on the grid that all presses share.
+    seed : int
+        Seed of stray light.
     """
 
-    def __init__(self, field: LightField, scene: Scene, untouched: Surface) -> None:
-        self._field, self._untouched = field, untouched
+    def __init__(self, field: LightField, scene: Scene, untouched: Surface, *, seed: int) -> None:
+        self._field, self._scene, self._untouched, self._seed = field, scene, untouched, seed
         self._bins = [field.bins(group) for group in range(scene.groups)]
         self._sources: list[Sources | None] = [
             None if scene.refracts else sources(scene, group) for group in range(scene.groups)
@@ -91,6 +96,7 @@ class Shader:
         self._binned = np.array(binned, dtype=np.float32)
         self._lobe: tuple[Rays, Single] | None = None
         self._passed: tuple[Rays, Array] | None = None
+        self._stray: tuple[View, Single] | None = None
 
     def radiance(self, surface: Surface, scene: Scene, rays: Rays) -> Single:
         """Radiance of every group at the camera, shape (groups, rows, columns), at unit flux.
@@ -125,7 +131,10 @@ class Shader:
         grids = albedo * ((1 - specular) / np.float32(np.pi) * light + specular * lobe)
         if self._passed is None or self._passed[0] is not rays:
             self._passed = rays, transmission(scene, self._untouched, rays)
-        return np.asarray(_look(grids, surface, rays) * self._passed[1], dtype=np.float32)
+        if self._stray is None or self._stray[0] != scene.view:
+            around = replace(self._scene, view=scene.view)
+            self._stray = scene.view, stray(around, photons_per_group=STRAY_PHOTONS, seed=self._seed)
+        return np.asarray(_look(grids, surface, rays) * self._passed[1] + self._stray[1], dtype=np.float32)
 
     def _light(self, group: int, nodes: Nodes, horizon: Any | None, response: Response) -> Any:
         """Sum over all light at membrane nodes, each direction weighted with its `response`."""
