@@ -3,8 +3,8 @@
 .venv/bin/python scripts/gallery.py               every picture, into docs/images/gallery
 .venv/bin/python scripts/gallery.py haze lens     these alone
 
-Every panel is the preset named in `FIGURES` with the panel's TOML lines merged in, and those lines stand below
-it. "mean" is the mean radiance of the picture over that of the first panel.
+Every panel is the preset named in `FIGURES` with the TOML lines below it merged in. "mean"
+is the mean radiance of the picture over that of the first panel.
 """
 
 import argparse
@@ -21,7 +21,6 @@ from PIL import Image, ImageDraw, ImageFont
 from designlab.design import Design, loads, preset_text
 from designlab.images import tone_map
 from designlab.press import Press
-from designlab.render import Estimator
 from designlab.simulate import Simulator
 from geometries.probes import parse
 
@@ -44,8 +43,6 @@ class Figure:
         Whether all panels share one brightness; else each is shown as bright as its own camera would.
     always : str
         Lines that every panel has besides its own.
-    estimator, samples
-        Of the light transport.
     """
 
     panels: tuple[str, ...]
@@ -53,8 +50,6 @@ class Figure:
     shared_white: bool = False
     always: str = ""
     preset: str = "default"
-    estimator: Estimator = "fast"
-    samples: int = SAMPLES
 
 
 FIGURES: dict[str, Figure] = {
@@ -75,7 +70,11 @@ FIGURES: dict[str, Figure] = {
         ),
     ),
     "profile": Figure(
-        ("[leds]\nprofile.exponent = 1.0", "[leds]\nprofile.beam_deg = 60.0", "[leds]\nprofile.beam_deg = 20.0"),
+        (
+            "[leds]\nprofile.exponent = 1.0",
+            "[leds]\nprofile.beam_deg = 60.0",
+            "[leds]\nprofile.beam_deg = 20.0",
+        ),
         press=None,
         preset="gelsight-2020-flat",
         always="[leds]\ntilt_deg = 35.0",
@@ -155,10 +154,10 @@ FIGURES: dict[str, Figure] = {
     "haze": Figure(
         (
             "[optics]\ngelcore_scattering_per_mm = 0.0",
-            "[optics]\ngelcore_scattering_per_mm = 0.02\ngelcore_anisotropy = 0.9",
+            "[optics]\ngelcore_scattering_per_mm = 0.01",
+            "[optics]\ngelcore_scattering_per_mm = 0.05",
         ),
-        estimator="path",
-        samples=1024,
+        shared_white=True,
     ),
 }
 
@@ -177,8 +176,9 @@ def _merged(content: Mapping[str, Any], change: Mapping[str, Any]) -> dict[str, 
     found = dict(content)
     for key, value in change.items():
         own = found.get(key)
-        both = isinstance(own, Mapping) and isinstance(value, Mapping)
-        found[key] = _merged(own, value) if both else value
+        if isinstance(own, Mapping) and isinstance(value, Mapping):
+            value = _merged(own, value)
+        found[key] = value
     return found
 
 
@@ -189,9 +189,7 @@ def pictures(figure: Figure) -> list[NDArray[np.float32]]:
     for panel in figure.panels:
         design = changed(figure.preset, figure.always, panel)
         design.require_feasible()
-        simulator = Simulator(
-            design, columns=COLUMNS, samples=figure.samples, seed=SEED, estimator=figure.estimator
-        )
+        simulator = Simulator(design, columns=COLUMNS, samples=SAMPLES, seed=SEED)
         found.append(simulator.frame(press or None).mixed)
     return found
 
@@ -225,13 +223,13 @@ def page(figure: Figure, panels: list[NDArray[np.float32]]) -> Image.Image:
 def main() -> None:
     """Draw the figures named on the command line, all of them where none is."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("figures", nargs="*", choices=[[], *FIGURES], metavar="FIGURE", help=", ".join(FIGURES))
+    parser.add_argument(
+        "figures", nargs="*", choices=[[], *FIGURES], metavar="FIGURE", help=", ".join(FIGURES)
+    )
     TARGET.mkdir(parents=True, exist_ok=True)
     for name in parser.parse_args().figures or FIGURES:
         figure = FIGURES[name]
-        page(figure, pictures(figure)).save(
-            TARGET / f"{name}.jpg", quality=88, subsampling=0, optimize=True
-        )
+        page(figure, pictures(figure)).save(TARGET / f"{name}.jpg", quality=88, subsampling=0, optimize=True)
         print(TARGET / f"{name}.jpg")
 
 

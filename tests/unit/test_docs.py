@@ -112,7 +112,9 @@ def row(prefix, name, field):
     choices = [text for text in get_args(field.annotation) if isinstance(text, str)]
     values = ", ".join(choices) or " to ".join(bounds[key] for key in "GL" if key in bounds)
     default = "" if field.is_required() or field.default_factory else field.default
-    absent = "" if default in ("", (), None) else json.dumps(default) if isinstance(default, tuple) else default
+    absent = (
+        "" if default in ("", (), None) else json.dumps(default) if isinstance(default, tuple) else default
+    )
     path = name if prefix == "design" else f"{prefix}.{name}"
     cells = f"`{path}`", unit if unit != "1" else "", values, absent, " ".join(field.description.split())
     return "| " + " | ".join(map(str, cells)) + " |"
