@@ -11,7 +11,7 @@ from designlab.render import bridge, emitters
 from designlab.scene import Dielectric, Light, Medium, Scene
 
 BATCH = 5_000_000  # photons traced at once; bounds memory
-FAINT = 1 / 2  # photons that lost all but this share of their power live on by chance
+FAINT = 1 / 16  # photons that lost all but this share of their power live on by chance
 LATTICE = 1.1347241384015194  # root of x**6 = x + 1: its powers spread points evenly in five dimensions
 FACE_CELLS, DIRECTION_CELLS = 4, 32  # of a guide, along each side of an LED's face and of its directions
 UNGUIDED = 0.2  # share of photons that a guide leaves alone, so that no way is missed

@@ -1,7 +1,7 @@
-"""Light that reaches the camera on other ways than straight from the membrane: haze, reflections in the window.
+"""Light that reaches the camera other than straight from the membrane: through haze, mirrored in the window.
 
 Both are smooth over the picture and hardly depend on the press, so they are traced coarsely for the untouched
-gel and added to every picture. Left out: light of the membrane that a bright housing sends back to the window.
+gel and added to every picture. Left out: light of the membrane that a bright housing throws back.
 """
 
 from dataclasses import replace
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import gaussian_filter, map_coordinates
 
 from designlab.matter import Dielectric, Diffuse, Medium
 from designlab.refraction import crossing_mm
@@ -20,8 +20,10 @@ from designlab.viewing import Rays
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
-COARSER = 8  # pixels of the picture, along each side, to one of stray light
-FEWEST = 12  # columns of the picture of stray light
+HAZE_COLUMNS = 16  # of the picture of haze, which strongly forward scattering would make grainy in finer ones
+HAZE_BLUR = 1.0  # of its pixels, standard deviation: takes off what grain is left
+COARSER = 8  # pixels of the picture, along each side, to one of the housing's mirror image
+FEWEST = 12  # columns of that
 MIRROR_SAMPLES = 256
 
 
@@ -76,7 +78,7 @@ class Haze:
         self._scene = scene
         self._core = _boundary(scene, "window").inside
         self._window_mm = float(_shape(scene, "window").vertices[:, 2].max())
-        self._coarse = _coarse(scene)
+        self._coarse = _coarse(scene, HAZE_COLUMNS)
         self._eye = Eye.of(self._rays())
 
     def _rays(self) -> Rays:
@@ -97,7 +99,8 @@ class Haze:
     def picture(self, collected: "_Collector") -> Single:
         """Collected light at the size of the scene's picture."""
         view = self._coarse.view
-        return _enlarged(np.asarray(collected.table).reshape(view.rows, view.columns), self._scene)
+        grainy = np.asarray(collected.table).reshape(view.rows, view.columns)
+        return _enlarged(gaussian_filter(grainy, HAZE_BLUR, mode="nearest"), self._scene)
 
 
 class _Collector:
@@ -131,7 +134,7 @@ class _Collector:
 
 def _mirrored(scene: Scene, seed: int) -> Single:
     """What the camera sees of a bright housing in the window, by path tracing over a black membrane."""
-    coarse = _coarse(scene)
+    coarse = _coarse(scene, max(FEWEST, scene.view.columns // COARSER))
     black = Diffuse((0.0,) * scene.groups)
     shapes = tuple(
         replace(shape, material=black if shape.name == "membrane" else _clear(shape.material))
@@ -153,10 +156,10 @@ def _clear(material: Any) -> Any:
     return replace(material, inside=lossy(material.inside), outside=lossy(material.outside))
 
 
-def _coarse(scene: Scene) -> Scene:
+def _coarse(scene: Scene, columns: int) -> Scene:
     """The same scene at the resolution of stray light."""
     view = scene.view
-    columns = min(view.columns, max(FEWEST, view.columns // COARSER))
+    columns = min(view.columns, columns)
     rows = max(1, round(columns * view.rows / view.columns))
     return replace(scene, view=view._replace(columns=columns, rows=rows))
 

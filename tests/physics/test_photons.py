@@ -296,25 +296,25 @@ def test_photons_seen_by_the_camera_are_the_path_tracers_picture():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("estimator", ["fast", "reference"])
-@pytest.mark.parametrize("anisotropy", [0.0, 0.9])
-def test_haze_veils_the_picture_as_the_path_tracer_says(estimator, anisotropy):
+def test_haze_veils_the_picture_as_the_path_tracer_says():
     hazy = CORE.replace(
         {
             "optics.gelcore_scattering_per_mm": 0.02,
-            "optics.gelcore_anisotropy": anisotropy,
+            "optics.gelcore_anisotropy": 0.9,
             "optics.path_length": 20,
         }
     )
     view = view_of(hazy, 24, 18)
-    found = Simulator(hazy, view=view, samples=64, seed=1, estimator=estimator).frame(None).basis
     paths = [
         Simulator(hazy, view=view, samples=1024, seed=s, estimator="path").frame(None).basis for s in range(3)
     ]
     means = np.array([p.mean(axis=(1, 2)) for p in paths])
     error, mean = means.std(axis=0, ddof=1) / np.sqrt(3), means.mean(axis=0)
     assert (error < 0.01 * mean).all()
-    assert (np.abs(found.mean(axis=(1, 2)) - mean) < 0.01 * mean + 3 * error).all()
+    for estimator in ("fast", "reference"):
+        simulator = Simulator(hazy, view=view, samples=16, seed=1, estimator=estimator)
+        found = simulator.frame(None).basis.mean(axis=(1, 2))
+        assert (np.abs(found - mean) < 0.01 * mean + 3 * error).all()
     clear = Simulator(CORE, view=view, samples=16, seed=1).frame(None).basis.mean(axis=(1, 2))
     assert (np.abs(mean / clear - 1) > 0.01).any()  # else there is nothing to see
 
