@@ -40,7 +40,7 @@ FINE_MM = 0.2  # around the indentation every grid node is shaded
 STRIDE = 3  # further out one node in this many, along each axis
 LOBE_STRIDE = 10  # of the nodes at which the untouched gel's lobe is summed
 GATHER_AZIMUTHS = 16  # directions in which light from other walls is looked for
-STRAY_PHOTONS = 500_000  # for each group; the light they show is dim and smooth
+STRAY_PHOTONS = 2_000_000  # for each group; the light they show is dim and smooth
 SUBPIXELS = 2  # look-ups along each side of a pixel
 
 
