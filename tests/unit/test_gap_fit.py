@@ -29,7 +29,7 @@ def start(*effects: AppliedEffect) -> State:
 
 def shot(press: Press | None, truth: State, pose: np.ndarray, *, use: str, seed: int) -> Shot:
     """A picture of the truth with camera noise; its own render noise is far below that of the fits."""
-    simulator = Simulator(truth.model, view=VIEW, samples=4096, seed=seed)
+    simulator = Simulator(truth.model, view=VIEW, samples=4096, seed=seed, estimator="path")
     basis = simulator.frame(moved(press, pose)).basis.astype(float)
     light = mixed(truth.model.effective_design().mixing_matrix * flux(truth) * truth.gains, basis)
     noise = SIGMA * light * np.random.default_rng(seed).standard_normal(light.shape)
