@@ -1,5 +1,6 @@
 """What README and docs promise is there: links, commands, fields, designs, and the script, which runs."""
 
+import importlib.util
 import json
 import re
 import shlex
@@ -152,6 +153,25 @@ def test_every_example_makes_a_design_that_can_be_built(example, tmp_path):
     design.require_feasible()
     assert design != loads(preset_text(name))
     assert loads(dumps(design)) == design
+
+
+def gallery():
+    path = ROOT / "scripts" / "gallery.py"
+    module = importlib.util.module_from_spec(importlib.util.spec_from_file_location("gallery", path))
+    sys.modules["gallery"] = module
+    module.__spec__.loader.exec_module(module)
+    return module
+
+
+def test_every_panel_of_the_gallery_is_a_design_of_its_own():
+    script = gallery()
+    page = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+    for name, figure in script.FIGURES.items():
+        assert f"(images/gallery/{name}.jpg)" in page
+        panels = [script.changed(figure.preset, figure.always, panel) for panel in figure.panels]
+        for panel in panels:
+            panel.require_feasible()
+        assert len({panel.digest for panel in panels}) == len(panels) > 1
 
 
 @pytest.mark.slow
