@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.render import bridge, emitters
+from designlab.render import bridge, emitters, sobol
 from designlab.scene import Dielectric, Light, Medium, Scene
 
 BATCH = 5_000_000  # photons traced at once; bounds memory
@@ -15,7 +15,7 @@ FAINT = 1 / 16  # photons that lost all but this share of their power live on by
 LATTICE = 1.1347241384015194  # root of x**6 = x + 1: its powers spread points evenly in five dimensions
 FACE_CELLS, DIRECTION_CELLS = 4, 32  # of a guide, along each side of an LED's face and of its directions
 UNGUIDED = 0.2  # share of photons that a guide leaves alone, so that no way is missed
-PILOT = 500_000  # photons that a guide is learnt from
+PILOT = 200_000  # photons that a guide is learnt from
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +124,10 @@ def load(scene: Scene, group: int) -> Any:
 class Starts:
     """Evenly spread starts of photons, as a sampler of five numbers: light, place on it, direction.
 
-    Generalised golden-ratio (Kronecker) sequence with a random shift, see Niederreiter, Random Number
-    Generation and Quasi-Monte Carlo Methods (1992), ch. 3; in whole numbers modulo 2**32, unrounded.
+    Without a guide: generalised golden-ratio (Kronecker) sequence with a random shift, see Niederreiter,
+    Random Number Generation and Quasi-Monte Carlo Methods (1992), ch. 3; in whole numbers modulo 2**32,
+    unrounded. With one: scrambled Sobol' points, since the lattice that is left of a Kronecker sequence
+    within the cells of a guide can be coarse, and then shows as blotches.
 
     Attributes
     ----------
@@ -139,21 +141,16 @@ class Starts:
         import drjit as dr
         import mitsuba as mi
 
-        index = dr.arange(mi.UInt32, size) + first
-        numbers = []
-        for k in range(5):
-            step = round(LATTICE ** -(k + 1) % 1 * 2**32) % 2**32
-            bits = index * mi.UInt32(step) + mi.UInt32(int(shifts[k]))
-            # The top 24 bits are exact in single precision and never reach one.
-            numbers.append(mi.Float(bits >> 8) * float(2.0**-24))
         self.weight = mi.Float(1.0)
         counts = (lights, FACE_CELLS, FACE_CELLS, DIRECTION_CELLS, DIRECTION_CELLS)
         if guide is None:
+            numbers = _lattice(first, size, shifts)
             places = [dr.minimum(mi.UInt32(u * n), n - 1) for u, n in zip(numbers, counts, strict=True)]
             self.cell = mi.UInt32(0)
             for place, n in zip(places, counts, strict=True):
                 self.cell = self.cell * n + place
         else:
+            numbers = sobol.points(first, size, shifts)
             distribution = mi.DiscreteDistribution(np.ascontiguousarray(guide.share, dtype=np.float32))
             self.cell, inner, share = distribution.sample_reuse_pmf(numbers[0])
             self.weight = 1.0 / (share * len(guide.share))
@@ -177,6 +174,20 @@ class Starts:
 
         first = self.next_1d()
         return mi.Point2f(first, self.next_1d())
+
+
+def _lattice(first: int, size: int, shifts: Any) -> list[Any]:
+    import drjit as dr
+    import mitsuba as mi
+
+    index = dr.arange(mi.UInt32, size) + first
+    numbers = []
+    for k in range(5):
+        step = round(LATTICE ** -(k + 1) % 1 * 2**32) % 2**32
+        bits = index * mi.UInt32(step) + mi.UInt32(int(shifts[k]))
+        # The top 24 bits are exact in single precision and never reach one.
+        numbers.append(mi.Float(bits >> 8) * float(2.0**-24))
+    return numbers
 
 
 def learn(scene: Scene, *, group: int, seed: int, worth: Callable[[Arrival, Any], Any], loaded: Any) -> Guide:
