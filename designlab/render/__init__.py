@@ -24,7 +24,7 @@ difference of reference and fast; path: Mitsuba's path tracer."""
 
 Thing = TypeVar("Thing")
 KEPT_IN_MEMORY = 4  # light fields and shaders, some 20 MB each
-LIGHTFIELD_VERSION = 2  # raise when a change of the light field makes cached ones wrong
+LIGHTFIELD_VERSION = 3  # raise when a change of the light field makes cached ones wrong
 PHOTONS_PER_SAMPLE = 32_000  # lets one effort setting rule photons and the path tracer's samples
 
 
@@ -91,17 +91,15 @@ def shader(
     half : int, optional
         Of the two independent halves of a light field, use this one only; shows its random error.
     """
-    from designlab.render.lightfield import LightField
+    from designlab.render.lightfield import mean
     from designlab.render.shading import Shader
 
     grid = [untouched.x_mm, untouched.y_mm]
     key = store.digest("shader", undeformed.light_digest, samples, seed, half, *grid)
     if key not in _shaders:
         halves = (0, 1) if half is None else (half,)
-        fields = [_light_field(undeformed, samples, seed, k) for k in halves]
-        power = np.asarray(np.mean([field.power for field in fields], axis=0), dtype=np.float32)
-        mean = LightField(power, fields[0].x_mm, fields[0].y_mm)
-        _remember(_shaders, key, Shader(mean, undeformed, untouched, seed=seed))
+        field = mean([_light_field(undeformed, samples, seed, k) for k in halves])
+        _remember(_shaders, key, Shader(field, undeformed, untouched, seed=seed))
     return _shaders[key]
 
 
@@ -117,11 +115,16 @@ def _light_field(scene: Scene, samples: int, seed: int, half: int) -> "LightFiel
         if stored is None:
             photons = max(1, samples * PHOTONS_PER_SAMPLE // 2)
             halved = lightfield.bake(scene, photons=photons, seed=2 * seed + half)
-            stored = {"power": halved.power, "origin": np.array([halved.x_mm, halved.y_mm])}
+            stored = {
+                "power": halved.power,
+                "irradiance": halved.irradiance,
+                "origin": np.array([halved.x_mm, halved.y_mm]),
+            }
             with suppress(OSError):  # a full or read-only cache costs time, not the result
                 store.write_cache(key, stored)
         x_mm, y_mm = (float(v) for v in stored["origin"])
-        _remember(_fields, key, lightfield.LightField(stored["power"], x_mm, y_mm))
+        field = lightfield.LightField(stored["power"], stored["irradiance"], x_mm, y_mm)
+        _remember(_fields, key, field)
     return _fields[key]
 
 

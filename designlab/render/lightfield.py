@@ -1,11 +1,13 @@
 """Light that falls on the undeformed membrane, traced once per design and kept by place and direction."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from designlab.render import photons as tracing
 from designlab.scene import Scene
@@ -14,6 +16,8 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 STEEPEST_COSINE = 0.02  # light more grazing than this weighs as if it came at this angle
 AZIMUTHS, SLANTS, CELL_MM = 48, 33, 1.0
+FINE_CELL_MM = 0.5  # of the irradiance: where light ends sharply, as at the edge of a refracted beam
+PILOT_SHARE = 0.2  # of the photons, traced beforehand to learn where on the LEDs others are best started
 WIDEST_SLANT_DEG = 99.0  # on a dome light can come from slightly below the apex plane
 NODES_PER_CELL = 2
 BRIGHT_BIN = 1e-3  # bins with a smaller share of the group's light are merged
@@ -57,13 +61,24 @@ class LightField:
     ----------
     power : array, shape (groups, y cells, x cells, slants, azimuths)
         Mean fluence per cell and bin at unit flux: power over projected area, 1/mm2.
+    irradiance : array, shape (groups, y fine cells, x fine cells)
+        Mean irradiance of the undeformed membrane at unit flux, 1/mm2, in finer cells.
     x_mm, y_mm : float
-        Centre of the first cell.
+        Centre of the first cell of either kind.
     """
 
     power: Single
+    irradiance: Single
     x_mm: float
     y_mm: float
+
+    def irradiance_at(self, group: int, x: Array, y: Array) -> Array:
+        """Irradiance (1/mm2) of the undeformed membrane at points (mm), interpolated smoothly."""
+        table, pitch_mm = self.irradiance[group], FINE_CELL_MM / NODES_PER_CELL
+        for axis in (0, 1):
+            table = _at_nodes(table, axis)
+        at = [(y - self.y_mm) / pitch_mm, (x - self.x_mm) / pitch_mm]
+        return np.asarray(map_coordinates(table, at, order=3, mode="nearest"))
 
     def bins(self, group: int) -> Bins:
         """Direction bins of one group, cell means turned into values between which one may interpolate.
@@ -99,6 +114,15 @@ class LightField:
             azimuth=azimuth,
             pitch_mm=CELL_MM / NODES_PER_CELL,
         )
+
+
+def mean(fields: Sequence[LightField]) -> LightField:
+    """Mean of independent light fields of one scene."""
+    power, irradiance = (
+        np.asarray(np.mean([getattr(field, name) for field in fields], axis=0), dtype=np.float32)
+        for name in ("power", "irradiance")
+    )
+    return LightField(power, irradiance, fields[0].x_mm, fields[0].y_mm)
 
 
 def _directions() -> Array:
@@ -145,45 +169,79 @@ def bake(scene: Scene, *, photons: int, seed: int) -> LightField:
     import mitsuba as mi
 
     low, high = scene.membrane.vertices.min(axis=0), scene.membrane.vertices.max(axis=0)
-    columns, rows = (int(np.ceil((high[k] - low[k]) / CELL_MM)) + 1 for k in (0, 1))
+    coarse, fine = (_cells(low, high, cell_mm) for cell_mm in (CELL_MM, FINE_CELL_MM))
     bins = SLANTS * AZIMUTHS
     first = 0 if scene.refracts else 1
-    groups = []
+    powers, irradiances = [], []
     for group in range(scene.groups):
-        table = dr.zeros(mi.Float, rows * columns * bins)
+        table, light = dr.zeros(mi.Float, coarse[0] * coarse[1] * bins), dr.zeros(mi.Float, fine[0] * fine[1])
 
-        def record(arrival: tracing.Arrival, active: Any, *, table: Any = table) -> None:
+        def record(arrival: tracing.Arrival, active: Any, *, table: Any = table, light: Any = light) -> None:
             position, normal, towards = arrival.at.p, arrival.at.n, arrival.towards
-            column = mi.Int32(dr.floor((position.x - float(low[0])) / CELL_MM + 0.5))
-            row = mi.Int32(dr.floor((position.y - float(low[1])) / CELL_MM + 0.5))
+            cell, inside = _cell(position, low, CELL_MM, coarse)
             slant = mi.Int32(dr.rad2deg(dr.safe_acos(towards.z)) / WIDEST_SLANT_DEG * SLANTS)
             turn = dr.atan2(towards.y, towards.x) / (2 * dr.pi)
             azimuth = dr.minimum(mi.Int32((turn - dr.floor(turn)) * AZIMUTHS), AZIMUTHS - 1)
-            inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows) & (slant < SLANTS)
-            index = ((row * columns + column) * SLANTS + slant) * AZIMUTHS + azimuth
+            index = (cell * SLANTS + slant) * AZIMUTHS + azimuth
             cosine = dr.maximum(dr.dot(normal, towards), STEEPEST_COSINE)
             # A tilted cell has more area than its projection, which cancels one of the two cosines.
-            kept = active & inside & (arrival.bounces >= first)
-            dr.scatter_add(table, arrival.power / cosine * dr.abs(normal.z), mi.UInt32(index), kept)
+            kept = active & (arrival.bounces >= first)
+            shared = arrival.power * dr.abs(normal.z)
+            dr.scatter_add(table, shared / cosine, mi.UInt32(index), kept & inside & (slant < SLANTS))
+            cell, inside = _cell(position, low, FINE_CELL_MM, fine)
+            dr.scatter_add(light, shared, mi.UInt32(cell), kept & inside)
 
         if scene.path_length - 1 > first:  # else nothing but direct light counts
-            tracing.trace(scene, group=group, photons=photons, seed=seed, record=record)
-        groups.append(
-            np.asarray(table, dtype=np.float32).reshape(rows, columns, SLANTS, AZIMUTHS) / CELL_MM**2
-        )
-    return LightField(_edges_filled(np.stack(groups), scene, low), float(low[0]), float(low[1]))
+            _trace(scene, group, photons, seed, first, record)
+        powers.append(np.asarray(table, dtype=np.float32).reshape(*coarse, SLANTS, AZIMUTHS) / CELL_MM**2)
+        irradiances.append(np.asarray(light, dtype=np.float32).reshape(fine) / FINE_CELL_MM**2)
+    shares = _filled(scene, low, CELL_MM, coarse)[..., None, None], _filled(scene, low, FINE_CELL_MM, fine)
+    power, irradiance = (
+        np.asarray(np.stack(tables) / share, dtype=np.float32)
+        for tables, share in zip((powers, irradiances), shares, strict=True)
+    )
+    return LightField(power, irradiance, float(low[0]), float(low[1]))
 
 
-def _edges_filled(power: Single, scene: Scene, low: Array) -> Single:
-    """Scale up cells that the membrane fills only in part; they hold too little light (at most twofold)."""
-    fine = 8
-    rows, columns = power.shape[1:3]
+def _trace(scene: Scene, group: int, photons: int, seed: int, first: int, record: tracing.Record) -> None:
+    """Trace photons that start where a pilot run found that they reach the membrane."""
+    import drjit as dr
+
+    def worth(arrival: tracing.Arrival, active: Any) -> Any:
+        return dr.select(active & (arrival.bounces >= first), arrival.power, 0.0)
+
+    loaded = tracing.load(scene, group)
+    pilot = min(tracing.PILOT, max(1, round(PILOT_SHARE * photons)))
+    guide = tracing.learn(scene, group=group, seed=seed, worth=worth, loaded=loaded, photons=pilot)
+    tracing.trace(scene, group=group, photons=photons, seed=seed, record=record, loaded=loaded, guide=guide)
+
+
+def _cells(low: Array, high: Array, cell_mm: float) -> tuple[int, int]:
+    """Rows and columns of cells over the membrane, the first one centred at its lowest x and y."""
+    columns, rows = (int(np.ceil((high[k] - low[k]) / cell_mm)) + 1 for k in (0, 1))
+    return rows, columns
+
+
+def _cell(position: Any, low: Array, cell_mm: float, shape: tuple[int, int]) -> tuple[Any, Any]:
+    """Number of the cell that a point lies in, and whether there is one."""
+    import drjit as dr
+    import mitsuba as mi
+
+    column = mi.Int32(dr.floor((position.x - float(low[0])) / cell_mm + 0.5))
+    row = mi.Int32(dr.floor((position.y - float(low[1])) / cell_mm + 0.5))
+    inside = (column >= 0) & (column < shape[1]) & (row >= 0) & (row < shape[0])
+    return row * shape[1] + column, inside
+
+
+def _filled(scene: Scene, low: Array, cell_mm: float, shape: tuple[int, int]) -> Array:
+    """Share of each cell that the membrane fills, at least half: the others hold too little light."""
+    fine = round(8 * cell_mm / CELL_MM)
+    rows, columns = shape
     offsets = (np.arange(fine) + 0.5) / fine - 0.5
-    x = low[0] + (np.arange(columns)[:, None] + offsets).ravel() * CELL_MM
-    y = low[1] + (np.arange(rows)[:, None] + offsets).ravel() * CELL_MM
+    x = low[0] + (np.arange(columns)[:, None] + offsets).ravel() * cell_mm
+    y = low[1] + (np.arange(rows)[:, None] + offsets).ravel() * cell_mm
     inside = on_membrane(scene, *np.meshgrid(x, y))
-    share = inside.reshape(rows, fine, columns, fine).mean(axis=(1, 3))
-    return np.asarray(power / np.maximum(share, 0.5)[None, :, :, None, None], dtype=np.float32)
+    return np.asarray(np.maximum(inside.reshape(rows, fine, columns, fine).mean(axis=(1, 3)), 0.5))
 
 
 def on_membrane(scene: Scene, x: Array, y: Array) -> NDArray[np.bool_]:

@@ -190,7 +190,15 @@ def _lattice(first: int, size: int, shifts: Any) -> list[Any]:
     return numbers
 
 
-def learn(scene: Scene, *, group: int, seed: int, worth: Callable[[Arrival, Any], Any], loaded: Any) -> Guide:
+def learn(
+    scene: Scene,
+    *,
+    group: int,
+    seed: int,
+    worth: Callable[[Arrival, Any], Any],
+    loaded: Any,
+    photons: int = PILOT,
+) -> Guide:
     """Learn from a pilot run where photons start that are `worth` most: an importance of each arrival."""
     import drjit as dr
     import mitsuba as mi
@@ -199,10 +207,12 @@ def learn(scene: Scene, *, group: int, seed: int, worth: Callable[[Arrival, Any]
     squares = dr.zeros(mi.Float, Guide.cells(lights))
 
     def record(arrival: Arrival, active: Any) -> None:
-        value = worth(arrival, active) * PILOT
+        value = worth(arrival, active) * photons
         dr.scatter_add(squares, value * value, arrival.start, active & (value > 0))
 
-    trace(scene, group=group, photons=PILOT, seed=seed, record=record, loaded=loaded)
+    # What is traced afterwards must not follow the very numbers it is guided by.
+    own = int(np.random.SeedSequence([seed, group, 79]).generate_state(1)[0])
+    trace(scene, group=group, photons=photons, seed=own, record=record, loaded=loaded)
     # The best density follows the root mean square of what a start brings; neighbours make it less jagged.
     cells = np.asarray(squares).reshape(-1, DIRECTION_CELLS, DIRECTION_CELLS)
     faces = cells.reshape(lights, FACE_CELLS**2, *cells.shape[1:]).mean(axis=1, keepdims=True)

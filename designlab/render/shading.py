@@ -83,12 +83,13 @@ class Shader:
         smooth, binned = [], []
         for group, bins in enumerate(self._bins):
             at = [(y - field.y_mm) / bins.pitch_mm, (x - field.x_mm) / bins.pitch_mm]
-            vector, source = bins.vector, self._sources[group]
-            coarse = [map_coordinates(v, at, order=1, mode="nearest") for v in vector]
+            coarse = [map_coordinates(v, at, order=1, mode="nearest") for v in bins.vector]
+            light, source = field.irradiance_at(group, x, y), self._sources[group]
             if source is not None:
-                vector = vector + irradiance_vector(scene, source, group, untouched, field, bins)
-            fine = [map_coordinates(v, at, order=3, mode="nearest") for v in vector]
-            smooth.append(np.maximum(np.einsum("krc,krc->rc", normal, fine), 0.0))
+                direct = irradiance_vector(scene, source, group, untouched, field, bins)
+                fine = [map_coordinates(v, at, order=3, mode="nearest") for v in direct]
+                light = light + np.einsum("krc,krc->rc", normal, fine)
+            smooth.append(np.maximum(light, 0.0))
             binned.append(np.einsum("krc,krc->rc", normal, coarse))
         # Irradiance of the untouched gel at every grid node, free of grain, and by interpolation of the bins.
         # A wide lens also sees what lies beside the gel: its black rim.
