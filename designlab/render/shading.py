@@ -33,9 +33,12 @@ from designlab.viewing import Rays
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
-FURTHEST_MM = 4.0  # reach of shadows, of parallax and of light between walls
+FURTHEST_MM = 4.0  # reach of parallax and of light between walls
+LONGEST_SHADOW_MM = 12.0
 RAISED_MM = 1e-3  # lower indentations cast no shadow worth counting
-SHADOW_REACH = 4.0  # shadows reach this many times the height of what casts them, as from light at 14 deg
+SHADOW_REACH = 4.0  # shadows reach at least this many times the height of what casts them: light at 14 deg
+LOWEST_SHARE = 0.02  # of a point's light, the most grazing, whose shadows may be cut short
+LATTICE_MM = 1.0  # between the points at which the most grazing light is looked for
 FINE_MM = 0.2  # around the indentation every grid node is shaded
 STRIDE = 3  # further out one node in this many, along each axis
 LOBE_STRIDE = 10  # of the nodes at which the untouched gel's lobe is summed
@@ -95,6 +98,7 @@ class Shader:
         # A wide lens also sees what lies beside the gel: its black rim.
         self._smooth = np.array(smooth, dtype=np.float32) * on_membrane(scene, x, y)
         self._binned = np.array(binned, dtype=np.float32)
+        self._reach = max([SHADOW_REACH, *(self._shadow_reach(group) for group in range(scene.groups))])
         self._lobe: tuple[Rays, Single] | None = None
         self._passed: tuple[Rays, Array] | None = None
         self._stray: tuple[View, Single] | None = None
@@ -112,13 +116,14 @@ class Shader:
             Where the pixels look.
         """
         albedo = _albedo(scene, surface)
-        choice = _Choice.near(surface)
+        reach_mm = min(self._reach * float(surface.height_mm.max()), LONGEST_SHADOW_MM)
+        choice = _Choice.near(surface, reach_mm)
         coating = scene.membrane.material
         specular = coating.specular if isinstance(coating, Coating) else 0.0
         light, lobe = self._smooth, self._mirrored(scene, rays) if specular else np.float32(0)
         if choice is not None:
             nodes = _nodes(surface, choice.nodes)
-            horizon = _horizon(surface, nodes)
+            horizon = _horizon(surface, nodes, max(reach_mm, FURTHEST_MM))
             light = light.copy()
             for group in range(scene.groups):
                 own = np.maximum(self._local(group, choice.nodes), 1e-12)
@@ -155,6 +160,44 @@ class Shader:
             nodes = _nodes(self._untouched, chosen)
             total = total + np.asarray(source.light(nodes, None, _facing(nodes)))
         return np.asarray(total)
+
+    def _shadow_reach(self, group: int) -> float:
+        """Length of the longest shadow that counts, for a height of one.
+
+        It follows from the elevation above the gel below which hardly any light of the group arrives, with
+        every point counting the same, since shadows are longest where light is weak.
+        """
+        step = max(1, round(LATTICE_MM / self._untouched.pitch_mm))
+        there = np.zeros(self._untouched.height_mm.shape, dtype=bool)
+        there[::step, ::step] = True
+        there &= np.isfinite(self._untouched.base_mm) & (self._smooth[group] > 0)
+        grid_x, grid_y = np.meshgrid(self._untouched.x_mm, self._untouched.y_mm)
+        points = np.stack([grid_x[there], grid_y[there], self._untouched.base_mm[there]], axis=-1)
+        normals = np.moveaxis(_base_normals(self._untouched), 0, -1)[there]
+        bins, source = self._bins[group], self._sources[group]
+        row = np.clip(np.rint((points[:, 1] - self._field.y_mm) / bins.pitch_mm), 0, bins.power.shape[1] - 1)
+        column = np.clip(
+            np.rint((points[:, 0] - self._field.x_mm) / bins.pitch_mm), 0, bins.power.shape[2] - 1
+        )
+        sines = [normals @ bins.direction.T]
+        fluence = [bins.power[:, row.astype(int), column.astype(int)].T]
+        if source is not None:
+            way = source.patches[None, :, :3] - points[:, None]
+            distance = np.linalg.norm(way, axis=-1)
+            sines.append(np.einsum("pkc,pc->pk", way, normals) / distance)
+            leaving = -np.einsum("pkc,kc->pk", way, source.patches[:, 9:12]) / distance
+            fluence.append(source.patches[None, :, 13] * np.maximum(leaving, 0.0) / np.pi / distance**2)
+        sine, weight = np.concatenate(sines, axis=1), np.concatenate(fluence, axis=1)
+        weight = np.maximum(weight, 0.0) * np.maximum(sine, 0.0)
+        weight /= np.maximum(weight.sum(axis=1, keepdims=True), 1e-30)
+        order = np.argsort(sine, axis=None)
+        share = np.cumsum(weight.ravel()[order])
+        if not share.size or share[-1] <= 0:
+            return 0.0
+        lowest = float(
+            np.clip(sine.ravel()[order][np.searchsorted(share, LOWEST_SHARE * share[-1])], 1e-3, 1)
+        )
+        return float(np.sqrt(1 - lowest**2) / lowest)
 
     def _mirrored(self, scene: Scene, rays: Rays) -> Single:
         """Radiance towards the camera that the untouched gel's lobe returns, for a reflectance of one."""
@@ -262,7 +305,7 @@ class _Choice:
         return self.fine | self.coarse
 
     @staticmethod
-    def near(surface: Surface) -> "_Choice | None":
+    def near(surface: Surface, reach_mm: float) -> "_Choice | None":
         """Nodes that an indentation may lift, tilt, shadow or light; None where there is none."""
         from scipy.ndimage import binary_dilation, distance_transform_edt
 
@@ -272,8 +315,7 @@ class _Choice:
         distance_mm = distance_transform_edt(~raised) * surface.pitch_mm
         there = np.isfinite(surface.base_mm)
         fine = (distance_mm <= FINE_MM) & there
-        reach_mm = np.clip(SHADOW_REACH * surface.height_mm.max(), 2 * FINE_MM, FURTHEST_MM)
-        around = (distance_mm <= reach_mm) & there
+        around = (distance_mm <= max(reach_mm, 2 * FINE_MM)) & there
         lattice = np.zeros_like(raised)
         lattice[::STRIDE, ::STRIDE] = True
         cell = np.ones((2 * STRIDE - 1, 2 * STRIDE - 1), dtype=bool)
@@ -396,7 +438,7 @@ def _turns(nodes: Nodes, azimuths: int) -> tuple[Any, Any, Any, Any, Any]:
     return node, x, y, dr.cos(angle), dr.sin(angle)
 
 
-def _horizon(surface: Surface, nodes: Nodes) -> Any:
+def _horizon(surface: Surface, nodes: Nodes, reach_mm: float) -> Any:
     """Tangent of the indentation's horizon at every node and azimuth, flattened with azimuth last."""
     import drjit as dr
     import mitsuba as mi
@@ -407,7 +449,7 @@ def _horizon(surface: Surface, nodes: Nodes) -> Any:
     count = dr.width(x)
 
     def going(distance: Any, _: Any) -> Any:
-        return distance < FURTHEST_MM
+        return distance < reach_mm
 
     def step(distance: Any, rim: Any) -> Any:
         px, py = x + distance * dx, y + distance * dy
