@@ -53,9 +53,7 @@ def run(seed: int, *, photons: float, samples: int, folder: Path, unbiased_from:
     effort = FIDELITIES["fast"]
     traced = round(photons / PHOTONS_PER_SAMPLE) if design.optics.light_path == "core" else samples
     fast = Simulator(design, columns=COLUMNS, samples=effort.samples, seed=seed)
-    unbiased = Simulator(
-        design, columns=COLUMNS, samples=max(1, traced), seed=seed, estimator="reference"
-    )
+    unbiased = Simulator(design, columns=COLUMNS, samples=max(1, traced), seed=seed, estimator="reference")
     pictures: dict[str, list[Any]] = {name: [] for name in ("fast", "half_0", "half_1", "run_0", "run_1")}
     earlier = unbiased_from / f"pictures-{seed}.npz"
     traces = not earlier.is_file()
@@ -189,9 +187,17 @@ def main() -> None:
         "--unbiased-from", type=Path, help="results folder whose unbiased pictures are used again"
     )
     parser.add_argument("--out", type=Path, default=Path("results/bias_of_fast"), help="results folder")
+    parser.add_argument(
+        "--light", choices=("air", "core"), help="only designs of this light path (default: both)"
+    )
+    parser.add_argument("--table", action="store_true", help="run nothing, print the finished designs")
     args = parser.parse_args()
     seeds = range(args.first_seed, args.first_seed + args.designs)
     missing = [seed for seed in seeds if not (args.out / f"design-{seed}.json").is_file()]
+    if args.light is not None:
+        missing = [seed for seed in missing if random_design(seed).optics.light_path == args.light]
+    if args.table:
+        missing = []
     begun = time.perf_counter()
     for done, seed in enumerate(missing):
         found = run(
@@ -208,7 +214,8 @@ def main() -> None:
             f"(systematic {found['systematic']:+.1%}); {left / 60:.0f} min left",
             flush=True,
         )
-    print(table([json.loads((args.out / f"design-{seed}.json").read_text()) for seed in seeds]))
+    finished = [args.out / f"design-{seed}.json" for seed in seeds]
+    print(table([json.loads(file.read_text()) for file in finished if file.is_file()]))
 
 
 if __name__ == "__main__":
