@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 PATCH_MM = 0.5  # an LED's face is divided into patches no larger than this
 MOST_PATCHES = 24  # along each side of a face
-LIFTED_MM = 0.02  # points off the membrane, so that it does not shadow itself
+LIFTED_MM = 0.02  # starts of shadow rays off the membrane, so that it does not shadow itself
 Response = Callable[[Any], Any]
 
 
@@ -143,9 +143,7 @@ def irradiance_vector(
     count = len(source.patches)
     index = dr.arange(mi.UInt32, rows * columns * count)
     node, patch = index // count, index % count
-    # A dome's mesh spans its curve by chords, which lie above it.
     origin = dr.gather(mi.Point3f, mi.Point3f(x, y, z), node)
-    origin += LIFTED_MM * dr.gather(mi.Vector3f, normal, node)
     columns_of = [
         dr.gather(mi.Float, mi.Float(np.ascontiguousarray(c, dtype=np.float32)), patch)
         for c in source.patches.T
@@ -155,7 +153,10 @@ def irradiance_vector(
     distance = dr.sqrt(square)
     towards = way / distance
     facing = dr.dot(dr.gather(mi.Vector3f, normal, node), towards)
-    blocked = loaded.ray_test(mi.Ray3f(origin, towards, distance * (1 - 1e-3), 0.0, []), facing > 0)
+    # A dome's mesh spans its curve by chords, which lie above it.
+    start = origin + LIFTED_MM * dr.gather(mi.Vector3f, normal, node)
+    end = origin + way * (1 - 1e-3)
+    blocked = loaded.ray_test(mi.Ray3f(start, end - start, 1.0, 0.0, []), facing > 0)
     density = source.directions.density(_local(columns_of[3:12], -towards))
     value = dr.select((facing > 0) & ~blocked, columns_of[13] * density / square, 0.0)
     found = []
