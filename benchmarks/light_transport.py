@@ -140,7 +140,7 @@ def plain(scene: Scene, *, together: bool, roulette: int, samples: int, seed: in
         return np.moveaxis(np.asarray(picture).reshape(shape), 2, 0)
     found = []
     for group in range(scene.groups):
-        loaded = bridge.load(scene, group=group, integrator=integrator, samples=samples)
+        loaded = bridge.load(scene, group=group, integrator=integrator, samples=4)
         picture = mi.render(loaded, sensor=mi.load_dict(film), spp=samples, seed=seed + group)
         found.append(np.asarray(picture).reshape(shape)[..., 0])
     return np.array(found)
