@@ -149,17 +149,19 @@ def test_a_press_shaded_from_the_field_is_what_the_path_tracer_renders(probe, pa
 
 @pytest.mark.slow
 @pytest.mark.parametrize("press", [None, "sphere:8"])
-def test_behind_glass_field_and_path_tracer_agree(press):
+def test_behind_glass_both_estimators_agree_with_the_path_tracer(press):
     view = view_of(CORE, 24, 18)
     if press is not None:
         press = Press(probe=parse(press), depth_mm=0.8, centre_mm=(1.0, 0.5))
-    sim = Simulator(CORE, view=view, samples=64, seed=1)
-    found = sim.frame(press).basis.mean(axis=(1, 2))
+    sim = Simulator(CORE, view=view, samples=32, seed=1)
     scene = sim.scene(sim.surface(press))
-    runs = np.array([path.radiance(scene, samples=1024, seed=s).mean(axis=(1, 2)) for s in range(4)])
-    error = runs.std(axis=0, ddof=1) / np.sqrt(len(runs))
-    assert (error < 0.01 * found).all()
-    assert (np.abs(found - runs.mean(axis=0)) < 0.015 * found + 3 * error).all()
+    runs = np.array([path.radiance(scene, samples=1024, seed=s).mean(axis=(1, 2)) for s in range(3)])
+    mean, error = runs.mean(axis=0), runs.std(axis=0, ddof=1) / np.sqrt(len(runs))
+    assert (error < 0.01 * mean).all()
+    for estimator in ("fast", "reference"):
+        simulator = Simulator(CORE, view=view, samples=32, seed=1, estimator=estimator)
+        found = simulator.frame(press).basis.mean(axis=(1, 2))
+        assert (np.abs(found - mean) < 0.007 * mean + 3 * error).all()
 
 
 def test_the_way_to_the_camera_costs_fresnels_share():
@@ -278,21 +280,6 @@ def test_photons_seen_by_the_camera_are_the_shaded_picture(press):
     difference = (shaded - traced) / traced.mean(axis=(1, 2), keepdims=True)
     assert np.abs(difference.mean(axis=(1, 2))).max() < 0.01
     assert np.abs(block_means(difference, 4)).max() < 0.05
-
-
-@pytest.mark.slow
-def test_photons_seen_by_the_camera_are_the_path_tracers_picture():
-    view = view_of(CORE, 24, 18)
-    found = Simulator(CORE, view=view, samples=64, seed=1, estimator="reference").frame(None).basis
-    paths = [
-        Simulator(CORE, view=view, samples=1024, seed=s, estimator="path").frame(None).basis for s in range(4)
-    ]
-    means = np.array([p.mean(axis=(1, 2)) for p in paths])
-    error = means.std(axis=0, ddof=1) / 2
-    assert (error < 0.01 * means.mean(axis=0)).all()
-    assert (
-        np.abs(found.mean(axis=(1, 2)) - means.mean(axis=0)) < 0.005 * means.mean(axis=0) + 3 * error
-    ).all()
 
 
 @pytest.mark.slow
