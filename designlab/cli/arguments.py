@@ -98,6 +98,7 @@ def _add_designs(add: Any) -> None:
     evaluate = add("evaluate", f"{_DESIGNS}:evaluate", "scores of a design, by simulation")
     _design(evaluate)
     evaluate.add_argument("--fidelity", choices=FIDELITIES, default="fast", help="effort (default: fast)")
+    evaluate.add_argument("--profile", action="store_true", help="show how long each part took")
     _seed(evaluate)
     _out(evaluate, "folder for the score and its pictures", required=False)
 

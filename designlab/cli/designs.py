@@ -77,6 +77,8 @@ def evaluate(args: Namespace) -> Result:
         f"{score.design}, fidelity {score.fidelity}, seed {score.seed}, {sum(score.seconds.values()):.0f} s",
         table(("score", "value", "std. error", "unit"), rows),
     ]
+    if args.profile:
+        text.append(table(("part", "seconds"), [(part, f"{s:.1f}") for part, s in score.seconds.items()]))
     data: dict[str, Any] = score.to_json()
     if args.out is not None:
         from designlab.report import evaluation_report
