@@ -223,8 +223,9 @@ def _leds(draw: _Draw, core: dict[str, Any], gel: dict[str, Any], light_path: st
     if light_path == "air":
         radius = draw.number("radius_in_air")
         below = 0.0
-        if domed and radius < gel["width_mm"] / 2:
-            below = gel["radius_mm"] - math.sqrt(gel["radius_mm"] ** 2 - radius**2)
+        if domed:  # beside the gel, they shine over its rim
+            reach = min(radius, gel["width_mm"] / 2)
+            below = gel["radius_mm"] - math.sqrt(gel["radius_mm"] ** 2 - reach**2)
         return leds | {"radius_mm": radius, "height_mm": below + draw.number("height_in_air")}
     # Emitting faces stand beside the core's sides, over their full height.
     reach = max(abs(end) for span in leds["emitting_spans_mm"] for end in span) * math.cos(tilt)
@@ -318,10 +319,10 @@ def _corners(design: Design) -> NDArray[np.float64]:
 
 
 def _clears_membrane(design: Design) -> bool:
-    """Whether LEDs in air stand off the membrane below them, which no rule of a design asks for."""
+    """Whether LEDs in air stand off the membrane below them, or its rim; no rule of a design asks for it."""
     if design.optics.light_path == "core":
         return True
     x, y, z = _corners(design).T
-    base = np.nan_to_num(base_mm(design.elastomer, x, y))
-    above = np.hypot(x, y) <= design.elastomer.width_mm / 2 * math.sqrt(2)
-    return bool((~above | (z >= base + CLEAR_OF_MEMBRANE_MM)).all())
+    inward = np.minimum(1.0, design.elastomer.width_mm / 2 / np.hypot(x, y))
+    base = base_mm(design.elastomer, inward * x, inward * y)
+    return bool((z >= base + CLEAR_OF_MEMBRANE_MM).all())
