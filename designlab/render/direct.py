@@ -11,6 +11,7 @@ from designlab.press import Surface
 from designlab.render import bridge
 from designlab.render.emitters import Directions
 from designlab.render.lightfield import AZIMUTHS, Bins, LightField
+from designlab.render.tables import held
 from designlab.scene import Light, Scene
 
 if TYPE_CHECKING:
@@ -52,8 +53,10 @@ class Sources:
         count = dr.width(nodes.x)
         node = dr.arange(mi.UInt32, count)
 
+        number = held(len(self.patches))
+
         def going(k: Any, _: Any) -> Any:
-            return k < len(self.patches)
+            return k < number
 
         def step(k: Any, total: Any) -> Any:
             cx, cy, cz, *axes, half, flux = (dr.gather(mi.Float, c, k) for c in tables)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from designlab.render import photons as tracing
+from designlab.render.tables import held
 from designlab.scene import Scene
 
 Array = NDArray[np.float64]
@@ -227,8 +228,8 @@ def _cell(position: Any, low: Array, cell_mm: float, shape: tuple[int, int]) -> 
     import drjit as dr
     import mitsuba as mi
 
-    column = mi.Int32(dr.floor((position.x - float(low[0])) / cell_mm + 0.5))
-    row = mi.Int32(dr.floor((position.y - float(low[1])) / cell_mm + 0.5))
+    column = mi.Int32(dr.floor((position.x - held(float(low[0]))) / cell_mm + 0.5))
+    row = mi.Int32(dr.floor((position.y - held(float(low[1]))) / cell_mm + 0.5))
     inside = (column >= 0) & (column < shape[1]) & (row >= 0) & (row < shape[0])
     return row * shape[1] + column, inside
 

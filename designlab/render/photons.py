@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.render import bridge, emitters, sobol
+from designlab.render.tables import held
 from designlab.scene import Dielectric, Light, Medium, Scene
 
 BATCH = 5_000_000  # photons traced at once; bounds memory
@@ -180,11 +181,11 @@ def _lattice(first: int, size: int, shifts: Any) -> list[Any]:
     import drjit as dr
     import mitsuba as mi
 
-    index = dr.arange(mi.UInt32, size) + first
+    index = dr.arange(mi.UInt32, size) + held(first)
     numbers = []
     for k in range(5):
         step = round(LATTICE ** -(k + 1) % 1 * 2**32) % 2**32
-        bits = index * mi.UInt32(step) + mi.UInt32(int(shifts[k]))
+        bits = index * mi.UInt32(step) + held(int(shifts[k]))
         # The top 24 bits are exact in single precision and never reach one.
         numbers.append(mi.Float(bits >> 8) * float(2.0**-24))
     return numbers
@@ -236,7 +237,7 @@ def _batch(
     import drjit as dr
     import mitsuba as mi
 
-    cell, weight = starts.cell, starts.weight / total
+    cell, weight = starts.cell, starts.weight / held(float(total))
     size = dr.width(cell)
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, size)

@@ -26,7 +26,7 @@ from designlab.render.direct import Response, Sources, irradiance_vector, source
 from designlab.render.eye import Eye
 from designlab.render.lightfield import AZIMUTHS, Bins, LightField, on_membrane
 from designlab.render.stray import stray
-from designlab.render.tables import bilinear
+from designlab.render.tables import bilinear, held
 from designlab.render.window import transmission
 from designlab.scene import Coating, Dielectric, Scene
 from designlab.viewing import Rays
@@ -370,7 +370,8 @@ def _binned_light(
     count = dr.width(nodes.x)
     if not len(bins.azimuth):
         return dr.zeros(mi.Float, count)
-    rows, columns = bins.power.shape[1:]
+    rows, columns, number = (held(n) for n in (*bins.power.shape[1:], len(bins.azimuth)))
+    x_mm, y_mm = held(field.x_mm), held(field.y_mm)
     power = mi.Float(bins.power.ravel())
     tables = [mi.Float(np.ascontiguousarray(c, dtype=np.float32)) for c in bins.direction.T]
     low, high = mi.Float(bins.lower.astype(np.float32)), mi.Float(bins.upper.astype(np.float32))
@@ -378,7 +379,7 @@ def _binned_light(
     node = dr.arange(mi.UInt32, count)
 
     def going(k: Any, _: Any) -> Any:
-        return k < len(bins.azimuth)
+        return k < number
 
     def step(k: Any, total: Any) -> Any:
         towards = mi.Vector3f(*(dr.gather(mi.Float, c, k) for c in tables))
@@ -386,8 +387,8 @@ def _binned_light(
         sinking = dr.maximum(towards.z - nodes.base_p * towards.x - nodes.base_q * towards.y, 1e-3)
         across = dr.maximum(dr.sqrt(towards.x * towards.x + towards.y * towards.y), 1e-3)
         drift = dr.minimum(nodes.height / sinking, FURTHEST_MM / across)
-        u = (nodes.x - drift * towards.x - field.x_mm) / bins.pitch_mm
-        v = (nodes.y - drift * towards.y - field.y_mm) / bins.pitch_mm
+        u = (nodes.x - drift * towards.x - x_mm) / bins.pitch_mm
+        v = (nodes.y - drift * towards.y - y_mm) / bins.pitch_mm
         value = bilinear(power, u, v, rows, columns, k * (rows * columns)) * response(towards)
         if horizon is not None:
             rim = dr.gather(mi.Float, horizon, node * AZIMUTHS + dr.gather(mi.UInt32, azimuth, k))
@@ -405,7 +406,11 @@ def _binned_light(
 class _Grid:
     """A surface's grid as Dr.Jit tables, and how to march over it."""
 
-    surface: Surface
+    left_mm: Any
+    top_mm: Any
+    pitch_mm: Any
+    rows: Any
+    columns: Any
     z: Any
     raised: Any
 
@@ -413,17 +418,18 @@ class _Grid:
     def of(surface: Surface) -> "_Grid":
         import mitsuba as mi
 
+        corner = held(float(surface.x_mm[0])), held(float(surface.y_mm[0])), held(surface.pitch_mm)
         z = mi.Float(np.nan_to_num(surface.z_mm).astype(np.float32).ravel())
-        return _Grid(surface, z, mi.Float(surface.height_mm.astype(np.float32).ravel()))
+        raised = mi.Float(surface.height_mm.astype(np.float32).ravel())
+        rows, columns = surface.height_mm.shape
+        return _Grid(*corner, held(rows), held(columns), z, raised)
 
     def place(self, x: Any, y: Any) -> tuple[Any, Any]:
         """Fractional column and row of a point."""
-        pitch = self.surface.pitch_mm
-        return (x - float(self.surface.x_mm[0])) / pitch, (float(self.surface.y_mm[0]) - y) / pitch
+        return (x - self.left_mm) / self.pitch_mm, (self.top_mm - y) / self.pitch_mm
 
     def sample(self, table: Any, x: Any, y: Any) -> Any:
-        rows, columns = self.surface.height_mm.shape
-        return bilinear(table, *self.place(x, y), rows, columns)
+        return bilinear(table, *self.place(x, y), self.rows, self.columns)
 
 
 def _turns(nodes: Nodes, azimuths: int) -> tuple[Any, Any, Any, Any, Any]:
@@ -456,7 +462,7 @@ def _horizon(surface: Surface, nodes: Nodes, reach_mm: float) -> Any:
         slope = (grid.sample(grid.z, px, py) - here) / distance
         rim = dr.select(grid.sample(grid.raised, px, py) > RAISED_MM, dr.maximum(rim, slope), rim)
         # Steps grow with the distance: far walls subtend less.
-        return distance * 1.1 + 0.5 * surface.pitch_mm, rim
+        return distance * 1.1 + 0.5 * grid.pitch_mm, rim
 
     _, rim = dr.while_loop(
         (dr.full(mi.Float, 1.5 * surface.pitch_mm, count), dr.full(mi.Float, -1e6, count)),
@@ -487,7 +493,6 @@ def _between_walls(surface: Surface, nodes: Nodes, radiance: Single) -> Single:
     own = -ahead / dr.maximum(normal.z, 1e-3)
     undeformed = dr.gather(mi.Float, nodes.base_p, node) * dx + dr.gather(mi.Float, nodes.base_q, node) * dy
     tables = [mi.Float(np.ascontiguousarray(image).ravel()) for image in radiance]
-    rows, columns = surface.height_mm.shape
 
     def going(distance: Any, *_: Any) -> Any:
         return distance < FURTHEST_MM
@@ -499,14 +504,14 @@ def _between_walls(surface: Surface, nodes: Nodes, radiance: Single) -> Single:
         top = dr.select(raised, slope, dr.minimum(slope, undeformed))
         seen = _strip(dr.maximum(rim, top), ahead, normal.z) - below
         u, v = grid.place(px, py)
-        column = mi.UInt32(dr.clip(u + 0.5, 0, columns - 1))
-        row = mi.UInt32(dr.clip(v + 0.5, 0, rows - 1))
+        column = mi.UInt32(dr.clip(u + 0.5, 0.0, mi.Float(grid.columns) - 1))
+        row = mi.UInt32(dr.clip(v + 0.5, 0.0, mi.Float(grid.rows) - 1))
         added = tuple(
-            s + seen * dr.gather(mi.Float, table, row * columns + column)
+            s + seen * dr.gather(mi.Float, table, row * grid.columns + column)
             for s, table in zip(sums, tables, strict=True)
         )
         rim = dr.maximum(rim, slope)
-        return distance * 1.2 + 0.5 * surface.pitch_mm, rim, _strip(rim, ahead, normal.z), *added
+        return distance * 1.2 + 0.5 * grid.pitch_mm, rim, _strip(rim, ahead, normal.z), *added
 
     start = dr.full(mi.Float, 1.5 * surface.pitch_mm, count)
     zeros = tuple(dr.zeros(mi.Float, count) for _ in tables)
@@ -542,7 +547,7 @@ def _look(grids: Single, surface: Surface, rays: Rays) -> Single:
         z = grid.sample(grid.z, x, y)
         x, y = x0 + slope_x * z, y0 + slope_y * z
     at = grid.place(x, y)
-    shape = surface.height_mm.shape
+    shape = grid.rows, grid.columns
     images = [bilinear(mi.Float(np.ascontiguousarray(image).ravel()), *at, *shape) for image in grids]
     dr.eval(*images)
     return np.stack(

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.render.tables import held
+
 BITS = 32
 # Degree s, coefficients a and initial numbers m of the primitive polynomials of dimensions 2 to 5, from
 # new-joe-kuo-6.21201: Joe and Kuo, SIAM J. Sci. Comput. 30, 2635 (2008).
@@ -53,7 +55,7 @@ def points(first: int, size: int, seeds: NDArray[np.integer[Any]]) -> list[Any]:
     import drjit as dr
     import mitsuba as mi
 
-    index = dr.arange(mi.UInt32, size) + first
+    index = dr.arange(mi.UInt32, size) + held(first)
     found = []
     for row, seed in zip(directions(), seeds, strict=True):
         bits = mi.UInt32(0)
@@ -69,8 +71,8 @@ def _scrambled(bits: Any, seed: int) -> Any:
 
     x = dr.brev(bits)
     x ^= x * 0x3D20ADEA
-    x += seed
-    x *= (seed >> 16) | 1
+    x += held(seed)
+    x *= held((seed >> 16) | 1)
     x ^= x * 0x05526C56
     x ^= x * 0x53A22864
     return dr.brev(x)
