@@ -79,6 +79,7 @@ def trace(
     loaded: Any = None,
     guide: Guide | None = None,
     scattered: Scattered | None = None,
+    housing: Record | None = None,
 ) -> None:
     """Trace photons of one LED group that emits 1 mW and hand every arrival at the membrane to `record`.
 
@@ -101,6 +102,8 @@ def trace(
         Start photons where they are worth most.
     scattered : callable, optional
         Called likewise with a `Scattering` wherever haze scatters photons.
+    housing : callable, optional
+        Called likewise with photons that arrive at the inside of the housing.
     """
     import drjit as dr
 
@@ -112,7 +115,7 @@ def trace(
     for batch in range(batches):
         starts = Starts(batch * size, size, shifts, len(lights), guide)
         lot = size * batches, _seed(seed, group, batch)
-        _batch(loaded, scene, group, lights, starts, *lot, record, scattered)
+        _batch(loaded, scene, group, lights, starts, *lot, record, scattered, housing)
         dr.eval()
     dr.sync_thread()
 
@@ -233,6 +236,7 @@ def _batch(
     seed: int,
     record: Record,
     see: Scattered | None,
+    housing: Record | None,
 ) -> None:
     import drjit as dr
     import mitsuba as mi
@@ -243,6 +247,7 @@ def _batch(
     sampler.seed(seed, size)
     ray = emitters.photons(lights, starts, size)
     membrane = mi.ShapePtr(next(shape for shape in loaded.shapes() if shape.id() == "membrane"))
+    around = [mi.ShapePtr(shape) for shape in loaded.shapes() if shape.id().startswith("housing")]
     matter = _Matter.of(scene, group, loaded)
     context = mi.BSDFContext(mi.TransportMode.Importance)
     # The way from membrane to camera crosses the interface and the window: three segments.
@@ -262,6 +267,9 @@ def _batch(
                 see(Scattering(ray.o, before, power), scattered)
         arrives = active & ~scattered & (si.shape == membrane) & (dr.dot(si.sh_frame.n, ray.d) < 0)
         record(Arrival(si, -ray.d, power, depth, cell), arrives)
+        if housing is not None:
+            for shape in around:
+                housing(Arrival(si, -ray.d, power, depth, cell), active & ~scattered & (si.shape == shape))
         bsdf = si.bsdf()
         meets = active & ~scattered
         sample, reflected = bsdf.sample(context, si, sampler.next_1d(meets), sampler.next_2d(meets), meets)

@@ -148,11 +148,9 @@ def test_a_press_shaded_from_the_field_is_what_the_path_tracer_renders(probe, pa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("press", [None, "sphere:8"])
-def test_behind_glass_both_estimators_agree_with_the_path_tracer(press):
+def test_behind_glass_both_estimators_agree_with_the_path_tracer():
     view = view_of(CORE, 24, 18)
-    if press is not None:
-        press = Press(probe=parse(press), depth_mm=0.8, centre_mm=(1.0, 0.5))
+    press = Press(probe=parse("sphere:8"), depth_mm=0.8, centre_mm=(1.0, 0.5))
     sim = Simulator(CORE, view=view, samples=32, seed=1)
     scene = sim.scene(sim.surface(press))
     runs = np.array([path.radiance(scene, samples=1024, seed=s).mean(axis=(1, 2)) for s in range(3)])
@@ -269,11 +267,9 @@ def picture(design, *, seed=1, half=None, **settings):
     return simulator.frame(None, half=half).basis
 
 
-@pytest.mark.parametrize("press", [None, "triangle:5"])
-def test_photons_seen_by_the_camera_are_the_shaded_picture(press):
+def test_photons_seen_by_the_camera_are_the_shaded_picture():
     # neither shares with the other how the camera sees a point, nor what a press does to light
-    if press is not None:
-        press = Press(probe=parse(press), depth_mm=0.6, centre_mm=(1.0, -0.5), yaw_deg=20.0)
+    press = Press(probe=parse("triangle:5"), depth_mm=0.6, centre_mm=(1.0, -0.5), yaw_deg=20.0)
     view = view_of(CORE, 32, 24)
     shaded = Simulator(CORE, view=view, samples=32, seed=1).frame(press).basis
     traced = Simulator(CORE, view=view, samples=32, seed=2, estimator="reference").frame(press).basis
@@ -293,13 +289,13 @@ def test_haze_veils_the_picture_as_the_path_tracer_says():
     )
     view = view_of(hazy, 24, 18)
     paths = [
-        Simulator(hazy, view=view, samples=1024, seed=s, estimator="path").frame(None).basis for s in range(3)
+        Simulator(hazy, view=view, samples=512, seed=s, estimator="path").frame(None).basis for s in range(3)
     ]
     means = np.array([p.mean(axis=(1, 2)) for p in paths])
     error, mean = means.std(axis=0, ddof=1) / np.sqrt(3), means.mean(axis=0)
     assert (error < 0.01 * mean).all()
     for estimator in ("fast", "reference"):
-        simulator = Simulator(hazy, view=view, samples=16, seed=1, estimator=estimator)
+        simulator = Simulator(hazy, view=view, samples=64, seed=1, estimator=estimator)
         found = simulator.frame(None).basis.mean(axis=(1, 2))
         assert (np.abs(found - mean) < 0.01 * mean + 3 * error).all()
     clear = Simulator(CORE, view=view, samples=16, seed=1).frame(None).basis.mean(axis=(1, 2))
