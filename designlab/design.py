@@ -17,14 +17,14 @@ from designlab import parts
 from designlab.camera import Camera, View
 from designlab.margins import RULES, margins
 from designlab.materials import material
-from designlab.optics import FOLDER, Optics
+from designlab.optics import Optics
 from designlab.refraction import apparent_tangent
 from designlab.spectra import response
 from geometries.elastomer import Elastomer, base_mm
 from geometries.gelcore import Gelcore
 from geometries.housing import Housing
 from geometries.leds import LedArray
-from geometries.spec import Spec, quantity
+from geometries.spec import FOLDER, Spec, quantity
 
 CHANNELS = ("R", "G", "B")
 EDGE_POINTS = 33  # on each edge of the sensing area, where the lens distorts

@@ -11,10 +11,9 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from designlab.images import read_image
 from designlab.materials import material
-from geometries.spec import Spec, quantity
+from geometries.spec import FOLDER, Spec, quantity
 
 LARGEST_IMAGE_PX = 1024
-FOLDER = "folder"  # key of the validation context under which the folder of the design's file stands
 
 
 class AlbedoImage(Spec):

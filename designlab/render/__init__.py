@@ -24,7 +24,7 @@ difference of reference and fast; path: Mitsuba's path tracer."""
 
 Thing = TypeVar("Thing")
 KEPT_IN_MEMORY = 4  # light fields and shaders, some 20 MB each
-LIGHTFIELD_VERSION = 3  # raise when a change of the light field makes cached ones wrong
+LIGHTFIELD_VERSION = 4  # raise when a change of the light field makes cached ones wrong
 PHOTONS_PER_SAMPLE = 24_000  # lets one effort setting rule photons and the path tracer's samples
 
 

@@ -15,7 +15,7 @@ from designlab.render.tables import held
 from designlab.scene import Light, Scene
 
 if TYPE_CHECKING:
-    from designlab.render.shading import Nodes
+    from designlab.render.nodes import Nodes
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]

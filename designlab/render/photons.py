@@ -13,7 +13,6 @@ from designlab.scene import Dielectric, Light, Medium, Scene
 
 BATCH = 5_000_000  # photons traced at once; bounds memory
 FAINT = 1 / 16  # photons that lost all but this share of their power live on by chance
-LATTICE = 1.1347241384015194  # root of x**6 = x + 1: its powers spread points evenly in five dimensions
 FACE_CELLS, DIRECTION_CELLS = 4, 32  # of a guide, along each side of an LED's face and of its directions
 UNGUIDED = 0.2  # share of photons that a guide leaves alone, so that no way is missed
 PILOT = 200_000  # photons that a guide is learnt from
@@ -111,9 +110,9 @@ def trace(
     lights = [light for light in scene.lights if light.group == group]
     batches = max(1, round(photons / BATCH))
     size = int(np.ceil(photons / batches))
-    shifts = np.random.default_rng([seed, group, 78]).integers(0, 2**32, size=5)
+    seeds = np.random.default_rng([seed, group, 78]).integers(0, 2**32, size=5)
     for batch in range(batches):
-        starts = Starts(batch * size, size, shifts, len(lights), guide)
+        starts = Starts(batch * size, size, seeds, len(lights), guide)
         lot = size * batches, _seed(seed, group, batch)
         _batch(loaded, scene, group, lights, starts, *lot, record, scattered, housing)
         dr.eval()
@@ -128,11 +127,6 @@ def load(scene: Scene, group: int) -> Any:
 class Starts:
     """Evenly spread starts of photons, as a sampler of five numbers: light, place on it, direction.
 
-    Without a guide: generalised golden-ratio (Kronecker) sequence with a random shift, see Niederreiter,
-    Random Number Generation and Quasi-Monte Carlo Methods (1992), ch. 3; in whole numbers modulo 2**32,
-    unrounded. With one: scrambled Sobol' points, since the lattice that is left of a Kronecker sequence
-    within the cells of a guide can be coarse, and then shows as blotches.
-
     Attributes
     ----------
     cell : Dr.Jit array
@@ -141,20 +135,19 @@ class Starts:
         How much more power each photon carries than an unguided one.
     """
 
-    def __init__(self, first: int, size: int, shifts: Any, lights: int, guide: Guide | None) -> None:
+    def __init__(self, first: int, size: int, seeds: Any, lights: int, guide: Guide | None) -> None:
         import drjit as dr
         import mitsuba as mi
 
         self.weight = mi.Float(1.0)
+        numbers = sobol.points(first, size, seeds)
         counts = (lights, FACE_CELLS, FACE_CELLS, DIRECTION_CELLS, DIRECTION_CELLS)
         if guide is None:
-            numbers = _lattice(first, size, shifts)
             places = [dr.minimum(mi.UInt32(u * n), n - 1) for u, n in zip(numbers, counts, strict=True)]
             self.cell = mi.UInt32(0)
             for place, n in zip(places, counts, strict=True):
                 self.cell = self.cell * n + place
         else:
-            numbers = sobol.points(first, size, shifts)
             distribution = mi.DiscreteDistribution(np.ascontiguousarray(guide.share, dtype=np.float32))
             self.cell, inner, share = distribution.sample_reuse_pmf(numbers[0])
             self.weight = 1.0 / (share * len(guide.share))
@@ -178,20 +171,6 @@ class Starts:
 
         first = self.next_1d()
         return mi.Point2f(first, self.next_1d())
-
-
-def _lattice(first: int, size: int, shifts: Any) -> list[Any]:
-    import drjit as dr
-    import mitsuba as mi
-
-    index = dr.arange(mi.UInt32, size) + held(first)
-    numbers = []
-    for k in range(5):
-        step = round(LATTICE ** -(k + 1) % 1 * 2**32) % 2**32
-        bits = index * mi.UInt32(step) + held(int(shifts[k]))
-        # The top 24 bits are exact in single precision and never reach one.
-        numbers.append(mi.Float(bits >> 8) * float(2.0**-24))
-    return numbers
 
 
 def learn(

@@ -12,7 +12,7 @@ So the light that falls on the undeformed membrane is traced once, and each pres
 Bias figures are in docs/validation.md.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,39 +25,23 @@ from designlab.press import Surface
 from designlab.render.direct import Response, Sources, irradiance_vector, sources
 from designlab.render.eye import Eye
 from designlab.render.lightfield import AZIMUTHS, Bins, LightField, on_membrane
+from designlab.render.look import look
+from designlab.render.nodes import Choice, Nodes, base_normals, nodes_of
 from designlab.render.stray import stray
 from designlab.render.tables import bilinear, held
+from designlab.render.walls import FURTHEST_MM, between_walls, horizon_of
 from designlab.render.window import transmission
 from designlab.scene import Coating, Dielectric, Scene
 from designlab.viewing import Rays
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
-FURTHEST_MM = 4.0  # reach of parallax and of light between walls
 LONGEST_SHADOW_MM = 12.0
-RAISED_MM = 1e-3  # lower indentations cast no shadow worth counting
 SHADOW_REACH = 4.0  # shadows reach at least this many times the height of what casts them: light at 14 deg
 LOWEST_SHARE = 0.02  # of a point's light, the most grazing, whose shadows may be cut short
 LATTICE_MM = 1.0  # between the points at which the most grazing light is looked for
-FINE_MM = 0.2  # around the indentation every grid node is shaded
-STRIDE = 3  # further out one node in this many, along each axis
 LOBE_STRIDE = 10  # of the nodes at which the untouched gel's lobe is summed
-GATHER_AZIMUTHS = 16  # directions in which light from other walls is looked for
 STRAY_PHOTONS = 2_000_000  # for each group; the light they show is dim and smooth
-SUBPIXELS = 2  # look-ups along each side of a pixel
-
-
-@dataclass(frozen=True, eq=False)
-class Nodes:
-    """Membrane points that are shaded: Dr.Jit arrays of one value a node."""
-
-    x: Any
-    y: Any
-    z: Any
-    height: Any
-    normal: Any
-    base_p: Any
-    base_q: Any
 
 
 class Shader:
@@ -82,7 +66,7 @@ class Shader:
             None if scene.refracts else sources(scene, group) for group in range(scene.groups)
         ]
         x, y = np.meshgrid(untouched.x_mm, untouched.y_mm)
-        normal = _base_normals(untouched)
+        normal = base_normals(untouched)
         smooth, binned = [], []
         for group, bins in enumerate(self._bins):
             at = [(y - field.y_mm) / bins.pitch_mm, (x - field.x_mm) / bins.pitch_mm]
@@ -117,20 +101,20 @@ class Shader:
         """
         albedo = _albedo(scene, surface)
         reach_mm = min(self._reach * float(surface.height_mm.max()), LONGEST_SHADOW_MM)
-        choice = _Choice.near(surface, reach_mm)
+        choice = Choice.near(surface, reach_mm)
         coating = scene.membrane.material
         specular = coating.specular if isinstance(coating, Coating) else 0.0
         light, lobe = self._smooth, self._mirrored(scene, rays) if specular else np.float32(0)
         if choice is not None:
-            nodes = _nodes(surface, choice.nodes)
-            horizon = _horizon(surface, nodes, max(reach_mm, FURTHEST_MM))
+            nodes = nodes_of(surface, choice.nodes)
+            horizon = horizon_of(surface, nodes, max(reach_mm, FURTHEST_MM))
             light = light.copy()
             for group in range(scene.groups):
                 own = np.maximum(self._local(group, choice.nodes), 1e-12)
                 pressed = np.asarray(self._light(group, nodes, horizon, _facing(nodes)))
                 light[group] *= choice.spread(pressed / own, 1.0)
             if scene.path_length > (4 if scene.refracts else 2):
-                between = _between_walls(surface, nodes, albedo / np.pi * light)
+                between = between_walls(surface, nodes, albedo / np.pi * light)
                 light += np.array([choice.spread(added, 0.0) for added in between])
             if specular:
                 lobe = lobe + self._mirrored_change(scene, rays, nodes, horizon, choice)
@@ -140,7 +124,7 @@ class Shader:
         if self._stray is None or self._stray[0] != scene.view:
             around = replace(self._scene, view=scene.view)
             self._stray = scene.view, stray(around, photons_per_group=STRAY_PHOTONS, seed=self._seed)
-        return np.asarray(_look(grids, surface, rays) * self._passed[1] + self._stray[1], dtype=np.float32)
+        return np.asarray(look(grids, surface, rays) * self._passed[1] + self._stray[1], dtype=np.float32)
 
     def _light(self, group: int, nodes: Nodes, horizon: Any | None, response: Response) -> Any:
         """Sum over all light at membrane nodes, each direction weighted with its `response`."""
@@ -157,7 +141,7 @@ class Shader:
         """Irradiance of nodes without a press, by the same sums as with one."""
         total, source = self._binned[group][chosen], self._sources[group]
         if source is not None:
-            nodes = _nodes(self._untouched, chosen)
+            nodes = nodes_of(self._untouched, chosen)
             total = total + np.asarray(source.light(nodes, None, _facing(nodes)))
         return np.asarray(total)
 
@@ -173,7 +157,7 @@ class Shader:
         there &= np.isfinite(self._untouched.base_mm) & (self._smooth[group] > 0)
         grid_x, grid_y = np.meshgrid(self._untouched.x_mm, self._untouched.y_mm)
         points = np.stack([grid_x[there], grid_y[there], self._untouched.base_mm[there]], axis=-1)
-        normals = np.moveaxis(_base_normals(self._untouched), 0, -1)[there]
+        normals = np.moveaxis(base_normals(self._untouched), 0, -1)[there]
         bins, source = self._bins[group], self._sources[group]
         row = np.clip(np.rint((points[:, 1] - self._field.y_mm) / bins.pitch_mm), 0, bins.power.shape[1] - 1)
         column = np.clip(
@@ -204,7 +188,7 @@ class Shader:
         if self._lobe is None or self._lobe[0] is not rays:
             lattice = np.zeros(self._untouched.height_mm.shape, dtype=bool)
             lattice[::LOBE_STRIDE, ::LOBE_STRIDE] = True
-            nodes = _nodes(self._untouched, lattice)
+            nodes = nodes_of(self._untouched, lattice)
             shape = lattice[::LOBE_STRIDE, ::LOBE_STRIDE].shape
             at = np.indices(lattice.shape) / LOBE_STRIDE
             response = _lobe(nodes, scene, rays)
@@ -214,14 +198,15 @@ class Shader:
         return self._lobe[1]
 
     def _mirrored_change(
-        self, scene: Scene, rays: Rays, nodes: Nodes, horizon: Any, choice: "_Choice"
+        self, scene: Scene, rays: Rays, nodes: Nodes, horizon: Any, choice: Choice
     ) -> Single:
         """By how much a press changes what the lobe returns."""
-        before = _nodes(self._untouched, choice.nodes)
+        before = nodes_of(self._untouched, choice.nodes)
+        after_press, at_rest = _lobe(nodes, scene, rays), _lobe(before, scene, rays)
         found = []
         for group in range(scene.groups):
-            pressed = self._light(group, nodes, horizon, _lobe(nodes, scene, rays))
-            untouched = self._light(group, before, None, _lobe(before, scene, rays))
+            pressed = self._light(group, nodes, horizon, after_press)
+            untouched = self._light(group, before, None, at_rest)
             found.append(choice.spread(np.asarray(pressed - untouched), 0.0))
         return np.array(found)
 
@@ -281,85 +266,6 @@ def _albedo(scene: Scene, surface: Surface) -> Single:
     return found
 
 
-def _base_normals(surface: Surface) -> Array:
-    """Normals of the undeformed membrane, shape (3, rows, columns)."""
-    p, q = np.nan_to_num(surface.base_p), np.nan_to_num(surface.base_q)
-    return np.stack([-p, -q, np.ones_like(p)]) / np.sqrt(1 + p**2 + q**2)
-
-
-@dataclass(frozen=True, eq=False)
-class _Choice:
-    """Grid nodes that are shaded: all those on and beside the indentation, every few ones around it.
-
-    Attributes
-    ----------
-    fine, coarse : bool array, shape (rows, columns)
-        Nodes of either kind; the coarse ones lie `STRIDE` apart.
-    """
-
-    fine: NDArray[np.bool_]
-    coarse: NDArray[np.bool_]
-
-    @property
-    def nodes(self) -> NDArray[np.bool_]:
-        return self.fine | self.coarse
-
-    @staticmethod
-    def near(surface: Surface, reach_mm: float) -> "_Choice | None":
-        """Nodes that an indentation may lift, tilt, shadow or light; None where there is none."""
-        from scipy.ndimage import binary_dilation, distance_transform_edt
-
-        raised = surface.height_mm > RAISED_MM
-        if not raised.any():
-            return None
-        distance_mm = distance_transform_edt(~raised) * surface.pitch_mm
-        there = np.isfinite(surface.base_mm)
-        fine = (distance_mm <= FINE_MM) & there
-        around = (distance_mm <= max(reach_mm, 2 * FINE_MM)) & there
-        lattice = np.zeros_like(raised)
-        lattice[::STRIDE, ::STRIDE] = True
-        cell = np.ones((2 * STRIDE - 1, 2 * STRIDE - 1), dtype=bool)
-        coarse = lattice & binary_dilation(around & ~fine, structure=cell) & there
-        return _Choice(fine, coarse)
-
-    def spread(self, values: NDArray[np.floating], outside: float) -> Single:
-        """Values at the nodes as a whole grid: linear between coarse nodes, `outside` elsewhere."""
-        grid = np.full(self.fine.shape, outside, dtype=np.float32)
-        grid[self.nodes] = values
-        lattice = grid[::STRIDE, ::STRIDE]
-        found: NDArray[np.floating] = lattice
-        for axis, count in enumerate(self.fine.shape):
-            found = _linear(found, np.arange(count) / STRIDE, axis)
-        return np.where(self.fine, grid, found).astype(np.float32)
-
-
-def _linear(values: NDArray[np.floating], at: Array, axis: int) -> NDArray[np.floating]:
-    """Interpolate linearly along one axis at fractional positions."""
-    first = np.minimum(at.astype(int), values.shape[axis] - 1)
-    second = np.minimum(first + 1, values.shape[axis] - 1)
-    share = np.expand_dims(at - first, 1 - axis)
-    return np.asarray(np.take(values, first, axis) * (1 - share) + np.take(values, second, axis) * share)
-
-
-def _nodes(surface: Surface, chosen: NDArray[np.bool_]) -> Nodes:
-    import mitsuba as mi
-
-    def column(values: Array) -> Any:
-        return mi.Float(np.ascontiguousarray(values[chosen], dtype=np.float32))
-
-    x, y = np.meshgrid(surface.x_mm, surface.y_mm)
-    normals = surface.normals
-    return Nodes(
-        x=column(x),
-        y=column(y),
-        z=column(surface.z_mm),
-        height=column(surface.height_mm),
-        normal=mi.Vector3f(*(column(normals[..., k]) for k in range(3))),
-        base_p=column(surface.base_p),
-        base_q=column(surface.base_q),
-    )
-
-
 def _binned_light(
     field: LightField, bins: Bins, nodes: Nodes, horizon: Any | None, response: Response
 ) -> Any:
@@ -400,168 +306,3 @@ def _binned_light(
         (dr.zeros(mi.UInt32, count), dr.zeros(mi.Float, count)), going, step, labels=("k", "total")
     )
     return total
-
-
-@dataclass(frozen=True, eq=False)
-class _Grid:
-    """A surface's grid as Dr.Jit tables, and how to march over it."""
-
-    left_mm: Any
-    top_mm: Any
-    pitch_mm: Any
-    rows: Any
-    columns: Any
-    z: Any
-    raised: Any
-
-    @staticmethod
-    def of(surface: Surface) -> "_Grid":
-        import mitsuba as mi
-
-        corner = held(float(surface.x_mm[0])), held(float(surface.y_mm[0])), held(surface.pitch_mm)
-        z = mi.Float(np.nan_to_num(surface.z_mm).astype(np.float32).ravel())
-        raised = mi.Float(surface.height_mm.astype(np.float32).ravel())
-        rows, columns = surface.height_mm.shape
-        return _Grid(*corner, held(rows), held(columns), z, raised)
-
-    def place(self, x: Any, y: Any) -> tuple[Any, Any]:
-        """Fractional column and row of a point."""
-        return (x - self.left_mm) / self.pitch_mm, (self.top_mm - y) / self.pitch_mm
-
-    def sample(self, table: Any, x: Any, y: Any) -> Any:
-        return bilinear(table, *self.place(x, y), self.rows, self.columns)
-
-
-def _turns(nodes: Nodes, azimuths: int) -> tuple[Any, Any, Any, Any, Any]:
-    """Return (node, x, y, dx, dy) for every node and azimuth, azimuth last."""
-    import drjit as dr
-    import mitsuba as mi
-
-    index = dr.arange(mi.UInt32, dr.width(nodes.x) * azimuths)
-    node = index // azimuths
-    angle = (mi.Float(index % azimuths) + 0.5) * (2 * dr.pi / azimuths)
-    x, y = dr.gather(mi.Float, nodes.x, node), dr.gather(mi.Float, nodes.y, node)
-    return node, x, y, dr.cos(angle), dr.sin(angle)
-
-
-def _horizon(surface: Surface, nodes: Nodes, reach_mm: float) -> Any:
-    """Tangent of the indentation's horizon at every node and azimuth, flattened with azimuth last."""
-    import drjit as dr
-    import mitsuba as mi
-
-    grid = _Grid.of(surface)
-    _, x, y, dx, dy = _turns(nodes, AZIMUTHS)
-    here = grid.sample(grid.z, x, y)
-    count = dr.width(x)
-
-    def going(distance: Any, _: Any) -> Any:
-        return distance < reach_mm
-
-    def step(distance: Any, rim: Any) -> Any:
-        px, py = x + distance * dx, y + distance * dy
-        slope = (grid.sample(grid.z, px, py) - here) / distance
-        rim = dr.select(grid.sample(grid.raised, px, py) > RAISED_MM, dr.maximum(rim, slope), rim)
-        # Steps grow with the distance: far walls subtend less.
-        return distance * 1.1 + 0.5 * grid.pitch_mm, rim
-
-    _, rim = dr.while_loop(
-        (dr.full(mi.Float, 1.5 * surface.pitch_mm, count), dr.full(mi.Float, -1e6, count)),
-        going,
-        step,
-        labels=("distance", "rim"),
-    )
-    dr.eval(rim)
-    return rim
-
-
-def _between_walls(surface: Surface, nodes: Nodes, radiance: Single) -> Single:
-    """Irradiance of the nodes by light from the membrane itself, shape (groups, nodes).
-
-    Seen from a node, each step outwards that rises above the horizon so far shows a strip of membrane between
-    two elevations; its cosine-weighted solid angle is closed. Strips of undeformed membrane count only where
-    the undeformed node would not see them: that light is part of the light field.
-    """
-    import drjit as dr
-    import mitsuba as mi
-
-    grid = _Grid.of(surface)
-    node, x, y, dx, dy = _turns(nodes, GATHER_AZIMUTHS)
-    count = dr.width(x)
-    here = grid.sample(grid.z, x, y)
-    normal = dr.gather(mi.Vector3f, nodes.normal, node)
-    ahead = normal.x * dx + normal.y * dy
-    own = -ahead / dr.maximum(normal.z, 1e-3)
-    undeformed = dr.gather(mi.Float, nodes.base_p, node) * dx + dr.gather(mi.Float, nodes.base_q, node) * dy
-    tables = [mi.Float(np.ascontiguousarray(image).ravel()) for image in radiance]
-
-    def going(distance: Any, *_: Any) -> Any:
-        return distance < FURTHEST_MM
-
-    def step(distance: Any, rim: Any, below: Any, *sums: Any) -> Any:
-        px, py = x + distance * dx, y + distance * dy
-        slope = (grid.sample(grid.z, px, py) - here) / distance
-        raised = grid.sample(grid.raised, px, py) > RAISED_MM
-        top = dr.select(raised, slope, dr.minimum(slope, undeformed))
-        seen = _strip(dr.maximum(rim, top), ahead, normal.z) - below
-        u, v = grid.place(px, py)
-        column = mi.UInt32(dr.clip(u + 0.5, 0.0, mi.Float(grid.columns) - 1))
-        row = mi.UInt32(dr.clip(v + 0.5, 0.0, mi.Float(grid.rows) - 1))
-        added = tuple(
-            s + seen * dr.gather(mi.Float, table, row * grid.columns + column)
-            for s, table in zip(sums, tables, strict=True)
-        )
-        rim = dr.maximum(rim, slope)
-        return distance * 1.2 + 0.5 * grid.pitch_mm, rim, _strip(rim, ahead, normal.z), *added
-
-    start = dr.full(mi.Float, 1.5 * surface.pitch_mm, count)
-    zeros = tuple(dr.zeros(mi.Float, count) for _ in tables)
-    _, _, _, *sums = dr.while_loop((start, own, _strip(own, ahead, normal.z), *zeros), going, step)
-    share = 2 * np.pi / GATHER_AZIMUTHS
-    return np.stack([np.asarray(s).reshape(-1, GATHER_AZIMUTHS).sum(axis=1) * share for s in sums]).astype(
-        np.float32
-    )
-
-
-def _strip(tangent: Any, ahead: Any, up: Any) -> Any:
-    """Integral of the cosine over elevation, up to the one of the given tangent."""
-    import drjit as dr
-
-    square = tangent * tangent
-    return ahead * 0.5 * (dr.atan(tangent) + tangent / (1 + square)) + up * 0.5 * square / (1 + square)
-
-
-def _look(grids: Single, surface: Surface, rays: Rays) -> Single:
-    """Average radiance of the membrane that each pixel sees, shape (groups, rows, columns)."""
-    import drjit as dr
-    import mitsuba as mi
-
-    rows, columns = rays.x_mm.shape
-    fine = [
-        mi.Float(_subdivided(values).astype(np.float32).ravel())
-        for values in (rays.x_mm, rays.y_mm, rays.slope_x, rays.slope_y)
-    ]
-    x0, y0, slope_x, slope_y = fine
-    grid = _Grid.of(surface)
-    x, y = x0, y0
-    for _ in range(8):
-        z = grid.sample(grid.z, x, y)
-        x, y = x0 + slope_x * z, y0 + slope_y * z
-    at = grid.place(x, y)
-    shape = grid.rows, grid.columns
-    images = [bilinear(mi.Float(np.ascontiguousarray(image).ravel()), *at, *shape) for image in grids]
-    dr.eval(*images)
-    return np.stack(
-        [np.asarray(image).reshape(rows, SUBPIXELS, columns, SUBPIXELS).mean(axis=(1, 3)) for image in images]
-    )
-
-
-def _subdivided(values: Array) -> Array:
-    """Values at the centres of sub-pixels, linear between pixel centres and beyond the outer ones."""
-    offsets = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
-    for axis in (0, 1):
-        slope = np.gradient(values, axis=axis)
-        stacked = np.stack([values + o * slope for o in offsets], axis=axis + 1)
-        shape = list(values.shape)
-        shape[axis] *= SUBPIXELS
-        values = stacked.reshape(shape)
-    return values

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes import box
 from scipy.integrate import quad
 from scipy.stats import chi2
 
@@ -134,15 +135,8 @@ def caught(scene, *, count, below_y_mm=1e9):
 def test_every_profile_emits_one_milliwatt(profile):
     # behind the face there is nothing, so the plane and its far surroundings take every photon
     scene = over_a_plane(profile)
-    corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * 30.0
-    faces = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
-             (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)]  # fmt: skip
-    triangles = np.array(faces, dtype=np.uint32)
-    a, b, c = (corners[triangles[:, k]] for k in range(3))
-    outward = (np.cross(b - a, c - a) * a).sum(axis=1) > 0
-    triangles[outward] = triangles[outward][:, ::-1]
-    box = Shape("membrane", corners, triangles, Diffuse((0.0,)))
-    assert caught(replace(scene, shapes=(box,)), count=200_000) == pytest.approx(1.0, abs=1e-5)
+    around = box("membrane", 60.0, Diffuse((0.0,)), inward=True)
+    assert caught(replace(scene, shapes=(around,)), count=200_000) == pytest.approx(1.0, abs=1e-5)
 
 
 SMALL = preset("default").replace(

@@ -6,6 +6,7 @@ from importlib import import_module
 import numpy as np
 import pytest
 from closed_forms import block_means, direct_radiance
+from scenes import box
 
 from designlab import store
 from designlab.camera import Camera
@@ -13,7 +14,7 @@ from designlab.design import preset
 from designlab.press import Press, indent
 from designlab.render import bridge, lightfield, path, photons
 from designlab.render.window import transmission
-from designlab.scene import Dielectric, Diffuse, Light, Medium, Scene, Shape, build
+from designlab.scene import Dielectric, Diffuse, Light, Medium, Scene, build
 from designlab.simulate import Simulator
 from designlab.viewing import rays
 from geometries.probes import parse
@@ -65,20 +66,6 @@ def arrivals(scene, *, count, seed=1, group=0):
 
     photons.trace(scene, group=group, photons=count, seed=seed, record=record)
     return float(np.asarray(total)[0])
-
-
-def box(name, size_mm, material, *, inward):
-    """Closed cube about the origin."""
-    corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size_mm / 2
-    faces = np.array(
-        [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
-         [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
-    )  # fmt: skip
-    a, b, c = (corners[faces[:, k]] for k in range(3))
-    outward = (np.cross(b - a, c - a) * a).sum(axis=1) > 0
-    flipped = outward if inward else ~outward
-    faces[flipped] = faces[flipped][:, ::-1]
-    return Shape(name, corners, faces.astype(np.uint32), material)
 
 
 def closed_box(reflectance, *inside, path_length):
@@ -276,6 +263,20 @@ def test_photons_seen_by_the_camera_are_the_shaded_picture():
     difference = (shaded - traced) / traced.mean(axis=(1, 2), keepdims=True)
     assert np.abs(difference.mean(axis=(1, 2))).max() < 0.01
     assert np.abs(block_means(difference, 4)).max() < 0.05
+
+
+def test_the_correction_takes_a_wrong_light_field_back_to_the_unbiased_picture(monkeypatch):
+    # a light field that holds a fifth too much light stands for whatever bias fast has
+    from designlab.render.shading import Shader
+
+    shaded = Shader.radiance
+    monkeypatch.setattr(Shader, "radiance", lambda self, *a: np.float32(1.2) * shaded(self, *a))
+    view = view_of(AIR, 32, 24)
+    found = Simulator(AIR, view=view, samples=4, seed=1, estimator="corrected").frame(None).basis
+    traced = Simulator(AIR, view=view, samples=256, seed=2, estimator="reference").frame(None).basis
+    np.testing.assert_allclose(found.mean(axis=(1, 2)), traced.mean(axis=(1, 2)), rtol=2e-3)
+    wrong = Simulator(AIR, view=view, samples=4, seed=1).frame(None).basis
+    np.testing.assert_allclose(wrong.mean(axis=(1, 2)), 1.2 * traced.mean(axis=(1, 2)), rtol=5e-3)
 
 
 @pytest.mark.slow
