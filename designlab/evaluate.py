@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, uniform_filter
 from threadpoolctl import threadpool_limits
 
 from designlab.bench import SMOOTHING_PX, Bench, Reconstruction, plan_presses, sub_seed
@@ -67,6 +67,31 @@ class Estimate:
         return f"{self.value:.4g} ± {self.se:.2g}{unit}"
 
 
+class TransportError(NamedTuple):
+    """How far the light of a picture may be off, relative to its mean; of the worst LED group.
+
+    Parameters
+    ----------
+    noise : float
+        Standard error of blocks of 1 mm x 1 mm of the untouched gel.
+    bias_mean, bias_block : float
+        Bounds of the systematic error of the mean and of small blocks, see `designlab.render.Bias`.
+    """
+
+    noise: float
+    bias_mean: float
+    bias_block: float
+
+    def __str__(self) -> str:
+        """Sentence for people."""
+        if not self.bias_mean:
+            return f"light transport: noise {self.noise:.1%} of each mm2, no bias"
+        return (
+            f"light transport: noise {self.noise:.1%} of each mm2; bias at most {self.bias_mean:.0%} of the "
+            f"mean, {self.bias_block:.0%} of any 8 x 8 of 160 columns"
+        )
+
+
 @dataclass(frozen=True)
 class Score:
     """What `evaluate` found.
@@ -80,6 +105,7 @@ class Score:
     seed: int
     scores: Mapping[str, Estimate]
     margins: Mapping[str, float]
+    light: TransportError
     seconds: Mapping[str, float] = field(default_factory=dict)
 
     def __getattr__(self, name: str) -> Estimate:
@@ -101,6 +127,7 @@ class Score:
                 for name, e in self.scores.items()
             },
             "margins": dict(self.margins),
+            "light": self.light._asdict(),
             "seconds": dict(self.seconds),
         }
 
@@ -189,6 +216,7 @@ def evaluate(
         seed=seed,
         scores=scores,
         margins=simulator.design.margins(),
+        light=_transport_error(simulator.design, untouched, again),
         seconds=clock.seconds,
     )
     if out is not None:
@@ -219,6 +247,17 @@ def _uniformity(design: Design, a: Frame, b: Frame, seed: int) -> dict[str, Esti
         name: Estimate(float(value), float(se), "1")
         for name, value, se in zip(("uniformity_u0", "uniformity_cv"), values, errors, strict=True)
     }
+
+
+def _transport_error(design: Design, a: Frame, b: Frame) -> TransportError:
+    """Noise of the mean of two independent renders of the untouched gel, and the bound of their bias."""
+    mask = _sensing_area(design, a)
+    size = max(1, round(1.0 / float(a.rays.pitch_mm[0])))
+    noise = []
+    for one, other in zip(a.basis, b.basis, strict=True):
+        blocks = uniform_filter((one - other) / 2, size, mode="nearest")
+        noise.append(float(np.sqrt(np.mean(blocks[mask] ** 2)) / (one + other)[mask].mean() * 2))
+    return TransportError(max(noise), *a.bias)
 
 
 def _sensing_area(design: Design, frame: Frame) -> NDArray[np.bool_]:

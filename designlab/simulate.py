@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +13,9 @@ from designlab.defocus import blur, radius_px
 from designlab.design import Design
 from designlab.effects.model import SensorModel, effect
 from designlab.press import Press, Surface, indent
+from designlab.render import UNBIASED, Bias, Estimator, bias, chosen, shader, trace, traces_lens
 from designlab.scene import Scene, build
 from designlab.viewing import Rays, rays
-
-if TYPE_CHECKING:
-    from designlab.render import Estimator
 
 Array = NDArray[np.float64]
 SURFACE_MARGIN_MM = 2.0  # the membrane is modelled finely this far beyond the area in view
@@ -44,6 +41,8 @@ class Frame:
         Mixing matrix times flux: what turns the basis into camera channels.
     grain_mm : float
         How far the random error of the picture reaches on the membrane; zero where pixels err independently.
+    bias : Bias
+        Bounds of the picture's systematic error.
     """
 
     press: Press | None
@@ -52,6 +51,7 @@ class Frame:
     basis: NDArray[np.float32]
     weights: Array
     grain_mm: float = 0.0
+    bias: Bias = UNBIASED
 
     @property
     def mixed(self) -> NDArray[np.float32]:
@@ -109,7 +109,7 @@ class Simulator:
         columns: int = 160,
         samples: int = 64,
         seed: int,
-        estimator: "Estimator" = "fast",
+        estimator: Estimator = "fast",
         traced_samples: int = 256,
     ) -> None:
         self.model = SensorModel.of(model)
@@ -184,7 +184,6 @@ class Simulator:
         RenderFailed
             If the picture is black or not finite; the text says which LED group and why it may be.
         """
-        from designlab.render import chosen, traces_lens
         from designlab.render.lightfield import CELL_MM
 
         surface = surface or self.surface(press)
@@ -214,7 +213,8 @@ class Simulator:
                 )
         flux = np.array([group.flux_mw for group in self.design.leds.groups])
         grain_mm = CELL_MM if estimator in ("fast", "corrected") else 0.0
-        return Frame(press, surface, self.rays, basis, self.design.mixing_matrix * flux, grain_mm)
+        weights = self.design.mixing_matrix * flux
+        return Frame(press, surface, self.rays, basis, weights, grain_mm, bias(estimator))
 
     @property
     def _same_coating(self) -> bool:
@@ -222,17 +222,21 @@ class Simulator:
         return not (self.design.optics.coating_transmittance and self.design.optics.object_reflectance)
 
     def _basis(
-        self, estimator: "Estimator", scene: Scene, surface: Surface, seen: Rays, seed: int, half: int | None
+        self, estimator: Estimator, scene: Scene, surface: Surface, seen: Rays, seed: int, half: int | None
     ) -> NDArray[np.float32]:
         """Radiance of every LED group at unit flux."""
-        from designlab.render import shader, trace
         from designlab.render.lightfield import CELL_MM
 
         effort = self.traced_samples if estimator == "corrected" else self.samples
         if estimator in ("reference", "path"):
             return trace(scene, surface, seen, estimator=estimator, samples=effort, seed=seed)
         shading = shader(
-            self._undeformed, self.surface(None), samples=self.samples, seed=self.seed, half=half
+            self._undeformed,
+            self.surface(None),
+            area_mm=self.design.sensing_area_mm,
+            samples=self.samples,
+            seed=self.seed,
+            half=half,
         )
         shaded = shading.radiance(surface, scene, seen)
         if estimator == "fast":

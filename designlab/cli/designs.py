@@ -10,6 +10,8 @@ from designlab.cli.shared import bar, results_folder, source_named, table
 if TYPE_CHECKING:
     from designlab.press import Press
 
+GRAINY = 0.05  # noise of a square millimetre above which pictures are worth a warning
+
 
 def presets(args: Namespace) -> Result:
     """List the presets, or print one as TOML."""
@@ -76,7 +78,10 @@ def evaluate(args: Namespace) -> Result:
     text = [
         f"{score.design}, fidelity {score.fidelity}, seed {score.seed}, {sum(score.seconds.values()):.0f} s",
         table(("score", "value", "std. error", "unit"), rows),
+        str(score.light),
     ]
+    if score.light.noise > GRAINY:
+        text.append("pictures are grainy: a higher --fidelity takes grain off, and what it adds to errors")
     if args.profile:
         text.append(table(("part", "seconds"), [(part, f"{s:.1f}") for part, s in score.seconds.items()]))
     data: dict[str, Any] = score.to_json()

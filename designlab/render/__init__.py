@@ -1,8 +1,9 @@
 """Rendering: the only part of designlab that imports Mitsuba and Dr.Jit."""
 
 from contextlib import suppress
+from functools import partial
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Literal, TypeVar
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +23,29 @@ Estimator = Literal["fast", "corrected", "reference", "path"]
 light tracing where light refracts and by path tracing elsewhere; corrected: fast, plus the smoothed
 difference of reference and fast; path: Mitsuba's path tracer."""
 
+
+class Bias(NamedTuple):
+    """Bounds of systematic error, relative to the mean of a picture.
+
+    Parameters
+    ----------
+    mean : float
+        Of the mean of a picture.
+    block : float
+        Of the mean of any 8 x 8 pixels of a picture of 160 columns.
+    """
+
+    mean: float
+    block: float
+
+
+UNBIASED = Bias(0.0, 0.0)
+FAST_BIAS = Bias(mean=0.01, block=0.05)
+"""Measured against unbiased pictures of the designs of `designlab.sampling`: docs/validation.md."""
+
 Thing = TypeVar("Thing")
 KEPT_IN_MEMORY = 4  # light fields and shaders, some 20 MB each
-LIGHTFIELD_VERSION = 4  # raise when a change of the light field makes cached ones wrong
+LIGHTFIELD_VERSION = 5  # raise when a change of the light field makes cached ones wrong
 PHOTONS_PER_SAMPLE = 24_000  # lets one effort setting rule photons and the path tracer's samples
 
 
@@ -33,6 +54,11 @@ def chosen(estimator: Estimator, scene: Scene) -> Estimator:
     if not activate().is_jit or (estimator == "reference" and not scene.refracts):
         return "path"
     return estimator
+
+
+def bias(estimator: Estimator) -> Bias:
+    """Bounds of the bias of a picture made with an estimator that `chosen` gave."""
+    return FAST_BIAS if estimator == "fast" else UNBIASED
 
 
 def traces_lens(estimator: Estimator) -> bool:
@@ -69,12 +95,19 @@ def trace(
     return path.radiance(scene, samples=samples, seed=seed)
 
 
-_fields: dict[str, "LightField"] = {}
+_fields: dict[str, "list[LightField]"] = {}
 _shaders: dict[str, "Shader"] = {}
+_strays: dict[str, NDArray[np.float32]] = {}
 
 
 def shader(
-    undeformed: Scene, untouched: Surface, *, samples: int, seed: int, half: int | None = None
+    undeformed: Scene,
+    untouched: Surface,
+    *,
+    area_mm: tuple[float, float],
+    samples: int,
+    seed: int,
+    half: int | None = None,
 ) -> "Shader":
     """What shades every press of a design, from its light field: baked, or taken from memory or the disk.
 
@@ -84,6 +117,8 @@ def shader(
         The scene without a press; its camera does not matter.
     untouched : Surface
         The undeformed membrane on the grid that all presses share.
+    area_mm : tuple of float
+        Width and height of the part of the membrane that matters most, the sensing area.
     samples : int
         Effort; photons in proportion.
     seed : int
@@ -95,37 +130,44 @@ def shader(
     from designlab.render.shading import Shader
 
     grid = [untouched.x_mm, untouched.y_mm]
-    key = store.digest("shader", undeformed.light_digest, samples, seed, half, *grid)
+    key = store.digest("shader", undeformed.light_digest, area_mm, samples, seed, half, *grid)
     if key not in _shaders:
-        halves = (0, 1) if half is None else (half,)
-        field = mean([_light_field(undeformed, samples, seed, k) for k in halves])
-        _remember(_shaders, key, Shader(field, undeformed, untouched, seed=seed))
+        halves = _light_field(undeformed, area_mm, samples, seed)
+        field = mean(halves if half is None else halves[half : half + 1])
+        stray = partial(_stray, photons=samples * PHOTONS_PER_SAMPLE, seed=seed)
+        _remember(_shaders, key, Shader(field, undeformed, untouched, stray))
     return _shaders[key]
 
 
-def _light_field(scene: Scene, samples: int, seed: int, half: int) -> "LightField":
-    """Bake half of a light field, or take it from memory or from the cache on disk."""
-    from designlab.render import lightfield
+def _light_field(scene: Scene, area_mm: tuple[float, float], samples: int, seed: int) -> "list[LightField]":
+    """Bake both halves of a light field, or take them from memory or from the cache on disk."""
+    from designlab.render import baking, lightfield
 
     key = store.digest(
-        "light field", LIGHTFIELD_VERSION, version("mitsuba"), scene.light_digest, samples, seed, half
+        "light field", LIGHTFIELD_VERSION, version("mitsuba"), scene.light_digest, area_mm, samples, seed
     )
     if key not in _fields:
         stored = store.read_cache(key)
         if stored is None:
             photons = max(1, samples * PHOTONS_PER_SAMPLE // 2)
-            halved = lightfield.bake(scene, photons=photons, seed=2 * seed + half)
-            stored = {
-                "power": halved.power,
-                "irradiance": halved.irradiance,
-                "origin": np.array([halved.x_mm, halved.y_mm]),
-            }
+            seeds = (2 * seed, 2 * seed + 1)
+            halves = baking.bake(scene, area_mm=area_mm, photons=photons, seeds=seeds)
             with suppress(OSError):  # a full or read-only cache costs time, not the result
-                store.write_cache(key, stored)
-        x_mm, y_mm = (float(v) for v in stored["origin"])
-        field = lightfield.LightField(stored["power"], stored["irradiance"], x_mm, y_mm)
-        _remember(_fields, key, field)
+                store.write_cache(key, lightfield.packed(halves))
+        else:
+            halves = lightfield.unpacked(stored)
+        _remember(_fields, key, halves)
     return _fields[key]
+
+
+def _stray(scene: Scene, *, photons: int, seed: int) -> NDArray[np.float32]:
+    """Stray light, the same for both halves of a light field."""
+    from designlab.render import stray
+
+    key = store.digest("stray light", scene.digest, photons, seed)
+    if key not in _strays:
+        _remember(_strays, key, stray.stray(scene, photons_per_group=photons, seed=seed))
+    return _strays[key]
 
 
 def _remember(kept: dict[str, Thing], key: str, thing: Thing) -> None:

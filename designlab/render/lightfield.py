@@ -1,6 +1,6 @@
-"""Light that falls on the undeformed membrane, traced once per design and kept by place and direction."""
+"""Light that falls on the undeformed membrane, kept by place and direction, and photon by photon."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -9,16 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from designlab.render import photons as tracing
-from designlab.render.tables import held
 from designlab.scene import Scene
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
-STEEPEST_COSINE = 0.02  # light more grazing than this weighs as if it came at this angle
 AZIMUTHS, SLANTS, CELL_MM = 48, 33, 1.0
-FINE_CELL_MM = 0.5  # of the irradiance: where light ends sharply, as at the edge of a refracted beam
-PILOT_SHARE = 0.2  # of the photons, traced beforehand to learn where on the LEDs others are best started
+FINE_CELL_MM = 0.35  # of the irradiance: where light ends sharply, as at the edge of a refracted beam
 WIDEST_SLANT_DEG = 99.0  # on a dome light can come from slightly below the apex plane
 NODES_PER_CELL = 2
 BRIGHT_BIN = 1e-3  # bins with a smaller share of the group's light are merged
@@ -55,8 +51,8 @@ class Bins:
 
 
 @dataclass(frozen=True, eq=False)
-class LightField:
-    """Light on the undeformed membrane.
+class Field:
+    """Light on the undeformed membrane by place and direction.
 
     Attributes
     ----------
@@ -81,17 +77,17 @@ class LightField:
         at = [(y - self.y_mm) / pitch_mm, (x - self.x_mm) / pitch_mm]
         return np.asarray(map_coordinates(table, at, order=3, mode="nearest"))
 
-    def bins(self, group: int) -> Bins:
+    def bins(self, group: int, *, fine: bool) -> Bins:
         """Direction bins of one group, cell means turned into values between which one may interpolate.
 
-        Bright bins, which hold the images of the LEDs, stay as they are; the dim rest, light that bounced
-        from the membrane before, is merged into blocks.
+        If `fine`, bright bins, which hold the images of the LEDs, stay as they are; the dim rest is merged
+        into blocks.
         """
         power = self.power[group].transpose(2, 3, 0, 1)
         total = power.sum(axis=(2, 3), dtype=float)
-        bright = total > BRIGHT_BIN * max(float(total.sum()), 1e-300)
+        bright = (total > BRIGHT_BIN * max(float(total.sum()), 1e-300)) & fine
         slants, azimuths = np.nonzero(bright)
-        fine = power[bright], slants, slants + 1, azimuths, _directions()[bright]
+        single = power[bright], slants, slants + 1, azimuths, _directions()[bright]
         blocks = (SLANTS // BLOCK, BLOCK, AZIMUTHS // BLOCK, BLOCK)
         rest = np.where(bright[..., None, None], np.float32(0), power)
         dim = np.where(bright, 0.0, total)[..., None] * _directions()
@@ -102,7 +98,7 @@ class LightField:
         mean = mean[used] / np.linalg.norm(mean[used], axis=-1, keepdims=True)
         coarse = merged[used], BLOCK * first, BLOCK * (first + 1), BLOCK * turn + BLOCK // 2, mean
         table, low, high, azimuth, direction = (
-            np.concatenate(pair) for pair in zip(fine, coarse, strict=True)
+            np.concatenate(pair) for pair in zip(single, coarse, strict=True)
         )
         for axis in (1, 2):
             table = _at_nodes(table, axis)
@@ -117,13 +113,74 @@ class LightField:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class LightField:
+    """Light on the undeformed membrane.
+
+    Attributes
+    ----------
+    first : Field or None
+        Light that comes to the membrane for the first time; None where it is integrated over the LEDs'
+        faces instead, which is exact.
+    again : Field
+        Light that was at the membrane before; in air, all that did not come straight from an LED.
+    landings : tuple of array, shape (7, photons)
+        The photons that `first` is the sum of, or some of them, for each group: place on the membrane (mm),
+        unit vector back towards the light, and power (mW, of the 1 mW that the group emits).
+    """
+
+    first: Field | None
+    again: Field
+    landings: tuple[Single, ...]
+
+
 def mean(fields: Sequence[LightField]) -> LightField:
     """Mean of independent light fields of one scene."""
-    power, irradiance = (
-        np.asarray(np.mean([getattr(field, name) for field in fields], axis=0), dtype=np.float32)
-        for name in ("power", "irradiance")
-    )
-    return LightField(power, irradiance, fields[0].x_mm, fields[0].y_mm)
+
+    def of(parts: Sequence[Field]) -> Field:
+        power, irradiance = (
+            np.asarray(np.mean([getattr(part, name) for part in parts], axis=0), dtype=np.float32)
+            for name in ("power", "irradiance")
+        )
+        return Field(power, irradiance, parts[0].x_mm, parts[0].y_mm)
+
+    # Together they are photons of one trace, each of which carries less.
+    share = np.array([1] * 6 + [1 / len(fields)], dtype=np.float32)[:, None]
+    lots = zip(*(field.landings for field in fields), strict=True)
+    landings = tuple(share * np.concatenate(lot, axis=1) for lot in lots)
+    first = [field.first for field in fields if field.first is not None]
+    return LightField(of(first) if first else None, of([field.again for field in fields]), landings)
+
+
+def packed(fields: Sequence[LightField]) -> dict[str, NDArray[Any]]:
+    """Light fields as named arrays."""
+    arrays: dict[str, NDArray[Any]] = {}
+    for k, field in enumerate(fields):
+        for name, part in (("first", field.first), ("again", field.again)):
+            if part is not None:
+                arrays[f"{k} {name} power"], arrays[f"{k} {name} irradiance"] = part.power, part.irradiance
+                arrays[f"{k} {name} corner"] = np.array([part.x_mm, part.y_mm])
+        for group, lot in enumerate(field.landings):
+            arrays[f"{k} landings {group}"] = lot
+    return arrays
+
+
+def unpacked(arrays: Mapping[str, NDArray[Any]]) -> list[LightField]:
+    """Light fields from the arrays that `packed` made."""
+
+    def part(name: str) -> Field | None:
+        if f"{name} power" not in arrays:
+            return None
+        x_mm, y_mm = (float(v) for v in arrays[f"{name} corner"])
+        return Field(arrays[f"{name} power"], arrays[f"{name} irradiance"], x_mm, y_mm)
+
+    fields: list[LightField] = []
+    while (again := part(f"{len(fields)} again")) is not None:
+        k, lots = len(fields), list[Single]()
+        while (lot := arrays.get(f"{k} landings {len(lots)}")) is not None:
+            lots.append(lot)
+        fields.append(LightField(part(f"{k} first"), again, tuple(lots)))
+    return fields
 
 
 def _directions() -> Array:
@@ -149,100 +206,6 @@ def _at_nodes(means: Single, axis: int) -> Single:
     found[::2] = centres
     found[1::2] = (spline[1:] + spline[:-1]) / 2
     return np.moveaxis(found, 0, axis)
-
-
-def bake(scene: Scene, *, photons: int, seed: int) -> LightField:
-    """Trace the light field of an undeformed scene, every LED group at unit flux.
-
-    Where light runs straight from LED to membrane, that direct light is left out: it is integrated over the
-    LED's face, which is exact.
-
-    Parameters
-    ----------
-    scene : Scene
-        The undeformed scene.
-    photons : int
-        Photons for each LED group.
-    seed : int
-        Seed of the random numbers.
-    """
-    import drjit as dr
-    import mitsuba as mi
-
-    low, high = scene.membrane.vertices.min(axis=0), scene.membrane.vertices.max(axis=0)
-    coarse, fine = (_cells(low, high, cell_mm) for cell_mm in (CELL_MM, FINE_CELL_MM))
-    bins = SLANTS * AZIMUTHS
-    first = 0 if scene.refracts else 1
-    powers, irradiances = [], []
-    for group in range(scene.groups):
-        table, light = dr.zeros(mi.Float, coarse[0] * coarse[1] * bins), dr.zeros(mi.Float, fine[0] * fine[1])
-
-        def record(arrival: tracing.Arrival, active: Any, *, table: Any = table, light: Any = light) -> None:
-            position, normal, towards = arrival.at.p, arrival.at.n, arrival.towards
-            cell, inside = _cell(position, low, CELL_MM, coarse)
-            slant = mi.Int32(dr.rad2deg(dr.safe_acos(towards.z)) / WIDEST_SLANT_DEG * SLANTS)
-            turn = dr.atan2(towards.y, towards.x) / (2 * dr.pi)
-            azimuth = dr.minimum(mi.Int32((turn - dr.floor(turn)) * AZIMUTHS), AZIMUTHS - 1)
-            index = (cell * SLANTS + slant) * AZIMUTHS + azimuth
-            cosine = dr.maximum(dr.dot(normal, towards), STEEPEST_COSINE)
-            # A tilted cell has more area than its projection, which cancels one of the two cosines.
-            kept = active & (arrival.bounces >= first)
-            shared = arrival.power * dr.abs(normal.z)
-            dr.scatter_add(table, shared / cosine, mi.UInt32(index), kept & inside & (slant < SLANTS))
-            cell, inside = _cell(position, low, FINE_CELL_MM, fine)
-            dr.scatter_add(light, shared, mi.UInt32(cell), kept & inside)
-
-        if scene.path_length - 1 > first:  # else nothing but direct light counts
-            _trace(scene, group, photons, seed, first, record)
-        powers.append(np.asarray(table, dtype=np.float32).reshape(*coarse, SLANTS, AZIMUTHS) / CELL_MM**2)
-        irradiances.append(np.asarray(light, dtype=np.float32).reshape(fine) / FINE_CELL_MM**2)
-    shares = _filled(scene, low, CELL_MM, coarse)[..., None, None], _filled(scene, low, FINE_CELL_MM, fine)
-    power, irradiance = (
-        np.asarray(np.stack(tables) / share, dtype=np.float32)
-        for tables, share in zip((powers, irradiances), shares, strict=True)
-    )
-    return LightField(power, irradiance, float(low[0]), float(low[1]))
-
-
-def _trace(scene: Scene, group: int, photons: int, seed: int, first: int, record: tracing.Record) -> None:
-    """Trace photons that start where a pilot run found that they reach the membrane."""
-    import drjit as dr
-
-    def worth(arrival: tracing.Arrival, active: Any) -> Any:
-        return dr.select(active & (arrival.bounces >= first), arrival.power, 0.0)
-
-    loaded = tracing.load(scene, group)
-    pilot = min(tracing.PILOT, max(1, round(PILOT_SHARE * photons)))
-    guide = tracing.learn(scene, group=group, seed=seed, worth=worth, loaded=loaded, photons=pilot)
-    tracing.trace(scene, group=group, photons=photons, seed=seed, record=record, loaded=loaded, guide=guide)
-
-
-def _cells(low: Array, high: Array, cell_mm: float) -> tuple[int, int]:
-    """Rows and columns of cells over the membrane, the first one centred at its lowest x and y."""
-    columns, rows = (int(np.ceil((high[k] - low[k]) / cell_mm)) + 1 for k in (0, 1))
-    return rows, columns
-
-
-def _cell(position: Any, low: Array, cell_mm: float, shape: tuple[int, int]) -> tuple[Any, Any]:
-    """Number of the cell that a point lies in, and whether there is one."""
-    import drjit as dr
-    import mitsuba as mi
-
-    column = mi.Int32(dr.floor((position.x - held(float(low[0]))) / cell_mm + 0.5))
-    row = mi.Int32(dr.floor((position.y - held(float(low[1]))) / cell_mm + 0.5))
-    inside = (column >= 0) & (column < shape[1]) & (row >= 0) & (row < shape[0])
-    return row * shape[1] + column, inside
-
-
-def _filled(scene: Scene, low: Array, cell_mm: float, shape: tuple[int, int]) -> Array:
-    """Share of each cell that the membrane fills, at least half: the others hold too little light."""
-    fine = round(8 * cell_mm / CELL_MM)
-    rows, columns = shape
-    offsets = (np.arange(fine) + 0.5) / fine - 0.5
-    x = low[0] + (np.arange(columns)[:, None] + offsets).ravel() * cell_mm
-    y = low[1] + (np.arange(rows)[:, None] + offsets).ravel() * cell_mm
-    inside = on_membrane(scene, *np.meshgrid(x, y))
-    return np.asarray(np.maximum(inside.reshape(rows, fine, columns, fine).mean(axis=(1, 3)), 0.5))
 
 
 def on_membrane(scene: Scene, x: Array, y: Array) -> NDArray[np.bool_]:

@@ -1,5 +1,6 @@
 """Which points of a pressed membrane are shaded, and the membrane's grid as tables on the device."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,8 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 RAISED_MM = 1e-3  # lower indentations cast no shadow worth counting
 FINE_MM = 0.2  # around the indentation every grid node is shaded
+Response = Callable[[Any], Any]
+"""Weight of light by the unit vector towards it, at every node."""
 STRIDE = 3  # further out one node in this many, along each axis
 
 
@@ -48,6 +51,13 @@ def nodes_of(surface: Surface, chosen: NDArray[np.bool_]) -> Nodes:
         base_p=column(surface.base_p),
         base_q=column(surface.base_q),
     )
+
+
+def facing(nodes: Nodes) -> Response:
+    """Cosine between the membrane's normal and the light: what makes fluence irradiance."""
+    import drjit as dr
+
+    return lambda towards: dr.maximum(dr.dot(nodes.normal, towards), 0.0)
 
 
 def base_normals(surface: Surface) -> Array:

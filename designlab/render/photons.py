@@ -1,6 +1,6 @@
 """Light traced from the LEDs to the membrane: finds small LEDs behind glass, which paths meet by chance."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,6 +34,10 @@ class Arrival:
         Surfaces met before.
     start
         Cell of the guide that the photon started in.
+    returned
+        Whether the photon was at the membrane before.
+    number
+        Of the photon among all that are traced.
     """
 
     at: Any
@@ -41,6 +45,8 @@ class Arrival:
     power: Any
     bounces: Any
     start: Any
+    returned: Any
+    number: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +60,8 @@ class Scattering:
 
 Record = Callable[[Arrival, Any], None]
 Scattered = Callable[[Scattering, Any], None]
+Worth = Callable[[Arrival, Any], Any]
+"""Importance of each arrival, zero where it does not count."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +87,7 @@ def trace(
     guide: Guide | None = None,
     scattered: Scattered | None = None,
     housing: Record | None = None,
+    once: bool = False,
 ) -> None:
     """Trace photons of one LED group that emits 1 mW and hand every arrival at the membrane to `record`.
 
@@ -103,6 +112,8 @@ def trace(
         Called likewise with a `Scattering` wherever haze scatters photons.
     housing : callable, optional
         Called likewise with photons that arrive at the inside of the housing.
+    once : bool
+        Photons end at the membrane.
     """
     import drjit as dr
 
@@ -114,7 +125,7 @@ def trace(
     for batch in range(batches):
         starts = Starts(batch * size, size, seeds, len(lights), guide)
         lot = size * batches, _seed(seed, group, batch)
-        _batch(loaded, scene, group, lights, starts, *lot, record, scattered, housing)
+        _batch(loaded, scene, group, lights, starts, *lot, record, scattered, housing, once)
         dr.eval()
     dr.sync_thread()
 
@@ -133,6 +144,8 @@ class Starts:
         Cell of the guide that each start lies in.
     weight : Dr.Jit array
         How much more power each photon carries than an unguided one.
+    number : Dr.Jit array
+        Of each start in the whole sequence.
     """
 
     def __init__(self, first: int, size: int, seeds: Any, lights: int, guide: Guide | None) -> None:
@@ -140,6 +153,7 @@ class Starts:
         import mitsuba as mi
 
         self.weight = mi.Float(1.0)
+        self.number = dr.arange(mi.UInt32, size) + held(first)
         numbers = sobol.points(first, size, seeds)
         counts = (lights, FACE_CELLS, FACE_CELLS, DIRECTION_CELLS, DIRECTION_CELLS)
         if guide is None:
@@ -178,28 +192,35 @@ def learn(
     *,
     group: int,
     seed: int,
-    worth: Callable[[Arrival, Any], Any],
+    worth: Sequence[Worth],
     loaded: Any,
     photons: int = PILOT,
-) -> Guide:
-    """Learn from a pilot run where photons start that are `worth` most: an importance of each arrival."""
+) -> list[Guide]:
+    """Learn from a pilot run where photons start that are `worth` most, a guide for each kind of worth."""
     import drjit as dr
     import mitsuba as mi
 
     lights = sum(light.group == group for light in scene.lights)
-    squares = dr.zeros(mi.Float, Guide.cells(lights))
+    squares = [dr.zeros(mi.Float, Guide.cells(lights)) for _ in worth]
 
     def record(arrival: Arrival, active: Any) -> None:
-        value = worth(arrival, active) * photons
-        dr.scatter_add(squares, value * value, arrival.start, active & (value > 0))
+        for table, kind in zip(squares, worth, strict=True):
+            value = kind(arrival, active) * photons
+            dr.scatter_add(table, value * value, arrival.start, active & (value > 0))
 
     # What is traced afterwards must not follow the very numbers it is guided by.
     own = int(np.random.SeedSequence([seed, group, 79]).generate_state(1)[0])
     trace(scene, group=group, photons=photons, seed=own, record=record, loaded=loaded)
-    # The best density follows the root mean square of what a start brings; neighbours make it less jagged.
-    cells = np.asarray(squares).reshape(-1, DIRECTION_CELLS, DIRECTION_CELLS)
-    faces = cells.reshape(lights, FACE_CELLS**2, *cells.shape[1:]).mean(axis=1, keepdims=True)
-    smooth = np.sqrt(cells.reshape(lights, FACE_CELLS**2, *cells.shape[1:]) + faces).ravel()
+    return [_guide(np.asarray(table), lights) for table in squares]
+
+
+def _guide(squares: NDArray[np.floating], lights: int) -> Guide:
+    """Share of photons for each cell: the best density follows the root mean square of what a start brings.
+
+    Neighbours make it less jagged.
+    """
+    cells = squares.reshape(lights, FACE_CELLS**2, DIRECTION_CELLS, DIRECTION_CELLS)
+    smooth = np.sqrt(cells + cells.mean(axis=1, keepdims=True)).ravel()
     if smooth.sum() == 0:
         smooth = np.ones_like(smooth)
     return Guide((1 - UNGUIDED) * smooth / smooth.sum() + UNGUIDED / len(smooth))
@@ -216,12 +237,14 @@ def _batch(
     record: Record,
     see: Scattered | None,
     housing: Record | None,
+    once: bool,
 ) -> None:
     import drjit as dr
     import mitsuba as mi
 
     cell, weight = starts.cell, starts.weight / held(float(total))
     size = dr.width(cell)
+    number = starts.number
     sampler = mi.load_dict({"type": "independent"})
     sampler.seed(seed, size)
     ray = emitters.photons(lights, starts, size)
@@ -235,7 +258,7 @@ def _batch(
     def going(active: Any, *_: Any) -> Any:
         return active
 
-    def step(active: Any, ray: Any, power: Any, depth: Any, sampler: Any) -> Any:
+    def step(active: Any, ray: Any, power: Any, depth: Any, returned: Any, sampler: Any) -> Any:
         si = loaded.ray_intersect(ray, active)
         active = active & si.is_valid()
         scattered = mi.Mask(False)
@@ -245,10 +268,16 @@ def _batch(
             if see is not None:
                 see(Scattering(ray.o, before, power), scattered)
         arrives = active & ~scattered & (si.shape == membrane) & (dr.dot(si.sh_frame.n, ray.d) < 0)
-        record(Arrival(si, -ray.d, power, depth, cell), arrives)
+        record(Arrival(si, -ray.d, power, depth, cell, returned, number), arrives)
         if housing is not None:
             for shape in around:
-                housing(Arrival(si, -ray.d, power, depth, cell), active & ~scattered & (si.shape == shape))
+                housing(
+                    Arrival(si, -ray.d, power, depth, cell, returned, number),
+                    active & ~scattered & (si.shape == shape),
+                )
+        if once:
+            active = active & ~arrives
+        returned = returned | arrives
         bsdf = si.bsdf()
         meets = active & ~scattered
         sample, reflected = bsdf.sample(context, si, sampler.next_1d(meets), sampler.next_2d(meets), meets)
@@ -260,7 +289,7 @@ def _batch(
         chance = dr.minimum(power / (weight * FAINT), 1.0)
         active = active & (sampler.next_1d(active) < chance)
         power = power / dr.maximum(chance, 1e-12)
-        return active, ray, power, depth, sampler
+        return active, ray, power, depth, returned, sampler
 
     dr.while_loop(
         (
@@ -268,11 +297,12 @@ def _batch(
             ray,
             mi.Float(weight) + dr.zeros(mi.Float, size),
             dr.zeros(mi.UInt32, size),
+            dr.full(mi.Bool, False, size),
             sampler,
         ),
         going,
         step,
-        labels=("active", "ray", "power", "depth", "sampler"),
+        labels=("active", "ray", "power", "depth", "returned", "sampler"),
     )
 
 

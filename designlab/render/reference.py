@@ -50,7 +50,7 @@ def radiance(
         def worth(arrival: photons.Arrival, active: Any, *, camera: "_Camera" = camera) -> Any:
             return camera.sees(arrival, active)[0]
 
-        guide = photons.learn(scene, group=group, seed=seed, worth=worth, loaded=loaded)
+        (guide,) = photons.learn(scene, group=group, seed=seed, worth=[worth], loaded=loaded)
         picture = dr.zeros(mi.Float, shape[0] * shape[1])
 
         def record(

@@ -12,24 +12,25 @@ So the light that falls on the undeformed membrane is traced once, and each pres
 Bias figures are in docs/validation.md.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import gaussian_filter, map_coordinates
 
 from designlab.camera import View
 from designlab.coating import coating_brdf
 from designlab.press import Surface
-from designlab.render.direct import Response, Sources, irradiance_vector, sources
+from designlab.render.binned import Binned
+from designlab.render.direct import Direct
 from designlab.render.eye import Eye
-from designlab.render.lightfield import AZIMUTHS, Bins, LightField, on_membrane
+from designlab.render.landings import FirstLight
+from designlab.render.lightfield import LightField, on_membrane
 from designlab.render.look import look
-from designlab.render.nodes import Choice, Nodes, base_normals, nodes_of
-from designlab.render.stray import stray
-from designlab.render.tables import bilinear, held
-from designlab.render.walls import FURTHEST_MM, between_walls, horizon_of
+from designlab.render.nodes import Choice, Nodes, Response, base_normals, facing, nodes_of
+from designlab.render.walls import FURTHEST_MM, Around, between_walls, horizon_of
 from designlab.render.window import transmission
 from designlab.scene import Coating, Dielectric, Scene
 from designlab.viewing import Rays
@@ -39,9 +40,12 @@ Single = NDArray[np.float32]
 LONGEST_SHADOW_MM = 12.0
 SHADOW_REACH = 4.0  # shadows reach at least this many times the height of what casts them: light at 14 deg
 LOWEST_SHARE = 0.02  # of a point's light, the most grazing, whose shadows may be cut short
+AROUND_MM = 0.5  # between the points of the membrane beyond the grid
 LATTICE_MM = 1.0  # between the points at which the most grazing light is looked for
 LOBE_STRIDE = 10  # of the nodes at which the untouched gel's lobe is summed
-STRAY_PHOTONS = 2_000_000  # for each group; the light they show is dim and smooth
+KERNEL_MM = 0.2  # standard deviation of the kernel over which photons correct the sums
+LEAST_SHARE = 0.02  # of the mean irradiance: where less is left than that, ratios mean nothing
+MOST_GAIN = 1.5  # from a sum over direction bins to the irradiance of the untouched gel
 
 
 class Shader:
@@ -55,34 +59,25 @@ class Shader:
         The undeformed scene.
     untouched : Surface
         The undeformed membrane on the grid that all presses share.
-    seed : int
-        Seed of stray light.
+    stray_light : callable
+        Gives the stray light that the camera of a scene sees, shape (groups, rows, columns).
     """
 
-    def __init__(self, field: LightField, scene: Scene, untouched: Surface, *, seed: int) -> None:
-        self._field, self._scene, self._untouched, self._seed = field, scene, untouched, seed
-        self._bins = [field.bins(group) for group in range(scene.groups)]
-        self._sources: list[Sources | None] = [
-            None if scene.refracts else sources(scene, group) for group in range(scene.groups)
+    def __init__(
+        self, field: LightField, scene: Scene, untouched: Surface, stray_light: Callable[[Scene], Single]
+    ) -> None:
+        self._scene, self._untouched, self._stray_light = scene, untouched, stray_light
+        groups = range(scene.groups)
+        self._straight: list[Binned | Direct] = [
+            Binned(field.first, group, untouched) if field.first else Direct(scene, group, untouched)
+            for group in groups
         ]
-        x, y = np.meshgrid(untouched.x_mm, untouched.y_mm)
-        normal = base_normals(untouched)
-        smooth, binned = [], []
-        for group, bins in enumerate(self._bins):
-            at = [(y - field.y_mm) / bins.pitch_mm, (x - field.x_mm) / bins.pitch_mm]
-            coarse = [map_coordinates(v, at, order=1, mode="nearest") for v in bins.vector]
-            light, source = field.irradiance_at(group, x, y), self._sources[group]
-            if source is not None:
-                direct = irradiance_vector(scene, source, group, untouched, field, bins)
-                fine = [map_coordinates(v, at, order=3, mode="nearest") for v in direct]
-                light = light + np.einsum("krc,krc->rc", normal, fine)
-            smooth.append(np.maximum(light, 0.0))
-            binned.append(np.einsum("krc,krc->rc", normal, coarse))
-        # Irradiance of the untouched gel at every grid node, free of grain, and by interpolation of the bins.
+        self._again = [Binned(field.again, group, untouched, fine=field.first is None) for group in groups]
+        self._first = [FirstLight(landings) for landings in field.landings]
         # A wide lens also sees what lies beside the gel: its black rim.
-        self._smooth = np.array(smooth, dtype=np.float32) * on_membrane(scene, x, y)
-        self._binned = np.array(binned, dtype=np.float32)
-        self._reach = max([SHADOW_REACH, *(self._shadow_reach(group) for group in range(scene.groups))])
+        self._there = on_membrane(scene, *np.meshgrid(untouched.x_mm, untouched.y_mm))
+        self._reach = max([SHADOW_REACH, *(self._shadow_reach(group) for group in groups)])
+        self._light_around: Around | None = None
         self._lobe: tuple[Rays, Single] | None = None
         self._passed: tuple[Rays, Array] | None = None
         self._stray: tuple[View, Single] | None = None
@@ -104,46 +99,72 @@ class Shader:
         choice = Choice.near(surface, reach_mm)
         coating = scene.membrane.material
         specular = coating.specular if isinstance(coating, Coating) else 0.0
-        light, lobe = self._smooth, self._mirrored(scene, rays) if specular else np.float32(0)
+        groups = range(scene.groups)
+        light = np.array([self._straight[g].irradiance + self._again[g].irradiance for g in groups])
+        lobe = self._mirrored(scene, rays) if specular else np.float32(0)
         if choice is not None:
             nodes = nodes_of(surface, choice.nodes)
             horizon = horizon_of(surface, nodes, max(reach_mm, FURTHEST_MM))
-            light = light.copy()
-            for group in range(scene.groups):
-                own = np.maximum(self._local(group, choice.nodes), 1e-12)
-                pressed = np.asarray(self._light(group, nodes, horizon, _facing(nodes)))
-                light[group] *= choice.spread(pressed / own, 1.0)
+            light += np.array([self._change(group, surface, nodes, horizon, choice) for group in groups])
+            light = np.maximum(light, 0.0)
             if scene.path_length > (4 if scene.refracts else 2):
-                between = between_walls(surface, nodes, albedo / np.pi * light)
+                between = between_walls(surface, nodes, albedo / np.pi * light, self._around(albedo))
                 light += np.array([choice.spread(added, 0.0) for added in between])
             if specular:
                 lobe = lobe + self._mirrored_change(scene, rays, nodes, horizon, choice)
-        grids = albedo * ((1 - specular) / np.float32(np.pi) * light + specular * lobe)
+        grids = self._there * albedo * ((1 - specular) / np.float32(np.pi) * light + specular * lobe)
         if self._passed is None or self._passed[0] is not rays:
             self._passed = rays, transmission(scene, self._untouched, rays)
         if self._stray is None or self._stray[0] != scene.view:
             around = replace(self._scene, view=scene.view)
-            self._stray = scene.view, stray(around, photons_per_group=STRAY_PHOTONS, seed=self._seed)
+            self._stray = scene.view, self._stray_light(around)
         return np.asarray(look(grids, surface, rays) * self._passed[1] + self._stray[1], dtype=np.float32)
+
+    def _around(self, albedo: Single) -> Around:
+        """Radiance of the undeformed membrane, also where the grid of presses ends."""
+        if self._light_around is None:
+            low, high = (getattr(self._scene.membrane.vertices, of)(axis=0)[:2] for of in ("min", "max"))
+            x, y = np.meshgrid(*(np.arange(a, b, AROUND_MM) for a, b in zip(low, high, strict=True)))
+            there = on_membrane(self._scene, x, y)
+            parts = zip(self._straight, self._again, strict=True)
+            light = np.array([(a.irradiance_at(x, y) + b.irradiance_at(x, y)) * there for a, b in parts])
+            self._light_around = Around(light, float(low[0]), float(low[1]), AROUND_MM)
+        mean = albedo.mean(axis=(1, 2), keepdims=True) / np.float32(np.pi)
+        return self._light_around._replace(radiance=mean * self._light_around.radiance)
+
+    def _change(self, group: int, surface: Surface, nodes: Nodes, horizon: Any, choice: Choice) -> Single:
+        """By how much a press changes the irradiance of every grid node, but for light from wall to wall."""
+        response = facing(nodes)
+        changes = []
+        for part in (self._straight[group], self._again[group]):
+            pressed, own = np.asarray(part.light(nodes, horizon, response)), part.at_rest(choice.nodes)
+            # Where light ends sharply the sum, from cells that are wider, may be far from the irradiance.
+            gain = np.clip(part.irradiance[choice.nodes] / np.maximum(own, 1e-30), 0.0, MOST_GAIN)
+            changes.append(choice.spread((pressed - own) * gain, 0.0))
+        straight, again = changes
+        if self._first:
+            straight = self._corrected(group, surface, straight)
+        return straight + again
+
+    def _corrected(self, group: int, surface: Surface, change: Single) -> Single:
+        """Change of straight light whose mean over a kernel is that of photons, its detail that of the sums.
+
+        The sums over direction bins know neither the edges of beams nor the horizon between two azimuths.
+        """
+        rest = self._straight[group].irradiance
+        summed, landed = np.maximum(rest + change, 0.0), rest + self._first[group].change(surface)
+        least = LEAST_SHARE * float(rest.mean())
+        mean, wanted = (gaussian_filter(e, KERNEL_MM / surface.pitch_mm) for e in (summed, landed))
+        ratio = (np.maximum(wanted, 0.0) + least) / (mean + least)
+        return np.asarray((summed + least) * ratio - least - rest, dtype=np.float32)
 
     def _light(self, group: int, nodes: Nodes, horizon: Any | None, response: Response) -> Any:
         """Sum over all light at membrane nodes, each direction weighted with its `response`."""
         import drjit as dr
 
-        total = _binned_light(self._field, self._bins[group], nodes, horizon, response)
-        source = self._sources[group]
-        if source is not None:
-            total = total + source.light(nodes, horizon, response)
+        total = sum(part[group].light(nodes, horizon, response) for part in (self._straight, self._again))
         dr.eval(total)
         return total
-
-    def _local(self, group: int, chosen: NDArray[np.bool_]) -> Single:
-        """Irradiance of nodes without a press, by the same sums as with one."""
-        total, source = self._binned[group][chosen], self._sources[group]
-        if source is not None:
-            nodes = nodes_of(self._untouched, chosen)
-            total = total + np.asarray(source.light(nodes, None, _facing(nodes)))
-        return np.asarray(total)
 
     def _shadow_reach(self, group: int) -> float:
         """Length of the longest shadow that counts, for a height of one.
@@ -151,28 +172,19 @@ class Shader:
         It follows from the elevation above the gel below which hardly any light of the group arrives, with
         every point counting the same, since shadows are longest where light is weak.
         """
+        parts = self._straight[group], self._again[group]
         step = max(1, round(LATTICE_MM / self._untouched.pitch_mm))
-        there = np.zeros(self._untouched.height_mm.shape, dtype=bool)
-        there[::step, ::step] = True
-        there &= np.isfinite(self._untouched.base_mm) & (self._smooth[group] > 0)
+        chosen = np.zeros(self._untouched.height_mm.shape, dtype=bool)
+        chosen[::step, ::step] = True
+        chosen &= np.isfinite(self._untouched.base_mm) & (sum(part.irradiance for part in parts) > 0)
         grid_x, grid_y = np.meshgrid(self._untouched.x_mm, self._untouched.y_mm)
-        points = np.stack([grid_x[there], grid_y[there], self._untouched.base_mm[there]], axis=-1)
-        normals = np.moveaxis(base_normals(self._untouched), 0, -1)[there]
-        bins, source = self._bins[group], self._sources[group]
-        row = np.clip(np.rint((points[:, 1] - self._field.y_mm) / bins.pitch_mm), 0, bins.power.shape[1] - 1)
-        column = np.clip(
-            np.rint((points[:, 0] - self._field.x_mm) / bins.pitch_mm), 0, bins.power.shape[2] - 1
+        points = np.stack([grid_x[chosen], grid_y[chosen], self._untouched.base_mm[chosen]], axis=-1)
+        normals = np.moveaxis(base_normals(self._untouched), 0, -1)[chosen]
+        towards, fluence = (
+            np.concatenate(pair, axis=1) for pair in zip(*(p.arriving(points) for p in parts), strict=True)
         )
-        sines = [normals @ bins.direction.T]
-        fluence = [bins.power[:, row.astype(int), column.astype(int)].T]
-        if source is not None:
-            way = source.patches[None, :, :3] - points[:, None]
-            distance = np.linalg.norm(way, axis=-1)
-            sines.append(np.einsum("pkc,pc->pk", way, normals) / distance)
-            leaving = -np.einsum("pkc,kc->pk", way, source.patches[:, 9:12]) / distance
-            fluence.append(source.patches[None, :, 13] * np.maximum(leaving, 0.0) / np.pi / distance**2)
-        sine, weight = np.concatenate(sines, axis=1), np.concatenate(fluence, axis=1)
-        weight = np.maximum(weight, 0.0) * np.maximum(sine, 0.0)
+        sine = np.einsum("pkc,pc->pk", towards, normals)
+        weight = np.maximum(fluence, 0.0) * np.maximum(sine, 0.0)
         weight /= np.maximum(weight.sum(axis=1, keepdims=True), 1e-30)
         order = np.argsort(sine, axis=None)
         share = np.cumsum(weight.ravel()[order])
@@ -209,13 +221,6 @@ class Shader:
             untouched = self._light(group, before, None, at_rest)
             found.append(choice.spread(np.asarray(pressed - untouched), 0.0))
         return np.array(found)
-
-
-def _facing(nodes: Nodes) -> Response:
-    """Cosine between the membrane's normal and the light: what makes fluence irradiance."""
-    import drjit as dr
-
-    return lambda towards: dr.maximum(dr.dot(nodes.normal, towards), 0.0)
 
 
 def _lobe(nodes: Nodes, scene: Scene, rays: Rays) -> Response:
@@ -264,45 +269,3 @@ def _albedo(scene: Scene, surface: Surface) -> Single:
             ]
             found[group] *= map_coordinates(values, at, order=1, mode="nearest")
     return found
-
-
-def _binned_light(
-    field: LightField, bins: Bins, nodes: Nodes, horizon: Any | None, response: Response
-) -> Any:
-    """Sum over the direction bins that hold light, in one kernel with a loop over them."""
-    import drjit as dr
-    import mitsuba as mi
-
-    count = dr.width(nodes.x)
-    if not len(bins.azimuth):
-        return dr.zeros(mi.Float, count)
-    rows, columns, number = (held(n) for n in (*bins.power.shape[1:], len(bins.azimuth)))
-    x_mm, y_mm = held(field.x_mm), held(field.y_mm)
-    power = mi.Float(bins.power.ravel())
-    tables = [mi.Float(np.ascontiguousarray(c, dtype=np.float32)) for c in bins.direction.T]
-    low, high = mi.Float(bins.lower.astype(np.float32)), mi.Float(bins.upper.astype(np.float32))
-    azimuth = mi.UInt32(bins.azimuth.astype(np.uint32))
-    node = dr.arange(mi.UInt32, count)
-
-    def going(k: Any, _: Any) -> Any:
-        return k < number
-
-    def step(k: Any, total: Any) -> Any:
-        towards = mi.Vector3f(*(dr.gather(mi.Float, c, k) for c in tables))
-        # Light that reaches a lifted point would have met the undeformed membrane further away.
-        sinking = dr.maximum(towards.z - nodes.base_p * towards.x - nodes.base_q * towards.y, 1e-3)
-        across = dr.maximum(dr.sqrt(towards.x * towards.x + towards.y * towards.y), 1e-3)
-        drift = dr.minimum(nodes.height / sinking, FURTHEST_MM / across)
-        u = (nodes.x - drift * towards.x - x_mm) / bins.pitch_mm
-        v = (nodes.y - drift * towards.y - y_mm) / bins.pitch_mm
-        value = bilinear(power, u, v, rows, columns, k * (rows * columns)) * response(towards)
-        if horizon is not None:
-            rim = dr.gather(mi.Float, horizon, node * AZIMUTHS + dr.gather(mi.UInt32, azimuth, k))
-            lower, upper = dr.gather(mi.Float, low, k), dr.gather(mi.Float, high, k)
-            value = value * dr.clip((upper - rim) / (upper - lower), 0.0, 1.0)
-        return k + 1, total + value
-
-    _, total = dr.while_loop(
-        (dr.zeros(mi.UInt32, count), dr.zeros(mi.Float, count)), going, step, labels=("k", "total")
-    )
-    return total

@@ -21,11 +21,22 @@ from designlab.viewing import Rays
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 COLUMNS = 16  # of the picture of stray light; strongly forward scattering haze makes finer ones grainy
+SHARE = 0.25  # of the photons of the picture: stray light is dim and smooth
 BLUR = 1.0  # of its pixels, standard deviation: takes off what grain is left
 
 
 def stray(scene: Scene, *, photons_per_group: int, seed: int) -> Single:
-    """Stray light of every LED group at unit flux, shape (groups, rows, columns)."""
+    """Stray light of every LED group at unit flux, shape (groups, rows, columns).
+
+    Parameters
+    ----------
+    scene : Scene
+        Where light goes; its camera sees the stray light.
+    photons_per_group : int
+        Effort of the picture it is added to.
+    seed : int
+        Seed of the random numbers.
+    """
     found = np.zeros((scene.groups, scene.view.rows, scene.view.columns), dtype=np.float32)
     hazy, bright = scatters(scene), scene.refracts and bool(_housing(scene))
     if not (hazy or bright):
@@ -35,7 +46,7 @@ def stray(scene: Scene, *, photons_per_group: int, seed: int) -> Single:
         photons.trace(
             scene,
             group=group,
-            photons=photons_per_group,
+            photons=max(1, round(SHARE * photons_per_group)),
             seed=seed,
             record=_nothing,
             scattered=_Haze(scene, group, picture).scattered if hazy else None,

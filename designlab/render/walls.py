@@ -1,6 +1,7 @@
 """What an indentation does to itself: the horizon that shadows it, and light from wall to wall."""
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,8 @@ from designlab.render.nodes import RAISED_MM, Grid, Nodes
 from designlab.render.tables import held
 
 Single = NDArray[np.float32]
-FURTHEST_MM = 4.0  # reach of parallax and of light between walls
+FURTHEST_MM = 4.0  # reach of parallax
+BEYOND_MM = 20.0  # reach of light that the gel around throws on a wall
 GATHER_AZIMUTHS = 16  # directions in which light from other walls is looked for
 
 
@@ -57,7 +59,44 @@ def horizon_of(surface: Surface, nodes: Nodes, reach_mm: float) -> Any:
     return rim
 
 
-def between_walls(surface: Surface, nodes: Nodes, radiance: Single) -> Single:
+class Around(NamedTuple):
+    """Radiance of the whole undeformed membrane, on a lattice wider than the grid of a surface.
+
+    Parameters
+    ----------
+    radiance : array, shape (groups, rows, columns)
+        Row 0 at the least y.
+    x_mm, y_mm, pitch_mm : float
+        Where the first point is, and how far the next one.
+    """
+
+    radiance: Single
+    x_mm: float
+    y_mm: float
+    pitch_mm: float
+
+    def tables(self) -> Callable[[Any, Any], list[Any]]:
+        """Look-up on the device: radiance of every group at points (mm), nothing beside the membrane."""
+        import drjit as dr
+        import mitsuba as mi
+
+        tables = [mi.Float(np.ascontiguousarray(image).ravel()) for image in self.radiance]
+        rows, columns = (held(n) for n in self.radiance.shape[1:])
+        x_mm, y_mm, pitch_mm = (held(float(v)) for v in self[1:])
+
+        def at(x: Any, y: Any) -> list[Any]:
+            u, v = (
+                mi.Int32(dr.floor((x - x_mm) / pitch_mm + 0.5)),
+                mi.Int32(dr.floor((y - y_mm) / pitch_mm + 0.5)),
+            )
+            inside = (u >= 0) & (u < mi.Int32(columns)) & (v >= 0) & (v < mi.Int32(rows))
+            index = mi.UInt32(dr.maximum(v * mi.Int32(columns) + u, 0))
+            return [dr.gather(mi.Float, table, index, inside) for table in tables]
+
+        return at
+
+
+def between_walls(surface: Surface, nodes: Nodes, radiance: Single, around: Around) -> Single:
     """Irradiance of the nodes by light from the membrane itself, shape (groups, nodes).
 
     Seen from a node, each step outwards that rises above the horizon so far shows a strip of membrane between
@@ -76,9 +115,10 @@ def between_walls(surface: Surface, nodes: Nodes, radiance: Single) -> Single:
     own = -ahead / dr.maximum(normal.z, 1e-3)
     undeformed = dr.gather(mi.Float, nodes.base_p, node) * dx + dr.gather(mi.Float, nodes.base_q, node) * dy
     tables = [mi.Float(np.ascontiguousarray(image).ravel()) for image in radiance]
+    beyond = around.tables()
 
     def going(distance: Any, *_: Any) -> Any:
-        return distance < FURTHEST_MM
+        return distance < BEYOND_MM
 
     def step(distance: Any, rim: Any, below: Any, *sums: Any) -> Any:
         px, py = x + distance * dx, y + distance * dy
@@ -87,11 +127,12 @@ def between_walls(surface: Surface, nodes: Nodes, radiance: Single) -> Single:
         top = dr.select(raised, slope, dr.minimum(slope, undeformed))
         seen = _strip(dr.maximum(rim, top), ahead, normal.z) - below
         u, v = grid.place(px, py)
-        column = mi.UInt32(dr.clip(u + 0.5, 0.0, mi.Float(grid.columns) - 1))
-        row = mi.UInt32(dr.clip(v + 0.5, 0.0, mi.Float(grid.rows) - 1))
+        column, row = mi.Int32(dr.floor(u + 0.5)), mi.Int32(dr.floor(v + 0.5))
+        inside = (column >= 0) & (column < mi.Int32(grid.columns)) & (row >= 0) & (row < mi.Int32(grid.rows))
+        index = mi.UInt32(dr.maximum(row * mi.Int32(grid.columns) + column, 0))
         added = tuple(
-            s + seen * dr.gather(mi.Float, table, row * grid.columns + column)
-            for s, table in zip(sums, tables, strict=True)
+            s + seen * dr.select(inside, dr.gather(mi.Float, table, index, inside), far)
+            for s, table, far in zip(sums, tables, beyond(px, py), strict=True)
         )
         rim = dr.maximum(rim, slope)
         return distance * 1.2 + 0.5 * grid.pitch_mm, rim, _strip(rim, ahead, normal.z), *added

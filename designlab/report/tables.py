@@ -29,7 +29,7 @@ def evaluation_report(
     ----------
     score : mapping
         What ``Score.to_json`` gives: ``design``, ``fidelity``, ``seed``, ``scores``, ``margins``,
-        ``seconds``.
+        ``light``, ``seconds``.
     target : path
         HTML file to write.
     pictures : mapping of path to str, optional
@@ -42,6 +42,14 @@ def evaluation_report(
     if any(row.get("bias_bound") is not None for row in rows):
         columns.append(Column("bias_bound", "bias at most"))
     settings = {"fidelity": score.get("fidelity", ""), "seed": score.get("seed", "")}
+    if light := score.get("light"):
+        settings |= {
+            "noise of the light on each mm2": f"{light['noise']:.1%}",
+            "bias of the light": f"at most {light['bias_mean']:.0%} of the mean, {light['bias_block']:.0%} "
+            "of any 8 x 8 pixels of 160 columns"
+            if light["bias_mean"]
+            else "none",
+        }
     sections = [
         Section(
             "Scores",

@@ -49,3 +49,15 @@ def test_grazing_light_casts_long_shadows():
     shadow = truth[0] < 0.7 * blocks(untouched)[0]
     assert shadow.sum() >= 10
     assert np.abs(error[0][shadow]).max() < 0.05 + 4 * noise
+
+
+def test_a_wall_is_lit_by_the_bright_gel_far_in_front_of_it():
+    # The gel beneath the same panel, beyond the picture, lights the wall that faces it from more than 5 mm.
+    design = random_design(5).replace({"optics.path_length": 3})
+    press = Press(probe=parse("cylinder:4"), depth_mm=0.6, centre_mm=(0.0, 2.0))
+    error, noise, truth = difference(design, press)
+    direct = Simulator(design.replace({"optics.path_length": 2}), columns=48, samples=16, seed=1).frame(press)
+    bounced = (truth - blocks(direct.basis)) / truth.mean(axis=(1, 2), keepdims=True)
+    wall = bounced[0] > 0.1
+    assert wall.sum() >= 3
+    assert abs(error[0][wall].mean()) < 0.02 + 4 * noise / np.sqrt(wall.sum())

@@ -212,7 +212,8 @@ def test_a_defocused_light_field_is_the_average_over_the_opening():
     sim = Simulator(design, columns=80, samples=16, seed=1)
     surface = sim.surface(BALL)
     scene = sim.scene(surface)
-    shade = shader(sim._undeformed, sim.surface(None), samples=16, seed=1).radiance
+    area_mm = CORE.sensing_area_mm
+    shade = shader(sim._undeformed, sim.surface(None), area_mm=area_mm, samples=16, seed=1).radiance
     # rings of equal area, whose mean square radius is that of the disc
     radius, turn = np.meshgrid(np.sqrt((np.arange(3) + 0.5) / 3), np.arange(12) * np.pi / 6)
     points = np.column_stack([(radius * np.cos(turn)).ravel(), (radius * np.sin(turn)).ravel()])

@@ -12,7 +12,7 @@ from designlab import store
 from designlab.camera import Camera
 from designlab.design import preset
 from designlab.press import Press, indent
-from designlab.render import bridge, lightfield, path, photons
+from designlab.render import baking, bridge, path, photons
 from designlab.render.window import transmission
 from designlab.scene import Dielectric, Diffuse, Light, Medium, Scene, build
 from designlab.simulate import Simulator
@@ -326,10 +326,10 @@ def test_a_seed_gives_the_same_field_again_and_another_another(monkeypatch):
 
 def test_one_field_serves_every_view(monkeypatch):
     baked = []
-    original = lightfield.bake
-    monkeypatch.setattr(lightfield, "bake", lambda *a, **k: baked.append(k["seed"]) or original(*a, **k))
+    original = baking.bake
+    monkeypatch.setattr(baking, "bake", lambda *a, **k: baked.append(k["seeds"]) or original(*a, **k))
     short = CORE.replace({"optics.path_length": 6})
     press = Press(probe=parse("sphere:4"), depth_mm=0.4)
     for view in (view_of(short, 16, 12), view_of(short, 24, 18)._replace(width_px=200.0, height_px=150.0)):
         Simulator(short, view=view, samples=2, seed=1).frame(press)
-    assert len(baked) == 2  # its two halves
+    assert baked == [(2, 3)]  # its two halves

@@ -3,15 +3,19 @@
 import json
 from importlib import import_module
 
+import numpy as np
 import pytest
+from scipy.ndimage import uniform_filter
 
 from designlab.design import InfeasibleDesign, load, preset
 from designlab.effects import AppliedEffect, SensorModel
+from designlab.simulate import Simulator
 
 evaluation = import_module("designlab.evaluate")  # the package's own `evaluate` is the function
 evaluate = evaluation.evaluate
 
 FLAT = preset("gelsight-2020-flat")
+BEHIND_GLASS = preset("default")
 NAMES = {
     "uniformity_u0": "1",
     "uniformity_cv": "1",
@@ -60,7 +64,8 @@ def test_scores_have_value_error_and_unit(score):
 
 def test_json_is_complete_and_strict(score, folder):
     content = json.loads(json.dumps(score.to_json(), allow_nan=False))
-    assert set(content) == {"design", "digest", "fidelity", "seed", "scores", "margins", "seconds"}
+    names = {"design", "digest", "fidelity", "seed", "scores", "margins", "light", "seconds"}
+    assert set(content) == names
     assert content["design"] == "gelsight-2020-flat"
     assert content["digest"] == FLAT.digest
     assert (content["fidelity"], content["seed"]) == ("fast", 1)
@@ -68,8 +73,26 @@ def test_json_is_complete_and_strict(score, folder):
         assert set(content["scores"][name]) == {"value", "se", "bias_bound", "unit"}
         assert content["scores"][name]["unit"] == unit
     assert content["margins"] == FLAT.margins()
+    assert content["light"] == score.light._asdict()
     assert all(seconds >= 0 for seconds in content["seconds"].values())
     assert json.loads((folder / "score.json").read_text()) == content
+
+
+@pytest.mark.llvm
+def test_the_stated_noise_of_the_light_is_that_between_seeds(score):
+    assert 0 < score.light.noise < 0.02
+    assert (score.light.bias_mean, score.light.bias_block) == (0.01, 0.05)
+    samples = 16
+    light = [Simulator(BEHIND_GLASS, columns=80, samples=samples, seed=s).frame(None) for s in range(6)]
+    halves = [
+        Simulator(BEHIND_GLASS, columns=80, samples=samples, seed=0).frame(None, half=h) for h in (0, 1)
+    ]
+    stated = evaluation._transport_error(BEHIND_GLASS, *halves).noise
+    mask = evaluation._sensing_area(BEHIND_GLASS, light[0])
+    size = round(1 / light[0].rays.pitch_mm[0])
+    smooth = np.array([[uniform_filter(g, size, mode="nearest")[mask] for g in f.basis] for f in light])
+    relative = smooth.std(axis=0, ddof=1) / smooth.mean(axis=(0, 2))[:, None]
+    assert np.sqrt((relative**2).mean(axis=1)).max() == pytest.approx(stated, rel=0.3)
 
 
 def test_the_folder_holds_design_and_pictures(score, folder):

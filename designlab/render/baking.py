@@ -1,0 +1,233 @@
+"""Tracing of light fields, once per design."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.render import photons as tracing
+from designlab.render.lightfield import (
+    AZIMUTHS,
+    CELL_MM,
+    FINE_CELL_MM,
+    SLANTS,
+    WIDEST_SLANT_DEG,
+    Field,
+    LightField,
+    on_membrane,
+)
+from designlab.render.tables import held
+from designlab.scene import Scene
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+STEEPEST_COSINE = 0.02  # light more grazing than this weighs as if it came at this angle
+PILOT_SHARE = 0.2  # of the photons, traced beforehand to learn where on the LEDs others are best started
+AGAIN_SHARE = 0.25  # of the photons, traced on for light that returns to the membrane, dim and smooth
+MOST_LANDINGS = 2_000_000  # photons kept of a field and group
+AREA_MARGIN_MM, BESIDE_AREA = 1.0, 0.1  # light further from the sensing area than this is worth less
+
+
+def bake(
+    scene: Scene, *, area_mm: tuple[float, float], photons: int, seeds: Sequence[int]
+) -> list[LightField]:
+    """Trace independent light fields of an undeformed scene, every LED group at unit flux.
+
+    Where light runs straight from LED to membrane, that direct light is left out: it is integrated over the
+    LED's face, which is exact.
+
+    Parameters
+    ----------
+    scene : Scene
+        The undeformed scene.
+    area_mm : tuple of float
+        Width and height of the part of the membrane that matters most, the sensing area.
+    photons : int
+        Photons of each field and LED group.
+    seeds : sequence of int
+        Seed of the random numbers of each field.
+    """
+    groups = [_baked(scene, group, area_mm, photons, seeds) for group in range(scene.groups)]
+    return [
+        LightField(
+            first=_field([first for first, _, _ in tables], scene) if scene.refracts else None,
+            again=_field([again for _, again, _ in tables], scene),
+            landings=tuple(landings for _, _, landings in tables) if scene.refracts else (),
+        )
+        for tables in zip(*groups, strict=True)
+    ]
+
+
+def _baked(
+    scene: Scene, group: int, area_mm: tuple[float, float], photons: int, seeds: Sequence[int]
+) -> list[tuple["_Tables", "_Tables", Single]]:
+    """Light of one group that arrives first, all that arrives later, and the photons that arrive first."""
+    import drjit as dr
+
+    corners = scene.membrane.vertices.min(axis=0), scene.membrane.vertices.max(axis=0)
+    tables = [(_Tables(*corners), _Tables(*corners), _Lot()) for _ in seeds]
+    if scene.path_length - 1 <= (0 if scene.refracts else 1):
+        return [(first, again, lot.landings()) for first, again, lot in tables]
+    loaded = tracing.load(scene, group)
+    pilot = min(tracing.PILOT, max(1, round(PILOT_SHARE * photons * len(seeds))))
+
+    def is_again(arrival: tracing.Arrival) -> Any:
+        return arrival.returned if scene.refracts else arrival.bounces > 0
+
+    def here(arrival: tracing.Arrival) -> Any:
+        across, along = (held(side / 2 + AREA_MARGIN_MM) for side in area_mm)
+        inside = (dr.abs(arrival.at.p.x) < across) & (dr.abs(arrival.at.p.y) < along)
+        return arrival.power * dr.select(inside, 1.0, BESIDE_AREA)
+
+    def worth_again(arrival: tracing.Arrival, active: Any) -> Any:
+        return dr.select(active & is_again(arrival), here(arrival), 0.0)
+
+    def worth_first(arrival: tracing.Arrival, active: Any) -> Any:
+        return dr.select(active & ~is_again(arrival), here(arrival), 0.0)
+
+    # Fields with a guide in common are independent all the same: it rules their noise, not their mean.
+    guides = tracing.learn(
+        scene, group=group, seed=seeds[0], worth=[worth_again, worth_first], loaded=loaded, photons=pilot
+    )
+    share = AGAIN_SHARE if scene.refracts else 1.0
+    for seed, (first, again, lot) in zip(seeds, tables, strict=True):
+
+        def later(arrival: tracing.Arrival, active: Any, *, again: "_Tables" = again) -> None:
+            again.add(arrival, active & is_again(arrival))
+
+        def at_first(
+            arrival: tracing.Arrival, active: Any, *, first: "_Tables" = first, lot: "_Lot" = lot
+        ) -> None:
+            first.add(arrival, active)
+            lot.add(arrival, active)
+
+        count = max(1, round(share * photons))
+        tracing.trace(
+            scene, group=group, photons=count, seed=seed, record=later, loaded=loaded, guide=guides[0]
+        )
+        if scene.refracts:
+            count = max(1, photons - count)
+            lot.prepare(count)
+            # Numbers of its own: what both passes have in common would count twice.
+            own = int(np.random.SeedSequence([seed, 80]).generate_state(1)[0])
+            tracing.trace(
+                scene,
+                group=group,
+                photons=count,
+                seed=own,
+                record=at_first,
+                loaded=loaded,
+                guide=guides[1],
+                once=True,
+            )
+    return [(first, again, lot.landings()) for first, again, lot in tables]
+
+
+class _Tables:
+    """Where light is added up by place and direction."""
+
+    def __init__(self, low: Array, high: Array) -> None:
+        import drjit as dr
+        import mitsuba as mi
+
+        self.low = low
+        self.coarse, self.fine = (_cells(low, high, cell_mm) for cell_mm in (CELL_MM, FINE_CELL_MM))
+        self._power = dr.zeros(mi.Float, self.coarse[0] * self.coarse[1] * SLANTS * AZIMUTHS)
+        self._light = dr.zeros(mi.Float, self.fine[0] * self.fine[1])
+
+    def add(self, arrival: tracing.Arrival, active: Any) -> None:
+        """Add photons that arrive."""
+        import drjit as dr
+        import mitsuba as mi
+
+        position, normal, towards = arrival.at.p, arrival.at.n, arrival.towards
+        cell, inside = _cell(position, self.low, CELL_MM, self.coarse)
+        slant = mi.Int32(dr.rad2deg(dr.safe_acos(towards.z)) / WIDEST_SLANT_DEG * SLANTS)
+        turn = dr.atan2(towards.y, towards.x) / (2 * dr.pi)
+        azimuth = dr.minimum(mi.Int32((turn - dr.floor(turn)) * AZIMUTHS), AZIMUTHS - 1)
+        index = (cell * SLANTS + slant) * AZIMUTHS + azimuth
+        cosine = dr.maximum(dr.dot(normal, towards), STEEPEST_COSINE)
+        # A tilted cell has more area than its projection, which cancels one of the two cosines.
+        shared = arrival.power * dr.abs(normal.z)
+        dr.scatter_add(self._power, shared / cosine, mi.UInt32(index), active & inside & (slant < SLANTS))
+        cell, inside = _cell(position, self.low, FINE_CELL_MM, self.fine)
+        dr.scatter_add(self._light, shared, mi.UInt32(cell), active & inside)
+
+    @property
+    def power(self) -> Single:
+        """Power over projected area (1/mm2), shape (y cells, x cells, slants, azimuths)."""
+        table = np.asarray(self._power, dtype=np.float32)
+        return table.reshape(*self.coarse, SLANTS, AZIMUTHS) / np.float32(CELL_MM**2)
+
+    @property
+    def irradiance(self) -> Single:
+        """Irradiance (1/mm2), shape (y fine cells, x fine cells)."""
+        return np.asarray(self._light, dtype=np.float32).reshape(self.fine) / np.float32(FINE_CELL_MM**2)
+
+
+def _field(tables: Sequence[_Tables], scene: Scene) -> Field:
+    """Light of all groups, where cells reach over the membrane's edge as if it went on."""
+    low, coarse, fine = tables[0].low, tables[0].coarse, tables[0].fine
+    power = np.stack([t.power for t in tables]) / _filled(scene, low, CELL_MM, coarse)[..., None, None]
+    irradiance = np.stack([t.irradiance for t in tables]) / _filled(scene, low, FINE_CELL_MM, fine)
+    return Field(power.astype(np.float32), irradiance.astype(np.float32), float(low[0]), float(low[1]))
+
+
+class _Lot:
+    """Photons as they land, every so many of them when there are too many."""
+
+    def __init__(self) -> None:
+        self._stride = 1
+        self._columns: list[Any] = []
+
+    def prepare(self, photons: int) -> None:
+        """Make room."""
+        import drjit as dr
+        import mitsuba as mi
+
+        self._stride = -(-photons // MOST_LANDINGS)
+        self._columns = [dr.zeros(mi.Float, -(-photons // self._stride) + 1) for _ in range(7)]
+
+    def add(self, arrival: tracing.Arrival, active: Any) -> None:
+        """Keep photons that arrive."""
+        import drjit as dr
+
+        kept = active & (arrival.number % self._stride == 0)
+        place, way = arrival.at.p, arrival.towards
+        values = (*place, way.x, way.y, way.z, arrival.power * self._stride)
+        for column, value in zip(self._columns, values, strict=True):
+            dr.scatter(column, value, arrival.number // self._stride, kept)
+
+    def landings(self) -> Single:
+        """Return the photons that were kept, shape (7, photons)."""
+        table = np.array([np.asarray(column) for column in self._columns], dtype=np.float32).reshape(7, -1)
+        return table[:, table[6] > 0]
+
+
+def _cells(low: Array, high: Array, cell_mm: float) -> tuple[int, int]:
+    """Rows and columns of cells over the membrane, the first one centred at its lowest x and y."""
+    columns, rows = (int(np.ceil((high[k] - low[k]) / cell_mm)) + 1 for k in (0, 1))
+    return rows, columns
+
+
+def _cell(position: Any, low: Array, cell_mm: float, shape: tuple[int, int]) -> tuple[Any, Any]:
+    """Number of the cell that a point lies in, and whether there is one."""
+    import drjit as dr
+    import mitsuba as mi
+
+    column = mi.Int32(dr.floor((position.x - held(float(low[0]))) / cell_mm + 0.5))
+    row = mi.Int32(dr.floor((position.y - held(float(low[1]))) / cell_mm + 0.5))
+    inside = (column >= 0) & (column < shape[1]) & (row >= 0) & (row < shape[0])
+    return row * shape[1] + column, inside
+
+
+def _filled(scene: Scene, low: Array, cell_mm: float, shape: tuple[int, int]) -> Array:
+    """Share of each cell that the membrane fills, at least half: the others hold too little light."""
+    fine = round(8 * cell_mm / CELL_MM)
+    rows, columns = shape
+    offsets = (np.arange(fine) + 0.5) / fine - 0.5
+    x = low[0] + (np.arange(columns)[:, None] + offsets).ravel() * cell_mm
+    y = low[1] + (np.arange(rows)[:, None] + offsets).ravel() * cell_mm
+    inside = on_membrane(scene, *np.meshgrid(x, y))
+    return np.asarray(np.maximum(inside.reshape(rows, fine, columns, fine).mean(axis=(1, 3)), 0.5))
