@@ -59,9 +59,11 @@ def run(seed: int, *, photons: float, samples: int, folder: Path, unbiased_from:
     unbiased = Simulator(design, columns=COLUMNS, samples=max(1, traced), seed=seed, estimator="reference")
     pictures: dict[str, list[Any]] = {name: [] for name in ("fast", "half_0", "half_1", "run_0", "run_1")}
     earlier = unbiased_from / f"pictures-{seed}.npz"
-    traces = not earlier.is_file()
+    about = unbiased_from / f"design-{seed}.json"
+    known = json.loads(about.read_text()) if about.is_file() and earlier.is_file() else {}
+    traces = known.get("digest") != design.digest
     if not traces:
-        kept = np.load(earlier)
+        kept, traced = np.load(earlier), known["samples"]
         pictures |= {name: list(kept[name]) for name in ("run_0", "run_1")}
     seconds = {"fast": 0.0, "unbiased": 0.0}
     plan = presses(design, seed)

@@ -75,7 +75,7 @@ class TransportError(NamedTuple):
     noise : float
         Standard error of blocks of 1 mm x 1 mm of the untouched gel.
     bias_mean, bias_block : float
-        Bounds of the systematic error of the mean and of small blocks, see `designlab.render.Bias`.
+        Systematic error of the mean and of small blocks, the largest seen, see `designlab.render.Bias`.
     """
 
     noise: float
@@ -84,11 +84,12 @@ class TransportError(NamedTuple):
 
     def __str__(self) -> str:
         """Sentence for people."""
-        if not self.bias_mean:
-            return f"light transport: noise {self.noise:.1%} of each mm2, no bias"
+        noise = f"light on the untouched gel: random error {self.noise:.1%} of each mm2"
+        if not self.bias_block:
+            return f"{noise}, no bias"
         return (
-            f"light transport: noise {self.noise:.1%} of each mm2; bias at most {self.bias_mean:.0%} of the "
-            f"mean, {self.bias_block:.0%} of any 8 x 8 of 160 columns"
+            f"{noise}; bias, the largest of random designs: {self.bias_mean:.0%} of the mean, "
+            f"{self.bias_block:.0%} of 8 x 8 of 160 columns"
         )
 
 

@@ -25,7 +25,7 @@ difference of reference and fast; path: Mitsuba's path tracer."""
 
 
 class Bias(NamedTuple):
-    """Bounds of systematic error, relative to the mean of a picture.
+    """Largest systematic error seen on random designs, relative to the mean of a picture.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ FAST_BIAS = Bias(mean=0.01, block=0.05)
 """Measured against unbiased pictures of the designs of `designlab.sampling`: docs/validation.md."""
 
 Thing = TypeVar("Thing")
-KEPT_IN_MEMORY = 4  # light fields and shaders, some 20 MB each
+KEPT_IN_MEMORY = 4  # designs' light fields and shaders, some 100 MB each
 LIGHTFIELD_VERSION = 5  # raise when a change of the light field makes cached ones wrong
 PHOTONS_PER_SAMPLE = 24_000  # lets one effort setting rule photons and the path tracer's samples
 
@@ -57,7 +57,9 @@ def chosen(estimator: Estimator, scene: Scene) -> Estimator:
 
 
 def bias(estimator: Estimator) -> Bias:
-    """Bounds of the bias of a picture made with an estimator that `chosen` gave."""
+    """Bias of a picture made with an estimator that `chosen` gave."""
+    if estimator == "corrected":  # what is finer than the correction is that of fast
+        return Bias(0.0, FAST_BIAS.block)
     return FAST_BIAS if estimator == "fast" else UNBIASED
 
 
@@ -134,7 +136,7 @@ def shader(
     if key not in _shaders:
         halves = _light_field(undeformed, area_mm, samples, seed)
         field = mean(halves if half is None else halves[half : half + 1])
-        stray = partial(_stray, photons=samples * PHOTONS_PER_SAMPLE, seed=seed)
+        stray = partial(_stray, photons=samples * PHOTONS_PER_SAMPLE // 2, seed=seed, half=half)
         _remember(_shaders, key, Shader(field, undeformed, untouched, stray))
     return _shaders[key]
 
@@ -160,13 +162,17 @@ def _light_field(scene: Scene, area_mm: tuple[float, float], samples: int, seed:
     return _fields[key]
 
 
-def _stray(scene: Scene, *, photons: int, seed: int) -> NDArray[np.float32]:
-    """Stray light, the same for both halves of a light field."""
+def _stray(scene: Scene, *, photons: int, seed: int, half: int | None) -> NDArray[np.float32]:
+    """Stray light of a half of a light field, or the mean of both."""
     from designlab.render import stray
 
-    key = store.digest("stray light", scene.digest, photons, seed)
+    if half is None:
+        halves = [_stray(scene, photons=photons, seed=seed, half=k) for k in (0, 1)]
+        return np.asarray(np.mean(halves, axis=0), dtype=np.float32)
+    key = store.digest("stray light", scene.digest, photons, seed, half)
     if key not in _strays:
-        _remember(_strays, key, stray.stray(scene, photons_per_group=photons, seed=seed))
+        own = int(np.random.SeedSequence([seed, half, 81]).generate_state(1)[0])
+        _remember(_strays, key, stray.stray(scene, photons_per_group=photons, seed=own))
     return _strays[key]
 
 

@@ -25,7 +25,7 @@ Single = NDArray[np.float32]
 STEEPEST_COSINE = 0.02  # light more grazing than this weighs as if it came at this angle
 PILOT_SHARE = 0.2  # of the photons, traced beforehand to learn where on the LEDs others are best started
 AGAIN_SHARE = 0.25  # of the photons, traced on for light that returns to the membrane, dim and smooth
-MOST_LANDINGS = 2_000_000  # photons kept of a field and group
+MOST_LANDINGS = 2**20  # photons whose landings are kept, of a field and group
 AREA_MARGIN_MM, BESIDE_AREA = 1.0, 0.1  # light further from the sensing area than this is worth less
 
 
@@ -67,7 +67,8 @@ def _baked(
 
     corners = scene.membrane.vertices.min(axis=0), scene.membrane.vertices.max(axis=0)
     tables = [(_Tables(*corners), _Tables(*corners), _Lot()) for _ in seeds]
-    if scene.path_length - 1 <= (0 if scene.refracts else 1):
+    # Behind glass the first light comes after two surfaces; in air it is integrated, not traced.
+    if scene.path_length <= (3 if scene.refracts else 2):
         return [(first, again, lot.landings()) for first, again, lot in tables]
     loaded = tracing.load(scene, group)
     pilot = min(tracing.PILOT, max(1, round(PILOT_SHARE * photons * len(seeds))))
@@ -175,10 +176,13 @@ def _field(tables: Sequence[_Tables], scene: Scene) -> Field:
 
 
 class _Lot:
-    """Photons as they land, every so many of them when there are too many."""
+    """Photons as they land: the first ones, when there are too many.
+
+    The start of the sequence they begin at is as even as the whole of it; every second point would not be.
+    """
 
     def __init__(self) -> None:
-        self._stride = 1
+        self._room: Any = None
         self._columns: list[Any] = []
 
     def prepare(self, photons: int) -> None:
@@ -186,18 +190,19 @@ class _Lot:
         import drjit as dr
         import mitsuba as mi
 
-        self._stride = -(-photons // MOST_LANDINGS)
-        self._columns = [dr.zeros(mi.Float, -(-photons // self._stride) + 1) for _ in range(7)]
+        room = min(photons, MOST_LANDINGS)
+        self._room, self._share = held(room), held(photons / room)
+        self._columns = [dr.zeros(mi.Float, room) for _ in range(7)]
 
     def add(self, arrival: tracing.Arrival, active: Any) -> None:
         """Keep photons that arrive."""
         import drjit as dr
 
-        kept = active & (arrival.number % self._stride == 0)
+        kept = active & (arrival.number < self._room)
         place, way = arrival.at.p, arrival.towards
-        values = (*place, way.x, way.y, way.z, arrival.power * self._stride)
+        values = (*place, way.x, way.y, way.z, arrival.power * self._share)
         for column, value in zip(self._columns, values, strict=True):
-            dr.scatter(column, value, arrival.number // self._stride, kept)
+            dr.scatter(column, value, arrival.number, kept)
 
     def landings(self) -> Single:
         """Return the photons that were kept, shape (7, photons)."""
@@ -218,13 +223,14 @@ def _cell(position: Any, low: Array, cell_mm: float, shape: tuple[int, int]) -> 
 
     column = mi.Int32(dr.floor((position.x - held(float(low[0]))) / cell_mm + 0.5))
     row = mi.Int32(dr.floor((position.y - held(float(low[1]))) / cell_mm + 0.5))
-    inside = (column >= 0) & (column < shape[1]) & (row >= 0) & (row < shape[0])
-    return row * shape[1] + column, inside
+    rows, columns = (mi.Int32(held(count)) for count in shape)
+    inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+    return row * columns + column, inside
 
 
 def _filled(scene: Scene, low: Array, cell_mm: float, shape: tuple[int, int]) -> Array:
     """Share of each cell that the membrane fills, at least half: the others hold too little light."""
-    fine = round(8 * cell_mm / CELL_MM)
+    fine = 8  # an even number: the first cells are centred on the edge
     rows, columns = shape
     offsets = (np.arange(fine) + 0.5) / fine - 0.5
     x = low[0] + (np.arange(columns)[:, None] + offsets).ravel() * cell_mm

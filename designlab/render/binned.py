@@ -8,7 +8,7 @@ from scipy.ndimage import map_coordinates
 
 from designlab.press import Surface
 from designlab.render.lightfield import AZIMUTHS, Field
-from designlab.render.nodes import Nodes, Response, base_normals
+from designlab.render.nodes import Nodes, Response, base_normals, facing, nodes_of
 from designlab.render.tables import bilinear, held
 from designlab.render.walls import FURTHEST_MM
 
@@ -38,7 +38,8 @@ class Binned:
 
     def __init__(self, field: Field, group: int, untouched: Surface, *, fine: bool = True) -> None:
         self._bins, self._x_mm, self._y_mm = field.bins(group, fine=fine), field.x_mm, field.y_mm
-        self._field, self._group = field, group
+        self._field, self._group, self._untouched = field, group, untouched
+        self._curved = bool(np.nan_to_num(untouched.base_p).any())
         x, y = np.meshgrid(untouched.x_mm, untouched.y_mm)
         self.irradiance = self.irradiance_at(x, y)
         at = [(y - field.y_mm) / self._bins.pitch_mm, (x - field.x_mm) / self._bins.pitch_mm]
@@ -51,7 +52,10 @@ class Binned:
 
     def at_rest(self, chosen: NDArray[np.bool_]) -> Single:
         """Irradiance of chosen grid nodes without a press, by the same sum as `light`."""
-        return np.asarray(self._summed[chosen])
+        if not self._curved:  # nothing is cut off at the tangent: the sum is that of vectors
+            return np.asarray(self._summed[chosen])
+        nodes = nodes_of(self._untouched, chosen)
+        return np.asarray(self.light(nodes, None, facing(nodes)))
 
     def arriving(self, points: Array) -> tuple[Array, Array]:
         """Unit vectors towards the light, shape (points, bins, 3), and fluence of each bin at points (mm)."""
@@ -92,12 +96,13 @@ class Binned:
             u = (nodes.x - drift * towards.x - x_mm) / bins.pitch_mm
             v = (nodes.y - drift * towards.y - y_mm) / bins.pitch_mm
             value = bilinear(power, u, v, rows, columns, k * (rows * columns)) * response(towards)
+            # What a lifted point of a dome sees below the tangent of its place is the membrane itself.
+            rim = (nodes.base_p * towards.x + nodes.base_q * towards.y) / across
             if horizon is not None:
-                rim = dr.gather(mi.Float, horizon, node * AZIMUTHS + dr.gather(mi.UInt32, azimuth, k))
-                # What a lifted point of a dome sees below the tangent of its place is the membrane itself.
-                rim = dr.maximum(rim, (nodes.base_p * towards.x + nodes.base_q * towards.y) / across)
-                lower, upper = dr.gather(mi.Float, low, k), dr.gather(mi.Float, high, k)
-                value = value * dr.clip((upper - rim) / (upper - lower), 0.0, 1.0)
+                around = dr.gather(mi.Float, horizon, node * AZIMUTHS + dr.gather(mi.UInt32, azimuth, k))
+                rim = dr.maximum(rim, around)
+            lower, upper = dr.gather(mi.Float, low, k), dr.gather(mi.Float, high, k)
+            value = value * dr.clip((upper - rim) / (upper - lower), 0.0, 1.0)
             return k + 1, total + value
 
         _, total = dr.while_loop(

@@ -56,7 +56,8 @@ class FirstLight:
         landed = _density(grid, raised.shape, x + back * dx, y + back * dy, power)
         left = _density(grid, raised.shape, x, y, power)
         upright, flat = surface.normals[..., 2], base_normals(surface)[2]
-        return np.asarray(landed * np.nan_to_num(upright) - left * flat, dtype=np.float32)
+        there = np.isfinite(surface.base_mm)
+        return np.where(there, landed * upright - left * flat, 0.0).astype(np.float32)
 
 
 def _within(

@@ -15,9 +15,9 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 RAISED_MM = 1e-3  # lower indentations cast no shadow worth counting
 FINE_MM = 0.2  # around the indentation every grid node is shaded
+STRIDE = 3  # further out one node in this many, along each axis
 Response = Callable[[Any], Any]
 """Weight of light by the unit vector towards it, at every node."""
-STRIDE = 3  # further out one node in this many, along each axis
 
 
 @dataclass(frozen=True, eq=False)

@@ -201,11 +201,11 @@ def learn(
     import mitsuba as mi
 
     lights = sum(light.group == group for light in scene.lights)
-    squares = [dr.zeros(mi.Float, Guide.cells(lights)) for _ in worth]
+    squares, count = [dr.zeros(mi.Float, Guide.cells(lights)) for _ in worth], held(float(photons))
 
     def record(arrival: Arrival, active: Any) -> None:
         for table, kind in zip(squares, worth, strict=True):
-            value = kind(arrival, active) * photons
+            value = kind(arrival, active) * count
             dr.scatter_add(table, value * value, arrival.start, active & (value > 0))
 
     # What is traced afterwards must not follow the very numbers it is guided by.

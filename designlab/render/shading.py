@@ -1,15 +1,17 @@
-"""Pictures of presses from the light field of a design: a sum over directions instead of rays.
+"""Pictures of presses from the light field of a design: sums over directions instead of rays.
 
 A press changes the membrane's slope, lifts it and shadows it, but hardly the light that arrives from afar.
 So the light that falls on the undeformed membrane is traced once, and each press is shaded from it:
 
 - far from the indentation the picture is that of the untouched gel, kept free of grain;
-- near it, the sum over direction bins with the foreshortening of the deformed normal, the parallax of the
-  lifted point and the horizon of the indentation, relative to the same sum without a press;
+- near it, it changes by the difference of two sums over direction bins, with and without the press: with the
+  foreshortening of the deformed normal, the parallax of the lifted point, the horizon of the indentation;
+- light on its first way behind glass takes its averages from photons instead, see `landings`;
 - light that goes straight from an LED through air is integrated over the LED's face instead of bins;
-- light that one wall of the indentation throws on another is gathered along the horizon, one bounce of it.
+- light that one wall of the indentation throws on another, or the gel around on it, is gathered along the
+  horizon, one bounce of it.
 
-Bias figures are in docs/validation.md.
+How far pictures are off is in docs/validation.md.
 """
 
 from collections.abc import Callable
@@ -77,7 +79,7 @@ class Shader:
         # A wide lens also sees what lies beside the gel: its black rim.
         self._there = on_membrane(scene, *np.meshgrid(untouched.x_mm, untouched.y_mm))
         self._reach = max([SHADOW_REACH, *(self._shadow_reach(group) for group in groups)])
-        self._light_around: Around | None = None
+        self._light_around: tuple[Single, float, float] | None = None
         self._lobe: tuple[Rays, Single] | None = None
         self._passed: tuple[Rays, Array] | None = None
         self._stray: tuple[View, Single] | None = None
@@ -100,7 +102,10 @@ class Shader:
         coating = scene.membrane.material
         specular = coating.specular if isinstance(coating, Coating) else 0.0
         groups = range(scene.groups)
-        light = np.array([self._straight[g].irradiance + self._again[g].irradiance for g in groups])
+        # Beside the gel there is nothing to be lit, nor to light walls.
+        light = self._there * np.array(
+            [self._straight[g].irradiance + self._again[g].irradiance for g in groups]
+        )
         lobe = self._mirrored(scene, rays) if specular else np.float32(0)
         if choice is not None:
             nodes = nodes_of(surface, choice.nodes)
@@ -121,16 +126,19 @@ class Shader:
         return np.asarray(look(grids, surface, rays) * self._passed[1] + self._stray[1], dtype=np.float32)
 
     def _around(self, albedo: Single) -> Around:
-        """Radiance of the undeformed membrane, also where the grid of presses ends."""
+        """Radiance of the undeformed membrane, also beyond the grid of presses."""
+        mean = albedo.mean(axis=(1, 2), keepdims=True) / np.float32(np.pi)
         if self._light_around is None:
             low, high = (getattr(self._scene.membrane.vertices, of)(axis=0)[:2] for of in ("min", "max"))
-            x, y = np.meshgrid(*(np.arange(a, b, AROUND_MM) for a, b in zip(low, high, strict=True)))
+            x, y = np.meshgrid(
+                *(np.arange(a, b + AROUND_MM, AROUND_MM) for a, b in zip(low, high, strict=True))
+            )
             there = on_membrane(self._scene, x, y)
             parts = zip(self._straight, self._again, strict=True)
             light = np.array([(a.irradiance_at(x, y) + b.irradiance_at(x, y)) * there for a, b in parts])
-            self._light_around = Around(light, float(low[0]), float(low[1]), AROUND_MM)
-        mean = albedo.mean(axis=(1, 2), keepdims=True) / np.float32(np.pi)
-        return self._light_around._replace(radiance=mean * self._light_around.radiance)
+            self._light_around = light, float(low[0]), float(low[1])
+        light, x_mm, y_mm = self._light_around
+        return Around(mean * light, x_mm, y_mm, AROUND_MM)
 
     def _change(self, group: int, surface: Surface, nodes: Nodes, horizon: Any, choice: Choice) -> Single:
         """By how much a press changes the irradiance of every grid node, but for light from wall to wall."""
@@ -151,12 +159,14 @@ class Shader:
 
         The sums over direction bins know neither the edges of beams nor the horizon between two azimuths.
         """
-        rest = self._straight[group].irradiance
+        rest = self._there * self._straight[group].irradiance
+        if not rest.any():
+            return change
         summed, landed = np.maximum(rest + change, 0.0), rest + self._first[group].change(surface)
         least = LEAST_SHARE * float(rest.mean())
         mean, wanted = (gaussian_filter(e, KERNEL_MM / surface.pitch_mm) for e in (summed, landed))
         ratio = (np.maximum(wanted, 0.0) + least) / (mean + least)
-        return np.asarray((summed + least) * ratio - least - rest, dtype=np.float32)
+        return np.asarray(np.maximum((summed + least) * ratio - least, 0.0) - rest, dtype=np.float32)
 
     def _light(self, group: int, nodes: Nodes, horizon: Any | None, response: Response) -> Any:
         """Sum over all light at membrane nodes, each direction weighted with its `response`."""
@@ -176,7 +186,7 @@ class Shader:
         step = max(1, round(LATTICE_MM / self._untouched.pitch_mm))
         chosen = np.zeros(self._untouched.height_mm.shape, dtype=bool)
         chosen[::step, ::step] = True
-        chosen &= np.isfinite(self._untouched.base_mm) & (sum(part.irradiance for part in parts) > 0)
+        chosen &= self._there & (sum(part.irradiance for part in parts) > 0)
         grid_x, grid_y = np.meshgrid(self._untouched.x_mm, self._untouched.y_mm)
         points = np.stack([grid_x[chosen], grid_y[chosen], self._untouched.base_mm[chosen]], axis=-1)
         normals = np.moveaxis(base_normals(self._untouched), 0, -1)[chosen]

@@ -44,10 +44,10 @@ def evaluation_report(
     settings = {"fidelity": score.get("fidelity", ""), "seed": score.get("seed", "")}
     if light := score.get("light"):
         settings |= {
-            "noise of the light on each mm2": f"{light['noise']:.1%}",
-            "bias of the light": f"at most {light['bias_mean']:.0%} of the mean, {light['bias_block']:.0%} "
-            "of any 8 x 8 pixels of 160 columns"
-            if light["bias_mean"]
+            "light on the untouched gel": f"random error {light['noise']:.1%} of each mm2",
+            "bias of the light": f"{light['bias_mean']:.0%} of the mean, {light['bias_block']:.0%} of 8 x 8 "
+            "pixels of 160 columns: the largest of random designs"
+            if light["bias_block"]
             else "none",
         }
     sections = [
