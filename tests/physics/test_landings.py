@@ -6,7 +6,9 @@ from closed_forms import block_means
 
 from designlab.design import preset
 from designlab.press import Press, indent
+from designlab.render import baking, lightfield
 from designlab.render.landings import FirstLight
+from designlab.simulate import RenderFailed, Simulator
 from geometries.probes import parse
 
 pytestmark = [pytest.mark.llvm, pytest.mark.usefixtures("backend")]
@@ -75,3 +77,66 @@ def test_no_light_is_lost_or_made_on_a_dome():
 def test_a_press_that_is_not_there_changes_nothing():
     flat = surface_of(FLAT, None)
     assert not FirstLight(parallel_light(flat, (0.6, 0.0, 0.8), side=50)).change(flat).any()
+
+
+BEHIND_GLASS = preset("default").replace({"optics.path_length": 8})
+
+
+def baked(seed=4, photons=200_000):
+    simulator = Simulator(BEHIND_GLASS, columns=16, samples=1, seed=1)
+    area_mm = BEHIND_GLASS.sensing_area_mm
+    return baking.bake(simulator._undeformed, area_mm=area_mm, photons=photons, seeds=(seed, seed + 1))
+
+
+def test_landings_are_the_light_of_the_field():
+    halves = baked()
+    for field in (*halves, lightfield.mean(halves)):
+        for lot, light in zip(field.landings, field.first.irradiance, strict=True):
+            # some photons land beside the cells' outermost centres, where a cell counts as half filled
+            assert lot[6].sum() == pytest.approx(light.sum() * lightfield.FINE_CELL_MM**2, rel=0.01)
+            np.testing.assert_allclose(np.linalg.norm(lot[3:6], axis=0), 1, atol=1e-5)
+
+
+def test_landings_that_are_kept_stand_for_all(monkeypatch):
+    every = baked()[0]
+    monkeypatch.setattr(baking, "MOST_LANDINGS", 40_000)  # of 150,000
+    for some, lot in zip(baked()[0].landings, every.landings, strict=True):
+        assert some.shape[1] < 0.3 * lot.shape[1]
+        for axis, sign in ((0, 1), (0, -1), (1, 1), (1, -1)):
+            whole, part = (values[6, sign * values[axis] > 0] for values in (lot, some))
+            error = np.sqrt((part**2).sum())  # of a sum of independent powers
+            assert abs(part.sum() - whole.sum()) < 4 * error
+
+
+def test_a_field_survives_the_cache():
+    halves = baked(photons=2_000)
+    again = lightfield.unpacked(lightfield.packed(halves))
+    for old, new in zip(halves, again, strict=True):
+        np.testing.assert_array_equal(new.first.power, old.first.power)
+        np.testing.assert_array_equal(new.again.irradiance, old.again.irradiance)
+        assert (new.again.x_mm, new.again.y_mm) == (old.again.x_mm, old.again.y_mm)
+        for a, b in zip(new.landings, old.landings, strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
+def test_a_cell_is_filled_as_far_as_the_gel_reaches():
+    design = FLAT.replace({"elastomer.outline": "rectangle", "elastomer.width_mm": 31.0})
+    design = design.replace({"elastomer.length_mm": 24.6})
+    scene = Simulator(design, columns=16, samples=1, seed=1)._undeformed
+    low, high = scene.membrane.vertices.min(axis=0), scene.membrane.vertices.max(axis=0)
+    cell_mm = lightfield.FINE_CELL_MM
+    shares = []
+    for k in (1, 0):
+        centre = low[k] + cell_mm * np.arange(int(np.ceil((high[k] - low[k]) / cell_mm)) + 1)
+        ends = np.clip([centre - cell_mm / 2, centre + cell_mm / 2], low[k], high[k])
+        shares.append((ends[1] - ends[0]) / cell_mm)
+    found = baking._filled(scene, low, cell_mm, (shares[0].size, shares[1].size))
+    np.testing.assert_allclose(found, np.maximum(np.outer(*shares), 0.5), atol=1 / 8)
+    assert found[shares[0].size // 2, 0] == 0.5
+
+
+def test_a_group_without_light_is_named_and_nothing_else_breaks():
+    dark = preset("default").replace({"optics.path_length": 3})
+    press = Press(probe=parse("sphere:4"), depth_mm=0.4)
+    with pytest.raises(RenderFailed, match=r"red.*black"):
+        Simulator(dark, columns=16, samples=1, seed=1).frame(press)
