@@ -1,4 +1,4 @@
-"""From images to shape: calibrated photometric stereo, and integration of gradients to height."""
+"""Photometric stereo calibrated on presses whose slopes are known at every pixel."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -7,9 +7,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.fft import dctn, dstn, idctn, idstn
 
 from designlab.metrics import normal_error_deg
+from designlab.reconstruct.height import normals
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -176,79 +176,6 @@ def fit_calibration(
     return best
 
 
-def integrate(
-    p: ArrayLike,
-    q: ArrayLike,
-    *,
-    pitch_mm: float | tuple[float, float],
-    boundary: Literal["neumann", "dirichlet"] = "neumann",
-) -> Array:
-    """Integrate gradients to the height whose differences fit them best in the least-squares sense.
-
-    The Poisson equation is solved by fast transforms on the pixel grid. Differences of neighbouring pixels
-    are compared with the mean of their gradients, so that a height is returned exactly where those agree, and
-    to second order in the pitch otherwise.
-
-    Parameters
-    ----------
-    p, q : array, shape (rows, columns)
-        dz/dx and dz/dy; row 0 is at +y.
-    pitch_mm : float or pair of float
-        Distance of pixels, or distances along x and y (mm).
-    boundary : str
-        ``dirichlet``: the border pixels are at height 0. ``neumann``: the border is free and its mean is 0.
-
-    Returns
-    -------
-    array, shape (rows, columns)
-        Height (mm).
-
-    Raises
-    ------
-    ValueError
-        If shapes differ, a gradient is not finite, or the pitch is not positive.
-    """
-    p, q = np.asarray(p, dtype=float), np.asarray(q, dtype=float)
-    if p.shape != q.shape or p.ndim != 2 or min(p.shape) < 3:
-        raise ValueError(f"p, q: must have one shape of at least 3 x 3 pixels, got {p.shape} and {q.shape}")
-    bad = int((~np.isfinite(p) | ~np.isfinite(q)).sum())
-    if bad:
-        raise ValueError(f"p, q: must be finite, {bad} of {p.size} pixels are not")
-    pitch_x_mm, pitch_y_mm = pitch_mm if isinstance(pitch_mm, tuple) else (pitch_mm, pitch_mm)
-    if not (pitch_x_mm > 0 and pitch_y_mm > 0):
-        raise ValueError(f"pitch_mm: must be positive, got {pitch_x_mm:g} and {pitch_y_mm:g} mm")
-    # gradients between pixels; y falls as the row index rises
-    along_x = (p[:, 1:] + p[:, :-1]) / (2 * pitch_x_mm)
-    along_y = -(q[1:] + q[:-1]) / (2 * pitch_y_mm)
-    if boundary == "dirichlet":
-        divergence = np.diff(along_x, axis=1)[1:-1] + np.diff(along_y, axis=0)[:, 1:-1]
-        rows, columns = divergence.shape
-        eigenvalues = (
-            _eigenvalues(np.arange(1, columns + 1) / (columns + 1), pitch_x_mm)
-            + _eigenvalues(np.arange(1, rows + 1) / (rows + 1), pitch_y_mm)[:, None]
-        )
-        return np.pad(idstn(dstn(divergence, type=1) / eigenvalues, type=1), 1)
-    if boundary != "neumann":
-        raise ValueError(f"boundary: must be neumann or dirichlet, got {boundary!r}")
-    divergence = np.diff(along_x, axis=1, prepend=0, append=0) + np.diff(along_y, axis=0, prepend=0, append=0)
-    rows, columns = divergence.shape
-    eigenvalues = (
-        _eigenvalues(np.arange(columns) / columns, pitch_x_mm)
-        + _eigenvalues(np.arange(rows) / rows, pitch_y_mm)[:, None]
-    )
-    eigenvalues[0, 0] = 1.0  # the constant, fixed below
-    height = idctn(dctn(divergence) / eigenvalues)
-    border = np.concatenate([height[0], height[-1], height[1:-1, 0], height[1:-1, -1]])
-    return np.asarray(height - border.mean())
-
-
-def normals(p: ArrayLike, q: ArrayLike) -> Array:
-    """Unit normals (-p, -q, 1) / sqrt(1 + p^2 + q^2), shape (..., 3), of a surface with gradients p and q."""
-    p, q = np.asarray(p, dtype=float), np.asarray(q, dtype=float)
-    direction = np.stack([-p, -q, np.ones_like(p)], axis=-1)
-    return np.asarray(direction / np.linalg.norm(direction, axis=-1, keepdims=True))
-
-
 class _Normal(NamedTuple):
     """Normal equations of least squares."""
 
@@ -270,11 +197,6 @@ class _Sample(NamedTuple):
     normal: _Normal
     terms: Array
     gradients: Array
-
-
-def _eigenvalues(frequency: Array, pitch_mm: float) -> Array:
-    """Eigenvalues of the second difference for modes of `frequency` half-waves per pixel."""
-    return np.asarray((2 * np.cos(np.pi * frequency) - 2) / pitch_mm**2)
 
 
 def _signal(image: Array, background: Array, signal: Signal) -> Array:

@@ -1,0 +1,173 @@
+"""Reconstruction of real presses, calibrated on real balls.
+
+    python benchmarks/real_balls.py --measured FOLDER [--quick]
+
+FOLDER is a measurement folder: a background, ball presses with `centre_px` and `contact_radius_px` (they
+calibrate), and presses of known depth (they judge; nothing is chosen on them). Each method is judged first
+on balls left out of its calibration in turn, then on the presses of known depth:
+
+- spheres: height of the cap above the undeformed gel, and normals, both within 0.85 of the contact radius
+  sqrt(d (2 R - d)) of the stated depth d;
+- prism: height of its flat face, 71 x 107 px, against the stated depth.
+
+Height errors are given as labelled, and after one offset of the zero of depth, common to all presses.
+"""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.measurement import Measurement, load_measurement
+from designlab.metrics import normal_error_deg
+from designlab.reconstruct import normals
+from designlab.reconstruct.balls import BallPress, ball_gradients
+from designlab.reconstruct.lab import (
+    LabCalibration,
+    LeftOut,
+    Setup,
+    calibrate,
+    left_out_errors,
+    refine_centres,
+)
+from designlab.reconstruct.methods import Kernel, Method, Perceptron, Polynomial, Table
+
+Array = NDArray[np.float64]
+JUDGED = 0.85
+FACE_PX = (71, 107)
+DEGREES = ((2,), (2, 1, 1), (2, 2, 2, 1))
+
+
+class Press(NamedTuple):
+    """Errors of one press of known depth."""
+
+    name: str
+    height_error_mm: Array
+    normal_deg: float | None
+
+
+class Figures(NamedTuple):
+    """Means over the presses of known depth."""
+
+    rmse_mm: float
+    offset_mm: float
+    rmse_after_mm: float
+    normal_deg: float
+
+
+def balls_of(measurement: Measurement) -> tuple[list[BallPress], Array, Setup]:
+    """Ball presses, background and scale of a measurement folder."""
+    if measurement.mm_per_px is None:
+        raise ValueError("mm_per_px: must be stated")
+    balls, radius_mm = [], 0.0
+    for frame in measurement.frames:
+        if frame.centre_px is not None and frame.contact_radius_px is not None and frame.probe:
+            radius_mm = float(frame.probe.split(":")[1]) / 2
+            balls.append(
+                BallPress(
+                    np.asarray(measurement.image(frame), float), frame.centre_px, frame.contact_radius_px
+                )
+            )
+    background = next(f for f in measurement.frames if f.kind == "background")
+    return balls, np.asarray(measurement.image(background), float), Setup(radius_mm, measurement.mm_per_px)
+
+
+def judge(calibration: LabCalibration, measurement: Measurement, *, robust: bool = False) -> list[Press]:
+    """Errors on the presses of known depth."""
+    setup, presses = calibration.setup, []
+    for frame in measurement.frames:
+        if frame.depth_mm is None or frame.centre_px is None or frame.probe is None:
+            continue
+        shape = calibration.reconstruct(measurement.image(frame), robust=robust)
+        rows, columns = np.indices(shape.p.shape)
+        if frame.probe.startswith("sphere"):
+            radius_mm = float(frame.probe.split(":")[1]) / 2
+            p, q, r_px = ball_gradients(
+                shape.p.shape, frame.centre_px, ball_radius_mm=radius_mm, mm_per_px=setup.mm_per_px
+            )
+            inside = r_px * setup.mm_per_px < JUDGED * np.sqrt(
+                frame.depth_mm * (2 * radius_mm - frame.depth_mm)
+            )
+            down = np.sqrt(np.maximum(radius_mm**2 - (r_px * setup.mm_per_px) ** 2, 0))
+            truth = down - (radius_mm - frame.depth_mm)
+            angle = float(normal_error_deg(normals(shape.p, shape.q), normals(p, q))[inside].mean())
+        else:
+            inside = (np.abs(columns - frame.centre_px[0]) <= FACE_PX[0] / 2) & (
+                np.abs(rows - frame.centre_px[1]) <= FACE_PX[1] / 2
+            )
+            truth, angle = np.full(shape.p.shape, frame.depth_mm), None
+        presses.append(Press(frame.file, (shape.height_mm - truth)[inside], angle))
+    return presses
+
+
+def summary(presses: Sequence[Press]) -> Figures:
+    """Mean figures, and the common offset of depth that leaves the least mean error."""
+
+    def rmse(offset: float) -> float:
+        return float(np.mean([np.sqrt(((p.height_error_mm - offset) ** 2).mean()) for p in presses]))
+
+    offset = float(min(np.arange(-0.2, 0.2, 0.0005), key=rmse))
+    angles = [p.normal_deg for p in presses if p.normal_deg is not None]
+    return Figures(rmse(0.0), offset, rmse(offset), float(np.mean(angles)))
+
+
+def line(method: Method, left: LeftOut, found: Figures) -> str:
+    """One line of the table."""
+    return (
+        f"{method.name:30s} {left.trusted_deg:8.2f} {left.circle_deg:7.2f} {1000 * left.height_mm:7.1f}  |"
+        f"{1000 * found.rmse_mm:7.1f} {1000 * found.offset_mm:+7.1f} {1000 * found.rmse_after_mm:7.1f}"
+        f" {found.normal_deg:8.2f}"
+    )
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--measured", required=True, type=Path, help="measurement folder")
+    parser.add_argument("--quick", action="store_true", help="without the perceptron")
+    options = parser.parse_args()
+    measurement = load_measurement(options.measured)
+    balls, background, setup = balls_of(measurement)
+    refined = refine_centres(balls, background, setup)
+    # a finer map moves them a little further
+    refined = refine_centres(refined, background, setup, method=Kernel(features=300), rounds=2)
+    shift = np.subtract([b.centre_px for b in refined], [b.centre_px for b in balls])
+    rms, mean = np.sqrt((shift**2).mean(axis=0)), shift.mean(axis=0)
+    print(f"{len(balls)} balls; centres moved by {rms.round(2)} px RMS, mean {mean.round(2)} px")
+    methods: list[Method] = [Polynomial(position_degrees=degrees) for degrees in DEGREES]
+    methods += [Table(), Kernel(), Kernel(ridge=1e-3)]
+    if not options.quick:
+        methods.append(Perceptron())
+    print(f"{'':30s} balls left out: deg, deg, um | presses: RMSE, offset, after (um), deg")
+    print(f"{'':30s}  trusted  circle  height  |")
+    chosen, least_deg = methods[0], np.inf
+    for method in methods:
+        left = left_out_errors(refined, background, setup, method=method)
+        calibration = calibrate(refined, background, setup, method=method)
+        print(line(method, left, summary(judge(calibration, measurement))), flush=True)
+        if left.circle_deg < least_deg:
+            chosen, least_deg = method, left.circle_deg
+    print(f"chosen on the balls: {chosen.name}")
+    calibration = calibrate(refined, background, setup, method=chosen)
+    for robust in (False, True):
+        presses = judge(calibration, measurement, robust=robust)
+        found = summary(presses)
+        print(
+            f"{'robust' if robust else 'least squares'}: height RMSE {found.rmse_mm:.4f} mm as labelled, "
+            f"{found.rmse_after_mm:.4f} mm after a common offset of {found.offset_mm:+.4f} mm, "
+            f"normals {found.normal_deg:.2f} deg"
+        )
+        for press in presses:
+            error = 1000 * press.height_error_mm
+            angle = "" if press.normal_deg is None else f", normals {press.normal_deg:.2f} deg"
+            rmse = np.sqrt((error**2).mean())
+            print(f"  {press.name:24s} RMSE {rmse:5.1f} um, mean {error.mean():+6.1f} um{angle}")
+
+
+if __name__ == "__main__":
+    main()

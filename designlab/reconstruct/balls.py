@@ -1,0 +1,149 @@
+"""Ball presses of a lab: what they teach, and finding their contact circle in a picture."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_SMOOTHING_PX = 2.0
+_DIRECTIONS = 72
+_DARKEST = 0.3  # share of the mean background below which a ratio would be noise
+_ROUNDS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class BallPress:
+    """A picture of a ball pressed into the gel.
+
+    Attributes
+    ----------
+    image : array, shape (rows, columns, channels)
+        The picture.
+    centre_px : pair of float
+        Column and row of the centre of the contact.
+    contact_radius_px : float
+        Radius of the contact circle as read off the picture.
+    """
+
+    image: Array
+    centre_px: tuple[float, float]
+    contact_radius_px: float
+
+    def moved(self, centre_px: tuple[float, float]) -> "BallPress":
+        """The same press with another centre."""
+        return replace(self, centre_px=centre_px)
+
+
+@dataclass(frozen=True)
+class ContactCircle:
+    """Contact circle in pixels: centre as column and row, and radius."""
+
+    centre_px: tuple[float, float]
+    radius_px: float
+
+
+def ball_gradients(
+    shape: tuple[int, int], centre_px: tuple[float, float], *, ball_radius_mm: float, mm_per_px: float
+) -> tuple[Array, Array, Array]:
+    """Slopes p, q of a ball at the pixels of a picture, and their distance from its centre (px).
+
+    The slope of a ball depends on the place only, not on the depth: p = -x / sqrt(R^2 - r^2). Beyond the
+    ball's radius it is kept at that of 0.999 R.
+    """
+    rows, columns = np.indices(shape)
+    dx, dy = (columns - centre_px[0]) * mm_per_px, (centre_px[1] - rows) * mm_per_px
+    r = np.hypot(dx, dy)
+    down = np.sqrt(np.maximum(ball_radius_mm**2 - r**2, 0.002 * ball_radius_mm**2))
+    return -dx / down, -dy / down, r / mm_per_px
+
+
+def find_contact_circle(
+    image: ArrayLike, background: ArrayLike, *, mask: Mask | None = None
+) -> ContactCircle:
+    """Find the contact circle of a ball in a picture, without calibration.
+
+    The membrane is steepest at the rim of the contact and flattens beyond it. In each direction from the
+    centre the place is found where the change of colour falls off fastest; a circle is fitted to these
+    places, outliers counting little; its centre is the next start.
+    `lab.refine_centres` then makes centres more exact.
+
+    Parameters
+    ----------
+    image, background : array, shape (rows, columns, channels)
+        The press and the untouched gel.
+    mask : bool array, shape (rows, columns), optional
+        Pixels to use; printed markers left out, for instance.
+
+    Raises
+    ------
+    ValueError
+        If shapes differ, or nothing in the picture stands out from the noise.
+    """
+    image, background = np.asarray(image, dtype=float), np.asarray(background, dtype=float)
+    if image.shape != background.shape or image.ndim != 3:
+        raise ValueError(
+            f"image: must have the shape of the background {background.shape}, got {image.shape}"
+        )
+    # relative to the local background: uneven light would shift the rim towards where it is bright
+    level = np.maximum(background, _DARKEST * background.mean(axis=(0, 1)))
+    change = smoothed((image - background) / level, _SMOOTHING_PX, mask)
+    change -= np.median(change, axis=(0, 1))
+    strength = np.sqrt((change**2).sum(axis=-1))
+    noise, half = float(np.median(strength)), 0.5 * float(np.percentile(strength, 99.8))
+    if half < 3 * noise:
+        raise ValueError(
+            f"image: must show a contact, the strongest change of colour is {2 * half:.3g} of the background "
+            f"against {noise:.3g} where nothing happens"
+        )
+    rows, columns = np.indices(strength.shape)
+    weight = np.where(strength > half, strength, 0.0)
+    centre = np.array([(weight * columns).sum(), (weight * rows).sum()]) / weight.sum()
+    reach = 2 * np.sqrt((weight > 0).sum() / np.pi)
+    radius = reach / 2
+    for _ in range(_ROUNDS):
+        found, radius = _circle(_rim(strength, centre, reach))
+        shift, centre = np.hypot(*(found - centre)), found
+        # uneven light beyond the contact falls off too
+        reach = 1.5 * radius
+        if shift < 0.01:
+            break
+    return ContactCircle((float(centre[0]), float(centre[1])), float(radius))
+
+
+def smoothed(values: Array, sigma_px: float, mask: Mask | None = None) -> Array:
+    """Gaussian smoothing over the pixels of the mask only, shape (rows, columns, channels)."""
+    sigma = (sigma_px, sigma_px, 0)
+    if mask is None:
+        return np.asarray(gaussian_filter(values, sigma, mode="nearest")) if sigma_px else values.copy()
+    share = gaussian_filter(mask.astype(float), max(sigma_px, 0.5), mode="nearest")[..., None]
+    sigma = (max(sigma_px, 0.5), max(sigma_px, 0.5), 0)
+    total = gaussian_filter(np.where(mask[..., None], values, 0.0), sigma, mode="nearest")
+    return np.asarray(np.where(share > 1e-3, total / np.maximum(share, 1e-3), 0.0))
+
+
+def _rim(strength: Array, centre: Array, reach_px: float) -> Array:
+    """Places where the change falls off fastest along rays, (directions, 2) columns and rows."""
+    radii = np.arange(2.0, max(reach_px, 6.0), 0.25)
+    angle = np.arange(_DIRECTIONS) * 2 * np.pi / _DIRECTIONS
+    along = np.stack([np.cos(angle), -np.sin(angle)], axis=1)
+    columns, rows = centre[:, None, None] + along.T[:, None, :] * radii[:, None]
+    profile = map_coordinates(strength, [rows, columns], order=1, mode="constant")
+    # smoothing and clipped channels move the maximum inwards, but hardly the steepest fall beyond it
+    radius = radii[np.gradient(profile, axis=0).argmin(axis=0)]
+    return np.asarray(centre + radius[:, None] * along)
+
+
+def _circle(points: Array) -> tuple[Array, float]:
+    """Circle through points, by Kasa's linear fit reweighted so that outliers count little."""
+    terms = np.column_stack([2 * points, np.ones(len(points))])
+    right, weight = (points**2).sum(axis=1), np.ones(len(points))
+    for _ in range(_ROUNDS):
+        x, y, c = np.linalg.lstsq(terms * weight[:, None], right * weight, rcond=None)[0]
+        radius = float(np.sqrt(c + x * x + y * y))
+        miss = np.abs(np.hypot(points[:, 0] - x, points[:, 1] - y) - radius)
+        weight = 1 / (1 + (miss / (0.1 * radius)) ** 2)
+    return np.array([x, y]), radius

@@ -1,0 +1,216 @@
+"""From gradients to height: Poisson's equation, with weights and a robust option."""
+
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.fft import dctn, dstn, idctn, idstn
+from scipy.ndimage import gaussian_filter
+from scipy.sparse.linalg import LinearOperator, cg
+
+Array = NDArray[np.float64]
+Boundary = Literal["neumann", "dirichlet"]
+
+# Weights below this share of the largest would let the height drift between the pixels that count.
+_LEAST_WEIGHT = 1e-4
+_ROBUST_ROUNDS = 10
+_TOLERANCE = 1e-8
+# Huber's tuning constant: 95 % efficiency on normal errors.
+_HUBER = 1.345
+
+
+def integrate(
+    p: ArrayLike,
+    q: ArrayLike,
+    *,
+    pitch_mm: float | tuple[float, float],
+    boundary: Boundary = "neumann",
+    weights: ArrayLike | None = None,
+    robust: bool = False,
+) -> Array:
+    """Integrate gradients to the height whose differences fit them best in the least-squares sense.
+
+    The Poisson equation is solved by fast transforms on the pixel grid. Differences of neighbouring pixels
+    are compared with the mean of their gradients, so that a height is returned exactly where those agree, and
+    to second order in the pitch otherwise. With weights, or robustly, conjugate gradients solve the weighted
+    equation, with the unweighted solver as preconditioner.
+
+    Parameters
+    ----------
+    p, q : array, shape (rows, columns)
+        dz/dx and dz/dy; row 0 is at +y.
+    pitch_mm : float or pair of float
+        Distance of pixels, or distances along x and y (mm).
+    boundary : str
+        ``dirichlet``: the border pixels are at height 0. ``neumann``: the border is free and its mean is 0.
+    weights : array, shape (rows, columns), optional
+        How much each pixel's gradient counts, from 0 (shadowed, masked: bridged from around) up.
+    robust : bool
+        Let gradients that no height can explain count less: Huber's loss of the residual in place of its
+        square, its scale taken from the median residual.
+
+    Returns
+    -------
+    array, shape (rows, columns)
+        Height (mm).
+
+    Raises
+    ------
+    ValueError
+        If shapes differ, a gradient is not finite, a weight is negative, or the pitch is not positive.
+    """
+    p, q = np.asarray(p, dtype=float), np.asarray(q, dtype=float)
+    if p.shape != q.shape or p.ndim != 2 or min(p.shape) < 3:
+        raise ValueError(f"p, q: must have one shape of at least 3 x 3 pixels, got {p.shape} and {q.shape}")
+    bad = int((~np.isfinite(p) | ~np.isfinite(q)).sum())
+    if bad:
+        raise ValueError(f"p, q: must be finite, {bad} of {p.size} pixels are not")
+    pitch_x_mm, pitch_y_mm = pitch_mm if isinstance(pitch_mm, tuple) else (pitch_mm, pitch_mm)
+    if not (pitch_x_mm > 0 and pitch_y_mm > 0):
+        raise ValueError(f"pitch_mm: must be positive, got {pitch_x_mm:g} and {pitch_y_mm:g} mm")
+    if boundary not in ("neumann", "dirichlet"):
+        raise ValueError(f"boundary: must be neumann or dirichlet, got {boundary!r}")
+    # gradients between pixels; y falls as the row index rises
+    along_x = (p[:, 1:] + p[:, :-1]) / (2 * pitch_x_mm)
+    along_y = -(q[1:] + q[:-1]) / (2 * pitch_y_mm)
+    solve = _poisson_solver(p.shape, pitch_x_mm, pitch_y_mm, boundary)
+    height = solve(_divergence(along_x, along_y))
+    if weights is not None or robust:
+        given = _checked_weights(weights, p.shape)
+        between_x, between_y = np.minimum(given[:, 1:], given[:, :-1]), np.minimum(given[1:], given[:-1])
+        operator = _Weighted(solve, p.shape, pitch_x_mm, pitch_y_mm, boundary)
+        if weights is not None:
+            height = operator.solve(along_x, along_y, between_x, between_y, height)
+        for _ in range(_ROBUST_ROUNDS if robust else 0):
+            # in units of slope
+            error_x = np.diff(height, axis=1) / pitch_x_mm - along_x * pitch_x_mm
+            error_y = np.diff(height, axis=0) / pitch_y_mm - along_y * pitch_y_mm
+            scale = 1.4826 * np.median(np.abs(np.concatenate([error_x.ravel(), error_y.ravel()])))
+            if scale <= _TOLERANCE:
+                break
+            doubt_x, doubt_y = (np.maximum(np.abs(e) / (_HUBER * scale), 1.0) for e in (error_x, error_y))
+            height = operator.solve(along_x, along_y, between_x / doubt_x, between_y / doubt_y, height)
+    if boundary == "neumann":
+        height = height - np.concatenate([height[0], height[-1], height[1:-1, 0], height[1:-1, -1]]).mean()
+    return np.asarray(height)
+
+
+def normals(p: ArrayLike, q: ArrayLike) -> Array:
+    """Unit normals (-p, -q, 1) / sqrt(1 + p^2 + q^2), shape (..., 3), of a surface with gradients p and q."""
+    p, q = np.asarray(p, dtype=float), np.asarray(q, dtype=float)
+    direction = np.stack([-p, -q, np.ones_like(p)], axis=-1)
+    return np.asarray(direction / np.linalg.norm(direction, axis=-1, keepdims=True))
+
+
+def gradients_of(height_mm: ArrayLike, *, pitch_mm: float) -> tuple[Array, Array]:
+    """Central differences p = dz/dx, q = dz/dy of a height (mm) on a grid whose row 0 is at +y."""
+    height_mm = np.asarray(height_mm, dtype=float)
+    down, right = np.gradient(height_mm, pitch_mm)
+    return np.asarray(right), np.asarray(-down)
+
+
+def sharpen(height_mm: ArrayLike, *, strength: float, sigma_px: float) -> Array:
+    """Undo some of the smoothing of a height: h + strength (h - h smoothed by a Gaussian).
+
+    Skin, pixels and the smoothing of noise round the rim of a contact. To first order in their width this
+    filter is the inverse; volumes and everything wider than `sigma_px` it leaves alone.
+
+    Parameters
+    ----------
+    height_mm : array, shape (rows, columns)
+        Reconstructed height.
+    strength : float
+        0 leaves the height as it is.
+    sigma_px : float
+        Standard deviation of the Gaussian.
+    """
+    height_mm = np.asarray(height_mm, dtype=float)
+    if strength == 0:
+        return height_mm
+    return np.asarray(
+        height_mm + strength * (height_mm - gaussian_filter(height_mm, sigma_px, mode="nearest"))
+    )
+
+
+def _divergence(along_x: Array, along_y: Array) -> Array:
+    return np.asarray(
+        np.diff(along_x, axis=1, prepend=0, append=0) + np.diff(along_y, axis=0, prepend=0, append=0)
+    )
+
+
+def _poisson_solver(
+    shape: tuple[int, int], pitch_x_mm: float, pitch_y_mm: float, boundary: Boundary
+) -> Callable[[Array], Array]:
+    """The solution of the unweighted equation for a divergence over all pixels."""
+    rows, columns = shape
+    if boundary == "dirichlet":
+        eigenvalues = (
+            _eigenvalues(np.arange(1, columns - 1) / (columns - 1), pitch_x_mm)
+            + _eigenvalues(np.arange(1, rows - 1) / (rows - 1), pitch_y_mm)[:, None]
+        )
+        return lambda d: np.pad(idstn(dstn(d[1:-1, 1:-1], type=1) / eigenvalues, type=1), 1)
+    eigenvalues = (
+        _eigenvalues(np.arange(columns) / columns, pitch_x_mm)
+        + _eigenvalues(np.arange(rows) / rows, pitch_y_mm)[:, None]
+    )
+    eigenvalues[0, 0] = 1.0  # the constant, fixed at the end
+    return lambda d: np.asarray(idctn(dctn(d - d.mean()) / eigenvalues))
+
+
+class _Weighted:
+    """Weighted Poisson equation by preconditioned conjugate gradients."""
+
+    def __init__(
+        self,
+        solve: Callable[[Array], Array],
+        shape: tuple[int, int],
+        pitch_x_mm: float,
+        pitch_y_mm: float,
+        boundary: Boundary,
+    ) -> None:
+        self._unweighted, self._shape = solve, shape
+        self._per_x, self._per_y = 1 / pitch_x_mm**2, 1 / pitch_y_mm**2
+        self._free = np.ones(shape)
+        if boundary == "dirichlet":
+            self._free[[0, -1]] = self._free[:, [0, -1]] = 0.0
+
+    def solve(self, along_x: Array, along_y: Array, weight_x: Array, weight_y: Array, start: Array) -> Array:
+        largest = max(weight_x.max(), weight_y.max())
+        weight_x, weight_y = (np.maximum(w / largest, _LEAST_WEIGHT) for w in (weight_x, weight_y))
+
+        def apply(flat: Array) -> Array:
+            height = self._free * flat.reshape(self._shape)
+            flow_x = weight_x * np.diff(height, axis=1) * self._per_x
+            flow_y = weight_y * np.diff(height, axis=0) * self._per_y
+            return np.asarray((-self._free * _divergence(flow_x, flow_y)).ravel())
+
+        right = -self._free * _divergence(weight_x * along_x, weight_y * along_y)
+        size = right.size
+        found, _ = cg(
+            LinearOperator((size, size), matvec=apply, dtype=float),
+            right.ravel(),
+            x0=start.ravel(),
+            rtol=_TOLERANCE,
+            maxiter=2000,
+            M=LinearOperator(
+                (size, size), matvec=lambda r: -self._unweighted(r.reshape(self._shape)).ravel(), dtype=float
+            ),
+        )
+        return np.asarray(found.reshape(self._shape))
+
+
+def _checked_weights(weights: ArrayLike | None, shape: tuple[int, ...]) -> Array:
+    if weights is None:
+        return np.ones(shape)
+    weights = np.asarray(weights, dtype=float)
+    if weights.shape != shape:
+        raise ValueError(f"weights: must have the shape of the gradients {shape}, got {weights.shape}")
+    if not np.isfinite(weights).all() or weights.min() < 0 or weights.max() == 0:
+        raise ValueError("weights: must be finite, at least 0, and positive somewhere")
+    return weights
+
+
+def _eigenvalues(frequency: Array, pitch_mm: float) -> Array:
+    """Eigenvalues of the second difference for modes of `frequency` half-waves per pixel."""
+    return np.asarray((2 * np.cos(np.pi * frequency) - 2) / pitch_mm**2)

@@ -1,0 +1,243 @@
+"""Ways from colour change and position to slope, fitted to pixels of known slope.
+
+Each method maps a change of colour (N, channels), in units of its spread over the contacts, and a position
+(N, 2), in -1..1, to a slope vector (N, 2): -n_x and -n_y of the unit normal, in which Lambert's law is
+linear. No change of colour means no slope.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Predictor = Callable[[Array, Array], Array]
+
+_TABLE_REACH = 2.5  # spreads of the colour change that the table covers
+_CHUNK = 16384  # pixels at a time: keeps the terms of a picture small
+
+
+class Samples(NamedTuple):
+    """Pixels of one press: colour change, position, slope vector, and weight of each pixel."""
+
+    signal: Array
+    position: Array
+    slope: Array
+    weight: Array
+
+
+class Method(Protocol):
+    """A way to learn slopes from samples."""
+
+    @property
+    def name(self) -> str:
+        """Name with the settings that matter."""
+
+    def fit(self, presses: Sequence[Samples]) -> Predictor:
+        """Fit to all presses."""
+
+    def fit_without_each(self, presses: Sequence[Samples]) -> list[Predictor]:
+        """Fits that each know nothing of one press, in the order of the presses."""
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """Methods linear in their terms: ridge regression, with normal equations kept apart by press."""
+
+    ridge: float = 1e-3
+
+    def terms(self, signal: Array, position: Array) -> Array:
+        """Terms of each pixel, shape (N, terms)."""
+        raise NotImplementedError
+
+    def fit(self, presses: Sequence[Samples]) -> Predictor:
+        """Fit to all presses."""
+        matrix, right = (np.sum(part, axis=0) for part in zip(*map(self._normal, presses), strict=True))
+        return self._predictor(matrix, right)
+
+    def fit_without_each(self, presses: Sequence[Samples]) -> list[Predictor]:
+        """Fits that each know nothing of one press."""
+        parts = [self._normal(press) for press in presses]
+        matrix, right = (np.sum(part, axis=0) for part in zip(*parts, strict=True))
+        return [self._predictor(matrix - m, right - r) for m, r in parts]
+
+    def _normal(self, press: Samples) -> tuple[Array, Array]:
+        terms = self.terms(press.signal, press.position)
+        weighted = terms * press.weight[:, None]
+        return weighted.T @ terms, weighted.T @ press.slope
+
+    def _predictor(self, matrix: Array, right: Array) -> Predictor:
+        power = np.diag(matrix)
+        # scaled to unit diagonal, so that the ridge acts on every term alike
+        scale = 1 / np.sqrt(np.where(power > 1e-12 * power.max(), power, np.inf))
+        scaled = matrix * scale[:, None] * scale + self.ridge * np.eye(len(scale))
+        weights = np.linalg.solve(scaled, right * scale[:, None]) * scale[:, None]
+
+        def predict(signal: Array, position: Array) -> Array:
+            parts = [
+                self.terms(signal[first : first + _CHUNK], position[first : first + _CHUNK]) @ weights
+                for first in range(0, len(signal), _CHUNK)
+            ]
+            return np.concatenate(parts)
+
+        return predict
+
+
+@dataclass(frozen=True)
+class Polynomial(_Linear):
+    """Photometric stereo with position terms: products of colours times polynomials in position.
+
+    Attributes
+    ----------
+    position_degrees : tuple of int
+        Entry d is the degree in position of the factor of each product of d + 1 colours.
+    """
+
+    position_degrees: tuple[int, ...] = (2, 1, 1)
+
+    @property
+    def name(self) -> str:
+        """Name with the degrees."""
+        return f"polynomial {self.position_degrees}"
+
+    def terms(self, signal: Array, position: Array) -> Array:
+        """Terms of each pixel."""
+        x, y = position.T
+        factors = np.stack(
+            [x ** (d - j) * y**j for d in range(max(self.position_degrees) + 1) for j in range(d + 1)], axis=1
+        )
+        return np.concatenate(
+            [
+                np.prod(signal[:, chosen], axis=1)[:, None] * factors[:, : (degree + 1) * (degree + 2) // 2]
+                for extra, degree in enumerate(self.position_degrees)
+                for chosen in combinations_with_replacement(range(signal.shape[1]), extra + 1)
+            ],
+            axis=1,
+        )
+
+
+@dataclass(frozen=True)
+class Kernel(_Linear):
+    """Gaussian kernel regression on colour and position by random Fourier features.
+
+    Follows the colours wherever the balls show them, shadows and clipped channels included, and returns to
+    flat where they show none. Features: Rahimi and Recht, NIPS 2007.
+
+    Attributes
+    ----------
+    colour_scale, position_scale : float
+        Length of the kernel in spreads of the colour change, and in half images.
+    features : int
+        Number of random features; more are smoother and slower.
+    seed : int
+        Of the features.
+    """
+
+    ridge: float = 3e-3
+    colour_scale: float = 1.5
+    position_scale: float = 2.0
+    features: int = 600
+    seed: int = 0
+
+    @property
+    def name(self) -> str:
+        """Name with the scales."""
+        return f"kernel {self.colour_scale:g}, {self.position_scale:g}, ridge {self.ridge:g}"
+
+    def terms(self, signal: Array, position: Array) -> Array:
+        """Terms of each pixel; zero where the colour is that of the untouched gel."""
+        draw = np.random.default_rng(self.seed)
+        along_colour = draw.standard_normal((signal.shape[1], self.features)) / self.colour_scale
+        along_position = draw.standard_normal((2, self.features)) / self.position_scale
+        phase = position @ along_position + draw.uniform(0, 2 * np.pi, self.features)
+        # single precision is far finer than any camera, and four times as fast
+        phase, turn = phase.astype(np.float32), (signal @ along_colour).astype(np.float32)
+        return np.asarray(np.cos(turn + phase) - np.cos(phase), dtype=float)
+
+
+@dataclass(frozen=True)
+class Table(_Linear):
+    """Lookup table over colour change alone, linear between its nodes, as the classical calibration.
+
+    Attributes
+    ----------
+    nodes : int
+        Nodes along each channel; an odd number has one at no change.
+    """
+
+    nodes: int = 9
+
+    @property
+    def name(self) -> str:
+        """Name with the size."""
+        return f"table of {self.nodes} nodes a channel"
+
+    def terms(self, signal: Array, position: Array) -> Array:
+        """Weights of the table's nodes, less those of no change."""
+        return self._hats(signal) - self._hats(np.zeros((1, signal.shape[1])))
+
+    def _hats(self, signal: Array) -> Array:
+        at = (np.clip(signal / _TABLE_REACH, -1, 1) + 1) / 2 * (self.nodes - 1)
+        nodes = np.arange(self.nodes)
+        product = np.ones((len(signal), 1))
+        for channel in at.T:
+            hat = np.maximum(0, 1 - np.abs(channel[:, None] - nodes))
+            product = (product[:, :, None] * hat[:, None, :]).reshape(len(signal), -1)
+        return product
+
+
+@dataclass(frozen=True)
+class Perceptron:
+    """Multilayer perceptron on colour and position (scikit-learn).
+
+    Attributes
+    ----------
+    hidden : tuple of int
+        Neurons of each hidden layer.
+    folds : int
+        Left-out predictions come from this many fits, each without every so-manieth press.
+    seed : int
+        Of the starting weights and the order of the samples.
+    """
+
+    hidden: tuple[int, ...] = (32, 32, 32)
+    folds: int = 4
+    seed: int = 0
+
+    @property
+    def name(self) -> str:
+        """Name with the layers."""
+        return f"perceptron {self.hidden}"
+
+    def fit(self, presses: Sequence[Samples]) -> Predictor:
+        """Fit to all presses."""
+        from sklearn.neural_network import MLPRegressor
+
+        untouched = [press.position for press in presses]
+        position = np.concatenate([press.position for press in presses] + untouched)
+        signal = np.concatenate([press.signal for press in presses])
+        slope = np.concatenate([press.slope for press in presses])
+        # the untouched gel is taught as well: nothing in a perceptron makes it flat
+        signal = np.concatenate([signal, np.zeros_like(signal)])
+        slope = np.concatenate([slope, np.zeros_like(slope)])
+        net: Any = MLPRegressor(
+            hidden_layer_sizes=self.hidden, activation="tanh", alpha=1e-3, batch_size=500,
+            learning_rate_init=3e-3, max_iter=40, tol=1e-6, random_state=self.seed,
+        )  # fmt: skip
+        import warnings
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # a fixed number of rounds is meant
+            net.fit(np.concatenate([signal, position], axis=1), slope)
+        return lambda s, p: np.asarray(net.predict(np.concatenate([s, p], axis=1)), dtype=float)
+
+    def fit_without_each(self, presses: Sequence[Samples]) -> list[Predictor]:
+        """Fits that each know nothing of one press, nor of others of its fold."""
+        folds = min(self.folds, len(presses))
+        fits = [
+            self.fit([press for k, press in enumerate(presses) if k % folds != fold]) for fold in range(folds)
+        ]
+        return [fits[k % folds] for k in range(len(presses))]
