@@ -90,14 +90,16 @@ def test_light_is_reflected_as_fresnel_says_and_all_of_it_beyond_the_critical_an
     boundary = mi.load_dict(bsdf(Dielectric(Medium(1.49, (0.0,)), AIR), 0))
     cosine = np.linspace(0.02, 1.0, 99)
     for sign, ratio in ((1.0, 1.49), (-1.0, 1 / 1.49)):  # normals point out into the air
-        at = dr.zeros(mi.SurfaceInteraction3f, len(cosine))
-        sine = np.sqrt(1 - cosine**2).astype(np.float32)
-        at.wi = mi.Vector3f(mi.Float(sine), 0.0, mi.Float((sign * cosine).astype(np.float32)))
-        # the first of the choices is reflection, taken with Fresnel's probability
-        sample, _ = boundary.sample(mi.BSDFContext(), at, mi.Float(0.0), mi.Point2f(0.5))
+        found = []
+        for z in cosine:
+            at = dr.zeros(mi.SurfaceInteraction3f)
+            at.wi = mi.Vector3f(float(np.sqrt(1 - z**2)), 0.0, float(sign * z))
+            # the first of the choices is reflection, taken with Fresnel's probability
+            sample, _ = boundary.sample(mi.BSDFContext(), at, 0.0, mi.Point2f(0.5))
+            found.append(float(np.ravel(sample.pdf)[0]))
         expected = fresnel(cosine, ratio)
         expected[1 - cosine**2 > ratio**2] = 1.0
-        np.testing.assert_allclose(np.asarray(sample.pdf), expected, atol=2e-5)
+        np.testing.assert_allclose(found, expected, atol=2e-5)
     assert (expected == 1.0).any()
 
 
@@ -216,8 +218,12 @@ def test_groups_superpose_and_light_is_linear_in_power_in_an_absorbing_core():
         replace(second, group=2, radiance=2 * second.radiance),
     )
     scene = Scene((membrane, core), lights, 3, camera, view, 12)
-    one, two, both = path.radiance(scene, samples=4096, seed=1).mean(axis=(1, 2))
-    assert both == pytest.approx(3 * one + 2 * two, rel=5e-3)
+    runs = np.array([path.radiance(scene, samples=1024, seed=seed).mean(axis=(1, 2)) for seed in range(16)])
+    one, two, both = runs.T
+    excess = both / (3 * one + 2 * two).mean() - (3 * one + 2 * two) / (3 * one + 2 * two).mean()
+    error = excess.std(ddof=1) / np.sqrt(len(runs))
+    assert error < 5e-3
+    assert abs(excess.mean()) < 4 * error
 
 
 def test_a_coatings_brdf_is_the_one_mitsuba_evaluates():
@@ -228,15 +234,17 @@ def test_a_coatings_brdf_is_the_one_mitsuba_evaluates():
     from designlab.render.surfaces import bsdf
 
     rng = np.random.default_rng(1)
-    cosine, turn = rng.uniform(0.02, 1, (2, 1000)), rng.uniform(0, 2 * np.pi, (2, 1000))
+    cosine, turn = rng.uniform(0.02, 1, (2, 100)), rng.uniform(0, 2 * np.pi, (2, 100))
     sine = np.sqrt(1 - cosine**2)
     a, b = (np.stack([sine[k] * np.cos(turn[k]), sine[k] * np.sin(turn[k]), cosine[k]]) for k in (0, 1))
     half = (a + b)[2] / np.linalg.norm(a + b, axis=0)
     for specular, roughness in ((0.0, 0.3), (0.4, 0.25), (1.0, 0.1)):
         surface = mi.load_dict(bsdf(Coating((0.7,), specular, roughness), 0))
-        at = dr.zeros(mi.SurfaceInteraction3f, 1000)
-        at.wi = mi.Vector3f(*a.astype(np.float32))
-        found = np.asarray(surface.eval(mi.BSDFContext(), at, mi.Vector3f(*b.astype(np.float32)))[0])
+        found = []
+        for towards, back in zip(a.T, b.T, strict=True):
+            at = dr.zeros(mi.SurfaceInteraction3f)
+            at.wi = mi.Vector3f(*towards.tolist())
+            found.append(float(np.ravel(surface.eval(mi.BSDFContext(), at, mi.Vector3f(*back.tolist()))[0])[0]))
         expected = coating_brdf(
             cosine[1], cosine[0], half, reflectance=0.7, specular=specular, roughness=roughness
         )
