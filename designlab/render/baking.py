@@ -49,13 +49,18 @@ def bake(
         Seed of the random numbers of each field.
     """
     groups = [_baked(scene, group, area_mm, photons, seeds) for group in range(scene.groups)]
+    tables = groups[0][0][1]
+    filled = tuple(
+        _filled(scene, tables.low, *cells)
+        for cells in ((CELL_MM, tables.coarse), (FINE_CELL_MM, tables.fine))
+    )
     return [
         LightField(
-            first=_field([first for first, _, _ in tables], scene) if scene.refracts else None,
-            again=_field([again for _, again, _ in tables], scene),
-            landings=tuple(landings for _, _, landings in tables) if scene.refracts else (),
+            first=_field([first for first, _, _ in lots], filled) if scene.refracts else None,
+            again=_field([again for _, again, _ in lots], filled),
+            landings=tuple(landings for _, _, landings in lots) if scene.refracts else (),
         )
-        for tables in zip(*groups, strict=True)
+        for lots in zip(*groups, strict=True)
     ]
 
 
@@ -167,12 +172,13 @@ class _Tables:
         return np.asarray(self._light, dtype=np.float32).reshape(self.fine) / np.float32(FINE_CELL_MM**2)
 
 
-def _field(tables: Sequence[_Tables], scene: Scene) -> Field:
-    """Light of all groups, where cells reach over the membrane's edge as if it went on."""
-    low, coarse, fine = tables[0].low, tables[0].coarse, tables[0].fine
-    power = np.stack([t.power for t in tables]) / _filled(scene, low, CELL_MM, coarse)[..., None, None]
-    irradiance = np.stack([t.irradiance for t in tables]) / _filled(scene, low, FINE_CELL_MM, fine)
-    return Field(power.astype(np.float32), irradiance.astype(np.float32), float(low[0]), float(low[1]))
+def _field(tables: Sequence[_Tables], filled: tuple[Array, Array]) -> Field:
+    """Light of all groups, in cells as bright as where the membrane fills them."""
+    coarse, fine = filled
+    power = np.stack([t.power for t in tables]) / coarse[..., None, None].astype(np.float32)
+    irradiance = np.stack([t.irradiance for t in tables]) / fine.astype(np.float32)
+    low = tables[0].low
+    return Field(power, irradiance, float(low[0]), float(low[1]))
 
 
 class _Lot:
