@@ -50,9 +50,9 @@ def bake(
     """
     groups = [_baked(scene, group, area_mm, photons, seeds) for group in range(scene.groups)]
     tables = groups[0][0][1]
-    filled = tuple(
-        _filled(scene, tables.low, *cells)
-        for cells in ((CELL_MM, tables.coarse), (FINE_CELL_MM, tables.fine))
+    filled = (
+        _filled(scene, tables.low, CELL_MM, tables.coarse),
+        _filled(scene, tables.low, FINE_CELL_MM, tables.fine),
     )
     return [
         LightField(
@@ -172,11 +172,11 @@ class _Tables:
         return np.asarray(self._light, dtype=np.float32).reshape(self.fine) / np.float32(FINE_CELL_MM**2)
 
 
-def _field(tables: Sequence[_Tables], filled: tuple[Array, Array]) -> Field:
+def _field(tables: Sequence[_Tables], filled: tuple[Single, Single]) -> Field:
     """Light of all groups, in cells as bright as where the membrane fills them."""
     coarse, fine = filled
-    power = np.stack([t.power for t in tables]) / coarse[..., None, None].astype(np.float32)
-    irradiance = np.stack([t.irradiance for t in tables]) / fine.astype(np.float32)
+    power = np.stack([t.power for t in tables]) / coarse[..., None, None]
+    irradiance = np.stack([t.irradiance for t in tables]) / fine
     low = tables[0].low
     return Field(power, irradiance, float(low[0]), float(low[1]))
 
@@ -234,7 +234,7 @@ def _cell(position: Any, low: Array, cell_mm: float, shape: tuple[int, int]) -> 
     return row * columns + column, inside
 
 
-def _filled(scene: Scene, low: Array, cell_mm: float, shape: tuple[int, int]) -> Array:
+def _filled(scene: Scene, low: Array, cell_mm: float, shape: tuple[int, int]) -> Single:
     """Share of each cell that the membrane fills, at least half: the others hold too little light."""
     fine = 8  # an even number: the first cells are centred on the edge
     rows, columns = shape
@@ -242,4 +242,5 @@ def _filled(scene: Scene, low: Array, cell_mm: float, shape: tuple[int, int]) ->
     x = low[0] + (np.arange(columns)[:, None] + offsets).ravel() * cell_mm
     y = low[1] + (np.arange(rows)[:, None] + offsets).ravel() * cell_mm
     inside = on_membrane(scene, *np.meshgrid(x, y))
-    return np.asarray(np.maximum(inside.reshape(rows, fine, columns, fine).mean(axis=(1, 3)), 0.5))
+    share = inside.reshape(rows, fine, columns, fine).mean(axis=(1, 3))
+    return np.asarray(np.maximum(share, 0.5), dtype=np.float32)
