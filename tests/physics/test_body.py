@@ -244,7 +244,8 @@ def test_a_coatings_brdf_is_the_one_mitsuba_evaluates():
         for towards, back in zip(a.T, b.T, strict=True):
             at = dr.zeros(mi.SurfaceInteraction3f)
             at.wi = mi.Vector3f(*towards.tolist())
-            found.append(float(np.ravel(surface.eval(mi.BSDFContext(), at, mi.Vector3f(*back.tolist()))[0])[0]))
+            value = surface.eval(mi.BSDFContext(), at, mi.Vector3f(*back.tolist()))[0]
+            found.append(float(np.ravel(value)[0]))
         expected = coating_brdf(
             cosine[1], cosine[0], half, reflectance=0.7, specular=specular, roughness=roughness
         )
