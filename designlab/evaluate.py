@@ -88,7 +88,7 @@ class TransportError(NamedTuple):
         if not self.bias_block:
             return f"{noise}, no bias"
         return (
-            f"{noise}; bias, the largest of random designs: {self.bias_mean:.0%} of the mean, "
+            f"{noise}; bias, the largest of random designs: {self.bias_mean:.1%} of the mean, "
             f"{self.bias_block:.0%} of 8 x 8 of 160 columns"
         )
 

@@ -45,7 +45,7 @@ def evaluation_report(
     if light := score.get("light"):
         settings |= {
             "light on the untouched gel": f"random error {light['noise']:.1%} of each mm2",
-            "bias of the light": f"{light['bias_mean']:.0%} of the mean, {light['bias_block']:.0%} of 8 x 8 "
+            "bias of the light": f"{light['bias_mean']:.1%} of the mean, {light['bias_block']:.0%} of 8 x 8 "
             "pixels of 160 columns: the largest of random designs"
             if light["bias_block"]
             else "none",
