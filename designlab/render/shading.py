@@ -165,8 +165,9 @@ class Shader:
         summed, landed = np.maximum(rest + change, 0.0), rest + self._first[group].change(surface)
         least = LEAST_SHARE * float(rest.mean())
         mean, wanted = (gaussian_filter(e, KERNEL_MM / surface.pitch_mm) for e in (summed, landed))
-        ratio = (np.maximum(wanted, 0.0) + least) / (mean + least)
-        return np.asarray(np.maximum((summed + least) * ratio - least, 0.0) - rest, dtype=np.float32)
+        # Less light than in the sums dims them, which leaves dark what both call dark; more is added.
+        dimmed = np.minimum((np.maximum(wanted, 0.0) + least) / (mean + least), 1.0)
+        return np.asarray(summed * dimmed + np.maximum(wanted - mean, 0.0) - rest, dtype=np.float32)
 
     def _light(self, group: int, nodes: Nodes, horizon: Any | None, response: Response) -> Any:
         """Sum over all light at membrane nodes, each direction weighted with its `response`."""
