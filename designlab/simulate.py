@@ -14,6 +14,7 @@ from designlab.design import Design
 from designlab.effects.model import SensorModel, effect
 from designlab.press import Press, Surface, indent
 from designlab.render import UNBIASED, Bias, Estimator, bias, chosen, shader, trace, traces_lens
+from designlab.render.lightfield import CELL_MM
 from designlab.scene import Scene, build
 from designlab.viewing import Rays, rays
 
@@ -184,8 +185,6 @@ class Simulator:
         RenderFailed
             If the picture is black or not finite; the text says which LED group and why it may be.
         """
-        from designlab.render.lightfield import CELL_MM
-
         surface = surface or self.surface(press)
         estimator = chosen(self.estimator, self._undeformed)
         scene = self._undeformed if estimator == "fast" and self._same_coating else self.scene(surface)
@@ -225,8 +224,6 @@ class Simulator:
         self, estimator: Estimator, scene: Scene, surface: Surface, seen: Rays, seed: int, half: int | None
     ) -> NDArray[np.float32]:
         """Radiance of every LED group at unit flux."""
-        from designlab.render.lightfield import CELL_MM
-
         effort = self.traced_samples if estimator == "corrected" else self.samples
         if estimator in ("reference", "path"):
             return trace(scene, surface, seen, estimator=estimator, samples=effort, seed=seed)

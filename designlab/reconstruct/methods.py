@@ -5,6 +5,7 @@ Each method maps a change of colour (N, channels), in units of its spread over t
 linear. No change of colour means no slope.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
@@ -44,14 +45,14 @@ class Method(Protocol):
 
 
 @dataclass(frozen=True)
-class _Linear:
+class _Linear(ABC):
     """Methods linear in their terms: ridge regression, with normal equations kept apart by press."""
 
     ridge: float = 1e-3
 
+    @abstractmethod
     def terms(self, signal: Array, position: Array) -> Array:
         """Terms of each pixel, shape (N, terms)."""
-        raise NotImplementedError
 
     def fit(self, presses: Sequence[Samples]) -> Predictor:
         """Fit to all presses."""
