@@ -46,6 +46,7 @@ AROUND_MM = 0.5  # between the points of the membrane beyond the grid
 LATTICE_MM = 1.0  # between the points at which the most grazing light is looked for
 LOBE_STRIDE = 10  # of the nodes at which the untouched gel's lobe is summed
 KERNEL_MM = 0.2  # standard deviation of the kernel over which photons correct the sums
+PASSES = 3  # of the correction: each takes what the kernel of the one before has left at sharp edges
 LEAST_SHARE = 0.02  # of the mean irradiance: where less is left than that, ratios mean nothing
 MOST_GAIN = 1.5  # from a sum over direction bins to the irradiance of the untouched gel
 
@@ -162,12 +163,15 @@ class Shader:
         rest = self._there * self._straight[group].irradiance
         if not rest.any():
             return change
-        summed, landed = np.maximum(rest + change, 0.0), rest + self._first[group].change(surface)
+        light, landed = np.maximum(rest + change, 0.0), rest + self._first[group].change(surface)
         least = LEAST_SHARE * float(rest.mean())
-        mean, wanted = (gaussian_filter(e, KERNEL_MM / surface.pitch_mm) for e in (summed, landed))
-        # Less light than in the sums dims them, which leaves dark what both call dark; more is added.
-        dimmed = np.minimum((np.maximum(wanted, 0.0) + least) / (mean + least), 1.0)
-        return np.asarray(summed * dimmed + np.maximum(wanted - mean, 0.0) - rest, dtype=np.float32)
+        wanted = gaussian_filter(landed, KERNEL_MM / surface.pitch_mm)
+        for _ in range(PASSES):
+            mean = gaussian_filter(light, KERNEL_MM / surface.pitch_mm)
+            # Less light than in the sums dims them, which leaves dark what both call dark; more is added.
+            dimmed = np.minimum((np.maximum(wanted, 0.0) + least) / (mean + least), 1.0)
+            light = light * dimmed + np.maximum(wanted - mean, 0.0)
+        return np.asarray(light - rest, dtype=np.float32)
 
     def _light(self, group: int, nodes: Nodes, horizon: Any | None, response: Response) -> Any:
         """Sum over all light at membrane nodes, each direction weighted with its `response`."""
