@@ -16,6 +16,7 @@ How far pictures are off is in docs/validation.md.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -47,6 +48,7 @@ LATTICE_MM = 1.0  # between the points at which the most grazing light is looked
 LOBE_STRIDE = 10  # of the nodes at which the untouched gel's lobe is summed
 KERNEL_MM = 0.2  # standard deviation of the kernel over which photons correct the sums
 PASSES = 3  # of the correction: each takes what the kernel of the one before has left at sharp edges
+KERNEL_REACH = 4.0  # standard deviations after which it ends
 LEAST_SHARE = 0.02  # of the mean irradiance: where less is left than that, ratios mean nothing
 MOST_GAIN = 1.5  # from a sum over direction bins to the irradiance of the untouched gel
 
@@ -76,10 +78,9 @@ class Shader:
             for group in groups
         ]
         self._again = [Binned(field.again, group, untouched, fine=field.first is None) for group in groups]
-        self._first = [FirstLight(landings) for landings in field.landings]
+        self._landings = field.landings
         # A wide lens also sees what lies beside the gel: its black rim.
         self._there = on_membrane(scene, *np.meshgrid(untouched.x_mm, untouched.y_mm))
-        self._reach = max([SHADOW_REACH, *(self._shadow_reach(group) for group in groups)])
         self._light_around: tuple[Single, float, float] | None = None
         self._lobe: tuple[Rays, Single] | None = None
         self._passed: tuple[Rays, Array] | None = None
@@ -98,7 +99,8 @@ class Shader:
             Where the pixels look.
         """
         albedo = _albedo(scene, surface)
-        reach_mm = min(self._reach * float(surface.height_mm.max()), LONGEST_SHADOW_MM)
+        raised_mm = float(surface.height_mm.max())
+        reach_mm = min(self._reach * raised_mm, LONGEST_SHADOW_MM) if raised_mm > 0 else 0.0
         choice = Choice.near(surface, reach_mm)
         coating = scene.membrane.material
         specular = coating.specular if isinstance(coating, Coating) else 0.0
@@ -126,6 +128,15 @@ class Shader:
             self._stray = scene.view, self._stray_light(around)
         return np.asarray(look(grids, surface, rays) * self._passed[1] + self._stray[1], dtype=np.float32)
 
+    @cached_property
+    def _first(self) -> list[FirstLight]:
+        return [FirstLight(landings) for landings in self._landings]
+
+    @cached_property
+    def _reach(self) -> float:
+        """Length of shadows for a height of one."""
+        return max([SHADOW_REACH, *map(self._shadow_reach, range(self._scene.groups))])
+
     def _around(self, albedo: Single) -> Around:
         """Radiance of the undeformed membrane, also beyond the grid of presses."""
         mean = albedo.mean(axis=(1, 2), keepdims=True) / np.float32(np.pi)
@@ -151,7 +162,7 @@ class Shader:
             gain = np.clip(part.irradiance[choice.nodes] / np.maximum(own, 1e-30), 0.0, MOST_GAIN)
             changes.append(choice.spread((pressed - own) * gain, 0.0))
         straight, again = changes
-        if self._first:
+        if self._landings:
             straight = self._corrected(group, surface, straight)
         return straight + again
 
@@ -163,15 +174,20 @@ class Shader:
         rest = self._there * self._straight[group].irradiance
         if not rest.any():
             return change
-        light, landed = np.maximum(rest + change, 0.0), rest + self._first[group].change(surface)
-        least = LEAST_SHARE * float(rest.mean())
-        wanted = gaussian_filter(landed, KERNEL_MM / surface.pitch_mm)
+        landed = self._first[group].change(surface)
+        sigma_px, least = KERNEL_MM / surface.pitch_mm, LEAST_SHARE * float(rest.mean())
+        found = np.zeros_like(change)
+        part = _window((change != 0) | (landed != 0), round((PASSES + 1) * KERNEL_REACH * sigma_px))
+        rest, change, landed = rest[part], change[part], landed[part]
+        light = np.maximum(rest + change, 0.0)
+        wanted = gaussian_filter(rest + landed, sigma_px, truncate=KERNEL_REACH)
         for _ in range(PASSES):
-            mean = gaussian_filter(light, KERNEL_MM / surface.pitch_mm)
+            mean = gaussian_filter(light, sigma_px, truncate=KERNEL_REACH)
             # Less light than in the sums dims them, which leaves dark what both call dark; more is added.
             dimmed = np.minimum((np.maximum(wanted, 0.0) + least) / (mean + least), 1.0)
             light = light * dimmed + np.maximum(wanted - mean, 0.0)
-        return np.asarray(light - rest, dtype=np.float32)
+        found[part] = light - rest
+        return found
 
     def _light(self, group: int, nodes: Nodes, horizon: Any | None, response: Response) -> Any:
         """Sum over all light at membrane nodes, each direction weighted with its `response`."""
@@ -236,6 +252,15 @@ class Shader:
             untouched = self._light(group, before, None, at_rest)
             found.append(choice.spread(np.asarray(pressed - untouched), 0.0))
         return np.array(found)
+
+
+def _window(mask: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
+    """Rows and columns that hold the mask and a margin around it."""
+    held = [np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0)]
+    rows, columns = (
+        slice(max(at[0] - margin, 0), at[-1] + margin + 1) if at.size else slice(0) for at in held
+    )
+    return rows, columns
 
 
 def _lobe(nodes: Nodes, scene: Scene, rays: Rays) -> Response:

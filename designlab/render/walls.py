@@ -140,6 +140,7 @@ def between_walls(surface: Surface, nodes: Nodes, radiance: Single, around: Arou
     start = dr.full(mi.Float, 1.5 * surface.pitch_mm, count)
     zeros = tuple(dr.zeros(mi.Float, count) for _ in tables)
     _, _, _, *sums = dr.while_loop((start, own, _strip(own, ahead, normal.z), *zeros), going, step)
+    dr.eval(*sums)  # one loop for all groups
     share = 2 * np.pi / GATHER_AZIMUTHS
     return np.stack([np.asarray(s).reshape(-1, GATHER_AZIMUTHS).sum(axis=1) * share for s in sums]).astype(
         np.float32
