@@ -49,12 +49,19 @@ class Binned:
         return self._field.bins(self._group, fine=self._fine)
 
     @cached_property
-    def _summed(self) -> Single:
-        """Irradiance of the whole grid at rest, by the same sum as `light`, for a flat membrane."""
+    def vector(self) -> Single:
+        """Light on every grid node, shape (3, rows, columns): its product with a normal is the irradiance.
+
+        As far as no light is cut off at the tangent.
+        """
         x, y = np.meshgrid(self._untouched.x_mm, self._untouched.y_mm)
         at = [(y - self._y_mm) / self._bins.pitch_mm, (x - self._x_mm) / self._bins.pitch_mm]
-        vector = [map_coordinates(v, at, order=1, mode="nearest") for v in self._bins.vector]
-        summed = np.einsum("krc,krc->rc", base_normals(self._untouched), vector)
+        return np.array([map_coordinates(v, at, order=1, mode="nearest") for v in self._bins.vector])
+
+    @cached_property
+    def _summed(self) -> Single:
+        """Irradiance of the whole grid at rest, by the same sum as `light`, for a flat membrane."""
+        summed = np.einsum("krc,krc->rc", base_normals(self._untouched), self.vector)
         return np.asarray(summed, dtype=np.float32)
 
     def irradiance_at(self, x: Array, y: Array) -> Single:

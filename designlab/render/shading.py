@@ -33,6 +33,7 @@ from designlab.render.landings import FirstLight
 from designlab.render.lightfield import LightField, on_membrane
 from designlab.render.look import look
 from designlab.render.nodes import Choice, Nodes, Response, base_normals, facing, nodes_of
+from designlab.render.tables import held
 from designlab.render.walls import FURTHEST_MM, Around, between_walls, horizon_of
 from designlab.render.window import transmission
 from designlab.scene import Coating, Dielectric, Scene
@@ -45,6 +46,7 @@ SHADOW_REACH = 4.0  # shadows reach at least this many times the height of what 
 LOWEST_SHARE = 0.02  # of a point's light, the most grazing, whose shadows may be cut short
 AROUND_MM = 0.5  # between the points of the membrane beyond the grid
 LATTICE_MM = 1.0  # between the points at which the most grazing light is looked for
+SMALL_SLOPE = 0.02  # by which the gel is tilted to see how the lobe answers
 LOBE_STRIDE = 10  # of the nodes at which the untouched gel's lobe is summed
 KERNEL_MM = 0.2  # standard deviation of the kernel over which photons correct the sums
 PASSES = 3  # of the correction: each takes what the kernel of the one before has left at sharp edges
@@ -121,12 +123,59 @@ class Shader:
             if specular:
                 lobe = lobe + self._mirrored_change(scene, rays, nodes, horizon, choice)
         grids = self._there * albedo * ((1 - specular) / np.float32(np.pi) * light + specular * lobe)
-        if self._passed is None or self._passed[0] is not rays:
-            self._passed = rays, transmission(scene, self._untouched, rays)
         if self._stray is None or self._stray[0] != scene.view:
             around = replace(self._scene, view=scene.view)
             self._stray = scene.view, self._stray_light(around)
-        return np.asarray(look(grids, surface, rays) * self._passed[1] + self._stray[1], dtype=np.float32)
+        return np.asarray(
+            look(grids, surface, rays) * self._passage(scene, rays) + self._stray[1], dtype=np.float32
+        )
+
+    def response(self, scene: Scene, rays: Rays) -> Single:
+        """Change of the untouched gel's picture per unit slope of the membrane.
+
+        Each pixel's own slope counts; what slopes around it would throw there does not.
+
+        Parameters
+        ----------
+        scene, rays : Scene, Rays
+            As of `radiance`.
+
+        Returns
+        -------
+        array, shape (groups, rows, columns, 2)
+            Derivative of the radiance at unit flux by p = dz/dx and q = dz/dy.
+        """
+        untouched = self._untouched
+        p, q = np.nan_to_num(untouched.base_p), np.nan_to_num(untouched.base_q)
+        length = np.sqrt(1 + p**2 + q**2)
+        coating = scene.membrane.material
+        specular = coating.specular if isinstance(coating, Coating) else 0.0
+        by_slope = []
+        for slope, axis in ((p, 0), (q, 1)):
+            light = np.zeros((scene.groups, *p.shape))
+            for group in range(scene.groups):
+                for part in (self._straight[group], self._again[group]):
+                    summed = (part.vector[2] - p * part.vector[0] - q * part.vector[1]) / length
+                    # Cells of the bins are wider than those of the irradiance.
+                    gain = np.clip(part.irradiance / np.maximum(summed, 1e-30), 0.0, MOST_GAIN)
+                    light[group] -= gain * (part.vector[axis] / length + summed * slope / length**2)
+            change = (1 - specular) / np.pi * light
+            if specular:
+                change = change + specular * self._lobe_response(scene, rays, axis)
+            grids = np.asarray(self._there * _albedo(scene, untouched) * change, dtype=np.float32)
+            by_slope.append(look(grids, untouched, rays))
+        return np.asarray(np.stack(by_slope, axis=-1) * self._passage(scene, rays)[..., None])
+
+    def _lobe_response(self, scene: Scene, rays: Rays, axis: int) -> Single:
+        """Derivative of what the lobe returns by one slope, for a reflectance of one."""
+        high, low = (self._lobe_of(scene, rays, tilted=(axis, side * SMALL_SLOPE)) for side in (1, -1))
+        return np.asarray((high - low) / (2 * SMALL_SLOPE), dtype=np.float32)
+
+    def _passage(self, scene: Scene, rays: Rays) -> Array:
+        """Share of the membrane's radiance that reaches the camera."""
+        if self._passed is None or self._passed[0] is not rays:
+            self._passed = rays, transmission(scene, self._untouched, rays)
+        return self._passed[1]
 
     @cached_property
     def _first(self) -> list[FirstLight]:
@@ -229,16 +278,27 @@ class Shader:
     def _mirrored(self, scene: Scene, rays: Rays) -> Single:
         """Radiance towards the camera that the untouched gel's lobe returns, for a reflectance of one."""
         if self._lobe is None or self._lobe[0] is not rays:
-            lattice = np.zeros(self._untouched.height_mm.shape, dtype=bool)
-            lattice[::LOBE_STRIDE, ::LOBE_STRIDE] = True
-            nodes = nodes_of(self._untouched, lattice)
-            shape = lattice[::LOBE_STRIDE, ::LOBE_STRIDE].shape
-            at = np.indices(lattice.shape) / LOBE_STRIDE
-            response = _lobe(nodes, scene, rays)
-            sums = [np.asarray(self._light(g, nodes, None, response)) for g in range(scene.groups)]
-            grids = [map_coordinates(s.reshape(shape), at, order=3, mode="nearest") for s in sums]
-            self._lobe = rays, np.array(grids, dtype=np.float32)
+            self._lobe = rays, self._lobe_of(scene, rays)
         return self._lobe[1]
+
+    def _lobe_of(self, scene: Scene, rays: Rays, *, tilted: tuple[int, float] = (0, 0.0)) -> Single:
+        """Like `_mirrored`, with one slope (0: along x, 1: along y) increased everywhere."""
+        import drjit as dr
+        import mitsuba as mi
+
+        lattice = np.zeros(self._untouched.height_mm.shape, dtype=bool)
+        lattice[::LOBE_STRIDE, ::LOBE_STRIDE] = True
+        nodes = nodes_of(self._untouched, lattice)
+        axis, slope = tilted
+        if slope:
+            steeper = [b + held(slope) * (k == axis) for k, b in enumerate((nodes.base_p, nodes.base_q))]
+            nodes = replace(nodes, normal=dr.normalize(mi.Vector3f(-steeper[0], -steeper[1], 1.0)))
+        shape = lattice[::LOBE_STRIDE, ::LOBE_STRIDE].shape
+        at = np.indices(lattice.shape) / LOBE_STRIDE
+        response = _lobe(nodes, scene, rays)
+        sums = [np.asarray(self._light(g, nodes, None, response)) for g in range(scene.groups)]
+        grids = [map_coordinates(s.reshape(shape), at, order=3, mode="nearest") for s in sums]
+        return np.array(grids, dtype=np.float32)
 
     def _mirrored_change(
         self, scene: Scene, rays: Rays, nodes: Nodes, horizon: Any, choice: Choice
@@ -256,9 +316,9 @@ class Shader:
 
 def _window(mask: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
     """Rows and columns that hold the mask and a margin around it."""
-    held = [np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0)]
+    filled = [np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0)]
     rows, columns = (
-        slice(max(at[0] - margin, 0), at[-1] + margin + 1) if at.size else slice(0) for at in held
+        slice(max(at[0] - margin, 0), at[-1] + margin + 1) if at.size else slice(0) for at in filled
     )
     return rows, columns
 
