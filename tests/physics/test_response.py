@@ -1,4 +1,4 @@
-"""The picture's response to slope, from the light field, against path-traced pictures of a tilted membrane."""
+"""The response to slope, from the light field, against path-traced pictures of a tilted membrane."""
 
 from dataclasses import replace
 
