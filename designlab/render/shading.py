@@ -120,10 +120,14 @@ class Shader:
         grids = self._there * albedo * ((1 - specular) / np.float32(np.pi) * light + specular * lobe)
         if self._passed is None or self._passed[0] is not rays:
             self._passed = rays, transmission(scene, self._untouched, rays)
-        if self._stray is None or self._stray[0] != scene.view:
-            around = replace(self._scene, view=scene.view)
-            self._stray = scene.view, self._stray_light(around)
-        return np.asarray(look(grids, surface, rays) * self._passed[1] + self._stray[1], dtype=np.float32)
+        straight = look(grids, surface, rays) * self._passed[1]
+        return np.asarray(straight + self.stray(scene.view), dtype=np.float32)
+
+    def stray(self, view: View) -> Single:
+        """Part of every picture that does not come straight from the membrane, shape (groups, rows, columns)."""
+        if self._stray is None or self._stray[0] != view:
+            self._stray = view, self._stray_light(replace(self._scene, view=view))
+        return self._stray[1]
 
     def _around(self, albedo: Single) -> Around:
         """Radiance of the undeformed membrane, also beyond the grid of presses."""
