@@ -23,7 +23,7 @@ from designlab.render.backend import activate
 from designlab.scores import Estimate, TransportError
 from designlab.simulate import Frame, Simulator, exposure
 from designlab.store import atomic_folder, write_atomic
-from designlab.worst import GelMaps, Place, worst_of_gel, worst_of_presses
+from designlab.worst import Place, worst_of_gel, worst_of_presses
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -202,7 +202,6 @@ class _Found(NamedTuple):
     scores: dict[str, Estimate]
     groups: dict[str, dict[str, Estimate]]
     worst: dict[str, Place]
-    maps: GelMaps
     limit_deg: Array
 
 
@@ -231,7 +230,6 @@ def _analyse(
             "gel": worst_of_gel(gel, names),
             "press": worst_of_presses(presses, gel, names, steepest=maps.steepest_slope(balls)),
         },
-        maps=gel,
         limit_deg=limit_deg,
     )
 
@@ -290,15 +288,19 @@ def _write(
     with atomic_folder(out, replace=True) as folder:
         write_atomic(folder / "design.toml", dumps(design))
         write_atomic(folder / "score.json", json.dumps(score.to_json(), indent=2))
-        view = figures.Setting(
-            figures.extent_mm(untouched.rays.x_mm, untouched.rays.y_mm), design.sensing_area_mm
-        )
+        extent = figures.extent_mm(untouched.rays.x_mm, untouched.rays.y_mm)
         gel, press = found.worst["gel"], found.worst["press"]
-        figures.background(folder / "background.png", untouched.mixed * bench.exposure, view)
+        figures.background(folder / "background.png", untouched.mixed * bench.exposure, extent)
         named = dict(zip(design.group_names, untouched.basis, strict=True))
-        figures.uniformity(folder / "uniformity.png", named, view)
-        figures.information(folder / "information.png", found.limit_deg, view, gel)
-        figures.reconstruction(folder / "errors.png", results, view, press)
+        figures.uniformity(folder / "uniformity.png", named, extent)
+        figures.information(folder / "information.png", found.limit_deg, extent, gel)
+        figures.errors(
+            folder / "errors.png",
+            [np.where(r.region, r.error_deg, np.nan) for r in results],
+            [np.where(r.region, 1000 * np.abs(r.height_mm - r.frame.height_mm), np.nan) for r in results],
+            extent,
+            press,
+        )
         for number, result in enumerate(results):
             shown = result.frame.press
             assert shown is not None  # every test frame has one
@@ -311,7 +313,7 @@ def _write(
                 height_mm=result.height_mm,
                 true_height_mm=result.frame.height_mm,
                 error_deg=np.where(result.region, result.error_deg, np.nan),
-                view=view,
+                extent=extent,
                 mark=press if press.press == number else None,
             )
 

@@ -1,10 +1,10 @@
 """How a sensor lights its untouched gel: figures of pictures and of their response to slope, as arrays.
 
-The *slant* of a group's light is that of the distant light with the same effect. A Lambertian membrane of unit
-normal n under light of vector irradiance E sends I = E . n: untouched I = E_z, and to first order in the slopes
-p = dz/dx and q = dz/dy it changes by -(E_x p + E_y q). So tan(slant) = |dI/d(p, q)| / I. It is what photometric
-stereo lives on: for k even lights of known albedo the noise of a slope is that of the picture over sin(slant).
-LEDs on opposite sides cancel in it, though each of them may graze the gel.
+The *slant* of a group's light is that of the distant light with the same effect. A Lambertian membrane of
+unit normal n under light of vector irradiance E sends I = E . n: untouched I = E_z, and to first order in the
+slopes p = dz/dx and q = dz/dy it changes by -(E_x p + E_y q). So tan(slant) = |dI/d(p, q)| / I. It is what
+photometric stereo lives on: for k even lights of known albedo the noise of a slope is that of the picture
+over sin(slant). LEDs on opposite sides cancel in it, though each of them may graze the gel.
 """
 
 from typing import NamedTuple
@@ -35,14 +35,24 @@ class Evenness(NamedTuple):
     gradient: float
 
 
-def evenness(image: ArrayLike, mask: Mask | None = None) -> Evenness:
-    """Figures of evenness of one picture, shape (rows, columns), over a mask."""
+def evenness(image: ArrayLike, mask: Mask | None = None, *, smooth: ArrayLike | None = None) -> Evenness:
+    """Figures of evenness of one picture.
+
+    Parameters
+    ----------
+    image : array, shape (rows, columns)
+        One colour of the untouched gel, linear.
+    mask : bool array, same shape, optional
+        Where it counts; everywhere when absent.
+    smooth : array, same shape, optional
+        The same without noise, which is steep, for the gradient.
+    """
     return Evenness(
         uniformity_u0(image, mask),
         uniformity_cv(image, mask),
         uniformity_min_max(image, mask),
         uniformity_nine_point(image, mask),
-        gradient_nonuniformity(image, mask),
+        gradient_nonuniformity(image if smooth is None else smooth, mask),
     )
 
 

@@ -13,7 +13,7 @@ from designlab.bench import SMOOTHING_PX, Bench, Reconstruction, sub_seed
 from designlab.design import Design
 from designlab.illumination import Evenness, evenness, saturated
 from designlab.maps import membrane_light, seen, sensing_area, signal_of, step_of, thinned
-from designlab.metrics import gradient_nonuniformity, rgb_to_normal, uniformity_cv, uniformity_u0
+from designlab.metrics import rgb_to_normal, uniformity_cv, uniformity_u0
 from designlab.reconstruct import normals
 from designlab.simulate import Frame
 from geometries.elastomer import base_gradient
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 BOOTSTRAPS = 400
-UNIFORMITY_DRAWS, DETAIL_DRAWS = 50, 16
+UNIFORMITY_DRAWS, DETAIL_DRAWS = 50, 10
 BLOCK_CELLS = 3  # noise of a light field reaches over its cells, not over three of them
 GRADIENT_MM = 0.5  # over which gradients are smoothed: render noise is steep
 SLOPE_DEG = 30.0  # at which attached shadows are counted
@@ -119,12 +119,8 @@ def evenness_scores(
         smooth = _smoothed(basis, SMOOTHING_PX / step)
         images = [*smooth, np.einsum("g,grk->rk", total, smooth)]
         blurred = _smoothed(np.array(images), GRADIENT_MM / pitch_mm)
-        return np.array(
-            [
-                evenness(image, mask)._replace(gradient=gradient_nonuniformity(slow, mask))
-                for image, slow in zip(images, blurred, strict=True)
-            ]
-        )
+        pairs = zip(images, blurred, strict=True)
+        return np.array([evenness(image, mask, smooth=blur) for image, blur in pairs])
 
     values, errors = _over_draws(figures, pair, seed, DETAIL_DRAWS)
     each = {
@@ -334,7 +330,7 @@ def _errors(bench: Bench, results: Sequence[Reconstruction], background: Array, 
                 np.abs(height).mean(),
                 np.mean(height**2),
                 (angle < WITHIN_DEG).mean(),
-                saturated(signal_of(bench, result.frame))[result.region].mean(),
+                saturated(signal_of(bench, result.frame, thin))[result.region[thin]].mean(),
                 follows,
             )
         )

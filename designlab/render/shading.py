@@ -124,7 +124,7 @@ class Shader:
         return np.asarray(straight + self.stray(scene.view), dtype=np.float32)
 
     def stray(self, view: View) -> Single:
-        """Part of every picture that does not come straight from the membrane, shape (groups, rows, columns)."""
+        """Part of every picture that is not straight from the membrane, shape (groups, rows, columns)."""
         if self._stray is None or self._stray[0] != view:
             self._stray = view, self._stray_light(replace(self._scene, view=view))
         return self._stray[1]
