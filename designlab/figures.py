@@ -19,7 +19,7 @@ Array = NDArray[np.floating[Any]]
 Extent = tuple[float, float, float, float]
 BRIGHTEST_PERCENTILE = 99.5  # of all groups: the end of the colour scale
 MOST_COLUMNS = 3  # of panels
-CONTOUR_SMOOTHING_PX = 2.0  # contours of a noisy picture would be ragged
+CONTOUR_SMOOTHING_PX = 6.0  # contours of a noisy picture would be ragged
 
 
 def extent_mm(x_mm: Array, y_mm: Array) -> Extent:
@@ -165,8 +165,26 @@ def _mark(axes: "Axes", place: Place, extent: Extent) -> None:
     left, right, bottom, top = extent
     x, y = place.x_mm, place.y_mm
     width, height = right - left, top - bottom
-    axes.plot(x, y, "o", markersize=13, markerfacecolor="none", markeredgecolor="k", markeredgewidth=2.6)
-    axes.plot(x, y, "o", markersize=13, markerfacecolor="none", markeredgecolor="w", markeredgewidth=1.2)
+    axes.plot(
+        x,
+        y,
+        "o",
+        markersize=13,
+        markerfacecolor="none",
+        markeredgecolor="k",
+        markeredgewidth=2.6,
+        clip_on=False,
+    )
+    axes.plot(
+        x,
+        y,
+        "o",
+        markersize=13,
+        markerfacecolor="none",
+        markeredgecolor="w",
+        markeredgewidth=1.2,
+        clip_on=False,
+    )
     beside_x = x + (0.06 if x < (left + right) / 2 else -0.06) * width
     beside_y = y + (0.08 if y < (bottom + top) / 2 else -0.08) * height
     axes.text(
