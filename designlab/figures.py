@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.floating[Any]]
 Extent = tuple[float, float, float, float]
 BRIGHTEST_PERCENTILE = 99.5  # of all groups: the end of the colour scale
+NOT_COUNTED = "#e8eaee"
 MOST_COLUMNS = 3  # of panels
 CONTOUR_SMOOTHING_PX = 6.0  # contours of a noisy picture would be ragged
 
@@ -105,7 +106,7 @@ def errors(
         counted = np.isfinite(maps).sum(axis=0)
         mean = np.where(counted > 0, np.nansum(maps, axis=0) / np.maximum(counted, 1), np.nan)
         top = max(float(np.nanpercentile(mean, BRIGHTEST_PERCENTILE)), least)
-        axes.set_facecolor("#e8eaee")
+        axes.set_facecolor(NOT_COUNTED)
         shown = axes.imshow(mean, extent=extent, cmap="magma_r", vmin=0, vmax=top)
         figure.colorbar(shown, ax=axes, label=unit, shrink=0.85, extend="max")
         _label(axes, name)
@@ -138,7 +139,8 @@ def press(
     ):
         axes.imshow(np.clip(field * 0.5 + 0.5, 0, 1), extent=extent)
         _label(axes, name)
-    shown = panels[1, 0].imshow(error_deg, extent=extent, cmap="magma", vmin=0, vmax=15)
+    shown = panels[1, 0].imshow(error_deg, extent=extent, cmap="magma_r", vmin=0, vmax=15)
+    panels[1, 0].set_facecolor(NOT_COUNTED)
     figure.colorbar(shown, ax=panels[1, 0], label="normal error (deg)", extend="max")
     _label(panels[1, 0], "Error over the grown contact")
     if mark is not None:

@@ -42,8 +42,8 @@ def evaluation_report(
     rows = judged(score["scores"])
     verdict = [
         *([paragraph(summary(rows))] if rows else []),
-        *([_verdict_table(rows)] if rows else []),
         *(paragraph(worst_place(kind, place)) for kind, place in worst.items()),
+        *([_verdict_table(rows)] if rows else []),
     ]
     sections = [
         Section("Verdict", tuple(verdict)),

@@ -6,6 +6,9 @@ from typing import Any, NamedTuple
 from designlab.report.page import label
 
 
+_UNITS = {"um": "µm"}
+
+
 class Yardstick(NamedTuple):
     """Meaning of a score and its limits.
 
@@ -41,7 +44,7 @@ class Yardstick(NamedTuple):
         if self.good is None or self.fair is None:
             return ""
         way = "at least" if self.good > self.fair else "at most"
-        after = "" if unit in ("", "1") else f" {unit}"
+        after = "" if unit in ("", "1") else f" {_UNITS.get(unit, unit)}"
         return f"good {way} {self.good:g}{after}, fair {self.fair:g}{after}: {self.reason}"
 
 
@@ -188,7 +191,7 @@ def row(name: str, estimate: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "name": name,
         "score": label(name, unit),
-        "title": (known.title or label(name)) + ("" if unit in ("", "1") else f" ({unit})"),
+        "title": (known.title or label(name)) + ("" if unit in ("", "1") else f" ({_UNITS.get(unit, unit)})"),
         "meaning": known.meaning,
         "verdict": known.verdict(estimate["value"], estimate["se"]),
         "limits": known.limits(unit),
