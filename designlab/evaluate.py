@@ -184,7 +184,7 @@ def evaluate(
         digest=model.digest if model.effects else model.design.digest,
         fidelity=fidelity,
         seed=seed,
-        scores=found.scores | errors,
+        scores=errors | found.scores,
         margins=simulator.design.margins(),
         light=scores.transport_error(simulator.design, untouched, again),
         seconds=clock.seconds,

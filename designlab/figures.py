@@ -192,7 +192,7 @@ def _mark(axes: "Axes", place: Place, extent: Extent) -> None:
     axes.text(
         beside_x,
         beside_y,
-        f"worst: {place.reason}" if place.reason != "even" else "worst, hardly",
+        f"worst: {place.reason}" if place.reason != "even" else "worst, though even",
         fontsize=8.5,
         ha="left" if x < (left + right) / 2 else "right",
         va="center",

@@ -150,15 +150,15 @@ YARDSTICKS: dict[str, Yardstick] = {
         3.0,
         "photon noise of the dimmest channel is 1.2 and 1.7 times that of the brightest",
     ),
-    "normal_error_median_deg": Yardstick("normal error, median", "the same, half of the normals are better"),
-    "height_mae_um": Yardstick("height error, mean size", "reconstructed against true height"),
+    "normal_error_median_deg": Yardstick("normal error, median", "half of the normals on and around the contact are better"),
+    "height_mae_um": Yardstick("height error, mean size", "reconstructed against true height, on and around the contact"),
     "uniformity_cv": Yardstick("variation", "standard deviation over mean, worst LED group"),
-    "uniformity_min_max": Yardstick("least over greatest", "of the untouched gel, worst LED group"),
+    "uniformity_min_max": Yardstick("least over greatest", "darkest over brightest of the untouched gel, worst LED group"),
     "uniformity_nine_point": Yardstick("nine points", "least over greatest mean of 9 cells, worst LED group"),
     "uniformity_gradient": Yardstick("gradient", "mean change across the width over mean, worst LED group"),
     "combined_u0": Yardstick("combined U0", "darkest over mean of the sum of the camera's channels"),
     "combined_cv": Yardstick("combined variation", "standard deviation over mean of that sum"),
-    "combined_min_max": Yardstick("combined least over greatest", "of that sum"),
+    "combined_min_max": Yardstick("combined least over greatest", "darkest over brightest of that sum"),
     "combined_nine_point": Yardstick("combined nine points", "least over greatest mean of its 9 cells"),
     "combined_gradient": Yardstick("combined gradient", "its mean change across the width over mean"),
 }
@@ -234,7 +234,7 @@ _REMEDIES = {
     "saturated": "A shorter exposure helps; so does light that grazes less.",
     "out of view": "Move the camera, or make the sensing area smaller.",
     "steep": "Smaller or deeper calibration balls help.",
-    "calibration": "More calibration presses help, or a finer position dependence.",
+    "calibration": "More calibration presses may help.",
     "even": "",
 }
 
