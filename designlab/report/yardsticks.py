@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 
 from designlab.report.page import label
 
-
 _UNITS = {"um": "µm"}
 
 
@@ -150,10 +149,10 @@ YARDSTICKS: dict[str, Yardstick] = {
         3.0,
         "photon noise of the dimmest channel is 1.2 and 1.7 times that of the brightest",
     ),
-    "normal_error_median_deg": Yardstick("normal error, median", "half of the normals on and around the contact are better"),
-    "height_mae_um": Yardstick("height error, mean size", "reconstructed against true height, on and around the contact"),
+    "normal_error_median_deg": Yardstick("normal error, median", "half of the normals are better"),
+    "height_mae_um": Yardstick("height error, mean size", "reconstructed against true height"),
     "uniformity_cv": Yardstick("variation", "standard deviation over mean, worst LED group"),
-    "uniformity_min_max": Yardstick("least over greatest", "darkest over brightest of the untouched gel, worst LED group"),
+    "uniformity_min_max": Yardstick("least over greatest", "darkest over brightest, worst LED group"),
     "uniformity_nine_point": Yardstick("nine points", "least over greatest mean of 9 cells, worst LED group"),
     "uniformity_gradient": Yardstick("gradient", "mean change across the width over mean, worst LED group"),
     "combined_u0": Yardstick("combined U0", "darkest over mean of the sum of the camera's channels"),

@@ -116,7 +116,18 @@ def test_the_worst_places_lie_in_the_sensing_area(score):
 
 def test_json_is_complete_and_strict(score, folder):
     content = json.loads(json.dumps(score.to_json(), allow_nan=False))
-    names = {"design", "digest", "fidelity", "seed", "scores", "margins", "light", "seconds", "groups", "worst"}
+    names = {
+        "design",
+        "digest",
+        "fidelity",
+        "seed",
+        "scores",
+        "margins",
+        "light",
+        "seconds",
+        "groups",
+        "worst",
+    }
     assert set(content) == names
     assert content["design"] == "gelsight-2020-flat"
     assert content["digest"] == FLAT.digest
@@ -144,6 +155,22 @@ def test_the_stated_noise_of_the_light_is_that_between_seeds(score):
     smooth = np.array([[uniform_filter(g, size, mode="nearest")[mask] for g in f.basis] for f in light])
     relative = smooth.std(axis=0, ddof=1) / smooth.mean(axis=(0, 2))[:, None]
     assert np.sqrt((relative**2).mean(axis=1)).max() == pytest.approx(stated, rel=0.3)
+
+
+@pytest.mark.llvm
+def test_stray_light_is_what_is_left_when_the_membrane_is_black():
+    def stray_share(scattering_per_mm, albedo):
+        optics = {
+            "optics.gelcore_scattering_per_mm": scattering_per_mm,
+            "optics.membrane_albedo": (albedo,) * 3,
+        }
+        frame = Simulator(BEHIND_GLASS.replace(optics), columns=48, samples=8, seed=1).frame(None)
+        return frame.stray.sum(axis=(1, 2)) / frame.basis.sum(axis=(1, 2))
+
+    assert (stray_share(0.0, 0.5) == 0).all()
+    hazy, black = stray_share(0.02, 0.5), stray_share(0.02, 0.001)
+    assert ((hazy > 0.05) & (hazy < 0.5)).all()
+    assert (black > 0.9).all()
 
 
 def test_the_folder_holds_design_and_pictures(score, folder):

@@ -37,7 +37,10 @@ def test_a_ramp_has_closed_forms():
 def test_a_point_light_above_the_middle_falls_off_as_the_fourth_power_of_a_cosine():
     height = 12.0
     light = (1 + (X**2 + Y**2) / height**2) ** -1.5  # E = I h / r^3
-    corner, middle = (X[0, 0] ** 2 + Y[0, 0] ** 2) / height**2, (X[75, 100] ** 2 + Y[75, 100] ** 2) / height**2
+    corner, middle = (
+        (X[0, 0] ** 2 + Y[0, 0] ** 2) / height**2,
+        (X[75, 100] ** 2 + Y[75, 100] ** 2) / height**2,
+    )
     assert evenness(light).min_max == pytest.approx(((1 + corner) / (1 + middle)) ** -1.5)
     # the mean over a rectangle a x b: the solid angle of it, 4 atan(ab / (h sqrt(a^2 + b^2 + h^2))) h^2
     a, b = 10.0, 7.5
