@@ -48,7 +48,7 @@ def thinned(frame: Frame) -> Pixels:
 
 def step_of(frame: Frame) -> int:
     """Step between the `thinned` pixels of a frame."""
-    return max(1, frame.rays.x_mm.shape[1] // DETAIL_COLUMNS)
+    return max(1, int(frame.rays.x_mm.shape[1]) // DETAIL_COLUMNS)
 
 
 def signal_of(bench: Bench, frame: Frame, pixels: Pixels = (slice(None), slice(None))) -> Array:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter, uniform_filter
 
 from designlab import illumination
@@ -149,7 +149,7 @@ class _Pair(NamedTuple):
 
 
 def _over_draws(
-    figures: Callable[[NDArray[np.floating]], object], pair: _Pair, seed: int, count: int
+    figures: Callable[[NDArray[np.floating]], ArrayLike], pair: _Pair, seed: int, count: int
 ) -> tuple[Array, Array]:
     """Figures of the mean of two independent renders, and their errors from the difference of the two.
 
@@ -161,8 +161,8 @@ def _over_draws(
     random = np.random.default_rng(sub_seed(seed, 7, 0))
     # A path tracer's pixels err independently, a light field over its cells.
     block = max(1, round(BLOCK_CELLS * pair.grain_px))
-    draws = [figures(mean + _random_signs(random, mean.shape, block) * noise) for _ in range(count)]
-    single = np.mean([figures(pair.one), figures(pair.other)], axis=0)
+    draws = np.array([figures(mean + _random_signs(random, mean.shape, block) * noise) for _ in range(count)])
+    single = np.mean(np.array([figures(pair.one), figures(pair.other)]), axis=0)
     return 2 * np.array(figures(mean)) - single, np.std(draws, axis=0, ddof=1)
 
 
@@ -259,7 +259,7 @@ def information_score(bench: Bench, untouched: Frame, balls: Sequence[Frame]) ->
     """Median noise limit over the sensing area, and its map; error by leaving each ball out in turn."""
     mask = sensing_area(bench.design, untouched)
     limits = bench.noise_limits_deg(untouched, balls)
-    value, se = _jackknife([np.median(limit[mask]) for limit in limits])
+    value, se = _jackknife([np.asarray(np.median(limit[mask])) for limit in limits])
     return {"information_deg": Estimate(float(value), float(se), "deg")}, limits[0]
 
 
