@@ -1,6 +1,6 @@
 """Pictures of images, normals and heights for people: one scale, units, colour bars; arrays to PNG."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from designlab.images import tone_map
+from designlab.worst import Place
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,7 +18,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.floating[Any]]
 Extent = tuple[float, float, float, float]
 BRIGHTEST_PERCENTILE = 99.5  # of all groups: the end of the colour scale
-CONTOUR_SMOOTHING_PX = 2.0  # contours of a noisy picture would be ragged
+NOT_COUNTED = "#e8eaee"
+MOST_COLUMNS = 3  # of panels
+CONTOUR_SMOOTHING_PX = 6.0  # contours of a noisy picture would be ragged
 
 
 def extent_mm(x_mm: Array, y_mm: Array) -> Extent:
@@ -34,30 +37,80 @@ def extent_mm(x_mm: Array, y_mm: Array) -> Extent:
 
 def background(path: Path, signal: Array, extent: Extent) -> None:
     """Untouched gel as the camera shows it, brightened to its own white."""
-    figure = _figure(5.2, 4.2)
+    figure = _figure(5.6, 4.2)
     axes = figure.add_subplot()
     axes.imshow(tone_map(signal), extent=extent)
-    _label(axes, "Untouched gel")
+    _label(axes, "Untouched gel, camera picture")
     _save(figure, path)
 
 
 def uniformity(path: Path, groups: Mapping[str, Array], extent: Extent) -> None:
     """Illumination of the untouched gel by each LED group, relative to its mean."""
-    figure = _figure(4.0 * len(groups) + 0.6, 3.6)
-    panels = figure.subplots(1, len(groups), squeeze=False)[0]
+    columns = min(len(groups), MOST_COLUMNS)
+    rows = -(-len(groups) // columns)
+    figure = _figure(4.0 * columns + 0.6, 3.4 * rows + 0.2)
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
     relative = {name: image / image.mean() for name, image in groups.items()}
     brightest = float(np.percentile(np.stack(list(relative.values())), BRIGHTEST_PERCENTILE))
-    for axes, (name, image) in zip(panels, relative.items(), strict=True):
+    for axes, (name, image) in zip(panels, relative.items(), strict=False):
         shown = axes.imshow(image, extent=extent, cmap="cividis", vmin=0, vmax=brightest)
-        axes.contour(
+        contours = axes.contour(
             np.flipud(gaussian_filter(image, CONTOUR_SMOOTHING_PX, mode="nearest")),
             levels=[0.5, 0.75, 1.25, 1.5],
             extent=extent,
             colors="w",
             linewidths=0.6,
         )
+        axes.clabel(contours, fontsize=7, fmt="%g")
         _label(axes, f"LED group {name}")
-    figure.colorbar(shown, ax=list(panels), label="radiance / mean", shrink=0.85)
+    for axes in panels[len(groups) :]:
+        axes.set_visible(False)
+    figure.colorbar(shown, ax=list(panels), label="radiance / mean of the group", shrink=0.85, extend="max")
+    _save(figure, path)
+
+
+def information(path: Path, limit_deg: Array, extent: Extent, worst: Place) -> None:
+    """Least tilt that camera noise makes up, and where it is worst."""
+    figure = _figure(5.6, 4.2)
+    axes = figure.add_subplot()
+    top = float(np.percentile(limit_deg, BRIGHTEST_PERCENTILE))
+    shown = axes.imshow(limit_deg, extent=extent, cmap="viridis", vmin=0, vmax=top)
+    figure.colorbar(shown, ax=axes, label="information limit (deg)", shrink=0.85, extend="max")
+    _label(axes, "Tilt that camera noise makes up")
+    _mark(axes, worst, extent)
+    _save(figure, path)
+
+
+def errors(
+    path: Path, error_deg: Sequence[Array], height_error_um: Sequence[Array], extent: Extent, worst: Place
+) -> None:
+    """Errors over all test presses: their mean at each place, and where the normals err most.
+
+    Parameters
+    ----------
+    path : Path
+        PNG to write.
+    error_deg, height_error_um : sequence of arrays, shape (rows, columns)
+        Normal error and size of the height error of each press; NaN where they do not count.
+    extent : tuple of float
+        See `extent_mm`.
+    worst : Place
+        Where the normals err most.
+    """
+    figure = _figure(10.4, 4.0)
+    panels = figure.subplots(1, 2)
+    for axes, maps, name, unit, least in (
+        (panels[0], error_deg, "Normal error, mean of the test presses", "normal error (deg)", 5.0),
+        (panels[1], height_error_um, "Height error, mean size", "height error (µm)", 20.0),
+    ):
+        counted = np.isfinite(maps).sum(axis=0)
+        mean = np.where(counted > 0, np.nansum(maps, axis=0) / np.maximum(counted, 1), np.nan)
+        top = max(float(np.nanpercentile(mean, BRIGHTEST_PERCENTILE)), least)
+        axes.set_facecolor(NOT_COUNTED)
+        shown = axes.imshow(mean, extent=extent, cmap="magma_r", vmin=0, vmax=top)
+        figure.colorbar(shown, ax=axes, label=unit, shrink=0.85, extend="max")
+        _label(axes, name)
+    _mark(panels[0], worst, extent)
     _save(figure, path)
 
 
@@ -72,6 +125,7 @@ def press(
     true_height_mm: Array,
     error_deg: Array,
     extent: Extent,
+    mark: Place | None = None,
 ) -> None:
     """One press: picture, normals and heights beside the truth, and where the normals err."""
     figure = _figure(12.6, 6.4)
@@ -85,9 +139,12 @@ def press(
     ):
         axes.imshow(np.clip(field * 0.5 + 0.5, 0, 1), extent=extent)
         _label(axes, name)
-    shown = panels[1, 0].imshow(error_deg, extent=extent, cmap="magma", vmin=0, vmax=15)
+    shown = panels[1, 0].imshow(error_deg, extent=extent, cmap="magma_r", vmin=0, vmax=15)
+    panels[1, 0].set_facecolor(NOT_COUNTED)
     figure.colorbar(shown, ax=panels[1, 0], label="normal error (deg)", extend="max")
     _label(panels[1, 0], "Error over the grown contact")
+    if mark is not None:
+        _mark(panels[1, 0], mark, extent)
     top = float(true_height_mm.max())
     for axes, field, name in (
         (panels[1, 1], height_mm, "Height, reconstructed"),
@@ -103,6 +160,46 @@ def _figure(width: float, height: float) -> "Figure":
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained", dpi=110)
+
+
+def _mark(axes: "Axes", place: Place, extent: Extent) -> None:
+    """Ring and reason at a place, written towards the middle of the picture."""
+    left, right, bottom, top = extent
+    x, y = place.x_mm, place.y_mm
+    width, height = right - left, top - bottom
+    axes.plot(
+        x,
+        y,
+        "o",
+        markersize=13,
+        markerfacecolor="none",
+        markeredgecolor="k",
+        markeredgewidth=2.6,
+        clip_on=False,
+    )
+    axes.plot(
+        x,
+        y,
+        "o",
+        markersize=13,
+        markerfacecolor="none",
+        markeredgecolor="w",
+        markeredgewidth=1.2,
+        clip_on=False,
+    )
+    beside_x = x + (0.06 if x < (left + right) / 2 else -0.06) * width
+    beside_y = y + (0.08 if y < (bottom + top) / 2 else -0.08) * height
+    axes.text(
+        beside_x,
+        beside_y,
+        f"worst: {place.reason}" if place.reason != "even" else "worst, though even",
+        fontsize=8.5,
+        ha="left" if x < (left + right) / 2 else "right",
+        va="center",
+        bbox={"boxstyle": "round,pad=0.25", "facecolor": "w", "edgecolor": "k", "linewidth": 0.6},
+    )
+    axes.set_xlim(left, right)
+    axes.set_ylim(bottom, top)
 
 
 def _label(axes: "Axes", title: str) -> None:

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import binary_erosion
+from scipy.ndimage import binary_erosion, find_objects, label, map_coordinates
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -12,6 +12,9 @@ Mask = NDArray[np.bool_]
 _SSIM_WINDOW_PX = 7
 # below this share of an image's power its structure is rounding: 1e-6 of the amplitude
 _NO_STRUCTURE = 1e-12
+_DIRECTIONS = 8  # of the lines that `rgb_to_normal` samples from the middle of each contact
+_LEAST_TILT_DEG = 1.0  # of a membrane that counts as pressed
+_FEWEST_SAMPLES = 6  # on a line that is fitted
 
 
 class HeightError(NamedTuple):
@@ -176,6 +179,67 @@ def normal_error_deg(estimated: ArrayLike, truth: ArrayLike) -> Array:
     # atan2 keeps its accuracy at small angles, where acos loses half the digits
     sine = np.linalg.norm(np.cross(estimated, truth), axis=-1)
     return np.asarray(np.degrees(np.arctan2(sine, np.sum(estimated * truth, axis=-1))))
+
+
+def rgb_to_normal(
+    image: ArrayLike, untouched: ArrayLike, normals: ArrayLike, untouched_normals: ArrayLike
+) -> float:
+    """How well the colour of a press follows the angle of its normals along straight lines, from 0 to 1.
+
+    RGB2Normal of Agarwal et al., "Vision-based tactile sensor design using physically based rendering",
+    Communications Engineering 2025 (doi 10.1038/s44172-025-00350-4): where the membrane is tilted, from the
+    centre of the box around each contact along eight directions to its edge, the change of colour is brought
+    to its first principal component, and correlated with the angle between pressed and untouched normal. The
+    score is the mean of the absolute correlations. It needs no calibration, and does not see errors of sign
+    between directions.
+
+    Parameters
+    ----------
+    image, untouched : array, shape (rows, columns, channels)
+        The pressed and the untouched gel, linear.
+    normals, untouched_normals : array, shape (rows, columns, 3)
+        Their true normals.
+
+    Returns
+    -------
+    float
+        NaN where no line is long enough, or colour or normals do not change along any.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, or a normal is zero.
+    """
+    colour = np.asarray(untouched, dtype=float) - np.asarray(image, dtype=float)
+    tilt = normal_error_deg(normals, untouched_normals)
+    if colour.ndim != 3 or colour.shape[:2] != tilt.shape:
+        raise ValueError(f"image: must have the shape of its normals {tilt.shape}, got {colour.shape[:2]}")
+    contacts, _ = label(tilt > _LEAST_TILT_DEG)
+    found = []
+    for rows, columns in find_objects(contacts):
+        half = np.array([rows.stop - rows.start - 1, columns.stop - columns.start - 1]) / 2
+        centre = np.array([rows.start, columns.start]) + half
+        for turn in 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS:
+            way = np.array([np.sin(turn), np.cos(turn)])
+            reach = float(np.min(half / np.maximum(np.abs(way), 1e-9)))
+            at = centre[:, None] + way[:, None] * np.arange(int(reach) + 1)
+            found.append(_line_correlation(colour, tilt, at))
+    fits = [r for r in found if np.isfinite(r)]
+    return float(np.mean(fits)) if fits else float("nan")
+
+
+def _line_correlation(colour: Array, tilt: Array, at: Array) -> float:
+    """Absolute correlation of the first principal component of colour with tilt at points (row, column)."""
+    if at.shape[1] < _FEWEST_SAMPLES:
+        return float("nan")
+    angle = map_coordinates(tilt, at, order=1, mode="nearest")
+    channels = [map_coordinates(c, at, order=1, mode="nearest") for c in np.moveaxis(colour, -1, 0)]
+    samples = np.stack(channels, axis=-1) - np.mean(channels, axis=1)
+    _, _, axes = np.linalg.svd(samples, full_matrices=False)
+    component = samples @ axes[0]
+    angle = angle - angle.mean()
+    power = float(np.sqrt(np.sum(component**2) * np.sum(angle**2)))
+    return float(abs(np.sum(component * angle)) / power) if power > 0 else float("nan")
 
 
 def height_error(

@@ -48,6 +48,9 @@ class Frame:
         How far the random error of the picture reaches on the membrane; zero where pixels err independently.
     bias : Bias
         Bounds of the picture's systematic error.
+    stray : array, shape (groups, rows, columns), or None
+        Part of the basis that did not come straight from the membrane: thrown into the camera by haze or
+        mirrored in the window. None where the estimator cannot tell.
     """
 
     press: Press | None
@@ -57,6 +60,7 @@ class Frame:
     weights: Array
     grain_mm: float = 0.0
     bias: Bias = UNBIASED
+    stray: NDArray[np.float32] | None = None
 
     @property
     def mixed(self) -> NDArray[np.float32]:
@@ -199,11 +203,14 @@ class Simulator:
             reach = int(np.ceil(radius_px(self.design, self.view, surface).max()))
             wider, place = self.view.grown(reach, self.design.camera)
             scene, seen = replace(scene, view=wider), rays(self.design, wider)
-        basis = self._basis(estimator, scene, surface, seen, self.seed if seed is None else seed, half)
+        basis, stray = self._basis(estimator, scene, surface, seen, self.seed if seed is None else seed, half)
         if sharp:
             basis = blur(basis, radius_px(self.design, scene.view, surface))[:, *place]
+            stray = None if stray is None else stray[:, *place]  # smooth: blur would not change it
         if self.design.camera.vignetting != Vignetting():
-            basis = (basis * self.design.camera.vignette(self.view)).astype(np.float32)
+            falloff = self.design.camera.vignette(self.view)
+            basis = (basis * falloff).astype(np.float32)
+            stray = None if stray is None else (stray * falloff).astype(np.float32)
         for name, image in zip(self.design.group_names, basis, strict=True):
             if not np.isfinite(image).all():
                 raise RenderFailed(
@@ -217,7 +224,7 @@ class Simulator:
         flux = np.array([group.flux_mw for group in self.design.leds.groups])
         grain_mm = CELL_MM if estimator in ("fast", "corrected") else 0.0
         weights = self.design.mixing_matrix * flux
-        return Frame(press, surface, self.rays, basis, weights, grain_mm, bias(estimator))
+        return Frame(press, surface, self.rays, basis, weights, grain_mm, bias(estimator), stray)
 
     def slope_response(self, *, half: int | None = None) -> NDArray[np.float32]:
         """Change of the untouched gel's picture per unit slope, a sum over the light field's directions.
@@ -263,20 +270,21 @@ class Simulator:
 
     def _basis(
         self, estimator: Estimator, scene: Scene, surface: Surface, seen: Rays, seed: int, half: int | None
-    ) -> NDArray[np.float32]:
-        """Radiance of every LED group at unit flux."""
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+        """Radiance of every LED group at unit flux, and its stray part where the estimator knows it."""
         effort = self.traced_samples if estimator == "corrected" else self.samples
         if estimator in ("reference", "path"):
-            return trace(scene, surface, seen, estimator=estimator, samples=effort, seed=seed)
-        shaded = self._shader(half).radiance(surface, scene, seen)
+            return trace(scene, surface, seen, estimator=estimator, samples=effort, seed=seed), None
+        shading = self._shader(half)
+        shaded, stray = shading.radiance(surface, scene, seen), shading.stray(scene.view)
         if estimator == "fast":
-            return shaded
+            return shaded, stray
         traced = trace(scene, surface, seen, estimator=estimator, samples=effort, seed=seed)
         # Finer than its own grain the light field is right but for the edges of shadows; averaging over that
         # much takes most of the noise out of the correction.
         width_px = CELL_MM / np.abs(seen.pitch_mm[1]), CELL_MM / np.abs(seen.pitch_mm[0])
         correction = gaussian_filter(traced - shaded, (0, *width_px), mode="nearest")
-        return np.asarray(shaded + correction, dtype=np.float32)
+        return np.asarray(shaded + correction, dtype=np.float32), stray
 
 
 def exposure(design: Design, untouched: Frame) -> float:

@@ -71,29 +71,40 @@ def evaluate(args: Namespace) -> Result:
     results_folder(args.out, made_with="score.json")
     with bar() as progress, source_named(args.design):
         score = score_of(design, fidelity=args.fidelity, seed=args.seed, out=args.out, progress=progress)
-    rows = [
-        (name, f"{e.value:.4g}", f"{e.se:.2g}", "" if e.unit == "1" else e.unit)
-        for name, e in score.scores.items()
-    ]
+    data: dict[str, Any] = score.to_json()
     text = [
         f"{score.design}, fidelity {score.fidelity}, seed {score.seed}, {sum(score.seconds.values()):.0f} s",
-        table(("score", "value", "std. error", "unit"), rows),
-        str(score.light),
+        *_verdict(data),
     ]
     if score.light.noise > GRAINY:
         text.append("pictures are grainy: a higher --fidelity takes grain off, and what it adds to errors")
     if args.profile:
+        text.append(str(score.light))
         text.append(table(("part", "seconds"), [(part, f"{s:.1f}") for part, s in score.seconds.items()]))
-    data: dict[str, Any] = score.to_json()
     if args.out is not None:
         from designlab.report import evaluation_report
 
-        pictures = sorted(Path(args.out).glob("*.png"))
-        captions = {path: path.stem.replace("-", " ") for path in pictures}
-        report = evaluation_report(data, Path(args.out) / "report.html", pictures=captions)
-        data |= {"out": args.out, "pictures": [path.name for path in pictures], "report": str(report)}
-        text += [f"report: {report}", f"pictures beside it: {', '.join(data['pictures'])}"]
+        report = evaluation_report(data, Path(args.out) / "report.html")
+        pictures = sorted(path.name for path in Path(args.out).glob("*.png"))
+        data |= {"out": args.out, "pictures": pictures, "report": str(report)}
+        text.append(f"report: {report}")
+    else:
+        text.append(
+            f"{len(score.scores)} scores with --json, maps and all of them as a page with --out FOLDER"
+        )
     return Result(data, "\n".join(text))
+
+
+def _verdict(score: dict[str, Any]) -> list[str]:
+    """Main scores with their verdict, and the worst places."""
+    from designlab.report.page import rounded
+    from designlab.report.yardsticks import judged, worst_place
+
+    rows = [
+        (row["title"], rounded(row["value"], row["se"]), row["verdict"]) for row in judged(score["scores"])
+    ]
+    places = [worst_place(kind, place) for kind, place in score["worst"].items()]
+    return [table(("score", "value", "verdict"), rows), *places]
 
 
 def render(args: Namespace) -> Result:

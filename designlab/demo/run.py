@@ -142,7 +142,7 @@ def _evaluation(state: Demo, within: Callable[[str, int, int], None]) -> dict[st
     report = folder / "report.html"
     if not report.is_file():
         state.score = evaluate(state.design, seed=state.seed, out=folder, progress=within)
-        evaluation_report(state.score.to_json(), report, pictures=_captioned(folder))
+        evaluation_report(state.score.to_json(), report)
     data: dict[str, Any] = json.loads((folder / "score.json").read_text(encoding="utf-8"))
     return data
 
@@ -276,7 +276,3 @@ _STEPS: dict[str, _Step] = {
     "gap": _Step("finding a hidden effect", _gap),
     "real": _Step("comparing with a real picture", _real),
 }
-
-
-def _captioned(folder: Path) -> dict[Path, str]:
-    return {path: path.stem.replace("-", " ") for path in sorted(folder.glob("*.png"))}

@@ -123,12 +123,14 @@ class Shader:
             if specular:
                 lobe = lobe + self._mirrored_change(scene, rays, nodes, horizon, choice)
         grids = self._there * albedo * ((1 - specular) / np.float32(np.pi) * light + specular * lobe)
-        if self._stray is None or self._stray[0] != scene.view:
-            around = replace(self._scene, view=scene.view)
-            self._stray = scene.view, self._stray_light(around)
-        return np.asarray(
-            look(grids, surface, rays) * self._passage(scene, rays) + self._stray[1], dtype=np.float32
-        )
+        straight = look(grids, surface, rays) * self._passage(scene, rays)
+        return np.asarray(straight + self.stray(scene.view), dtype=np.float32)
+
+    def stray(self, view: View) -> Single:
+        """Part of every picture that is not straight from the membrane, shape (groups, rows, columns)."""
+        if self._stray is None or self._stray[0] != view:
+            self._stray = view, self._stray_light(replace(self._scene, view=view))
+        return self._stray[1]
 
     def response(self, scene: Scene, rays: Rays) -> Single:
         """Change of the untouched gel's picture per unit slope of the membrane.

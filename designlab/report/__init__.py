@@ -1,5 +1,6 @@
 """Self-contained HTML pages: one file each, no network."""
 
+from designlab.report.evaluation import evaluation_report
 from designlab.report.page import (
     Column,
     Html,
@@ -14,7 +15,7 @@ from designlab.report.page import (
     table,
 )
 from designlab.report.study import study_report
-from designlab.report.tables import evaluation_report, gap_report
+from designlab.report.tables import gap_report
 
 __all__ = [
     "Column",

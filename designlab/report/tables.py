@@ -1,16 +1,14 @@
-"""Pages about an evaluation and about a gap, from the data their commands print as JSON."""
+"""The page about a gap, from the data that its command prints as JSON."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from designlab.margins import RULES
 from designlab.report.page import (
     Column,
     Html,
     Section,
     facts,
-    gallery,
     label,
     page,
     paragraph,
@@ -18,52 +16,6 @@ from designlab.report.page import (
     table,
 )
 from designlab.store import write_atomic
-
-
-def evaluation_report(
-    score: Mapping[str, Any], target: str | Path, *, pictures: Mapping[Path, str] | None = None
-) -> Path:
-    """Write the page about one evaluation.
-
-    Parameters
-    ----------
-    score : mapping
-        What ``Score.to_json`` gives: ``design``, ``fidelity``, ``seed``, ``scores``, ``margins``,
-        ``light``, ``seconds``.
-    target : path
-        HTML file to write.
-    pictures : mapping of path to str, optional
-        Picture files and their captions.
-    """
-    rows = [
-        {"score": label(name, estimate["unit"]), **estimate} for name, estimate in score["scores"].items()
-    ]
-    columns = [Column("score", "score"), Column("value", "value", se="se")]
-    if any(row.get("bias_bound") is not None for row in rows):
-        columns.append(Column("bias_bound", "bias at most"))
-    settings = {"fidelity": score.get("fidelity", ""), "seed": score.get("seed", "")}
-    if light := score.get("light"):
-        settings |= {
-            "light on the untouched gel": f"random error {light['noise']:.1%} of each mm2",
-            "bias of the light": f"{light['bias_mean']:.1%} of the mean, {light['bias_block']:.0%} of 8 x 8 "
-            "pixels of 160 columns: the largest of random designs"
-            if light["bias_block"]
-            else "none",
-        }
-    sections = [
-        Section(
-            "Scores",
-            (
-                table(rows, columns),
-                paragraph("The values after ± are standard errors.", note=True),
-                facts(settings),
-            ),
-        ),
-        Section("Pictures", (_gallery(pictures),) if pictures else ()),
-        Section("Rules", (_margins(score["margins"]),) if score.get("margins") else ()),
-        Section("Time", (_seconds(score["seconds"]),) if score.get("seconds") else ()),
-    ]
-    return write_atomic(target, page(f"Design: {score['design']}", sections))
 
 
 def gap_report(
@@ -164,33 +116,3 @@ _VERDICTS = {
     "unexplained": "No known effect explains the gap.",
     "at_floor": "Simulation and measurement agree to within the noise.",
 }
-
-
-def _gallery(pictures: Mapping[Path, str]) -> Html:
-    return gallery(picture(path, caption) for path, caption in pictures.items())
-
-
-def _margins(margins: Mapping[str, float]) -> Html:
-    rows = [
-        {
-            "rule": rule,
-            "text": RULES.get(rule, ""),
-            "slack": -margin,
-            "kept": "broken" if margin > 0 else "kept",
-        }
-        for rule, margin in sorted(margins.items(), key=lambda item: -item[1])
-    ]
-    columns = [
-        Column("rule", "rule"),
-        Column("text", "what it demands"),
-        Column("slack", "room left", "mm"),
-        Column("kept", ""),
-    ]
-    return table(rows, columns)
-
-
-def _seconds(seconds: Mapping[str, float] | float) -> Html:
-    if not isinstance(seconds, Mapping):
-        seconds = {"evaluation": seconds}
-    rows = [{"part": part, "time": value} for part, value in seconds.items()]
-    return table(rows, [Column("part", "part"), Column("time", "time", "s")])

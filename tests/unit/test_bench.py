@@ -8,8 +8,9 @@ from scipy.ndimage import gaussian_filter
 
 from designlab.bench import plan_presses, render_noise
 from designlab.design import preset
-from designlab.evaluate import _evenness, _sensing_area, _uniformity
+from designlab.maps import sensing_area
 from designlab.press import indent
+from designlab.scores import uniformity, worst_evenness
 
 FLAT, CORE = preset("gelsight-2020-flat"), preset("default")
 
@@ -59,7 +60,7 @@ def test_evenness_is_unbiased_and_scatters_as_stated(design, sigma, correlation_
     values, stated = [], []
     for number in range(30):
         a, b = frames(random, sigma=sigma, correlation_px=correlation_px)
-        found = _uniformity(design, a, b, seed=number)
+        found = uniformity(design, a, b, seed=number)
         values.append([found[name].value for name in ("uniformity_u0", "uniformity_cv")])
         stated.append([found[name].se for name in ("uniformity_u0", "uniformity_cv")])
     scatter = np.std(values, axis=0, ddof=1)
@@ -68,7 +69,7 @@ def test_evenness_is_unbiased_and_scatters_as_stated(design, sigma, correlation_
     assert (ratio > 0.65).all()
     assert (ratio < 1.5).all()
     clean = frames(random, sigma=0.0, correlation_px=0.0)[0]
-    truth = _evenness(clean.basis, _sensing_area(design, clean))
+    truth = worst_evenness(clean.basis, sensing_area(design, clean))
     deviation = (np.mean(values, axis=0) - truth) / (scatter / np.sqrt(len(values)))
     assert (np.abs(deviation) < 4).all(), deviation
 

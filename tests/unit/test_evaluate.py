@@ -9,6 +9,8 @@ from scipy.ndimage import uniform_filter
 
 from designlab.design import InfeasibleDesign, load, preset
 from designlab.effects import AppliedEffect, SensorModel
+from designlab.maps import sensing_area
+from designlab.scores import transport_error
 from designlab.simulate import Simulator
 
 evaluation = import_module("designlab.evaluate")  # the package's own `evaluate` is the function
@@ -24,7 +26,26 @@ NAMES = {
     "height_mae_um": "um",
     "height_rmse_um": "um",
     "information_deg": "deg",
+    "slant_deg": "deg",
+    "shadow_share_30deg": "1",
+    "uniformity_min_max": "1",
+    "uniformity_nine_point": "1",
+    "uniformity_gradient": "1",
+    "combined_u0": "1",
+    "combined_cv": "1",
+    "combined_min_max": "1",
+    "combined_nine_point": "1",
+    "combined_gradient": "1",
+    "colour_balance": "1",
+    "dynamic_range_use": "1",
+    "coverage": "1",
+    "saturation_share": "1",
+    "stray_share": "1",
+    "normals_within_5deg": "1",
+    "rgb2normal": "1",
+    "press_saturation_share": "1",
 }
+EXACT = {"coverage", "saturation_share", "stray_share", "press_saturation_share"}  # of this design
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -52,19 +73,61 @@ def score(folder, steps):
 def test_scores_have_value_error_and_unit(score):
     assert {name: estimate.unit for name, estimate in score.scores.items()} == NAMES
     for name, estimate in score.scores.items():
-        assert estimate.value > 0, name
-        assert 0 < estimate.se < estimate.value, name
         assert getattr(score, name) is estimate
-    assert score.uniformity_u0.value < 1
+        if name in EXACT:
+            assert (estimate.value, estimate.se) == (name == "coverage", 0), name
+        else:
+            assert estimate.value > 0, name
+            assert 0 < estimate.se < estimate.value, name
+    assert score.uniformity_min_max.value < score.uniformity_u0.value < 1
+    assert 45 < score.slant_deg.value < 70
+    assert 0.5 < score.rgb2normal.value < 1
+    assert 1 <= score.colour_balance.value < 2
     assert score.normal_error_median_deg.value < score.normal_error_mean_deg.value < 20
     assert score.height_mae_um.value < score.height_rmse_um.value < 500
-    with pytest.raises(AttributeError, match="no score 'x'; there are uniformity_u0"):
+    with pytest.raises(AttributeError, match="no score 'x'; there are normal_error_median_deg"):
         _ = score.x
+
+
+def test_the_score_of_the_groups_is_that_of_the_worst(score):
+    assert tuple(score.groups) == FLAT.group_names
+    for name, figure, worst in (
+        ("uniformity_nine_point", "nine_point", min),
+        ("uniformity_gradient", "gradient", max),
+        ("slant_deg", "slant_deg", min),
+        ("shadow_share_30deg", "shadow_share_30deg", max),
+    ):
+        assert score.scores[name].value == worst(group[figure].value for group in score.groups.values())
+    # both are the least of the groups', one from a picture of half the columns
+    assert min(g["u0"].value for g in score.groups.values()) == pytest.approx(
+        score.uniformity_u0.value, rel=0.02
+    )
+
+
+def test_the_worst_places_lie_in_the_sensing_area(score):
+    assert set(score.worst) == {"gel", "press"}
+    width, height = FLAT.sensing_area_mm
+    for place in score.worst.values():
+        assert abs(place.x_mm) <= width / 2
+        assert abs(place.y_mm) <= height / 2
+        assert place.times > 1
+    assert 0 <= score.worst["press"].press < 6
 
 
 def test_json_is_complete_and_strict(score, folder):
     content = json.loads(json.dumps(score.to_json(), allow_nan=False))
-    names = {"design", "digest", "fidelity", "seed", "scores", "margins", "light", "seconds"}
+    names = {
+        "design",
+        "digest",
+        "fidelity",
+        "seed",
+        "scores",
+        "margins",
+        "light",
+        "seconds",
+        "groups",
+        "worst",
+    }
     assert set(content) == names
     assert content["design"] == "gelsight-2020-flat"
     assert content["digest"] == FLAT.digest
@@ -86,12 +149,28 @@ def test_the_stated_noise_of_the_light_is_that_between_seeds(score):
     halves = [
         Simulator(BEHIND_GLASS, columns=80, samples=samples, seed=0).frame(None, half=h) for h in (0, 1)
     ]
-    stated = evaluation._transport_error(BEHIND_GLASS, *halves).noise
-    mask = evaluation._sensing_area(BEHIND_GLASS, light[0])
+    stated = transport_error(BEHIND_GLASS, *halves).noise
+    mask = sensing_area(BEHIND_GLASS, light[0])
     size = round(1 / light[0].rays.pitch_mm[0])
     smooth = np.array([[uniform_filter(g, size, mode="nearest")[mask] for g in f.basis] for f in light])
     relative = smooth.std(axis=0, ddof=1) / smooth.mean(axis=(0, 2))[:, None]
     assert np.sqrt((relative**2).mean(axis=1)).max() == pytest.approx(stated, rel=0.3)
+
+
+@pytest.mark.llvm
+def test_stray_light_is_what_is_left_when_the_membrane_is_black():
+    def stray_share(scattering_per_mm, albedo):
+        optics = {
+            "optics.gelcore_scattering_per_mm": scattering_per_mm,
+            "optics.membrane_albedo": (albedo,) * 3,
+        }
+        frame = Simulator(BEHIND_GLASS.replace(optics), columns=48, samples=8, seed=1).frame(None)
+        return frame.stray.sum(axis=(1, 2)) / frame.basis.sum(axis=(1, 2))
+
+    assert (stray_share(0.0, 0.5) == 0).all()
+    hazy, black = stray_share(0.02, 0.5), stray_share(0.02, 0.001)
+    assert ((hazy > 0.05) & (hazy < 0.5)).all()
+    assert (black > 0.9).all()
 
 
 def test_the_folder_holds_design_and_pictures(score, folder):
@@ -99,7 +178,7 @@ def test_the_folder_holds_design_and_pictures(score, folder):
     pictures = sorted(file.name for file in folder.glob("*.png"))
     kinds = ("sphere", "triangle", "star", "cylinder", "cone", "dots")
     presses = [f"press-{number + 1:02d}-{kind}.png" for number, kind in enumerate(kinds)]
-    assert pictures == sorted(["background.png", "uniformity.png", *presses])
+    assert pictures == sorted(["background.png", "errors.png", "information.png", "uniformity.png", *presses])
     assert all(file.stat().st_size > 5000 for file in folder.glob("*.png"))
 
 

@@ -10,6 +10,7 @@ from designlab.metrics import (
     height_error,
     normal_error_deg,
     remove_quadratic_field,
+    rgb_to_normal,
     uniformity_cv,
     uniformity_min_max,
     uniformity_nine_point,
@@ -221,3 +222,48 @@ def test_height_error_after_the_border_is_brought_to_zero():
     assert height_error(truth + 0.2, truth, mask).mae_um == pytest.approx(200)
     with pytest.raises(ValueError, match="border: must hold pixels"):
         height_error(truth, truth, mask, np.zeros_like(mask))
+
+
+def _cap(shape=(81, 101), radius=60.0, edge=30.0):
+    """Normals of a spherical cap in the middle of a plane, and its tilt (deg)."""
+    rows, columns = np.indices(shape)
+    dy, dx = (shape[0] - 1) / 2 - rows, columns - (shape[1] - 1) / 2
+    inside = np.hypot(dx, dy) <= edge
+    normals = np.stack([-dx, -dy, np.sqrt(np.maximum(radius**2 - dx**2 - dy**2, 1))], axis=-1) / radius
+    normals[~inside] = (0, 0, 1)
+    flat = np.zeros_like(normals)
+    flat[..., 2] = 1
+    return normals, flat, np.degrees(np.arccos(np.clip(normals[..., 2], -1, 1)))
+
+
+def test_rgb_to_normal_is_one_where_colour_follows_the_angle_and_low_where_it_does_not():
+    normals, flat, tilt = _cap()
+    untouched = np.broadcast_to([0.3, 0.5, 0.4], (*tilt.shape, 3))
+    linear = untouched + tilt[..., None] * [0.002, -0.001, 0.003]
+    assert rgb_to_normal(linear, untouched, normals, flat) == pytest.approx(1.0, abs=1e-12)
+    noise = untouched + 0.01 * RANDOM.standard_normal(untouched.shape)
+    # of 30 samples of unrelated noise the mean absolute correlation is sqrt(2 / (30 pi)), here the first of
+    # three components
+    assert rgb_to_normal(noise, untouched, normals, flat) < 0.35
+    # a share of noise as large as the signal lowers a correlation to 1 / sqrt(2)
+    spread = linear[tilt > 0].std(axis=0).mean()
+    some = linear + spread * RANDOM.standard_normal(untouched.shape)
+    assert 0.4 < rgb_to_normal(some, untouched, normals, flat) < 0.95
+
+
+def test_rgb_to_normal_takes_each_contact_by_itself():
+    normals, flat, tilt = _cap()
+    left = 0.4 + tilt[..., None] * [0.002, 0.001, 0.0]
+    right = 0.4 + tilt[..., None] * [0.0, -0.001, 0.003]  # another colour, each linear
+    image, both = np.concatenate([left, right], axis=1), np.concatenate([normals, normals], axis=1)
+    plane = np.concatenate([flat, flat], axis=1)
+    assert rgb_to_normal(image, np.full_like(image, 0.4), both, plane) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_rgb_to_normal_of_nothing_is_no_number():
+    normals, flat, _ = _cap()
+    even = np.full((*flat.shape[:2], 3), 0.4)
+    assert np.isnan(rgb_to_normal(even, even, flat, flat))
+    assert np.isnan(rgb_to_normal(even, even, normals, flat))
+    with pytest.raises(ValueError, match=r"image: must have the shape of its normals \(81, 101\)"):
+        rgb_to_normal(even[1:], even[1:], normals, flat)

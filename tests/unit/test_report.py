@@ -26,6 +26,7 @@ from designlab.report import (
     table,
 )
 from designlab.report.page import rounded
+from designlab.report.yardsticks import ALARMS, HEADLINES, YARDSTICKS
 from designlab.study import Parameter, Study, run_study
 
 VOID = {"meta", "link", "img", "br", "hr", "input"}
@@ -220,6 +221,69 @@ def test_the_page_of_an_evaluation_shows_scores_and_room_left(tmp_path):
     assert "minimum_wall housing walls are at least 0.8 mm thick -0.25 broken" in shown
     assert "minimum_gel the gel is at least 0.5 mm thick 1.5 kept" in shown
     assert "a view" in shown
+
+
+def estimate(value, se=0.01, unit="1"):
+    return {"value": value, "se": se, "bias_bound": None, "unit": unit}
+
+
+def test_the_page_of_an_evaluation_starts_with_a_verdict_and_the_worst_place(tmp_path):
+    for name in ("background", "information", "errors", "uniformity", "press-01-sphere", "press-02-star"):
+        (tmp_path / f"{name}.png").write_bytes(PIXEL)
+    place = {"x_mm": 3.14, "y_mm": -2.0, "reason": "dark", "value_deg": 1.84, "times": 2.0, "detail": ""}
+    score = {
+        "design": "mine",
+        "scores": {
+            "normal_error_mean_deg": estimate(3.0, 0.2, "deg"),
+            "uniformity_u0": estimate(0.2),
+            "dynamic_range_use": estimate(0.501),
+            "coverage": estimate(0.9),
+            "stray_share": estimate(0.0),
+        },
+        "groups": {"red": {"u0": estimate(0.2)}, "blue": {"u0": estimate(0.35)}},
+        "worst": {
+            "gel": place | {"press": None},
+            "press": place | {"reason": "shadowed", "detail": "star:6, red", "value_deg": 12.3, "press": 1},
+        },
+    }
+    text = evaluation_report(score, tmp_path / "page.html").read_text("utf-8")
+    shown = words(text)
+    assert "2 of 4 main scores are good. Poor: uniformity U0, coverage." in shown
+    assert shown.index("Verdict") < shown.index("Untouched gel: worst at (3.1, -2.0) mm, dark")
+    assert "information limit 1.8 deg, 2.0 times the median" in shown
+    assert "Test presses: worst at (3.1, -2.0) mm (star:6, red), shadowed" in shown
+    assert "0.501 ± 0.010 good, borderline good at least 0.5, fair 0.25" in shown
+    # what is in order is not in the verdict, but among all scores
+    assert shown.count("stray light") == 0
+    assert shown.count("stray share 0.000 ± 0.010 good") == 1
+    assert "red 0.200 ± 0.010 blue 0.350 ± 0.010" in shown
+    captions = [image["alt"] for image in check(text).images]
+    assert captions[0].startswith("What the camera sees")
+    assert captions[4:] == ["press 02 star: the press with the worst place", "press 01 sphere"]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "se", "verdict"),
+    [
+        ("uniformity_u0", 0.6, 0.01, "good"),
+        ("uniformity_u0", 0.54, 0.005, "fair"),
+        ("uniformity_u0", 0.54, 0.02, "fair, borderline"),
+        ("uniformity_u0", 0.1, 0.0, "poor"),
+        ("height_rmse_um", 20, 1, "good"),
+        ("height_rmse_um", 49, 2, "fair, borderline"),
+        ("height_rmse_um", 60, 2, "poor"),
+        ("uniformity_cv", 0.5, 0.1, ""),
+    ],
+)
+def test_a_yardstick_turns_a_value_into_a_word(name, value, se, verdict):
+    assert YARDSTICKS[name].verdict(value, se) == verdict  # U0: 0.55 and 0.3; height: 25 and 50 um
+
+
+def test_every_main_score_has_a_yardstick():
+    for name in (*HEADLINES, *ALARMS):
+        known = YARDSTICKS[name]
+        assert known.good != known.fair
+        assert known.reason
 
 
 def test_the_page_of_a_gap_shows_verdict_effects_and_held_out_frames(tmp_path):

@@ -1,0 +1,185 @@
+"""The page about an evaluation: a verdict first, then maps, all figures, rules and time."""
+
+import html
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from designlab.margins import RULES
+from designlab.report.page import Column, Html, Section, facts, gallery, page, paragraph, picture, table
+from designlab.report.yardsticks import judged, row, summary, worst_place
+from designlab.store import write_atomic
+
+_COLOURS = {"good": "#2f855a", "fair": "#b7791f", "poor": "#c53030"}
+_MAPS = {
+    "background.png": "What the camera sees of the untouched gel, brightened to its own white",
+    "information.png": "Information limit: least tilt of a flat membrane that camera noise alone makes up; "
+    "the ring marks the worst place",
+    "errors.png": "Errors of normals and heights over all test presses, on and around the contact; the ring "
+    "marks the worst place",
+    "uniformity.png": "Light of each LED group on the untouched gel, relative to its mean",
+}
+
+
+def evaluation_report(
+    score: Mapping[str, Any], target: str | Path, *, pictures: Mapping[Path, str] | None = None
+) -> Path:
+    """Write the page about one evaluation.
+
+    Parameters
+    ----------
+    score : mapping
+        What ``Score.to_json`` gives: ``design``, ``fidelity``, ``seed``, ``scores``, ``groups``, ``worst``,
+        ``margins``, ``light``, ``seconds``.
+    target : path
+        HTML file to write.
+    pictures : mapping of path to str, optional
+        Picture files and their captions; those that `evaluate` left beside the target when absent.
+    """
+    if pictures is None:
+        pictures = {path: path.stem.replace("-", " ") for path in sorted(Path(target).parent.glob("*.png"))}
+    worst = score.get("worst", {})
+    rows = judged(score["scores"])
+    verdict = [
+        *([paragraph(summary(rows))] if rows else []),
+        *(paragraph(worst_place(kind, place)) for kind, place in worst.items()),
+        *([_verdict_table(rows)] if rows else []),
+    ]
+    sections = [
+        Section("Verdict", tuple(verdict)),
+        Section("Where", _maps(pictures)),
+        Section("Test presses", _presses(pictures, worst.get("press", {}).get("press"))),
+        Section(
+            "All scores", (_scores(score["scores"]), *_groups(score.get("groups", {})), _settings(score))
+        ),
+        Section("Rules", (_margins(score["margins"]),) if score.get("margins") else ()),
+        Section("Time", (_seconds(score["seconds"]),) if score.get("seconds") else ()),
+    ]
+    subtitle = f"fidelity {score.get('fidelity', '')}, seed {score.get('seed', '')}"
+    return write_atomic(target, page(f"Design: {score['design']}", sections, subtitle=subtitle))
+
+
+def _verdict_table(rows: list[dict[str, Any]]) -> Html:
+    shown = [
+        {
+            **entry,
+            "what": Html(
+                f'{html.escape(entry["title"])}<br><span class="note">{html.escape(entry["meaning"])}</span>'
+            ),
+            "word": _coloured(entry["verdict"]),
+            "why": Html(f'<span class="note">{html.escape(entry["limits"])}</span>'),
+        }
+        for entry in rows
+    ]
+    columns = [
+        Column("what", "score"),
+        Column("value", "value", se="se"),
+        Column("word", "verdict"),
+        Column("why", "yardstick"),
+    ]
+    return table(shown, columns)
+
+
+def _coloured(verdict: str) -> Html:
+    colour = _COLOURS.get(verdict.partition(",")[0], "inherit")
+    return Html(f'<strong style="color: {colour}">{html.escape(verdict)}</strong>')
+
+
+def _maps(pictures: Mapping[Path, str]) -> tuple[Html, ...]:
+    named = {path.name: path for path in pictures}
+    blocks = []
+    beside = [picture(named[n], _MAPS[n]) for n in ("background.png", "information.png") if n in named]
+    if beside:
+        two = "display: grid; grid-template-columns: 1fr 1fr; gap: 1.2rem"
+        blocks.append(Html(f'<div style="{two}">{"".join(beside)}</div>'))
+    blocks += [picture(named[n], _MAPS[n]) for n in ("errors.png", "uniformity.png") if n in named]
+    return tuple(blocks)
+
+
+def _presses(pictures: Mapping[Path, str], worst: int | None) -> tuple[Html, ...]:
+    """The press with the worst place large, the others small."""
+    others = {path: caption for path, caption in pictures.items() if path.name not in _MAPS}
+    prefix = "" if worst is None else f"press-{worst + 1:02d}-"
+    large = [p for p in others if prefix and p.name.startswith(prefix)]
+    blocks = [picture(p, f"{others[p]}: the press with the worst place") for p in large]
+    small = [picture(p, caption) for p, caption in others.items() if p not in large]
+    return (*blocks, gallery(small)) if small else tuple(blocks)
+
+
+def _scores(scores: Mapping[str, Mapping[str, Any]]) -> Html:
+    rows = [row(name, estimate) for name, estimate in scores.items()]
+    for entry in rows:
+        entry["word"] = _coloured(entry["verdict"])
+    columns = [
+        Column("score", "score"),
+        Column("value", "value", se="se"),
+        Column("word", "verdict"),
+        Column("meaning", "meaning"),
+    ]
+    if any(entry.get("bias_bound") is not None for entry in rows):
+        columns.insert(2, Column("bias_bound", "bias at most"))
+    return table(rows, columns, caption="The values after ± are standard errors.")
+
+
+def _groups(groups: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> list[Html]:
+    """Figures of each LED group, one row a group."""
+    if not groups:
+        return []
+    figures = next(iter(groups.values()))
+    rows = [
+        {"group": name}
+        | {f: e["value"] for f, e in found.items()}
+        | {f"{f}_se": e["se"] for f, e in found.items()}
+        for name, found in groups.items()
+    ]
+    titles = {
+        "u0": "U0",
+        "cv": "variation",
+        "min_max": "least / greatest",
+        "nine_point": "nine points",
+        "gradient": "gradient",
+        "slant_deg": "slant",
+        "shadow_share_30deg": "shadows on 30 deg",
+    }
+    columns = [Column("group", "LED group")]
+    columns += [Column(f, titles.get(f, f), e["unit"], se=f"{f}_se") for f, e in figures.items()]
+    return [table(rows, columns)]
+
+
+def _settings(score: Mapping[str, Any]) -> Html:
+    settings = {"fidelity": score.get("fidelity", ""), "seed": score.get("seed", "")}
+    if light := score.get("light"):
+        settings |= {
+            "light on the untouched gel": f"random error {light['noise']:.1%} of each mm2",
+            "bias of the light": f"{light['bias_mean']:.1%} of the mean, {light['bias_block']:.0%} of 8 x 8 "
+            "pixels of 160 columns: the largest of random designs"
+            if light["bias_block"]
+            else "none",
+        }
+    return facts(settings)
+
+
+def _margins(margins: Mapping[str, float]) -> Html:
+    rows = [
+        {
+            "rule": rule,
+            "text": RULES.get(rule, ""),
+            "slack": -margin,
+            "kept": "broken" if margin > 0 else "kept",
+        }
+        for rule, margin in sorted(margins.items(), key=lambda item: -item[1])
+    ]
+    columns = [
+        Column("rule", "rule"),
+        Column("text", "what it demands"),
+        Column("slack", "room left", "mm"),
+        Column("kept", ""),
+    ]
+    return table(rows, columns)
+
+
+def _seconds(seconds: Mapping[str, float] | float) -> Html:
+    if not isinstance(seconds, Mapping):
+        seconds = {"evaluation": seconds}
+    rows = [{"part": part, "time": value} for part, value in seconds.items()]
+    return table(rows, [Column("part", "part"), Column("time", "time", "s")])

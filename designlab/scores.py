@@ -1,0 +1,357 @@
+"""The scores of an evaluation, each with its standard error, from rendered frames and reconstructions."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import gaussian_filter, uniform_filter
+
+from designlab import illumination
+from designlab.bench import SMOOTHING_PX, Bench, Reconstruction, sub_seed
+from designlab.design import Design
+from designlab.illumination import Evenness, evenness, saturated
+from designlab.maps import membrane_light, seen, sensing_area, signal_of, step_of, thinned
+from designlab.metrics import rgb_to_normal, uniformity_cv, uniformity_u0
+from designlab.reconstruct import normals
+from designlab.simulate import Frame
+from geometries.elastomer import base_gradient
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+BOOTSTRAPS = 400
+UNIFORMITY_DRAWS, DETAIL_DRAWS = 50, 10
+BLOCK_CELLS = 3  # noise of a light field reaches over its cells, not over three of them
+GRADIENT_MM = 0.5  # over which gradients are smoothed: render noise is steep
+SLOPE_DEG = 30.0  # at which attached shadows are counted
+WITHIN_DEG = 5.0
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A score with its standard error, both in `unit`.
+
+    `bias_bound` is how much of the standard error is systematic; None where no bias is known.
+    """
+
+    value: float
+    se: float
+    unit: str
+    bias_bound: float | None = None
+
+    def __str__(self) -> str:
+        """Value, standard error and unit for people."""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return f"{self.value:.4g} ± {self.se:.2g}{unit}"
+
+
+Scores = dict[str, Estimate]
+
+
+class TransportError(NamedTuple):
+    """How far the light of a picture may be off, relative to its mean; of the worst LED group.
+
+    Parameters
+    ----------
+    noise : float
+        Standard error of blocks of 1 mm x 1 mm of the untouched gel.
+    bias_mean, bias_block : float
+        Systematic error of the mean and of small blocks, the largest seen, see `designlab.render.Bias`.
+    """
+
+    noise: float
+    bias_mean: float
+    bias_block: float
+
+    def __str__(self) -> str:
+        """Sentence for people."""
+        noise = f"light on the untouched gel: random error {self.noise:.1%} of each mm2"
+        if not self.bias_block:
+            return f"{noise}, no bias"
+        return (
+            f"{noise}; bias, the largest of random designs: {self.bias_mean:.1%} of the mean, "
+            f"{self.bias_block:.0%} of 8 x 8 of 160 columns"
+        )
+
+
+def transport_error(design: Design, a: Frame, b: Frame) -> TransportError:
+    """Noise of the mean of two independent renders of the untouched gel, and the bound of their bias."""
+    mask = sensing_area(design, a)
+    size = max(1, round(1.0 / float(a.rays.pitch_mm[0])))
+    noise = []
+    for one, other in zip(a.basis, b.basis, strict=True):
+        blocks = uniform_filter((one - other) / 2, size, mode="nearest")
+        noise.append(float(np.sqrt(np.mean(blocks[mask] ** 2)) / (one + other)[mask].mean() * 2))
+    return TransportError(max(noise), *a.bias)
+
+
+def uniformity(design: Design, a: Frame, b: Frame, seed: int) -> Scores:
+    """U0 and coefficient of variation of the worst LED group."""
+    mask = sensing_area(design, a)
+    pair = _Pair(a.basis, b.basis, a.grain_mm / a.rays.pitch_mm[0])
+    found = _over_draws(lambda basis: worst_evenness(basis, mask), pair, seed, UNIFORMITY_DRAWS)
+    return {
+        name: Estimate(float(value), float(se), "1")
+        for name, value, se in zip(("uniformity_u0", "uniformity_cv"), *found, strict=True)
+    }
+
+
+def worst_evenness(basis: NDArray[np.floating], mask: Mask) -> tuple[float, float]:
+    """U0 and coefficient of variation of the worst group."""
+    smooth = [gaussian_filter(image, SMOOTHING_PX, mode="nearest") for image in basis]
+    return min(uniformity_u0(i, mask) for i in smooth), max(uniformity_cv(i, mask) for i in smooth)
+
+
+def evenness_scores(
+    design: Design, a: Frame, b: Frame, seed: int
+) -> tuple[Scores, dict[str, dict[str, Estimate]]]:
+    """Evenness of the worst LED group and of the sum of the camera's channels; and that of each group."""
+    names = [*design.group_names, "combined"]
+    total = a.weights.sum(axis=0)
+    step = step_of(a)
+    pitch_mm = step * a.rays.pitch_mm[0]
+    mask = sensing_area(design, a)[thinned(a)]
+    pair = _Pair(_binned(a.basis, step), _binned(b.basis, step), a.grain_mm / pitch_mm)
+
+    def figures(basis: NDArray[np.floating]) -> Array:
+        smooth = _smoothed(basis, SMOOTHING_PX / step)
+        images = [*smooth, np.einsum("g,grk->rk", total, smooth)]
+        blurred = _smoothed(np.array(images), GRADIENT_MM / pitch_mm)
+        pairs = zip(images, blurred, strict=True)
+        return np.array([evenness(image, mask, smooth=blur) for image, blur in pairs])
+
+    values, errors = _over_draws(figures, pair, seed, DETAIL_DRAWS)
+    each = {
+        name: {
+            figure: Estimate(float(v), float(e), "1")
+            for figure, v, e in zip(Evenness._fields, value, error, strict=True)
+        }
+        for name, value, error in zip(names, values, errors, strict=True)
+    }
+    combined = each.pop("combined")
+    groups = list(each.values())
+    scores = {
+        "uniformity_min_max": min((g["min_max"] for g in groups), key=lambda e: e.value),
+        "uniformity_nine_point": min((g["nine_point"] for g in groups), key=lambda e: e.value),
+        "uniformity_gradient": max((g["gradient"] for g in groups), key=lambda e: e.value),
+    } | {f"combined_{figure}": estimate for figure, estimate in combined.items()}
+    return scores, each
+
+
+class _Pair(NamedTuple):
+    """Two independent renders, and how far their errors reach in pixels."""
+
+    one: NDArray[np.float32]
+    other: NDArray[np.float32]
+    grain_px: float
+
+
+def _over_draws(
+    figures: Callable[[NDArray[np.floating]], ArrayLike], pair: _Pair, seed: int, count: int
+) -> tuple[Array, Array]:
+    """Figures of the mean of two independent renders, and their errors from the difference of the two.
+
+    Noise passes for unevenness in proportion to its variance, of which each render has twice that of their
+    mean; the difference of the two is taken off.
+    """
+    # Mean and half difference carry the same noise: blocks of the latter with random signs are new draws.
+    mean, noise = (pair.one + pair.other) / 2, (pair.one - pair.other) / 2
+    random = np.random.default_rng(sub_seed(seed, 7, 0))
+    # A path tracer's pixels err independently, a light field over its cells.
+    block = max(1, round(BLOCK_CELLS * pair.grain_px))
+    draws = np.array([figures(mean + _random_signs(random, mean.shape, block) * noise) for _ in range(count)])
+    single = np.mean(np.array([figures(pair.one), figures(pair.other)]), axis=0)
+    return 2 * np.array(figures(mean)) - single, np.std(draws, axis=0, ddof=1)
+
+
+def _smoothed(basis: NDArray[np.floating], sigma_px: float) -> NDArray[np.floating]:
+    return np.asarray(gaussian_filter(basis, (0, sigma_px, sigma_px), mode="nearest"))
+
+
+def _binned(basis: NDArray[np.float32], step: int) -> NDArray[np.float32]:
+    """Means over blocks of pixels that start where `thinned` pixels lie."""
+    groups, rows, columns = basis.shape
+    short = (-rows) % step, (-columns) % step
+    whole = np.pad(basis, ((0, 0), (0, short[0]), (0, short[1])), mode="edge")
+    blocks = whole.reshape(groups, whole.shape[1] // step, step, whole.shape[2] // step, step)
+    return np.asarray(blocks.mean(axis=(2, 4)), dtype=np.float32)
+
+
+def _random_signs(random: np.random.Generator, shape: tuple[int, ...], block: int) -> NDArray[np.float32]:
+    """Signs that are equal over square blocks of an image stack."""
+    groups, rows, columns = shape
+    coarse = random.choice([-1.0, 1.0], size=(groups, -(-rows // block), -(-columns // block)))
+    fine = np.repeat(np.repeat(coarse, block, axis=1), block, axis=2)
+    return fine[:, :rows, :columns].astype(np.float32)
+
+
+def exposure_scores(bench: Bench, a: Frame, b: Frame) -> Scores:
+    """How the untouched gel fills the camera's range, colours balance, light is stray, the area is seen.
+
+    Standard errors are half the difference of two independent renders.
+    """
+    design, mask = bench.design, sensing_area(bench.design, a)
+
+    def of(frame: Frame) -> dict[str, float]:
+        signal = signal_of(bench, frame)
+        found = {
+            "colour_balance": illumination.colour_balance(frame.mixed, mask),
+            "dynamic_range_use": illumination.dynamic_range_use(signal, mask),
+            "saturation_share": float(saturated(signal)[mask].mean()),
+        }
+        if frame.stray is not None:
+            parts = zip(frame.stray, frame.basis, strict=True)
+            found["stray_share"] = max(illumination.stray_share(s, i, mask) for s, i in parts)
+        return found
+
+    one, other = of(a), of(b)
+    both = {
+        name: Estimate((one[name] + other[name]) / 2, abs(one[name] - other[name]) / 2, "1") for name in one
+    }
+    covered = illumination.coverage(a.rays.x_mm, a.rays.y_mm, seen(design, a), design.sensing_area_mm)
+    return both | {"coverage": Estimate(covered, 0.0, "1")}
+
+
+def slant_scores(
+    design: Design, untouched: Frame, responses: Sequence[Array]
+) -> tuple[Scores, dict[str, dict[str, Estimate]]]:
+    """Slant and attached shadows of the worst LED group, and of each; errors by the jackknife over balls.
+
+    Parameters
+    ----------
+    design : Design
+        The sensor.
+    untouched : Frame
+        The untouched gel.
+    responses : sequence of arrays
+        What `group_responses` gave.
+    """
+    thin = thinned(untouched)
+    mask = sensing_area(design, untouched)[thin]
+    membrane = membrane_light(untouched)[thin][mask]
+    slants = [illumination.slant_deg(response[mask], membrane) for response in responses]
+    shadows = [illumination.shadow_share(slant, slope_deg=SLOPE_DEG).mean(axis=0) for slant in slants]
+    middle = [np.median(slant, axis=0) for slant in slants]
+    figures = {"slant_deg": (_jackknife(middle), "deg"), "shadow_share_30deg": (_jackknife(shadows), "1")}
+    each = {
+        name: {
+            figure: Estimate(float(values[g]), float(errors[g]), unit)
+            for figure, ((values, errors), unit) in figures.items()
+        }
+        for g, name in enumerate(design.group_names)
+    }
+    scores = {
+        "slant_deg": min((g["slant_deg"] for g in each.values()), key=lambda e: e.value),
+        "shadow_share_30deg": max((g["shadow_share_30deg"] for g in each.values()), key=lambda e: e.value),
+    }
+    return scores, each
+
+
+def _jackknife(found: Sequence[Array]) -> tuple[Array, Array]:
+    """Value of the first, error from the spread of those that leave out one press each."""
+    value, *without = found
+    return value, np.std(without, axis=0) * np.sqrt(len(without) - 1)
+
+
+def information_score(bench: Bench, untouched: Frame, balls: Sequence[Frame]) -> tuple[Scores, Array]:
+    """Median noise limit over the sensing area, and its map; error by leaving each ball out in turn."""
+    mask = sensing_area(bench.design, untouched)
+    limits = bench.noise_limits_deg(untouched, balls)
+    value, se = _jackknife([np.asarray(np.median(limit[mask])) for limit in limits])
+    return {"information_deg": Estimate(float(value), float(se), "deg")}, limits[0]
+
+
+def reconstruction_scores(
+    bench: Bench,
+    untouched: Frame,
+    background: Array,
+    results: Sequence[Reconstruction],
+    noisier: Sequence[Reconstruction],
+) -> Scores:
+    """Errors of the test presses.
+
+    Parameters
+    ----------
+    bench : Bench
+        The bench that reconstructed them.
+    untouched : Frame
+        The untouched gel.
+    background : array, shape (rows, columns, channels)
+        Its picture, as the calibration has it.
+    results, noisier : sequence of Reconstruction
+        The presses, and the same with a second dose of render noise.
+    """
+    units = {
+        "normal_error_median_deg": "deg",
+        "normal_error_mean_deg": "deg",
+        "height_mae_um": "um",
+        "height_rmse_um": "um",
+        "normals_within_5deg": "1",
+        "rgb2normal": "1",
+        "press_saturation_share": "1",
+    }
+    base = normals(*base_gradient(bench.design.elastomer, *untouched.seen_mm))
+    each = _errors(bench, results, background, base)
+    value, doubled = _pooled(each), _pooled(_errors(bench, noisier, background, base))
+    random = np.random.default_rng(sub_seed(bench.seed, 6, 0))
+    draws = [_pooled(each[random.integers(0, len(each), len(each))]) for _ in range(BOOTSTRAPS)]
+    # The spread of a bootstrap falls short of that of the sample by (n - 1) / n.
+    short = np.sqrt(len(results) / (len(results) - 1))
+    estimates = {}
+    for name, unit in units.items():
+        if not np.isfinite(value[name]):
+            continue
+        choice = short * float(np.nanstd([draw[name] for draw in draws]))
+        # Doubling the variance of the render noise moves a score by about what that noise already moved it.
+        bias = abs(doubled[name] - value[name])
+        estimates[name] = Estimate(value[name], float(np.hypot(choice, bias)), unit, bias)
+    return estimates
+
+
+def _errors(bench: Bench, results: Sequence[Reconstruction], background: Array, base: Array) -> Array:
+    """Figures of each press, shape (presses, 7).
+
+    Median and mean angle, mean absolute and mean square height error, share of small angles, share of pixels
+    at full scale, RGB2Normal.
+    """
+    rows = []
+    for result in results:
+        thin = thinned(result.frame)
+        angle, height = result.error_deg[result.region], result.height_error_um
+        follows = rgb_to_normal(
+            result.image[thin], background[thin], result.true_normals[thin], base[thin]
+        )  # fmt: skip
+        rows.append(
+            (
+                np.median(angle),
+                angle.mean(),
+                np.abs(height).mean(),
+                np.mean(height**2),
+                (angle < WITHIN_DEG).mean(),
+                saturated(signal_of(bench, result.frame, thin))[result.region[thin]].mean(),
+                follows,
+            )
+        )
+    return np.array(rows)
+
+
+def _pooled(errors: Array) -> dict[str, float]:
+    """Each press counts the same, whatever its size."""
+    median, mean, absolute, square, close, full = (float(value) for value in errors[:, :-1].mean(axis=0))
+    follows = errors[:, -1][np.isfinite(errors[:, -1])]
+    return {
+        "normal_error_median_deg": median,
+        "normal_error_mean_deg": mean,
+        "height_mae_um": absolute,
+        "height_rmse_um": float(np.sqrt(square)),
+        "normals_within_5deg": close,
+        "press_saturation_share": full,
+        "rgb2normal": float(follows.mean()) if len(follows) else float("nan"),
+    }
+
+
+def merged(*parts: Mapping[str, Mapping[str, Estimate]]) -> dict[str, dict[str, Estimate]]:
+    """Figures of each LED group, from several tables of them."""
+    return {name: {k: v for part in parts for k, v in part[name].items()} for name in parts[0]}
