@@ -226,6 +226,11 @@ class Simulator:
         weights = self.design.mixing_matrix * flux
         return Frame(press, surface, self.rays, basis, weights, grain_mm, bias(estimator), stray)
 
+    @property
+    def has_light_field(self) -> bool:
+        """Whether pictures are shaded from a light field: not on ``scalar_rgb``, nor where all is traced."""
+        return chosen(self.estimator, self._undeformed) in ("fast", "corrected")
+
     def slope_response(self, *, half: int | None = None) -> NDArray[np.float32]:
         """Change of the untouched gel's picture per unit slope, a sum over the light field's directions.
 
@@ -244,10 +249,10 @@ class Simulator:
         Raises
         ------
         ValueError
-            If the back end has no light field.
+            If there is no light field.
         """
-        if chosen("fast", self._undeformed) != "fast":
-            raise ValueError("slope_response: this back end has no light field")
+        if not self.has_light_field:
+            raise ValueError("slope_response: this estimator or back end has no light field")
         response = self._shader(half).response(self._undeformed, self.rays)
         if self.design.camera.vignetting == Vignetting():
             return response
