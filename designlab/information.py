@@ -5,7 +5,7 @@ to them and S the covariance of the camera's noise, no unbiased estimate scatter
 (Cramer and Rao); the root of its trace is the tilt of a flat membrane that noise alone makes up.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 GENTLEST, STEEPEST = 0.02, 0.35  # slopes between which the response is taken as quadratic
 NO_INFORMATION_DEG = 90.0
+RINGS, AZIMUTHS = 3, 8  # slopes at which a pressed membrane is looked at
 
 
 def responses(
@@ -83,6 +84,48 @@ def noise_limit_deg(response: Array, sigma: Array) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         tilt = np.degrees(np.sqrt((fisher[..., 0, 0] + fisher[..., 1, 1]) / determinant))
     return np.asarray(np.minimum(np.where(determinant > 0, tilt, np.inf), NO_INFORMATION_DEG))
+
+
+def pressed_limit_deg(
+    light: Array, response: Array, mix: Array, sigma: Callable[[Array], Array], *, steepest_deg: float
+) -> Array:
+    """Noise limit (deg) of a pressed membrane: geometric mean over slopes, shape (points,).
+
+    The slopes are evenly spread over a disc of angles up to the steepest. Each group's light stands for
+    distant light of the same effect on the untouched membrane, so slopes that turn away from it get none
+    (attached shadow). Where too few channels respond, or all are at full scale, the limit is 90 deg.
+
+    Parameters
+    ----------
+    light : array, shape (points, groups)
+        Of the untouched membrane.
+    response : array, shape (points, groups, 2)
+        Change of that light per unit of slope along x and y.
+    mix : array, shape (channels, groups)
+        Signal of each channel per unit of light.
+    sigma : callable
+        Standard deviation of the camera's noise for a signal (points, channels); infinite at full scale.
+    steepest_deg : float
+        Steepest slope.
+    """
+    total = np.zeros(len(light))
+    for ring in range(RINGS):
+        # Rings of equal area.
+        tangent = np.tan(np.radians(steepest_deg) * np.sqrt((ring + 0.5) / RINGS))
+        length = np.hypot(1.0, tangent)
+        for azimuth in (np.arange(AZIMUTHS) + 0.5 * (ring % 2)) * 2 * np.pi / AZIMUTHS:
+            uphill = np.array([np.cos(azimuth), np.sin(azimuth)])
+            across = np.array([-uphill[1], uphill[0]])
+            towards = light + tangent * response @ uphill
+            lit = towards > 0
+            shaded = np.where(lit, towards / length, 0.0)
+            slopes = response / length - (towards / length**3)[..., None] * tangent * uphill
+            # From slopes to angles of the normal, uphill and across.
+            turns = np.stack([length**2 * uphill, length * across], axis=-1)
+            changes = np.where(lit[..., None], slopes @ turns, 0.0)
+            jacobian = np.einsum("cg,pgi->pci", mix, changes)
+            total += np.log(noise_limit_deg(jacobian, sigma(shaded @ mix.T)))
+    return np.asarray(np.exp(total / (RINGS * AZIMUTHS)))
 
 
 def _position_terms(x_mm: Array, y_mm: Array) -> Array:

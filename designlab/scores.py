@@ -12,7 +12,7 @@ from designlab import illumination
 from designlab.bench import SMOOTHING_PX, Bench, Reconstruction, sub_seed
 from designlab.design import Design
 from designlab.illumination import Evenness, evenness, saturated
-from designlab.information import noise_limit_deg
+from designlab.information import noise_limit_deg, pressed_limit_deg
 from designlab.maps import (
     BLOCK_CELLS,
     Responses,
@@ -38,6 +38,7 @@ UNIFORMITY_DRAWS, DETAIL_DRAWS = 50, 10
 GRADIENT_MM = 0.5  # over which gradients are smoothed: render noise is steep
 SLOPE_DEG = 30.0  # at which attached shadows are counted
 WITHIN_DEG = 5.0
+LIMIT_STEP = 3  # between the `thinned` pixels at which the pressed membrane's limit is looked at
 
 
 @dataclass(frozen=True)
@@ -262,15 +263,27 @@ def slant_scores(
 
 
 def information_score(bench: Bench, untouched: Frame, gel: GelMaps, responses: Responses) -> Scores:
-    """Median noise limit over the sensing area."""
-    mix = bench.exposure * untouched.weights
+    """Noise limits of the flat and of the pressed membrane, median over the sensing area."""
+    camera, mix = bench.design.camera, bench.exposure * untouched.weights
+    binned = max(untouched.rays.binned, 1.0)
+    some = np.zeros_like(gel.area)
+    some[::LIMIT_STEP, ::LIMIT_STEP] = True
+    some &= gel.area
+    light = membrane_light(untouched)[thinned(untouched)][some]
 
-    def of(response: Array) -> Any:
-        limit = noise_limit_deg(np.einsum("cg,pgi->pci", mix, response[gel.area]), gel.sigma[gel.area])
-        return np.median(limit)
+    def sigma(signal: Array) -> Array:
+        seen = np.minimum(signal + camera.black_level, 1.0)
+        noise = camera.noise_sigma(seen, binned=binned) / camera.response.slope(seen)
+        return np.where(signal + camera.black_level < 1.0, noise, np.inf)
 
-    value, se = responses.figures(of)
-    return {"information_deg": Estimate(float(value), float(se), "deg")}
+    def of(response: Array) -> list[Any]:
+        flat = noise_limit_deg(np.einsum("cg,pgi->pci", mix, response[gel.area]), gel.sigma[gel.area])
+        pressed = pressed_limit_deg(light, response[some], mix, sigma, steepest_deg=SLOPE_DEG)
+        return [np.median(flat), np.median(pressed)]
+
+    names = ("information_flat_deg", "information_deg")
+    found = zip(names, *responses.figures(of), strict=True)
+    return {name: Estimate(float(value), float(se), "deg") for name, value, se in found}
 
 
 def reconstruction_scores(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from designlab.information import noise_limit_deg, responses
+from designlab.information import noise_limit_deg, pressed_limit_deg, responses
 
 X, Y = np.meshgrid(np.linspace(-7, 7, 70), np.linspace(5, -5, 50))
 
@@ -112,3 +112,48 @@ def test_noise_gain_with_known_and_unknown_albedo_follows_theory(slant_deg):
     np.testing.assert_allclose(
         found.var(axis=0).sum() / sigma**2, (4 / sine**2 + 1 / cosine**2) / 3, rtol=0.01
     )
+
+
+def test_the_pressed_limit_is_that_of_finite_differences_of_the_shading():
+    light = lights(50.0, [80.0, 210.0, 330.0]) * [[1.0], [0.7], [1.3]]
+    mix = np.array([[0.5, 0.05, 0.0], [0.1, 0.6, 0.02], [0.0, 0.1, 0.4]])
+
+    def sigma(signal):
+        return 0.002 + 0.004 * np.sqrt(signal)
+
+    found = pressed_limit_deg(light[None, :, 2], -light[None, :, :2], mix, sigma, steepest_deg=30.0)
+
+    def signal(normal):
+        return mix @ np.maximum(light @ normal, 0.0)
+
+    limits = []
+    for ring in range(3):
+        slope = np.radians(30.0) * np.sqrt((ring + 0.5) / 3)
+        for azimuth in (np.arange(8) + 0.5 * (ring % 2)) * np.pi / 4:
+            downhill = np.array([-np.cos(azimuth), -np.sin(azimuth), 0.0])
+            normal = np.cos(slope) * np.array([0.0, 0.0, 1.0]) + np.sin(slope) * downhill
+            # Two directions at right angles to the normal and to each other.
+            sides = np.linalg.svd(normal[None])[2][1:]
+            step = 1e-5
+            jacobian = np.stack(
+                [(signal(normal + step * s) - signal(normal - step * s)) for s in sides], axis=1
+            )
+            weighted = jacobian / (2 * step) / sigma(signal(normal))[:, None]
+            limits.append(np.degrees(np.sqrt(np.trace(np.linalg.inv(weighted.T @ weighted)))))
+    assert found[0] == pytest.approx(np.exp(np.mean(np.log(limits))), rel=1e-6)
+
+
+def test_shadow_and_saturation_take_the_pressed_limit_away():
+    light = lights(75.0, [90.0, 210.0, 330.0])
+
+    def limit(level):
+        def sigma(signal):
+            return np.where(signal < 1.0, 0.004, np.inf)
+
+        scale = level / light[0, 2]
+        args = scale * light[None, :, 2], -scale * light[None, :, :2], np.eye(3), sigma
+        return pressed_limit_deg(*args, steepest_deg=30.0)[0]
+
+    assert limit(0.2) < 1.0
+    # What grazes the gel doubles and more on slopes that face it: a well exposed untouched gel is too bright.
+    assert limit(0.7) > 3 * limit(0.2)
