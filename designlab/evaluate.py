@@ -17,6 +17,7 @@ from designlab import maps, scores
 from designlab.bench import Bench, Reconstruction, plan_presses, sub_seed
 from designlab.design import Design
 from designlab.effects.model import SensorModel
+from designlab.illumination import saturated
 from designlab.press import Press, Surface
 from designlab.render import Estimator
 from designlab.render.backend import activate
@@ -218,6 +219,7 @@ def _analyse(
     slants, slant_groups = scores.slant_scores(design, untouched, responses)
     information, limit_deg = scores.information_score(bench, untouched, balls)
     gel = maps.gel_maps(bench, untouched, responses)
+    full = saturated(maps.signal_of(bench, untouched))
     presses = maps.press_maps(bench, untouched, results)
     return _Found(
         scores=scores.uniformity(design, untouched, again, bench.seed)
@@ -230,7 +232,7 @@ def _analyse(
             "gel": worst_of_gel(gel, names),
             "press": worst_of_presses(presses, gel, names, steepest=maps.steepest_slope(balls)),
         },
-        limit_deg=limit_deg,
+        limit_deg=np.where(maps.seen(design, untouched) & ~full, limit_deg, np.nan),
     )
 
 
