@@ -17,7 +17,6 @@ from designlab import maps, scores
 from designlab.bench import Bench, Reconstruction, plan_presses, sub_seed
 from designlab.design import Design
 from designlab.effects.model import SensorModel
-from designlab.illumination import saturated
 from designlab.press import Press, Surface
 from designlab.render import Estimator
 from designlab.render.backend import activate
@@ -179,7 +178,7 @@ def evaluate(
         _, noisier = bench.reconstruct(untouched, again, balls, tests, noisier_than=calibration)
         errors = scores.reconstruction_scores(bench, untouched, calibration.background, results, noisier)
     with clock.part("scores"), threadpool_limits(limits=1, user_api="blas"):
-        found = _analyse(bench, untouched, again, balls, results)
+        found = _analyse(simulator, bench, (untouched, again), balls, results)
     score = Score(
         design=simulator.design.name,
         digest=model.digest if model.effects else model.design.digest,
@@ -207,23 +206,22 @@ class _Found(NamedTuple):
 
 
 def _analyse(
+    simulator: Simulator,
     bench: Bench,
-    untouched: Frame,
-    again: Frame,
+    renders: tuple[Frame, Frame],
     balls: Sequence[Frame],
     results: Sequence[Reconstruction],
 ) -> _Found:
+    untouched, again = renders
     design, names = bench.design, bench.design.group_names
-    responses = maps.group_responses(untouched, balls)
+    responses = maps.slope_responses(simulator, untouched, balls)
+    gel = maps.gel_maps(bench, untouched, responses.best)
     evenness, even_groups = scores.evenness_scores(design, untouched, again, bench.seed)
     slants, slant_groups = scores.slant_scores(design, untouched, responses)
-    information, limit_deg = scores.information_score(bench, untouched, balls)
-    gel = maps.gel_maps(bench, untouched, responses)
-    full = saturated(maps.signal_of(bench, untouched))
     presses = maps.press_maps(bench, untouched, results)
     return _Found(
         scores=scores.uniformity(design, untouched, again, bench.seed)
-        | information
+        | scores.information_score(bench, untouched, gel, responses)
         | evenness
         | scores.exposure_scores(bench, untouched, again)
         | slants,
@@ -232,7 +230,7 @@ def _analyse(
             "gel": worst_of_gel(gel, names),
             "press": worst_of_presses(presses, gel, names, steepest=maps.steepest_slope(balls)),
         },
-        limit_deg=np.where(maps.seen(design, untouched) & ~full, limit_deg, np.nan),
+        limit_deg=np.where(gel.seen & ~gel.saturated, gel.limit_deg, np.nan),
     )
 
 

@@ -1,16 +1,18 @@
 """Maps of the untouched gel and of test presses in which an evaluation looks for the worst place."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from designlab import illumination, information
-from designlab.bench import SMOOTHING_PX, Bench, Reconstruction
+from designlab.bench import SMOOTHING_PX, Bench, Reconstruction, sub_seed
 from designlab.design import Design
 from designlab.illumination import within
-from designlab.simulate import Frame
+from designlab.simulate import Frame, Simulator
 from designlab.worst import GelMaps, PressMaps
 from geometries.elastomer import base_mm
 
@@ -18,6 +20,8 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Pixels = tuple[slice, slice]
 
+BLOCK_CELLS = 3  # noise of a light field reaches over its cells, not over three of them
+RESPONSE_DRAWS = 10
 DETAIL_COLUMNS = 160  # of the maps: they need no finer ones
 STEEP_PERCENTILE = 99.0
 
@@ -57,12 +61,57 @@ def signal_of(bench: Bench, frame: Frame, pixels: Pixels = (slice(None), slice(N
     return np.asarray(bench.exposure * mixed + bench.design.camera.black_level)
 
 
-def group_responses(untouched: Frame, balls: Sequence[Frame]) -> list[Array]:
+@dataclass(frozen=True, eq=False)
+class Responses:
     """Response to slope of each LED group's light from the membrane, on `thinned` pixels.
 
-    The first one is fitted to all balls, each further one without one ball, see `information.responses`.
-    Shape (rows, columns, groups, 2) each.
+    Attributes
+    ----------
+    best : array, shape (rows, columns, groups, 2)
+        Derivative of a frame's basis by the slopes along x and y.
+    others : sequence of arrays of the same shape
+        As it might be as well.
+    factor : float
+        What makes a standard error of the scatter of figures of `others`.
     """
+
+    best: Array
+    others: Sequence[Array]
+    factor: float
+
+    def figures(self, of: Callable[[Array], Any]) -> tuple[Array, Array]:
+        """Figures of the best response, and their standard errors."""
+        others = [of(other) for other in self.others]
+        return np.asarray(of(self.best)), np.asarray(self.factor * np.std(others, axis=0))
+
+
+def slope_responses(simulator: Simulator, untouched: Frame, balls: Sequence[Frame]) -> Responses:
+    """Sum over the directions of the light field; without one, as on ``scalar_rgb``, fitted to the balls."""
+    if not simulator.has_light_field:
+        fitted = _fitted_responses(untouched, balls)
+        return Responses(fitted[0], fitted[1:], np.sqrt(len(balls) - 1))  # the jackknife
+    thin = thinned(untouched)
+    one, other = (simulator.slope_response(half=half)[:, *thin] for half in (0, 1))
+    best, noise = (np.moveaxis((one + sign * other) / 2, 0, 2) for sign in (1, -1))
+    random = np.random.default_rng(sub_seed(simulator.seed, 7, 1))
+    block = max(
+        1, round(BLOCK_CELLS * untouched.grain_mm / (step_of(untouched) * untouched.rays.pitch_mm[0]))
+    )
+    signs = (random_signs(random, best.shape[2::-1], block).T for _ in range(RESPONSE_DRAWS))
+    others = [best + sign[..., None] * noise for sign in signs]
+    return Responses(best, others, np.sqrt(RESPONSE_DRAWS / (RESPONSE_DRAWS - 1)))
+
+
+def random_signs(random: np.random.Generator, shape: tuple[int, ...], block: int) -> NDArray[np.float32]:
+    """Signs that are equal over square blocks of an image stack, shape (images, rows, columns)."""
+    images, rows, columns = shape
+    coarse = random.choice([-1.0, 1.0], size=(images, -(-rows // block), -(-columns // block)))
+    fine = np.repeat(np.repeat(coarse, block, axis=1), block, axis=2)
+    return fine[:, :rows, :columns].astype(np.float32)
+
+
+def _fitted_responses(untouched: Frame, balls: Sequence[Frame]) -> list[Array]:
+    """All balls, then each left out in turn, see `information.responses`."""
     thin = thinned(untouched)
     rays = untouched.rays
     return information.responses(
@@ -80,8 +129,8 @@ def membrane_light(frame: Frame) -> Array:
     return np.moveaxis(np.asarray(basis, dtype=float), 0, -1)
 
 
-def gel_maps(bench: Bench, untouched: Frame, responses: Sequence[Array]) -> GelMaps:
-    """Maps in which the worst place of the untouched gel is looked for, on the pixels of the responses.
+def gel_maps(bench: Bench, untouched: Frame, response: Array) -> GelMaps:
+    """Maps in which the worst place of the untouched gel is looked for, on the pixels of the response.
 
     Parameters
     ----------
@@ -89,8 +138,8 @@ def gel_maps(bench: Bench, untouched: Frame, responses: Sequence[Array]) -> GelM
         Camera and exposure.
     untouched : Frame
         The untouched gel.
-    responses : sequence of arrays
-        What `group_responses` gave.
+    response : array, shape (rows, columns, groups, 2)
+        The best of `slope_responses`.
     """
     design, camera = bench.design, bench.design.camera
     thin = thinned(untouched)
@@ -113,7 +162,7 @@ def gel_maps(bench: Bench, untouched: Frame, responses: Sequence[Array]) -> GelM
         signal=signal,
         stray=stray @ mix.T,
         sigma=camera.noise_sigma(signal + dark, binned=binned) / camera.response.slope(signal + dark),
-        response=np.einsum("cg,rkgi->rkci", mix, responses[0]),
+        response=np.einsum("cg,rkgi->rkci", mix, response),
     )
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,10 +12,22 @@ from designlab import illumination
 from designlab.bench import SMOOTHING_PX, Bench, Reconstruction, sub_seed
 from designlab.design import Design
 from designlab.illumination import Evenness, evenness, saturated
-from designlab.maps import membrane_light, seen, sensing_area, signal_of, step_of, thinned
+from designlab.information import noise_limit_deg
+from designlab.maps import (
+    BLOCK_CELLS,
+    Responses,
+    membrane_light,
+    random_signs,
+    seen,
+    sensing_area,
+    signal_of,
+    step_of,
+    thinned,
+)
 from designlab.metrics import rgb_to_normal, uniformity_cv, uniformity_u0
 from designlab.reconstruct import normals
 from designlab.simulate import Frame
+from designlab.worst import GelMaps
 from geometries.elastomer import base_gradient
 
 Array = NDArray[np.float64]
@@ -23,7 +35,6 @@ Mask = NDArray[np.bool_]
 
 BOOTSTRAPS = 400
 UNIFORMITY_DRAWS, DETAIL_DRAWS = 50, 10
-BLOCK_CELLS = 3  # noise of a light field reaches over its cells, not over three of them
 GRADIENT_MM = 0.5  # over which gradients are smoothed: render noise is steep
 SLOPE_DEG = 30.0  # at which attached shadows are counted
 WITHIN_DEG = 5.0
@@ -161,7 +172,7 @@ def _over_draws(
     random = np.random.default_rng(sub_seed(seed, 7, 0))
     # A path tracer's pixels err independently, a light field over its cells.
     block = max(1, round(BLOCK_CELLS * pair.grain_px))
-    draws = np.array([figures(mean + _random_signs(random, mean.shape, block) * noise) for _ in range(count)])
+    draws = np.array([figures(mean + random_signs(random, mean.shape, block) * noise) for _ in range(count)])
     single = np.mean(np.array([figures(pair.one), figures(pair.other)]), axis=0)
     return 2 * np.array(figures(mean)) - single, np.std(draws, axis=0, ddof=1)
 
@@ -179,45 +190,40 @@ def _binned(basis: NDArray[np.float32], step: int) -> NDArray[np.float32]:
     return np.asarray(blocks.mean(axis=(2, 4)), dtype=np.float32)
 
 
-def _random_signs(random: np.random.Generator, shape: tuple[int, ...], block: int) -> NDArray[np.float32]:
-    """Signs that are equal over square blocks of an image stack."""
-    groups, rows, columns = shape
-    coarse = random.choice([-1.0, 1.0], size=(groups, -(-rows // block), -(-columns // block)))
-    fine = np.repeat(np.repeat(coarse, block, axis=1), block, axis=2)
-    return fine[:, :rows, :columns].astype(np.float32)
-
-
 def exposure_scores(bench: Bench, a: Frame, b: Frame) -> Scores:
-    """How the untouched gel fills the camera's range, colours balance, light is stray, the area is seen.
+    """How the untouched gel fills the camera's range, colours balance, light is stray, the area is seen."""
+    design, groups, step = bench.design, len(a.basis), step_of(a)
+    mask = sensing_area(design, a)[thinned(a)]
+    names = ["colour_balance", "dynamic_range_use", "saturation_share", "stray_share"]
 
-    Standard errors are half the difference of two independent renders.
-    """
-    design, mask = bench.design, sensing_area(bench.design, a)
+    def figures(images: NDArray[np.floating]) -> list[float]:
+        basis, stray = images[:groups], images[groups:]
+        mixed = np.einsum("cg,grk->rkc", a.weights, basis)
+        signal = bench.exposure * mixed + design.camera.black_level
+        found = [
+            illumination.colour_balance(mixed, mask),
+            illumination.dynamic_range_use(signal, mask),
+            float(saturated(signal)[mask].mean()),
+        ]
+        shares = [illumination.stray_share(s, i, mask) for s, i in zip(stray, basis, strict=False)]
+        return [*found, max(shares)] if shares else found
 
-    def of(frame: Frame) -> dict[str, float]:
-        signal = signal_of(bench, frame)
-        found = {
-            "colour_balance": illumination.colour_balance(frame.mixed, mask),
-            "dynamic_range_use": illumination.dynamic_range_use(signal, mask),
-            "saturation_share": float(saturated(signal)[mask].mean()),
-        }
-        if frame.stray is not None:
-            parts = zip(frame.stray, frame.basis, strict=True)
-            found["stray_share"] = max(illumination.stray_share(s, i, mask) for s, i in parts)
-        return found
-
-    one, other = of(a), of(b)
+    one, other = (
+        _binned(f.basis if f.stray is None else np.concatenate([f.basis, f.stray]), step) for f in (a, b)
+    )
+    pair = _Pair(one, other, a.grain_mm / (step * a.rays.pitch_mm[0]))
+    found = zip(*_over_draws(figures, pair, bench.seed, DETAIL_DRAWS), strict=True)
     both = {
-        name: Estimate((one[name] + other[name]) / 2, abs(one[name] - other[name]) / 2, "1") for name in one
+        name: Estimate(max(float(v), 0.0), float(e), "1") for name, (v, e) in zip(names, found, strict=False)
     }
     covered = illumination.coverage(a.rays.x_mm, a.rays.y_mm, seen(design, a), design.sensing_area_mm)
     return both | {"coverage": Estimate(covered, 0.0, "1")}
 
 
 def slant_scores(
-    design: Design, untouched: Frame, responses: Sequence[Array]
+    design: Design, untouched: Frame, responses: Responses
 ) -> tuple[Scores, dict[str, dict[str, Estimate]]]:
-    """Slant and attached shadows of the worst LED group, and of each; errors by the jackknife over balls.
+    """Slant and attached shadows of the worst LED group, and of each.
 
     Parameters
     ----------
@@ -225,16 +231,22 @@ def slant_scores(
         The sensor.
     untouched : Frame
         The untouched gel.
-    responses : sequence of arrays
-        What `group_responses` gave.
+    responses : Responses
+        What `slope_responses` gave.
     """
     thin = thinned(untouched)
     mask = sensing_area(design, untouched)[thin]
     membrane = membrane_light(untouched)[thin][mask]
-    slants = [illumination.slant_deg(response[mask], membrane) for response in responses]
-    shadows = [illumination.shadow_share(slant, slope_deg=SLOPE_DEG).mean(axis=0) for slant in slants]
-    middle = [np.median(slant, axis=0) for slant in slants]
-    figures = {"slant_deg": (_jackknife(middle), "deg"), "shadow_share_30deg": (_jackknife(shadows), "1")}
+
+    def of(response: Array) -> list[Array]:
+        slant = illumination.slant_deg(response[mask], membrane)
+        return [np.median(slant, axis=0), illumination.shadow_share(slant, slope_deg=SLOPE_DEG).mean(axis=0)]
+
+    (slants, shadows), (slant_errors, shadow_errors) = responses.figures(of)
+    figures = {
+        "slant_deg": ((slants, slant_errors), "deg"),
+        "shadow_share_30deg": ((shadows, shadow_errors), "1"),
+    }
     each = {
         name: {
             figure: Estimate(float(values[g]), float(errors[g]), unit)
@@ -249,18 +261,16 @@ def slant_scores(
     return scores, each
 
 
-def _jackknife(found: Sequence[Array]) -> tuple[Array, Array]:
-    """Value of the first, error from the spread of those that leave out one press each."""
-    value, *without = found
-    return value, np.std(without, axis=0) * np.sqrt(len(without) - 1)
+def information_score(bench: Bench, untouched: Frame, gel: GelMaps, responses: Responses) -> Scores:
+    """Median noise limit over the sensing area."""
+    mix = bench.exposure * untouched.weights
 
+    def of(response: Array) -> Any:
+        limit = noise_limit_deg(np.einsum("cg,pgi->pci", mix, response[gel.area]), gel.sigma[gel.area])
+        return np.median(limit)
 
-def information_score(bench: Bench, untouched: Frame, balls: Sequence[Frame]) -> tuple[Scores, Array]:
-    """Median noise limit over the sensing area, and its map; error by leaving each ball out in turn."""
-    mask = sensing_area(bench.design, untouched)
-    limits = bench.noise_limits_deg(untouched, balls)
-    value, se = _jackknife([np.asarray(np.median(limit[mask])) for limit in limits])
-    return {"information_deg": Estimate(float(value), float(se), "deg")}, limits[0]
+    value, se = responses.figures(of)
+    return {"information_deg": Estimate(float(value), float(se), "deg")}
 
 
 def reconstruction_scores(

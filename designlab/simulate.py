@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ from designlab.render import UNBIASED, Bias, Estimator, bias, chosen, shader, tr
 from designlab.render.lightfield import CELL_MM
 from designlab.scene import Scene, build
 from designlab.viewing import Rays, rays
+
+if TYPE_CHECKING:
+    from designlab.render.shading import Shader
 
 Array = NDArray[np.float64]
 SURFACE_MARGIN_MM = 2.0  # the membrane is modelled finely this far beyond the area in view
@@ -223,6 +227,48 @@ class Simulator:
         return Frame(press, surface, self.rays, basis, weights, grain_mm, bias(estimator), stray)
 
     @property
+    def has_light_field(self) -> bool:
+        """Whether pictures are shaded from a light field: not on ``scalar_rgb``, nor where all is traced."""
+        return chosen(self.estimator, self._undeformed) in ("fast", "corrected")
+
+    def slope_response(self, *, half: int | None = None) -> NDArray[np.float32]:
+        """Change of the untouched gel's picture per unit slope, a sum over the light field's directions.
+
+        Defocus is left out: the untouched gel is smooth.
+
+        Parameters
+        ----------
+        half : int, optional
+            0 or 1: from that half of the light field alone.
+
+        Returns
+        -------
+        array, shape (groups, rows, columns, 2)
+            Derivative of a frame's basis by p = dz/dx and q = dz/dy.
+
+        Raises
+        ------
+        ValueError
+            If there is no light field.
+        """
+        if not self.has_light_field:
+            raise ValueError("slope_response: this estimator or back end has no light field")
+        response = self._shader(half).response(self._undeformed, self.rays)
+        if self.design.camera.vignetting == Vignetting():
+            return response
+        return np.asarray(response * self.design.camera.vignette(self.view)[..., None], dtype=np.float32)
+
+    def _shader(self, half: int | None) -> "Shader":
+        return shader(
+            self._undeformed,
+            self.surface(None),
+            area_mm=self.design.sensing_area_mm,
+            samples=self.samples,
+            seed=self.seed,
+            half=half,
+        )
+
+    @property
     def _same_coating(self) -> bool:
         """Whether a press leaves the coating as it is: nothing shines through from behind."""
         return not (self.design.optics.coating_transmittance and self.design.optics.object_reflectance)
@@ -234,14 +280,7 @@ class Simulator:
         effort = self.traced_samples if estimator == "corrected" else self.samples
         if estimator in ("reference", "path"):
             return trace(scene, surface, seen, estimator=estimator, samples=effort, seed=seed), None
-        shading = shader(
-            self._undeformed,
-            self.surface(None),
-            area_mm=self.design.sensing_area_mm,
-            samples=self.samples,
-            seed=self.seed,
-            half=half,
-        )
+        shading = self._shader(half)
         shaded, stray = shading.radiance(surface, scene, seen), shading.stray(scene.view)
         if estimator == "fast":
             return shaded, stray

@@ -9,7 +9,7 @@ import uuid
 import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,12 +118,19 @@ def write_atomic(path: str | Path, content: bytes | str) -> Path:
         If it cannot be written; the text names the path and the reason. Nothing is left behind.
     """
     target = Path(path)
-    data = content.encode() if isinstance(content, str) else content
+    with _atomic_file(target) as file:
+        file.write(content.encode() if isinstance(content, str) else content)
+    return target
+
+
+@contextlib.contextmanager
+def _atomic_file(target: Path) -> Iterator[BinaryIO]:
+    """Open a file that appears under its name, on the disk, when the block ends without an error."""
     temporary = _sibling(target)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         with temporary.open("xb") as file:
-            file.write(data)
+            yield file
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(target)
@@ -132,7 +139,6 @@ def write_atomic(path: str | Path, content: bytes | str) -> Path:
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
-    return target
 
 
 @contextlib.contextmanager
@@ -247,11 +253,9 @@ def write_cache(
     OSError
         If the folder cannot be written; the text names it. Nothing is left behind.
     """
-    import io
-
-    buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **arrays)
-    path = write_atomic(_entry(key, folder), buffer.getvalue())
+    path = _entry(key, folder)
+    with _atomic_file(path) as file:
+        np.savez(file, allow_pickle=False, **arrays)
     _prune(path.parent, keep=path, limit_bytes=limit_bytes)
     return path
 

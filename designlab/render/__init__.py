@@ -1,9 +1,11 @@
 """Rendering: the only part of designlab that imports Mitsuba and Dr.Jit."""
 
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Literal, NamedTuple, TypeVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,6 +99,7 @@ def trace(
     return path.radiance(scene, samples=samples, seed=seed)
 
 
+_writer = ThreadPoolExecutor(1, thread_name_prefix="light-field-cache")
 _fields: dict[str, "list[LightField]"] = {}
 _shaders: dict[str, "Shader"] = {}
 _strays: dict[str, NDArray[np.float32]] = {}
@@ -154,12 +157,17 @@ def _light_field(scene: Scene, area_mm: tuple[float, float], samples: int, seed:
             photons = max(1, samples * PHOTONS_PER_SAMPLE // 2)
             seeds = (2 * seed, 2 * seed + 1)
             halves = baking.bake(scene, area_mm=area_mm, photons=photons, seeds=seeds)
-            with suppress(OSError):  # a full or read-only cache costs time, not the result
-                store.write_cache(key, lightfield.packed(halves))
+            # Presses are shaded meanwhile; the interpreter waits for it before it ends.
+            _writer.submit(_keep, key, lightfield.packed(halves), store.cache_dir() / "arrays")
         else:
             halves = lightfield.unpacked(stored)
         _remember(_fields, key, halves)
     return _fields[key]
+
+
+def _keep(key: str, arrays: dict[str, NDArray[Any]], folder: Path) -> None:
+    with suppress(OSError):  # a full or read-only cache costs time, not the result
+        store.write_cache(key, arrays, folder=folder)
 
 
 def _stray(scene: Scene, *, photons: int, seed: int, half: int | None) -> NDArray[np.float32]:

@@ -1,5 +1,6 @@
 """Light kept by place and direction, summed over its directions at points of the membrane."""
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -7,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from designlab.press import Surface
-from designlab.render.lightfield import AZIMUTHS, Field
+from designlab.render.lightfield import AZIMUTHS, Bins, Field
 from designlab.render.nodes import Nodes, Response, base_normals, facing, nodes_of
 from designlab.render.tables import bilinear, held
 from designlab.render.walls import FURTHEST_MM
@@ -37,14 +38,31 @@ class Binned:
     """
 
     def __init__(self, field: Field, group: int, untouched: Surface, *, fine: bool = True) -> None:
-        self._bins, self._x_mm, self._y_mm = field.bins(group, fine=fine), field.x_mm, field.y_mm
+        self._x_mm, self._y_mm, self._fine = field.x_mm, field.y_mm, fine
         self._field, self._group, self._untouched = field, group, untouched
         self._curved = bool(np.nan_to_num(untouched.base_p).any())
-        x, y = np.meshgrid(untouched.x_mm, untouched.y_mm)
-        self.irradiance = self.irradiance_at(x, y)
-        at = [(y - field.y_mm) / self._bins.pitch_mm, (x - field.x_mm) / self._bins.pitch_mm]
-        vector = [map_coordinates(v, at, order=1, mode="nearest") for v in self._bins.vector]
-        self._summed = np.einsum("krc,krc->rc", base_normals(untouched), vector).astype(np.float32)
+        self.irradiance = self.irradiance_at(*np.meshgrid(untouched.x_mm, untouched.y_mm))
+
+    @cached_property
+    def _bins(self) -> Bins:
+        """Directions; the untouched gel alone needs none."""
+        return self._field.bins(self._group, fine=self._fine)
+
+    @cached_property
+    def vector(self) -> Single:
+        """Light on every grid node, shape (3, rows, columns): its product with a normal is the irradiance.
+
+        As far as no light is cut off at the tangent.
+        """
+        x, y = np.meshgrid(self._untouched.x_mm, self._untouched.y_mm)
+        at = [(y - self._y_mm) / self._bins.pitch_mm, (x - self._x_mm) / self._bins.pitch_mm]
+        return np.array([map_coordinates(v, at, order=1, mode="nearest") for v in self._bins.vector])
+
+    @cached_property
+    def _summed(self) -> Single:
+        """Irradiance of the whole grid at rest, by the same sum as `light`, for a flat membrane."""
+        summed = np.einsum("krc,krc->rc", base_normals(self._untouched), self.vector)
+        return np.asarray(summed, dtype=np.float32)
 
     def irradiance_at(self, x: Array, y: Array) -> Single:
         """Irradiance (1/mm2) of the undeformed membrane at points (mm)."""

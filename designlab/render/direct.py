@@ -1,5 +1,6 @@
 """Light straight from the LEDs through air, integrated over their faces instead of traced."""
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -50,12 +51,20 @@ class Direct:
 
     def irradiance_at(self, x: Array, y: Array) -> Single:
         """Irradiance (1/mm2) of the undeformed membrane at points (mm)."""
-        at = [(y - self._corner[1]) / NODE_MM, (x - self._corner[0]) / NODE_MM]
-        vector = [map_coordinates(v, at, order=3, mode="nearest") for v in self._vectors]
+        vector = self._vector_at(x, y)
         surface = self._untouched
         p, q = (surface.sample(np.nan_to_num(slope), x, y) for slope in (surface.base_p, surface.base_q))
         light = (vector[2] - p * vector[0] - q * vector[1]) / np.sqrt(1 + p**2 + q**2)
         return np.asarray(np.maximum(light, 0.0), dtype=np.float32)
+
+    @cached_property
+    def vector(self) -> Single:
+        """Light on every grid node, shape (3, rows, columns): its product with a normal is the irradiance."""
+        return self._vector_at(*np.meshgrid(self._untouched.x_mm, self._untouched.y_mm))
+
+    def _vector_at(self, x: Array, y: Array) -> Single:
+        at = [(y - self._corner[1]) / NODE_MM, (x - self._corner[0]) / NODE_MM]
+        return np.array([map_coordinates(v, at, order=3, mode="nearest") for v in self._vectors])
 
     def at_rest(self, chosen: NDArray[np.bool_]) -> Single:
         """Irradiance of chosen grid nodes without a press, by the same sum as `light`."""

@@ -136,10 +136,12 @@ class LightField:
 
 def mean(fields: Sequence[LightField]) -> LightField:
     """Mean of independent light fields of one scene."""
+    if len(fields) == 1:
+        return fields[0]
 
     def of(parts: Sequence[Field]) -> Field:
         power, irradiance = (
-            np.asarray(np.mean([getattr(part, name) for part in parts], axis=0), dtype=np.float32)
+            np.asarray(sum(getattr(part, name) for part in parts) / np.float32(len(parts)))
             for name in ("power", "irradiance")
         )
         return Field(power, irradiance, parts[0].x_mm, parts[0].y_mm)
@@ -215,5 +217,8 @@ def on_membrane(scene: Scene, x: Array, y: Array) -> NDArray[np.bool_]:
     triangles = scene.membrane.vertices[scene.membrane.faces][:, :, :2]
     outline = triangles.reshape(-1, 2)
     hull = ConvexHull(outline[:: max(1, len(outline) // 200_000)])
-    points = np.stack([x, y], axis=-1)
-    return np.asarray((points @ hull.equations[:, :2].T + hull.equations[:, 2] <= 1e-9).all(axis=-1))
+    inside = np.ones(np.shape(x), dtype=bool)
+    # A straight side comes as many pieces of one line.
+    for across, along, offset in np.unique(np.round(hull.equations, 9), axis=0):
+        inside &= across * x + along * y + offset <= 1e-8
+    return inside

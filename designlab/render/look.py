@@ -1,5 +1,7 @@
 """What each pixel sees of a membrane whose radiance is known."""
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,12 +20,7 @@ def look(grids: Single, surface: Surface, rays: Rays) -> Single:
     import drjit as dr
     import mitsuba as mi
 
-    rows, columns = rays.x_mm.shape
-    fine = [
-        mi.Float(_subdivided(values).astype(np.float32).ravel())
-        for values in (rays.x_mm, rays.y_mm, rays.slope_x, rays.slope_y)
-    ]
-    x0, y0, slope_x, slope_y = fine
+    x0, y0, slope_x, slope_y = (mi.Float(column) for column in _looked(rays))
     grid = Grid.of(surface)
     x, y = x0, y0
     for _ in range(8):
@@ -31,20 +28,21 @@ def look(grids: Single, surface: Surface, rays: Rays) -> Single:
         x, y = x0 + slope_x * z, y0 + slope_y * z
     at = grid.place(x, y)
     shape = grid.rows, grid.columns
-    images = [bilinear(mi.Float(np.ascontiguousarray(image).ravel()), *at, *shape) for image in grids]
-    dr.eval(*images)
-    return np.stack(
-        [np.asarray(image).reshape(rows, SUBPIXELS, columns, SUBPIXELS).mean(axis=(1, 3)) for image in images]
-    )
+    seen = [bilinear(mi.Float(np.ascontiguousarray(image).ravel()), *at, *shape) for image in grids]
+    dr.eval(*seen)
+    pixels = [dr.block_sum(values, SUBPIXELS**2) / SUBPIXELS**2 for values in seen]
+    return np.stack([np.asarray(values).reshape(rays.x_mm.shape) for values in pixels])
+
+
+@lru_cache(maxsize=4)
+def _looked(rays: Rays) -> list[Single]:
+    """Look-ups of all pixels, those of one pixel side by side: x, y (mm) at height zero, and slopes."""
+    columns = rays.x_mm, rays.y_mm, rays.slope_x, rays.slope_y
+    return [np.ascontiguousarray(_subdivided(values), dtype=np.float32).ravel() for values in columns]
 
 
 def _subdivided(values: Array) -> Array:
-    """Values at the centres of sub-pixels, linear between pixel centres and beyond the outer ones."""
+    """Values at the centres of sub-pixels, linear across each pixel, shape (rows, columns, sub-pixels)."""
+    down, right = (np.gradient(values, axis=axis) for axis in (0, 1))
     offsets = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
-    for axis in (0, 1):
-        slope = np.gradient(values, axis=axis)
-        stacked = np.stack([values + o * slope for o in offsets], axis=axis + 1)
-        shape = list(values.shape)
-        shape[axis] *= SUBPIXELS
-        values = stacked.reshape(shape)
-    return values
+    return np.stack([values + i * down + j * right for i in offsets for j in offsets], axis=-1)

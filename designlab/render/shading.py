@@ -16,6 +16,7 @@ How far pictures are off is in docs/validation.md.
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ from designlab.render.landings import FirstLight
 from designlab.render.lightfield import LightField, on_membrane
 from designlab.render.look import look
 from designlab.render.nodes import Choice, Nodes, Response, base_normals, facing, nodes_of
+from designlab.render.tables import held
 from designlab.render.walls import FURTHEST_MM, Around, between_walls, horizon_of
 from designlab.render.window import transmission
 from designlab.scene import Coating, Dielectric, Scene
@@ -44,8 +46,11 @@ SHADOW_REACH = 4.0  # shadows reach at least this many times the height of what 
 LOWEST_SHARE = 0.02  # of a point's light, the most grazing, whose shadows may be cut short
 AROUND_MM = 0.5  # between the points of the membrane beyond the grid
 LATTICE_MM = 1.0  # between the points at which the most grazing light is looked for
+SMALL_SLOPE = 0.02  # by which the gel is tilted to see how the lobe answers
 LOBE_STRIDE = 10  # of the nodes at which the untouched gel's lobe is summed
 KERNEL_MM = 0.2  # standard deviation of the kernel over which photons correct the sums
+PASSES = 3  # of the correction: each takes what the kernel of the one before has left at sharp edges
+KERNEL_REACH = 4.0  # standard deviations after which it ends
 LEAST_SHARE = 0.02  # of the mean irradiance: where less is left than that, ratios mean nothing
 MOST_GAIN = 1.5  # from a sum over direction bins to the irradiance of the untouched gel
 
@@ -75,10 +80,9 @@ class Shader:
             for group in groups
         ]
         self._again = [Binned(field.again, group, untouched, fine=field.first is None) for group in groups]
-        self._first = [FirstLight(landings) for landings in field.landings]
+        self._landings = field.landings
         # A wide lens also sees what lies beside the gel: its black rim.
         self._there = on_membrane(scene, *np.meshgrid(untouched.x_mm, untouched.y_mm))
-        self._reach = max([SHADOW_REACH, *(self._shadow_reach(group) for group in groups)])
         self._light_around: tuple[Single, float, float] | None = None
         self._lobe: tuple[Rays, Single] | None = None
         self._passed: tuple[Rays, Array] | None = None
@@ -97,7 +101,8 @@ class Shader:
             Where the pixels look.
         """
         albedo = _albedo(scene, surface)
-        reach_mm = min(self._reach * float(surface.height_mm.max()), LONGEST_SHADOW_MM)
+        raised_mm = float(surface.height_mm.max())
+        reach_mm = min(self._reach * raised_mm, LONGEST_SHADOW_MM) if raised_mm > 0 else 0.0
         choice = Choice.near(surface, reach_mm)
         coating = scene.membrane.material
         specular = coating.specular if isinstance(coating, Coating) else 0.0
@@ -118,9 +123,7 @@ class Shader:
             if specular:
                 lobe = lobe + self._mirrored_change(scene, rays, nodes, horizon, choice)
         grids = self._there * albedo * ((1 - specular) / np.float32(np.pi) * light + specular * lobe)
-        if self._passed is None or self._passed[0] is not rays:
-            self._passed = rays, transmission(scene, self._untouched, rays)
-        straight = look(grids, surface, rays) * self._passed[1]
+        straight = look(grids, surface, rays) * self._passage(scene, rays)
         return np.asarray(straight + self.stray(scene.view), dtype=np.float32)
 
     def stray(self, view: View) -> Single:
@@ -128,6 +131,62 @@ class Shader:
         if self._stray is None or self._stray[0] != view:
             self._stray = view, self._stray_light(replace(self._scene, view=view))
         return self._stray[1]
+
+    def response(self, scene: Scene, rays: Rays) -> Single:
+        """Change of the untouched gel's picture per unit slope of the membrane.
+
+        Each pixel's own slope counts; what slopes around it would throw there does not.
+
+        Parameters
+        ----------
+        scene, rays : Scene, Rays
+            As of `radiance`.
+
+        Returns
+        -------
+        array, shape (groups, rows, columns, 2)
+            Derivative of the radiance at unit flux by p = dz/dx and q = dz/dy.
+        """
+        untouched = self._untouched
+        p, q = np.nan_to_num(untouched.base_p), np.nan_to_num(untouched.base_q)
+        length = np.sqrt(1 + p**2 + q**2)
+        coating = scene.membrane.material
+        specular = coating.specular if isinstance(coating, Coating) else 0.0
+        by_slope = []
+        for slope, axis in ((p, 0), (q, 1)):
+            light = np.zeros((scene.groups, *p.shape))
+            for group in range(scene.groups):
+                for part in (self._straight[group], self._again[group]):
+                    summed = (part.vector[2] - p * part.vector[0] - q * part.vector[1]) / length
+                    # Cells of the bins are wider than those of the irradiance.
+                    gain = np.clip(part.irradiance / np.maximum(summed, 1e-30), 0.0, MOST_GAIN)
+                    light[group] -= gain * (part.vector[axis] / length + summed * slope / length**2)
+            change = (1 - specular) / np.pi * light
+            if specular:
+                change = change + specular * self._lobe_response(scene, rays, axis)
+            grids = np.asarray(self._there * _albedo(scene, untouched) * change, dtype=np.float32)
+            by_slope.append(look(grids, untouched, rays))
+        return np.asarray(np.stack(by_slope, axis=-1) * self._passage(scene, rays)[..., None])
+
+    def _lobe_response(self, scene: Scene, rays: Rays, axis: int) -> Single:
+        """Derivative of what the lobe returns by one slope, for a reflectance of one."""
+        high, low = (self._lobe_of(scene, rays, tilted=(axis, side * SMALL_SLOPE)) for side in (1, -1))
+        return np.asarray((high - low) / (2 * SMALL_SLOPE), dtype=np.float32)
+
+    def _passage(self, scene: Scene, rays: Rays) -> Array:
+        """Share of the membrane's radiance that reaches the camera."""
+        if self._passed is None or self._passed[0] is not rays:
+            self._passed = rays, transmission(scene, self._untouched, rays)
+        return self._passed[1]
+
+    @cached_property
+    def _first(self) -> list[FirstLight]:
+        return [FirstLight(landings) for landings in self._landings]
+
+    @cached_property
+    def _reach(self) -> float:
+        """Length of shadows for a height of one."""
+        return max([SHADOW_REACH, *map(self._shadow_reach, range(self._scene.groups))])
 
     def _around(self, albedo: Single) -> Around:
         """Radiance of the undeformed membrane, also beyond the grid of presses."""
@@ -154,7 +213,7 @@ class Shader:
             gain = np.clip(part.irradiance[choice.nodes] / np.maximum(own, 1e-30), 0.0, MOST_GAIN)
             changes.append(choice.spread((pressed - own) * gain, 0.0))
         straight, again = changes
-        if self._first:
+        if self._landings:
             straight = self._corrected(group, surface, straight)
         return straight + again
 
@@ -166,12 +225,20 @@ class Shader:
         rest = self._there * self._straight[group].irradiance
         if not rest.any():
             return change
-        summed, landed = np.maximum(rest + change, 0.0), rest + self._first[group].change(surface)
-        least = LEAST_SHARE * float(rest.mean())
-        mean, wanted = (gaussian_filter(e, KERNEL_MM / surface.pitch_mm) for e in (summed, landed))
-        # Less light than in the sums dims them, which leaves dark what both call dark; more is added.
-        dimmed = np.minimum((np.maximum(wanted, 0.0) + least) / (mean + least), 1.0)
-        return np.asarray(summed * dimmed + np.maximum(wanted - mean, 0.0) - rest, dtype=np.float32)
+        landed = self._first[group].change(surface)
+        sigma_px, least = KERNEL_MM / surface.pitch_mm, LEAST_SHARE * float(rest.mean())
+        found = np.zeros_like(change)
+        part = _window((change != 0) | (landed != 0), round((PASSES + 1) * KERNEL_REACH * sigma_px))
+        rest, change, landed = rest[part], change[part], landed[part]
+        light = np.maximum(rest + change, 0.0)
+        wanted = gaussian_filter(rest + landed, sigma_px, truncate=KERNEL_REACH)
+        for _ in range(PASSES):
+            mean = gaussian_filter(light, sigma_px, truncate=KERNEL_REACH)
+            # Less light than in the sums dims them, which leaves dark what both call dark; more is added.
+            dimmed = np.minimum((np.maximum(wanted, 0.0) + least) / (mean + least), 1.0)
+            light = light * dimmed + np.maximum(wanted - mean, 0.0)
+        found[part] = light - rest
+        return found
 
     def _light(self, group: int, nodes: Nodes, horizon: Any | None, response: Response) -> Any:
         """Sum over all light at membrane nodes, each direction weighted with its `response`."""
@@ -213,16 +280,27 @@ class Shader:
     def _mirrored(self, scene: Scene, rays: Rays) -> Single:
         """Radiance towards the camera that the untouched gel's lobe returns, for a reflectance of one."""
         if self._lobe is None or self._lobe[0] is not rays:
-            lattice = np.zeros(self._untouched.height_mm.shape, dtype=bool)
-            lattice[::LOBE_STRIDE, ::LOBE_STRIDE] = True
-            nodes = nodes_of(self._untouched, lattice)
-            shape = lattice[::LOBE_STRIDE, ::LOBE_STRIDE].shape
-            at = np.indices(lattice.shape) / LOBE_STRIDE
-            response = _lobe(nodes, scene, rays)
-            sums = [np.asarray(self._light(g, nodes, None, response)) for g in range(scene.groups)]
-            grids = [map_coordinates(s.reshape(shape), at, order=3, mode="nearest") for s in sums]
-            self._lobe = rays, np.array(grids, dtype=np.float32)
+            self._lobe = rays, self._lobe_of(scene, rays)
         return self._lobe[1]
+
+    def _lobe_of(self, scene: Scene, rays: Rays, *, tilted: tuple[int, float] = (0, 0.0)) -> Single:
+        """Like `_mirrored`, with one slope (0: along x, 1: along y) increased everywhere."""
+        import drjit as dr
+        import mitsuba as mi
+
+        lattice = np.zeros(self._untouched.height_mm.shape, dtype=bool)
+        lattice[::LOBE_STRIDE, ::LOBE_STRIDE] = True
+        nodes = nodes_of(self._untouched, lattice)
+        axis, slope = tilted
+        if slope:
+            steeper = [b + held(slope) * (k == axis) for k, b in enumerate((nodes.base_p, nodes.base_q))]
+            nodes = replace(nodes, normal=dr.normalize(mi.Vector3f(-steeper[0], -steeper[1], 1.0)))
+        shape = lattice[::LOBE_STRIDE, ::LOBE_STRIDE].shape
+        at = np.indices(lattice.shape) / LOBE_STRIDE
+        response = _lobe(nodes, scene, rays)
+        sums = [np.asarray(self._light(g, nodes, None, response)) for g in range(scene.groups)]
+        grids = [map_coordinates(s.reshape(shape), at, order=3, mode="nearest") for s in sums]
+        return np.array(grids, dtype=np.float32)
 
     def _mirrored_change(
         self, scene: Scene, rays: Rays, nodes: Nodes, horizon: Any, choice: Choice
@@ -236,6 +314,15 @@ class Shader:
             untouched = self._light(group, before, None, at_rest)
             found.append(choice.spread(np.asarray(pressed - untouched), 0.0))
         return np.array(found)
+
+
+def _window(mask: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
+    """Rows and columns that hold the mask and a margin around it."""
+    filled = [np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0)]
+    rows, columns = (
+        slice(max(at[0] - margin, 0), at[-1] + margin + 1) if at.size else slice(0) for at in filled
+    )
+    return rows, columns
 
 
 def _lobe(nodes: Nodes, scene: Scene, rays: Rays) -> Response:

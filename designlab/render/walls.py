@@ -37,10 +37,11 @@ def horizon_of(surface: Surface, nodes: Nodes, reach_mm: float) -> Any:
     grid = Grid.of(surface)
     _, x, y, dx, dy = _turns(nodes, AZIMUTHS)
     here = grid.sample(grid.z, x, y)
-    count, reach = dr.width(x), held(float(reach_mm))
+    count = dr.width(x)
+    last = dr.minimum(_leaves(surface, x, y, dx, dy), held(float(reach_mm)))
 
     def going(distance: Any, _: Any) -> Any:
-        return distance < reach
+        return distance < last
 
     def step(distance: Any, rim: Any) -> Any:
         px, py = x + distance * dx, y + distance * dy
@@ -57,6 +58,22 @@ def horizon_of(surface: Surface, nodes: Nodes, reach_mm: float) -> Any:
     )
     dr.eval(rim)
     return rim
+
+
+def _leaves(surface: Surface, x: Any, y: Any, dx: Any, dy: Any) -> Any:
+    """Distance at which a way across leaves the rectangle around all that is raised; none where it misses."""
+    import drjit as dr
+
+    raised = surface.height_mm > RAISED_MM
+    enters, leaves = 0.0, np.inf
+    sides = (x, dx, surface.x_mm[raised.any(axis=0)]), (y, dy, surface.y_mm[raised.any(axis=1)])
+    for place, way, at in sides:
+        low, high = (held(float(side)) for side in (at.min() - surface.pitch_mm, at.max() + surface.pitch_mm))
+        safe = dr.select(dr.abs(way) < 1e-6, 1e-6, way)
+        a, b = (low - place) / safe, (high - place) / safe
+        enters = dr.maximum(enters, dr.minimum(a, b))
+        leaves = dr.minimum(leaves, dr.maximum(a, b))
+    return dr.select(enters < leaves, leaves, 0.0)
 
 
 class Around(NamedTuple):
@@ -140,6 +157,7 @@ def between_walls(surface: Surface, nodes: Nodes, radiance: Single, around: Arou
     start = dr.full(mi.Float, 1.5 * surface.pitch_mm, count)
     zeros = tuple(dr.zeros(mi.Float, count) for _ in tables)
     _, _, _, *sums = dr.while_loop((start, own, _strip(own, ahead, normal.z), *zeros), going, step)
+    dr.eval(*sums)  # one loop for all groups
     share = 2 * np.pi / GATHER_AZIMUTHS
     return np.stack([np.asarray(s).reshape(-1, GATHER_AZIMUTHS).sum(axis=1) * share for s in sums]).astype(
         np.float32
