@@ -73,7 +73,8 @@ def information(path: Path, limit_deg: Array, extent: Extent, worst: Place) -> N
     """Least tilt that camera noise makes up, NaN where there is no picture, and where it is worst."""
     figure = _figure(5.6, 4.2)
     axes = figure.add_subplot()
-    top = float(np.nanpercentile(limit_deg, BRIGHTEST_PERCENTILE))
+    told = limit_deg[np.isfinite(limit_deg)]
+    top = float(np.percentile(told, BRIGHTEST_PERCENTILE)) if told.size else 1.0
     axes.set_facecolor(NOT_COUNTED)
     shown = axes.imshow(limit_deg, extent=extent, cmap="viridis", vmin=0, vmax=top)
     figure.colorbar(shown, ax=axes, label="information limit (deg)", shrink=0.85, extend="max")
