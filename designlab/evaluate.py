@@ -230,7 +230,7 @@ def _analyse(
             "gel": worst_of_gel(gel, names),
             "press": worst_of_presses(presses, gel, names, steepest=maps.steepest_slope(balls)),
         },
-        limit_deg=gel.limit_deg,
+        limit_deg=np.where(gel.seen & ~gel.saturated, gel.limit_deg, np.nan),
     )
 
 

@@ -20,7 +20,7 @@ Extent = tuple[float, float, float, float]
 BRIGHTEST_PERCENTILE = 99.5  # of all groups: the end of the colour scale
 NOT_COUNTED = "#e8eaee"
 MOST_COLUMNS = 3  # of panels
-CONTOUR_SMOOTHING_PX = 6.0  # contours of a noisy picture would be ragged
+CONTOUR_SMOOTHING_PX = 10.0  # contours of a noisy picture would be ragged
 
 
 def extent_mm(x_mm: Array, y_mm: Array) -> Extent:
@@ -70,10 +70,12 @@ def uniformity(path: Path, groups: Mapping[str, Array], extent: Extent) -> None:
 
 
 def information(path: Path, limit_deg: Array, extent: Extent, worst: Place) -> None:
-    """Least tilt that camera noise makes up, and where it is worst."""
+    """Least tilt that camera noise makes up, NaN where there is no picture, and where it is worst."""
     figure = _figure(5.6, 4.2)
     axes = figure.add_subplot()
-    top = float(np.percentile(limit_deg, BRIGHTEST_PERCENTILE))
+    told = limit_deg[np.isfinite(limit_deg)]
+    top = float(np.percentile(told, BRIGHTEST_PERCENTILE)) if told.size else 1.0
+    axes.set_facecolor(NOT_COUNTED)
     shown = axes.imshow(limit_deg, extent=extent, cmap="viridis", vmin=0, vmax=top)
     figure.colorbar(shown, ax=axes, label="information limit (deg)", shrink=0.85, extend="max")
     _label(axes, "Tilt that camera noise makes up")

@@ -83,7 +83,8 @@ def saturated(signal: ArrayLike) -> Mask:
 
 def dynamic_range_use(signal: ArrayLike, mask: Mask | None = None) -> float:
     """99th percentile of the least exposed channel, as a share of full scale; parameters as `saturated`."""
-    return float(np.percentile(_values(signal, mask), RANGE_PERCENTILE, axis=0).min())
+    clipped = np.minimum(_values(signal, mask), 1.0)
+    return float(np.percentile(clipped, RANGE_PERCENTILE, axis=0).min())
 
 
 def coverage(x_mm: Array, y_mm: Array, seen: Mask, area_mm: tuple[float, float]) -> float:

@@ -14,7 +14,7 @@ _COLOURS = {"good": "#2f855a", "fair": "#b7791f", "poor": "#c53030"}
 _MAPS = {
     "background.png": "What the camera sees of the untouched gel, brightened to its own white",
     "information.png": "Information limit: least tilt of a flat membrane that camera noise alone makes up; "
-    "the ring marks the worst place",
+    "the ring marks the worst place; grey is saturated or out of view",
     "errors.png": "Errors of normals and heights over all test presses, on and around the contact; the ring "
     "marks the worst place",
     "uniformity.png": "Light of each LED group on the untouched gel, relative to its mean",

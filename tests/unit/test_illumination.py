@@ -54,6 +54,7 @@ def test_channels_are_compared_and_counted():
     signal[:] = (0.2, 0.8, 0.4)
     assert colour_balance(signal) == pytest.approx(4)
     assert dynamic_range_use(signal) == pytest.approx(0.2)
+    assert dynamic_range_use(10 * signal) == 1
     assert not saturated(signal).any()
     signal[:15, :, 1] = 1.0
     assert saturated(signal).mean() == pytest.approx(0.1)
