@@ -26,7 +26,9 @@ Array = NDArray[np.float64]
 SURFACE_MARGIN_MM = 2.0  # the membrane is modelled finely this far beyond the area in view
 OUTSIDE_SHARE = 1.0  # of the gel's diagonal, from its centre, up to which the view may reach outside it
 UNDEFORMED_PITCH_MM = 0.05  # of which the mesh keeps every eighth line
-TARGET_SIGNAL = 0.7  # automatic exposure puts the 99.5th percentile of the untouched gel here
+# Automatic exposure puts the 99.5th percentile of the untouched gel here: slopes that face grazing light
+# double it.
+TARGET_SIGNAL = 0.5
 TARGET_PERCENTILE = 99.5
 
 

@@ -66,7 +66,7 @@ YARDSTICKS: dict[str, Yardstick] = {
     ),
     "information_deg": Yardstick(
         "information limit",
-        "tilt that camera noise alone makes up: no reconstruction from one picture can undercut it",
+        "tilt that camera noise alone makes up on slopes up to 30 deg: no reconstruction can undercut it",
         1,
         2.5,
         "they add 2 % and 12 % to a normal error of 5 deg",
@@ -103,9 +103,10 @@ YARDSTICKS: dict[str, Yardstick] = {
     "dynamic_range_use": Yardstick(
         "use of the camera's range",
         "bright end of the least exposed channel over full scale, untouched gel",
-        0.5,
         0.25,
-        "below them one and two bits of the camera are never used",
+        0.125,
+        "half the range stays free for slopes that face the light, which double it; below these limits one and "
+        "two more bits of the camera are never used",
     ),
     "coverage": Yardstick(
         "coverage",
@@ -157,6 +158,9 @@ YARDSTICKS: dict[str, Yardstick] = {
     "uniformity_gradient": Yardstick("gradient", "mean change across the width over mean, worst LED group"),
     "combined_u0": Yardstick("combined U0", "darkest over mean of the sum of the camera's channels"),
     "combined_cv": Yardstick("combined variation", "standard deviation over mean of that sum"),
+    "information_flat_deg": Yardstick(
+        "information limit, flat", "tilt that camera noise alone makes up on the untouched gel"
+    ),
     "combined_min_max": Yardstick("combined least over greatest", "darkest over brightest of that sum"),
     "combined_nine_point": Yardstick("combined nine points", "least over greatest mean of its 9 cells"),
     "combined_gradient": Yardstick("combined gradient", "its mean change across the width over mean"),
