@@ -61,6 +61,8 @@ class Score:
         Figures of each LED group.
     worst : mapping of str to Place
         Worst place of the untouched gel (``gel``) and of the test presses (``press``), see `designlab.worst`.
+    presses : mapping of str to sequence of float
+        Figures of each test press, of which the scores of presses are pooled.
     """
 
     design: str
@@ -73,6 +75,7 @@ class Score:
     seconds: Mapping[str, float] = field(default_factory=dict)
     groups: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
     worst: Mapping[str, Place] = field(default_factory=dict)
+    presses: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     def __getattr__(self, name: str) -> Estimate:
         """Look a score up by name."""
@@ -91,6 +94,11 @@ class Score:
             "scores": _plain(self.scores),
             "groups": {name: _plain(figures) for name, figures in self.groups.items()},
             "worst": {name: place._asdict() for name, place in self.worst.items()},
+            "presses": {
+                # A figure that a press does not have is not a number, which JSON does not know.
+                name: [None if np.isnan(value) else value for value in values]
+                for name, values in self.presses.items()
+            },
             "margins": dict(self.margins),
             "light": self.light._asdict(),
             "seconds": dict(self.seconds),
@@ -176,7 +184,9 @@ def evaluate(
         bench = Bench(simulator.design, exposure(simulator.design, untouched), seed)
         calibration, results = bench.reconstruct(untouched, again, balls, tests)
         _, noisier = bench.reconstruct(untouched, again, balls, tests, noisier_than=calibration)
-        errors = scores.reconstruction_scores(bench, untouched, calibration.background, results, noisier)
+        errors, pressed = scores.reconstruction_scores(
+            bench, untouched, calibration.background, results, noisier
+        )
     with clock.part("scores"), threadpool_limits(limits=1, user_api="blas"):
         found = _analyse(simulator, bench, (untouched, again), balls, results)
     score = Score(
@@ -190,6 +200,7 @@ def evaluate(
         seconds=clock.seconds,
         groups=found.groups,
         worst=found.worst,
+        presses=pressed,
     )
     if out is not None:
         _write(Path(out), score, bench, untouched, results, found)

@@ -38,6 +38,16 @@ UNIFORMITY_DRAWS, DETAIL_DRAWS = 50, 10
 GRADIENT_MM = 0.5  # over which gradients are smoothed: render noise is steep
 SLOPE_DEG = 30.0  # at which attached shadows are counted
 WITHIN_DEG = 5.0
+PRESS_FIGURES = (
+    "normal_error_median_deg",
+    "normal_error_mean_deg",
+    "height_mae_um",
+    "height_mse_um2",
+    "normals_within_5deg",
+    "press_saturation_share",
+    "rgb2normal",
+)
+"""Of each test press, on the contact and around it: what the scores are pooled from."""
 LIMIT_STEP = 3  # between the `thinned` pixels at which the pressed membrane's limit is looked at
 
 
@@ -292,8 +302,8 @@ def reconstruction_scores(
     background: Array,
     results: Sequence[Reconstruction],
     noisier: Sequence[Reconstruction],
-) -> Scores:
-    """Errors of the test presses.
+) -> tuple[Scores, dict[str, list[float]]]:
+    """Errors of the test presses, pooled, and `PRESS_FIGURES` of each.
 
     Parameters
     ----------
@@ -317,9 +327,9 @@ def reconstruction_scores(
     }
     base = normals(*base_gradient(bench.design.elastomer, *untouched.seen_mm))
     each = _errors(bench, results, background, base)
-    value, doubled = _pooled(each), _pooled(_errors(bench, noisier, background, base))
+    value, doubled = pooled(each), pooled(_errors(bench, noisier, background, base))
     random = np.random.default_rng(sub_seed(bench.seed, 6, 0))
-    draws = [_pooled(each[random.integers(0, len(each), len(each))]) for _ in range(BOOTSTRAPS)]
+    draws = [pooled(each[random.integers(0, len(each), len(each))]) for _ in range(BOOTSTRAPS)]
     # The spread of a bootstrap falls short of that of the sample by (n - 1) / n.
     short = np.sqrt(len(results) / (len(results) - 1))
     estimates = {}
@@ -330,15 +340,11 @@ def reconstruction_scores(
         # Doubling the variance of the render noise moves a score by about what that noise already moved it.
         bias = abs(doubled[name] - value[name])
         estimates[name] = Estimate(value[name], float(np.hypot(choice, bias)), unit, bias)
-    return estimates
+    return estimates, dict(zip(PRESS_FIGURES, each.T.tolist(), strict=True))
 
 
 def _errors(bench: Bench, results: Sequence[Reconstruction], background: Array, base: Array) -> Array:
-    """Figures of each press, shape (presses, 7).
-
-    Median and mean angle, mean absolute and mean square height error, share of small angles, share of pixels
-    at full scale, RGB2Normal.
-    """
+    """`PRESS_FIGURES` of each press, shape (presses, figures)."""
     rows = []
     for result in results:
         thin = thinned(result.frame)
@@ -360,8 +366,8 @@ def _errors(bench: Bench, results: Sequence[Reconstruction], background: Array, 
     return np.array(rows)
 
 
-def _pooled(errors: Array) -> dict[str, float]:
-    """Each press counts the same, whatever its size."""
+def pooled(errors: Array) -> dict[str, float]:
+    """Scores from `PRESS_FIGURES` of presses, shape (presses, figures): each press counts the same."""
     median, mean, absolute, square, close, full = (float(value) for value in errors[:, :-1].mean(axis=0))
     follows = errors[:, -1][np.isfinite(errors[:, -1])]
     return {

@@ -96,7 +96,11 @@ def parser() -> argparse.ArgumentParser:
 
 def _add_designs(add: Any) -> None:
     evaluate = add("evaluate", f"{_DESIGNS}:evaluate", "scores of a design, by simulation")
-    _design(evaluate)
+    evaluate.add_argument("design", metavar="DESIGN", help=DESIGN_HELP)
+    evaluate.add_argument("other", metavar="OTHER", nargs="?", help="second design, with --compare")
+    evaluate.add_argument(
+        "--compare", action="store_true", help="say in which scores two designs differ, and which is better"
+    )
     evaluate.add_argument("--fidelity", choices=FIDELITIES, default="fast", help="effort (default: fast)")
     evaluate.add_argument("--profile", action="store_true", help="show how long each part took")
     _seed(evaluate)

@@ -63,10 +63,14 @@ def parts(args: Namespace) -> Result:
 
 
 def evaluate(args: Namespace) -> Result:
-    """Score a design."""
+    """Score a design, or two against each other."""
     from designlab.effects.model import load_model
     from designlab.evaluate import evaluate as score_of
 
+    if args.compare != (args.other is not None):
+        raise ValueError("--compare: takes two designs: designlab evaluate DESIGN OTHER --compare")
+    if args.compare:
+        return _against(args)
     design = load_model(args.design)
     results_folder(args.out, made_with="score.json")
     with bar() as progress, source_named(args.design):
@@ -92,6 +96,55 @@ def evaluate(args: Namespace) -> Result:
         text.append(
             f"{len(score.scores)} scores with --json, maps and all of them as a page with --out FOLDER"
         )
+    return Result(data, "\n".join(text))
+
+
+def _against(args: Namespace) -> Result:
+    """Score two designs with the same presses and random numbers, and tell where they differ."""
+    from designlab.differences import differences
+    from designlab.effects.model import load_model
+    from designlab.evaluate import evaluate as score_of
+    from designlab.report.page import rounded
+    from designlab.report.yardsticks import YARDSTICKS, row
+
+    sources = {"first": args.design, "second": args.other}
+    models = {place: load_model(source) for place, source in sources.items()}
+    scores = {}
+    for place, source in sources.items():
+        out = None if args.out is None else Path(args.out) / place
+        results_folder(out, made_with="score.json")
+        with bar() as progress, source_named(source):
+            scores[place] = score_of(
+                models[place], fidelity=args.fidelity, seed=args.seed, out=out, progress=progress
+            )
+    found = differences(scores["first"], scores["second"])
+    rows = []
+    for name, difference in found.items():
+        a, b = (scores[place].scores[name] for place in sources)
+        verdict = "no difference seen"
+        if difference.differs:
+            known = YARDSTICKS.get(name)
+            up = None if known is None else known.rising
+            verdict = (
+                "differs" if up is None else f"{'OTHER' if (difference.value > 0) == up else 'DESIGN'} better"
+            )
+        title = row(name, {"value": a.value, "se": a.se, "unit": a.unit})["title"]
+        change = rounded(difference.value, difference.se)
+        rows.append((title, rounded(a.value, a.se), rounded(b.value, b.se), change, verdict))
+    data: dict[str, Any] = {place: score.to_json() for place, score in scores.items()} | {
+        "differences": {name: d._asdict() | {"differs": d.differs} for name, d in found.items()}
+    }
+    text = [
+        f"DESIGN: {args.design}, OTHER: {args.other}; same presses and random numbers, seed {args.seed}",
+        table(("score", "DESIGN", "OTHER", "OTHER - DESIGN", "verdict"), rows),
+        "chance alone makes one in twenty of the scores that do not differ look different",
+    ]
+    if args.out is not None:
+        from designlab.report import evaluation_report
+
+        for place, score in scores.items():
+            report = evaluation_report(score.to_json(), Path(args.out) / place / "report.html")
+            text.append(f"report: {report}")
     return Result(data, "\n".join(text))
 
 

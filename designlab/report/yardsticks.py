@@ -19,6 +19,8 @@ class Yardstick(NamedTuple):
         Values from which a score is good or fair; a higher one is better if `good` is above `fair`.
     reason : str
         Why these.
+    higher_is_better : bool, optional
+        For scores without limits.
     """
 
     title: str
@@ -26,6 +28,14 @@ class Yardstick(NamedTuple):
     good: float | None = None
     fair: float | None = None
     reason: str = ""
+    higher_is_better: bool | None = None
+
+    @property
+    def rising(self) -> bool | None:
+        """Whether a higher score is better, None where that cannot be said."""
+        if self.good is None or self.fair is None:
+            return self.higher_is_better
+        return self.good > self.fair
 
     def verdict(self, value: float, se: float) -> str:
         """Good, fair or poor; "borderline" within one standard error of a limit; nothing without limits."""
@@ -105,8 +115,8 @@ YARDSTICKS: dict[str, Yardstick] = {
         "bright end of the least exposed channel over full scale, untouched gel",
         0.25,
         0.125,
-        "half the range stays free for slopes that face the light, which double it; below these limits one and "
-        "two more bits of the camera are never used",
+        "half the range stays free for slopes that face the light, which double it; below these limits "
+        "one and two more bits of the camera are never used",
     ),
     "coverage": Yardstick(
         "coverage",
@@ -150,20 +160,44 @@ YARDSTICKS: dict[str, Yardstick] = {
         3.0,
         "photon noise of the dimmest channel is 1.2 and 1.7 times that of the brightest",
     ),
-    "normal_error_median_deg": Yardstick("normal error, median", "half of the normals are better"),
-    "height_mae_um": Yardstick("height error, mean size", "reconstructed against true height"),
-    "uniformity_cv": Yardstick("variation", "standard deviation over mean, worst LED group"),
-    "uniformity_min_max": Yardstick("least over greatest", "darkest over brightest, worst LED group"),
-    "uniformity_nine_point": Yardstick("nine points", "least over greatest mean of 9 cells, worst LED group"),
-    "uniformity_gradient": Yardstick("gradient", "mean change across the width over mean, worst LED group"),
-    "combined_u0": Yardstick("combined U0", "darkest over mean of the sum of the camera's channels"),
-    "combined_cv": Yardstick("combined variation", "standard deviation over mean of that sum"),
-    "information_flat_deg": Yardstick(
-        "information limit, flat", "tilt that camera noise alone makes up on the untouched gel"
+    "normal_error_median_deg": Yardstick(
+        "normal error, median", "half of the normals are better", higher_is_better=False
     ),
-    "combined_min_max": Yardstick("combined least over greatest", "darkest over brightest of that sum"),
-    "combined_nine_point": Yardstick("combined nine points", "least over greatest mean of its 9 cells"),
-    "combined_gradient": Yardstick("combined gradient", "its mean change across the width over mean"),
+    "height_mae_um": Yardstick(
+        "height error, mean size", "reconstructed against true height", higher_is_better=False
+    ),
+    "uniformity_cv": Yardstick(
+        "variation", "standard deviation over mean, worst LED group", higher_is_better=False
+    ),
+    "uniformity_min_max": Yardstick(
+        "least over greatest", "darkest over brightest, worst LED group", higher_is_better=True
+    ),
+    "uniformity_nine_point": Yardstick(
+        "nine points", "least over greatest mean of 9 cells, worst LED group", higher_is_better=True
+    ),
+    "uniformity_gradient": Yardstick(
+        "gradient", "mean change across the width over mean, worst LED group", higher_is_better=False
+    ),
+    "combined_u0": Yardstick(
+        "combined U0", "darkest over mean of the sum of the camera's channels", higher_is_better=True
+    ),
+    "combined_cv": Yardstick(
+        "combined variation", "standard deviation over mean of that sum", higher_is_better=False
+    ),
+    "information_flat_deg": Yardstick(
+        "information limit, flat",
+        "tilt that camera noise alone makes up on the untouched gel",
+        higher_is_better=False,
+    ),
+    "combined_min_max": Yardstick(
+        "combined least over greatest", "darkest over brightest of that sum", higher_is_better=True
+    ),
+    "combined_nine_point": Yardstick(
+        "combined nine points", "least over greatest mean of its 9 cells", higher_is_better=True
+    ),
+    "combined_gradient": Yardstick(
+        "combined gradient", "its mean change across the width over mean", higher_is_better=False
+    ),
 }
 
 HEADLINES = (

@@ -236,7 +236,7 @@ def test_the_page_of_an_evaluation_starts_with_a_verdict_and_the_worst_place(tmp
         "scores": {
             "normal_error_mean_deg": estimate(3.0, 0.2, "deg"),
             "uniformity_u0": estimate(0.2),
-            "dynamic_range_use": estimate(0.501),
+            "dynamic_range_use": estimate(0.251),
             "coverage": estimate(0.9),
             "stray_share": estimate(0.0),
         },
@@ -252,7 +252,7 @@ def test_the_page_of_an_evaluation_starts_with_a_verdict_and_the_worst_place(tmp
     assert shown.index("Verdict") < shown.index("Untouched gel: worst at (3.1, -2.0) mm, dark")
     assert "information limit 1.8 deg, 2.0 times the median" in shown
     assert "Test presses: worst at (3.1, -2.0) mm (star:6, red), shadowed" in shown
-    assert "0.501 ± 0.010 good, borderline good at least 0.5, fair 0.25" in shown
+    assert "0.251 ± 0.010 good, borderline good at least 0.25, fair 0.125" in shown
     # what is in order is not in the verdict, but among all scores
     assert shown.count("stray light") == 0
     assert shown.count("stray share 0.000 ± 0.010 good") == 1
