@@ -18,6 +18,10 @@ Array = NDArray[np.float64]
 Predictor = Callable[[Array, Array], Array]
 
 _TABLE_REACH = 2.5  # spreads of the colour change that the table covers
+_LEAST_ERROR = (
+    0.02  # of a slope: below a degree a pixel counts in full, and the weights stay within two decades
+)
+_STEEPEST = 0.97  # sine of the steepest slope that is believed
 _CHUNK = 16384  # pixels at a time: keeps the terms of a picture small
 
 
@@ -28,6 +32,13 @@ class Samples(NamedTuple):
     position: Array
     slope: Array
     weight: Array
+
+
+def slope_gradients(slope: Array) -> Array:
+    """Gradients (N, 2) of slope vectors -n_x, -n_y (N, 2); steeper ones than 76 deg are cut."""
+    size = np.linalg.norm(slope, axis=1)
+    slope = slope * np.minimum(1.0, _STEEPEST / np.maximum(size, 1e-12))[:, None]
+    return np.asarray(slope / np.sqrt(1 - (slope**2).sum(axis=1))[:, None])
 
 
 class Method(Protocol):
@@ -51,7 +62,7 @@ class _Linear(ABC):
     ridge: float = 1e-3
 
     @abstractmethod
-    def terms(self, signal: Array, position: Array) -> Array:
+    def terms(self, signal: Array, position: Array) -> NDArray[np.floating]:
         """Terms of each pixel, shape (N, terms)."""
 
     def fit(self, presses: Sequence[Samples]) -> Predictor:
@@ -66,7 +77,7 @@ class _Linear(ABC):
         return [self._predictor(matrix - m, right - r) for m, r in parts]
 
     def _normal(self, press: Samples) -> tuple[Array, Array]:
-        terms = self.terms(press.signal, press.position)
+        terms = np.asarray(self.terms(press.signal, press.position), dtype=float)
         weighted = terms * press.weight[:, None]
         return weighted.T @ terms, weighted.T @ press.slope
 
@@ -77,14 +88,15 @@ class _Linear(ABC):
         scaled = matrix * scale[:, None] * scale + self.ridge * np.eye(len(scale))
         weights = np.linalg.solve(scaled, right * scale[:, None]) * scale[:, None]
 
-        def predict(signal: Array, position: Array) -> Array:
-            parts = [
-                self.terms(signal[first : first + _CHUNK], position[first : first + _CHUNK]) @ weights
-                for first in range(0, len(signal), _CHUNK)
-            ]
-            return np.concatenate(parts)
+        return lambda signal, position: self._apply(weights, signal, position)
 
-        return predict
+    def _apply(self, weights: Array, signal: Array, position: Array) -> Array:
+        """Terms times weights."""
+        parts = []
+        for first in range(0, len(signal), _CHUNK):
+            terms = self.terms(signal[first : first + _CHUNK], position[first : first + _CHUNK])
+            parts.append(terms @ weights.astype(terms.dtype))
+        return np.concatenate(parts).astype(float)
 
 
 @dataclass(frozen=True)
@@ -135,6 +147,8 @@ class Kernel(_Linear):
         Number of random features; more are smoother and slower.
     seed : int
         Of the features.
+    offset : bool
+        Also fit what is there without a change of colour.
     """
 
     ridge: float = 3e-3
@@ -142,21 +156,65 @@ class Kernel(_Linear):
     position_scale: float = 2.0
     features: int = 600
     seed: int = 0
+    offset: bool = False
 
     @property
     def name(self) -> str:
         """Name with the scales."""
         return f"kernel {self.colour_scale:g}, {self.position_scale:g}, ridge {self.ridge:g}"
 
-    def terms(self, signal: Array, position: Array) -> Array:
-        """Terms of each pixel; zero where the colour is that of the untouched gel."""
+    def terms(self, signal: Array, position: Array) -> NDArray[np.float32]:
+        """Terms of each pixel; zero where the colour is that of the untouched gel, but for the offset."""
         draw = np.random.default_rng(self.seed)
         along_colour = draw.standard_normal((signal.shape[1], self.features)) / self.colour_scale
         along_position = draw.standard_normal((2, self.features)) / self.position_scale
         phase = position @ along_position + draw.uniform(0, 2 * np.pi, self.features)
         # single precision is far finer than any camera, and four times as fast
         phase, turn = phase.astype(np.float32), (signal @ along_colour).astype(np.float32)
-        return np.asarray(np.cos(turn + phase) - np.cos(phase), dtype=float)
+        terms = np.cos(turn + phase) - np.cos(phase)
+        if self.offset:
+            terms = np.concatenate([terms, np.ones_like(terms[:, :1])], axis=1)
+        return np.asarray(terms)
+
+
+def expected_error(presses: Sequence[Samples], predicted: Sequence[Array]) -> Predictor:
+    """Expected squared error of slopes as a function of colour and place, shape (N,).
+
+    Kernel regression on the logarithm of the squared errors that presses had when left out of the fit. Only
+    its course matters, not its level: its inverse weighs pixels in the integration.
+
+    Parameters
+    ----------
+    presses : sequence of Samples
+        Presses.
+    predicted : sequence of arrays, shape (N, 2)
+        Slopes of each press, predicted by a fit without it.
+    """
+    kernel, samples, mean = _logarithms(presses, predicted)
+    return _exponential(kernel.fit(samples), mean)
+
+
+def expected_error_without_each(presses: Sequence[Samples], predicted: Sequence[Array]) -> list[Predictor]:
+    """`expected_error` from all but one press, for each press."""
+    kernel, samples, mean = _logarithms(presses, predicted)
+    return [_exponential(course, mean) for course in kernel.fit_without_each(samples)]
+
+
+def _logarithms(
+    presses: Sequence[Samples], predicted: Sequence[Array]
+) -> tuple[Kernel, list[Samples], float]:
+    errors = [
+        np.log(((p - press.slope) ** 2).sum(axis=1) + _LEAST_ERROR**2)
+        for p, press in zip(predicted, presses, strict=True)
+    ]
+    mean = float(np.mean(np.concatenate(errors)))
+    kernel = Kernel(ridge=1e-3, colour_scale=1.0, features=100, offset=True)
+    samples = [press._replace(slope=e[:, None] - mean) for press, e in zip(presses, errors, strict=True)]
+    return kernel, samples, mean
+
+
+def _exponential(course: Predictor, mean: float) -> Predictor:
+    return lambda signal, position: np.asarray(np.exp(course(signal, position)[:, 0] + mean))
 
 
 @dataclass(frozen=True)
