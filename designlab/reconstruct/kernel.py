@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from designlab.metrics import normal_error_deg
 from designlab.reconstruct.height import integrate, normals
-from designlab.reconstruct.methods import Kernel, Predictor, Samples, expected_error, slope_gradients
+from designlab.reconstruct.methods import Kernel, Samples, log_errors, slope_gradients
 from designlab.reconstruct.polynomial import centred, checked_image, colour_change, thinned
 
 Array = NDArray[np.float64]
@@ -21,6 +21,7 @@ KERNELS = (
     Kernel(ridge=1e-3, colour_scale=1.0, features=300),
     Kernel(ridge=1e-4, colour_scale=1.0, features=300),
 )
+_CHUNK = 4096  # pixels at a time, so that their waves stay in the processor's cache
 _SLOPING_PIXELS, _FLAT_PIXELS = 1000, 200
 _FLAT = 0.01  # share of a press's steepest slope below which a pixel counts as flat
 _TOLERANCE = 3e-3  # of the integration: a micrometre
@@ -68,8 +69,8 @@ class KernelCalibration:
     spread: Array
     kernel: Kernel
     error_deg: float
-    _slopes: Predictor
-    _variance: Predictor
+    _weights: Array
+    _at_rest: Array
 
     def estimate(self, image: ArrayLike, *, mask: Mask | None = None) -> Estimate:
         """Gradients of the indentation and their weights, each of shape (rows, columns).
@@ -94,8 +95,9 @@ class KernelCalibration:
         if mask is not None and (mask.shape != (rows, columns) or mask.dtype != bool or not mask.any()):
             raise ValueError(f"mask: must be bool of shape {(rows, columns)} with a pixel to use")
         signal = colour_change(image, self.background, "ratio").reshape(-1, channels) / self.spread
-        p, q = slope_gradients(self._slopes(signal, self.position)).T.reshape(2, rows, columns)
-        weights = 1 / self._variance(signal, self.position).reshape(rows, columns)
+        found = _sums(self.kernel, self._weights, signal, self.position) - self._at_rest
+        p, q = slope_gradients(found[:, :2]).T.reshape(2, rows, columns)
+        weights = np.exp(-found[:, 2]).reshape(rows, columns)
         weights /= weights.max()
         return Estimate(p, q, weights if mask is None else weights * mask)
 
@@ -172,10 +174,19 @@ def fit_kernel(
     presses = [press._replace(signal=press.signal / spread) for press in presses]
     tried = [_left_out(kernel, presses, sloping) for kernel in kernels]
     error_deg, kernel, left_out = min(tried, key=lambda row: row[0])
-    return KernelCalibration(
-        background, position, spread, kernel, error_deg,
-        kernel.fit(presses), expected_error(presses, left_out),
-    )  # fmt: skip
+    errors, _ = log_errors(presses, left_out)
+    weights = kernel.weights(
+        [p._replace(slope=np.concatenate([p.slope, e], axis=1)) for p, e in zip(presses, errors, strict=True)]
+    )
+    at_rest = _sums(kernel, weights, np.zeros((len(position), background.shape[-1])), position)
+    return KernelCalibration(background, position, spread, kernel, error_deg, weights, at_rest)
+
+
+def _sums(kernel: Kernel, weights: Array, signal: Array, position: Array) -> Array:
+    """Weighted sums of the kernel's waves, some pixels at a time."""
+    chunks = [slice(first, first + _CHUNK) for first in range(0, len(signal), _CHUNK)]
+    single = weights.astype(np.float32)
+    return np.concatenate([kernel.waves(signal[c], position[c]) @ single for c in chunks]).astype(float)
 
 
 def _slope_vectors(p: ArrayLike, q: ArrayLike, shape: tuple[int, ...]) -> Array:
