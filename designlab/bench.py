@@ -14,7 +14,7 @@ from designlab import information
 from designlab.design import Design
 from designlab.metrics import normal_error_deg
 from designlab.press import Press
-from designlab.reconstruct import KERNELS, KernelCalibration, fit_kernel, normals
+from designlab.reconstruct import KernelCalibration, fit_kernel, normals
 from designlab.simulate import Frame
 from geometries.elastomer import base_gradient
 from geometries.probes import parse
@@ -155,7 +155,7 @@ class Bench:
         x, y = untouched.rays.x_mm, untouched.rays.y_mm
         images = _each(lambda k: self.picture(balls[k], 10 + k, extra), len(balls))
         truths = _each(lambda k: balls[k].gradient, len(balls))
-        kernels = KERNELS if noisier_than is None else (noisier_than.kernel,)
+        kernels = None if noisier_than is None else (noisier_than.kernel,)
         calibration = fit_kernel(
             images, background, [p for p, _ in truths], [q for _, q in truths], x, y, kernels=kernels
         )

@@ -49,8 +49,8 @@ class Fidelity(NamedTuple):
 
 FIDELITIES: dict[str, Fidelity] = {
     "fast": Fidelity(samples=64, rounds=1),
-    "standard": Fidelity(samples=256, rounds=2, grids=2),
-    "reference": Fidelity(samples=1024, rounds=2, grids=2, estimator="corrected"),
+    "standard": Fidelity(samples=256, rounds=2, grids=3),
+    "reference": Fidelity(samples=1024, rounds=2, grids=3, estimator="corrected"),
 }
 
 

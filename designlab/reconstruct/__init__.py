@@ -1,11 +1,10 @@
 """From images to shape: calibrated photometric stereo, and integration of gradients to height."""
 
 from designlab.reconstruct.height import gradients_of, integrate, normals, sharpen
-from designlab.reconstruct.kernel import KERNELS, KernelCalibration, fit_kernel
+from designlab.reconstruct.kernel import KernelCalibration, fit_kernel
 from designlab.reconstruct.polynomial import POSITION_DEGREES, RIDGES, Calibration, Terms, fit_calibration
 
 __all__ = [
-    "KERNELS",
     "POSITION_DEGREES",
     "RIDGES",
     "Calibration",

@@ -15,16 +15,12 @@ from designlab.reconstruct.polynomial import centred, checked_image, colour_chan
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Tried by default, stiff to supple.
-KERNELS = (
-    Kernel(ridge=1e-3, colour_scale=1.5, features=300),
-    Kernel(ridge=1e-3, colour_scale=1.0, features=300),
-    Kernel(ridge=1e-4, colour_scale=1.0, features=300),
-)
+_RIDGES = (1e-3, 1e-4, 3e-5)
+_FEATURES_PER_PRESS, _MOST_FEATURES = 34, 500  # more presses show more detail
 _CHUNK = 4096  # pixels at a time, so that their waves stay in the processor's cache
 _SLOPING_PIXELS, _FLAT_PIXELS = 1000, 200
 _FLAT = 0.01  # share of a press's steepest slope below which a pixel counts as flat
-_TOLERANCE = 3e-3  # of the integration: a micrometre
+_TOLERANCE = 3e-4  # of the integration: a fraction of a micrometre
 
 
 class Estimate(NamedTuple):
@@ -110,7 +106,7 @@ def fit_kernel(
     x_mm: ArrayLike,
     y_mm: ArrayLike,
     *,
-    kernels: Sequence[Kernel] = KERNELS,
+    kernels: Sequence[Kernel] | None = None,
 ) -> KernelCalibration:
     """Calibrate on presses of known shape.
 
@@ -127,14 +123,17 @@ def fit_kernel(
         True gradients dz/dx and dz/dy of the indentation above the undeformed membrane.
     x_mm, y_mm : array, shape (rows, columns)
         Membrane point that each pixel sees (mm).
-    kernels : sequence of Kernel
-        Candidates.
+    kernels : sequence of Kernel, optional
+        Candidates; three, stiff to supple, when absent.
 
     Raises
     ------
     ValueError
         If there are fewer than two presses, shapes differ, a value is not finite, or nothing slopes.
     """
+    if kernels is None:
+        features = min(_FEATURES_PER_PRESS * len(images), _MOST_FEATURES)
+        kernels = [Kernel(ridge=ridge, colour_scale=1.0, features=features) for ridge in _RIDGES]
     if not kernels:
         raise ValueError("kernels: must hold a candidate")
     if not 2 <= len(images) == len(gradients_p) == len(gradients_q):
