@@ -14,7 +14,7 @@ from designlab import information
 from designlab.design import Design
 from designlab.metrics import normal_error_deg
 from designlab.press import Press
-from designlab.reconstruct import Calibration, fit_calibration, integrate, normals
+from designlab.reconstruct import KernelCalibration, fit_kernel, normals
 from designlab.simulate import Frame
 from geometries.elastomer import base_gradient
 from geometries.probes import parse
@@ -27,7 +27,8 @@ MOST_THREADS = 4  # beyond these NumPy's own lock leaves no gain
 GROWN_MM = 0.5
 SMOOTHING_PX = 2.0  # illumination is smooth; render noise is not, and would pass for unevenness
 GRAIN_PX = 4.0  # noise of single pixels is finer than this
-BALL_MM = 6.0
+# A small ball shows steep slopes, a large one many of each; depths as shares of the deepest.
+BALLS_MM, BALL_DEPTHS = (6.0, 4.0, 3.0), (1.0, 0.6)
 TEST_PROBES = ("sphere:4", "triangle:5", "star:6", "cylinder:4", "cone:4", "dots:1.5")
 # Errors grow steeply with depth: one depth for all test presses keeps their choice from deciding the score.
 TEST_DEPTH = 0.7
@@ -45,20 +46,24 @@ class Presses(NamedTuple):
     test: tuple[Press, ...]
 
 
-def plan_presses(design: Design, *, rounds: int, seed: int) -> Presses:
-    """Choose places: calibration balls on a jittered 3 x 3 grid, test probes at random places and angles."""
+def plan_presses(design: Design, *, rounds: int, seed: int, grids: int = 1) -> Presses:
+    """Choose places: calibration balls on jittered 3 x 3 grids, test probes at random places and angles."""
     random = np.random.default_rng(sub_seed(seed, 0, 0))
     width, height = design.sensing_area_mm
     scale = min(1.0, min(width, height) / 12.0)  # small sensors get small probes
     depth = min(0.4 * design.elastomer.thickness_mm, 0.8) * scale
     balls = []
-    for number, (column, row) in enumerate((c, r) for r in (-1, 0, 1) for c in (-1, 0, 1)):
+    for number, (grid, column, row) in enumerate(
+        (g, c, r) for g in range(grids) for r in (-1, 0, 1) for c in (-1, 0, 1)
+    ):
         jitter = random.uniform(-0.04, 0.04, size=2)
         centre = ((0.3 * column + jitter[0]) * width, (0.28 * row + jitter[1]) * height)
+        # each row and column of a grid has every size, each grid another at each place
+        diameter_mm = BALLS_MM[(column + row + grid + 2) % 3]
         balls.append(
             Press(
-                probe=parse(f"sphere:{BALL_MM * scale:.6g}"),
-                depth_mm=depth * (1.0, 0.6)[number % 2],
+                probe=parse(f"sphere:{diameter_mm * scale:.6g}"),
+                depth_mm=depth * BALL_DEPTHS[number % 2],
                 centre_mm=centre,
             )
         )
@@ -134,12 +139,12 @@ class Bench:
         balls: Sequence[Frame],
         tests: Sequence[Frame],
         *,
-        noisier_than: Calibration | None = None,
-    ) -> tuple[Calibration, list[Reconstruction]]:
+        noisier_than: KernelCalibration | None = None,
+    ) -> tuple[KernelCalibration, list[Reconstruction]]:
         """Calibrate on the balls and reconstruct the tests.
 
         Given an earlier calibration, a second dose of the renderer's noise is added to all pictures, and the
-        polynomial is fitted again with the terms chosen before.
+        kernel chosen before is fitted again.
         """
         extra = render_noise(untouched, again) if noisier_than is not None else None
         # A lab averages many frames of the untouched gel; smoothing stands for that.
@@ -150,11 +155,10 @@ class Bench:
         x, y = untouched.rays.x_mm, untouched.rays.y_mm
         images = _each(lambda k: self.picture(balls[k], 10 + k, extra), len(balls))
         truths = _each(lambda k: balls[k].gradient, len(balls))
-        everywhere = [np.ones(x.shape, dtype=bool) for _ in balls]
-        calibration = fit_calibration(
-            images, background, [p for p, _ in truths], [q for _, q in truths], everywhere, x, y,
-            like=noisier_than,
-        )  # fmt: skip
+        kernels = None if noisier_than is None else (noisier_than.kernel,)
+        calibration = fit_kernel(
+            images, background, [p for p, _ in truths], [q for _, q in truths], x, y, kernels=kernels
+        )
         return calibration, _each(
             lambda k: self._one(calibration, tests[k], self.picture(tests[k], 100 + k, extra)), len(tests)
         )
@@ -177,19 +181,24 @@ class Bench:
         sigma = camera.noise_sigma(signal, binned=_binned(untouched)) / camera.response.slope(signal)
         return [information.noise_limit_deg(slope, sigma) for slope in slopes]
 
-    def _one(self, calibration: Calibration, frame: Frame, image: NDArray[np.float32]) -> Reconstruction:
-        p, q = calibration.gradients(image)
+    def _one(
+        self, calibration: KernelCalibration, frame: Frame, image: NDArray[np.float32]
+    ) -> Reconstruction:
+        found = calibration.estimate(image)
         true_p, true_q = frame.gradient
         base_p, base_q = base_gradient(self.design.elastomer, *frame.seen_mm)
         pitch = frame.rays.pitch_mm
-        estimated, truth = normals(p + base_p, q + base_q), normals(true_p + base_p, true_q + base_q)
+        estimated, truth = (
+            normals(found.p + base_p, found.q + base_q),
+            normals(true_p + base_p, true_q + base_q),
+        )
         region = _grown(frame.contact, GROWN_MM / pitch[0])
         return Reconstruction(
             frame=frame,
             image=image,
             normals=estimated,
             true_normals=truth,
-            height_mm=integrate(p, q, pitch_mm=pitch, boundary="dirichlet"),
+            height_mm=found.height_mm(pitch_mm=pitch),
             region=region,
             error_deg=normal_error_deg(estimated, truth),
         )

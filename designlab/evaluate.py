@@ -32,18 +32,23 @@ SCALAR_COLUMNS = 160  # of pictures that ``scalar_rgb`` has to path-trace, four 
 
 
 class Fidelity(NamedTuple):
-    """Effort of an evaluation: samples per pixel and LED group, rounds of the six test probes, estimator."""
+    """Effort of an evaluation.
+
+    Samples per pixel and LED group, rounds of the six test probes, grids of nine calibration balls,
+    estimator, width of the pictures.
+    """
 
     samples: int
     rounds: int
+    grids: int = 1
     estimator: Estimator = "fast"
     columns: int = 320
 
 
 FIDELITIES: dict[str, Fidelity] = {
     "fast": Fidelity(samples=64, rounds=1),
-    "standard": Fidelity(samples=256, rounds=2),
-    "reference": Fidelity(samples=1024, rounds=2, estimator="corrected"),
+    "standard": Fidelity(samples=256, rounds=2, grids=3),
+    "reference": Fidelity(samples=1024, rounds=2, grids=3, estimator="corrected"),
 }
 
 
@@ -122,7 +127,7 @@ def evaluate(
 ) -> Score:
     """Score a design by simulation.
 
-    The untouched gel tells how each LED group lights it and what the camera makes of it. Nine ball presses
+    The untouched gel tells how each LED group lights it and what the camera makes of it. Ball presses
     calibrate photometric stereo, which then reconstructs other probes at other places, with camera noise; and
     they tell how well the picture's response to slope stands out of the camera's noise. Standard errors cover
     the choice of presses (bootstrap over presses), render noise and camera noise.
@@ -159,7 +164,7 @@ def evaluate(
     simulator = Simulator(
         model, columns=columns, samples=effort.samples, seed=seed, estimator=effort.estimator
     )
-    presses = plan_presses(simulator.design, rounds=effort.rounds, seed=seed)
+    presses = plan_presses(simulator.design, rounds=effort.rounds, seed=seed, grids=effort.grids)
     steps = _Steps(progress, 2 + len(presses.calibration) + len(presses.test) + 1)
 
     # Surfaces are laid out while light is traced.

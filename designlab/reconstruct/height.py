@@ -28,6 +28,7 @@ def integrate(
     boundary: Boundary = "neumann",
     weights: ArrayLike | None = None,
     robust: bool = False,
+    tolerance: float = _TOLERANCE,
 ) -> Array:
     """Integrate gradients to the height whose differences fit them best in the least-squares sense.
 
@@ -49,6 +50,8 @@ def integrate(
     robust : bool
         Let gradients that no height can explain count less: Huber's loss of the residual in place of its
         square, its scale taken from the median residual.
+    tolerance : float
+        Relative residual at which the weighted or robust solution is accepted.
 
     Returns
     -------
@@ -79,7 +82,7 @@ def integrate(
     if weights is not None or robust:
         given = _checked_weights(weights, p.shape)
         between_x, between_y = np.minimum(given[:, 1:], given[:, :-1]), np.minimum(given[1:], given[:-1])
-        operator = _Weighted(solve, p.shape, pitch_x_mm, pitch_y_mm, boundary)
+        operator = _Weighted(solve, p.shape, pitch_x_mm, pitch_y_mm, boundary, tolerance)
         if weights is not None:
             height = operator.solve(along_x, along_y, between_x, between_y, height)
         for _ in range(_ROBUST_ROUNDS if robust else 0):
@@ -168,8 +171,9 @@ class _Weighted:
         pitch_x_mm: float,
         pitch_y_mm: float,
         boundary: Boundary,
+        tolerance: float,
     ) -> None:
-        self._unweighted, self._shape = solve, shape
+        self._unweighted, self._shape, self._tolerance = solve, shape, tolerance
         self._per_x, self._per_y = 1 / pitch_x_mm**2, 1 / pitch_y_mm**2
         self._free = np.ones(shape)
         if boundary == "dirichlet":
@@ -191,7 +195,7 @@ class _Weighted:
             LinearOperator((size, size), matvec=apply, dtype=float),
             right.ravel(),
             x0=start.ravel(),
-            rtol=_TOLERANCE,
+            rtol=self._tolerance,
             maxiter=2000,
             M=LinearOperator(
                 (size, size), matvec=lambda r: -self._unweighted(r.reshape(self._shape)).ravel(), dtype=float

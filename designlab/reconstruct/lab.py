@@ -10,13 +10,22 @@ from numpy.typing import ArrayLike, NDArray
 from designlab.metrics import normal_error_deg
 from designlab.reconstruct.balls import BallPress, ball_gradients, smoothed
 from designlab.reconstruct.height import Boundary, gradients_of, integrate, normals, sharpen
-from designlab.reconstruct.methods import Kernel, Method, Polynomial, Predictor, Samples
+from designlab.reconstruct.methods import (
+    Kernel,
+    Method,
+    Polynomial,
+    Predictor,
+    Samples,
+    expected_error,
+    expected_error_without_each,
+    slope_gradients,
+)
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _FLAT_PIXELS = 500
-_STEEPEST = 0.97  # sine of the steepest slope that is believed
+_TOLERANCE = 1e-4  # of a weighted integration: far below a micrometre
 
 
 class Setup(NamedTuple):
@@ -37,6 +46,9 @@ class Setup(NamedTuple):
         Strength and width (px) of `sharpen`, which gives back part of the rim that smoothing took.
     boundary : str
         Of the integration, see `integrate`.
+    weighted : bool
+        Weigh each pixel in the integration by the inverse of its expected error, which is learned from balls
+        left out of the calibration.
     """
 
     ball_radius_mm: float
@@ -46,6 +58,7 @@ class Setup(NamedTuple):
     smoothing_px: float = 2.0
     sharpening: tuple[float, float] = (0.7, 4.0)
     boundary: Boundary = "dirichlet"
+    weighted: bool = True
 
 
 class Shape(NamedTuple):
@@ -70,12 +83,15 @@ class LabCalibration:
         Root mean square colour change over the contacts: the unit of colour.
     predictor : callable
         The fitted map, see `methods`.
+    expected_error : callable, optional
+        Expected squared error of the slopes, see `methods.expected_error`.
     """
 
     background: Array
     setup: Setup
     spread: Array
     predictor: Predictor
+    expected_error: Predictor | None = None
 
     def gradients(self, image: ArrayLike, *, mask: Mask | None = None) -> tuple[Array, Array]:
         """Slopes p = dz/dx, q = dz/dy of the indentation, pixel by pixel.
@@ -87,13 +103,22 @@ class LabCalibration:
         mask : bool array, shape (rows, columns), optional
             Pixels that show the bare membrane; printed markers left out. They are filled from around.
         """
-        slope = self.predictor(
-            self._signal(image, mask).reshape(-1, self.background.shape[-1]), _position(self.background.shape)
+        return self._gradients(self._signal(image, mask))
+
+    def _gradients(self, signal: Array) -> tuple[Array, Array]:
+        p, q = slope_gradients(self.predictor(signal, _position(self.background.shape))).T.reshape(
+            2, *self.background.shape[:2]
         )
-        size = np.linalg.norm(slope, axis=1)
-        slope = slope * np.minimum(1.0, _STEEPEST / np.maximum(size, 1e-12))[:, None]
-        p, q = (slope / np.sqrt(1 - (slope**2).sum(axis=1))[:, None]).T.reshape(2, *self.background.shape[:2])
         return p, q
+
+    def _weights(self, signal: Array, mask: Mask | None) -> Array | None:
+        """Weights of the pixels in the integration; None where all are alike."""
+        shape = self.background.shape[:2]
+        if self.expected_error is None:
+            return None if mask is None else mask.astype(float)
+        weights = 1 / self.expected_error(signal, _position(self.background.shape)).reshape(shape)
+        weights /= weights.max()
+        return weights if mask is None else weights * mask
 
     def reconstruct(self, image: ArrayLike, *, mask: Mask | None = None, robust: bool = False) -> Shape:
         """Height and slopes that agree with each other.
@@ -107,15 +132,17 @@ class LabCalibration:
         robust : bool
             See `integrate`.
         """
-        p, q = self.gradients(image, mask=mask)
+        signal = self._signal(image, mask)
+        p, q = self._gradients(signal)
         setup = self.setup
         height = integrate(
             p,
             q,
             pitch_mm=setup.mm_per_px,
             boundary=setup.boundary,
-            weights=None if mask is None else mask.astype(float),
+            weights=self._weights(signal, mask),
             robust=robust,
+            tolerance=_TOLERANCE,
         )
         strength, sigma_px = setup.sharpening
         height = sharpen(height, strength=strength, sigma_px=sigma_px)
@@ -129,7 +156,8 @@ class LabCalibration:
             )
         if mask is not None and (mask.shape != image.shape[:2] or mask.dtype != bool or not mask.any()):
             raise ValueError(f"mask: must be bool of shape {image.shape[:2]} with a pixel to use")
-        return _change(image, self.background, self.setup.smoothing_px, mask) / self.spread
+        change = _change(image, self.background, self.setup.smoothing_px, mask) / self.spread
+        return change.reshape(-1, self.background.shape[-1])
 
 
 class LeftOut(NamedTuple):
@@ -178,7 +206,16 @@ def calibrate(
         If there are fewer than two balls, or shapes differ.
     """
     background, spread, presses = _prepare(balls, background, setup, base)
-    return LabCalibration(background, setup, spread, (method or Polynomial()).fit(presses))
+    method = method or Polynomial()
+    error = None
+    if setup.weighted:
+        error = expected_error(presses, _predicted(method.fit_without_each(presses), presses))
+    return LabCalibration(background, setup, spread, method.fit(presses), error)
+
+
+def _predicted(fits: Sequence[Predictor], presses: Sequence[Samples]) -> list[Array]:
+    """Slopes of each press by its own fit."""
+    return [fit(press.signal, press.position) for fit, press in zip(fits, presses, strict=True)]
 
 
 def refine_centres(
@@ -203,7 +240,7 @@ def refine_centres(
         Times that all balls are moved.
     """
     balls = list(balls)
-    plain = setup._replace(sharpening=(0.0, 1.0))
+    plain = setup._replace(sharpening=(0.0, 1.0), weighted=False)
     rows, columns = np.indices(np.asarray(background).shape[:2])
     reach_px = setup.ball_radius_mm / setup.mm_per_px
     for _ in range(rounds):
@@ -262,9 +299,13 @@ def _left_out(
     """Each ball as reconstructed by a calibration on the others."""
     background, spread, presses = _prepare(balls, background, setup, None)
     calibration = LabCalibration(background, setup, spread, _nothing)
+    fits = (method or Polynomial()).fit_without_each(presses)
+    errors: Sequence[Predictor | None] = [None] * len(balls)
+    if setup.weighted:
+        errors = expected_error_without_each(presses, _predicted(fits, presses))
     return [
-        replace(calibration, predictor=predictor).reconstruct(ball.image)
-        for ball, predictor in zip(balls, (method or Polynomial()).fit_without_each(presses), strict=True)
+        replace(calibration, predictor=fit, expected_error=error).reconstruct(ball.image)
+        for ball, fit, error in zip(balls, fits, errors, strict=True)
     ]
 
 

@@ -18,6 +18,11 @@ Array = NDArray[np.float64]
 Predictor = Callable[[Array, Array], Array]
 
 _TABLE_REACH = 2.5  # spreads of the colour change that the table covers
+_LEAST_ERROR = (
+    0.02  # of a slope: below a degree a pixel counts in full, and the weights stay within two decades
+)
+_FLAT_SLOPE = 0.01
+_STEEPEST = 0.97  # sine of the steepest slope that is believed
 _CHUNK = 16384  # pixels at a time: keeps the terms of a picture small
 
 
@@ -28,6 +33,13 @@ class Samples(NamedTuple):
     position: Array
     slope: Array
     weight: Array
+
+
+def slope_gradients(slope: Array) -> Array:
+    """Gradients (N, 2) of slope vectors -n_x, -n_y (N, 2); steeper ones than 76 deg are cut."""
+    size = np.linalg.norm(slope, axis=1)
+    slope = slope * np.minimum(1.0, _STEEPEST / np.maximum(size, 1e-12))[:, None]
+    return np.asarray(slope / np.sqrt(1 - (slope**2).sum(axis=1))[:, None])
 
 
 class Method(Protocol):
@@ -51,13 +63,18 @@ class _Linear(ABC):
     ridge: float = 1e-3
 
     @abstractmethod
-    def terms(self, signal: Array, position: Array) -> Array:
+    def terms(self, signal: Array, position: Array) -> NDArray[np.floating]:
         """Terms of each pixel, shape (N, terms)."""
 
     def fit(self, presses: Sequence[Samples]) -> Predictor:
         """Fit to all presses."""
+        weights = self.weights(presses)
+        return lambda signal, position: self._apply(weights, signal, position)
+
+    def weights(self, presses: Sequence[Samples]) -> Array:
+        """Weights of the terms fitted to all presses."""
         matrix, right = (np.sum(part, axis=0) for part in zip(*map(self._normal, presses), strict=True))
-        return self._predictor(matrix, right)
+        return self._solve(matrix, right)
 
     def fit_without_each(self, presses: Sequence[Samples]) -> list[Predictor]:
         """Fits that each know nothing of one press."""
@@ -66,25 +83,28 @@ class _Linear(ABC):
         return [self._predictor(matrix - m, right - r) for m, r in parts]
 
     def _normal(self, press: Samples) -> tuple[Array, Array]:
-        terms = self.terms(press.signal, press.position)
+        terms = np.asarray(self.terms(press.signal, press.position), dtype=float)
         weighted = terms * press.weight[:, None]
         return weighted.T @ terms, weighted.T @ press.slope
 
     def _predictor(self, matrix: Array, right: Array) -> Predictor:
+        weights = self._solve(matrix, right)
+        return lambda signal, position: self._apply(weights, signal, position)
+
+    def _solve(self, matrix: Array, right: Array) -> Array:
         power = np.diag(matrix)
         # scaled to unit diagonal, so that the ridge acts on every term alike
         scale = 1 / np.sqrt(np.where(power > 1e-12 * power.max(), power, np.inf))
         scaled = matrix * scale[:, None] * scale + self.ridge * np.eye(len(scale))
-        weights = np.linalg.solve(scaled, right * scale[:, None]) * scale[:, None]
+        return np.asarray(np.linalg.solve(scaled, right * scale[:, None]) * scale[:, None])
 
-        def predict(signal: Array, position: Array) -> Array:
-            parts = [
-                self.terms(signal[first : first + _CHUNK], position[first : first + _CHUNK]) @ weights
-                for first in range(0, len(signal), _CHUNK)
-            ]
-            return np.concatenate(parts)
-
-        return predict
+    def _apply(self, weights: Array, signal: Array, position: Array) -> Array:
+        """Terms times weights."""
+        parts = []
+        for first in range(0, len(signal), _CHUNK):
+            terms = self.terms(signal[first : first + _CHUNK], position[first : first + _CHUNK])
+            parts.append(terms @ weights.astype(terms.dtype))
+        return np.concatenate(parts).astype(float)
 
 
 @dataclass(frozen=True)
@@ -148,15 +168,65 @@ class Kernel(_Linear):
         """Name with the scales."""
         return f"kernel {self.colour_scale:g}, {self.position_scale:g}, ridge {self.ridge:g}"
 
-    def terms(self, signal: Array, position: Array) -> Array:
+    def terms(self, signal: Array, position: Array) -> NDArray[np.float32]:
         """Terms of each pixel; zero where the colour is that of the untouched gel."""
+        return self.waves(signal, position) - self.waves(np.zeros_like(signal), position)
+
+    def waves(self, signal: Array, position: Array) -> NDArray[np.float32]:
+        """Terms before those of no change of colour are taken off."""
         draw = np.random.default_rng(self.seed)
         along_colour = draw.standard_normal((signal.shape[1], self.features)) / self.colour_scale
         along_position = draw.standard_normal((2, self.features)) / self.position_scale
-        phase = position @ along_position + draw.uniform(0, 2 * np.pi, self.features)
-        # single precision is far finer than any camera, and four times as fast
-        phase, turn = phase.astype(np.float32), (signal @ along_colour).astype(np.float32)
-        return np.asarray(np.cos(turn + phase) - np.cos(phase), dtype=float)
+        turn = draw.uniform(0, 2 * np.pi, self.features).astype(np.float32)
+        # single precision is far finer than any camera, and faster
+        at = np.concatenate([signal, position], axis=1).astype(np.float32)
+        along = np.concatenate([along_colour, along_position]).astype(np.float32)
+        return np.asarray(np.cos(at @ along + turn))
+
+
+def expected_error(presses: Sequence[Samples], predicted: Sequence[Array]) -> Predictor:
+    """Expected squared error of slopes as a function of colour and place, shape (N,).
+
+    Kernel regression on the logarithm of the squared errors that presses had when left out of the fit. Only
+    its course matters, not its level: its inverse weighs pixels in the integration.
+
+    Parameters
+    ----------
+    presses : sequence of Samples
+        Presses.
+    predicted : sequence of arrays, shape (N, 2)
+        Slopes of each press, predicted by a fit without it.
+    """
+    kernel, samples, level = _course(presses, predicted)
+    return _exponential(kernel.fit(samples), level)
+
+
+def expected_error_without_each(presses: Sequence[Samples], predicted: Sequence[Array]) -> list[Predictor]:
+    """`expected_error` from all but one press, for each press."""
+    kernel, samples, level = _course(presses, predicted)
+    return [_exponential(course, level) for course in kernel.fit_without_each(samples)]
+
+
+def log_errors(presses: Sequence[Samples], predicted: Sequence[Array]) -> tuple[list[Array], float]:
+    """Logarithm of each pixel's squared error above that of flat pixels, (N, 1) a press, and the latter."""
+    errors = [
+        np.log(((p - press.slope) ** 2).sum(axis=1) + _LEAST_ERROR**2)[:, None]
+        for p, press in zip(predicted, presses, strict=True)
+    ]
+    flat = np.concatenate([np.hypot(*press.slope.T) < _FLAT_SLOPE for press in presses])
+    together = np.concatenate(errors)
+    level = float(together[flat].mean() if flat.any() else together.min())
+    return [error - level for error in errors], level
+
+
+def _course(presses: Sequence[Samples], predicted: Sequence[Array]) -> tuple[Kernel, list[Samples], float]:
+    errors, level = log_errors(presses, predicted)
+    kernel = Kernel(ridge=1e-3, colour_scale=1.0, features=100)
+    return kernel, [press._replace(slope=e) for press, e in zip(presses, errors, strict=True)], level
+
+
+def _exponential(course: Predictor, level: float) -> Predictor:
+    return lambda signal, position: np.asarray(np.exp(course(signal, position)[:, 0] + level))
 
 
 @dataclass(frozen=True)

@@ -82,8 +82,8 @@ class Calibration:
         ValueError
             If the image has another shape than the background.
         """
-        image = _checked_image(image, self.background.shape, "image")
-        signal = _signal(image, self.background, self.terms.signal)
+        image = checked_image(image, self.background.shape, "image")
+        signal = colour_change(image, self.background, self.terms.signal)
         p, q = np.zeros_like(self.x), np.zeros_like(self.x)
         position = _position_terms(self.x, self.y, max(self.terms.position_degrees))
         first = 0
@@ -145,7 +145,7 @@ def fit_calibration(
             (like.ridge,),
         )
     background = np.asarray(background, dtype=float)
-    background = _checked_image(background, background.shape, "background")
+    background = checked_image(background, background.shape, "background")
     if (background.mean(axis=(0, 1)) <= 0).any():
         raise ValueError("background: each channel must have light, one has none")
     if not 2 <= len(images) == len(gradients_p) == len(gradients_q) == len(masks):
@@ -153,14 +153,14 @@ def fit_calibration(
             "images, gradients_p, gradients_q, masks: must be at least 2 presses and equally many, got "
             f"{len(images)}, {len(gradients_p)}, {len(gradients_q)}, {len(masks)}"
         )
-    x, y = _centred(x_mm, "x_mm", background.shape), _centred(y_mm, "y_mm", background.shape)
+    x, y = centred(x_mm, "x_mm", background.shape), centred(y_mm, "y_mm", background.shape)
     truths = [_truth(*press, background.shape) for press in zip(gradients_p, gradients_q, masks, strict=True)]
     presses = [
-        _checked_image(image, background.shape, f"images[{index}]") for index, image in enumerate(images)
+        checked_image(image, background.shape, f"images[{index}]") for index, image in enumerate(images)
     ]
     best: Calibration | None = None
     for signal in signals:
-        changes = [_signal(image, background, signal) for image in presses]
+        changes = [colour_change(image, background, signal) for image in presses]
         for degrees in position_degrees:
             samples = [
                 _sample(change, truth, x, y, degrees) for change, truth in zip(changes, truths, strict=True)
@@ -199,7 +199,8 @@ class _Sample(NamedTuple):
     gradients: Array
 
 
-def _signal(image: Array, background: Array, signal: Signal) -> Array:
+def colour_change(image: Array, background: Array, signal: Signal) -> Array:
+    """Change of colour from the untouched gel, see `Terms`."""
     mean = background.mean(axis=(0, 1))
     if signal == "difference":
         return np.asarray((image - background) / mean)
@@ -239,12 +240,12 @@ def _truth(p: ArrayLike, q: ArrayLike, mask: Mask, shape: tuple[int, ...]) -> _T
     if not steepness.any():
         raise ValueError("gradients_p, gradients_q: each press must slope somewhere within its mask")
     flat = steepness <= _FLAT * steepness.max()
-    sloping = _thinned(known[~flat], _SLOPING_PIXELS)
-    pixels = np.concatenate([sloping, _thinned(known[flat], _FLAT_PIXELS)])
+    sloping = thinned(known[~flat], _SLOPING_PIXELS)
+    pixels = np.concatenate([sloping, thinned(known[flat], _FLAT_PIXELS)])
     return _Truth(pixels, gradients[pixels], sloping.size)
 
 
-def _thinned(pixels: NDArray[np.intp], count: int) -> NDArray[np.intp]:
+def thinned(pixels: NDArray[np.intp], count: int) -> NDArray[np.intp]:
     """At most `count` of the pixels, evenly spread over the list."""
     if pixels.size <= count:
         return pixels
@@ -283,7 +284,8 @@ def _left_out_error_deg(samples: Sequence[_Sample], total: _Normal, ridge: float
     return float(np.mean(errors))
 
 
-def _checked_image(image: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
+def checked_image(image: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
+    """Finite image of a given shape; the error names it."""
     image = np.asarray(image, dtype=float)
     if image.ndim != 3 or image.shape != shape:
         raise ValueError(f"{name}: must have shape (rows, columns, channels) {shape}, got {image.shape}")
@@ -292,7 +294,7 @@ def _checked_image(image: ArrayLike, shape: tuple[int, ...], name: str) -> Array
     return image
 
 
-def _centred(position_mm: ArrayLike, name: str, shape: tuple[int, ...]) -> Array:
+def centred(position_mm: ArrayLike, name: str, shape: tuple[int, ...]) -> Array:
     """Positions brought to -1..1."""
     position_mm = np.asarray(position_mm, dtype=float)
     if position_mm.shape != shape[:2] or not np.isfinite(position_mm).all():
