@@ -155,9 +155,8 @@ class Bench:
         x, y = untouched.rays.x_mm, untouched.rays.y_mm
         images = _each(lambda k: self.picture(balls[k], 10 + k, extra), len(balls))
         truths = _each(lambda k: balls[k].gradient, len(balls))
-        kernels = None if noisier_than is None else (noisier_than.kernel,)
         calibration = fit_kernel(
-            images, background, [p for p, _ in truths], [q for _, q in truths], x, y, kernels=kernels
+            images, background, [p for p, _ in truths], [q for _, q in truths], x, y, like=noisier_than
         )
         return calibration, _each(
             lambda k: self._one(calibration, tests[k], self.picture(tests[k], 100 + k, extra)), len(tests)

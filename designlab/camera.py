@@ -347,11 +347,9 @@ class Camera(Spec):
             digital = mean + np.hypot(sigma, rounding) / np.sqrt(binned) * deviates
             return np.asarray(np.clip(np.round(digital * steps) / steps, 0.0, 1.0), dtype=np.float32)
         electrons = signal * self.full_well_e * binned
-        shot = np.where(
-            electrons < 1000.0,
-            random.poisson(np.minimum(electrons, 1000.0)),
-            electrons + np.sqrt(electrons) * random.standard_normal(electrons.shape),
-        )
+        shot = electrons + np.sqrt(electrons) * random.standard_normal(electrons.shape)
+        few = electrons < 1000.0
+        shot[few] = random.poisson(electrons[few])
         # Averaging pixels refines the converter's steps, but each pixel has brought its own rounding error.
         rounding_e = self.full_well_e * np.sqrt((binned - 1) / 12) / (2**self.bit_depth - 1)
         read_e = np.hypot(self.read_noise_e * np.sqrt(binned), rounding_e)

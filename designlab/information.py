@@ -78,11 +78,14 @@ def noise_limit_deg(response: Array, sigma: Array) -> Array:
     sigma : array, shape (rows, columns, channels)
         Standard deviation of the camera's noise.
     """
-    weighted = response / sigma[..., None]
-    fisher = np.einsum("...ci,...cj->...ij", weighted, weighted)
-    determinant = fisher[..., 0, 0] * fisher[..., 1, 1] - fisher[..., 0, 1] ** 2
+    along_x, along_y = (response[..., k] / sigma for k in (0, 1))
+    # Fisher's information of the two slopes
+    xx, xy, yy = (
+        (a * b).sum(axis=-1) for a, b in ((along_x, along_x), (along_x, along_y), (along_y, along_y))
+    )
+    determinant = xx * yy - xy**2
     with np.errstate(divide="ignore", invalid="ignore"):
-        tilt = np.degrees(np.sqrt((fisher[..., 0, 0] + fisher[..., 1, 1]) / determinant))
+        tilt = np.degrees(np.sqrt((xx + yy) / determinant))
     return np.asarray(np.minimum(np.where(determinant > 0, tilt, np.inf), NO_INFORMATION_DEG))
 
 
@@ -123,7 +126,7 @@ def pressed_limit_deg(
             # From slopes to angles of the normal, uphill and across.
             turns = np.stack([length**2 * uphill, length * across], axis=-1)
             changes = np.where(lit[..., None], slopes @ turns, 0.0)
-            jacobian = np.einsum("cg,pgi->pci", mix, changes)
+            jacobian = np.tensordot(changes, mix, axes=(1, 1)).swapaxes(1, 2)
             total += np.log(noise_limit_deg(jacobian, sigma(shaded @ mix.T)))
     return np.asarray(np.exp(total / (RINGS * AZIMUTHS)))
 

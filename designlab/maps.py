@@ -91,8 +91,8 @@ def slope_responses(simulator: Simulator, untouched: Frame, balls: Sequence[Fram
         fitted = _fitted_responses(untouched, balls)
         return Responses(fitted[0], fitted[1:], np.sqrt(len(balls) - 1))  # the jackknife
     thin = thinned(untouched)
-    one, other = (simulator.slope_response(half=half)[:, *thin] for half in (0, 1))
-    best, noise = (np.moveaxis((one + sign * other) / 2, 0, 2) for sign in (1, -1))
+    best, half = (np.moveaxis(simulator.slope_response(half=h)[:, *thin], 0, 2) for h in (None, 0))
+    noise = half - best
     random = np.random.default_rng(sub_seed(simulator.seed, 7, 1))
     block = max(
         1, round(BLOCK_CELLS * untouched.grain_mm / (step_of(untouched) * untouched.rays.pitch_mm[0]))

@@ -48,7 +48,7 @@ PRESS_FIGURES = (
     "rgb2normal",
 )
 """Of each test press, on the contact and around it: what the scores are pooled from."""
-LIMIT_STEP = 3  # between the `thinned` pixels at which the pressed membrane's limit is looked at
+LIMIT_STEP = 4  # between the `thinned` pixels at which the pressed membrane's limit is looked at
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ _FEATURES_PER_PRESS, _MOST_FEATURES = 34, 500  # more presses show more detail
 _CHUNK = 4096  # pixels at a time, so that their waves stay in the processor's cache
 _SLOPING_PIXELS, _FLAT_PIXELS = 1000, 200
 _FLAT = 0.01  # share of a press's steepest slope below which a pixel counts as flat
-_TOLERANCE = 3e-4  # of the integration: a fraction of a micrometre
+_TOLERANCE = 1e-3  # of the integration: half a micrometre at most
 
 
 class Estimate(NamedTuple):
@@ -67,6 +67,7 @@ class KernelCalibration:
     error_deg: float
     _weights: Array
     _at_rest: Array
+    _left_out: list[Array]
 
     def estimate(self, image: ArrayLike, *, mask: Mask | None = None) -> Estimate:
         """Gradients of the indentation and their weights, each of shape (rows, columns).
@@ -106,7 +107,7 @@ def fit_kernel(
     x_mm: ArrayLike,
     y_mm: ArrayLike,
     *,
-    kernels: Sequence[Kernel] | None = None,
+    like: KernelCalibration | None = None,
 ) -> KernelCalibration:
     """Calibrate on presses of known shape.
 
@@ -123,19 +124,15 @@ def fit_kernel(
         True gradients dz/dx and dz/dy of the indentation above the undeformed membrane.
     x_mm, y_mm : array, shape (rows, columns)
         Membrane point that each pixel sees (mm).
-    kernels : sequence of Kernel, optional
-        Candidates; three, stiff to supple, when absent.
+    like : KernelCalibration, optional
+        Earlier calibration on pictures of the same presses, whose kernel, and whose error on presses left
+        out, are taken over.
 
     Raises
     ------
     ValueError
         If there are fewer than two presses, shapes differ, a value is not finite, or nothing slopes.
     """
-    if kernels is None:
-        features = min(_FEATURES_PER_PRESS * len(images), _MOST_FEATURES)
-        kernels = [Kernel(ridge=ridge, colour_scale=1.0, features=features) for ridge in _RIDGES]
-    if not kernels:
-        raise ValueError("kernels: must hold a candidate")
     if not 2 <= len(images) == len(gradients_p) == len(gradients_q):
         raise ValueError(
             "images, gradients_p, gradients_q: must be at least 2 presses and equally many, got "
@@ -171,14 +168,16 @@ def fit_kernel(
     if not (spread > 0).all():
         raise ValueError("images: each channel must change colour where the presses slope")
     presses = [press._replace(signal=press.signal / spread) for press in presses]
-    tried = [_left_out(kernel, presses, sloping) for kernel in kernels]
-    error_deg, kernel, left_out = min(tried, key=lambda row: row[0])
+    if like is None:
+        error_deg, kernel, left_out = _chosen(presses, sloping)
+    else:
+        error_deg, kernel, left_out = like.error_deg, like.kernel, like._left_out
     errors, _ = log_errors(presses, left_out)
     weights = kernel.weights(
         [p._replace(slope=np.concatenate([p.slope, e], axis=1)) for p, e in zip(presses, errors, strict=True)]
     )
     at_rest = _sums(kernel, weights, np.zeros((len(position), background.shape[-1])), position)
-    return KernelCalibration(background, position, spread, kernel, error_deg, weights, at_rest)
+    return KernelCalibration(background, position, spread, kernel, error_deg, weights, at_rest, left_out)
 
 
 def _sums(kernel: Kernel, weights: Array, signal: Array, position: Array) -> Array:
@@ -197,13 +196,20 @@ def _slope_vectors(p: ArrayLike, q: ArrayLike, shape: tuple[int, ...]) -> Array:
     return np.asarray(-normals(p, q)[..., :2].reshape(-1, 2))
 
 
-def _left_out(
-    kernel: Kernel, presses: Sequence[Samples], sloping: Sequence[int]
-) -> tuple[float, Kernel, list[Array]]:
-    """Mean angular error on the slopes of presses left out in turn, and all slopes predicted so."""
-    found, errors = [], []
-    for press, count, predictor in zip(presses, sloping, kernel.fit_without_each(presses), strict=True):
-        found.append(predictor(press.signal, press.position))
-        estimated, truth = (normals(*slope_gradients(s[:count]).T) for s in (found[-1], press.slope))
-        errors.append(normal_error_deg(estimated, truth).mean())
-    return float(np.mean(errors)), kernel, found
+def _chosen(presses: Sequence[Samples], sloping: Sequence[int]) -> tuple[float, Kernel, list[Array]]:
+    """The kernel, of three from stiff to supple, with the least error on presses left out in turn.
+
+    The error is the mean angle on their slopes; all their slopes, predicted so, are returned with it.
+    """
+    features = min(_FEATURES_PER_PRESS * len(presses), _MOST_FEATURES)
+    kernels = [Kernel(ridge=ridge, colour_scale=1.0, features=features) for ridge in _RIDGES]
+    parts = [kernels[0].normal(press) for press in presses]
+    tried = []
+    for kernel in kernels:
+        found, errors = [], []
+        for press, count, predictor in zip(presses, sloping, kernel.solve_without_each(parts), strict=True):
+            found.append(predictor(press.signal, press.position))
+            estimated, truth = (normals(*slope_gradients(s[:count]).T) for s in (found[-1], press.slope))
+            errors.append(normal_error_deg(estimated, truth).mean())
+        tried.append((float(np.mean(errors)), kernel, found))
+    return min(tried, key=lambda row: row[0])

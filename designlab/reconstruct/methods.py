@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve
 
 Array = NDArray[np.float64]
 Predictor = Callable[[Array, Array], Array]
@@ -73,16 +74,20 @@ class _Linear(ABC):
 
     def weights(self, presses: Sequence[Samples]) -> Array:
         """Weights of the terms fitted to all presses."""
-        matrix, right = (np.sum(part, axis=0) for part in zip(*map(self._normal, presses), strict=True))
+        matrix, right = (np.sum(part, axis=0) for part in zip(*map(self.normal, presses), strict=True))
         return self._solve(matrix, right)
 
     def fit_without_each(self, presses: Sequence[Samples]) -> list[Predictor]:
         """Fits that each know nothing of one press."""
-        parts = [self._normal(press) for press in presses]
-        matrix, right = (np.sum(part, axis=0) for part in zip(*parts, strict=True))
-        return [self._predictor(matrix - m, right - r) for m, r in parts]
+        return self.solve_without_each([self.normal(press) for press in presses])
 
-    def _normal(self, press: Samples) -> tuple[Array, Array]:
+    def solve_without_each(self, normals: Sequence[tuple[Array, Array]]) -> list[Predictor]:
+        """Fits that each know nothing of one press, from the `normal` equations of all."""
+        matrix, right = (np.sum(part, axis=0) for part in zip(*normals, strict=True))
+        return [self._predictor(matrix - m, right - r) for m, r in normals]
+
+    def normal(self, press: Samples) -> tuple[Array, Array]:
+        """Matrix and right-hand side of a press's normal equations, which do not depend on the ridge."""
         terms = np.asarray(self.terms(press.signal, press.position), dtype=float)
         weighted = terms * press.weight[:, None]
         return weighted.T @ terms, weighted.T @ press.slope
@@ -96,7 +101,7 @@ class _Linear(ABC):
         # scaled to unit diagonal, so that the ridge acts on every term alike
         scale = 1 / np.sqrt(np.where(power > 1e-12 * power.max(), power, np.inf))
         scaled = matrix * scale[:, None] * scale + self.ridge * np.eye(len(scale))
-        return np.asarray(np.linalg.solve(scaled, right * scale[:, None]) * scale[:, None])
+        return np.asarray(solve(scaled, right * scale[:, None], assume_a="pos") * scale[:, None])
 
     def _apply(self, weights: Array, signal: Array, position: Array) -> Array:
         """Terms times weights."""
