@@ -153,12 +153,12 @@ class Bench:
             sigma=(SMOOTHING_PX, SMOOTHING_PX, 0),
         )
         x, y = untouched.rays.x_mm, untouched.rays.y_mm
-        images = _each(lambda k: self.picture(balls[k], 10 + k, extra), len(balls))
-        truths = _each(lambda k: balls[k].gradient, len(balls))
+        images = each_of(lambda k: self.picture(balls[k], 10 + k, extra), len(balls))
+        truths = each_of(lambda k: balls[k].gradient, len(balls))
         calibration = fit_kernel(
             images, background, [p for p, _ in truths], [q for _, q in truths], x, y, like=noisier_than
         )
-        return calibration, _each(
+        return calibration, each_of(
             lambda k: self._one(calibration, tests[k], self.picture(tests[k], 100 + k, extra)), len(tests)
         )
 
@@ -203,7 +203,7 @@ class Bench:
         )
 
 
-def _each(work: Callable[[int], Thing], count: int) -> list[Thing]:
+def each_of(work: Callable[[int], Thing], count: int) -> list[Thing]:
     """Do independent pieces of work side by side."""
     with ThreadPoolExecutor(min(os.cpu_count() or 1, MOST_THREADS)) as pool:
         return list(pool.map(work, range(count)))

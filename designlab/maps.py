@@ -91,7 +91,10 @@ def slope_responses(simulator: Simulator, untouched: Frame, balls: Sequence[Fram
         fitted = _fitted_responses(untouched, balls)
         return Responses(fitted[0], fitted[1:], np.sqrt(len(balls) - 1))  # the jackknife
     thin = thinned(untouched)
-    best, half = (np.moveaxis(simulator.slope_response(half=h)[:, *thin], 0, 2) for h in (None, 0))
+    best, half = (
+        np.moveaxis(simulator.slope_response(half=number)[:, *thin], 0, 2).astype(float)
+        for number in (None, 0)
+    )
     noise = half - best
     random = np.random.default_rng(sub_seed(simulator.seed, 7, 1))
     block = max(

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter, uniform_filter
 
 from designlab import illumination
-from designlab.bench import SMOOTHING_PX, Bench, Reconstruction, sub_seed
+from designlab.bench import SMOOTHING_PX, Bench, Reconstruction, each_of, sub_seed
 from designlab.design import Design
 from designlab.illumination import Evenness, evenness, saturated
 from designlab.information import noise_limit_deg, pressed_limit_deg
@@ -183,7 +183,8 @@ def _over_draws(
     random = np.random.default_rng(sub_seed(seed, 7, 0))
     # A path tracer's pixels err independently, a light field over its cells.
     block = max(1, round(BLOCK_CELLS * pair.grain_px))
-    draws = np.array([figures(mean + random_signs(random, mean.shape, block) * noise) for _ in range(count)])
+    signs = [random_signs(random, mean.shape, block) for _ in range(count)]
+    draws = each_of(lambda k: np.asarray(figures(mean + signs[k] * noise)), count)
     single = np.mean(np.array([figures(pair.one), figures(pair.other)]), axis=0)
     return 2 * np.array(figures(mean)) - single, np.std(draws, axis=0, ddof=1)
 
