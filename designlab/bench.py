@@ -17,7 +17,7 @@ from designlab.press import Press
 from designlab.reconstruct import KernelCalibration, fit_kernel, normals
 from designlab.simulate import Frame
 from geometries.elastomer import base_gradient
-from geometries.probes import parse
+from geometries.probes import parse, profile_mm
 
 Array = NDArray[np.float64]
 Thing = TypeVar("Thing")
@@ -25,6 +25,7 @@ MOST_THREADS = 4  # beyond these NumPy's own lock leaves no gain
 
 # Errors count over the contact grown by this: a flat background would make any median look good.
 GROWN_MM = 0.5
+RIM_MM = 1.0  # around a contact the membrane is still lifted
 SMOOTHING_PX = 2.0  # illumination is smooth; render noise is not, and would pass for unevenness
 GRAIN_PX = 4.0  # noise of single pixels is finer than this
 # A small ball shows steep slopes, a large one many of each; depths as shares of the deepest.
@@ -74,15 +75,29 @@ def plan_presses(design: Design, *, rounds: int, seed: int, grids: int = 1) -> P
         for text in TEST_PROBES:
             kind, size = text.split(":")
             centre = (draw.uniform(-0.22, 0.22) * width, draw.uniform(-0.2, 0.2) * height)
-            tests.append(
-                Press(
-                    probe=parse(f"{kind}:{float(size) * scale:.6g}"),
-                    depth_mm=depth * TEST_DEPTH,
-                    centre_mm=centre,
-                    yaw_deg=draw.uniform(-180.0, 180.0),
-                )
+            press = Press(
+                probe=parse(f"{kind}:{float(size) * scale:.6g}"),
+                depth_mm=depth * TEST_DEPTH,
+                centre_mm=centre,
+                yaw_deg=draw.uniform(-180.0, 180.0),
             )
+            tests.append(_moved_into(press, design.sensing_area_mm))
     return Presses(tuple(balls), tuple(tests))
+
+
+def _moved_into(press: Press, area_mm: tuple[float, float]) -> Press:
+    """The press, moved so that it ends within an area around the origin: heights are zero at its border."""
+    reach = 1.6 * press.probe.size_mm
+    x, y = np.meshgrid(*2 * [np.linspace(-reach, reach, 161)])
+    touches = profile_mm(press.probe, x, y) > -press.depth_mm
+    yaw = np.radians(press.yaw_deg)
+    across = np.cos(yaw) * x[touches] - np.sin(yaw) * y[touches]
+    along = np.sin(yaw) * x[touches] + np.cos(yaw) * y[touches]
+    centre = []
+    for place, extent, side in zip(press.centre_mm, (across, along), area_mm, strict=True):
+        furthest = max(side / 2 - RIM_MM - float(np.abs(extent).max()), 0.0)
+        centre.append(float(np.clip(place, -furthest, furthest)))
+    return press.model_copy(update={"centre_mm": (centre[0], centre[1])})
 
 
 @dataclass(frozen=True, eq=False)

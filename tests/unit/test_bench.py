@@ -11,6 +11,7 @@ from designlab.design import preset
 from designlab.maps import sensing_area
 from designlab.press import indent
 from designlab.scores import uniformity, worst_evenness
+from designlab.simulate import Simulator
 
 FLAT, CORE = preset("gelsight-2020-flat"), preset("default")
 
@@ -87,3 +88,15 @@ def test_smooth_errors_are_shared_by_all_pictures():
     assert (noise.grain < 0.01).all()
     # the mean of two pictures errs by 1 / sqrt(2) of one
     np.testing.assert_allclose(noise.shared.std(axis=(1, 2)), 0.05 / np.sqrt(2), rtol=0.25)
+
+
+@pytest.mark.parametrize("name", ["default", "gelsight-2020-dome"])
+def test_what_a_test_press_lifts_ends_within_the_picture(name):
+    simulator = Simulator(preset(name), columns=80, samples=1, seed=0)
+    for press in plan_presses(simulator.design, rounds=4, seed=0).test:
+        surface = simulator.surface(press)
+        x, y = np.meshgrid(surface.x_mm, surface.y_mm)
+        lifted = surface.height_mm > 0.02 * press.depth_mm
+        width, height = simulator.design.sensing_area_mm
+        assert np.abs(x[lifted]).max() < width / 2, press
+        assert np.abs(y[lifted]).max() < height / 2, press
