@@ -9,11 +9,11 @@ means of its blocks of 8 x 8 pixels are compared, relative to the mean radiance 
 
 The largest of many noisy differences is too large. So one unbiased run chooses the worst block and the other
 one measures it, both ways round, and the mean of the two is reported: its expectation is the true difference
-at the chosen block, never more than the true worst. That is "fast": bias and random error of a picture as
-studies use it. "bias" does the same with both halves of a light field of many more photons, so that the
-random errors of choice and measurement are independent. Statistical errors come from the differences between
-the two runs and between the two halves. Finished designs are kept in the results folder, so that an
-interrupted run goes on where it stopped; pictures are kept there as well.
+at the chosen block, never more than the true worst; it is below zero where only noise was chosen. That is
+"fast": bias and random error of a picture as studies use it. "bias" does the same with both halves of a light
+field of many more photons, so that the random errors of choice and measurement are independent. Statistical
+errors come from the differences between the two runs and between the two halves. Finished designs are kept in
+the results folder, so that an interrupted run goes on where it stopped; pictures are kept there as well.
 """
 
 import argparse
@@ -139,13 +139,16 @@ def _blocks(stack: NDArray[np.float32]) -> Array:
 
 
 def _worst(a: Array, b: Array) -> tuple[float, list[int]]:
-    """Largest difference, chosen in one measurement and taken from the other; where `a` has its largest."""
+    """Size of the largest difference, chosen in one measurement and taken from the other; and its place.
+
+    Below zero where the other measurement does not even have its sign: then noise chose it.
+    """
     chosen = [int(np.abs(values).argmax()) for values in (a, b)]
     found = [
         np.sign(pick.flat[k]) * other.flat[k] for pick, other, k in ((a, b, chosen[0]), (b, a, chosen[1]))
     ]
-    sign = np.sign(a.flat[chosen[0]])
-    return float(sign * np.mean(found)), [int(k) for k in np.unravel_index(chosen[0], a.shape)]
+    place = chosen[int(np.argmax(found))]
+    return float(np.mean(found)), [int(k) for k in np.unravel_index(place, a.shape)]
 
 
 def table(results: list[dict[str, Any]]) -> str:
@@ -164,7 +167,7 @@ def table(results: list[dict[str, Any]]) -> str:
             f"{r['seconds']['fast']:>7.0f}{r['seconds']['unbiased']:>7.0f}"
         )
     means, blocks, errors = (
-        np.abs([r[key] for r in results]) for key in ("worst_mean", "worst_block", "worst_block_error")
+        np.array([r[key] for r in results]) for key in ("worst_mean", "worst_block", "worst_block_error")
     )
     both = (means <= MEAN_TARGET) & (blocks <= BLOCK_TARGET)
     lines += [
@@ -174,10 +177,10 @@ def table(results: list[dict[str, Any]]) -> str:
         f"worst channel's mean: median {np.median(means):.2%}, largest {means.max():.2%}; "
         f"worst block: median {np.median(blocks):.1%}, largest {blocks.max():.1%}",
     ]
-    for r in sorted(results, key=lambda r: -abs(r["worst_block"]))[:8]:
+    for r in sorted(results, key=lambda r: -r["worst_block"])[:8]:
         press, group, row, column = r["worst_at"]
         lines.append(
-            f"seed {r['seed']}: {r['worst_block']:+.1%} at press {r['presses'][press]}, group {group}, "
+            f"seed {r['seed']}: {r['worst_block']:.1%} at press {r['presses'][press]}, group {group}, "
             f"block row {row} column {column}"
         )
     return "\n".join(lines)

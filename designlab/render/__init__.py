@@ -42,7 +42,7 @@ class Bias(NamedTuple):
 
 
 UNBIASED = Bias(0.0, 0.0)
-FAST_BIAS = Bias(mean=0.004, block=0.20)
+FAST_BIAS = Bias(mean=0.004, block=0.05)
 """Measured against unbiased pictures of the designs of `designlab.sampling`, noise of those included."""
 
 Thing = TypeVar("Thing")

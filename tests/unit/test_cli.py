@@ -15,7 +15,7 @@ import pytest
 
 from designlab import cli
 from designlab.cli import arguments, console, designs
-from designlab.design import load, preset, preset_names
+from designlab.design import dumps, load, preset, preset_names
 from designlab.images import read_image, write_image
 from designlab.measurement import load_measurement
 from designlab.study import load_study
@@ -459,6 +459,26 @@ def test_evaluate_prints_the_scores_and_shows_the_pictures(run_json, tmp_path):
     assert set(found["pictures"]) == {path.name for path in out.glob("*.png")}
     assert len(found["pictures"]) >= 3
     assert (out / "report.html").is_file()
+
+
+@pytest.mark.slow
+def test_a_design_differs_from_a_copy_with_a_darker_membrane_in_colour_alone(run_json, tmp_path):
+    dimmer = tmp_path / "dimmer.toml"
+    darker = {"optics.membrane_albedo": (0.1, 0.397, 0.453)}
+    dimmer.write_text(dumps(preset("gelsight-2020-flat").replace(darker)))
+    status, found = run_json("evaluate", "gelsight-2020-flat", dimmer, "--compare")
+    assert status == 0
+    assert found["first"]["seed"] == found["second"]["seed"] == 0
+    assert found["differences"]["colour_balance"]["differs"]
+    # one LED group's own picture only scales with the membrane's reflectance
+    assert not found["differences"]["slant_deg"]["differs"]
+
+
+@pytest.mark.parametrize("words", [("default", "--compare"), ("default", "gelsight-2020-flat")])
+def test_a_comparison_needs_two_designs_and_its_option(run, words):
+    status, _, err = run("evaluate", *words)
+    assert status == 2
+    assert "--compare: takes two designs" in err
 
 
 @pytest.mark.slow
