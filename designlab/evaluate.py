@@ -186,7 +186,7 @@ def evaluate(
     # Threads of the linear algebra wait for each other longer than its small products take.
     with clock.part("reconstruction"), threadpool_limits(limits=1, user_api="blas"):
         steps("reconstruction")
-        bench = Bench(simulator.design, exposure(simulator.design, untouched), seed)
+        bench = Bench(simulator.design, exposure(simulator.design, untouched, again), seed)
         calibration, results = bench.reconstruct(untouched, again, balls, tests)
         _, noisier = bench.reconstruct(untouched, again, balls, tests, noisier_than=calibration)
         errors, pressed = scores.reconstruction_scores(
@@ -233,13 +233,14 @@ def _analyse(
     responses = maps.slope_responses(simulator, untouched, balls)
     gel = maps.gel_maps(bench, untouched, responses.best)
     evenness, even_groups = scores.evenness_scores(design, untouched, again, bench.seed)
+    exposed, exposure_error = scores.exposure_scores(bench, untouched, again)
     slants, slant_groups = scores.slant_scores(design, untouched, responses)
     presses = maps.press_maps(bench, untouched, results)
     return _Found(
         scores=scores.uniformity(design, untouched, again, bench.seed)
-        | scores.information_score(bench, untouched, gel, responses)
+        | scores.information_score(bench, untouched, gel, responses, exposure_error)
         | evenness
-        | scores.exposure_scores(bench, untouched, again)
+        | exposed
         | slants,
         groups=scores.merged(even_groups, slant_groups),
         worst={

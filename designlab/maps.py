@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Pixels = tuple[slice, slice]
 
-BLOCK_CELLS = 3  # noise of a light field reaches over its cells, not over three of them
+LEAST_LEVEL = 0.01  # of the brightest: noise does not vanish where it is darker
 RESPONSE_DRAWS = 10
 DETAIL_COLUMNS = 160  # of the maps: they need no finer ones
 STEEP_PERCENTILE = 99.0
@@ -97,20 +97,43 @@ def slope_responses(simulator: Simulator, untouched: Frame, balls: Sequence[Fram
     )
     noise = half - best
     random = np.random.default_rng(sub_seed(simulator.seed, 7, 1))
-    block = max(
-        1, round(BLOCK_CELLS * untouched.grain_mm / (step_of(untouched) * untouched.rays.pitch_mm[0]))
-    )
-    signs = (random_signs(random, best.shape[2::-1], block).T for _ in range(RESPONSE_DRAWS))
-    others = [best + sign[..., None] * noise for sign in signs]
+    light = membrane_light(untouched)[thin][..., None]
+    others = [best + drawn(noise, light, random, images=(2,)) for _ in range(RESPONSE_DRAWS)]
     return Responses(best, others, np.sqrt(RESPONSE_DRAWS / (RESPONSE_DRAWS - 1)))
 
 
-def random_signs(random: np.random.Generator, shape: tuple[int, ...], block: int) -> NDArray[np.float32]:
-    """Signs that are equal over square blocks of an image stack, shape (images, rows, columns)."""
-    images, rows, columns = shape
-    coarse = random.choice([-1.0, 1.0], size=(images, -(-rows // block), -(-columns // block)))
-    fine = np.repeat(np.repeat(coarse, block, axis=1), block, axis=2)
-    return fine[:, :rows, :columns].astype(np.float32)
+def drawn(
+    noise: NDArray[np.floating],
+    level: NDArray[np.floating],
+    random: np.random.Generator,
+    *,
+    images: tuple[int, ...],
+) -> NDArray[np.floating]:
+    """Another draw of the noise of a stack of images: shifted as a whole, its sign changed at random.
+
+    A difference of two renders shows the noise of each place once; elsewhere in the picture it is alike, but
+    for its growth with the root of the light. Its grain stays as it is.
+
+    Parameters
+    ----------
+    noise : array
+        Noise of a stack of images.
+    level : array, of a shape that fits it
+        Light there.
+    random : Generator
+        Of shifts and signs.
+    images : tuple of int
+        Axes along which images are counted, each with a sign of its own; the first two others are rows and
+        columns.
+    """
+    rows, columns = (axis for axis in range(noise.ndim) if axis not in images and axis < 3)
+    floor = LEAST_LEVEL * np.abs(level).max(axis=(rows, columns), keepdims=True)
+    root = np.sqrt(np.maximum(level, np.maximum(floor, 1e-30)))
+    shift = [int(random.integers(noise.shape[axis])) for axis in (rows, columns)]
+    signs = random.choice(
+        [-1.0, 1.0], size=[noise.shape[axis] if axis in images else 1 for axis in range(noise.ndim)]
+    )
+    return np.asarray(signs * np.roll(noise / root, shift, axis=(rows, columns)) * root)
 
 
 def _fitted_responses(untouched: Frame, balls: Sequence[Frame]) -> list[Array]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,10 +14,9 @@ from designlab.design import Design
 from designlab.illumination import Evenness, evenness, saturated
 from designlab.information import noise_limit_deg, pressed_limit_deg
 from designlab.maps import (
-    BLOCK_CELLS,
     Responses,
+    drawn,
     membrane_light,
-    random_signs,
     seen,
     sensing_area,
     signal_of,
@@ -26,7 +25,7 @@ from designlab.maps import (
 )
 from designlab.metrics import rgb_to_normal, uniformity_cv, uniformity_u0
 from designlab.reconstruct import normals
-from designlab.simulate import Frame
+from designlab.simulate import GRAIN_PX, Frame, automatic_exposure
 from designlab.worst import GelMaps
 from geometries.elastomer import base_gradient
 
@@ -112,7 +111,7 @@ def transport_error(design: Design, a: Frame, b: Frame) -> TransportError:
 def uniformity(design: Design, a: Frame, b: Frame, seed: int) -> Scores:
     """U0 and coefficient of variation of the worst LED group."""
     mask = sensing_area(design, a)
-    pair = _Pair(a.basis, b.basis, a.grain_mm / a.rays.pitch_mm[0])
+    pair = _Pair(a.basis, b.basis)
     found = _over_draws(lambda basis: worst_evenness(basis, mask), pair, seed, UNIFORMITY_DRAWS)
     return {
         name: Estimate(float(value), float(se), "1")
@@ -135,7 +134,7 @@ def evenness_scores(
     step = step_of(a)
     pitch_mm = step * a.rays.pitch_mm[0]
     mask = sensing_area(design, a)[thinned(a)]
-    pair = _Pair(_binned(a.basis, step), _binned(b.basis, step), a.grain_mm / pitch_mm)
+    pair = _Pair(_binned(a.basis, step), _binned(b.basis, step))
 
     def figures(basis: NDArray[np.floating]) -> Array:
         smooth = _smoothed(basis, SMOOTHING_PX / step)
@@ -163,11 +162,10 @@ def evenness_scores(
 
 
 class _Pair(NamedTuple):
-    """Two independent renders, and how far their errors reach in pixels."""
+    """Two independent renders."""
 
     one: NDArray[np.float32]
     other: NDArray[np.float32]
-    grain_px: float
 
 
 def _over_draws(
@@ -178,13 +176,11 @@ def _over_draws(
     Noise passes for unevenness in proportion to its variance, of which each render has twice that of their
     mean; the difference of the two is taken off.
     """
-    # Mean and half difference carry the same noise: blocks of the latter with random signs are new draws.
+    # Mean and half difference carry the same noise.
     mean, noise = (pair.one + pair.other) / 2, (pair.one - pair.other) / 2
     random = np.random.default_rng(sub_seed(seed, 7, 0))
-    # A path tracer's pixels err independently, a light field over its cells.
-    block = max(1, round(BLOCK_CELLS * pair.grain_px))
-    signs = [random_signs(random, mean.shape, block) for _ in range(count)]
-    draws = each_of(lambda k: np.asarray(figures(mean + signs[k] * noise)), count)
+    others = [drawn(noise, mean, random, images=(0,)) for _ in range(count)]
+    draws = each_of(lambda k: np.asarray(figures(mean + others[k])), count)
     single = np.mean(np.array([figures(pair.one), figures(pair.other)]), axis=0)
     return 2 * np.array(figures(mean)) - single, np.std(draws, axis=0, ddof=1)
 
@@ -202,17 +198,23 @@ def _binned(basis: NDArray[np.float32], step: int) -> NDArray[np.float32]:
     return np.asarray(blocks.mean(axis=(2, 4)), dtype=np.float32)
 
 
-def exposure_scores(bench: Bench, a: Frame, b: Frame) -> Scores:
-    """How the untouched gel fills the camera's range, colours balance, light is stray, the area is seen."""
+def exposure_scores(bench: Bench, a: Frame, b: Frame) -> tuple[Scores, float]:
+    """How the untouched gel fills the camera's range, colours balance, light is stray, the area is seen.
+
+    With it the relative error that render noise puts into the automatic exposure.
+    """
     design, groups, step = bench.design, len(a.basis), step_of(a)
     mask = sensing_area(design, a)[thinned(a)]
     names = ["colour_balance", "dynamic_range_use", "saturation_share", "stray_share"]
+    automatic = design.camera.exposure is None
 
     def figures(images: NDArray[np.floating]) -> list[float]:
         basis, stray = images[:groups], images[groups:]
         mixed = np.einsum("cg,grk->rkc", a.weights, basis)
-        signal = bench.exposure * mixed + design.camera.black_level
+        scale = automatic_exposure(mixed, grain_px=GRAIN_PX / step) if automatic else bench.exposure
+        signal = scale * mixed + design.camera.black_level
         found = [
+            scale,
             illumination.colour_balance(mixed, mask),
             illumination.dynamic_range_use(signal, mask),
             float(saturated(signal)[mask].mean()),
@@ -223,13 +225,15 @@ def exposure_scores(bench: Bench, a: Frame, b: Frame) -> Scores:
     one, other = (
         _binned(f.basis if f.stray is None else np.concatenate([f.basis, f.stray]), step) for f in (a, b)
     )
-    pair = _Pair(one, other, a.grain_mm / (step * a.rays.pitch_mm[0]))
-    found = zip(*_over_draws(figures, pair, bench.seed, DETAIL_DRAWS), strict=True)
+    (scale, *values), (scale_error, *errors) = _over_draws(
+        figures, _Pair(one, other), bench.seed, DETAIL_DRAWS
+    )
     both = {
-        name: Estimate(max(float(v), 0.0), float(e), "1") for name, (v, e) in zip(names, found, strict=False)
+        name: Estimate(max(float(value), 0.0), float(error), "1")
+        for name, value, error in zip(names, values, errors, strict=False)
     }
     covered = illumination.coverage(a.rays.x_mm, a.rays.y_mm, seen(design, a), design.sensing_area_mm)
-    return both | {"coverage": Estimate(covered, 0.0, "1")}
+    return both | {"coverage": Estimate(covered, 0.0, "1")}, float(scale_error / scale)
 
 
 def slant_scores(
@@ -273,27 +277,41 @@ def slant_scores(
     return scores, each
 
 
-def information_score(bench: Bench, untouched: Frame, gel: GelMaps, responses: Responses) -> Scores:
-    """Noise limits of the flat and of the pressed membrane, median over the sensing area."""
-    camera, mix = bench.design.camera, bench.exposure * untouched.weights
+def information_score(
+    bench: Bench, untouched: Frame, gel: GelMaps, responses: Responses, exposure_error: float
+) -> Scores:
+    """Noise limits of the flat and of the pressed membrane, median over the sensing area.
+
+    Parameters
+    ----------
+    bench, untouched, gel, responses
+        Camera, untouched gel, its maps, and its responses to slope.
+    exposure_error : float
+        Relative error of the exposure, which the signals share.
+    """
+    camera = bench.design.camera
     binned = max(untouched.rays.binned, 1.0)
     some = np.zeros_like(gel.area)
     some[::LIMIT_STEP, ::LIMIT_STEP] = True
     some &= gel.area
-    light = membrane_light(untouched)[thinned(untouched)][some]
+    light = membrane_light(untouched)[thinned(untouched)]
 
     def sigma(signal: Array) -> Array:
         seen = np.minimum(signal + camera.black_level, 1.0)
         noise = camera.noise_sigma(seen, binned=binned) / camera.response.slope(seen)
         return np.where(signal + camera.black_level < 1.0, noise, np.inf)
 
-    def of(response: Array) -> list[Any]:
-        flat = noise_limit_deg(np.einsum("cg,pgi->pci", mix, response[gel.area]), gel.sigma[gel.area])
-        pressed = pressed_limit_deg(light, response[some], mix, sigma, steepest_deg=SLOPE_DEG)
-        return [np.median(flat), np.median(pressed)]
+    def of(response: Array, brighter: float = 1.0) -> Array:
+        mix = brighter * bench.exposure * untouched.weights
+        seen = sigma(light[gel.area] @ mix.T)
+        flat = noise_limit_deg(np.tensordot(response[gel.area], mix, axes=(1, 1)).swapaxes(1, 2), seen)
+        pressed = pressed_limit_deg(light[some], response[some], mix, sigma, steepest_deg=SLOPE_DEG)
+        return np.array([np.median(flat), np.median(pressed)])
 
+    values, errors = responses.figures(of)
+    errors = np.hypot(errors, of(responses.best, 1 + exposure_error) - values)
     names = ("information_flat_deg", "information_deg")
-    found = zip(names, *responses.figures(of), strict=True)
+    found = zip(names, values, errors, strict=True)
     return {name: Estimate(float(value), float(se), "deg") for name, value, se in found}
 
 

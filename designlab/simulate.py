@@ -30,6 +30,7 @@ UNDEFORMED_PITCH_MM = 0.05  # of which the mesh keeps every eighth line
 # double it.
 TARGET_SIGNAL = 0.5
 TARGET_PERCENTILE = 99.5
+GRAIN_PX = 2.0
 
 
 class RenderFailed(RuntimeError):
@@ -294,11 +295,28 @@ class Simulator:
         return np.asarray(shaded + correction, dtype=np.float32), stray
 
 
-def exposure(design: Design, untouched: Frame) -> float:
-    """Signal as a share of full scale per unit of radiance: the design's own, or set by the untouched gel."""
+def exposure(design: Design, *untouched: Frame) -> float:
+    """Signal as a share of full scale per unit of radiance: the design's own, or set by the untouched gel.
+
+    Of several frames of the untouched gel the mean counts.
+    """
     if design.camera.exposure is not None:
         return design.camera.exposure
-    return TARGET_SIGNAL / float(np.percentile(untouched.mixed, TARGET_PERCENTILE))
+    return automatic_exposure(np.mean([frame.mixed for frame in untouched], axis=0))
+
+
+def automatic_exposure(mixed: NDArray[np.floating], *, grain_px: float = GRAIN_PX) -> float:
+    """Exposure that puts the bright end of a picture of the untouched gel at `TARGET_SIGNAL`.
+
+    Parameters
+    ----------
+    mixed : array, shape (rows, columns, channels)
+        Linear radiance.
+    grain_px : float
+        Smoothing; render noise would pass for brightness.
+    """
+    smooth = gaussian_filter(mixed, (grain_px, grain_px, 0), mode="nearest")
+    return TARGET_SIGNAL / float(np.percentile(smooth, TARGET_PERCENTILE))
 
 
 def render(
