@@ -17,8 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
+from designlab.bench import TEST_PROBES
 from designlab.evaluate import FIDELITIES, evaluate
 from designlab.sampling import random_design
+from designlab.scores import PRESS_FIGURES
 from designlab.store import write_json
 
 AGAINST = {
@@ -27,6 +29,8 @@ AGAINST = {
     "height_mae_um": "height MAE (um)",
 }
 DRAWS = 2000
+FALLING = ("normals_within_5deg", "rgb2normal")  # the less, the worse
+LEAST = 0.02  # of the mean: a probe may have no error of a kind at all
 
 
 def interval(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float]:
@@ -35,6 +39,22 @@ def interval(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, flo
     draws = [random.integers(0, len(x), len(x)) for _ in range(DRAWS)]
     low, high = np.nanquantile([spearmanr(x[d], y[d]).statistic for d in draws], (0.025, 0.975))
     return float(low), float(high)
+
+
+def difficulty(results: list[dict[str, Any]]) -> str:
+    """How hard each test probe is: geometric means over designs, relative to the mean of the probes."""
+    lines = [f"{'probe':<10}" + "".join(f"{name[:24]:>25}" for name in PRESS_FIGURES)]
+    columns = []
+    for name in PRESS_FIGURES:
+        each = np.array([r["presses"][name] for r in results], dtype=float)[:, : len(TEST_PROBES)]
+        if name in FALLING:
+            each = 1 - each
+        share = np.maximum(each, LEAST * np.nanmean(each, axis=1, keepdims=True))
+        typical = np.exp(np.nanmean(np.log(share / np.nanmean(share, axis=1, keepdims=True)), axis=0))
+        columns.append(typical / typical.mean())
+    for probe, row in zip(TEST_PROBES, np.transpose(columns), strict=True):
+        lines.append(f"{probe:<10}" + "".join(f"{value:>25.2f}" for value in row))
+    return "\n".join(lines)
 
 
 def plot(path: Path, results: list[dict[str, Any]]) -> None:
@@ -98,6 +118,8 @@ def main() -> None:
         rank = spearmanr(values["information_deg"], values[name]).statistic
         low, high = interval(values["information_deg"], values[name])
         print(f"information against {words}: Spearman {rank:.2f} (95 % {low:.2f} to {high:.2f})")
+    print("difficulty of the test probes:")
+    print(difficulty(results))
     if args.plot is not None:
         plot(args.plot, results)
 

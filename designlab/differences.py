@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import t as student
 
-from designlab.bench import sub_seed
+from designlab.bench import TEST_PROBES
 from designlab.evaluate import Score
-from designlab.scores import BOOTSTRAPS, PRESS_FIGURES, pooled
+from designlab.scores import PRESS_FIGURES, press_chances
 
 LEVEL = 0.95
 
@@ -34,7 +34,7 @@ def differences(first: Score, second: Score) -> dict[str, Difference]:
 
     Equal seeds make equal random numbers: the same probes at the same places (in shares of the sensing area),
     the same noise. Scores of presses are compared press by press, so that what makes a press hard for both
-    designs cancels (paired bootstrap). Render noise of the two counts as independent.
+    designs cancels. Render noise of the two counts as independent.
 
     Raises
     ------
@@ -53,7 +53,9 @@ def differences(first: Score, second: Score) -> dict[str, Difference]:
             continue
         freedom: float = np.inf
         if name in chosen:
-            freedom = len(first.presses[PRESS_FIGURES[0]]) - 1
+            # One factor or six means were taken off.
+            count = len(first.presses[PRESS_FIGURES[0]])
+            freedom = count - 1 if count == len(TEST_PROBES) else count - len(TEST_PROBES)
             se = float(np.hypot(chosen[name], np.hypot(a.bias_bound or 0.0, b.bias_bound or 0.0)))
         else:
             se = float(np.hypot(a.se, b.se))
@@ -63,14 +65,9 @@ def differences(first: Score, second: Score) -> dict[str, Difference]:
 
 
 def _paired(first: Score, second: Score) -> dict[str, float]:
-    """Error of each difference by the choice of presses, the same draws for both designs."""
-    a, b = (np.array([score.presses[name] for name in PRESS_FIGURES]).T for score in (first, second))
-    count = len(a)
-    random = np.random.default_rng(sub_seed(first.seed, 6, 1))
-    draws = [random.integers(0, count, count) for _ in range(BOOTSTRAPS)]
-    changes = [(pooled(a[draw]), pooled(b[draw])) for draw in draws]
-    # The spread of a bootstrap falls short of that of the sample by (n - 1) / n.
-    short = np.sqrt(count / (count - 1))
-    return {
-        name: short * float(np.nanstd([two[name] - one[name] for one, two in changes])) for name in pooled(a)
-    }
+    """Error of each difference by the choice of presses, which both designs share."""
+    a, b = (
+        press_chances(np.array([score.presses[name] for name in PRESS_FIGURES]).T)
+        for score in (first, second)
+    )
+    return {name: float(np.linalg.norm(b[name] - a[name])) for name in a}

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter, uniform_filter
 
 from designlab import illumination
-from designlab.bench import SMOOTHING_PX, Bench, Reconstruction, each_of, sub_seed
+from designlab.bench import SMOOTHING_PX, TEST_PROBES, Bench, Reconstruction, each_of, sub_seed
 from designlab.design import Design
 from designlab.illumination import Evenness, evenness, saturated
 from designlab.information import noise_limit_deg, pressed_limit_deg
@@ -32,7 +32,6 @@ from geometries.elastomer import base_gradient
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-BOOTSTRAPS = 400
 UNIFORMITY_DRAWS, DETAIL_DRAWS = 50, 10
 GRADIENT_MM = 0.5  # over which gradients are smoothed: render noise is steep
 SLOPE_DEG = 30.0  # at which attached shadows are counted
@@ -47,6 +46,19 @@ PRESS_FIGURES = (
     "rgb2normal",
 )
 """Of each test press, on the contact and around it: what the scores are pooled from."""
+TYPICAL = np.array(
+    [
+        #  median,  mean,  MAE,  MSE,  beyond 5 deg, saturated, RGB2Normal short of 1
+        (0.88, 0.83, 0.78, 0.45, 0.3, 1.0, 1.0),
+        (1.27, 1.26, 1.20, 1.28, 1.5, 1.0, 1.0),
+        (1.22, 1.28, 1.52, 1.88, 1.8, 1.0, 1.0),
+        (1.10, 1.01, 1.38, 1.54, 0.8, 1.0, 1.0),
+        (0.54, 0.59, 0.33, 0.10, 0.2, 1.0, 1.0),
+        (0.90, 0.96, 0.66, 0.40, 0.8, 1.0, 2.0),
+    ]
+)
+"""How hard each of the six test probes is, relative to their mean: geometric means over random designs, see
+``benchmarks/information_ranking.py``. How many pixels saturate depends on the design alone."""
 LIMIT_STEP = 4  # between the `thinned` pixels at which the pressed membrane's limit is looked at
 
 
@@ -347,15 +359,12 @@ def reconstruction_scores(
     base = normals(*base_gradient(bench.design.elastomer, *untouched.seen_mm))
     each = _errors(bench, results, background, base)
     value, doubled = pooled(each), pooled(_errors(bench, noisier, background, base))
-    random = np.random.default_rng(sub_seed(bench.seed, 6, 0))
-    draws = [pooled(each[random.integers(0, len(each), len(each))]) for _ in range(BOOTSTRAPS)]
-    # The spread of a bootstrap falls short of that of the sample by (n - 1) / n.
-    short = np.sqrt(len(results) / (len(results) - 1))
+    chances = press_chances(each)
     estimates = {}
     for name, unit in units.items():
         if not np.isfinite(value[name]):
             continue
-        choice = short * float(np.nanstd([draw[name] for draw in draws]))
+        choice = float(np.linalg.norm(chances[name]))
         # Doubling the variance of the render noise moves a score by about what that noise already moved it.
         bias = abs(doubled[name] - value[name])
         estimates[name] = Estimate(value[name], float(np.hypot(choice, bias)), unit, bias)
@@ -398,6 +407,36 @@ def pooled(errors: Array) -> dict[str, float]:
         "press_saturation_share": full,
         "rgb2normal": float(follows.mean()) if len(follows) else float("nan"),
     }
+
+
+def press_chances(errors: Array) -> dict[str, Array]:
+    """What chance put into each score, press by press; the norm is the score's standard error.
+
+    Chance is the place, the angle and the noise of a press. That a star is harder than a ball is none: the
+    six probes are the same for every design and seed. With several rounds of them it shows as the scatter of
+    each probe about its mean. With one round it is told from the misfit to `TYPICAL`, up to a common factor.
+
+    Parameters
+    ----------
+    errors : array, shape (presses, figures)
+        `PRESS_FIGURES` of whole rounds of the six test probes.
+    """
+    rounds, rest = divmod(len(errors), len(TEST_PROBES))
+    if rest or not rounds:
+        raise ValueError(f"errors: must hold whole rounds of {len(TEST_PROBES)} presses, got {len(errors)}")
+    falling = [PRESS_FIGURES.index(name) for name in ("normals_within_5deg", "rgb2normal")]
+    amiss = errors.copy()
+    amiss[:, falling] = 1 - amiss[:, falling]
+    if rounds > 1:
+        kinds = amiss.reshape(rounds, *TYPICAL.shape)
+        left = (kinds - np.nanmean(kinds, axis=0)).reshape(amiss.shape) * np.sqrt(rounds / (rounds - 1))
+    else:
+        left = amiss - np.nanmean(amiss / TYPICAL, axis=0) * TYPICAL
+        left *= np.sqrt(len(left) / (len(left) - 1))
+    left = np.where(np.isfinite(left), left, 0.0) / np.maximum(np.isfinite(errors).sum(axis=0), 1)
+    found = dict(zip(PRESS_FIGURES, left.T, strict=True))
+    found["height_rmse_um"] = found.pop("height_mse_um2") / (2 * max(pooled(errors)["height_rmse_um"], 1e-9))
+    return found
 
 
 def merged(*parts: Mapping[str, Mapping[str, Estimate]]) -> dict[str, dict[str, Estimate]]:
