@@ -2,15 +2,9 @@
 
 from designlab.reconstruct.height import gradients_of, integrate, normals, sharpen
 from designlab.reconstruct.kernel import KernelCalibration, fit_kernel
-from designlab.reconstruct.polynomial import POSITION_DEGREES, RIDGES, Calibration, Terms, fit_calibration
 
 __all__ = [
-    "POSITION_DEGREES",
-    "RIDGES",
-    "Calibration",
     "KernelCalibration",
-    "Terms",
-    "fit_calibration",
     "fit_kernel",
     "gradients_of",
     "integrate",

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from designlab.metrics import normal_error_deg
 from designlab.reconstruct.height import integrate, normals
 from designlab.reconstruct.methods import Kernel, Samples, log_errors, slope_gradients
-from designlab.reconstruct.polynomial import centred, checked_image, colour_change, thinned
+from designlab.reconstruct.pictures import centred, checked_image, colour_change, thinned
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -91,7 +91,7 @@ class KernelCalibration:
         rows, columns, channels = self.background.shape
         if mask is not None and (mask.shape != (rows, columns) or mask.dtype != bool or not mask.any()):
             raise ValueError(f"mask: must be bool of shape {(rows, columns)} with a pixel to use")
-        signal = colour_change(image, self.background, "ratio").reshape(-1, channels) / self.spread
+        signal = colour_change(image, self.background).reshape(-1, channels) / self.spread
         found = _sums(self.kernel, self._weights, signal, self.position) - self._at_rest
         p, q = slope_gradients(found[:, :2]).T.reshape(2, rows, columns)
         weights = np.exp(-found[:, 2]).reshape(rows, columns)
@@ -146,9 +146,7 @@ def fit_kernel(
     position = np.stack([x.ravel(), y.ravel()], axis=1)
     presses, sloping = [], []
     for number, (image, p, q) in enumerate(zip(images, gradients_p, gradients_q, strict=True)):
-        change = colour_change(
-            checked_image(image, background.shape, f"images[{number}]"), background, "ratio"
-        )
+        change = colour_change(checked_image(image, background.shape, f"images[{number}]"), background)
         slope = _slope_vectors(p, q, background.shape)
         steepness = np.hypot(*slope.T)
         flat = steepness <= _FLAT * steepness.max()

@@ -1,0 +1,43 @@
+"""Pictures of presses made ready for a calibration: checked, set against the untouched gel, thinned."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+# A ratio to a background darker than this share of its mean would be noise.
+_DARKEST = 0.1
+
+
+def colour_change(image: Array, background: Array) -> Array:
+    """Change of colour from the untouched gel, as a share of it; shape (rows, columns, channels)."""
+    mean = background.mean(axis=(0, 1))
+    return np.asarray((image - background) / np.maximum(background, _DARKEST * mean))
+
+
+def thinned(pixels: NDArray[np.intp], count: int) -> NDArray[np.intp]:
+    """At most `count` of the pixels, evenly spread over the list."""
+    if pixels.size <= count:
+        return pixels
+    return pixels[np.linspace(0, pixels.size - 1, count).round().astype(np.intp)]
+
+
+def checked_image(image: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
+    """Finite image of a given shape; the error names it."""
+    image = np.asarray(image, dtype=float)
+    if image.ndim != 3 or image.shape != shape:
+        raise ValueError(f"{name}: must have shape (rows, columns, channels) {shape}, got {image.shape}")
+    if not np.isfinite(image).all():
+        raise ValueError(f"{name}: values must be finite, {int((~np.isfinite(image)).sum())} are not")
+    return image
+
+
+def centred(position_mm: ArrayLike, name: str, shape: tuple[int, ...]) -> Array:
+    """Positions brought to -1..1."""
+    position_mm = np.asarray(position_mm, dtype=float)
+    if position_mm.shape != shape[:2] or not np.isfinite(position_mm).all():
+        raise ValueError(f"{name}: must be finite of shape {shape[:2]}, got shape {position_mm.shape}")
+    low, high = position_mm.min(), position_mm.max()
+    if low == high:
+        raise ValueError(f"{name}: must vary over the image, it is {low:g} mm everywhere")
+    return np.asarray((2 * position_mm - low - high) / (high - low))
