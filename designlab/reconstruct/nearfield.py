@@ -14,44 +14,31 @@ I = max(0, L + r . (p, q)) / sqrt(1 + p^2 + q^2). A channel sees sum_g mix[c, g]
 press changes. The slopes of each pixel are those that explain its channels best, by Levenberg and Marquardt.
 
 The formula takes all light of a group as coming from one direction at each place: light from many directions
-does not end at once where the slope turns away, and neither cast shadows nor light between walls are in it.
+does not end at once where the slope turns away, and cast shadows are not in it.
+
+A slope sees the gel around it, of which a plane would fill (1 - cos t) / 2 of its sky, t the angle by which
+the indentation turned the normal. So R L (1 - cos t) / 2 is added, R being the membrane's reflectance.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import map_coordinates
 
 from designlab.reconstruct.kernel import Estimate
+from designlab.reconstruct.pixelwise import Pixels, solved, weights_of
 from designlab.reconstruct.polynomial import checked_image
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-STEEPEST = float(np.tan(np.radians(76.0)))  # slope that is never exceeded, as of the calibrated methods
-# Slopes of which the best is a second start: attached shadow leaves more than one minimum.
-_RING_DEG, _AZIMUTHS = (15.0, 35.0, 55.0), 12
-_ROUNDS = 40
-_DAMPING, _MOST_DAMPING = 1e-3, 1e9
-_CONVERGED = 1e-9  # slope
-_LEAST_ERROR = float(np.tan(np.radians(0.5)))  # smaller ones would make the integration stiff
-_MOST_SHIFT_MM = 2.0  # of grazing light, which a small height would otherwise take from beyond the gel
-
-
-class _Pixels(NamedTuple):
-    """What is known of some pixels; the first axis is that of pixels."""
-
-    facing: Array  # (pixels, groups, 3): product of V with the normal is its first entry plus (p, q) . rest
-    base: Array  # (pixels, 2)
-    target: Array  # (pixels, channels): signal less the offset
-    certainty: Array  # (pixels, channels): 1 / sigma, zero where a channel tells nothing
-
-    def of(self, chosen: NDArray[np.generic]) -> "_Pixels":
-        """Some of them."""
-        return _Pixels(*(values[chosen] for values in self))
+# Elevations over which a group's light is spread, see docs/decisions.md.
+PENUMBRA_DEG = 20.0
+_STEPS, _REACH = 20, 5.0  # of the search for the horizon, as multiples of the height
+_SHADOW_ERROR = 0.25  # of a shadow, as a share of the light it takes
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +65,12 @@ class NearField:
         Signal from which a channel is clipped.
     model_error : float
         Standard deviation of what the model leaves out, as a share of each channel's untouched signal.
+    reflectance : array, shape (groups,)
+        Of the membrane, for the light that the gel around throws on slopes.
+    expected_slope : float
+        Standard deviation of slopes along x and y before the picture is seen.
+    visible : array, shape (rows, columns, groups)
+        Share of the light that no indentation keeps away, see `shadowed`.
     """
 
     light: Array
@@ -88,6 +81,9 @@ class NearField:
     noise_sigma: Callable[[Array], Array]
     full_scale: float
     model_error: float
+    reflectance: Array
+    expected_slope: float
+    visible: Array
 
     @classmethod
     def of(
@@ -101,6 +97,8 @@ class NearField:
         base: tuple[ArrayLike, ArrayLike] = (0.0, 0.0),
         full_scale: float = 1.0,
         model_error: float = 0.0,
+        reflectance: ArrayLike = 0.0,
+        expected_slope: float = np.inf,
     ) -> Self:
         """Check what is known, and bring it into order.
 
@@ -123,6 +121,11 @@ class NearField:
         model_error : float
             Standard deviation of what the model leaves out (light between walls, cast shadows), as a share of
             each channel's untouched signal. It weighs dark channels against bright ones.
+        reflectance : array, shape (groups,), or float
+            Of the membrane: slopes see the gel around, which is lit as they were. Zero leaves that out.
+        expected_slope : float
+            Standard deviation of slopes along x and y before the picture is seen; it decides where two
+            slopes explain a picture equally well, as where a shadow leaves two channels.
 
         Raises
         ------
@@ -148,8 +151,12 @@ class NearField:
         for name, values in (("light", light), ("mix", mix), ("model_error", np.asarray(model_error))):
             if not (values >= 0).all():
                 raise ValueError(f"{name}: must not be negative, the least is {values.min():g}")
-        if not full_scale > 0:
-            raise ValueError(f"full_scale: must be positive, got {full_scale:g}")
+        reflectance = _spread("reflectance", reflectance, (groups,))
+        if not ((reflectance >= 0) & (reflectance <= 1)).all():
+            raise ValueError(f"reflectance: must lie between 0 and 1, got {reflectance}")
+        for name, value in (("full_scale", full_scale), ("expected_slope", expected_slope)):
+            if not value > 0:
+                raise ValueError(f"{name}: must be positive, got {value:g}")
         return cls(
             light=np.moveaxis(light, 0, -1),
             response=np.moveaxis(response, 0, -2),
@@ -159,6 +166,9 @@ class NearField:
             noise_sigma=noise_sigma,
             full_scale=full_scale,
             model_error=model_error,
+            reflectance=reflectance,
+            expected_slope=expected_slope,
+            visible=np.ones((*shape, groups)),
         )
 
     @property
@@ -168,11 +178,10 @@ class NearField:
 
     @property
     def _facing(self) -> Array:
-        """What `_Pixels.facing` is, shape (rows, columns, groups, 3)."""
+        """What `Pixels.facing` is, shape (rows, columns, groups, 3)."""
         length = np.sqrt(1 + (self.base**2).sum(axis=-1))[..., None]
         by_slope = (
-            length[..., None] * self.response
-            + (self.light / length)[..., None] * self.base[..., None, :]
+            length[..., None] * self.response + (self.light / length)[..., None] * self.base[..., None, :]
         )
         return np.concatenate([(length * self.light)[..., None], by_slope], axis=-1)
 
@@ -199,27 +208,29 @@ class NearField:
         rows, columns, channels = image.shape
         if mask is not None and (mask.shape != (rows, columns) or mask.dtype != bool or not mask.any()):
             raise ValueError(f"mask: must be bool of shape {(rows, columns)} with a pixel to use")
-        sigma = np.hypot(self.noise_sigma(image), self.model_error * (self.background - self.offset))
+        uncertain = np.hypot(self.model_error, _SHADOW_ERROR * (1 - self.visible)) * self.light
+        sigma = np.hypot(self.noise_sigma(image), uncertain @ self.mix.T)
         certainty = np.where((image < self.full_scale) & (sigma > 0), 1 / np.maximum(sigma, 1e-300), 0.0)
-        pixels = _Pixels(
-            self._facing.reshape(-1, self.light.shape[-1], 3),
+        pixels = Pixels(
+            (self._facing * self.visible[..., None]).reshape(-1, self.light.shape[-1], 3),
             self.base.reshape(-1, 2),
+            (self.reflectance * self.light).reshape(-1, self.light.shape[-1]),
             (image - self.offset).reshape(-1, channels),
             certainty.reshape(-1, channels),
+            np.full(rows * columns, 1 / self.expected_slope),
         )
-        slope, cost = _solved(pixels, self.mix)
-        weights = _weights(pixels, self.mix, slope, cost)
+        slope, cost = solved(pixels, self.mix)
+        weights = weights_of(pixels, self.mix, slope, cost)
         weights = weights.reshape(rows, columns) / max(float(weights.max()), 1e-300)
         p, q = slope.T.reshape(2, rows, columns)
         return Estimate(p, q, weights if mask is None else weights * mask)
 
-    def lifted(
-        self, height_mm: ArrayLike, *, pitch_mm: tuple[float, float], view: tuple[ArrayLike, ArrayLike]
-    ) -> Self:
-        """The same light at the points of a lifted membrane.
+    def shadowed(self, height_mm: ArrayLike, *, pitch_mm: tuple[float, float]) -> Self:
+        """The same light with the shadows that an indentation casts on the gel around it.
 
-        A pixel sees a lifted point beside the one it saw before, and light reaches that point on the way to
-        yet another place: its mean direction tells where the same light fell on the undeformed membrane.
+        Each group's mean direction is held against the horizon of the indentation. The shadow is soft, since
+        a group's light comes from `PENUMBRA_DEG` of elevations; what a slope's own tilt takes from it is not
+        counted twice.
 
         Parameters
         ----------
@@ -227,39 +238,36 @@ class NearField:
             Height of the indentation, of a first pass.
         pitch_mm : pair of float
             Distances of pixels along x and y.
-        view : pair of arrays, shape (rows, columns)
-            By how much the viewing ray of each pixel moves along x and y per mm of height.
+
+        Raises
+        ------
+        ValueError
+            If the height has another shape than the light.
         """
         height = np.asarray(height_mm, dtype=float)
-        view_x, view_y = (np.asarray(slope, dtype=float) for slope in view)
-        a, b = np.moveaxis(self.base, -1, 0)
-        lift = height / np.maximum(1 - a * view_x - b * view_y, 0.1)
-        seen = lift * view_x, lift * view_y
+        if height.shape != self.light.shape[:2]:
+            raise ValueError(f"height_mm: must have shape {self.light.shape[:2]}, got {height.shape}")
+        down, right = np.gradient(height, pitch_mm[1], pitch_mm[0])
+        facing = self._facing
         at = np.indices(height.shape, dtype=float)
-
-        def moved(values: Array, shift_x: Array, shift_y: Array) -> Array:
-            places = [at[0] - shift_y / pitch_mm[1], at[1] + shift_x / pitch_mm[0]]
-            return np.asarray(map_coordinates(values, places, order=1, mode="nearest"))
-
-        base = np.stack([moved(slope, *seen) for slope in (a, b)], axis=-1)
-        length = np.sqrt(1 + (base**2).sum(axis=-1))
-        light, response = np.empty_like(self.light), np.empty_like(self.response)
+        distances = np.geomspace(min(pitch_mm), max(_REACH * height.max(), 2 * min(pitch_mm)), _STEPS)
+        visible = np.empty_like(self.light)
         for group in range(self.light.shape[-1]):
-            towards, *by_slope = np.moveaxis(self._facing[:, :, group], -1, 0)
-            vector = [-by_slope[0], -by_slope[1], towards - a * by_slope[0] - b * by_slope[1]]
-            # height over the product of the light's vector with the normal: how far back along the light
-            back = height / np.maximum(towards, 1e-9 * max(float(towards.max()), 1e-300))
-            away = [-back * v for v in vector[:2]]
-            far = np.minimum(1.0, _MOST_SHIFT_MM / np.maximum(np.hypot(*away), 1e-12))
-            shift = [s + far * w for s, w in zip(seen, away, strict=True)]
-            x, y, z = (moved(v, *shift) for v in vector)
-            facing = z - base[..., 0] * x - base[..., 1] * y
-            light[..., group] = np.maximum(facing, 0.0) / length
-            for axis, v in enumerate((x, y)):
-                response[..., group, axis] = (
-                    -v / length - light[..., group] * base[..., axis] / length**2
-                )
-        return replace(self, light=light, response=response, base=base)
+            towards, *by_slope = np.moveaxis(facing[:, :, group], -1, 0)
+            level = np.maximum(np.hypot(*by_slope), 1e-12 * max(float(towards.max()), 1e-300))
+            x, y = (-v / level for v in by_slope)
+            own = np.arctan(x * right - y * down)
+            horizon = own.copy()
+            for distance in distances:
+                places = [at[0] - distance * y / pitch_mm[1], at[1] + distance * x / pitch_mm[0]]
+                there = map_coordinates(height, places, order=1, mode="nearest")
+                np.maximum(horizon, np.arctan((there - height) / distance), out=horizon)
+            elevation = np.arctan2(towards, level)
+            past, above = (
+                np.clip(0.5 + (elevation - h) / np.radians(PENUMBRA_DEG), 1e-6, 1.0) for h in (horizon, own)
+            )
+            visible[..., group] = past / above
+        return replace(self, visible=visible)
 
 
 def near_field(
@@ -275,108 +283,6 @@ def near_field(
     """Slopes of a press from its picture and the known light; see `NearField.of` for the parameters."""
     known = NearField.of(light, response, mix, noise_sigma=noise_sigma, offset=offset, base=base)
     return known.estimate(image)
-
-
-def _predicted(pixels: _Pixels, mix: Array, slope: Array) -> Array:
-    """Signals less the offset, (pixels, channels)."""
-    total = pixels.base + slope
-    length = np.sqrt(1 + (total**2).sum(axis=-1))
-    facing = pixels.facing[..., 0] + (pixels.facing[..., 1:] @ slope[..., None])[..., 0]
-    return np.asarray((np.maximum(facing, 0.0) / length[:, None]) @ mix.T)
-
-
-def _jacobian(pixels: _Pixels, mix: Array, slope: Array) -> Array:
-    """Derivatives of `_predicted` by the slopes, (pixels, channels, 2)."""
-    total = pixels.base + slope
-    length = np.sqrt(1 + (total**2).sum(axis=-1))[:, None]
-    facing = pixels.facing[..., 0] + (pixels.facing[..., 1:] @ slope[..., None])[..., 0]
-    lit = facing > 0
-    shaded = np.where(lit, facing, 0.0) / length**3
-    parts = [
-        np.where(lit, pixels.facing[..., 1 + axis], 0.0) / length - shaded * total[:, axis, None]
-        for axis in (0, 1)
-    ]
-    return np.stack([part @ mix.T for part in parts], axis=-1)
-
-
-def _cost(pixels: _Pixels, mix: Array, slope: Array) -> Array:
-    """Sum of squared residuals in units of their standard deviations, (pixels,)."""
-    residual = (pixels.target - _predicted(pixels, mix, slope)) * pixels.certainty
-    return np.asarray((residual**2).sum(axis=-1))
-
-
-def _solved(pixels: _Pixels, mix: Array) -> tuple[Array, Array]:
-    """Slopes of least cost, (pixels, 2), and that cost, from a flat start and the best of rings of slopes."""
-    slope, cost = _descended(pixels, mix, np.zeros_like(pixels.base))
-    channels = (pixels.certainty > 0).sum(axis=-1)
-    # A fit as good as noise allows with all groups lit is the only one.
-    facing = pixels.facing[..., 0] + (pixels.facing[..., 1:] @ slope[..., None])[..., 0]
-    doubtful = np.flatnonzero(
-        (channels >= 2) & ((facing <= 0).any(axis=-1) | (channels < mix.shape[0]) | (cost > 4 * channels))
-    )
-    some = pixels.of(doubtful)
-    best, least = np.zeros((doubtful.size, 2)), np.full(doubtful.size, np.inf)
-    for tangent in np.tan(np.radians(_RING_DEG)):
-        for azimuth in np.arange(_AZIMUTHS) * 2 * np.pi / _AZIMUTHS:
-            trial = np.broadcast_to(tangent * np.array([np.cos(azimuth), np.sin(azimuth)]), best.shape)
-            found = _cost(some, mix, trial)
-            better = found < least
-            best[better], least[better] = trial[better], found[better]
-    other, lower = _descended(some, mix, best)
-    better = lower < cost[doubtful]
-    slope[doubtful[better]], cost[doubtful[better]] = other[better], lower[better]
-    return slope, cost
-
-
-def _descended(pixels: _Pixels, mix: Array, start: Array) -> tuple[Array, Array]:
-    """Slopes after steps of Levenberg and Marquardt, each pixel with its own damping, and their cost."""
-    slope, cost = start.copy(), _cost(pixels, mix, start)
-    damping = np.full(len(slope), _DAMPING)
-    going = np.flatnonzero((pixels.certainty > 0).any(axis=-1))
-    for _ in range(_ROUNDS):
-        if not going.size:
-            break
-        some, at = pixels.of(going), slope[going]
-        jacobian = _jacobian(some, mix, at) * some.certainty[..., None]
-        residual = (some.target - _predicted(some, mix, at)) * some.certainty
-        downhill = (jacobian * residual[..., None]).sum(axis=1)
-        xx, xy, yy = _information(jacobian)
-        # Marquardt's scale, with a share of the other slope's so that a direction without response stands still
-        held = damping[going] * (xx + yy) + 1e-300
-        xx, yy = xx + held, yy + held
-        determinant = xx * yy - xy**2
-        step = np.stack(
-            [
-                yy * downhill[:, 0] - xy * downhill[:, 1],
-                xx * downhill[:, 1] - xy * downhill[:, 0],
-            ],
-            axis=-1,
-        ) / np.maximum(determinant, 1e-300)[:, None]
-        trial = at + step
-        trial *= np.minimum(1.0, STEEPEST / np.maximum(np.hypot(*trial.T), 1e-12))[:, None]
-        found = _cost(some, mix, trial)
-        better = found <= cost[going]
-        slope[going[better]], cost[going[better]] = trial[better], found[better]
-        damping[going] *= np.where(better, 0.1, 10.0)
-        moved = np.hypot(*(trial - at).T)
-        going = going[(moved > _CONVERGED) & (damping[going] < _MOST_DAMPING)]
-    return slope, cost
-
-
-def _information(jacobian: Array) -> tuple[Array, Array, Array]:
-    """Fisher's information of the two slopes: entries xx, xy and yy, each (pixels,)."""
-    x, y = jacobian[..., 0], jacobian[..., 1]
-    return (x * x).sum(axis=-1), (x * y).sum(axis=-1), (y * y).sum(axis=-1)
-
-
-def _weights(pixels: _Pixels, mix: Array, slope: Array, cost: Array) -> Array:
-    """Inverse of the expected variance of the slopes, (pixels,)."""
-    xx, xy, yy = _information(_jacobian(pixels, mix, slope) * pixels.certainty[..., None])
-    determinant = xx * yy - xy**2
-    free = np.maximum((pixels.certainty > 0).sum(axis=-1) - 2, 1)
-    known = determinant > 1e-12 * (xx + yy) ** 2
-    variance = (xx + yy) / np.where(known, determinant, 1.0) * np.maximum(cost / free, 1.0)
-    return np.where(known, 1 / (variance + _LEAST_ERROR**2), 0.0)
 
 
 def _spread(name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
