@@ -2,12 +2,15 @@
 
 from designlab.reconstruct.height import gradients_of, integrate, normals, sharpen
 from designlab.reconstruct.kernel import KernelCalibration, fit_kernel
+from designlab.reconstruct.nearfield import NearField, near_field
 
 __all__ = [
     "KernelCalibration",
+    "NearField",
     "fit_kernel",
     "gradients_of",
     "integrate",
+    "near_field",
     "normals",
     "sharpen",
 ]
