@@ -345,7 +345,7 @@ def reconstruction_scores(
     background : array, shape (rows, columns, channels)
         Its picture, as the calibration has it.
     results, noisier : sequence of Reconstruction
-        The presses, and the same with a second dose of render noise.
+        The presses, and every other of them with a second dose of render noise.
     """
     units = {
         "normal_error_median_deg": "deg",
@@ -358,7 +358,8 @@ def reconstruction_scores(
     }
     base = normals(*base_gradient(bench.design.elastomer, *untouched.seen_mm))
     each = _errors(bench, results, background, base)
-    value, doubled = pooled(each), pooled(_errors(bench, noisier, background, base))
+    value, once = pooled(each), pooled(each[::2])
+    doubled = pooled(_errors(bench, noisier, background, base))
     chances = press_chances(each)
     estimates = {}
     for name, unit in units.items():
@@ -366,7 +367,7 @@ def reconstruction_scores(
             continue
         choice = float(np.linalg.norm(chances[name]))
         # Doubling the variance of the render noise moves a score by about what that noise already moved it.
-        bias = abs(doubled[name] - value[name])
+        bias = abs(doubled[name] - once[name]) if np.isfinite(doubled[name] - once[name]) else 0.0
         estimates[name] = Estimate(value[name], float(np.hypot(choice, bias)), unit, bias)
     return estimates, dict(zip(PRESS_FIGURES, each.T.tolist(), strict=True))
 
