@@ -171,7 +171,8 @@ class Kernel(_Linear):
     @property
     def name(self) -> str:
         """Name with the scales."""
-        return f"kernel {self.colour_scale:g}, {self.position_scale:g}, ridge {self.ridge:g}"
+        scales = f"{self.colour_scale:g}, {self.position_scale:g}"
+        return f"kernel {scales}, ridge {self.ridge:g}, {self.features} features"
 
     def terms(self, signal: Array, position: Array) -> NDArray[np.float32]:
         """Terms of each pixel; zero where the colour is that of the untouched gel."""

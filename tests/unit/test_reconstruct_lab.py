@@ -5,9 +5,16 @@ import pytest
 
 from designlab.images import read_image
 from designlab.metrics import normal_error_deg
-from designlab.reconstruct import gradients_of, integrate, normals, sharpen
+from designlab.reconstruct import gradients_of, integrate, lab, normals, sharpen
 from designlab.reconstruct.balls import BallPress, ball_gradients, find_contact_circle
-from designlab.reconstruct.lab import Setup, calibrate, choose_method, left_out_errors, refine_centres
+from designlab.reconstruct.lab import (
+    LeftOut,
+    Setup,
+    calibrate,
+    choose_method,
+    left_out_errors,
+    refine_centres,
+)
 from designlab.reconstruct.methods import Kernel, Perceptron, Polynomial, Table
 
 SHAPE, PITCH_MM, RADIUS_MM = (120, 140), 0.1, 3.0
@@ -148,6 +155,20 @@ def test_the_method_is_chosen_on_balls_left_out():
     assert chosen is methods[1]
     assert [row[0] for row in table] == methods
     assert table[1][1].circle_deg < table[0][1].circle_deg
+
+
+def test_the_choice_weighs_height_against_normals(monkeypatch):
+    """Normals a tenth better do not make up for a height a third worse, and the other way round."""
+    steep, true, flat = (Polynomial(ridge=ridge) for ridge in (1e-6, 1e-4, 1e-2))
+    errors = {
+        steep: LeftOut(2.0, 2.7, 0.012),
+        true: LeftOut(2.0, 3.0, 0.009),
+        flat: LeftOut(2.0, 4.0, 0.0085),
+    }
+    monkeypatch.setattr(lab, "left_out_errors", lambda *_, method: errors[method])
+    chosen, table = choose_method(BALLS, BACKGROUND, SETUP, [steep, true, flat])
+    assert chosen is true
+    assert dict(table) == errors
 
 
 def test_bad_input_is_refused():
