@@ -49,6 +49,7 @@ def difficulty(results: list[dict[str, Any]]) -> str:
         each = np.array([r["presses"][name] for r in results], dtype=float)[:, : len(TEST_PROBES)]
         if name in FALLING:
             each = 1 - each
+        each = each[np.nanmean(each, axis=1) > 0]
         share = np.maximum(each, LEAST * np.nanmean(each, axis=1, keepdims=True))
         typical = np.exp(np.nanmean(np.log(share / np.nanmean(share, axis=1, keepdims=True)), axis=0))
         columns.append(typical / typical.mean())
@@ -57,9 +58,10 @@ def difficulty(results: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def plot(path: Path, results: list[dict[str, Any]]) -> None:
+def plot(path: Path, results: list[dict[str, Any]], rank: float) -> None:
     """Scatter of the two scores with their standard errors."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     figure = Figure(figsize=(6.4, 4.8), layout="constrained")
     axes = figure.subplots()
@@ -79,7 +81,11 @@ def plot(path: Path, results: list[dict[str, Any]]) -> None:
             capsize=2,
             label=f"light path: {light}",
         )
-    axes.set(xscale="log", yscale="log")
+    axes.set(xscale="log", yscale="log", title=f"{len(results)} random designs, Spearman {rank:.2f}")
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
     axes.set(xlabel="information: noise limit of the normal (deg)", ylabel=AGAINST["normal_error_median_deg"])
     axes.legend()
     axes.grid(which="both", alpha=0.3)
@@ -121,7 +127,8 @@ def main() -> None:
     print("difficulty of the test probes:")
     print(difficulty(results))
     if args.plot is not None:
-        plot(args.plot, results)
+        median = "normal_error_median_deg"
+        plot(args.plot, results, spearmanr(values["information_deg"], values[median]).statistic)
 
 
 if __name__ == "__main__":

@@ -47,14 +47,13 @@ PRESS_FIGURES = (
 )
 """Of each test press, on the contact and around it: what the scores are pooled from."""
 TYPICAL = np.array(
-    [
-        #  median,  mean,  MAE,  MSE,  beyond 5 deg, saturated, RGB2Normal short of 1
-        (0.88, 0.83, 0.78, 0.45, 0.3, 1.0, 1.0),
-        (1.27, 1.26, 1.20, 1.28, 1.5, 1.0, 1.0),
-        (1.22, 1.28, 1.52, 1.88, 1.8, 1.0, 1.0),
-        (1.10, 1.01, 1.38, 1.54, 0.8, 1.0, 1.0),
-        (0.54, 0.59, 0.33, 0.10, 0.2, 1.0, 1.0),
-        (0.90, 0.96, 0.66, 0.40, 0.8, 1.0, 2.0),
+    [  # median, mean, MAE, MSE, beyond 5 deg, saturated, RGB2Normal short of 1
+        (0.90, 0.80, 0.72, 0.40, 0.43, 1.0, 0.30),  # sphere
+        (1.24, 1.25, 1.47, 1.68, 1.15, 1.0, 0.64),  # triangle
+        (1.36, 1.53, 1.75, 2.51, 2.45, 1.0, 0.68),  # star
+        (1.05, 0.92, 1.09, 0.97, 0.72, 1.0, 0.40),  # cylinder
+        (0.54, 0.58, 0.32, 0.09, 0.33, 1.0, 0.83),  # cone
+        (0.91, 0.92, 0.65, 0.35, 0.92, 1.0, 3.16),  # dots
     ]
 )
 """How hard each of the six test probes is, relative to their mean: geometric means over random designs, see
