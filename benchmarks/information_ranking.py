@@ -19,8 +19,8 @@ from scipy.stats import spearmanr
 
 from designlab.bench import TEST_PROBES
 from designlab.evaluate import FIDELITIES, evaluate
+from designlab.press_scores import PRESS_FIGURES
 from designlab.sampling import random_design
-from designlab.scores import PRESS_FIGURES
 from designlab.store import write_json
 
 AGAINST = {

@@ -7,7 +7,7 @@ from scipy.stats import t as student
 
 from designlab.bench import TEST_PROBES
 from designlab.evaluate import Score
-from designlab.scores import PRESS_FIGURES, press_chances
+from designlab.press_scores import PRESS_FIGURES, press_chances
 
 LEVEL = 0.95
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from designlab import maps, scores
+from designlab import maps, press_scores, scores
 from designlab.bench import Bench, Reconstruction, plan_presses, sub_seed
 from designlab.design import Design
 from designlab.effects.model import SensorModel
@@ -190,7 +190,7 @@ def evaluate(
         calibration, results = bench.reconstruct(untouched, again, balls, tests)
         # Every other press tells what noise adds.
         _, noisier = bench.reconstruct(untouched, again, balls, tests[::2], noisier_than=calibration)
-        errors, pressed = scores.reconstruction_scores(
+        errors, pressed = press_scores.reconstruction_scores(
             bench, untouched, calibration.background, results, noisier
         )
     with clock.part("scores"), threadpool_limits(limits=1, user_api="blas"):

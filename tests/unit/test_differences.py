@@ -7,7 +7,8 @@ import pytest
 
 from designlab.differences import differences
 from designlab.evaluate import Score
-from designlab.scores import PRESS_FIGURES, Estimate, TransportError, pooled
+from designlab.press_scores import PRESS_FIGURES, pooled
+from designlab.scores import Estimate, TransportError
 
 
 def score(figures, *, uniformity=(0.5, 0.01), seed=3):
