@@ -1,6 +1,6 @@
 """Rendering: the only part of designlab that imports Mitsuba and Dr.Jit."""
 
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from importlib.metadata import version
@@ -100,6 +100,7 @@ def trace(
 
 
 _writer = ThreadPoolExecutor(1, thread_name_prefix="light-field-cache")
+_written: "dict[str, Future[None]]" = {}
 _fields: dict[str, "list[LightField]"] = {}
 _shaders: dict[str, "Shader"] = {}
 _strays: dict[str, NDArray[np.float32]] = {}
@@ -152,13 +153,16 @@ def _light_field(scene: Scene, area_mm: tuple[float, float], samples: int, seed:
         "light field", LIGHTFIELD_VERSION, version("mitsuba"), scene.light_digest, area_mm, samples, seed
     )
     if key not in _fields:
+        if key in _written:  # forgotten meanwhile, but perhaps not on the disk yet
+            _written.pop(key).result()
         stored = store.read_cache(key)
         if stored is None:
             photons = max(1, samples * PHOTONS_PER_SAMPLE // 2)
             seeds = (2 * seed, 2 * seed + 1)
             halves = baking.bake(scene, area_mm=area_mm, photons=photons, seeds=seeds)
             # Presses are shaded meanwhile; the interpreter waits for it before it ends.
-            _writer.submit(_keep, key, lightfield.packed(halves), store.cache_dir() / "arrays")
+            folder = store.cache_dir() / "arrays"
+            _remember(_written, key, _writer.submit(_keep, key, lightfield.packed(halves), folder))
         else:
             halves = lightfield.unpacked(stored)
         _remember(_fields, key, halves)

@@ -26,6 +26,7 @@ NAMES = {
     "height_mae_um": "um",
     "height_rmse_um": "um",
     "information_deg": "deg",
+    "information_flat_deg": "deg",
     "slant_deg": "deg",
     "shadow_share_30deg": "1",
     "uniformity_min_max": "1",
@@ -127,6 +128,7 @@ def test_json_is_complete_and_strict(score, folder):
         "seconds",
         "groups",
         "worst",
+        "presses",
     }
     assert set(content) == names
     assert content["design"] == "gelsight-2020-flat"
