@@ -55,7 +55,7 @@ def results_folder(folder: str | Path | None, *, made_with: str | None = None) -
     Raises
     ------
     ValueError
-        If the folder holds something else.
+        If it is a file, or the folder holds something else.
     OSError
         If nothing can be written there; the text names the folder.
     """
@@ -64,6 +64,8 @@ def results_folder(folder: str | Path | None, *, made_with: str | None = None) -
     import tempfile
 
     path = Path(folder)
+    if path.exists() and not path.is_dir():
+        raise ValueError(f"{path}: must be a folder, is a file")
     if path.is_dir() and made_with and any(path.iterdir()) and not (path / made_with).is_file():
         raise ValueError(
             f"{path}: must be absent, empty or of an earlier run; it has files but no {made_with}"

@@ -218,7 +218,6 @@ def on_membrane(scene: Scene, x: Array, y: Array) -> NDArray[np.bool_]:
     outline = triangles.reshape(-1, 2)
     hull = ConvexHull(outline[:: max(1, len(outline) // 200_000)])
     inside = np.ones(np.shape(x), dtype=bool)
-    # A straight side comes as many pieces of one line.
-    for across, along, offset in np.unique(np.round(hull.equations, 9), axis=0):
-        inside &= across * x + along * y + offset <= 1e-8
+    for across, along, offset in hull.equations:
+        inside &= across * x + along * y + offset <= 1e-9
     return inside
