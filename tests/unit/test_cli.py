@@ -507,3 +507,12 @@ def test_plant_hides_what_it_was_told(run_json, tmp_path):
     assert planted == {"radial_mm": 0.5, "height_mm": -0.4, "tangential_mm": 0.0}
     assert "led_position" not in (out / "measurement.toml").read_text()
     load_measurement(out)
+
+
+def test_a_file_in_place_of_a_results_folder_is_named(run, tmp_path):
+    file = tmp_path / "taken"
+    file.write_text("mine")
+    status, _, err = run("evaluate", "default", "--out", file)
+    assert status == 2
+    assert "taken: must be a folder, is a file" in err
+    assert file.read_text() == "mine"
