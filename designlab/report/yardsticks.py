@@ -76,7 +76,7 @@ YARDSTICKS: dict[str, Yardstick] = {
     ),
     "information_deg": Yardstick(
         "information limit",
-        "tilt that camera noise alone makes up on slopes up to 30 deg, in single pixels; smoothing can undercut it",
+        "tilt that noise alone makes up on slopes up to 30 deg, in single pixels; smoothing can undercut it",
         1,
         2.5,
         "they add 2 % and 12 % to a normal error of 5 deg",
