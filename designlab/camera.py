@@ -347,14 +347,14 @@ class Camera(Spec):
             digital = mean + np.hypot(sigma, rounding) / np.sqrt(binned) * deviates
             return np.asarray(np.clip(np.round(digital * steps) / steps, 0.0, 1.0), dtype=np.float32)
         electrons = signal * self.full_well_e * binned
-        shot = electrons + np.sqrt(electrons) * random.standard_normal(electrons.shape)
-        few = electrons < 1000.0
-        shot[few] = random.poisson(electrons[few])
         # Averaging pixels refines the converter's steps, but each pixel has brought its own rounding error.
         rounding_e = self.full_well_e * np.sqrt((binned - 1) / 12) / (2**self.bit_depth - 1)
         read_e = np.hypot(self.read_noise_e * np.sqrt(binned), rounding_e)
-        read = read_e * random.standard_normal(electrons.shape)
-        digital = self.response.encode((shot + read) / (self.full_well_e * binned) + self.black_level)
+        deviates = random.standard_normal(electrons.shape, dtype=np.float32)
+        found = electrons + np.sqrt(electrons + read_e**2) * deviates
+        few = electrons < 1000.0
+        found[few] = random.poisson(electrons[few]) + read_e * deviates[few]
+        digital = self.response.encode(found / (self.full_well_e * binned) + self.black_level)
         return np.asarray(np.clip(np.round(digital * steps) / steps, 0.0, 1.0), dtype=np.float32)
 
     def noise_sigma(self, signal: NDArray[np.floating], *, binned: float = 1.0) -> NDArray[np.float64]:

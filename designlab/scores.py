@@ -95,18 +95,19 @@ def transport_error(design: Design, a: Frame, b: Frame) -> TransportError:
 
 def uniformity(design: Design, a: Frame, b: Frame, seed: int) -> Scores:
     """U0 and coefficient of variation of the worst LED group."""
-    mask = sensing_area(design, a)
-    pair = _Pair(a.basis, b.basis)
-    found = _over_draws(lambda basis: worst_evenness(basis, mask), pair, seed, UNIFORMITY_DRAWS)
+    mask, pair, sigma_px = sensing_area(design, a)[thinned(a)], *_coarse(a, b)
+    found = _over_draws(lambda basis: worst_evenness(basis, mask, sigma_px), pair, seed, UNIFORMITY_DRAWS)
     return {
         name: Estimate(float(value), float(se), "1")
         for name, value, se in zip(("uniformity_u0", "uniformity_cv"), *found, strict=True)
     }
 
 
-def worst_evenness(basis: NDArray[np.floating], mask: Mask) -> tuple[float, float]:
+def worst_evenness(
+    basis: NDArray[np.floating], mask: Mask, sigma_px: float = SMOOTHING_PX
+) -> tuple[float, float]:
     """U0 and coefficient of variation of the worst group."""
-    smooth = [gaussian_filter(image, SMOOTHING_PX, mode="nearest") for image in basis]
+    smooth = _smoothed(basis, sigma_px)
     return min(uniformity_u0(i, mask) for i in smooth), max(uniformity_cv(i, mask) for i in smooth)
 
 
@@ -116,13 +117,11 @@ def evenness_scores(
     """Evenness of the worst LED group and of the sum of the camera's channels; and that of each group."""
     names = [*design.group_names, "combined"]
     total = a.weights.sum(axis=0)
-    step = step_of(a)
-    pitch_mm = step * a.rays.pitch_mm[0]
-    mask = sensing_area(design, a)[thinned(a)]
-    pair = _Pair(_binned(a.basis, step), _binned(b.basis, step))
+    pitch_mm = step_of(a) * a.rays.pitch_mm[0]
+    mask, pair, sigma_px = sensing_area(design, a)[thinned(a)], *_coarse(a, b)
 
     def figures(basis: NDArray[np.floating]) -> Array:
-        smooth = _smoothed(basis, SMOOTHING_PX / step)
+        smooth = _smoothed(basis, sigma_px)
         images = [*smooth, np.einsum("g,grk->rk", total, smooth)]
         blurred = _smoothed(np.array(images), GRADIENT_MM / pitch_mm)
         pairs = zip(images, blurred, strict=True)
@@ -151,6 +150,12 @@ class _Pair(NamedTuple):
 
     one: NDArray[np.float32]
     other: NDArray[np.float32]
+
+
+def _coarse(a: Frame, b: Frame) -> tuple[_Pair, float]:
+    """Two frames at the grain of their smoothing, and what of it is left to do, in their pixels."""
+    step = step_of(a)
+    return _Pair(_binned(a.basis, step), _binned(b.basis, step)), SMOOTHING_PX / step
 
 
 def _over_draws(

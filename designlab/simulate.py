@@ -170,6 +170,10 @@ class Simulator:
         )
         return self.scene(flat)
 
+    @cached_property
+    def _untouched(self) -> Surface:
+        return self.surface(None)
+
     def frame(
         self,
         press: Press | None,
@@ -196,7 +200,7 @@ class Simulator:
         RenderFailed
             If the picture is black or not finite; the text says which LED group and why it may be.
         """
-        surface = surface or self.surface(press)
+        surface = surface or (self._untouched if press is None else self.surface(press))
         estimator = chosen(self.estimator, self._undeformed)
         scene = self._undeformed if estimator == "fast" and self._same_coating else self.scene(surface)
         seen, place = self.rays, (slice(None), slice(None))
@@ -264,7 +268,7 @@ class Simulator:
     def _shader(self, half: int | None) -> "Shader":
         return shader(
             self._undeformed,
-            self.surface(None),
+            self._untouched,
             area_mm=self.design.sensing_area_mm,
             samples=self.samples,
             seed=self.seed,

@@ -42,10 +42,16 @@ class Rays:
         Viewing rays are steep, so the iteration contracts wherever a wall does not hide itself.
         """
         z = np.nan_to_num(surface.z_mm)
-        x, y = self.x_mm, self.y_mm
+        x, y, height = self.x_mm.copy(), self.y_mm.copy(), np.zeros_like(self.x_mm)
+        # Most rays meet the undeformed plane, where the first look-up changes nothing.
+        moving = np.ones(x.shape, dtype=bool)
         for _ in range(iterations):
-            height = surface.sample(z, x, y)
-            x, y = self.x_mm + self.slope_x * height, self.y_mm + self.slope_y * height
+            met = surface.sample(z, x[moving], y[moving])
+            changed = met != height[moving]
+            moving[moving] = changed
+            height[moving] = met[changed]
+            x[moving] = self.x_mm[moving] + self.slope_x[moving] * height[moving]
+            y[moving] = self.y_mm[moving] + self.slope_y[moving] * height[moving]
         return x, y
 
 

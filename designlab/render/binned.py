@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from designlab.press import Surface
-from designlab.render.lightfield import AZIMUTHS, Bins, Field
+from designlab.render.lightfield import AZIMUTHS, CELL_MM, NODES_PER_CELL, Bins, Field
 from designlab.render.nodes import Nodes, Response, base_normals, facing, nodes_of
 from designlab.render.tables import bilinear, held
 from designlab.render.walls import FURTHEST_MM
@@ -41,7 +41,7 @@ class Binned:
         self._x_mm, self._y_mm, self._fine = field.x_mm, field.y_mm, fine
         self._field, self._group, self._untouched = field, group, untouched
         self._curved = bool(np.nan_to_num(untouched.base_p).any())
-        self.irradiance = self.irradiance_at(*np.meshgrid(untouched.x_mm, untouched.y_mm))
+        self.irradiance = self.irradiance_at(untouched.x_mm, untouched.y_mm)
 
     @cached_property
     def _bins(self) -> Bins:
@@ -54,18 +54,24 @@ class Binned:
 
         As far as no light is cut off at the tangent.
         """
-        x, y = np.meshgrid(self._untouched.x_mm, self._untouched.y_mm)
-        at = [(y - self._y_mm) / self._bins.pitch_mm, (x - self._x_mm) / self._bins.pitch_mm]
-        return np.array([map_coordinates(v, at, order=1, mode="nearest") for v in self._bins.vector])
+        return self._on_grid(self._field.vector(self._group))
 
     @cached_property
     def _summed(self) -> Single:
         """Irradiance of the whole grid at rest, by the same sum as `light`, for a flat membrane."""
-        summed = np.einsum("krc,krc->rc", base_normals(self._untouched), self.vector)
+        vector = self._on_grid(self._bins.vector)
+        summed = np.einsum("krc,krc->rc", base_normals(self._untouched), vector)
         return np.asarray(summed, dtype=np.float32)
 
+    def _on_grid(self, nodes: Single) -> Single:
+        """Interpolate images at the nodes of the field to the grid, as `light` does."""
+        x, y = np.meshgrid(self._untouched.x_mm, self._untouched.y_mm)
+        pitch_mm = CELL_MM / NODES_PER_CELL
+        at = [(y - self._y_mm) / pitch_mm, (x - self._x_mm) / pitch_mm]
+        return np.array([map_coordinates(image, at, order=1, mode="nearest") for image in nodes])
+
     def irradiance_at(self, x: Array, y: Array) -> Single:
-        """Irradiance (1/mm2) of the undeformed membrane at points (mm)."""
+        """Irradiance (1/mm2) of the undeformed membrane on a grid (mm), shape (y, x)."""
         return np.asarray(np.maximum(self._field.irradiance_at(self._group, x, y), 0.0), dtype=np.float32)
 
     def at_rest(self, chosen: NDArray[np.bool_]) -> Single:

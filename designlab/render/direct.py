@@ -47,10 +47,11 @@ class Direct:
         self._untouched = untouched
         self._corner = scene.membrane.vertices.min(axis=0)
         self._vectors = self._vector(scene, group)
-        self.irradiance = self.irradiance_at(*np.meshgrid(untouched.x_mm, untouched.y_mm))
+        self.irradiance = self.irradiance_at(untouched.x_mm, untouched.y_mm)
 
     def irradiance_at(self, x: Array, y: Array) -> Single:
-        """Irradiance (1/mm2) of the undeformed membrane at points (mm)."""
+        """Irradiance (1/mm2) of the undeformed membrane on a grid (mm), shape (y, x)."""
+        x, y = np.meshgrid(x, y)
         vector = self._vector_at(x, y)
         surface = self._untouched
         p, q = (surface.sample(np.nan_to_num(slope), x, y) for slope in (surface.base_p, surface.base_q))

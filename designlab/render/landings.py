@@ -5,6 +5,8 @@ into that line stops the photon earlier, on the side that faces the light, and l
 dark. Following each photon to where it lands now needs no cells and no direction bins.
 """
 
+from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,12 +28,22 @@ class FirstLight:
     ----------
     landings : array, shape (7, photons)
         Photons on the undeformed membrane, as in a `LightField`.
+    untouched : Surface
+        The undeformed membrane on the grid that all presses share.
     """
 
-    def __init__(self, landings: Single) -> None:
+    def __init__(self, landings: Single, untouched: Surface) -> None:
         import mitsuba as mi
 
         self._photons = [mi.Float(np.ascontiguousarray(column)) for column in landings]
+        self._untouched = untouched
+
+    @cached_property
+    def _at_rest(self) -> Single:
+        """Power over projected area (1/mm2) on the undeformed membrane."""
+        x, y, *_, power = self._photons
+        shape = self._untouched.height_mm.shape
+        return _density(Grid.of(self._untouched), shape, [(x, y, power)])
 
     def change(self, surface: Surface) -> Single:
         """Change of irradiance (1/mm2) at every grid node by a press, shape (rows, columns).
@@ -53,11 +65,19 @@ class FirstLight:
         )
         grid = Grid.of(surface)
         back = _last_crossing(grid, (x, y, z), (dx, dy, dz), enters, leaves)
-        landed = _density(grid, raised.shape, x + back * dx, y + back * dy, power)
-        left = _density(grid, raised.shape, x, y, power)
+        stopped = dr.compress(back > 0)
+        if not dr.width(stopped):
+            moved = np.zeros(raised.shape, dtype=np.float32)
+        else:
+            x, y, dx, dy, power, back = (
+                dr.gather(mi.Float, column, stopped) for column in (x, y, dx, dy, power, back)
+            )
+            there = x + back * dx, y + back * dy, power
+            moved = _density(grid, raised.shape, [there, (x, y, -power)])
+        rest = self._at_rest
         upright, flat = surface.normals[..., 2], base_normals(surface)[2]
-        there = np.isfinite(surface.base_mm)
-        return np.where(there, landed * upright - left * flat, 0.0).astype(np.float32)
+        change = (rest + moved) * upright - rest * flat
+        return np.where(np.isfinite(surface.base_mm), change, 0.0).astype(np.float32)
 
 
 def _within(
@@ -106,21 +126,22 @@ def _last_crossing(grid: Grid, place: Any, way: Any, enters: Any, leaves: Any) -
     return found
 
 
-def _density(grid: Grid, shape: tuple[int, ...], x: Any, y: Any, power: Any) -> Single:
-    """Power over projected area (1/mm2), each photon shared among the four nodes around it."""
+def _density(grid: Grid, shape: tuple[int, ...], landings: Sequence[tuple[Any, Any, Any]]) -> Single:
+    """Power over projected area (1/mm2), each photon (x, y, power) shared among the four nodes around it."""
     import drjit as dr
     import mitsuba as mi
 
     rows, columns = shape
-    u, v = grid.place(x, y)
-    column, row = mi.Int32(dr.floor(u)), mi.Int32(dr.floor(v))
-    a, b = u - mi.Float(column), v - mi.Float(row)
     table = dr.zeros(mi.Float, rows * columns)
-    share = power / (grid.pitch_mm * grid.pitch_mm)
-    for i, down in ((0, 1 - b), (1, b)):
-        for j, across in ((0, 1 - a), (1, a)):
-            r, c = row + i, column + j
-            inside = (r >= 0) & (r < mi.Int32(grid.rows)) & (c >= 0) & (c < mi.Int32(grid.columns))
-            index = mi.UInt32(dr.maximum(r * mi.Int32(grid.columns) + c, 0))
-            dr.scatter_add(table, share * down * across, index, inside)
+    for x, y, power in landings:
+        u, v = grid.place(x, y)
+        column, row = mi.Int32(dr.floor(u)), mi.Int32(dr.floor(v))
+        a, b = u - mi.Float(column), v - mi.Float(row)
+        share = power / (grid.pitch_mm * grid.pitch_mm)
+        for i, down in ((0, 1 - b), (1, b)):
+            for j, across in ((0, 1 - a), (1, a)):
+                r, c = row + i, column + j
+                inside = (r >= 0) & (r < mi.Int32(grid.rows)) & (c >= 0) & (c < mi.Int32(grid.columns))
+                index = mi.UInt32(dr.maximum(r * mi.Int32(grid.columns) + c, 0))
+                dr.scatter_add(table, share * down * across, index, inside)
     return np.asarray(table).reshape(rows, columns)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
+from scipy.interpolate import make_interp_spline
 
 from designlab.scene import Scene
 
@@ -70,12 +70,22 @@ class Field:
     y_mm: float
 
     def irradiance_at(self, group: int, x: Array, y: Array) -> Array:
-        """Irradiance (1/mm2) of the undeformed membrane at points (mm), interpolated smoothly."""
+        """Irradiance (1/mm2) of the undeformed membrane on a grid (mm), shape (y, x), by cubic splines."""
         table, pitch_mm = self.irradiance[group], FINE_CELL_MM / NODES_PER_CELL
         for axis in (0, 1):
             table = _at_nodes(table, axis)
-        at = [(y - self.y_mm) / pitch_mm, (x - self.x_mm) / pitch_mm]
-        return np.asarray(map_coordinates(table, at, order=3, mode="nearest"))
+        for axis, at in enumerate(((y - self.y_mm) / pitch_mm, (x - self.x_mm) / pitch_mm)):
+            last = table.shape[axis] - 1
+            spline = make_interp_spline(np.arange(last + 1), table, axis=axis)
+            table = spline(np.clip(at, 0, last))
+        return np.asarray(table)
+
+    def vector(self, group: int) -> Single:
+        """Vector irradiance at nodes as of `Bins`, shape (3, rows, columns), by the directions of all bins."""
+        found = np.tensordot(_directions().astype(np.float32), self.power[group], ([0, 1], [2, 3]))
+        for axis in (1, 2):
+            found = _at_nodes(found, axis)
+        return np.asarray(found, dtype=np.float32)
 
     def bins(self, group: int, *, fine: bool) -> Bins:
         """Direction bins of one group, cell means turned into values between which one may interpolate.

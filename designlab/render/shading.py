@@ -85,7 +85,6 @@ class Shader:
         self._there = on_membrane(scene, *np.meshgrid(untouched.x_mm, untouched.y_mm))
         self._light_around: tuple[Single, float, float] | None = None
         self._lobe: tuple[Rays, Single] | None = None
-        self._passed: tuple[Rays, Array] | None = None
         self._stray: tuple[View, Single] | None = None
 
     def radiance(self, surface: Surface, scene: Scene, rays: Rays) -> Single:
@@ -123,7 +122,7 @@ class Shader:
             if specular:
                 lobe = lobe + self._mirrored_change(scene, rays, nodes, horizon, choice)
         grids = self._there * albedo * ((1 - specular) / np.float32(np.pi) * light + specular * lobe)
-        straight = look(grids, surface, rays) * self._passage(scene, rays)
+        straight = look(grids, surface, rays) * transmission(self._scene, self._untouched, rays)
         return np.asarray(straight + self.stray(scene.view), dtype=np.float32)
 
     def stray(self, view: View) -> Single:
@@ -166,22 +165,16 @@ class Shader:
                 change = change + specular * self._lobe_response(scene, rays, axis)
             grids = np.asarray(self._there * _albedo(scene, untouched) * change, dtype=np.float32)
             by_slope.append(look(grids, untouched, rays))
-        return np.asarray(np.stack(by_slope, axis=-1) * self._passage(scene, rays)[..., None])
+        return np.asarray(np.stack(by_slope, axis=-1) * transmission(self._scene, untouched, rays)[..., None])
 
     def _lobe_response(self, scene: Scene, rays: Rays, axis: int) -> Single:
         """Derivative of what the lobe returns by one slope, for a reflectance of one."""
         high, low = (self._lobe_of(scene, rays, tilted=(axis, side * SMALL_SLOPE)) for side in (1, -1))
         return np.asarray((high - low) / (2 * SMALL_SLOPE), dtype=np.float32)
 
-    def _passage(self, scene: Scene, rays: Rays) -> Array:
-        """Share of the membrane's radiance that reaches the camera."""
-        if self._passed is None or self._passed[0] is not rays:
-            self._passed = rays, transmission(scene, self._untouched, rays)
-        return self._passed[1]
-
     @cached_property
     def _first(self) -> list[FirstLight]:
-        return [FirstLight(landings) for landings in self._landings]
+        return [FirstLight(landings, self._untouched) for landings in self._landings]
 
     @cached_property
     def _reach(self) -> float:
@@ -193,10 +186,8 @@ class Shader:
         mean = albedo.mean(axis=(1, 2), keepdims=True) / np.float32(np.pi)
         if self._light_around is None:
             low, high = (getattr(self._scene.membrane.vertices, of)(axis=0)[:2] for of in ("min", "max"))
-            x, y = np.meshgrid(
-                *(np.arange(a, b + AROUND_MM, AROUND_MM) for a, b in zip(low, high, strict=True))
-            )
-            there = on_membrane(self._scene, x, y)
+            x, y = (np.arange(a, b + AROUND_MM, AROUND_MM) for a, b in zip(low, high, strict=True))
+            there = on_membrane(self._scene, *np.meshgrid(x, y))
             parts = zip(self._straight, self._again, strict=True)
             light = np.array([(a.irradiance_at(x, y) + b.irradiance_at(x, y)) * there for a, b in parts])
             self._light_around = light, float(low[0]), float(low[1])

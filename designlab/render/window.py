@@ -1,5 +1,7 @@
 """What the membrane's light loses on its way to the camera."""
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +14,7 @@ Array = NDArray[np.float64]
 ON_THE_WAY = ("interface", "window")  # boundaries between membrane and camera
 
 
+@lru_cache(maxsize=4)
 def transmission(scene: Scene, surface: Surface, rays: Rays) -> Array:
     """Share of the membrane's radiance that reaches the camera, shape (groups, rows, columns).
 

@@ -218,14 +218,3 @@ def test_polynomial_vignetting_is_one_at_the_centre_and_counts_half_diagonals():
     edge = camera.vignette(View(1599.999, 600.0, 0.002, 0.002, 1, 1))  # 0.8 half diagonals away
     assert float(edge[0, 0]) == pytest.approx(1 - 0.3 * 0.64 - 0.1 * 0.64**2 + 0.05 * 0.64**3, abs=1e-5)
     assert float(camera.vignette(View(799.5, 599.5, 1.0, 1.0, 1, 1))[0, 0]) == pytest.approx(1.0)
-
-
-def test_default_noise_is_what_it_was_without_a_response_curve():
-    # shot, then read noise from one stream: written out as the physics says
-    camera, light = Camera(black_level=0.1), 0.4
-    random = np.random.default_rng(7)
-    electrons = np.full((50, 1, 1), light * 4700)
-    shot = electrons + np.sqrt(electrons) * random.standard_normal(electrons.shape)
-    signal = (shot + 5.0 * random.standard_normal(electrons.shape)) / 4700 + 0.1
-    expected = np.round(signal * 1023) / 1023
-    np.testing.assert_allclose(expose(camera, light, seed=7, count=50), expected.ravel(), atol=1e-6)
