@@ -53,7 +53,7 @@ def main() -> None:
             for stage, chosen in ((1, presses.calibration), (2, presses.test))
         )
         bench = Bench(simulator.design, exposure(simulator.design, untouched), seed)
-        _, results = bench.reconstruct(untouched, again, balls, tests)
+        results = bench.reconstruct(bench.calibrate(untouched, again, balls), tests)
         found = [([r.error_deg[r.region] for r in results], [r.height_error_um for r in results])]
         known = bench.near_field(untouched, simulator.slope_response())
         passes = ([], []), ([], [])

@@ -149,21 +149,19 @@ class Bench:
         )
         return camera.response.decode(seen).astype(np.float32)
 
-    def reconstruct(
+    def calibrate(
         self,
         untouched: Frame,
         again: Frame,
         balls: Sequence[Frame],
-        tests: Sequence[Frame],
         *,
-        noisier_than: KernelCalibration | None = None,
-    ) -> tuple[KernelCalibration, list[Reconstruction]]:
-        """Calibrate on the balls and reconstruct the tests.
+        extra: RenderNoise | None = None,
+        like: KernelCalibration | None = None,
+    ) -> KernelCalibration:
+        """Calibrate on the balls, on pictures with added render noise if `extra` is given.
 
-        Given an earlier calibration, a second dose of the renderer's noise is added to all pictures, and the
-        kernel chosen before is fitted again.
+        Of an earlier calibration, `like`, the kernel is taken over instead of being chosen anew.
         """
-        extra = render_noise(untouched, again) if noisier_than is not None else None
         # A lab averages many frames of the untouched gel; smoothing stands for that.
         background = gaussian_filter(
             (self.picture(untouched, 0, extra) + self.picture(again, 1, extra)) / 2,
@@ -172,10 +170,13 @@ class Bench:
         x, y = untouched.rays.x_mm, untouched.rays.y_mm
         images = each_of(lambda k: self.picture(balls[k], 10 + k, extra), len(balls))
         truths = each_of(lambda k: balls[k].gradient, len(balls))
-        calibration = fit_kernel(
-            images, background, [p for p, _ in truths], [q for _, q in truths], x, y, like=noisier_than
-        )
-        return calibration, each_of(
+        return fit_kernel(images, background, [p for p, _ in truths], [q for _, q in truths], x, y, like=like)
+
+    def reconstruct(
+        self, calibration: KernelCalibration, tests: Sequence[Frame], *, extra: RenderNoise | None = None
+    ) -> list[Reconstruction]:
+        """Reconstruct the test presses, from pictures with added render noise if `extra` is given."""
+        return each_of(
             lambda k: self._one(calibration, tests[k], self.picture(tests[k], 100 + k, extra)), len(tests)
         )
 

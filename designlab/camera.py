@@ -343,8 +343,8 @@ class Camera(Spec):
             mean, sigma = self._behind_curve(signal + self.black_level)
             # The last rounding below brings the rest of the pixels' rounding errors.
             rounding = np.sqrt((1 - 1 / binned) / 12) / (2**self.bit_depth - 1)
-            deviates = random.standard_normal(signal.shape)
-            digital = mean + np.hypot(sigma, rounding) / np.sqrt(binned) * deviates
+            noise_of_mean = np.hypot(sigma, rounding) / np.sqrt(binned)
+            digital = mean + noise_of_mean * random.standard_normal(signal.shape)
             return np.asarray(np.clip(np.round(digital * steps) / steps, 0.0, 1.0), dtype=np.float32)
         electrons = signal * self.full_well_e * binned
         # Averaging pixels refines the converter's steps, but each pixel has brought its own rounding error.

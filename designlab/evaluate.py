@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,16 +15,17 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from designlab import maps, press_scores, scores
-from designlab.bench import Bench, Reconstruction, plan_presses, sub_seed
+from designlab.bench import Bench, Presses, Reconstruction, plan_presses, render_noise, sub_seed
 from designlab.design import Design
 from designlab.effects.model import SensorModel
-from designlab.press import Press, Surface
+from designlab.press import Surface
+from designlab.reconstruct import KernelCalibration
 from designlab.render import Estimator
 from designlab.render.backend import activate
 from designlab.scores import Estimate, TransportError
 from designlab.simulate import Frame, Simulator, exposure
 from designlab.store import atomic_folder, write_atomic
-from designlab.worst import Place, worst_of_gel, worst_of_presses
+from designlab.worst import GelMaps, Place, worst_of_gel, worst_of_presses
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -46,7 +48,7 @@ class Fidelity(NamedTuple):
 
 
 FIDELITIES: dict[str, Fidelity] = {
-    "fast": Fidelity(samples=64, rounds=1),
+    "fast": Fidelity(samples=48, rounds=1),
     "standard": Fidelity(samples=256, rounds=2, grids=3),
     # Each of its pictures takes a quarter of a minute; calibrated as fast is, it shows what the light is off.
     "reference": Fidelity(samples=1024, rounds=2, estimator="corrected"),
@@ -166,105 +168,121 @@ def evaluate(
         model, columns=columns, samples=effort.samples, seed=seed, estimator=effort.estimator
     )
     presses = plan_presses(simulator.design, rounds=effort.rounds, seed=seed, grids=effort.grids)
-    steps = _Steps(progress, 2 + len(presses.calibration) + len(presses.test) + 1)
+    steps = _Steps(progress, 1 + len(presses.calibration) + len(presses.test) + 1)
 
-    # Surfaces are laid out while light is traced.
-    with ThreadPoolExecutor(1) as ahead, clock.part("untouched gel"):
-        laid_out = ahead.map(simulator.surface, (*presses.calibration, *presses.test))
-        untouched = _render(simulator, None, steps, "untouched gel", sub_seed(seed, 3, 0), half=0)
-        again = _render(simulator, None, steps, "untouched gel", sub_seed(seed, 3, 1), half=1)
-        surfaces = dict(zip((*presses.calibration, *presses.test), laid_out, strict=True))
-    with clock.part("calibration presses"):
-        balls = [
-            _render(simulator, p, steps, "calibration press", sub_seed(seed, 1, k), surface=surfaces[p])
-            for k, p in enumerate(presses.calibration)
-        ]
-    with clock.part("test presses"):
-        tests = [
-            _render(simulator, p, steps, "test press", sub_seed(seed, 2, k), surface=surfaces[p])
-            for k, p in enumerate(presses.test)
-        ]
-    # Threads of the linear algebra wait for each other longer than its small products take.
-    with clock.part("reconstruction"), threadpool_limits(limits=1, user_api="blas"):
-        steps("reconstruction")
-        bench = Bench(simulator.design, exposure(simulator.design, untouched, again), seed)
-        calibration, results = bench.reconstruct(untouched, again, balls, tests)
-        # Every other press tells what noise adds.
-        _, noisier = bench.reconstruct(untouched, again, balls, tests[::2], noisier_than=calibration)
-        errors, pressed = press_scores.reconstruction_scores(
-            bench, untouched, calibration.background, results, noisier
-        )
-    with clock.part("scores"), threadpool_limits(limits=1, user_api="blas"):
-        found = _analyse(simulator, bench, (untouched, again), balls, results)
+    # Surfaces are laid out, and what pictures show of them is found, while light is traced.
+    with ThreadPoolExecutor(1) as beside:
+        surfaces = beside.map(simulator.surface, (*presses.calibration, *presses.test))
+        with clock.part("untouched gel"):
+            steps("untouched gel")
+            untouched, again = (
+                simulator.frame(None, seed=sub_seed(seed, 3, half), half=half) for half in (0, 1)
+            )
+        frames = _pressed(simulator, presses, surfaces, steps)
+        with clock.part("calibration presses"):
+            balls = list(islice(frames, len(presses.calibration)))
+            beside.submit(_find_truth, balls)
+        with clock.part("test presses"):
+            tests = list(frames)
+        # Threads of the linear algebra wait for each other longer than its small products take.
+        with clock.part("reconstruction and scores"), threadpool_limits(limits=1, user_api="blas"):
+            steps("reconstruction")
+            bench = Bench(simulator.design, exposure(simulator.design, untouched, again), seed)
+            of_gel = beside.submit(_scores_of_gel, simulator, bench, (untouched, again), balls)
+            calibration = bench.calibrate(untouched, again, balls)
+            noisier = beside.submit(_noisier, bench, calibration, (untouched, again), balls, tests)
+            results = bench.reconstruct(calibration, tests)
+            errors, of_presses = press_scores.reconstruction_scores(
+                bench, untouched, calibration.background, results, noisier.result()
+            )
+            gel = of_gel.result()
+            worst = {
+                "gel": worst_of_gel(gel.maps, simulator.design.group_names),
+                "press": worst_of_presses(
+                    maps.press_maps(bench, untouched, results),
+                    gel.maps,
+                    simulator.design.group_names,
+                    steepest=maps.steepest_slope(balls),
+                ),
+            }
     score = Score(
         design=simulator.design.name,
         digest=model.digest if model.effects else model.design.digest,
         fidelity=fidelity,
         seed=seed,
-        scores=errors | found.scores,
+        scores=errors | gel.scores,
         margins=simulator.design.margins(),
         light=scores.transport_error(simulator.design, untouched, again),
         seconds=clock.seconds,
-        groups=found.groups,
-        worst=found.worst,
-        presses=pressed,
+        groups=gel.groups,
+        worst=worst,
+        presses=of_presses,
     )
     if out is not None:
-        _write(Path(out), score, bench, untouched, results, found)
+        _write(Path(out), score, bench, untouched, results, gel.maps)
     return score
 
 
-class _Found(NamedTuple):
-    """Scores and maps of the untouched gel, and the worst places."""
+class _Gel(NamedTuple):
+    """Scores and maps of the untouched gel."""
 
     scores: dict[str, Estimate]
     groups: dict[str, dict[str, Estimate]]
-    worst: dict[str, Place]
-    limit_deg: Array
+    maps: GelMaps
 
 
-def _analyse(
-    simulator: Simulator,
-    bench: Bench,
-    renders: tuple[Frame, Frame],
-    balls: Sequence[Frame],
-    results: Sequence[Reconstruction],
-) -> _Found:
+def _scores_of_gel(
+    simulator: Simulator, bench: Bench, renders: tuple[Frame, Frame], balls: Sequence[Frame]
+) -> _Gel:
     untouched, again = renders
-    design, names = bench.design, bench.design.group_names
+    design = bench.design
     responses = maps.slope_responses(simulator, untouched, balls)
     gel = maps.gel_maps(bench, untouched, responses.best)
     evenness, even_groups = scores.evenness_scores(design, untouched, again, bench.seed)
     exposed, exposure_error = scores.exposure_scores(bench, untouched, again)
     slants, slant_groups = scores.slant_scores(design, untouched, responses)
-    presses = maps.press_maps(bench, untouched, results)
-    return _Found(
+    return _Gel(
         scores=scores.uniformity(design, untouched, again, bench.seed)
         | scores.information_score(bench, untouched, gel, responses, exposure_error)
         | evenness
         | exposed
         | slants,
         groups=scores.merged(even_groups, slant_groups),
-        worst={
-            "gel": worst_of_gel(gel, names),
-            "press": worst_of_presses(presses, gel, names, steepest=maps.steepest_slope(balls)),
-        },
-        limit_deg=np.where(gel.seen & ~gel.saturated, gel.limit_deg, np.nan),
+        maps=gel,
     )
 
 
-def _render(
-    simulator: Simulator,
-    press: Press | None,
-    steps: "_Steps",
-    what: str,
-    seed: int,
-    *,
-    half: int | None = None,
-    surface: Surface | None = None,
-) -> Frame:
-    steps(what if press is None else f"{what} {press.probe.text}")
-    return simulator.frame(press, seed=seed, half=half, surface=surface)
+def _pressed(
+    simulator: Simulator, presses: Presses, surfaces: Iterator[Surface], steps: "_Steps"
+) -> Iterator[Frame]:
+    """Pictures of the calibration presses, then of the test presses."""
+    surface = next(surfaces)
+    for stage, (what, planned) in enumerate(zip(("calibration", "test"), presses, strict=True), 1):
+        for number, press in enumerate(planned):
+            steps(f"{what} press {press.probe.text}")
+            following = next(surfaces, None)
+            own = sub_seed(simulator.seed, stage, number)
+            yield simulator.frame(press, seed=own, surface=surface, following=following)
+            surface = following or surface
+
+
+def _noisier(
+    bench: Bench,
+    calibration: KernelCalibration,
+    renders: tuple[Frame, Frame],
+    balls: Sequence[Frame],
+    tests: Sequence[Frame],
+) -> list[Reconstruction]:
+    """Every other test press with a second dose of render noise in all pictures: what noise adds."""
+    extra = render_noise(*renders)
+    again = bench.calibrate(*renders, balls, extra=extra, like=calibration)
+    return bench.reconstruct(again, tests[::2], extra=extra)
+
+
+def _find_truth(frames: Sequence[Frame]) -> None:
+    """Find what frames show, which they keep."""
+    for frame in frames:
+        _ = frame.gradient, frame.contact
 
 
 class _Steps:
@@ -298,7 +316,7 @@ def _write(
     bench: Bench,
     untouched: Frame,
     results: Sequence[Reconstruction],
-    found: _Found,
+    of_gel: GelMaps,
 ) -> None:
     from designlab import figures
     from designlab.design import dumps
@@ -308,11 +326,12 @@ def _write(
         write_atomic(folder / "design.toml", dumps(design))
         write_atomic(folder / "score.json", json.dumps(score.to_json(), indent=2))
         extent = figures.extent_mm(untouched.rays.x_mm, untouched.rays.y_mm)
-        gel, press = found.worst["gel"], found.worst["press"]
+        gel, press = score.worst["gel"], score.worst["press"]
+        limit_deg = np.where(of_gel.seen & ~of_gel.saturated, of_gel.limit_deg, np.nan)
         figures.background(folder / "background.png", untouched.mixed * bench.exposure, extent)
         named = dict(zip(design.group_names, untouched.basis, strict=True))
         figures.uniformity(folder / "uniformity.png", named, extent)
-        figures.information(folder / "information.png", found.limit_deg, extent, gel)
+        figures.information(folder / "information.png", limit_deg, extent, gel)
         figures.errors(
             folder / "errors.png",
             [np.where(r.region, r.error_deg, np.nan) for r in results],

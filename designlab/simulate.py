@@ -181,6 +181,7 @@ class Simulator:
         seed: int | None = None,
         half: int | None = None,
         surface: Surface | None = None,
+        following: Surface | None = None,
     ) -> Frame:
         """Simulate one picture.
 
@@ -194,6 +195,9 @@ class Simulator:
             0 or 1: shade from that half of the light field alone, which shows its random error.
         surface : Surface, optional
             What `surface(press)` gave.
+        following : Surface, optional
+            That of the press that is simulated next: where pictures are shaded, its light is summed while
+            this picture is finished.
 
         Raises
         ------
@@ -210,7 +214,8 @@ class Simulator:
             reach = int(np.ceil(radius_px(self.design, self.view, surface).max()))
             wider, place = self.view.grown(reach, self.design.camera)
             scene, seen = replace(scene, view=wider), rays(self.design, wider)
-        basis, stray = self._basis(estimator, scene, surface, seen, self.seed if seed is None else seed, half)
+        seed = self.seed if seed is None else seed
+        basis, stray = self._basis(estimator, scene, surface, seen, seed, half, following)
         if sharp:
             basis = blur(basis, radius_px(self.design, scene.view, surface))[:, *place]
             stray = None if stray is None else stray[:, *place]  # smooth: blur would not change it
@@ -281,14 +286,22 @@ class Simulator:
         return not (self.design.optics.coating_transmittance and self.design.optics.object_reflectance)
 
     def _basis(
-        self, estimator: Estimator, scene: Scene, surface: Surface, seen: Rays, seed: int, half: int | None
+        self,
+        estimator: Estimator,
+        scene: Scene,
+        surface: Surface,
+        seen: Rays,
+        seed: int,
+        half: int | None,
+        following: Surface | None,
     ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """Radiance of every LED group at unit flux, and its stray part where the estimator knows it."""
         effort = self.traced_samples if estimator == "corrected" else self.samples
         if estimator in ("reference", "path"):
             return trace(scene, surface, seen, estimator=estimator, samples=effort, seed=seed), None
         shading = self._shader(half)
-        shaded, stray = shading.radiance(surface, scene, seen), shading.stray(scene.view)
+        shaded = shading.radiance(surface, scene, seen, following=following)
+        stray = shading.stray(scene.view)
         if estimator == "fast":
             return shaded, stray
         traced = trace(scene, surface, seen, estimator=estimator, samples=effort, seed=seed)

@@ -81,7 +81,7 @@ class Field:
         return np.asarray(table)
 
     def vector(self, group: int) -> Single:
-        """Vector irradiance at nodes as of `Bins`, shape (3, rows, columns), by the directions of all bins."""
+        """Vector irradiance at nodes as of `Bins`, shape (3, rows, columns), no bins merged."""
         found = np.tensordot(_directions().astype(np.float32), self.power[group], ([0, 1], [2, 3]))
         for axis in (1, 2):
             found = _at_nodes(found, axis)

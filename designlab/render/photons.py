@@ -12,7 +12,9 @@ from designlab.render.tables import held
 from designlab.scene import Dielectric, Light, Medium, Scene
 
 BATCH = 5_000_000  # photons traced at once; bounds memory
-FAINT = 1 / 16  # photons that lost all but this share of their power live on by chance
+# Photons that lost all but this share of their power live on by chance: the first light, to which faint ones
+# add little, is traced with less patience.
+FAINT, FAINT_ONCE = 1 / 16, 1 / 4
 FACE_CELLS, DIRECTION_CELLS = 4, 32  # of a guide, along each side of an LED's face and of its directions
 UNGUIDED = 0.2  # share of photons that a guide leaves alone, so that no way is missed
 PILOT = 200_000  # photons that a guide is learnt from
@@ -286,7 +288,7 @@ def _batch(
         depth = depth + 1
         active = active & (power > 0) & (depth < longest)
         # Russian roulette: the faint ones live on with their chance, and those that do are brighter for it.
-        chance = dr.minimum(power / (weight * FAINT), 1.0)
+        chance = dr.minimum(power / (weight * (FAINT_ONCE if once else FAINT)), 1.0)
         active = active & (sampler.next_1d(active) < chance)
         power = power / dr.maximum(chance, 1e-12)
         return active, ray, power, depth, returned, sampler

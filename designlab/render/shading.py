@@ -14,10 +14,10 @@ So the light that falls on the undeformed membrane is traced once, and each pres
 How far pictures are off is in docs/validation.md.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +45,7 @@ LONGEST_SHADOW_MM = 12.0
 SHADOW_REACH = 4.0  # shadows reach at least this many times the height of what casts them: light at 14 deg
 LOWEST_SHARE = 0.02  # of a point's light, the most grazing, whose shadows may be cut short
 AROUND_MM = 0.5  # between the points of the membrane beyond the grid
-LATTICE_MM = 1.0  # between the points at which the most grazing light is looked for
+LATTICE_MM = 2.0  # between the points at which the most grazing light is looked for
 SMALL_SLOPE = 0.02  # by which the gel is tilted to see how the lobe answers
 LOBE_STRIDE = 10  # of the nodes at which the untouched gel's lobe is summed
 KERNEL_MM = 0.2  # standard deviation of the kernel over which photons correct the sums
@@ -53,6 +53,16 @@ PASSES = 3  # of the correction: each takes what the kernel of the one before ha
 KERNEL_REACH = 4.0  # standard deviations after which it ends
 LEAST_SHARE = 0.02  # of the mean irradiance: where less is left than that, ratios mean nothing
 MOST_GAIN = 1.5  # from a sum over direction bins to the irradiance of the untouched gel
+
+
+class _UnderWay(NamedTuple):
+    """Light at the nodes of a press, which the device still sums: of each group, straight and again."""
+
+    surface: Surface
+    choice: Choice
+    nodes: Nodes
+    horizon: Any
+    sums: list[tuple[Any, Any]]
 
 
 class Shader:
@@ -86,8 +96,11 @@ class Shader:
         self._light_around: tuple[Single, float, float] | None = None
         self._lobe: tuple[Rays, Single] | None = None
         self._stray: tuple[View, Single] | None = None
+        self._under_way: _UnderWay | None = None
 
-    def radiance(self, surface: Surface, scene: Scene, rays: Rays) -> Single:
+    def radiance(
+        self, surface: Surface, scene: Scene, rays: Rays, *, following: Surface | None = None
+    ) -> Single:
         """Radiance of every group at the camera, shape (groups, rows, columns), at unit flux.
 
         Parameters
@@ -98,11 +111,13 @@ class Shader:
             The pressed scene; of it only the membrane's coating and the window matter.
         rays : Rays
             Where the pixels look.
+        following : Surface, optional
+            The press that is shaded next: its sums are begun before this one's are finished.
         """
+        pressed, self._under_way = self._under_way, None
+        if pressed is None or pressed.surface is not surface:
+            pressed = self._begun(surface)
         albedo = _albedo(scene, surface)
-        raised_mm = float(surface.height_mm.max())
-        reach_mm = min(self._reach * raised_mm, LONGEST_SHADOW_MM) if raised_mm > 0 else 0.0
-        choice = Choice.near(surface, reach_mm)
         coating = scene.membrane.material
         specular = coating.specular if isinstance(coating, Coating) else 0.0
         groups = range(scene.groups)
@@ -111,16 +126,18 @@ class Shader:
             [self._straight[g].irradiance + self._again[g].irradiance for g in groups]
         )
         lobe = self._mirrored(scene, rays) if specular else np.float32(0)
-        if choice is not None:
-            nodes = nodes_of(surface, choice.nodes)
-            horizon = horizon_of(surface, nodes, max(reach_mm, FURTHEST_MM))
-            light += np.array([self._change(group, surface, nodes, horizon, choice) for group in groups])
+        if pressed is not None:
+            sums = [(np.asarray(straight), np.asarray(again)) for straight, again in pressed.sums]
+            landed = [first.change(surface) for first in self._first]
+            if following is not None:
+                self._under_way = self._begun(following)
+            light += np.array([self._change(g, surface, pressed.choice, sums[g], landed) for g in groups])
             light = np.maximum(light, 0.0)
             if scene.path_length > (4 if scene.refracts else 2):
-                between = between_walls(surface, nodes, albedo / np.pi * light, self._around(albedo))
-                light += np.array([choice.spread(added, 0.0) for added in between])
+                between = between_walls(surface, pressed.nodes, albedo / np.pi * light, self._around(albedo))
+                light += np.array([pressed.choice.spread(added, 0.0) for added in between])
             if specular:
-                lobe = lobe + self._mirrored_change(scene, rays, nodes, horizon, choice)
+                lobe = lobe + self._mirrored_change(scene, rays, pressed)
         grids = self._there * albedo * ((1 - specular) / np.float32(np.pi) * light + specular * lobe)
         straight = look(grids, surface, rays) * transmission(self._scene, self._untouched, rays)
         return np.asarray(straight + self.stray(scene.view), dtype=np.float32)
@@ -194,21 +211,46 @@ class Shader:
         light, x_mm, y_mm = self._light_around
         return Around(mean * light, x_mm, y_mm, AROUND_MM)
 
-    def _change(self, group: int, surface: Surface, nodes: Nodes, horizon: Any, choice: Choice) -> Single:
-        """By how much a press changes the irradiance of every grid node, but for light from wall to wall."""
+    def _begun(self, surface: Surface) -> _UnderWay | None:
+        """Have the device sum the light at the nodes of a press; None where nothing is pressed."""
+        import drjit as dr
+
+        raised_mm = float(surface.height_mm.max())
+        reach_mm = min(self._reach * raised_mm, LONGEST_SHADOW_MM) if raised_mm > 0 else 0.0
+        choice = Choice.near(surface, reach_mm)
+        if choice is None:
+            return None
+        nodes = nodes_of(surface, choice.nodes)
+        horizon = horizon_of(surface, nodes, max(reach_mm, FURTHEST_MM))
         response = facing(nodes)
+        sums = [
+            (straight.light(nodes, horizon, response), again.light(nodes, horizon, response))
+            for straight, again in zip(self._straight, self._again, strict=True)
+        ]
+        dr.eval(sums)
+        return _UnderWay(surface, choice, nodes, horizon, sums)
+
+    def _change(
+        self,
+        group: int,
+        surface: Surface,
+        choice: Choice,
+        sums: tuple[Single, Single],
+        landed: Sequence[Single],
+    ) -> Single:
+        """By how much a press changes the irradiance of every grid node, but for light from wall to wall."""
         changes = []
-        for part in (self._straight[group], self._again[group]):
-            pressed, own = np.asarray(part.light(nodes, horizon, response)), part.at_rest(choice.nodes)
+        for part, pressed in zip((self._straight[group], self._again[group]), sums, strict=True):
+            own = part.at_rest(choice.nodes)
             # Where light ends sharply the sum, from cells that are wider, may be far from the irradiance.
             gain = np.clip(part.irradiance[choice.nodes] / np.maximum(own, 1e-30), 0.0, MOST_GAIN)
             changes.append(choice.spread((pressed - own) * gain, 0.0))
         straight, again = changes
-        if self._landings:
-            straight = self._corrected(group, surface, straight)
+        if landed:
+            straight = self._corrected(group, surface.pitch_mm, straight, landed[group])
         return straight + again
 
-    def _corrected(self, group: int, surface: Surface, change: Single) -> Single:
+    def _corrected(self, group: int, pitch_mm: float, change: Single, landed: Single) -> Single:
         """Change of straight light whose mean over a kernel is that of photons, its detail that of the sums.
 
         The sums over direction bins know neither the edges of beams nor the horizon between two azimuths.
@@ -216,8 +258,7 @@ class Shader:
         rest = self._there * self._straight[group].irradiance
         if not rest.any():
             return change
-        landed = self._first[group].change(surface)
-        sigma_px, least = KERNEL_MM / surface.pitch_mm, LEAST_SHARE * float(rest.mean())
+        sigma_px, least = KERNEL_MM / pitch_mm, LEAST_SHARE * float(rest.mean())
         found = np.zeros_like(change)
         part = _window((change != 0) | (landed != 0), round((PASSES + 1) * KERNEL_REACH * sigma_px))
         rest, change, landed = rest[part], change[part], landed[part]
@@ -293,17 +334,16 @@ class Shader:
         grids = [map_coordinates(s.reshape(shape), at, order=3, mode="nearest") for s in sums]
         return np.array(grids, dtype=np.float32)
 
-    def _mirrored_change(
-        self, scene: Scene, rays: Rays, nodes: Nodes, horizon: Any, choice: Choice
-    ) -> Single:
+    def _mirrored_change(self, scene: Scene, rays: Rays, pressed: _UnderWay) -> Single:
         """By how much a press changes what the lobe returns."""
+        nodes, horizon, choice = pressed.nodes, pressed.horizon, pressed.choice
         before = nodes_of(self._untouched, choice.nodes)
         after_press, at_rest = _lobe(nodes, scene, rays), _lobe(before, scene, rays)
         found = []
         for group in range(scene.groups):
-            pressed = self._light(group, nodes, horizon, after_press)
+            after = self._light(group, nodes, horizon, after_press)
             untouched = self._light(group, before, None, at_rest)
-            found.append(choice.spread(np.asarray(pressed - untouched), 0.0))
+            found.append(choice.spread(np.asarray(after - untouched), 0.0))
         return np.array(found)
 
 
