@@ -49,7 +49,7 @@ class Fidelity(NamedTuple):
 
 FIDELITIES: dict[str, Fidelity] = {
     "fast": Fidelity(samples=48, rounds=1),
-    "standard": Fidelity(samples=256, rounds=2, grids=3),
+    "standard": Fidelity(samples=192, rounds=2, grids=2),
     # Each of its pictures takes a quarter of a minute; calibrated as fast is, it shows what the light is off.
     "reference": Fidelity(samples=1024, rounds=2, estimator="corrected"),
 }
