@@ -199,7 +199,7 @@ def calibrate(
     setup : Setup
         Scale, ball and what is known of the gel.
     method : Method, optional
-        See `methods`; `Polynomial()` when absent.
+        See `methods`; `Kernel()` when absent.
     base : pair of arrays, shape (rows, columns), optional
         Slopes of the undeformed membrane, for a dome; a plane when absent.
 
@@ -209,7 +209,7 @@ def calibrate(
         If there are fewer than two balls, or shapes differ.
     """
     background, spread, parts = ball_samples(balls, background, setup, base)
-    method = method or Polynomial()
+    method = method or Kernel()
     fits = []
     for presses in parts:
         error = None
@@ -247,12 +247,14 @@ def refine_centres(
 
     Parameters
     ----------
-    balls, background, setup, method
+    balls, background, setup
         See `calibrate`.
+    method : Method, optional
+        See `methods`; `Polynomial()` when absent, which is quick.
     rounds : int
         Times that all balls are moved.
     """
-    balls = list(balls)
+    balls, method = list(balls), method or Polynomial()
     plain = setup._replace(detail=0.0, weighted=False)
     rows, columns = np.indices(np.asarray(background).shape[:2])
     reach_px = setup.ball_radius_mm / setup.mm_per_px
@@ -274,7 +276,7 @@ def left_out_errors(
 ) -> LeftOut:
     """Errors on each ball of a calibration on the others, on a flat gel. Parameters as `calibrate`."""
     errors = []
-    for ball, shape in zip(balls, _left_out(balls, background, setup, method), strict=True):
+    for ball, shape in zip(balls, _left_out(balls, background, setup, method or Kernel()), strict=True):
         p, q, r_px = ball_truth(ball, setup)
         error_deg = normal_error_deg(normals(shape.p, shape.q), normals(p, q))
         inside = r_px < ball.contact_radius_px
@@ -306,14 +308,12 @@ def choose_method(
     return min(table, key=lambda row: row[1].combined)[0], table
 
 
-def _left_out(
-    balls: Sequence[BallPress], background: ArrayLike, setup: Setup, method: Method | None
-) -> list[Shape]:
+def _left_out(balls: Sequence[BallPress], background: ArrayLike, setup: Setup, method: Method) -> list[Shape]:
     """Each ball as reconstructed by a calibration on the others."""
     background, spread, parts = ball_samples(balls, background, setup, None)
     fits = []
     for presses in parts:
-        predictors = (method or Polynomial()).fit_without_each(presses)
+        predictors = method.fit_without_each(presses)
         errors: Sequence[Predictor | None] = [None] * len(balls)
         if setup.weighted:
             errors = expected_error_without_each(presses, _predicted(predictors, presses))

@@ -157,15 +157,15 @@ class Kernel(_Linear):
     colour_scale, position_scale : float
         Length of the kernel in spreads of the colour change, and in half images.
     features : int
-        Number of random features; more are smoother and slower.
+        Number of random features; more are slower and closer to the kernel itself.
     seed : int
         Of the features.
     """
 
-    ridge: float = 3e-3
+    ridge: float = 6e-3
     colour_scale: float = 1.5
     position_scale: float = 2.0
-    features: int = 600
+    features: int = 1200
     seed: int = 0
 
     @property
