@@ -162,10 +162,10 @@ class Kernel(_Linear):
         Of the features.
     """
 
-    ridge: float = 6e-3
+    ridge: float = 3e-3
     colour_scale: float = 1.5
     position_scale: float = 2.0
-    features: int = 1200
+    features: int = 600
     seed: int = 0
 
     @property
