@@ -24,11 +24,11 @@ from numpy.typing import NDArray
 from designlab.measurement import Measurement, load_measurement
 from designlab.metrics import normal_error_deg
 from designlab.reconstruct import normals
+from designlab.reconstruct.ball_samples import Setup
 from designlab.reconstruct.balls import BallPress, ball_gradients
 from designlab.reconstruct.lab import (
     LabCalibration,
     LeftOut,
-    Setup,
     calibrate,
     left_out_errors,
     refine_centres,

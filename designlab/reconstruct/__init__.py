@@ -1,6 +1,6 @@
 """From images to shape: calibrated photometric stereo, and integration of gradients to height."""
 
-from designlab.reconstruct.height import gradients_of, integrate, normals, sharpen
+from designlab.reconstruct.height import gradients_of, integrate, normals
 from designlab.reconstruct.kernel import KernelCalibration, fit_kernel
 from designlab.reconstruct.nearfield import NearField, near_field
 
@@ -12,5 +12,4 @@ __all__ = [
     "integrate",
     "near_field",
     "normals",
-    "sharpen",
 ]

@@ -6,7 +6,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.fft import dctn, dstn, idctn, idstn, next_fast_len
-from scipy.ndimage import gaussian_filter
 from scipy.sparse.linalg import LinearOperator, cg
 
 Array = NDArray[np.float64]
@@ -113,29 +112,6 @@ def gradients_of(height_mm: ArrayLike, *, pitch_mm: float) -> tuple[Array, Array
     height_mm = np.asarray(height_mm, dtype=float)
     down, right = np.gradient(height_mm, pitch_mm)
     return np.asarray(right), np.asarray(-down)
-
-
-def sharpen(height_mm: ArrayLike, *, strength: float, sigma_px: float) -> Array:
-    """Undo some of the smoothing of a height: h + strength (h - h smoothed by a Gaussian).
-
-    Skin, pixels and the smoothing of noise round the rim of a contact. To first order in their width this
-    filter is the inverse; volumes and everything wider than `sigma_px` it leaves alone.
-
-    Parameters
-    ----------
-    height_mm : array, shape (rows, columns)
-        Reconstructed height.
-    strength : float
-        0 leaves the height as it is.
-    sigma_px : float
-        Standard deviation of the Gaussian.
-    """
-    height_mm = np.asarray(height_mm, dtype=float)
-    if strength == 0:
-        return height_mm
-    return np.asarray(
-        height_mm + strength * (height_mm - gaussian_filter(height_mm, sigma_px, mode="nearest"))
-    )
 
 
 def _divergence(along_x: Array, along_y: Array) -> Array:

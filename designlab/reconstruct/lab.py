@@ -1,15 +1,17 @@
 """Calibration as a lab does it: ball presses in, a map from pictures to height and normals out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import gaussian_filter
 
 from designlab.metrics import normal_error_deg
-from designlab.reconstruct.balls import BallPress, ball_gradients, smoothed
-from designlab.reconstruct.height import Boundary, gradients_of, integrate, normals, sharpen
+from designlab.reconstruct.ball_samples import Setup, ball_samples, ball_truth, positions, relative_change
+from designlab.reconstruct.balls import BallPress
+from designlab.reconstruct.height import gradients_of, integrate, normals
 from designlab.reconstruct.methods import (
     Kernel,
     Method,
@@ -24,41 +26,7 @@ from designlab.reconstruct.methods import (
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_FLAT_PIXELS = 500
 _TOLERANCE = 1e-4  # of a weighted integration: far below a micrometre
-
-
-class Setup(NamedTuple):
-    """What is fixed by the lab and the physics, not by fitting.
-
-    Attributes
-    ----------
-    ball_radius_mm, mm_per_px : float
-        Ball and scale of the pictures at the membrane.
-    trusted : float
-        Share of the contact radius within which the membrane follows the ball. It leaves the ball before
-        the circle that one sees.
-    flat_beyond : float
-        From this many contact radii on the membrane counts as flat.
-    smoothing_px : float
-        Gaussian smoothing of the colour change, against grain and the blocks of compressed video.
-    sharpening : tuple of float
-        Strength and width (px) of `sharpen`, which gives back part of the rim that smoothing took.
-    boundary : str
-        Of the integration, see `integrate`.
-    weighted : bool
-        Weigh each pixel in the integration by the inverse of its expected error, which is learned from balls
-        left out of the calibration.
-    """
-
-    ball_radius_mm: float
-    mm_per_px: float
-    trusted: float = 0.86
-    flat_beyond: float = 2.5
-    smoothing_px: float = 2.0
-    sharpening: tuple[float, float] = (0.7, 4.0)
-    boundary: Boundary = "dirichlet"
-    weighted: bool = True
 
 
 class Shape(NamedTuple):
@@ -69,9 +37,29 @@ class Shape(NamedTuple):
     q: Array
 
 
+class Fit(NamedTuple):
+    """A fitted map.
+
+    Attributes
+    ----------
+    predictor : callable
+        From colour and place to slope vectors, see `methods`.
+    expected_error : callable, optional
+        Expected squared error of the slopes, see `methods.expected_error`.
+    """
+
+    predictor: Predictor
+    expected_error: Predictor | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class LabCalibration:
     """A calibration made from ball presses.
+
+    Near the rim of a contact the membrane has left the ball, but one colour there also occurs further in. A
+    map taught the ball's slopes up to the rim makes contacts too steep within it and so too high; one taught
+    the inner part alone gets heights right and rounds the rim. So the first gives the fine detail of the
+    height, the second all that is wider.
 
     Attributes
     ----------
@@ -81,20 +69,23 @@ class LabCalibration:
         Scale, ball, smoothing.
     spread : array, shape (channels,)
         Root mean square colour change over the contacts: the unit of colour.
-    predictor : callable
-        The fitted map, see `methods`.
-    expected_error : callable, optional
-        Expected squared error of the slopes, see `methods.expected_error`.
+    inner : Fit
+        Map taught the trusted part of the contacts.
+    rim : Fit, optional
+        Map taught almost all of the contacts.
+    detail_px : float
+        Standard deviation of the Gaussian that parts fine from wide.
     """
 
     background: Array
     setup: Setup
     spread: Array
-    predictor: Predictor
-    expected_error: Predictor | None = None
+    inner: Fit
+    rim: Fit | None = None
+    detail_px: float = 0.0
 
     def gradients(self, image: ArrayLike, *, mask: Mask | None = None) -> tuple[Array, Array]:
-        """Slopes p = dz/dx, q = dz/dy of the indentation, pixel by pixel.
+        """Slopes p = dz/dx, q = dz/dy of the indentation by the inner map, pixel by pixel.
 
         Parameters
         ----------
@@ -103,21 +94,19 @@ class LabCalibration:
         mask : bool array, shape (rows, columns), optional
             Pixels that show the bare membrane; printed markers left out. They are filled from around.
         """
-        return self._gradients(self._signal(image, mask))
+        return self._gradients(self.inner, self._signal(image, mask))
 
-    def _gradients(self, signal: Array) -> tuple[Array, Array]:
-        p, q = slope_gradients(self.predictor(signal, _position(self.background.shape))).T.reshape(
-            2, *self.background.shape[:2]
-        )
+    def _gradients(self, fit: Fit, signal: Array) -> tuple[Array, Array]:
+        slope = fit.predictor(signal, positions(self.background.shape))
+        p, q = slope_gradients(slope).T.reshape(2, *self.background.shape[:2])
         return p, q
 
-    def _weights(self, signal: Array, mask: Mask | None) -> Array | None:
+    def _weights(self, fit: Fit, signal: Array, mask: Mask | None) -> Array | None:
         """Weights of the pixels in the integration; None where all are alike."""
-        shape = self.background.shape[:2]
-        if self.expected_error is None:
+        if fit.expected_error is None:
             return None if mask is None else mask.astype(float)
-        weights = 1 / self.expected_error(signal, _position(self.background.shape)).reshape(shape)
-        weights /= weights.max()
+        error = fit.expected_error(signal, positions(self.background.shape))
+        weights: Array = error.min() / error.reshape(self.background.shape[:2])
         return weights if mask is None else weights * mask
 
     def reconstruct(self, image: ArrayLike, *, mask: Mask | None = None, robust: bool = False) -> Shape:
@@ -133,20 +122,25 @@ class LabCalibration:
             See `integrate`.
         """
         signal = self._signal(image, mask)
-        p, q = self._gradients(signal)
-        setup = self.setup
-        height = integrate(
-            p,
-            q,
-            pitch_mm=setup.mm_per_px,
-            boundary=setup.boundary,
-            weights=self._weights(signal, mask),
-            robust=robust,
-            tolerance=_TOLERANCE,
-        )
-        strength, sigma_px = setup.sharpening
-        height = sharpen(height, strength=strength, sigma_px=sigma_px)
-        return Shape(height, *gradients_of(height, pitch_mm=setup.mm_per_px))
+        pitch_mm = self.setup.mm_per_px
+
+        def height(fit: Fit) -> Array:
+            p, q = self._gradients(fit, signal)
+            return integrate(
+                p,
+                q,
+                pitch_mm=pitch_mm,
+                boundary=self.setup.boundary,
+                weights=self._weights(fit, signal, mask),
+                robust=robust,
+                tolerance=_TOLERANCE,
+            )
+
+        height_mm = height(self.inner)
+        if self.rim is not None:
+            more = height(self.rim) - height_mm
+            height_mm += more - gaussian_filter(more, self.detail_px, mode="nearest")
+        return Shape(height_mm, *gradients_of(height_mm, pitch_mm=pitch_mm))
 
     def _signal(self, image: ArrayLike, mask: Mask | None) -> Array:
         image = np.asarray(image, dtype=float)
@@ -156,7 +150,7 @@ class LabCalibration:
             )
         if mask is not None and (mask.shape != image.shape[:2] or mask.dtype != bool or not mask.any()):
             raise ValueError(f"mask: must be bool of shape {image.shape[:2]} with a pixel to use")
-        change = _change(image, self.background, self.setup.smoothing_px, mask) / self.spread
+        change = relative_change(image, self.background, self.setup.smoothing_px, mask) / self.spread
         return change.reshape(-1, self.background.shape[-1])
 
 
@@ -205,7 +199,7 @@ def calibrate(
     setup : Setup
         Scale, ball and what is known of the gel.
     method : Method, optional
-        See `methods`; `Polynomial()` when absent.
+        See `methods`; `Kernel()` when absent.
     base : pair of arrays, shape (rows, columns), optional
         Slopes of the undeformed membrane, for a dome; a plane when absent.
 
@@ -214,12 +208,22 @@ def calibrate(
     ValueError
         If there are fewer than two balls, or shapes differ.
     """
-    background, spread, presses = _prepare(balls, background, setup, base)
-    method = method or Polynomial()
-    error = None
-    if setup.weighted:
-        error = expected_error(presses, _predicted(method.fit_without_each(presses), presses))
-    return LabCalibration(background, setup, spread, method.fit(presses), error)
+    background, spread, parts = ball_samples(balls, background, setup, base)
+    method = method or Kernel()
+    fits = []
+    for presses in parts:
+        error = None
+        if setup.weighted:
+            error = expected_error(presses, _predicted(method.fit_without_each(presses), presses))
+        fits.append(Fit(method.fit(presses), error))
+    return _assembled(balls, background, setup, spread, fits)
+
+
+def _assembled(
+    balls: Sequence[BallPress], background: Array, setup: Setup, spread: Array, fits: Sequence[Fit]
+) -> LabCalibration:
+    detail_px = setup.detail * float(np.mean([ball.contact_radius_px for ball in balls]))
+    return LabCalibration(background, setup, spread, fits[0], fits[1] if len(fits) > 1 else None, detail_px)
 
 
 def _predicted(fits: Sequence[Predictor], presses: Sequence[Samples]) -> list[Array]:
@@ -243,13 +247,15 @@ def refine_centres(
 
     Parameters
     ----------
-    balls, background, setup, method
+    balls, background, setup
         See `calibrate`.
+    method : Method, optional
+        See `methods`; `Polynomial()` when absent, which is quick.
     rounds : int
         Times that all balls are moved.
     """
-    balls = list(balls)
-    plain = setup._replace(sharpening=(0.0, 1.0), weighted=False)
+    balls, method = list(balls), method or Polynomial()
+    plain = setup._replace(detail=0.0, weighted=False)
     rows, columns = np.indices(np.asarray(background).shape[:2])
     reach_px = setup.ball_radius_mm / setup.mm_per_px
     for _ in range(rounds):
@@ -270,8 +276,8 @@ def left_out_errors(
 ) -> LeftOut:
     """Errors on each ball of a calibration on the others, on a flat gel. Parameters as `calibrate`."""
     errors = []
-    for ball, shape in zip(balls, _left_out(balls, background, setup, method), strict=True):
-        p, q, r_px = _truth(ball, setup)
+    for ball, shape in zip(balls, _left_out(balls, background, setup, method or Kernel()), strict=True):
+        p, q, r_px = ball_truth(ball, setup)
         error_deg = normal_error_deg(normals(shape.p, shape.q), normals(p, q))
         inside = r_px < ball.contact_radius_px
         trusted = r_px < setup.trusted * ball.contact_radius_px
@@ -302,86 +308,17 @@ def choose_method(
     return min(table, key=lambda row: row[1].combined)[0], table
 
 
-def _left_out(
-    balls: Sequence[BallPress], background: ArrayLike, setup: Setup, method: Method | None
-) -> list[Shape]:
+def _left_out(balls: Sequence[BallPress], background: ArrayLike, setup: Setup, method: Method) -> list[Shape]:
     """Each ball as reconstructed by a calibration on the others."""
-    background, spread, presses = _prepare(balls, background, setup, None)
-    calibration = LabCalibration(background, setup, spread, _nothing)
-    fits = (method or Polynomial()).fit_without_each(presses)
-    errors: Sequence[Predictor | None] = [None] * len(balls)
-    if setup.weighted:
-        errors = expected_error_without_each(presses, _predicted(fits, presses))
+    background, spread, parts = ball_samples(balls, background, setup, None)
+    fits = []
+    for presses in parts:
+        predictors = method.fit_without_each(presses)
+        errors: Sequence[Predictor | None] = [None] * len(balls)
+        if setup.weighted:
+            errors = expected_error_without_each(presses, _predicted(predictors, presses))
+        fits.append([Fit(*pair) for pair in zip(predictors, errors, strict=True)])
     return [
-        replace(calibration, predictor=fit, expected_error=error).reconstruct(ball.image)
-        for ball, fit, error in zip(balls, fits, errors, strict=True)
+        _assembled(balls, background, setup, spread, own).reconstruct(ball.image)
+        for ball, own in zip(balls, zip(*fits, strict=True), strict=True)
     ]
-
-
-def _nothing(signal: Array, position: Array) -> Array:
-    return np.zeros((len(signal), 2))
-
-
-def _prepare(
-    balls: Sequence[BallPress], background: ArrayLike, setup: Setup, base: tuple[Array, Array] | None
-) -> tuple[Array, Array, list[Samples]]:
-    """The background, the unit of colour, and the samples of each ball."""
-    background = np.asarray(background, dtype=float)
-    if background.ndim != 3 or (background.mean(axis=(0, 1)) <= 0).any():
-        raise ValueError("background: must have shape (rows, columns, channels) and light in each channel")
-    if len(balls) < 2:
-        raise ValueError(f"balls: at least 2 are needed, got {len(balls)}")
-    changes, truths = [], []
-    for number, ball in enumerate(balls):
-        image = np.asarray(ball.image, dtype=float)
-        if image.shape != background.shape or not np.isfinite(image).all():
-            raise ValueError(
-                f"balls[{number}].image: must be finite of shape {background.shape}, got {image.shape}"
-            )
-        changes.append(_change(image, background, setup.smoothing_px, None))
-        truths.append(_truth(ball, setup))
-        if not (truths[-1][2] < setup.trusted * ball.contact_radius_px).any():
-            raise ValueError(f"balls[{number}].centre_px: the contact lies outside the picture")
-    inside = [
-        change[r_px < ball.contact_radius_px]
-        for change, (_, _, r_px), ball in zip(changes, truths, balls, strict=True)
-    ]
-    spread = np.sqrt((np.concatenate(inside) ** 2).mean(axis=0))
-    if not (spread > 0).all():
-        raise ValueError("balls: each channel must change colour in the contacts")
-    position = _position(background.shape)
-    presses = []
-    for change, (p, q, r_px), ball in zip(changes, truths, balls, strict=True):
-        u = (r_px / ball.contact_radius_px).ravel()
-        contact, flat = np.flatnonzero(u < setup.trusted), np.flatnonzero(u > setup.flat_beyond)
-        flat = flat[np.linspace(0, flat.size - 1, min(_FLAT_PIXELS, flat.size)).round().astype(int)]
-        base_p, base_q = base or (np.zeros_like(p), np.zeros_like(q))
-        relative = -normals(p - base_p, q - base_q)[..., :2].reshape(-1, 2)
-        pixels = np.concatenate([contact, flat])
-        presses.append(
-            Samples(
-                change.reshape(-1, change.shape[-1])[pixels] / spread,
-                position[pixels],
-                np.concatenate([relative[contact], np.zeros((flat.size, 2))]),
-                # every press counts alike, whatever its size
-                np.concatenate([np.full(contact.size, 3 * _FLAT_PIXELS / contact.size), np.ones(flat.size)]),
-            )
-        )
-    return background, spread, presses
-
-
-def _truth(ball: BallPress, setup: Setup) -> tuple[Array, Array, Array]:
-    rows, columns = np.asarray(ball.image).shape[:2]
-    return ball_gradients(
-        (rows, columns), ball.centre_px, ball_radius_mm=setup.ball_radius_mm, mm_per_px=setup.mm_per_px
-    )
-
-
-def _change(image: Array, background: Array, smoothing_px: float, mask: Mask | None) -> Array:
-    """Smoothed change of colour relative to the mean background."""
-    return smoothed((image - background) / background.mean(axis=(0, 1)), smoothing_px, mask)
-
-
-def _position(shape: tuple[int, ...]) -> Array:
-    y, x = np.meshgrid(np.linspace(1, -1, shape[0]), np.linspace(-1, 1, shape[1]), indexing="ij")
-    return np.stack([x.ravel(), y.ravel()], axis=1)

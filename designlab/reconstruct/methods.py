@@ -157,7 +157,7 @@ class Kernel(_Linear):
     colour_scale, position_scale : float
         Length of the kernel in spreads of the colour change, and in half images.
     features : int
-        Number of random features; more are smoother and slower.
+        Number of random features; more are slower and closer to the kernel itself.
     seed : int
         Of the features.
     """
