@@ -1,0 +1,20 @@
+"""The light probe: a chrome ball in a sensor without its gel shows from where light arrives.
+
+P. Debevec, SIGGRAPH 1998; for tactile sensors A. Agarwal, T. Man and W. Yuan, arXiv 2012.13184.
+"""
+
+from designlab.light_probe.ball import LightProbe
+from designlab.light_probe.picture import ProbePicture, light_probe, probe_view
+from designlab.light_probe.polar import PolarMap, polar_map
+from designlab.light_probe.unwrap import Unwrapped, unwrap
+
+__all__ = [
+    "LightProbe",
+    "PolarMap",
+    "ProbePicture",
+    "Unwrapped",
+    "light_probe",
+    "polar_map",
+    "probe_view",
+    "unwrap",
+]

@@ -1,0 +1,109 @@
+"""Light around the ball as a map over polar angle and azimuth."""
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from designlab.light_probe.unwrap import Unwrapped
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PolarMap:
+    """Incident radiance by direction.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Channels.
+    polar_deg : array, shape (n,)
+        Angle from +z, the direction of the camera: 0 above, 90 along the plane of the gel.
+    azimuth_deg : array, shape (m,)
+        Counter-clockwise from +x.
+    radiance : array, shape (channels, n, m)
+        NaN where the ball shows nothing.
+    """
+
+    names: tuple[str, ...]
+    polar_deg: Array
+    azimuth_deg: Array
+    radiance: Array
+
+    @property
+    def solid_angle_sr(self) -> Array:
+        """Solid angle of every cell, shape (n, 1)."""
+        half = np.radians(self.polar_deg[1] - self.polar_deg[0]) / 2
+        polar = np.radians(self.polar_deg)
+        bands = np.cos(np.maximum(polar - half, 0.0)) - np.cos(polar + half)
+        return np.asarray(bands[:, None] * 2 * np.pi / len(self.azimuth_deg))
+
+    def to_json(self) -> str:
+        """Content as JSON; what the ball does not show is null."""
+        shown = np.where(np.isfinite(self.radiance), self.radiance, None)
+        return json.dumps(
+            {
+                "names": list(self.names),
+                "polar_deg": self.polar_deg.tolist(),
+                "azimuth_deg": self.azimuth_deg.tolist(),
+                "radiance": shown.tolist(),
+            }
+        )
+
+
+def polar_map(found: Unwrapped, *, step_deg: float = 1.0, furthest_deg: float = 150.0) -> PolarMap:
+    """Resample unwrapped light evenly over polar angle and azimuth.
+
+    Parameters
+    ----------
+    found : Unwrapped
+        The light, pixel by pixel.
+    step_deg : float
+        Size of a cell; the nearest that divides 360 is taken.
+    furthest_deg : float
+        Polar angle at which the map ends.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is out of its range.
+    """
+    if not 0.05 <= step_deg <= 30:
+        raise ValueError(f"step_deg: must lie between 0.05 and 30 deg, got {step_deg:g} deg")
+    if not step_deg < furthest_deg <= 180:
+        raise ValueError(f"furthest_deg: must lie between step_deg and 180 deg, got {furthest_deg:g} deg")
+    count = round(360 / step_deg)
+    step = 360 / count
+    polar = np.arange(step / 2, furthest_deg, step)
+    azimuth = (np.arange(count) + 0.5) * step
+    row, column = found.pixel_of(unit_vectors(polar[:, None], azimuth[None]))
+    hidden = np.isnan(row)
+    # Beside the ball there is nothing to interpolate with: the nearest pixel on it stands in.
+    filled = _filled(found)
+    places = [np.where(hidden, 0.0, row), np.where(hidden, 0.0, column)]
+    sampled = np.stack([map_coordinates(image, places, order=1, mode="nearest") for image in filled])
+    return PolarMap(found.names, polar, azimuth, np.where(hidden, np.nan, sampled))
+
+
+def unit_vectors(polar_deg: Array, azimuth_deg: Array) -> Array:
+    """Unit vectors of directions, shape (..., 3)."""
+    polar, azimuth = np.radians(polar_deg), np.radians(azimuth_deg)
+    polar, azimuth = np.broadcast_arrays(polar, azimuth)
+    sine = np.sin(polar)
+    return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(polar)], axis=-1)
+
+
+def angles_deg(direction: Array) -> tuple[float, float]:
+    """Polar angle and azimuth (0 to 360) of one direction."""
+    x, y, z = direction / np.linalg.norm(direction)
+    return float(np.degrees(np.arctan2(np.hypot(x, y), z))), float(np.degrees(np.arctan2(y, x)) % 360)
+
+
+def _filled(found: Unwrapped) -> Array:
+    from scipy.ndimage import distance_transform_edt
+
+    nearest = distance_transform_edt(~found.on_ball, return_distances=False, return_indices=True)
+    return np.asarray(found.radiance[:, nearest[0], nearest[1]])
