@@ -10,6 +10,7 @@ from scipy.ndimage import map_coordinates
 from designlab.light_probe.unwrap import Unwrapped
 
 Array = NDArray[np.float64]
+SPLIT = 3  # directions along each side of a cell of the map
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,13 +80,25 @@ def polar_map(found: Unwrapped, *, step_deg: float = 1.0, furthest_deg: float = 
     step = 360 / count
     polar = np.arange(step / 2, furthest_deg, step)
     azimuth = (np.arange(count) + 0.5) * step
-    row, column = found.pixel_of(unit_vectors(polar[:, None], azimuth[None]))
+    # The mean of a few directions: narrow lobes would fall between the middles of cells.
+    inner = ((np.arange(SPLIT) + 0.5) / SPLIT - 0.5) * step
+    finer = unit_vectors((polar[:, None] + inner).ravel()[:, None], (azimuth[:, None] + inner).ravel()[None])
+    row, column = found.pixel_of(finer)
     hidden = np.isnan(row)
-    # Beside the ball there is nothing to interpolate with: the nearest pixel on it stands in.
-    filled = _filled(found)
     places = [np.where(hidden, 0.0, row), np.where(hidden, 0.0, column)]
-    sampled = np.stack([map_coordinates(image, places, order=1, mode="nearest") for image in filled])
-    return PolarMap(found.names, polar, azimuth, np.where(hidden, np.nan, sampled))
+    weight = (~hidden).astype(float)
+    shown = _cells(weight, len(polar), count)
+    radiance = [
+        _cells(map_coordinates(image, places, order=1, mode="nearest") * weight, len(polar), count)
+        for image in _filled(found)
+    ]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return PolarMap(found.names, polar, azimuth, np.stack(radiance) / shown)
+
+
+def _cells(values: Array, rows: int, columns: int) -> Array:
+    """Sums over the finer directions of each cell."""
+    return np.asarray(values.reshape(rows, SPLIT, columns, SPLIT).sum(axis=(1, 3)))
 
 
 def unit_vectors(polar_deg: Array, azimuth_deg: Array) -> Array:
@@ -103,6 +116,7 @@ def angles_deg(direction: Array) -> tuple[float, float]:
 
 
 def _filled(found: Unwrapped) -> Array:
+    """Radiance with the nearest pixel on the ball beside it: there is nothing else to interpolate with."""
     from scipy.ndimage import distance_transform_edt
 
     nearest = distance_transform_edt(~found.on_ball, return_distances=False, return_indices=True)
