@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.body import boards, core_and_gel, degelled, housing_inside
+from designlab.body import boards, core_and_gel, housing_inside
 from designlab.camera import Camera, View
 from designlab.design import Design
 from designlab.matter import Ball, Coating, Dielectric, Diffuse, Medium, Metal, Shape, Texture
@@ -115,12 +115,12 @@ def build(design: Design, surface: Surface, view: View) -> Scene:
 
 
 def without_gel(design: Design, ball: Ball, view: View) -> Scene:
-    """Lay out a design with a ball in place of membrane and gel; air fills the room of the gel.
+    """Lay out a design with a ball in place of its membrane; the gel's cut rim is gone as well.
 
     Parameters
     ----------
     design : Design
-        The sensor.
+        The sensor; its gel's index and absorption are those of what surrounds the ball.
     ball : Ball
         What the camera looks at.
     view : View
@@ -128,7 +128,7 @@ def without_gel(design: Design, ball: Ball, view: View) -> Scene:
     """
     shapes = [*boards(design), *housing_inside(design)]
     if design.optics.light_path == "core":
-        shapes += [shape for shape in core_and_gel(degelled(design)) if shape.name != "gel-rim"]
+        shapes += [shape for shape in core_and_gel(design) if shape.name != "gel-rim"]
     return Scene(
         shapes=tuple(shapes),
         lights=tuple(_lights(design)),

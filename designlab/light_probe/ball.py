@@ -1,11 +1,10 @@
 """The ball of a light probe: where it lies, how it reflects, and whether it fits into a sensor."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from designlab.body import degelled
 from designlab.design import Design
 from designlab.matter import Ball, Metal
 from designlab.mounting import front_corners, seated
@@ -33,7 +32,7 @@ def chromium(wavelength_nm: float) -> complex:
 
 
 def fresnel_metal(cosine: Array, index: complex) -> Array:
-    """Reflectance of a metal in air for unpolarised light, by the cosine of the angle of incidence."""
+    """Reflectance of a metal for unpolarised light, by the cosine of incidence and the relative index."""
     inside = np.sqrt(1 - (1 - cosine**2) / index**2 + 0j)
     across = (cosine - index * inside) / (cosine + index * inside)
     along = (index * cosine - inside) / (index * cosine + inside)
@@ -65,6 +64,12 @@ class LightProbe(Spec):
         None, unit="1", gt=0, le=1, description="Reflectance at all angles; chromium's when absent."
     )
 
+    immersed: bool = Field(
+        False,
+        description="Whether a clear liquid of the gel's index joins ball and gelcore: without it a plane core "
+        "keeps light that entered by its sides.",
+    )
+
     @property
     def radius_mm(self) -> float:
         """Radius of the ball."""
@@ -75,24 +80,33 @@ class LightProbe(Spec):
         """Centre of the ball in the sensor frame."""
         return (*self.centre_mm, self.lowest_mm + self.radius_mm)
 
-    def reflected(self, cosine: Array, *, wavelength_nm: float) -> Array:
-        """Share of light that the ball reflects, by the cosine of the angle of incidence.
+    def around(self, design: Design) -> Design:
+        """Return the sensor as the ball meets it: air, or the liquid, where the gel was."""
+        return design if self.immersed else degelled(design)
+
+    def reflected(self, cosine: Array, design: Design, group: int) -> Array:
+        """Share of an LED group's light that the ball reflects, by the cosine of the angle of incidence.
 
         A rough ball is taken as its mirror: what its facets lose to each other is left out.
         """
         if self.reflectance is not None:
             return np.full_like(cosine, self.reflectance)
-        return fresnel_metal(cosine, chromium(wavelength_nm))
+        return fresnel_metal(cosine, self._indices(design)[group])
 
-    def ball(self, wavelengths_nm: Sequence[float]) -> Ball:
-        """Return the ball as plain data for a scene, one wavelength for each LED group."""
+    def ball(self, design: Design) -> Ball:
+        """Return the ball as plain data for a scene."""
+        groups = len(design.leds.groups)
         if self.reflectance is None:
-            material = Metal(
-                (1.0,) * len(wavelengths_nm), tuple(chromium(w) for w in wavelengths_nm), self.roughness
-            )
+            material = Metal((1.0,) * groups, self._indices(design), self.roughness)
         else:
-            material = Metal((self.reflectance,) * len(wavelengths_nm), None, self.roughness)
+            material = Metal((self.reflectance,) * groups, None, self.roughness)
         return Ball("light-probe", self.middle_mm, self.radius_mm, material)
+
+    def _indices(self, design: Design) -> tuple[complex, ...]:
+        """Index of chromium for each LED group, relative to what surrounds the ball."""
+        refracts = design.optics.light_path == "core"
+        around = self.around(design).optics.gel_index if refracts else 1.0
+        return tuple(chromium(group.wavelength_nm) / around for group in design.leds.groups)
 
     def require_room(self, design: Design) -> None:
         """Check that the ball touches neither gelcore, LEDs nor camera.

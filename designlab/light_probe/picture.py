@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.body import degelled
 from designlab.camera import View, Vignetting
 from designlab.design import Design
 from designlab.effects.model import SensorModel, effect
@@ -13,6 +12,7 @@ from designlab.light_probe.ball import LightProbe
 from designlab.light_probe.unwrap import Unwrapped, unwrap
 from designlab.render import path
 from designlab.scene import without_gel
+from designlab.simulate import RenderFailed
 from designlab.viewing import rays
 
 Array = NDArray[np.float64]
@@ -88,15 +88,24 @@ def light_probe(
     ------
     ValueError
         If the ball touches other parts, or the camera does not see it.
+    RenderFailed
+        If no light of any LED group reaches the camera.
     """
     sensor = SensorModel.of(model)
     design, probe = sensor.effective_design(), probe or LightProbe()
     probe.require_room(design)
     seen = probe_view(design, probe, columns=columns) if view is None else view
-    scene = without_gel(design, probe.ball([group.wavelength_nm for group in design.leds.groups]), seen)
+    scene = without_gel(probe.around(design), probe.ball(design), seen)
     for applied in sensor.effects:
         scene = effect(applied.name).on_scene(scene, applied.values)
     basis = path.radiance(scene, samples=samples, seed=seed)
+    if not basis.any():
+        raise RenderFailed(
+            "the rendered light probe is black; light that enters a plane gelcore by its sides does not leave it "
+            "into air, so light_probe.immersed may be needed"
+            if design.optics.light_path == "core"
+            else "the rendered light probe is black; no light of the LEDs reaches the ball"
+        )
     if design.camera.vignetting != Vignetting():
         basis = (basis * design.camera.vignette(seen)).astype(np.float32)
     flux = np.array([group.flux_mw for group in design.leds.groups])
@@ -113,7 +122,7 @@ def probe_view(design: Design, probe: LightProbe, *, columns: int) -> View:
     """
     if columns < 16:
         raise ValueError(f"columns: must be at least 16, got {columns}")
-    bare, camera = degelled(design), design.camera
+    bare, camera = probe.around(design), design.camera
     full = camera.full_view()
     area = full
     for _ in range(4):

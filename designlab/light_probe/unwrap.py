@@ -7,7 +7,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.body import degelled
 from designlab.camera import View
 from designlab.design import CHANNELS, Design
 from designlab.light_probe.ball import LightProbe
@@ -44,7 +43,7 @@ class Unwrapped:
     cosine : array, shape (rows, columns)
         Cosine of the angle of incidence.
     led_mm : array, shape (rows, columns)
-        Distance from there of the LED face whose middle is next to the direction, along a straight way.
+        Distance from there, straight on, to the plane of the LED face whose middle is next to the direction.
     spread : array, shape (3, rows, columns)
         Cross-section of the bundle of rays of a pixel at distance t: spread[0] t^2 + spread[1] t + spread[2].
     """
@@ -189,7 +188,7 @@ def unwrap(
     if groups is None:
         groups = _dominant_groups(design, len(names))
     probe.require_room(design)
-    bare = degelled(design)
+    bare = probe.around(design)
     looks = rays(bare, view)
     mirror = _mirror(looks, probe)
     if not mirror.on_ball.any():
@@ -202,7 +201,7 @@ def unwrap(
     cosine = np.where(mirror.on_ball, mirror.cosine, 1.0)
     light = []
     for channel, group in enumerate(groups):
-        kept = probe.reflected(cosine, wavelength_nm=design.leds.groups[group].wavelength_nm)
+        kept = probe.reflected(cosine, design, group)
         kept = kept * falloff * passed(bare, view, looks, group)
         light.append(picture[..., channel] / np.maximum(kept, DARKEST))
     return Unwrapped(
@@ -283,12 +282,17 @@ def _dot(a: Array, b: Array) -> Array:
 
 
 def _led_distance_mm(design: Design, origin: Array, direction: Array) -> Array:
-    """Distance from each origin to the LED face whose middle is next to the direction."""
+    """Distance along each direction to the plane of the LED face whose middle is next to it."""
     nearest, found = np.full(origin.shape[:-1], -np.inf), np.full(origin.shape[:-1], np.nan)
     for face in seated(design)[1]:
         way = np.array(face.centre_mm) - origin
         distance = np.linalg.norm(way, axis=-1)
         cosine = (way * direction).sum(axis=-1) / distance
+        normal = np.array(face.normal)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            plane = (way @ normal) / (direction @ normal)
+        # Far beside the face its plane means nothing.
+        plane = np.clip(np.where(plane > 0, plane, distance), distance / 2, distance * 2)
         nearer = cosine > nearest
-        nearest, found = np.where(nearer, cosine, nearest), np.where(nearer, distance, found)
+        nearest, found = np.where(nearer, cosine, nearest), np.where(nearer, plane, found)
     return found

@@ -11,19 +11,20 @@ Array = NDArray[np.float64]
 
 
 def passed(design: Design, view: View, rays: Rays, group: int) -> Array:
-    """Share of radiance that passes gelcore and window towards the camera, shape (rows, columns).
+    """Radiance at the camera over that at the ball, shape (rows, columns).
 
-    Fresnel's transmittance for unpolarised light at both faces and absorption in between; light that is
-    reflected back and forth in the core is left out, and so is what haze scatters.
+    Fresnel's transmittance for unpolarised light at both faces of the core, absorption in it, and the widening
+    of the beam on leaving a liquid. Light that is reflected back and forth in the core is left out, and so is
+    what haze scatters and what the little liquid between core and ball absorbs.
 
     Parameters
     ----------
     design : Design
-        The sensor without its gel.
+        The sensor; its gel's index is that of what surrounds the ball.
     view : View
         The pixels.
     rays : Rays
-        Their viewing rays, in the air below the core.
+        Their viewing rays below the core.
     group : int
         LED group whose light it is.
     """
@@ -44,16 +45,16 @@ def passed(design: Design, view: View, rays: Rays, group: int) -> Array:
         at_face, height = np.abs((normal * upward).sum(axis=0)), radius + inner * normal[2]
     index = design.optics.core_index
     top = design.elastomer.thickness_mm + design.gelcore.height_mm
+    around = design.optics.gel_index
     slant = np.sqrt(1 - (1 - at_window**2) / index**2)
     lost = design.absorption_per_mm("gelcore")[group] + design.optics.gelcore_scattering_per_mm
-    return np.asarray(
-        _through(at_window, index) * _through(at_face, index) * np.exp(-lost * (top - height) / slant)
-    )
+    faces = _through(at_window, index) * _through(at_face, index / around)
+    return np.asarray(faces * np.exp(-lost * (top - height) / slant) / around**2)
 
 
 def _through(cosine: Array, index: float) -> Array:
-    """Fresnel's transmittance of a face for unpolarised light, by the cosine of the angle in air."""
-    inside = np.sqrt(1 - (1 - cosine**2) / index**2)
+    """Fresnel's transmittance for unpolarised light, by the cosine on the first side and the relative index."""
+    inside = np.sqrt(np.maximum(1 - (1 - cosine**2) / index**2, 0.0))
     across = (cosine - index * inside) / (cosine + index * inside)
     along = (index * cosine - inside) / (index * cosine + inside)
     return np.asarray(1 - (across**2 + along**2) / 2)
