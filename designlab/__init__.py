@@ -59,7 +59,7 @@ __all__ = [
 
 
 class _Package(ModuleType):
-    """Keeps `render`, `evaluate` and `light_probe` functions: importing the modules of these names would hide them."""
+    """Keeps functions such as `render`: importing the modules of these names would hide them."""
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name not in _HOMES or not isinstance(value, ModuleType):

@@ -77,9 +77,7 @@ def core_and_gel(design: Design) -> Iterator[Shape]:
 
 def degelled(design: Design) -> Design:
     """Return the design with air where its gel is."""
-    return design.replace(
-        {"optics.elastomer_index": AIR.index, "optics.elastomer_absorption_per_mm": (0.0,)}
-    )
+    return design.replace({"optics.elastomer_index": AIR.index, "optics.elastomer_absorption_per_mm": (0.0,)})
 
 
 def _interface_z(design: Design, xy: FloatArray) -> FloatArray:

@@ -186,7 +186,7 @@ def light_map(
     from matplotlib.patheffects import withStroke
 
     figure = _figure(11.6, 5.8)
-    left, right = figure.subfigures(1, 2, width_ratios=[1.0, 1.0])
+    left, right = figure.subfigures(1, 2, squeeze=False)[0]
     axes = left.add_subplot(projection="polar")
     colours = _channel_colours(light.names)
     peaks = np.maximum(np.nanmax(light.radiance, axis=(1, 2)), 1e-30)
@@ -204,7 +204,7 @@ def light_map(
     axes.tick_params(axis="x", labelsize=8)
     axes.grid(color="w", linewidth=0.4, alpha=0.4)
     axes.plot(np.linspace(0, 2 * np.pi, 361), np.full(361, 90.0), color="w", linewidth=1.0)
-    axes.set_title(f"{title}\nradius: angle from the camera's axis, ring at 90°: plane of the gel", fontsize=10)
+    axes.set_title(f"{title}\nradius: angle from the camera's axis, 90°: plane of the gel", fontsize=10)
     for number, lobe in enumerate(found.lobes, start=1):
         # Beside the lobe, on the side away from the others of its LED.
         near = [o for o in found.of(lobe.channel) if o is not lobe and _apart_deg(o, lobe) < LABEL_REACH_DEG]
@@ -253,13 +253,13 @@ def _lobe_table(
     table.auto_set_font_size(False)
     table.set_fontsize(8.5)
     table.scale(1.0, 1.5)
-    for (row, column), cell in table.get_celld().items():
+    for (line, column), cell in table.get_celld().items():
         cell.set_edgecolor("#c8ccd4")
         cell.set_linewidth(0.5)
-        if row == 0:
+        if line == 0:
             cell.set_facecolor(NOT_COUNTED)
         elif column == 1:
-            colour = colours[list(names).index(found.lobes[row - 1].channel)]
+            colour = colours[list(names).index(found.lobes[line - 1].channel)]
             cell.get_text().set_color(tuple(0.75 * colour))
             cell.get_text().set_fontweight("bold")
     axes.set_title("Lobes above half of their channel's peak" if found.threshold == 0.5 else

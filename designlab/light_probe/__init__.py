@@ -8,8 +8,9 @@ from designlab.light_probe.comparison import LightDifference, LobeDifference, co
 from designlab.light_probe.lobes import Lobe, Lobes, lobes
 from designlab.light_probe.outline import Outline, find_outline, locate
 from designlab.light_probe.panels import Panel, Panels, panels
-from designlab.light_probe.picture import ProbePicture, light_probe, probe_view
+from designlab.light_probe.picture import ProbePicture, light_probe
 from designlab.light_probe.polar import PolarMap, polar_map
+from designlab.light_probe.sight import probe_view
 from designlab.light_probe.unwrap import Unwrapped, unwrap
 
 __all__ = [

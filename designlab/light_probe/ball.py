@@ -54,8 +54,8 @@ class LightProbe(Spec):
         unit="mm",
         ge=-100,
         le=200,
-        description="Height of the ball's lowest point above the plane z = 0: 0 stands on the plane (assumption), "
-        "minus the diameter touches it from below.",
+        description="Height of the ball's lowest point above the plane z = 0: 0 stands on the plane "
+        "(assumption), minus the diameter touches it from below.",
     )
     roughness: float = quantity(
         0.0, unit="1", ge=0, le=1, description="GGX alpha of the ball's surface; 0 is a mirror."
@@ -66,8 +66,8 @@ class LightProbe(Spec):
 
     immersed: bool = Field(
         False,
-        description="Whether a clear liquid of the gel's index joins ball and gelcore: without it a plane core "
-        "keeps light that entered by its sides.",
+        description="Whether a clear liquid of the gel's index joins ball and gelcore: without it a plane "
+        "core keeps light that entered by its sides.",
     )
 
     @property
@@ -125,15 +125,15 @@ class LightProbe(Spec):
             )
         if design.optics.light_path == "core" and (excess_mm := self._into_core_mm(design)) > 1e-9:
             raise ValueError(
-                f"light_probe.lowest_mm: must be at most {self.lowest_mm - excess_mm:.4g} mm, so that the ball of "
-                f"diameter_mm = {self.diameter_mm:g} mm stays below the gelcore, got {self.lowest_mm:g} mm"
+                f"light_probe.lowest_mm: must be at most {self.lowest_mm - excess_mm:.4g} mm, so that the "
+                f"ball of diameter_mm = {self.diameter_mm:g} mm stays below the gelcore, got {self.lowest_mm:g} mm"
             )
         for body in seated(design)[0]:
             near_mm = _distance_mm(np.array([x, y, z]), front_corners(body))
             if near_mm < self.radius_mm:
                 raise ValueError(
-                    f"light_probe.diameter_mm: the ball at ({x:g}, {y:g}) mm must not touch the LEDs, of which "
-                    f"one is {near_mm:.4g} mm from its centre, got {self.diameter_mm:g} mm"
+                    f"light_probe.diameter_mm: must be below {2 * near_mm:.4g} mm, so that the ball at "
+                    f"({x:g}, {y:g}) mm does not touch an LED, got {self.diameter_mm:g} mm"
                 )
 
     def _into_core_mm(self, design: Design) -> float:
@@ -149,7 +149,5 @@ class LightProbe(Spec):
 def _distance_mm(point: Array, corners: Array) -> float:
     """Distance of a point to a rectangle, given by its corners in order."""
     across, down = corners[1] - corners[0], corners[3] - corners[0]
-    along = [
-        np.clip((point - corners[0]) @ side / (side @ side), 0.0, 1.0) * side for side in (across, down)
-    ]
+    along = [np.clip((point - corners[0]) @ side / (side @ side), 0.0, 1.0) * side for side in (across, down)]
     return float(np.linalg.norm(point - corners[0] - along[0] - along[1]))

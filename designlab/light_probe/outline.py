@@ -55,7 +55,8 @@ def find_outline(image: NDArray[np.floating], *, radius_px: tuple[float, float] 
     least, greatest = radius_px or (shorter / 8, shorter / 2)
     if not 4 <= least < greatest <= max(grey.shape):
         raise ValueError(
-            f"radius_px: must run from at least 4 to at most {max(grey.shape)} px, got {least:g} to {greatest:g}"
+            f"radius_px: must run from at least 4 to at most {max(grey.shape)} px, "
+            f"got {least:g} to {greatest:g}"
         )
     found = _coarse(grey, least, greatest)
     if found is not None:
@@ -81,10 +82,13 @@ def _coarse(grey: Array, least: float, greatest: float) -> Outline | None:
     span = float(np.ptp(small))
     if span <= 0:
         return None
-    edges = canny(small / span, sigma=1.5, low_threshold=0.02, high_threshold=0.06)
+    edges = canny(  # type: ignore[no-untyped-call]
+        small / span, sigma=1.5, low_threshold=0.02, high_threshold=0.06
+    )
     radii = np.unique(np.arange(max(3, least * shrink), greatest * shrink + 1).round().astype(int))
-    votes = hough_circle(edges, radii)
-    _, columns, rows, found = hough_circle_peaks(votes, radii, total_num_peaks=1)
+    votes = hough_circle(edges, radii)  # type: ignore[no-untyped-call]
+    peaks = hough_circle_peaks(votes, radii, total_num_peaks=1)  # type: ignore[no-untyped-call]
+    _, columns, rows, found = peaks
     if not len(found):
         return None
     return Outline(float(columns[0]) / shrink, float(rows[0]) / shrink, float(found[0]) / shrink, 0.0)
@@ -107,7 +111,8 @@ def _refined(grey: Array, rough: Outline) -> Outline | None:
     seen = (height > 0.25 * np.percentile(height, 90)) & (best > 0) & (best < len(along) - 1)
     if seen.sum() < 12:
         return None
-    before, at, after = (steep[np.arange(len(turn)), np.clip(best + k, 0, len(along) - 1)] for k in (-1, 0, 1))
+    beside = (np.clip(best + k, 0, len(along) - 1) for k in (-1, 0, 1))
+    before, at, after = (steep[np.arange(len(turn)), index] for index in beside)
     curve = before - 2 * at + after
     peak = radius[best] + 0.25 * np.where(curve < 0, 0.5 * (before - after) / np.minimum(curve, -1e-30), 0.0)
     x, y = rough.column + peak * np.cos(turn), rough.row + peak * np.sin(turn)
@@ -115,9 +120,7 @@ def _refined(grey: Array, rough: Outline) -> Outline | None:
     def misses(circle: Array) -> Array:
         return np.asarray(np.hypot(x[seen] - circle[0], y[seen] - circle[1]) - circle[2])
 
-    fit = least_squares(
-        misses, [rough.column, rough.row, rough.radius_px], loss="soft_l1", f_scale=0.5
-    ).x
+    fit = least_squares(misses, [rough.column, rough.row, rough.radius_px], loss="soft_l1", f_scale=0.5).x
     near = np.abs(np.hypot(x - fit[0], y - fit[1]) - fit[2]) < 1.5
     return Outline(float(fit[0]), float(fit[1]), float(fit[2]), float((near & seen).mean()))
 
@@ -186,8 +189,8 @@ def locate(
     if np.abs(misses).max() > WRONG * radius:
         height = "" if lowest_mm is None else f" at lowest_mm = {lowest_mm:g} mm"
         raise ValueError(
-            f"diameter_mm: a ball of {diameter_mm:g} mm{height} must touch the viewing rays along the outline of "
-            f"{outline.radius_px:.4g} px within {WRONG:.0%} of its radius, they pass at "
+            f"diameter_mm: a ball of {diameter_mm:g} mm{height} must touch the viewing rays along the "
+            f"outline of {outline.radius_px:.4g} px within {WRONG:.0%} of its radius, they pass at "
             f"{radius + float(misses.mean()):.4g} mm from its centre"
         )
     return LightProbe(diameter_mm=diameter_mm, centre_mm=(x, y), lowest_mm=z - radius, immersed=immersed)

@@ -150,7 +150,7 @@ def _points(face: Emitter, steps: Array) -> Array:
 
 
 def mirror_points(points: Array, eye: Array, probe: LightProbe) -> tuple[Array, NDArray[np.bool_]]:
-    """Points of the ball at which light from points (..., 3) is mirrored into the eye, and where there is one.
+    """Points of the ball that mirror light from points (..., 3) into the eye, and where there is one.
 
     The normal halves the angle between the ways to light and eye; near a small ball both hardly change with
     it, so that the fixed point contracts.

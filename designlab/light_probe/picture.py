@@ -9,15 +9,13 @@ from designlab.camera import View, Vignetting
 from designlab.design import Design
 from designlab.effects.model import SensorModel, effect
 from designlab.light_probe.ball import LightProbe
+from designlab.light_probe.sight import probe_view
 from designlab.light_probe.unwrap import Unwrapped, unwrap
 from designlab.render import path
 from designlab.scene import without_gel
 from designlab.simulate import RenderFailed
-from designlab.viewing import rays
 
 Array = NDArray[np.float64]
-BORDER = 1.08  # the picture reaches this far beyond the ball's outline, in its radii
-SEARCH_PX = 96  # columns and rows of the grids in which the ball is looked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +99,8 @@ def light_probe(
     basis = path.radiance(scene, samples=samples, seed=seed)
     if not basis.any():
         raise RenderFailed(
-            "the rendered light probe is black; light that enters a plane gelcore by its sides does not leave it "
-            "into air, so light_probe.immersed may be needed"
+            "the rendered light probe is black; light that enters a plane gelcore by its sides does not "
+            "leave it into air, so light_probe.immersed may be needed"
             if design.optics.light_path == "core"
             else "the rendered light probe is black; no light of the LEDs reaches the ball"
         )
@@ -110,49 +108,3 @@ def light_probe(
         basis = (basis * design.camera.vignette(seen)).astype(np.float32)
     flux = np.array([group.flux_mw for group in design.leds.groups])
     return ProbePicture(design, probe, seen, basis, design.mixing_matrix * flux)
-
-
-def probe_view(design: Design, probe: LightProbe, *, columns: int) -> View:
-    """Part of the camera's sensor that shows the ball and a narrow border, as far as the sensor goes.
-
-    Raises
-    ------
-    ValueError
-        If the camera does not see the ball, or `columns` is too few.
-    """
-    if columns < 16:
-        raise ValueError(f"columns: must be at least 16, got {columns}")
-    bare, camera = probe.around(design), design.camera
-    full = camera.full_view()
-    area = full
-    for _ in range(4):
-        grid = area._replace(columns=SEARCH_PX, rows=SEARCH_PX)
-        miss_mm, px_per_mm = _passes(bare, probe, grid)
-        row, column = np.unravel_index(int(miss_mm.argmin()), miss_mm.shape)
-        at_column, at_row = (places[row, column] for places in grid.centres())
-        half = BORDER * probe.radius_mm * px_per_mm
-        left, right = (np.clip(at_column + s * half, 0.0, camera.width_px) for s in (-1, 1))
-        top, bottom = (np.clip(at_row + s * half, 0.0, camera.height_px) for s in (-1, 1))
-        area = View(float(left), float(top), float(right - left), float(bottom - top), SEARCH_PX, SEARCH_PX)
-    if miss_mm.min() >= probe.radius_mm:
-        x, y = probe.centre_mm
-        raise ValueError(
-            f"light_probe.centre_mm: the ball must lie in the camera's picture, the nearest viewing ray passes "
-            f"({x:g}, {y:g}) mm at {miss_mm.min():.3g} mm, beside the radius of {probe.radius_mm:g} mm"
-        )
-    rows = max(8, round(columns * area.height_px / area.width_px))
-    return area._replace(columns=columns, rows=rows)
-
-
-def _passes(bare: Design, probe: LightProbe, grid: View) -> tuple[Array, float]:
-    """How far from the ball's middle viewing rays pass (mm), and sensor pixels a mm next to it."""
-    looks = rays(bare, grid)
-    slope = np.stack([looks.slope_x, looks.slope_y, np.ones_like(looks.slope_x)], axis=-1)
-    upward = slope / np.linalg.norm(slope, axis=-1, keepdims=True)
-    away = np.stack([looks.x_mm, looks.y_mm, np.zeros_like(looks.x_mm)], axis=-1) - np.array(probe.middle_mm)
-    miss = np.linalg.norm(away - (away * upward).sum(axis=-1, keepdims=True) * upward, axis=-1)
-    z = probe.middle_mm[2]
-    x = looks.x_mm + looks.slope_x * z
-    row, column = np.unravel_index(int(miss.argmin()), miss.shape)
-    pitch_mm = abs(np.gradient(x, axis=1)[row, column])
-    return miss, float(grid.width_px / grid.columns / pitch_mm)

@@ -44,7 +44,8 @@ class PolarMap:
 
     def to_json(self) -> str:
         """Content as JSON; what the ball does not show is null."""
-        shown = np.where(np.isfinite(self.radiance), self.radiance, None)
+        shown = self.radiance.astype(object)
+        shown[np.isnan(self.radiance)] = None
         return json.dumps(
             {
                 "names": list(self.names),
@@ -79,7 +80,7 @@ def polar_map(found: Unwrapped, *, step_deg: float = 1.0, furthest_deg: float = 
     count = round(360 / step_deg)
     step = 360 / count
     polar = np.arange(step / 2, furthest_deg, step)
-    azimuth = (np.arange(count) + 0.5) * step
+    azimuth = np.asarray((np.arange(count) + 0.5) * step, dtype=float)
     # The mean of a few directions: narrow lobes would fall between the middles of cells.
     inner = ((np.arange(SPLIT) + 0.5) / SPLIT - 0.5) * step
     finer = unit_vectors((polar[:, None] + inner).ravel()[:, None], (azimuth[:, None] + inner).ravel()[None])
@@ -93,7 +94,8 @@ def polar_map(found: Unwrapped, *, step_deg: float = 1.0, furthest_deg: float = 
         for image in _filled(found)
     ]
     with np.errstate(invalid="ignore", divide="ignore"):
-        return PolarMap(found.names, polar, azimuth, np.stack(radiance) / shown)
+        mean = np.asarray(np.stack(radiance) / shown, dtype=float)
+    return PolarMap(found.names, polar, azimuth, mean)
 
 
 def _cells(values: Array, rows: int, columns: int) -> Array:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from designlab.camera import View
 from designlab.design import CHANNELS, Design
 from designlab.light_probe.ball import LightProbe
+from designlab.light_probe.sight import cropped
 from designlab.light_probe.window import passed
 from designlab.mounting import seated
 from designlab.viewing import Rays, rays
@@ -46,6 +47,8 @@ class Unwrapped:
         Distance from there, straight on, to the plane of the LED face whose middle is next to the direction.
     spread : array, shape (3, rows, columns)
         Cross-section of the bundle of rays of a pixel at distance t: spread[0] t^2 + spread[1] t + spread[2].
+    view : View
+        Part of the camera's sensor that the arrays cover: the ball and a narrow border.
     """
 
     names: tuple[str, ...]
@@ -57,12 +60,13 @@ class Unwrapped:
     led_mm: Array
     spread: Array
     probe: LightProbe
+    view: View
     rays: Rays
 
     @property
     def solid_angle_sr(self) -> Array:
         """Solid angle of the directions of each pixel, shape (rows, columns); zero beside the ball."""
-        return self.spread[0]
+        return np.asarray(self.spread[0])
 
     def seen_sr(self, distance_mm: Array | float) -> Array:
         """Solid angle under which what a pixel shows at a distance is seen from the pixel's own origin."""
@@ -123,7 +127,8 @@ class _Places:
         centre = points.mean(axis=0)
         scale = float(np.abs(points - centre).max())
         row, column = np.meshgrid(rows, columns, indexing="ij")
-        wanted = np.stack([row.ravel(), column.ravel(), rays.slope_x[some].ravel(), rays.slope_y[some].ravel()])
+        slopes = rays.slope_x[some], rays.slope_y[some]
+        wanted = np.stack([field.ravel() for field in (row, column, *slopes)])
         terms = _terms((points - centre) / scale)
         return _Places(centre, scale, np.linalg.lstsq(terms, wanted.T, rcond=None)[0])
 
@@ -170,7 +175,7 @@ def unwrap(
     Raises
     ------
     ValueError
-        If the picture has not the size of the view, does not see the ball, or names do not fit.
+        If the picture has not the size of the view, does not show the ball, or names do not fit.
     """
     picture = np.asarray(image, dtype=float)
     picture = picture[..., None] if picture.ndim == 2 else picture
@@ -179,8 +184,6 @@ def unwrap(
         raise ValueError(
             f"image: must have the view's {view.rows} rows and {view.columns} columns, has shape {shape}"
         )
-    if min(view.rows, view.columns) < 8:
-        raise ValueError(f"view: must have at least 8 x 8 pixels, has {view.columns} x {view.rows}")
     if len(names) != picture.shape[2]:
         raise ValueError(
             f"names: one for each of the image's {picture.shape[2]} channels, got {', '.join(names)}"
@@ -188,6 +191,8 @@ def unwrap(
     if groups is None:
         groups = _dominant_groups(design, len(names))
     probe.require_room(design)
+    view, place = cropped(design, probe, view)
+    picture = picture[place]
     bare = probe.around(design)
     looks = rays(bare, view)
     mirror = _mirror(looks, probe)
@@ -214,6 +219,7 @@ def unwrap(
         led_mm=_led_distance_mm(design, mirror.origin, mirror.direction),
         spread=mirror.spread,
         probe=probe,
+        view=view,
         rays=looks,
     )
 

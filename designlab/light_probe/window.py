@@ -13,9 +13,9 @@ Array = NDArray[np.float64]
 def passed(design: Design, view: View, rays: Rays, group: int) -> Array:
     """Radiance at the camera over that at the ball, shape (rows, columns).
 
-    Fresnel's transmittance for unpolarised light at both faces of the core, absorption in it, and the widening
-    of the beam on leaving a liquid. Light that is reflected back and forth in the core is left out, and so is
-    what haze scatters and what the little liquid between core and ball absorbs.
+    Fresnel's transmittance for unpolarised light at both faces of the core, absorption in it, and the
+    widening of the beam on leaving a liquid. Light that is reflected back and forth in the core is left out,
+    and so is what haze scatters and what the little liquid between core and ball absorbs.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def passed(design: Design, view: View, rays: Rays, group: int) -> Array:
 
 
 def _through(cosine: Array, index: float) -> Array:
-    """Fresnel's transmittance for unpolarised light, by the cosine on the first side and the relative index."""
+    """Fresnel's transmittance for unpolarised light, by the cosine on this side and the relative index."""
     inside = np.sqrt(np.maximum(1 - (1 - cosine**2) / index**2, 0.0))
     across = (cosine - index * inside) / (cosine + index * inside)
     along = (index * cosine - inside) / (index * cosine + inside)
