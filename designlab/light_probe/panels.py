@@ -19,6 +19,7 @@ from geometries.leds import Emitter
 
 Array = NDArray[np.float64]
 PARTS = 32  # of an emitting face along each side
+SETTLED = 1e-9  # change of the normal in the last step below which it counts as found
 
 
 @dataclass(frozen=True)
@@ -156,17 +157,18 @@ def mirror_points(points: Array, eye: Array, probe: LightProbe) -> tuple[Array, 
     it, so that the fixed point contracts.
     """
     middle = np.array(probe.middle_mm)
-    at = np.broadcast_to(middle, points.shape)
+    normal = np.broadcast_to([0.0, 0.0, 1.0], points.shape)
     for _ in range(60):
+        before = normal
+        at = middle + probe.radius_mm * normal
         ways = [to - at for to in (points, np.broadcast_to(eye, points.shape))]
         units = [way / np.linalg.norm(way, axis=-1, keepdims=True) for way in ways]
         normal = units[0] + units[1]
         normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
-        at = middle + probe.radius_mm * normal
-    cosines = [(unit * normal).sum(axis=-1) for unit in units]
+    # Behind the ball there is no such point, and the normal does not come to rest.
+    settled = np.linalg.norm(normal - before, axis=-1) < SETTLED
     outside = np.linalg.norm(points - middle, axis=-1) > probe.radius_mm
-    mirrored = outside & (cosines[0] > 0) & (np.abs(cosines[0] - cosines[1]) < 1e-6)
-    return at, np.asarray(mirrored)
+    return middle + probe.radius_mm * normal, np.asarray(settled & outside)
 
 
 def _triangle_sr(a: Array, b: Array, c: Array) -> Array:

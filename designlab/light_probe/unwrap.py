@@ -18,6 +18,7 @@ from designlab.viewing import Rays, rays
 Array = NDArray[np.float64]
 DEGREE = 5  # of the polynomials that lead from a place in the sensor to the pixel that looks there
 FIT_POINTS = 40  # along each side of the picture
+STEPS = 8  # to the pixel that shows a direction; each leaves about the ball's radius over twice its distance
 DARKEST = 1e-3  # share of light below which a pixel is not brightened
 
 
@@ -93,7 +94,7 @@ class Unwrapped:
         at = np.broadcast_to(middle, towards.shape)
         # The viewing direction hardly changes over the ball, so that this contracts fast.
         with np.errstate(invalid="ignore", divide="ignore"):
-            for _ in range(12):
+            for _ in range(STEPS):
                 normal = towards + upward
                 normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
                 at = middle + self.probe.radius_mm * normal
@@ -130,17 +131,22 @@ class _Places:
         slopes = rays.slope_x[some], rays.slope_y[some]
         wanted = np.stack([field.ravel() for field in (row, column, *slopes)])
         terms = _terms((points - centre) / scale)
-        return _Places(centre, scale, np.linalg.lstsq(terms, wanted.T, rcond=None)[0])
+        return _Places(centre, scale, np.linalg.lstsq(terms.T, wanted.T, rcond=None)[0].T)
 
     def find(self, points: Array) -> tuple[Array, Array, Array]:
         """Row, column and slopes of the viewing ray through points (..., 2)."""
-        found = _terms((points - self.centre) / self.scale) @ self.coefficients
-        return found[..., 0], found[..., 1], found[..., 2:]
+        found = np.tensordot(self.coefficients, _terms((points - self.centre) / self.scale), axes=1)
+        return found[0], found[1], np.moveaxis(found[2:], 0, -1)
 
 
 def _terms(points: Array) -> Array:
     x, y = np.clip(points[..., 0], -2, 2), np.clip(points[..., 1], -2, 2)  # beyond the picture all the same
-    return np.stack([x**i * y**j for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)], axis=-1)
+    powers_x, powers_y = [np.ones_like(x)], [np.ones_like(y)]
+    for _ in range(DEGREE):
+        powers_x.append(powers_x[-1] * x)
+        powers_y.append(powers_y[-1] * y)
+    pairs = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
+    return np.stack([powers_x[i] * powers_y[j] for i, j in pairs])
 
 
 def unwrap(

@@ -41,8 +41,8 @@ def directions(design=FLAT, probe=PLAIN, columns=300):
 
 @pytest.mark.parametrize(("polar_deg", "azimuth_deg"), [(5.0, 40.0), (60.0, 200.0), (85.0, 331.0), (120.0, 90.0)])
 def test_a_distant_light_appears_where_the_ball_mirrors_it(polar_deg, azimuth_deg):
-    """The normal halves the angle between light and eye: solved by Newton's method, not by the code's way."""
-    from scipy.optimize import fsolve
+    """The normal halves the angle between light and eye: solved by least squares, not in the code's way."""
+    from scipy.optimize import least_squares
 
     probe = LightProbe(diameter_mm=6.0, centre_mm=(1.5, -2.0), reflectance=1.0)
     light = unit_vectors(polar_deg, azimuth_deg)
@@ -52,9 +52,9 @@ def test_a_distant_light_appears_where_the_ball_mirrors_it(polar_deg, azimuth_de
         n = unit_vectors(angles[0], angles[1])
         to_eye = eye - middle - 3.0 * n
         to_eye = to_eye / np.linalg.norm(to_eye)
-        return (2 * (n @ to_eye) * n - to_eye - light)[:2]
+        return 2 * (n @ to_eye) * n - to_eye - light
 
-    found = fsolve(bent, [polar_deg / 2, azimuth_deg], xtol=1e-13)
+    found = least_squares(bent, [polar_deg / 2, azimuth_deg], xtol=1e-15, ftol=1e-15, gtol=1e-15).x
     point = middle + 3.0 * unit_vectors(found[0], found[1])
     light_seen, view = directions(probe=probe)
     row, column = light_seen.pixel_of(light)
@@ -163,7 +163,7 @@ def test_a_lobe_has_the_direction_size_and_flux_of_its_light():
 
 def test_a_lobe_at_the_outline_is_said_to_be_cut():
     light, view = directions(columns=300)
-    (lobe,) = lobes(unwrapped(painted(light, view, [(0, 179.0, 0.0, 12.0, 1.0)]), view=view)).lobes
+    (lobe,) = lobes(unwrapped(painted(light, view, [(0, 150.0, 0.0, 28.0, 1.0)]), view=view)).lobes
     assert lobe.cut
 
 
@@ -172,10 +172,10 @@ def test_two_probes_differ_by_what_was_changed():
     spots = [(0, 60.0, 90.0, 7.0, 1.0), (1, 60.0, 210.0, 7.0, 1.0), (2, 60.0, 330.0, 7.0, 1.0)]
     moved = [(0, 63.0, 90.0, 7.0, 1.0), (1, 60.0, 210.0, 7.0, 1.5), (2, 60.0, 30.0, 7.0, 1.0)]
     before, after = (unwrapped(painted(light, view, s), view=view) for s in (spots, moved))
-    same = compare_light(before, before)
+    same = compare_light(before, before, step_deg=2)
     assert same.error == {"R": 0.0, "G": 0.0, "B": 0.0}
     assert not same.missing and not same.extra
-    found = compare_light(after, before)
+    found = compare_light(after, before, step_deg=2)
     red, green = found.lobes
     assert (red.apart_deg, red.polar_change_deg) == pytest.approx((3.0, 3.0), abs=0.1)
     assert (red.solid_angle, red.flux) == pytest.approx((1.0, 1.0), rel=0.03)
