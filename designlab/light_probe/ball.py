@@ -126,7 +126,8 @@ class LightProbe(Spec):
         if design.optics.light_path == "core" and (excess_mm := self._into_core_mm(design)) > 1e-9:
             raise ValueError(
                 f"light_probe.lowest_mm: must be at most {self.lowest_mm - excess_mm:.4g} mm, so that the "
-                f"ball of diameter_mm = {self.diameter_mm:g} mm stays below the gelcore, got {self.lowest_mm:g} mm"
+                f"ball of diameter_mm = {self.diameter_mm:g} mm stays below the gelcore, "
+                f"got {self.lowest_mm:g} mm"
             )
         for body in seated(design)[0]:
             near_mm = _distance_mm(np.array([x, y, z]), front_corners(body))

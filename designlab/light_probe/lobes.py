@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, label, median_filter
+from scipy.ndimage import binary_dilation, find_objects, label, map_coordinates, median_filter
 
 from designlab.light_probe.polar import angles_deg
 from designlab.light_probe.unwrap import Unwrapped
@@ -14,6 +14,7 @@ from designlab.light_probe.unwrap import Unwrapped
 Array = NDArray[np.float64]
 LEAST_PX = 6  # smaller spots are noise
 FAINT = 0.02  # lobes with less flux than this share of the channel's strongest are left out
+SPLIT = 5  # of a pixel along each side, where a lobe's contour runs through it
 RIM_PX = 2  # flux is summed this far around a lobe, where pixels are lit in part
 
 
@@ -42,6 +43,9 @@ class Lobe:
         Radiance at its brightest, a single pixel's noise left out.
     origin_mm : tuple of float
         Mean point of the ball that mirrors it.
+    source_mm : tuple of float
+        Middle of the source, if it stands in the plane of the LED next to that direction. Seen from each
+        point of the ball this is the direction of the source; `direction` is the mean over all of them.
     pixels : int
         Pixels above the threshold.
     cut : bool
@@ -58,6 +62,7 @@ class Lobe:
     flux: float
     peak: float
     origin_mm: tuple[float, float, float]
+    source_mm: tuple[float, float, float]
     pixels: int
     cut: bool
 
@@ -118,50 +123,85 @@ def _of_channel(found: Unwrapped, name: str, radiance: Array, threshold: float) 
     top = float(smooth.max())
     if top <= 0:
         return
-    numbers, count = label((radiance > threshold * top) & found.on_ball, structure=np.ones((3, 3)))
+    numbers, _ = label((radiance > threshold * top) & found.on_ball, structure=np.ones((3, 3)))
+    pixels = np.bincount(numbers.ravel())
     outside = binary_dilation(~np.pad(found.on_ball, 1))[1:-1, 1:-1]
-    for number in range(1, count + 1):
-        inside = numbers == number
-        if inside.sum() < LEAST_PX:
+    for number, box in enumerate(find_objects(numbers), start=1):
+        if pixels[number] < LEAST_PX:
             continue
-        around = binary_dilation(inside, iterations=RIM_PX) & ((numbers == 0) | inside) & found.on_ball
-        yield _lobe(found, name, radiance, inside, around, float(smooth[inside].max()), outside)
+        near = tuple(slice(max(0, side.start - RIM_PX), side.stop + RIM_PX) for side in box)
+        part = _Part(found, near, radiance[near], numbers[near], number)
+        peak = float(smooth[near][part.inside].max())
+        yield part.lobe(name, peak, threshold * top, bool((part.inside & outside[near]).any()))
 
 
-def _lobe(
-    found: Unwrapped,
-    name: str,
-    radiance: Array,
-    inside: NDArray[np.bool_],
-    around: NDArray[np.bool_],
-    peak: float,
-    outside: NDArray[np.bool_],
-) -> Lobe:
-    light = (radiance * found.solid_angle_sr)[around]
-    middle = light @ found.direction[around]
-    middle = middle / np.linalg.norm(middle)
-    polar, azimuth = angles_deg(middle)
+class _Part:
+    """Pixels around one lobe."""
+
+    def __init__(
+        self,
+        found: Unwrapped,
+        near: tuple[slice, ...],
+        radiance: Array,
+        numbers: NDArray[np.integer],
+        number: int,
+    ) -> None:
+        self.found, self.near, self.radiance = found, near, radiance
+        self.inside = numbers == number
+        self.own = self.inside | (numbers == 0)
+        self.around = binary_dilation(self.inside, iterations=RIM_PX) & self.own & found.on_ball[near]
+
+    def lobe(self, name: str, peak: float, level: float, cut: bool) -> Lobe:
+        found, around = self.found, self.around
+        direction, origin = found.direction[self.near][around], found.origin_mm[self.near][around]
+        solid, seen = found.solid_angle_sr[self.near], found.seen_sr(found.led_mm)[self.near]
+        light = (self.radiance * solid)[around]
+        middle = light @ direction
+        middle = middle / np.linalg.norm(middle)
+        polar, azimuth = angles_deg(middle)
+        lesser, greater = _widths_deg(direction, light, middle)
+        reach = found.led_mm[self.near][around]
+        emitting = (self.radiance * seen)[around] * reach**2
+        source = emitting @ (origin + reach[:, None] * direction) / emitting.sum()
+        covered = self._covered(level)
+        return Lobe(
+            channel=name,
+            polar_deg=polar,
+            azimuth_deg=azimuth,
+            direction=_floats(middle),
+            solid_angle_sr=float((covered * solid).sum()),
+            seen_sr=float(np.nansum(covered * seen)),
+            width_deg=(greater, lesser),
+            flux=float(light.sum()),
+            peak=peak,
+            origin_mm=_floats(light @ origin / light.sum()),
+            source_mm=_floats(source),
+            pixels=int(self.inside.sum()),
+            cut=cut,
+        )
+
+    def _covered(self, level: float) -> Array:
+        """Share of each pixel that exceeds the level, linear in between: contours run through pixels."""
+        rows, columns = self.radiance.shape
+        steps = (np.arange(SPLIT) + 0.5) / SPLIT - 0.5
+        places = np.meshgrid(
+            (np.arange(rows)[:, None] + steps).ravel(),
+            (np.arange(columns)[:, None] + steps).ravel(),
+            indexing="ij",
+        )
+        above = map_coordinates(self.radiance, places, order=1, mode="nearest") > level
+        share = above.reshape(rows, SPLIT, columns, SPLIT).mean(axis=(1, 3))
+        return np.asarray(share * (binary_dilation(self.inside) & self.own & self.found.on_ball[self.near]))
+
+
+def _widths_deg(direction: Array, light: Array, middle: Array) -> tuple[float, float]:
+    """Lesser and greater full width of the even rectangle with the same second moments."""
     across = np.cross(middle, [0.0, 0.0, 1.0] if abs(middle[2]) < 0.9 else [1.0, 0.0, 0.0])
     across = across / np.linalg.norm(across)
-    axes = np.stack([across, np.cross(middle, across)])
-    beside = found.direction[around] @ axes.T  # sines of small angles about the middle
+    beside = direction @ np.stack([across, np.cross(middle, across)]).T  # sines of small angles
     spread = np.linalg.eigvalsh((beside * light[:, None]).T @ beside / light.sum())
     lesser, greater = np.degrees(np.sqrt(12 * np.maximum(spread, 0.0)))
-    origin = light @ found.origin_mm[around] / light.sum()
-    return Lobe(
-        channel=name,
-        polar_deg=polar,
-        azimuth_deg=azimuth,
-        direction=_floats(middle),
-        solid_angle_sr=float(found.solid_angle_sr[inside].sum()),
-        seen_sr=float(found.seen_sr(found.led_mm)[inside].sum()),
-        width_deg=(float(greater), float(lesser)),
-        flux=float(light.sum()),
-        peak=peak,
-        origin_mm=_floats(origin),
-        pixels=int(inside.sum()),
-        cut=bool((inside & outside).any()),
-    )
+    return float(lesser), float(greater)
 
 
 def _floats(vector: Array) -> tuple[float, float, float]:

@@ -40,7 +40,8 @@ def probe_view(design: Design, probe: LightProbe, *, columns: int) -> View:
         x, y = probe.centre_mm
         raise ValueError(
             "light_probe.centre_mm: the ball must lie in the camera's picture, the nearest viewing ray "
-            f"passes ({x:g}, {y:g}) mm at {miss_mm.min():.3g} mm, outside the radius of {probe.radius_mm:g} mm"
+            f"passes ({x:g}, {y:g}) mm at {miss_mm.min():.3g} mm, outside the radius of "
+            f"{probe.radius_mm:g} mm"
         )
     rows = max(8, round(columns * area.height_px / area.width_px))
     return area._replace(columns=columns, rows=rows)

@@ -39,7 +39,9 @@ def directions(design=FLAT, probe=PLAIN, columns=300):
     return unwrapped(np.ones((view.rows, view.columns, 3)), design, probe, view), view
 
 
-@pytest.mark.parametrize(("polar_deg", "azimuth_deg"), [(5.0, 40.0), (60.0, 200.0), (85.0, 331.0), (120.0, 90.0)])
+@pytest.mark.parametrize(
+    ("polar_deg", "azimuth_deg"), [(5.0, 40.0), (60.0, 200.0), (85.0, 331.0), (120.0, 90.0)]
+)
 def test_a_distant_light_appears_where_the_ball_mirrors_it(polar_deg, azimuth_deg):
     """The normal halves the angle between light and eye: solved by least squares, not in the code's way."""
     from scipy.optimize import least_squares
@@ -56,7 +58,7 @@ def test_a_distant_light_appears_where_the_ball_mirrors_it(polar_deg, azimuth_de
 
     found = least_squares(bent, [polar_deg / 2, azimuth_deg], xtol=1e-15, ftol=1e-15, gtol=1e-15).x
     point = middle + 3.0 * unit_vectors(found[0], found[1])
-    light_seen, view = directions(probe=probe)
+    light_seen, _ = directions(probe=probe)
     row, column = light_seen.pixel_of(light)
     way = point - eye
     at_column, at_row = FLAT.camera.project(way[0], way[1], -way[2])
@@ -174,7 +176,8 @@ def test_two_probes_differ_by_what_was_changed():
     before, after = (unwrapped(painted(light, view, s), view=view) for s in (spots, moved))
     same = compare_light(before, before, step_deg=2)
     assert same.error == {"R": 0.0, "G": 0.0, "B": 0.0}
-    assert not same.missing and not same.extra
+    assert not same.missing
+    assert not same.extra
     found = compare_light(after, before, step_deg=2)
     red, green = found.lobes
     assert (red.apart_deg, red.polar_change_deg) == pytest.approx((3.0, 3.0), abs=0.1)
@@ -210,7 +213,9 @@ def test_the_ball_is_found_by_its_outline():
     free = locate(outline, design=FLAT, view=view, diameter_mm=4.0)
     assert free.centre_mm == pytest.approx((1.3, -0.8), abs=0.01)
     assert free.lowest_mm == pytest.approx(0.5, abs=0.3)  # 0.3 mm is 0.8 % of the way to the camera
-    with pytest.raises(ValueError, match=r"diameter_mm: a ball of 5 mm at lowest_mm = 0.5 mm must touch .* within 3%"):
+    with pytest.raises(
+        ValueError, match=r"diameter_mm: a ball of 5 mm at lowest_mm = 0.5 mm must touch .* within 3%"
+    ):
         locate(outline, design=FLAT, view=view, diameter_mm=5.0, lowest_mm=0.5)
     outside = Outline(outline.column + 200, outline.row, outline.radius_px, 1.0)
     with pytest.raises(ValueError, match="outline: must lie within the picture of 300 x 250 px"):
@@ -222,14 +227,16 @@ def test_no_ball_is_found_where_there_is_none():
     for image in (noise, np.ones((120, 160)), np.linspace(0, 1, 160) * np.ones((120, 1))):
         with pytest.raises(ValueError, match="image: a ball's outline must show over at least 35%"):
             find_outline(image)
-    with pytest.raises(ValueError, match="radius_px: must run from at least 4 to at most 160 px, got 2 to 50"):
+    with pytest.raises(
+        ValueError, match="radius_px: must run from at least 4 to at most 160 px, got 2 to 50"
+    ):
         find_outline(noise, radius_px=(2, 50))
 
 
 @pytest.mark.parametrize(
     ("probe", "design", "text"),
     [
-        ({"centre_mm": (60.0, 0.0)}, FLAT, r"light_probe.centre_mm: the ball must lie in the camera's picture"),
+        ({"centre_mm": (60.0, 0.0)}, FLAT, r"centre_mm: the ball must lie in the camera's picture"),
         ({"lowest_mm": 40.0}, FLAT, r"light_probe.lowest_mm: .*below the camera at 41.05 mm, is at 44 mm"),
         ({"diameter_mm": 30.0}, FLAT, r"light_probe.diameter_mm: must be below [0-9.]+ mm, .* got 30 mm"),
         ({}, CORE, r"light_probe.lowest_mm: must be at most -2 mm, .*diameter_mm = 4 mm.* got 0 mm"),
@@ -243,7 +250,9 @@ def test_a_ball_that_does_not_fit_is_refused(probe, design, text):
 
 def test_pictures_that_do_not_fit_are_refused():
     view = probe_view(FLAT, PLAIN, columns=64)
-    with pytest.raises(ValueError, match="image: must have the view's 64 rows and 64 columns, has shape 32 x 64 x 3"):
+    with pytest.raises(
+        ValueError, match="image: must have the view's 64 rows and 64 columns, has shape 32 x 64 x 3"
+    ):
         unwrap(np.zeros((32, 64, 3)), design=FLAT, probe=PLAIN, view=view)
     with pytest.raises(ValueError, match="names: one for each of the image's 2 channels, got R, G, B"):
         unwrap(np.zeros((64, 64, 2)), design=FLAT, probe=PLAIN, view=view)
@@ -253,7 +262,7 @@ def test_pictures_that_do_not_fit_are_refused():
     light, _ = directions(columns=64)
     with pytest.raises(ValueError, match="threshold: must lie between 0 and 1, got 1"):
         lobes(light, threshold=1.0)
-    with pytest.raises(ValueError, match="step_deg: must lie between 0.05 and 30 deg, got 0 deg"):
+    with pytest.raises(ValueError, match=r"step_deg: must lie between 0.05 and 30 deg, got 0 deg"):
         polar_map(light, step_deg=0.0)
     with pytest.raises(ValueError, match="light_path: must be 'air'"):
         panels(CORE, PLAIN, view)
@@ -269,7 +278,8 @@ def test_a_panel_that_the_picture_cuts_or_the_ball_hides_is_named():
     assert (green.visible, green.hidden_by) == (0.0, ("picture",))
     sunken = FLAT.replace({"leds.height_mm": -40.0, "leds.radius_mm": 0.5, "leds.tilt_deg": -80.0})
     behind = panels(sunken, PLAIN, view).panels[0]
-    assert behind.visible < 1.0 and "ball" in behind.hidden_by
+    assert behind.visible < 1.0
+    assert "ball" in behind.hidden_by
 
 
 def test_a_board_between_ball_and_panel_hides_it():
