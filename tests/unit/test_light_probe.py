@@ -223,13 +223,11 @@ def test_the_ball_is_found_by_its_outline():
 
 
 def test_no_ball_is_found_where_there_is_none():
-    noise = np.random.default_rng(2).normal(0.5, 0.05, (120, 160))
-    for image in (noise, np.ones((120, 160)), np.linspace(0, 1, 160) * np.ones((120, 1))):
+    noise = np.random.default_rng(2).normal(0.5, 0.05, (60, 80))
+    for image in (noise, np.ones((60, 80)), np.linspace(0, 1, 80) * np.ones((60, 1))):
         with pytest.raises(ValueError, match="image: a ball's outline must show over at least 35%"):
             find_outline(image)
-    with pytest.raises(
-        ValueError, match="radius_px: must run from at least 4 to at most 160 px, got 2 to 50"
-    ):
+    with pytest.raises(ValueError, match="radius_px: must run from at least 4 to at most 80 px, got 2 to 50"):
         find_outline(noise, radius_px=(2, 50))
 
 
@@ -295,3 +293,21 @@ def test_a_board_between_ball_and_panel_hides_it():
     assert _blocked(start, np.array([2 * middle]), board[None])[0]
     assert not _blocked(start, np.array([0.9 * middle]), board[None])[0]
     assert not _blocked(start, np.array([2 * middle * (1, 1, 3)]), board[None])[0]
+
+
+def test_the_figure_shows_light_where_it_comes_from(tmp_path):
+    """Red light from the right and blue from the left end up there, in these colours."""
+    from PIL import Image
+
+    from designlab.figures import light_map
+
+    light, view = directions(columns=120)
+    spots = [(0, 60.0, 0.0, 15.0, 1.0), (2, 60.0, 180.0, 15.0, 1.0)]
+    found = unwrapped(painted(light, view, spots), view=view)
+    on_map = polar_map(found, step_deg=3, furthest_deg=120)
+    light_map(tmp_path / "a.png", on_map, lobes(found), traced=panels(FLAT, PLAIN, view))
+    pixels = np.asarray(Image.open(tmp_path / "a.png").convert("RGB")).astype(int)[:, :638]
+    red = np.argwhere((pixels[..., 0] > 200) & (pixels[..., 2] < 120))
+    blue = np.argwhere((pixels[..., 2] > 200) & (pixels[..., 0] < 120))
+    assert red[:, 1].mean() > 400 > 240 > blue[:, 1].mean()
+    assert abs(red[:, 0].mean() - blue[:, 0].mean()) < 12
