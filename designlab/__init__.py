@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from designlab.design import Design, load, preset
     from designlab.evaluate import Score, evaluate
+    from designlab.light_probe import LightProbe, light_probe
     from designlab.press import Press, Surface
     from designlab.simulate import render
     from designlab.study.sweep import optimise, sweep
@@ -22,6 +23,8 @@ _HOMES = {
     "Design": "designlab.design",
     "load": "designlab.design",
     "preset": "designlab.design",
+    "LightProbe": "designlab.light_probe",
+    "light_probe": "designlab.light_probe",
     "Press": "designlab.press",
     "Surface": "designlab.press",
     "render": "designlab.simulate",
@@ -37,11 +40,13 @@ _HOMES = {
 
 __all__ = [
     "Design",
+    "LightProbe",
     "Press",
     "Probe",
     "Score",
     "Surface",
     "evaluate",
+    "light_probe",
     "load",
     "optimise",
     "preset",
@@ -54,7 +59,7 @@ __all__ = [
 
 
 class _Package(ModuleType):
-    """Keeps `render` and `evaluate` functions: importing the modules of these names would hide them."""
+    """Keeps functions such as `render`: importing the modules of these names would hide them."""
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name not in _HOMES or not isinstance(value, ModuleType):

@@ -75,6 +75,11 @@ def core_and_gel(design: Design) -> Iterator[Shape]:
     yield sheet("interface", rings, [_interface_z(design, ring) for ring in rings], Dielectric(soft, inner))
 
 
+def degelled(design: Design) -> Design:
+    """Return the design with air where its gel is."""
+    return design.replace({"optics.elastomer_index": AIR.index, "optics.elastomer_absorption_per_mm": (0.0,)})
+
+
 def _interface_z(design: Design, xy: FloatArray) -> FloatArray:
     """Height of the boundary between elastomer and gelcore at points (n, 2)."""
     return elastomer.interface_mm(design.elastomer, xy[:, 0], xy[:, 1])

@@ -93,6 +93,29 @@ class Dielectric:
     roughness: float = 0.0
 
 
+@dataclass(frozen=True)
+class Metal:
+    """Conductor that reflects as a mirror, or in a GGX lobe of alpha `roughness`.
+
+    `reflectance` is a factor for each LED group; with `index`, the complex refractive index n + ik for each
+    group, Fresnel's reflectance comes on top.
+    """
+
+    reflectance: tuple[float, ...]
+    index: tuple[complex, ...] | None = None
+    roughness: float = 0.0
+
+
+@dataclass(frozen=True)
+class Ball:
+    """Exact sphere: centre and radius in mm."""
+
+    name: str
+    centre_mm: tuple[float, float, float]
+    radius_mm: float
+    material: Metal
+
+
 @dataclass(frozen=True, eq=False)
 class Shape:
     """Triangle mesh with a material: vertices (n, 3) mm, faces (m, 3), optional vertex normals (n, 3)."""

@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 from designlab.body import boards, core_and_gel, housing_inside
 from designlab.camera import Camera, View
 from designlab.design import Design
-from designlab.matter import Coating, Dielectric, Diffuse, Medium, Shape, Texture
+from designlab.matter import Ball, Coating, Dielectric, Diffuse, Medium, Metal, Shape, Texture
 from designlab.membrane import membrane
 from designlab.mounting import seated
 from designlab.press import Surface
 from geometries.emission import AngularProfile
 
 __all__ = [
-    "Coating", "Dielectric", "Diffuse", "Light", "Medium", "Scene", "Shape", "Texture", "build",
+    "Ball", "Coating", "Dielectric", "Diffuse", "Light", "Medium", "Metal", "Scene", "Shape", "Texture",
+    "build", "without_gel",
 ]  # fmt: skip
 
 FloatArray = NDArray[np.float64]
@@ -56,6 +57,7 @@ class Scene:
     camera: Camera
     view: View
     path_length: int
+    balls: tuple[Ball, ...] = ()
 
     @property
     def membrane(self) -> Shape:
@@ -83,7 +85,7 @@ class Scene:
                     state.update(
                         repr((array.shape, str(array.dtype))).encode() + np.ascontiguousarray(array).tobytes()
                     )
-        state.update(repr((self.lights, self.groups, self.path_length)).encode())
+        state.update(repr((self.lights, self.groups, self.path_length, *self.balls)).encode())
         return state.hexdigest()
 
 
@@ -109,6 +111,32 @@ def build(design: Design, surface: Surface, view: View) -> Scene:
         camera=design.camera,
         view=view,
         path_length=design.optics.path_length,
+    )
+
+
+def without_gel(design: Design, ball: Ball, view: View) -> Scene:
+    """Lay out a design with a ball in place of its membrane; the gel's cut rim is gone as well.
+
+    Parameters
+    ----------
+    design : Design
+        The sensor; its gel's index and absorption are those of what surrounds the ball.
+    ball : Ball
+        What the camera looks at.
+    view : View
+        The part of the camera's sensor that is rendered.
+    """
+    shapes = [*boards(design), *housing_inside(design)]
+    if design.optics.light_path == "core":
+        shapes += [shape for shape in core_and_gel(design) if shape.name != "gel-rim"]
+    return Scene(
+        shapes=tuple(shapes),
+        lights=tuple(_lights(design)),
+        groups=len(design.leds.groups),
+        camera=design.camera,
+        view=view,
+        path_length=design.optics.path_length,
+        balls=(ball,),
     )
 
 

@@ -2,6 +2,7 @@
 
 from designlab.measurement.folder import load_measurement, write_measurement
 from designlab.measurement.frames import Frame, Measurement, MeasurementError, PoseSigma, Split
+from designlab.measurement.light import ball_of, light_of
 
 __all__ = [
     "Frame",
@@ -9,6 +10,8 @@ __all__ = [
     "MeasurementError",
     "PoseSigma",
     "Split",
+    "ball_of",
+    "light_of",
     "load_measurement",
     "write_measurement",
 ]

@@ -8,7 +8,7 @@ from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from designlab.camera import View
 from designlab.design import Design, DesignError, explain, load, loads, preset_names
@@ -69,12 +69,27 @@ class Frame(Spec):
     split: Split | None = Field(None, description="Use of the frame; by press position when absent.")
     centre_px: tuple[float, float] | None = Field(None, description="Centre read off the image: column, row.")
     contact_radius_px: float | None = quantity(
-        None, unit="px", gt=0, description="Radius of the contact read off the image."
+        None,
+        unit="px",
+        gt=0,
+        description="Radius of the contact read off the image; of a light probe, that of the ball's outline.",
+    )
+    lowest_mm: float | None = quantity(
+        None,
+        unit="mm",
+        ge=-100,
+        le=200,
+        description="Of a light probe: height of the ball's lowest point above the plane z = 0.",
+    )
+    immersed: bool | None = Field(
+        None, description="Of a light probe: whether a liquid of the gel's index joins ball and gelcore."
     )
 
     @field_validator("probe")
     @classmethod
-    def _known_probe(cls, text: str | None) -> str | None:
+    def _known_probe(cls, text: str | None, info: ValidationInfo) -> str | None:
+        if text is not None and info.data.get("kind") == "light_probe":
+            text = re.sub(r"^\s*ball\b", "sphere", text)
         if text is not None and mesh_file(text) is None:
             probes.parse(text)
         return text
@@ -90,6 +105,13 @@ class Frame(Spec):
     def _kind_has_fields(self) -> Self:
         if self.kind == "press" and self.probe is None:
             raise ValueError("probe: a press needs the probe that was pressed")
+        if self.kind == "light_probe":
+            if self.probe is not None and not re.fullmatch(r"sphere(:.*)?", self.probe.strip()):
+                raise ValueError(f"probe: a light probe is a sphere:diameter_mm, got {self.probe!r}")
+        else:
+            for name in ("lowest_mm", "immersed"):
+                if getattr(self, name) is not None:
+                    raise ValueError(f"{name}: is for a light_probe frame, this one is a {self.kind}")
         if self.kind == "dark" and self.leds:
             raise ValueError(f"leds: no LED is on in a dark frame, got {list(self.leds)}")
         return self

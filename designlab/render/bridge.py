@@ -8,7 +8,7 @@ import numpy as np
 from designlab.render.backend import activate
 from designlab.render.emitters import emitter
 from designlab.render.sensors import sensor
-from designlab.render.surfaces import bsdf, media, texture_coordinates
+from designlab.render.surfaces import bsdf, media, metal, texture_coordinates
 from designlab.scene import Scene, Shape
 
 if TYPE_CHECKING:
@@ -26,6 +26,13 @@ def load(scene: Scene, *, group: int, integrator: dict[str, Any], samples: int) 
     content: dict[str, Any] = {"type": "scene", "integrator": integrator, "sensor": sensor(scene, samples)}
     for shape in scene.shapes:
         content[shape.name] = _mesh(shape, group)
+    for ball in scene.balls:
+        content[ball.name] = {
+            "type": "sphere",
+            "center": list(ball.centre_mm),
+            "radius": float(ball.radius_mm),
+            "bsdf": metal(ball.material, group),
+        }
     for number, light in enumerate(light for light in scene.lights if light.group == group):
         content[f"light-{number}"] = emitter(light, scene, group)
     return mi.load_dict(content)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.scene import Coating, Dielectric, Diffuse, Medium, Shape, Texture
+from designlab.scene import Coating, Dielectric, Diffuse, Medium, Metal, Shape, Texture
 
 
 def bsdf(material: Diffuse | Coating | Dielectric, group: int) -> dict[str, Any]:
@@ -44,6 +44,21 @@ def texture_coordinates(shape: Shape) -> NDArray[np.float32] | None:
 def diffuse(reflectance: float | dict[str, Any]) -> dict[str, Any]:
     """Lambertian surface; the reflectance is a number or a texture."""
     return {"type": "diffuse", "reflectance": _grey(reflectance)}
+
+
+def metal(material: Metal, group: int) -> dict[str, Any]:
+    """Mirror or glossy metal for the light of one LED group."""
+    content: dict[str, Any] = {
+        "type": "conductor",
+        "specular_reflectance": _grey(material.reflectance[group]),
+    }
+    if material.index is None:
+        content["material"] = "none"  # reflects all: Fresnel's factor is 1
+    else:
+        content |= {"eta": float(material.index[group].real), "k": float(material.index[group].imag)}
+    if material.roughness:
+        content |= {"type": "roughconductor", "distribution": "ggx", "alpha": float(material.roughness)}
+    return content
 
 
 def _grey(value: float | dict[str, Any]) -> dict[str, Any]:
