@@ -112,14 +112,14 @@ def drawn(
     """Another draw of the noise of a stack of images: shifted as a whole, its sign changed at random.
 
     A difference of two renders shows the noise of each place once; elsewhere in the picture it is alike, but
-    for its growth with the root of the light. Its grain stays as it is.
+    for its growth with the root of the level. Its grain stays as it is.
 
     Parameters
     ----------
     noise : array
         Noise of a stack of images.
     level : array, of a shape that fits it
-        Light there.
+        What the power of the noise follows: the light there, or that power itself.
     random : Generator
         Of shifts and signs.
     images : tuple of int

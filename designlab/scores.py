@@ -29,7 +29,9 @@ from designlab.worst import GelMaps
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-UNIFORMITY_DRAWS, DETAIL_DRAWS = 50, 10
+UNIFORMITY_DRAWS, DETAIL_DRAWS = 30, 10
+COARSER = 2  # most figures are those of pixels of so many `thinned` ones along each side
+NOISE_REACH_SHARE = 0.04  # of a picture's width, over which the power of noise is alike
 GRADIENT_MM = 0.5  # over which gradients are smoothed: render noise is steep
 SLOPE_DEG = 30.0  # at which attached shadows are counted
 LIMIT_STEP = 4  # between the `thinned` pixels at which the pressed membrane's limit is looked at
@@ -95,7 +97,8 @@ def transport_error(design: Design, a: Frame, b: Frame) -> TransportError:
 
 def uniformity(design: Design, a: Frame, b: Frame, seed: int) -> Scores:
     """U0 and coefficient of variation of the worst LED group."""
-    mask, pair, sigma_px = sensing_area(design, a)[thinned(a)], *_coarse(a, b)
+    mask, pair, step = _coarse(design, a, b, coarser=1)  # the darkest hundredth needs many pixels
+    sigma_px = SMOOTHING_PX / step
     found = _over_draws(lambda basis: worst_evenness(basis, mask, sigma_px), pair, seed, UNIFORMITY_DRAWS)
     return {
         name: Estimate(float(value), float(se), "1")
@@ -117,11 +120,11 @@ def evenness_scores(
     """Evenness of the worst LED group and of the sum of the camera's channels; and that of each group."""
     names = [*design.group_names, "combined"]
     total = a.weights.sum(axis=0)
-    pitch_mm = step_of(a) * a.rays.pitch_mm[0]
-    mask, pair, sigma_px = sensing_area(design, a)[thinned(a)], *_coarse(a, b)
+    mask, pair, step = _coarse(design, a, b)
+    pitch_mm = step * a.rays.pitch_mm[0]
 
     def figures(basis: NDArray[np.floating]) -> Array:
-        smooth = _smoothed(basis, sigma_px)
+        smooth = _smoothed(basis, SMOOTHING_PX / step)
         images = [*smooth, np.einsum("g,grk->rk", total, smooth)]
         blurred = _smoothed(np.array(images), GRADIENT_MM / pitch_mm)
         pairs = zip(images, blurred, strict=True)
@@ -152,10 +155,18 @@ class _Pair(NamedTuple):
     other: NDArray[np.float32]
 
 
-def _coarse(a: Frame, b: Frame) -> tuple[_Pair, float]:
-    """Two frames at the grain of their smoothing, and what of it is left to do, in their pixels."""
-    step = step_of(a)
-    return _Pair(_binned(a.basis, step), _binned(b.basis, step)), SMOOTHING_PX / step
+def _coarse(
+    design: Design, a: Frame, b: Frame, *, coarser: int = COARSER, stray: bool = False
+) -> tuple[Mask, _Pair, int]:
+    """Where scores count, two frames in pixels as coarse as their noise is, and how many pixels make one.
+
+    If asked for, their stray light follows behind the groups, where they know it.
+    """
+    step = coarser * step_of(a)
+    images = (
+        np.concatenate([f.basis, f.stray]) if stray and f.stray is not None else f.basis for f in (a, b)
+    )
+    return sensing_area(design, a)[::step, ::step], _Pair(*(_binned(i, step) for i in images)), step
 
 
 def _over_draws(
@@ -166,13 +177,18 @@ def _over_draws(
     Noise passes for unevenness in proportion to its variance, of which each render has twice that of their
     mean; the difference of the two is taken off.
     """
-    # Mean and half difference carry the same noise.
+
+    def freed(mean: NDArray[np.floating], noise: NDArray[np.floating]) -> Array:
+        single = np.mean(np.array([figures(mean + noise), figures(mean - noise)]), axis=0)
+        return np.asarray(2 * np.array(figures(mean)) - single)
+
+    # Mean and half difference carry the same noise, each with a draw of its own.
     mean, noise = (pair.one + pair.other) / 2, (pair.one - pair.other) / 2
+    power = _smoothed(noise**2, NOISE_REACH_SHARE * noise.shape[2])
     random = np.random.default_rng(sub_seed(seed, 7, 0))
-    others = [drawn(noise, mean, random, images=(0,)) for _ in range(count)]
-    draws = each_of(lambda k: np.asarray(figures(mean + others[k])), count)
-    single = np.mean(np.array([figures(pair.one), figures(pair.other)]), axis=0)
-    return 2 * np.array(figures(mean)) - single, np.std(draws, axis=0, ddof=1)
+    others = [[drawn(noise, power, random, images=(0,)) for _ in "ab"] for _ in range(count)]
+    draws = each_of(lambda k: freed(mean + others[k][0], others[k][1]), count)
+    return freed(mean, noise), np.std(draws, axis=0, ddof=1)
 
 
 def _smoothed(basis: NDArray[np.floating], sigma_px: float) -> NDArray[np.floating]:
@@ -193,8 +209,8 @@ def exposure_scores(bench: Bench, a: Frame, b: Frame) -> tuple[Scores, float]:
 
     With it the relative error that render noise puts into the automatic exposure.
     """
-    design, groups, step = bench.design, len(a.basis), step_of(a)
-    mask = sensing_area(design, a)[thinned(a)]
+    design, groups = bench.design, len(a.basis)
+    mask, pair, step = _coarse(design, a, b, stray=True)
     names = ["colour_balance", "dynamic_range_use", "saturation_share", "stray_share"]
     automatic = design.camera.exposure is None
 
@@ -212,12 +228,7 @@ def exposure_scores(bench: Bench, a: Frame, b: Frame) -> tuple[Scores, float]:
         shares = [illumination.stray_share(s, i, mask) for s, i in zip(stray, basis, strict=False)]
         return [*found, max(shares)] if shares else found
 
-    one, other = (
-        _binned(f.basis if f.stray is None else np.concatenate([f.basis, f.stray]), step) for f in (a, b)
-    )
-    (scale, *values), (scale_error, *errors) = _over_draws(
-        figures, _Pair(one, other), bench.seed, DETAIL_DRAWS
-    )
+    (scale, *values), (scale_error, *errors) = _over_draws(figures, pair, bench.seed, DETAIL_DRAWS)
     both = {
         name: Estimate(max(float(value), 0.0), float(error), "1")
         for name, value, error in zip(names, values, errors, strict=False)
