@@ -115,6 +115,8 @@ def main() -> None:
             )
             left = (time.perf_counter() - begun) / (seed + 1) * (args.designs - seed - 1)
             print(f"design {seed} done, {left / 60:.0f} min left", flush=True)
+        else:
+            print(f"design {seed} taken from {file}", flush=True)
         results.append(json.loads(file.read_text()))
     values = {
         name: np.array([r["scores"][name]["value"] for r in results])

@@ -29,6 +29,8 @@ def repeat(design: str, fidelity: str, seed: int, folder: Path) -> dict[str, tup
         folder.mkdir(parents=True, exist_ok=True)
         write_json(file, evaluate(load(design), fidelity=fidelity, seed=seed).to_json())
         print(f"{design}: seed {seed} done", flush=True)
+    else:
+        print(f"{design}: seed {seed} taken from {file}", flush=True)
     scores = json.loads(file.read_text())["scores"]
     return {name: (score["value"], score["se"]) for name, score in scores.items()}
 
