@@ -270,7 +270,7 @@ def test_the_correction_takes_a_wrong_light_field_back_to_the_unbiased_picture(m
     from designlab.render.shading import Shader
 
     shaded = Shader.radiance
-    monkeypatch.setattr(Shader, "radiance", lambda self, *a: np.float32(1.2) * shaded(self, *a))
+    monkeypatch.setattr(Shader, "radiance", lambda self, *a, **k: np.float32(1.2) * shaded(self, *a, **k))
     view = view_of(AIR, 32, 24)
     found = Simulator(AIR, view=view, samples=4, seed=1, estimator="corrected").frame(None).basis
     traced = Simulator(AIR, view=view, samples=256, seed=2, estimator="reference").frame(None).basis
