@@ -1,8 +1,8 @@
 """A design and a membrane as plain data: meshes, materials, lights and camera. Knows no rendering engine."""
 
 import hashlib
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -104,14 +104,7 @@ def build(design: Design, surface: Surface, view: View) -> Scene:
     shapes = [membrane(design, surface), *boards(design), *housing_inside(design)]
     if design.optics.light_path == "core":
         shapes += core_and_gel(design)
-    return Scene(
-        shapes=tuple(shapes),
-        lights=tuple(_lights(design)),
-        groups=len(design.leds.groups),
-        camera=design.camera,
-        view=view,
-        path_length=design.optics.path_length,
-    )
+    return _laid_out(design, shapes, view)
 
 
 def without_gel(design: Design, ball: Ball, view: View) -> Scene:
@@ -129,6 +122,10 @@ def without_gel(design: Design, ball: Ball, view: View) -> Scene:
     shapes = [*boards(design), *housing_inside(design)]
     if design.optics.light_path == "core":
         shapes += [shape for shape in core_and_gel(design) if shape.name != "gel-rim"]
+    return replace(_laid_out(design, shapes, view), balls=(ball,))
+
+
+def _laid_out(design: Design, shapes: Sequence[Shape], view: View) -> Scene:
     return Scene(
         shapes=tuple(shapes),
         lights=tuple(_lights(design)),
@@ -136,7 +133,6 @@ def without_gel(design: Design, ball: Ball, view: View) -> Scene:
         camera=design.camera,
         view=view,
         path_length=design.optics.path_length,
-        balls=(ball,),
     )
 
 
