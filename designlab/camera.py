@@ -1,6 +1,6 @@
 """The camera: where its pixels look, and from linear radiance on the sensor to digital counts."""
 
-from typing import Literal, NamedTuple, Self
+from typing import Annotated, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from designlab.spectra import Sensitivity
 from geometries.spec import Spec, quantity
 
 Array = NDArray[np.float64]
+Coordinate = Annotated[float, Field(ge=-1000.0, le=1000.0)]  # mm: nothing of a sensor is a metre away
 WIDEST_PINHOLE_DEG = 170.0
 CURVE_STEPS = 1024  # signals at which noise behind a response curve is tabulated
 DEVIATES = np.linspace(-6.0, 6.0, 241)  # of the Gaussian that stands for noise there
@@ -83,7 +84,7 @@ class Vignetting(Spec):
 class Camera(Spec):
     """Camera with a lens and a noise model. It looks along -z, image up is +y, image right is +x."""
 
-    position_mm: tuple[float, float, float] = Field(
+    position_mm: tuple[Coordinate, Coordinate, Coordinate] = Field(
         (0.0, 0.0, 30.0), description="Centre of projection in the sensor frame (mm)."
     )
     width_px: int = Field(1640, ge=16, le=20000, description="Columns of the full sensor.")

@@ -218,3 +218,9 @@ def test_polynomial_vignetting_is_one_at_the_centre_and_counts_half_diagonals():
     edge = camera.vignette(View(1599.999, 600.0, 0.002, 0.002, 1, 1))  # 0.8 half diagonals away
     assert float(edge[0, 0]) == pytest.approx(1 - 0.3 * 0.64 - 0.1 * 0.64**2 + 0.05 * 0.64**3, abs=1e-5)
     assert float(camera.vignette(View(799.5, 599.5, 1.0, 1.0, 1, 1))[0, 0]) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("position", [(9_192_492.0, 0.0, 24.0), (0.0, 0.0, 3.5e15), (0.0, -1001.0, 24.0)])
+def test_a_camera_a_metre_away_is_refused(position):
+    with pytest.raises(ValueError, match="position_mm"):
+        Camera(position_mm=position)
