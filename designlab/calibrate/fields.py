@@ -19,7 +19,7 @@ INSIDE = 1e-6  # of the value: how far within a bound that does not belong to th
 
 
 class SharedField(NamedTuple):
-    """A number of the design that all frames share: dotted path, unit, value, bounds, finite-difference step."""
+    """A number of the design that all frames share, with its bounds and the step of finite differences."""
 
     path: str
     unit: str

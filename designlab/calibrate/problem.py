@@ -1,4 +1,4 @@
-"""Shots of one sensor, a state of everything unknown about it, and the simulation of the one from the other."""
+"""Shots of one sensor, a state of everything unknown about it, and what is simulated from that."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ LEAST_DEPTH_MM = 0.01
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Values of the shared fields, departures of poses (x, y, depth in mm, yaw in deg), transfer and floor."""
+    """Shared fields, departures of poses (x, y, depth in mm, yaw in deg), transfer and floor."""
 
     shared: Array
     poses: Mapping[int, Array]

@@ -198,7 +198,7 @@ def _misfit(problem: Problem, state: State, fitted: Sequence[int]) -> float:
 
 
 def _calibrated(problem: Problem, state: State) -> Design:
-    """Put the product into fields: exposure stays as given (else total flux does), mixing has columns of 1 at most."""
+    """Put the product into fields: exposure stays as given, else total flux; columns of mixing reach 1."""
     design = problem.design_at(state.shared)
     largest = state.transfer.max(axis=0)
     flux = np.array([group.flux_mw for group in design.leds.groups])
@@ -257,16 +257,16 @@ def _notes(
     problem: Problem, seen: Observations, state: State, fitted: Sequence[int], bases: dict[int, Array]
 ) -> tuple[str, ...]:
     notes = [
-        "flux x reflectance x exposure is a product: transfer is what is known; the design keeps its exposure "
-        "where it has one, and its reflectance unless that was free",
+        "flux x reflectance x exposure is a product: transfer is what is known; the design keeps its "
+        "exposure where it has one, and its reflectance unless that was free",
         "the floor (a constant for each channel) is no part of the design, whose camera has one black level "
         f"for all: R, G, B {', '.join(f'{value:.4g}' for value in state.floor)} of full scale above it",
     ]
     chi = sum(float((problem.residual(state, n, bases[n]) ** 2).sum()) for n in fitted)
     chi /= sum(int(problem.shots[n].valid.sum()) for n in fitted)
     notes.append(
-        f"squared residual over noise and {MODEL_ERROR:.0%} model error: {chi:.3g}; standard errors are from the "
-        "residuals themselves, priors of poses count as if it were 1"
+        f"squared residual over noise and {MODEL_ERROR:.0%} model error: {chi:.3g}; standard errors are from "
+        "the residuals themselves, priors of poses count as if it were 1"
     )
     if not any(problem.shots[n].press is None for n in fitted):
         notes.append("no background: smooth light is told from the press by the simulation alone")
