@@ -21,6 +21,7 @@ LEAST_GAIN = 2e-4  # of the objective, below which the search ends
 MOST_STEPS = 14
 MOST_DAMPING = 1e3
 BLOCK_PX = 8
+MOST_LEVERAGE = 0.99  # of a block on its own prediction
 
 
 class Layout:
@@ -181,26 +182,51 @@ def covariance(
 ) -> tuple[Array, Array]:
     """Covariance of all unknowns, and the variance that the simulator's random numbers add to each.
 
-    The first is a sandwich over blocks of `BLOCK_PX` squared pixels (White 1980, doi:10.2307/1912934): errors
-    in one block may be of any size and go together. The second is from one simulation with other random
-    numbers. Both are NaN for what stands at zero or is not seen.
+    The first is a sandwich over blocks of `BLOCK_PX` squared pixels: errors in one block may be of any size
+    and go together. Residuals of a block are less than its errors, the more it decides by itself, and are
+    raised accordingly (Bell and McCaffrey 2002, CR2). The second is from one simulation with other random numbers.
+    Both are NaN for what stands at zero or is not seen.
     """
     normal = linearise(problem, layout, state, bases)
     active = _active(layout, normal, state)
     scale = np.sqrt(np.diag(normal.matrix)[active])
-    inverse = np.linalg.pinv(normal.matrix[np.ix_(active, active)] / np.outer(scale, scale), hermitian=True)
-    inverse /= np.outer(scale, scale)
+    inverse = np.zeros((layout.size, layout.size))
+    inverse[np.ix_(active, active)] = np.linalg.pinv(
+        normal.matrix[np.ix_(active, active)] / np.outer(scale, scale), hermitian=True
+    ) / np.outer(scale, scale)
     middle, shift = np.diag(normal.prior), np.zeros(layout.size)
     for number, (residual, places, derivative) in normal.parts.items():
-        shot = problem.shots[number]
-        row, column = np.indices(shot.signal.shape[:2]) // BLOCK_PX
-        block = np.broadcast_to((row * (column.max() + 1) + column)[..., None], shot.signal.shape)[shot.valid]
-        score = np.stack([np.bincount(block, c) for c in (derivative * residual[:, None]).T], axis=1)
-        middle[np.ix_(places, places)] += score.T @ score
+        kept = [k for k, place in enumerate(places) if place in set(active.tolist())]
+        own, columns = np.array(places)[kept], derivative[:, kept]
+        score = _scores(problem, number, residual, columns, inverse[np.ix_(own, own)])
+        middle[np.ix_(own, own)] += score.T @ score
         other = problem.residual(state, number, problem.basis(state, number, other_seed=True))
-        shift[places] += derivative.T @ (other - residual)
-    found = np.full((layout.size, layout.size), np.nan)
-    found[np.ix_(active, active)] = inverse @ middle[np.ix_(active, active)] @ inverse
-    random = np.full(layout.size, np.nan)
-    random[active] = (inverse @ shift[active]) ** 2 / 2  # a difference of two has twice the variance of one
-    return found, random
+        shift[own] += columns.T @ (other - residual)
+    unknown = np.ones(layout.size)
+    unknown[np.setdiff1d(np.arange(layout.size), active)] = np.nan
+    # A difference of two random numbers has twice the variance of one.
+    return inverse @ middle @ inverse * np.outer(unknown, unknown), (inverse @ shift) ** 2 / 2 * unknown
+
+
+def _scores(problem: Problem, number: int, residual: Array, derivative: Array, inverse: Array) -> Array:
+    """Gradient of each block of a shot, (blocks, unknowns), with its residuals r as (1 - H)^(-1/2) r.
+
+    H = J C J' is the block's own part of the hat matrix, J its derivatives, C the inverse normal matrix.
+    """
+    shot = problem.shots[number]
+    row, column = np.indices(shot.signal.shape[:2]) // BLOCK_PX
+    label = np.broadcast_to((row * (column.max() + 1) + column)[..., None], shot.signal.shape)[shot.valid]
+    order = np.argsort(label, kind="stable")
+    edges = np.flatnonzero(np.diff(label[order])) + 1
+    values, vectors = np.linalg.eigh(inverse)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    found = []
+    for block in np.split(order, edges):
+        # J' f(J C J') r follows from the small matrix R' J' J R with C = R R'.
+        turned = derivative[block] @ root
+        hat, basis = np.linalg.eigh(turned.T @ turned)
+        raised = 1.0 / np.sqrt(1.0 - np.clip(hat, 0.0, MOST_LEVERAGE)) - 1.0
+        inner = basis.T @ (turned.T @ residual[block])
+        extra = basis @ (raised / np.maximum(hat, 1e-12) * inner)
+        found.append(derivative[block].T @ (residual[block] + turned @ extra))
+    return np.array(found)
