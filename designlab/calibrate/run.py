@@ -220,9 +220,8 @@ def _parameters(problem: Problem, layout: Layout, state: State, deviation: Array
         for field, value in zip(problem.fields, state.shared, strict=True)
     ]
     for number, free in layout.pose.items():
-        pose = _pose(problem, state, number)
         for _, part in free:
-            name = POSE[part]
+            name, pose = POSE[part], _pose(problem, state, number)
             named.append((f"{problem.shots[number].files[0]}.{name}", name.rpartition("_")[2], pose[name]))
     for channel, letter in enumerate(CHANNELS):
         for group, name in enumerate(problem.design.group_names):

@@ -184,8 +184,8 @@ def covariance(
 
     The first is a sandwich over blocks of `BLOCK_PX` squared pixels: errors in one block may be of any size
     and go together. Residuals of a block are less than its errors, the more it decides by itself, and are
-    raised accordingly (Bell and McCaffrey 2002, CR2). The second is from one simulation with other random numbers.
-    Both are NaN for what stands at zero or is not seen.
+    raised accordingly (Bell and McCaffrey 2002, CR2). The second is from one simulation with other random
+    numbers. Both are NaN for what stands at zero or is not seen.
     """
     normal = linearise(problem, layout, state, bases)
     active = _active(layout, normal, state)
