@@ -215,6 +215,7 @@ def found(made_set):
     return calibrate(made_set, DESIGN, columns=SIDE, samples=96, seed=5)
 
 
+@pytest.mark.slow
 class TestMadeSensor:
     def test_fields_and_pose_within_three_standard_errors(self, found):
         values = {p.name: p for p in found.parameters}
