@@ -24,6 +24,7 @@ FREE = ("contact.kernel_length_mm", "camera.horizontal_fov_deg")
 SCALED = "camera.horizontal_fov_deg"
 SCALES = (0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 1.0, 1.05, 1.1)  # of the tangent of half the field of view
 COARSE_STEPS = 8
+ENTANGLED = 0.95  # correlation of errors that is worth a note
 LEAST_COLUMNS = 32  # of a picture that a first, coarse fit is worth making on
 
 
@@ -107,14 +108,16 @@ def calibrate(
         for number in range(len(seen.shots))
     )
     deviation = np.sqrt(np.diag(spread))
+    correlation = spread / np.outer(deviation, deviation)
+    notes = (*_notes(problem, seen, state, fitted, bases), *_entangled(parameters, correlation))
     return Calibration(
         design=_calibrated(problem, state),
         parameters=parameters,
-        correlation=spread / np.outer(deviation, deviation),
+        correlation=correlation,
         frames=frames,
         transfer=state.transfer,
         floor=state.floor,
-        notes=_notes(problem, seen, state, fitted, bases),
+        notes=notes,
         provenance={
             "measurement": measurement.name,
             "model_digest": sensor.digest,
@@ -286,6 +289,16 @@ def _notes(
         if _at_bound(field, float(value)):
             notes.append(f"{field.path} stands at its bound, {value:g} {field.unit}")
     return (*dict.fromkeys(seen.notes), *notes)
+
+
+def _entangled(parameters: Sequence[Parameter], correlation: Array) -> list[str]:
+    """Say which errors go together, so that one value is only as right as the other."""
+    pairs = zip(*np.nonzero(np.triu(np.abs(correlation) > ENTANGLED, 1)), strict=True)
+    return [
+        f"{parameters[a].name} and {parameters[b].name} are hardly told apart "
+        f"(their errors correlate {correlation[a, b]:+.2f})"
+        for a, b in pairs
+    ]
 
 
 def _at_bound(field: SharedField, value: float) -> bool:
