@@ -15,6 +15,7 @@ _DESIGNS = "designlab.cli.designs"
 _START = "designlab.cli.start"
 _STUDY = "designlab.cli.study"
 _GAP = "designlab.cli.gap"
+_CALIBRATE = "designlab.cli.calibrate"
 
 _EPILOGUE = """\
 Every command takes --json: one JSON object on stdout and nothing else there.
@@ -134,6 +135,26 @@ def _add_designs(add: Any) -> None:
     _out(compare, "folder for the simulated pictures, beside the real ones", required=False)
     _samples(compare)
     _seed(compare)
+
+    calibrate = add(
+        "calibrate",
+        f"{_CALIBRATE}:calibrate",
+        "the design under which the simulator gives a sensor's pictures",
+    )
+    calibrate.add_argument("measurement", metavar="MEASUREMENT", help="folder with a measurement.toml")
+    calibrate.add_argument("--model", required=True, metavar="MODEL", help=DESIGN_HELP)
+    calibrate.add_argument(
+        "--free",
+        nargs="*",
+        metavar="FIELD",
+        help="numbers of the design to fit beside light and poses "
+        "(default: contact.kernel_length_mm camera.horizontal_fov_deg)",
+    )
+    calibrate.add_argument(
+        "--columns", type=_whole(8, 2048), default=160, metavar="N", help="wider frames are binned to this"
+    )
+    _out(calibrate, "folder for the calibrated design, the result and a picture of what is left")
+    _seed(calibrate)
 
     export = add("export", f"{_DESIGNS}:export", "STL, STEP, 3MF, LED coordinates, bill of materials, checks")
     _design(export)

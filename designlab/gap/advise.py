@@ -6,10 +6,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.gap.observe import Observations, Shot
 from designlab.gap.problem import Problem, State, mixed, weights
 from designlab.gap.result import Verdict
 from designlab.gap.search import Search
+from designlab.measurement.shots import Observations, Shot
 
 Array = NDArray[np.float64]
 

@@ -16,13 +16,14 @@ from designlab.gap.basis import Progress, Renders
 from designlab.gap.fit import Fit, fit, numerical_shift
 from designlab.gap.floor import floor, problem
 from designlab.gap.judge import Judged, counted, judge
-from designlab.gap.observe import Observations, limited, observe
+from designlab.gap.observe import limited, observe
 from designlab.gap.pictures import draw
 from designlab.gap.problem import Problem, State
 from designlab.gap.result import Found, GapReport, Level, Value, Verdict
 from designlab.gap.search import Search
 from designlab.gap.where import where
 from designlab.measurement import Measurement
+from designlab.measurement.shots import Observations
 from designlab.store import remove_partial, write_atomic, write_json
 
 SAMPLES = 64

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, gaussian_laplace
 
 from designlab.gap.basis import Renders
-from designlab.gap.observe import Shot
 from designlab.gap.problem import Problem, State, blocks, mixed, weights
+from designlab.measurement.shots import Shot
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 
 from designlab.effects.model import AppliedEffect, SensorModel
 from designlab.gap.basis import Renders, Variant
-from designlab.gap.observe import POSE, Shot
+from designlab.measurement.shots import POSE, Shot
 from designlab.press import Press
 
 Array = NDArray[np.float64]

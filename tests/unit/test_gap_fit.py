@@ -8,9 +8,9 @@ from designlab.effects.model import AppliedEffect, SensorModel
 from designlab.gap.basis import Renders
 from designlab.gap.fit import fit, free_parameters, screen
 from designlab.gap.floor import floor, problem
-from designlab.gap.observe import Shot
 from designlab.gap.problem import Problem, State, mixed, moved
 from designlab.gap.where import geometry, regions, where
+from designlab.measurement.shots import Shot
 from designlab.press import Press
 from designlab.simulate import Simulator
 from geometries.probes import parse

@@ -1,0 +1,74 @@
+"""The part that follows in closed form: transfer from LED groups to channels, and a floor, none negative.
+
+signal[channel] = sum over groups of transfer[channel, group] x lit[group] x basis[group] + floor[channel]
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+RELATIVE_RANK = 1e-13
+
+
+def predicted(transfer: Array, floor: Array, lit: Array, basis: Array) -> Array:
+    """Signal, (rows, columns, 3), from unit-power pictures (groups, rows, columns)."""
+    return np.moveaxis(np.tensordot(transfer * lit, basis, axes=1), 0, -1) + floor
+
+
+def transfer_and_floor(
+    bases: Sequence[Array],
+    lits: Sequence[Array],
+    signals: Sequence[Array],
+    sigmas: Sequence[Array],
+    valids: Sequence[Mask],
+) -> tuple[Array, Array]:
+    """Weighted least squares over all shots, without negative values (Lawson and Hanson 1974, NNLS).
+
+    Parameters
+    ----------
+    bases : sequence of array, shape (groups, rows, columns)
+        Pictures of each shot at unit power.
+    lits : sequence of array, shape (groups,)
+        Relative exposure times whether a group is on.
+    signals, sigmas, valids : sequence of array, shape (rows, columns, 3)
+        Measured values, their standard deviations, and which count.
+
+    Returns
+    -------
+    transfer, floor : array, shapes (3, groups) and (3,)
+        A group that was never on gets zero.
+    """
+    groups = len(lits[0])
+    transfer, floor = np.zeros((3, groups)), np.zeros(3)
+    for channel in range(3):
+        matrix, right = np.zeros((groups + 1, groups + 1)), np.zeros(groups + 1)
+        for basis, lit, signal, sigma, valid in zip(bases, lits, signals, sigmas, valids, strict=True):
+            used = valid[..., channel]
+            weight = 1.0 / sigma[..., channel][used]
+            columns = np.vstack([lit[:, None] * basis[:, used] * weight, weight])
+            matrix += columns @ columns.T
+            right += columns @ (signal[..., channel][used] * weight)
+        found = _nonnegative(matrix, right)
+        transfer[channel], floor[channel] = found[:-1], found[-1]
+    return transfer, floor
+
+
+def _nonnegative(matrix: Array, right: Array) -> Array:
+    """Minimise x' matrix x / 2 - right' x over x >= 0; unknowns that the matrix does not see are zero."""
+    from scipy.optimize import nnls
+
+    scale = np.sqrt(np.diag(matrix))
+    seen = scale > 0
+    found = np.zeros(len(right))
+    if not seen.any():
+        return found
+    values, vectors = np.linalg.eigh(matrix[np.ix_(seen, seen)] / np.outer(scale[seen], scale[seen]))
+    kept = values > RELATIVE_RANK * values[-1]
+    root = np.sqrt(values[kept])
+    projected = vectors[:, kept].T @ (right[seen] / scale[seen])
+    found[seen] = nnls(root[:, None] * vectors[:, kept].T, projected / root)[0] / scale[seen]
+    return found

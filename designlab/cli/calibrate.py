@@ -1,0 +1,64 @@
+"""Command calibrate: the design under which the simulator gives a sensor's pictures."""
+
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from designlab.cli.console import Result
+from designlab.cli.shared import bar, results_folder, source_named, table
+
+if TYPE_CHECKING:
+    from designlab.calibrate import Calibration
+
+SHOWN = ("snr_db", "structure_corr", "structure_snr_db")
+
+
+def calibrate(args: Namespace) -> Result:
+    """Fit light, poses and some fields of a design to a measurement, and write what was found."""
+    from designlab.calibrate import FREE
+    from designlab.calibrate import calibrate as fit
+    from designlab.calibrate.pictures import draw
+    from designlab.design import dumps
+    from designlab.effects.model import load_model
+    from designlab.measurement import load_measurement
+    from designlab.store import write_atomic, write_json
+
+    measurement = load_measurement(args.measurement)
+    model = load_model(args.model)
+    results_folder(args.out)
+    with bar("picture") as progress, source_named(args.model):
+        found = fit(
+            measurement,
+            model,
+            columns=args.columns,
+            seed=args.seed,
+            free=FREE if args.free is None else args.free,
+            progress=progress,
+        )
+    out = Path(args.out)
+    data = found.to_json()
+    files = {
+        "design": write_atomic(out / "calibrated.toml", dumps(found.design)),
+        "result": write_json(out / "calibration.json", data),
+        "picture": draw(found, out / "residual.png"),
+    }
+    data["files"] = {name: str(path) for name, path in files.items()}
+    return Result(data, f"{_summary(found)}\ndesign: {files['design']}\nresidual: {files['picture']}")
+
+
+def _summary(found: "Calibration") -> str:
+    rows = [
+        (p.name, f"{p.value:.5g}", "-" if p.se is None else f"{p.se:.2g}", p.unit.removeprefix("1"))
+        for p in found.parameters
+    ]
+    header = ("parameter", "value", "standard error", "unit")
+    figures = [
+        (
+            frame.file,
+            "held out" if frame.held_out else "fitted",
+            *(f"{frame.before[name]:.3g} -> {frame.after[name]:.3g}" for name in SHOWN),
+        )
+        for frame in found.frames
+    ]
+    lines = [table(header, rows), table(("frame", "use", *SHOWN), figures)]
+    return "\n".join([*lines, *(f"note: {note}" for note in found.notes)])

@@ -1,0 +1,281 @@
+"""From a measurement to what a model can be compared with: linear signals, their noise, poses and splits."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.camera import View
+from designlab.design import Design
+from designlab.measurement.frames import Frame, Measurement, MeasurementError
+from designlab.press import Press
+from geometries.probes import Probe
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Use = Literal["background", "train", "select", "final"]
+
+POSE = ("x_mm", "y_mm", "depth_mm", "yaw_deg")
+DEFAULT_SIGMA = (0.1, 0.1, 0.05, 1.0)  # mm, mm, mm, deg: a press placed by hand, where the set states nothing
+ROUND = ("sphere", "cylinder", "cone")  # probes of revolution look the same at every yaw
+FULL_SCALE = 0.999  # signals above are saturated
+CLIPPED_SHARE = 0.02  # of dark values at zero, above which the camera is taken to clip there
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """One thing that was photographed; repeats are averaged.
+
+    Attributes
+    ----------
+    files : tuple of str
+        The frames averaged.
+    press : Press or None
+        Nominal indentation; None for the untouched gel.
+    pose_sigma : array, shape (4,)
+        Prior standard deviations of x, y, depth (mm) and yaw (deg); zero where fixed.
+    lit : array, shape (groups,)
+        Relative exposure times whether a group is on.
+    signal, variance : array, shape (rows, columns, 3)
+        Linear signal above the black level and its variance, as shares of full scale.
+    valid : bool array, shape (rows, columns, 3)
+        Values that are not saturated.
+    clip_sigma : array, shape (3,)
+        Noise of counts without light, as a share of full scale, of channels clipped at zero; else zero.
+    """
+
+    files: tuple[str, ...]
+    use: Use
+    press: Press | None
+    pose_sigma: Array
+    lit: Array
+    view: View
+    signal: Array
+    variance: Array
+    valid: Mask
+    clip_sigma: Array
+
+
+@dataclass(frozen=True)
+class Observations:
+    """All shots, where their noise is known from, and what was left out or weakens the result."""
+
+    shots: tuple[Shot, ...]
+    black_level: Array
+    noise_source: str
+    repeats: bool
+    dark: bool
+    notes: tuple[str, ...]
+
+    def of(self, *uses: Use) -> list[int]:
+        """Numbers of the shots of some uses."""
+        return [number for number, shot in enumerate(self.shots) if shot.use in uses]
+
+
+class _Noise(NamedTuple):
+    """Variance of a value: `read` + `photon` times signal, for each channel."""
+
+    read: Array
+    photon: Array
+
+
+def observe(measurement: Measurement, design: Design, *, columns: int) -> Observations:
+    """Check the measurement chain and gather the shots.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        A loaded measurement folder.
+    design : Design
+        The sensor it is compared with; says which part of the camera's sensor a frame shows.
+    columns : int
+        Wider frames are binned by a whole number to at most this many columns.
+
+    Raises
+    ------
+    MeasurementError
+        If the response is unknown, or no frame with LEDs on can be used; the text says which and why.
+    """
+    if measurement.response == "unknown":
+        raise MeasurementError(
+            f"{measurement.folder}: field response: must be known, since linear light is compared"
+        )
+    notes: list[str] = []
+    usable = [frame for frame in measurement.frames if _usable(measurement, frame, design, notes)]
+    if not any(frame.lit for frame in usable):
+        reasons = "; ".join(dict.fromkeys(notes)) or "all LEDs are off in every frame"
+        raise MeasurementError(
+            f"{measurement.folder}: field frame: none with LEDs on can be used ({reasons})"
+        )
+    black, has_dark = _black_level(measurement, usable, design, notes)
+    noise, source, repeats = _noise(measurement, usable, design, notes)
+    uses = {frame.file: use for use, frames in measurement.split().items() for frame in frames}
+    shots = []
+    for same in _groups(frame for frame in usable if frame.lit):
+        use: Use = uses.get(same[0].file, "background")
+        shots.append(_shot(measurement, same, design, use, black, noise, columns, notes))
+    return Observations(tuple(shots), black, source, repeats, has_dark, tuple(dict.fromkeys(notes)))
+
+
+def _usable(measurement: Measurement, frame: Frame, design: Design, notes: list[str]) -> bool:
+    """Whether a frame can be simulated; if not, a note says why."""
+    if frame.kind in ("light_probe", "flat_field"):
+        notes.append(f"{frame.file}: left out, a {frame.kind} frame is not compared yet")
+        return False
+    if frame.gel_rotation_deg:
+        notes.append(f"{frame.file}: left out, a turned gel is not compared yet")
+        return False
+    if measurement.image(frame).shape[-1] != 3:
+        notes.append(f"{frame.file}: left out, it has no three colour channels")
+        return False
+    if frame.crop_px is None and design is not None:
+        notes.append(f"{frame.file}: no crop_px, so it is taken to show the whole sensor")
+    if frame.kind == "press":
+        try:
+            measurement.press(frame)
+        except MeasurementError as error:
+            notes.append(f"{frame.file}: left out, {error}")
+            return False
+    return True
+
+
+def _groups(frames: Iterable[Frame]) -> list[list[Frame]]:
+    """Frames that differ in their file and repeat number only."""
+    groups: dict[str, list[Frame]] = {}
+    for frame in frames:
+        key = frame.model_copy(update={"file": "-", "repeat": None}).model_dump_json()
+        groups.setdefault(key, []).append(frame)
+    return list(groups.values())
+
+
+def _black_level(
+    measurement: Measurement, frames: list[Frame], design: Design, notes: list[str]
+) -> tuple[Array, bool]:
+    """Level of the dark frames for each channel, else the black level of the camera's description."""
+    dark = [measurement.linear(frame).astype(float) for frame in frames if not frame.lit]
+    if not dark:
+        notes.append(
+            "no frame with the LEDs off: the black level is the camera's stated one, and an additive "
+            "floor cannot be told from other effects"
+        )
+        return np.full(3, design.camera.black_level), False
+    return np.array([_dark_level(np.stack(dark)[..., c]) for c in range(3)]), True
+
+
+def _dark_level(values: Array) -> float:
+    """Mean of dark values; their median where counts are clipped at zero, for the cut moves the mean."""
+    return float(np.median(values) if (values <= 0).mean() > CLIPPED_SHARE else values.mean())
+
+
+def _read_variance(values: Array) -> float:
+    """Variance of dark values (frames, rows, columns)."""
+    level = _dark_level(values)
+    if (values <= 0).mean() > CLIPPED_SHARE:
+        above = values[values > level] - level
+        return float((above**2).mean()) if above.size else 0.0
+    # Half the squared difference of neighbours: blind to a floor that varies slowly across the picture.
+    return float((np.diff(values, axis=2) ** 2).mean() / 2)
+
+
+def _noise(
+    measurement: Measurement, frames: list[Frame], design: Design, notes: list[str]
+) -> tuple[_Noise, str, bool]:
+    """Variance as read plus photon noise: from repeats, or from the camera's description without any."""
+    pairs = [group for group in _groups(frame for frame in frames if frame.lit) if len(group) > 1]
+    dark = [measurement.linear(frame).astype(float) for frame in frames if not frame.lit]
+    first = next(frame for frame in frames if frame.lit)
+    view = measurement.view(first, design)
+    binned = view.width_px / view.columns * view.height_px / view.rows
+    camera = design.camera
+    dark_signal = np.full(1, camera.black_level)
+    noise = camera.noise_sigma(dark_signal, binned=binned) / camera.response.slope(dark_signal)
+    stated = float(noise[0]) ** 2
+    read = np.full(3, stated)
+    black = np.full(3, camera.black_level)
+    if dark:
+        read = np.array([max(_read_variance(np.stack(dark)[..., c]), 1e-3 * stated) for c in range(3)])
+        black = np.array([_dark_level(np.stack(dark)[..., c]) for c in range(3)])
+    if not pairs:
+        notes.append(
+            "no repeated frames: the noise is that of the camera's description, so the floor is assumed"
+        )
+        return _Noise(read, np.full(3, 1.0 / (camera.full_well_e * binned))), "camera description", False
+    variance, level = np.zeros(3), np.zeros(3)
+    for group in pairs:
+        stack = np.stack([measurement.linear(frame).astype(float) for frame in group])
+        used = stack.max(axis=(0, -1)) < FULL_SCALE
+        # Drift of the whole level between repeats is not noise of the pixels.
+        stack *= (stack.mean(axis=(0, 1, 2)) / stack.mean(axis=(1, 2)))[:, None, None, :]
+        variance += stack.var(axis=0, ddof=1)[used].mean(axis=0)
+        level += (stack.mean(axis=0)[used] - black).mean(axis=0)
+    photon = np.maximum(variance - len(pairs) * read, 0.0) / np.maximum(level, 1e-9)
+    return _Noise(read, photon), "repeated frames", True
+
+
+def _shot(
+    measurement: Measurement,
+    same: list[Frame],
+    design: Design,
+    use: Use,
+    black: Array,
+    noise: _Noise,
+    columns: int,
+    notes: list[str],
+) -> Shot:
+    frame = same[0]
+    raw = np.mean([measurement.linear(f).astype(float) for f in same], axis=0)
+    saturated = np.max([measurement.image(f) for f in same], axis=0) >= FULL_SCALE
+    if saturated.any():
+        notes.append(f"{frame.file}: {saturated.mean():.1%} of the values are saturated and left out")
+    signal = raw - black
+    variance = (noise.read + noise.photon * np.maximum(signal, 0.0)) / len(same)
+    zeros = np.mean([(measurement.image(f) <= 0).mean(axis=(0, 1)) for f in same], axis=0)
+    clip_sigma = np.where(zeros > CLIPPED_SHARE, np.sqrt(noise.read), 0.0)
+    view = measurement.view(frame, design)
+    factor = int(np.ceil(view.columns / columns))
+    if factor > 1:
+        notes.append(f"frames are binned {factor} x {factor} to at most {columns} columns")
+    signal, valid = _binned(signal, factor), _binned(saturated.astype(float), factor) == 0
+    variance = _binned(variance, factor) / factor**2
+    rows, width = signal.shape[:2]
+    scale_x, scale_y = view.width_px / view.columns * factor, view.height_px / view.rows * factor
+    view = view._replace(width_px=width * scale_x, height_px=rows * scale_y, columns=width, rows=rows)
+    exposure = 1.0 if frame.exposure is None else frame.exposure
+    on = [name in frame.leds if frame.leds is not None else True for name in design.group_names]
+    press = measurement.press(frame)
+    sigma = np.zeros(4) if press is None else _pose_sigma(frame, press.probe, notes)
+    lit = exposure * np.array(on, dtype=float)
+    files = tuple(f.file for f in same)
+    return Shot(files, use, press, sigma, lit, view, signal, variance, valid, clip_sigma)
+
+
+def _binned(values: Array, factor: int) -> Array:
+    """Average squares of `factor` x `factor` pixels; what fills no square at the right and bottom is cut."""
+    if factor == 1:
+        return values
+    rows, columns = values.shape[0] // factor, values.shape[1] // factor
+    cut = values[: rows * factor, : columns * factor]
+    return np.asarray(cut.reshape(rows, factor, columns, factor, -1).mean(axis=(1, 3)))
+
+
+def _pose_sigma(frame: Frame, probe: Probe, notes: list[str]) -> Array:
+    stated = frame.sigma
+    centre, depth, yaw = (
+        (None, None, None) if stated is None else (stated.centre_mm, stated.depth_mm, stated.yaw_deg)
+    )
+    sigma = [
+        default if given is None else given
+        for given, default in zip((centre, centre, depth, yaw), DEFAULT_SIGMA, strict=True)
+    ]
+    if centre is None or depth is None:
+        notes.append(
+            f"{frame.file}: how well the pose is known is not stated; taken as "
+            f"{DEFAULT_SIGMA[0]:g} mm and {DEFAULT_SIGMA[2]:g} mm in depth"
+        )
+    if probe.kind in ROUND:
+        sigma[3] = 0.0
+    elif frame.yaw_deg is None:
+        notes.append(f"{frame.file}: the yaw of the probe is unknown and taken as 0 deg with 1 deg of doubt")
+    return np.array(sigma, dtype=float)
