@@ -12,7 +12,7 @@ from designlab.spectra import Sensitivity
 from geometries.spec import Spec, quantity
 
 Array = NDArray[np.float64]
-Coordinate = Annotated[float, Field(ge=-1000.0, le=1000.0)]  # mm: nothing of a sensor is a metre away
+Coordinate = Annotated[float, Field(ge=-4000.0, le=4000.0)]  # mm: beyond, views are parallel to rounding
 WIDEST_PINHOLE_DEG = 170.0
 CURVE_STEPS = 1024  # signals at which noise behind a response curve is tabulated
 DEVIATES = np.linspace(-6.0, 6.0, 241)  # of the Gaussian that stands for noise there

@@ -220,7 +220,7 @@ def test_polynomial_vignetting_is_one_at_the_centre_and_counts_half_diagonals():
     assert float(camera.vignette(View(799.5, 599.5, 1.0, 1.0, 1, 1))[0, 0]) == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("position", [(9_192_492.0, 0.0, 24.0), (0.0, 0.0, 3.5e15), (0.0, -1001.0, 24.0)])
-def test_a_camera_a_metre_away_is_refused(position):
+@pytest.mark.parametrize("position", [(9_192_492.0, 0.0, 24.0), (0.0, 0.0, 3.5e15), (0.0, -4001.0, 24.0)])
+def test_a_camera_out_of_reach_is_refused(position):
     with pytest.raises(ValueError, match="position_mm"):
         Camera(position_mm=position)
