@@ -10,6 +10,7 @@ from designlab.cli.shared import bar, results_folder, source_named, table
 if TYPE_CHECKING:
     from designlab.calibrate import Calibration
 
+DESIGN, RESULT, PICTURE = "calibrated.toml", "calibration.json", "residual.png"
 SHOWN = ("snr_db", "structure_corr", "structure_snr_db")
 
 
@@ -21,11 +22,11 @@ def calibrate(args: Namespace) -> Result:
     from designlab.design import dumps
     from designlab.effects.model import load_model
     from designlab.measurement import load_measurement
-    from designlab.store import write_atomic, write_json
+    from designlab.store import atomic_folder, write_atomic, write_json
 
     measurement = load_measurement(args.measurement)
     model = load_model(args.model)
-    results_folder(args.out)
+    results_folder(args.out, made_with=RESULT)
     with bar("picture") as progress, source_named(args.model):
         found = fit(
             measurement,
@@ -37,13 +38,16 @@ def calibrate(args: Namespace) -> Result:
         )
     out = Path(args.out)
     data = found.to_json()
-    files = {
-        "design": write_atomic(out / "calibrated.toml", dumps(found.design)),
-        "result": write_json(out / "calibration.json", data),
-        "picture": draw(found, out / "residual.png"),
+    with atomic_folder(out, replace=True) as folder:
+        write_atomic(folder / DESIGN, dumps(found.design))
+        write_json(folder / RESULT, data)
+        draw(found, folder / PICTURE)
+    data["files"] = {
+        "design": str(out / DESIGN),
+        "result": str(out / RESULT),
+        "picture": str(out / PICTURE),
     }
-    data["files"] = {name: str(path) for name, path in files.items()}
-    return Result(data, f"{_summary(found)}\ndesign: {files['design']}\nresidual: {files['picture']}")
+    return Result(data, f"{_summary(found)}\ndesign: {out / DESIGN}\nresidual: {out / PICTURE}")
 
 
 def _summary(found: "Calibration") -> str:

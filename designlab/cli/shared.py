@@ -42,7 +42,7 @@ def source_named(source: str) -> Iterator[None]:
 
 
 def results_folder(folder: str | Path | None, *, made_with: str | None = None) -> None:
-    """Make a folder for results and try to write there, so that a long run does not end with a refusal.
+    """Try to write into a folder for results, so that a long run does not end with a refusal.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def results_folder(folder: str | Path | None, *, made_with: str | None = None) -
         The folder; nothing happens without one.
     made_with : str, optional
         File that an earlier run leaves there; a folder with other content is refused then, since the results
-        replace the folder as a whole.
+        replace the folder as a whole. Without one, the folder is there afterwards.
 
     Raises
     ------
@@ -70,10 +70,14 @@ def results_folder(folder: str | Path | None, *, made_with: str | None = None) -
         raise ValueError(
             f"{path}: must be absent, empty or of an earlier run; it has files but no {made_with}"
         )
+    made = [each for each in (path, *path.parents) if not each.exists()]
     try:
         path.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path):
             pass
+        if made_with:  # the results bring the folder; input that is refused leaves nothing
+            for each in made:
+                each.rmdir()
     except OSError as error:
         raise OSError(error.errno, f"cannot write into {path}: {error.strerror or error}") from None
 
