@@ -6,6 +6,7 @@ showed to be enough: linear and other unknowns are put into one set of normal eq
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,13 +37,22 @@ class Layout:
             self.pose[number] = [(size + k, int(part)) for k, part in enumerate(free)]
             size += len(free)
         self.moving = size
-        self.groups = len(problem.design.group_names)
+        self.groups = len(problem.imaging.names)
         self.linear = 0 if held_out else 3 * (self.groups + 1)
         self.size = size + self.linear
 
     def light(self, channel: int, column: int) -> int:
         """Place of a transfer (column below the number of groups) or of a floor."""
         return self.moving + channel * (self.groups + 1) + column
+
+
+class Step(NamedTuple):
+    """Finite difference of one unknown: its place, its number among its kind, and what depends on it."""
+
+    place: int
+    part: int
+    size: float
+    alone: int | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,20 +103,21 @@ def linearise(problem: Problem, layout: Layout, state: State, bases: Mapping[int
     prior = np.zeros(layout.size)
     parts = {}
     for number, basis in bases.items():
-        shot, sigma = problem.shots[number], problem.sigmas[number]
+        shot, sigma, lit = problem.shots[number], problem.sigmas[number], problem.lits[number]
         here = problem.predict(state, number, basis)
         places, columns = [], []
-        for place, part, step in _steps(problem, layout, state, number):
-            there = _shifted(layout, state, number, place, part, step)
-            change = problem.predict(state, number, problem.basis(there, number)) - here
-            places.append(place)
-            columns.append((change / (step * sigma))[shot.valid])
+        for steps in _steps(problem, layout, state, number):
+            there = problem.basis(_shifted(layout, state, number, steps), number)
+            for step in steps:
+                # Where one component alone depends on a number, others may have been stepped with it.
+                moved = there if step.alone is None else _exchanged(basis, there, step.alone)
+                change = problem.predict(state, number, moved) - here
+                places.append(step.place)
+                columns.append((change / (step.size * sigma))[shot.valid])
         for channel in range(3 if layout.linear else 0):
             for column in range(layout.groups + 1):
                 light = np.zeros_like(here)
-                light[..., channel] = (
-                    shot.lit[column] * basis[column] if column < layout.groups else np.ones(here.shape[:2])
-                )
+                light[..., channel] = 1.0 if column == layout.groups else lit[column] * basis[column]
                 places.append(layout.light(channel, column))
                 columns.append((light / sigma)[shot.valid])
         residual = problem.residual(state, number, basis)
@@ -120,26 +131,36 @@ def linearise(problem: Problem, layout: Layout, state: State, bases: Mapping[int
     return Normal(matrix + np.diag(prior), right, prior, parts)
 
 
-def _steps(problem: Problem, layout: Layout, state: State, number: int) -> list[tuple[int, int, float]]:
-    """Place, part and signed size of each finite difference of a shot."""
-    found = []
+def _steps(problem: Problem, layout: Layout, state: State, number: int) -> list[list[Step]]:
+    """Finite differences of a shot; those in one list are taken together, each in a component of its own."""
+    found: list[list[Step]] = []
+    apart: dict[str, list[Step]] = {}
     for place in range(layout.shared):
         field = problem.fields[place]
-        if problem.shots[number].press is None and field.path.startswith("contact."):
-            continue  # an untouched gel does not know how it smooths an indentation
+        if not problem.imaging.sees(field.path, problem.shots[number]):
+            continue
         up = state.shared[place] + field.step <= field.high
-        found.append((place, place, field.step if up else -field.step))
-    return found + [(place, part, float(POSE_STEP[part])) for place, part in layout.pose[number]]
+        alone = problem.imaging.alone(field.path)
+        step = Step(place, place, field.step if up else -field.step, alone)
+        if alone is None:
+            found.append([step])
+        else:
+            apart.setdefault(field.path.replace(f".{alone}", ".*", 1), []).append(step)
+    found += apart.values()
+    return found + [[Step(place, part, float(POSE_STEP[part]), None)] for place, part in layout.pose[number]]
 
 
-def _shifted(layout: Layout, state: State, number: int, place: int, part: int, step: float) -> State:
-    if place < layout.shared:
-        shared = state.shared.copy()
-        shared[part] += step
-        return replace(state, shared=shared)
-    pose = state.pose(number).copy()
-    pose[part] += step
-    return replace(state, poses={**state.poses, number: pose})
+def _shifted(layout: Layout, state: State, number: int, steps: Sequence[Step]) -> State:
+    shared, pose = state.shared.copy(), state.pose(number).copy()
+    for step in steps:
+        (shared if step.place < layout.shared else pose)[step.part] += step.size
+    return replace(state, shared=shared, poses={**state.poses, number: pose})
+
+
+def _exchanged(basis: Array, other: Array, component: int) -> Array:
+    found = basis.copy()
+    found[component] = other[component]
+    return found
 
 
 def _active(layout: Layout, normal: Normal, state: State) -> NDArray[np.intp]:
@@ -182,7 +203,7 @@ def moved(problem: Problem, layout: Layout, state: State, step: Array) -> State:
 def covariance(
     problem: Problem, layout: Layout, state: State, bases: Mapping[int, Array]
 ) -> tuple[Array, Array]:
-    """Covariance of all unknowns, and the variance that the simulator's random numbers add to each.
+    """Covariance of all unknowns, and by how much other random numbers of the simulator shift each.
 
     The first is a sandwich over blocks of `BLOCK_PX` squared pixels: errors in one block may be of any size
     and go together. Residuals of a block are less than its errors, the more it decides by itself, and are
@@ -206,8 +227,7 @@ def covariance(
         shift[own] += columns.T @ (other - residual)
     unknown = np.ones(layout.size)
     unknown[np.setdiff1d(np.arange(layout.size), active)] = np.nan
-    # A difference of two random numbers has twice the variance of one.
-    return inverse @ middle @ inverse * np.outer(unknown, unknown), (inverse @ shift) ** 2 / 2 * unknown
+    return inverse @ middle @ inverse * np.outer(unknown, unknown), inverse @ shift * unknown
 
 
 def _scores(problem: Problem, number: int, residual: Array, derivative: Array, inverse: Array) -> Array:

@@ -16,10 +16,8 @@ SHOWN = ("snr_db", "structure_corr", "structure_snr_db")
 
 def calibrate(args: Namespace) -> Result:
     """Fit light, poses and some fields of a design to a measurement, and write what was found."""
-    from designlab.calibrate import FREE
     from designlab.calibrate import calibrate as fit
     from designlab.calibrate.pictures import draw
-    from designlab.design import dumps
     from designlab.effects.model import load_model
     from designlab.measurement import load_measurement
     from designlab.store import atomic_folder, write_atomic, write_json
@@ -33,13 +31,13 @@ def calibrate(args: Namespace) -> Result:
             model,
             columns=args.columns,
             seed=args.seed,
-            free=FREE if args.free is None else args.free,
+            free=args.free,
             progress=progress,
         )
     out = Path(args.out)
     data = found.to_json()
     with atomic_folder(out, replace=True) as folder:
-        write_atomic(folder / DESIGN, dumps(found.design))
+        write_atomic(folder / DESIGN, found.model.dumps())
         write_json(folder / RESULT, data)
         draw(found, folder / PICTURE)
     data["files"] = {

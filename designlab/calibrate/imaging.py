@@ -1,0 +1,170 @@
+"""What a calibration needs of a model of pictures, and the one that simulates light."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel
+
+from designlab.camera import View
+from designlab.design import CHANNELS, Design
+from designlab.effects.camera import BlackLevel
+from designlab.effects.model import AppliedEffect, SensorModel
+from designlab.light_probe import LightProbe, light_probe
+from designlab.measurement.shots import Shot
+from designlab.press import Press
+from designlab.simulate import Simulator, automatic_exposure
+
+Array = NDArray[np.float64]
+KERNEL, SCALE = "contact.kernel_length_mm", "camera.horizontal_fov_deg"
+ALBEDO = "optics.membrane_albedo"
+
+Touched = Press | LightProbe | None
+"""What a shot shows: an indentation, a light probe in the place of the gel, or the untouched gel."""
+
+
+class Imaging(Protocol):
+    """A model of one sensor's pictures: a sum of components, each with a factor for every channel.
+
+    A component is the picture of one LED group at unit flux, say.
+    """
+
+    @property
+    def design(self) -> Design:
+        """The sensor: its camera, its LED groups."""
+        ...
+
+    @property
+    def model(self) -> BaseModel:
+        """Whose numbers can be freed, by their dotted paths."""
+        ...
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the components."""
+        ...
+
+    def lit(self, shot: Shot) -> Array:
+        """Relative exposure of every component in a shot, (components,)."""
+        ...
+
+    def usual(self, shots: Sequence[Shot]) -> tuple[str, ...]:
+        """Return paths of the numbers that are free where nothing else is said."""
+        ...
+
+    def sees(self, path: str, shot: Shot) -> bool:
+        """Whether a shot can depend on a number of the model."""
+        ...
+
+    def alone(self, path: str) -> int | None:
+        """Return the only component that depends on a number of the model; None where several do."""
+        ...
+
+    def basis(self, changes: Mapping[str, float], touched: Touched, view: View, *, seed: int) -> Array:
+        """Return pictures of the components, (components, rows, columns), after changes of the model."""
+        ...
+
+    def factors(self) -> Array:
+        """Return factors of the model as given, (3, components)."""
+        ...
+
+    def finished(self, changes: Mapping[str, float], factors: Array, floor: Array, source: str) -> Any:
+        """Return the calibrated model, with the name of the measurement it was found in."""
+        ...
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """Light transport: one component for each LED group, its picture at unit flux.
+
+    Parameters
+    ----------
+    design : Design
+        The sensor.
+    samples : int
+        Samples per pixel and LED group.
+    probe_samples : int
+        The same of a light probe, which is path-traced; a ball mirrors LEDs with next to no noise.
+    """
+
+    design: Design
+    samples: int
+    probe_samples: int = 16
+
+    @property
+    def model(self) -> BaseModel:
+        """The design."""
+        return self.design
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the LED groups."""
+        return self.design.group_names
+
+    def lit(self, shot: Shot) -> Array:
+        """Exposure of the groups that are on."""
+        return shot.lit
+
+    def usual(self, shots: Sequence[Shot]) -> tuple[str, ...]:
+        """Kernel and field of view; with a light probe, which tells light from reflectance, that too."""
+        found = (KERNEL, SCALE) if any(shot.press is not None for shot in shots) else ()
+        albedo = self.design.optics.membrane_albedo
+        probed = any(shot.ball is not None for shot in shots) and len(albedo) == len(self.names)
+        return (*found, *(f"{ALBEDO}.{group}" for group in range(len(albedo)) if probed))
+
+    def sees(self, path: str, shot: Shot) -> bool:
+        """Light probes see no gel; an untouched gel does not know how it smooths an indentation."""
+        if shot.ball is not None:
+            return not path.startswith(("contact.", "elastomer.", "optics.membrane", "optics.coating"))
+        return shot.press is not None or not path.startswith("contact.")
+
+    def alone(self, path: str) -> int | None:
+        """Group whose reflectance or LEDs the path names."""
+        parts = path.split(".")
+        groups = len(self.names)
+        own = parts[:2] == ["optics", "membrane_albedo"] and len(self.design.optics.membrane_albedo) == groups
+        return int(parts[2]) if len(parts) > 2 and (own or parts[:2] == ["leds", "groups"]) else None
+
+    def basis(self, changes: Mapping[str, float], touched: Touched, view: View, *, seed: int) -> Array:
+        """Simulate."""
+        design = self.design.replace(changes)
+        if isinstance(touched, LightProbe):
+            seen = light_probe(design, touched, view=view, samples=self.probe_samples, seed=seed)
+            return seen.basis.astype(float)
+        simulator = Simulator(design, view=view, samples=self.samples, seed=seed)
+        return simulator.frame(touched).basis.astype(float)
+
+    def factors(self) -> Array:
+        """Return exposure x mixing x flux; without a stated exposure that which the camera would choose."""
+        exposure = self.design.camera.exposure
+        transfer = self.design.mixing_matrix * [group.flux_mw for group in self.design.leds.groups]
+        if exposure is None:
+            untouched = Simulator(self.design, samples=self.samples, seed=0).frame(None).basis.astype(float)
+            exposure = automatic_exposure(np.moveaxis(np.tensordot(transfer, untouched, axes=1), 0, -1))
+        return np.asarray(transfer * exposure)
+
+    def finished(
+        self, changes: Mapping[str, float], factors: Array, floor: Array, source: str
+    ) -> SensorModel:
+        """Put products into fields: exposure stays as given, else total flux; columns of mixing reach 1."""
+        design = self.design.replace(changes)
+        largest = factors.max(axis=0)
+        flux = np.array([group.flux_mw for group in design.leds.groups])
+        shown = largest > 0
+        exposure = design.camera.exposure or float(largest.sum() / flux[shown].sum()) if shown.any() else 1.0
+        light: dict[str, object] = {
+            f"leds.groups.{g}.flux_mw": float(largest[g] / exposure) for g in np.flatnonzero(shown)
+        }
+        mixing = factors / np.where(shown, largest, 1.0)
+        design = design.replace(
+            {
+                **light,
+                "mixing": [[float(v) for v in row] for row in mixing],
+                "camera.exposure": exposure,
+            }
+        )
+        values = {channel: float(value) for channel, value in zip(CHANNELS, floor, strict=True)}
+        level = AppliedEffect(name=BlackLevel.name, values=values, found_in=source)
+        return SensorModel.of(design).with_effect(level)
