@@ -9,11 +9,13 @@ import annotated_types
 from pydantic import BaseModel
 
 # What light transport does not see, or sees as a factor only, is part of the transfer.
-IN_TRANSFER = r"mixing(\..*)?|leds\.groups\.\d+\.flux_mw|camera\.exposure"
+WITHIN = "design."  # prefix of the design's fields in a model that holds one
+IN_TRANSFER = r"mixing(\..*)?|leds\.groups\.\d+\.flux_mw|camera\.exposure|(factors|floor)(\..*)?"
 UNSEEN = r"camera\.(full_well_e|read_noise_e|black_level)"
 SHARE = r"optics\.\w+(albedo|reflectance)\.\d+"  # of several values, whose bounds pydantic does not hold
 STEP = 0.05  # of the value, for finite differences
 CAMERA_STEP = 0.01  # edges move by pixels where the camera does
+DIRECTION, DIRECTION_STEP_DEG = r"lights\.\d+\.\w+_deg", 1.0
 INSIDE = 1e-6  # of the value: how far within a bound that does not belong to the range
 
 
@@ -43,11 +45,12 @@ def shared_fields(model: BaseModel, free: Sequence[str]) -> tuple[SharedField, .
 
 
 def _field(model: BaseModel, path: str) -> SharedField:
-    if re.fullmatch(IN_TRANSFER, path):
+    inner = path.removeprefix(WITHIN)
+    if re.fullmatch(IN_TRANSFER, inner):
         raise ValueError(
             f"free: {path} cannot be told from other factors of the light and is fitted with them as transfer"
         )
-    if re.fullmatch(UNSEEN, path):
+    if re.fullmatch(UNSEEN, inner):
         raise ValueError(f"free: {path} must be a field that pictures without noise depend on")
     node: Any = model
     low, high, unit = -math.inf, math.inf, "1"
@@ -64,10 +67,12 @@ def _field(model: BaseModel, path: str) -> SharedField:
             raise ValueError(f"free: no field {path!r} in the model")
     if isinstance(node, bool) or not isinstance(node, float):
         raise ValueError(f"free: {path} must be a number that can vary, got {node!r}")
-    if re.fullmatch(SHARE, path):
+    if re.fullmatch(SHARE, inner):
         low, high = INSIDE, 1.0
-    share = CAMERA_STEP if path.startswith("camera.") else STEP
+    share = CAMERA_STEP if inner.startswith("camera.") else STEP
     step = share * abs(node) or 0.01 * (min(high, 1.0) - max(low, -1.0))
+    if re.fullmatch(DIRECTION, path):
+        step = DIRECTION_STEP_DEG
     return SharedField(path, unit, node, low, high, step)
 
 

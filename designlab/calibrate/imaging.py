@@ -42,8 +42,18 @@ class Imaging(Protocol):
         ...
 
     @property
+    def kind(self) -> str:
+        """What model it is, in a few words."""
+        ...
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the components."""
+        ...
+
+    @property
+    def unit(self) -> str:
+        """Unit of the factors."""
         ...
 
     def lit(self, shot: Shot) -> Array:
@@ -99,9 +109,19 @@ class Rendered:
         return self.design
 
     @property
+    def kind(self) -> str:
+        """Light transport."""
+        return "rendered"
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the LED groups."""
         return self.design.group_names
+
+    @property
+    def unit(self) -> str:
+        """Of one over radiance at unit flux."""
+        return "mm2 sr"
 
     def lit(self, shot: Shot) -> Array:
         """Exposure of the groups that are on."""

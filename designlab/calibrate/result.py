@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.directional import DirectionalLight
 from designlab.effects.model import SensorModel
 
 Array = NDArray[np.float64]
@@ -75,12 +76,13 @@ class Calibration:
         Transfer times reflectance of the membrane for each channel and LED group, which pictures of the gel
         tell whether or not they tell the two apart.
     transfer, floor : array, shapes (3, groups) and (3,)
-        Signal of a channel per unit-power radiance of a group (mm2 sr), and that without light from LEDs.
+        Signal of a channel per unit-power radiance of a group (mm2 sr), and that without light from LEDs. Of
+        directional light: its factors, shape (3, components).
     notes : tuple of str
         What was left out, assumed, or cannot be told apart.
     """
 
-    model: SensorModel
+    model: SensorModel | DirectionalLight
     parameters: tuple[Parameter, ...]
     correlation: Array
     products: tuple[Parameter, ...]

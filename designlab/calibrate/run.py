@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab import metrics
-from designlab.calibrate.fields import SharedField, shared_fields
-from designlab.calibrate.imaging import ALBEDO, SCALE, Rendered
+from designlab.calibrate.directional import Directional
+from designlab.calibrate.fields import WITHIN, SharedField, shared_fields
+from designlab.calibrate.imaging import ALBEDO, SCALE, Imaging, Rendered
 from designlab.calibrate.problem import MODEL_ERROR, Problem, Progress, State
 from designlab.calibrate.result import Calibration, FrameResult, Parameter
 from designlab.calibrate.solve import MOST_STEPS, Layout, covariance, fit
 from designlab.design import CHANNELS, Design
+from designlab.directional import DirectionalLight
 from designlab.effects.model import SensorModel, effect
 from designlab.light_probe import LightProbe
 from designlab.measurement import Measurement, MeasurementError
@@ -30,7 +32,7 @@ LEAST_COLUMNS = 32  # of a picture that a first, coarse fit is worth making on
 
 def calibrate(
     measurement: Measurement,
-    model: Design | SensorModel,
+    model: Design | SensorModel | DirectionalLight,
     *,
     columns: int = 160,
     samples: int = 48,
@@ -51,7 +53,7 @@ def calibrate(
     ----------
     measurement : Measurement
         A loaded measurement folder; one press is enough.
-    model : Design or SensorModel
+    model : Design, SensorModel or DirectionalLight
         The sensor to start from, without effects.
     columns : int
         Wider frames are binned to at most this many columns.
@@ -61,7 +63,8 @@ def calibrate(
         Seed of the light transport; the same seed gives the same result.
     free : sequence of str, optional
         Dotted paths of the design's numbers to fit; kernel length and field of view when absent, and the
-        reflectance for each LED group where a light probe tells it from their light.
+        reflectance for each LED group where a light probe tells it from their light. Of directional light:
+        kernel length, field of view, direction of every light, exponent.
     progress : callable, optional
         Called with the stage, pictures done and pictures expected in it.
 
@@ -72,19 +75,12 @@ def calibrate(
     ValueError
         If the model has effects, or a field cannot be calibrated.
     """
-    sensor = SensorModel.of(model)
-    named = [applied.name for applied in sensor.effects if not effect(applied.name).nuisance]
-    if named:
-        raise ValueError(
-            "model: must be a design without effects, since they are named after calibration; "
-            f"has {', '.join(named)}"
-        )
     for name, value, least in (("columns", columns, 8), ("samples", samples, 1)):
         if value < least:
             raise ValueError(f"{name}: must be at least {least}, got {value}")
-    design = sensor.design
-    imaging = Rendered(design, samples)
-    seen = observe(measurement, design, columns=columns, light_probes=True)
+    imaging = _imaging(model, samples)
+    design, probes = imaging.design, isinstance(imaging, Rendered)
+    seen = observe(measurement, design, columns=columns, light_probes=probes)
     fields = shared_fields(imaging.model, imaging.usual(seen.shots) if free is None else free)
     problem = Problem(imaging, seen.shots, fields, seed=seed, progress=progress)
     fitted = seen.of("background", "light_probe", "train")
@@ -92,7 +88,7 @@ def calibrate(
     given = _given(problem)
     state = _reflecting(problem, problem.start(), fitted)
     if columns // 2 >= LEAST_COLUMNS:
-        coarse = observe(measurement, design, columns=columns // 2, light_probes=True)
+        coarse = observe(measurement, design, columns=columns // 2, light_probes=probes)
         state = _coarse(Problem(imaging, coarse.shots, fields, seed=seed, progress=progress), state, fitted)
     moves = len(fields) + 5
     problem.begin("fitting", len(fitted) * (1 + 4 * moves))
@@ -126,7 +122,8 @@ def calibrate(
         notes=notes,
         provenance={
             "measurement": measurement.name,
-            "model_digest": sensor.digest,
+            "model_digest": model.digest,
+            "imaging": imaging.kind,
             "seed": seed,
             "samples": samples,
             "columns": columns,
@@ -134,6 +131,19 @@ def calibrate(
             "noise": seen.noise_source,
         },
     )
+
+
+def _imaging(model: Design | SensorModel | DirectionalLight, samples: int) -> Imaging:
+    if isinstance(model, DirectionalLight):
+        return Directional(model)
+    sensor = SensorModel.of(model)
+    named = [applied.name for applied in sensor.effects if not effect(applied.name).nuisance]
+    if named:
+        raise ValueError(
+            "model: must be a design without effects, since they are named after calibration; "
+            f"has {', '.join(named)}"
+        )
+    return Rendered(sensor.design, samples)
 
 
 def _check(measurement: Measurement, problem: Problem, fitted: Sequence[int]) -> None:
@@ -187,7 +197,7 @@ def _reflecting(problem: Problem, state: State, fitted: Sequence[int]) -> State:
 
 def _coarse(problem: Problem, state: State, fitted: Sequence[int]) -> State:
     """Fit coarse pictures, from the best scale of the picture where that is free."""
-    paths = [field.path for field in problem.fields]
+    paths = [field.path.removeprefix(WITHIN) for field in problem.fields]
     if SCALE in paths:
         problem.begin("trying scales", len(SCALES) * len(fitted))
         state = min(
@@ -230,7 +240,9 @@ def _parameters(problem: Problem, layout: Layout, state: State, deviation: Array
             named.append((f"{problem.shots[number].files[0]}.{name}", name.rpartition("_")[2], pose[name]))
     for channel, letter in enumerate(CHANNELS):
         for group, name in enumerate(problem.imaging.names):
-            named.append((f"transfer.{letter}.{name}", "mm2 sr", float(state.transfer[channel, group])))
+            named.append(
+                (f"transfer.{letter}.{name}", problem.imaging.unit, float(state.transfer[channel, group]))
+            )
         named.append((f"floor.{letter}", "1", float(state.floor[channel])))
     return tuple(
         Parameter(name, unit, value, float(se) if math.isfinite(se) else None)
@@ -305,7 +317,8 @@ def _notes(
             notes.append(f"{shot.files[0]}: {name} departs from the stated pose by more than 3 sigma")
     dark = [n for g, n in enumerate(problem.imaging.names) if not state.transfer[:, g].any()]
     if dark:
-        notes.append(f"no light of {', '.join(dark)} was found; the flux stays and its mixing is zero")
+        kept = "; the flux stays and its mixing is zero" if isinstance(problem.imaging, Rendered) else ""
+        notes.append(f"no light of {', '.join(dark)} was found{kept}")
     for field, value in zip(problem.fields, state.shared, strict=True):
         if _at_bound(field, float(value)):
             notes.append(f"{field.path} stands at its bound, {value:g} {field.unit}")
@@ -313,6 +326,11 @@ def _notes(
 
 
 def _known_apart(problem: Problem) -> str:
+    if not isinstance(problem.imaging, Rendered):
+        return (
+            "directional light knows no unit: factors are signals, each a product of light, reflectance, "
+            "exposure"
+        )
     apart = any(shot.ball is not None for shot in problem.shots)
     apart &= any(field.path.startswith(ALBEDO) for field in problem.fields)
     return (
