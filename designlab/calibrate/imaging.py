@@ -56,6 +56,11 @@ class Imaging(Protocol):
         """Unit of the factors."""
         ...
 
+    @property
+    def step_share(self) -> float:
+        """Finite-difference steps over those that suit pictures with random errors."""
+        ...
+
     def lit(self, shot: Shot) -> Array:
         """Relative exposure of every component in a shot, (components,)."""
         ...
@@ -122,6 +127,11 @@ class Rendered:
     def unit(self) -> str:
         """Of one over radiance at unit flux."""
         return "mm2 sr"
+
+    @property
+    def step_share(self) -> float:
+        """Light transport draws random numbers."""
+        return 1.0
 
     def lit(self, shot: Shot) -> Array:
         """Exposure of the groups that are on."""

@@ -344,8 +344,10 @@ def _known_apart(problem: Problem) -> str:
 
 def _entangled(parameters: Sequence[Parameter], correlation: Array) -> list[str]:
     """Say which errors go together, so that one value is only as right as the other."""
+    untold = [p.name for p in parameters if p.se is None and p.value != 0.0]
+    notes = [f"{', '.join(untold)}: other values explain the pictures as well"] if untold else []
     pairs = zip(*np.nonzero(np.triu(np.abs(correlation) > ENTANGLED, 1)), strict=True)
-    return [
+    return notes + [
         f"{parameters[a].name} and {parameters[b].name} are hardly told apart "
         f"(their errors correlate {correlation[a, b]:+.2f})"
         for a, b in pairs

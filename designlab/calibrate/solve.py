@@ -23,6 +23,8 @@ MOST_STEPS = 14
 MOST_DAMPING = 1e3
 BLOCK_PX = 8
 MOST_LEVERAGE = 0.99  # of a block on its own prediction
+RELATIVE_RANK = 1e-13  # eigenvalue over the largest, below which pictures do not change in a direction
+BLIND_SHARE = 1e-6  # of an unknown in such directions, above which pictures do not tell it
 
 
 class Layout:
@@ -135,19 +137,22 @@ def _steps(problem: Problem, layout: Layout, state: State, number: int) -> list[
     """Finite differences of a shot; those in one list are taken together, each in a component of its own."""
     found: list[list[Step]] = []
     apart: dict[str, list[Step]] = {}
+    share = problem.imaging.step_share
     for place in range(layout.shared):
         field = problem.fields[place]
         if not problem.imaging.sees(field.path, problem.shots[number]):
             continue
         up = state.shared[place] + field.step <= field.high
         alone = problem.imaging.alone(field.path)
-        step = Step(place, place, field.step if up else -field.step, alone)
+        step = Step(place, place, share * (field.step if up else -field.step), alone)
         if alone is None:
             found.append([step])
         else:
             apart.setdefault(field.path.replace(f".{alone}", ".*", 1), []).append(step)
     found += apart.values()
-    return found + [[Step(place, part, float(POSE_STEP[part]), None)] for place, part in layout.pose[number]]
+    return found + [
+        [Step(place, part, share * float(POSE_STEP[part]), None)] for place, part in layout.pose[number]
+    ]
 
 
 def _shifted(layout: Layout, state: State, number: int, steps: Sequence[Step]) -> State:
@@ -208,15 +213,18 @@ def covariance(
     The first is a sandwich over blocks of `BLOCK_PX` squared pixels: errors in one block may be of any size
     and go together. Residuals of a block are less than its errors, the more it decides by itself, and are
     raised accordingly (Bell and McCaffrey 2002, CR2). The second is from one simulation with other random
-    numbers. Both are NaN for what stands at zero or is not seen.
+    numbers. Both are NaN for what stands at zero, is not seen, or can be made up for by others exactly.
     """
     normal = linearise(problem, layout, state, bases)
     active = _active(layout, normal, state)
     scale = np.sqrt(np.diag(normal.matrix)[active])
+    values, vectors = np.linalg.eigh(normal.matrix[np.ix_(active, active)] / np.outer(scale, scale))
+    told = values > RELATIVE_RANK * values.max(initial=0.0)
     inverse = np.zeros((layout.size, layout.size))
-    inverse[np.ix_(active, active)] = np.linalg.pinv(
-        normal.matrix[np.ix_(active, active)] / np.outer(scale, scale), hermitian=True
-    ) / np.outer(scale, scale)
+    inverse[np.ix_(active, active)] = (
+        vectors[:, told] / values[told] @ vectors[:, told].T / np.outer(scale, scale)
+    )
+    blind = (vectors[:, ~told] ** 2).sum(axis=1) > BLIND_SHARE
     middle, shift = np.diag(normal.prior), np.zeros(layout.size)
     for number, (residual, places, derivative) in normal.parts.items():
         kept = [k for k, place in enumerate(places) if place in set(active.tolist())]
@@ -225,8 +233,8 @@ def covariance(
         middle[np.ix_(own, own)] += score.T @ score
         other = problem.residual(state, number, problem.basis(state, number, other_seed=True))
         shift[own] += columns.T @ (other - residual)
-    unknown = np.ones(layout.size)
-    unknown[np.setdiff1d(np.arange(layout.size), active)] = np.nan
+    unknown = np.full(layout.size, np.nan)
+    unknown[active[~blind]] = 1.0
     return inverse @ middle @ inverse * np.outer(unknown, unknown), inverse @ shift * unknown
 
 
