@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from designlab.calibrate.fields import WITHIN
-from designlab.calibrate.imaging import KERNEL, SCALE, Touched
+from designlab.calibrate.imaging import KERNEL, SCALE, Search, Touched
 from designlab.camera import View
 from designlab.design import Design
 from designlab.directional import DirectionalLight
@@ -51,9 +51,9 @@ class Directional:
         return "1"
 
     @property
-    def step_share(self) -> float:
-        """Nothing is drawn; longer steps seem to tell apart depth and field of view, which they do not."""
-        return 0.2
+    def search(self) -> Search:
+        """Closely: nothing is drawn; directions, depth and field of view nearly make up for each other."""
+        return Search(step_share=0.2, least_gain=1e-6, most_steps=40)
 
     def lit(self, shot: Shot) -> Array:
         """Exposure of the groups that are on, for each of their components."""

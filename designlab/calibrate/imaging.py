@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,18 @@ ALBEDO = "optics.membrane_albedo"
 
 Touched = Press | LightProbe | None
 """What a shot shows: an indentation, a light probe in the place of the gel, or the untouched gel."""
+
+
+class Search(NamedTuple):
+    """How to look for the best values: what suits pictures with random errors, if nothing else is said.
+
+    `step_share` scales the steps of finite differences; the search ends where the objective falls by less
+    than the share `least_gain`, or after `most_steps`.
+    """
+
+    step_share: float = 1.0
+    least_gain: float = 2e-4
+    most_steps: int = 14
 
 
 class Imaging(Protocol):
@@ -57,8 +69,8 @@ class Imaging(Protocol):
         ...
 
     @property
-    def step_share(self) -> float:
-        """Finite-difference steps over those that suit pictures with random errors."""
+    def search(self) -> Search:
+        """How to look for the best values."""
         ...
 
     def lit(self, shot: Shot) -> Array:
@@ -129,9 +141,9 @@ class Rendered:
         return "mm2 sr"
 
     @property
-    def step_share(self) -> float:
-        """Light transport draws random numbers."""
-        return 1.0
+    def search(self) -> Search:
+        """As pictures with random errors, which take their time, allow."""
+        return Search()
 
     def lit(self, shot: Shot) -> Array:
         """Exposure of the groups that are on."""

@@ -13,7 +13,7 @@ from designlab.calibrate.fields import WITHIN, SharedField, shared_fields
 from designlab.calibrate.imaging import ALBEDO, SCALE, Imaging, Rendered
 from designlab.calibrate.problem import MODEL_ERROR, Problem, Progress, State
 from designlab.calibrate.result import Calibration, FrameResult, Parameter
-from designlab.calibrate.solve import MOST_STEPS, Layout, covariance, fit
+from designlab.calibrate.solve import Layout, covariance, fit
 from designlab.design import CHANNELS, Design
 from designlab.directional import DirectionalLight
 from designlab.effects.model import SensorModel, effect
@@ -205,7 +205,7 @@ def _coarse(problem: Problem, state: State, fitted: Sequence[int]) -> State:
             key=lambda tried: _misfit(problem, tried, fitted),
         )
     problem.begin("fitting coarsely", len(fitted) * (1 + COARSE_STEPS * (len(paths) + 5)))
-    return fit(problem, state, fitted, steps=min(COARSE_STEPS, MOST_STEPS))[0]
+    return fit(problem, state, fitted, steps=COARSE_STEPS)[0]
 
 
 def _scaled(problem: Problem, state: State, place: int) -> list[State]:

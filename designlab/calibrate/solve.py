@@ -18,8 +18,6 @@ Array = NDArray[np.float64]
 POSE_STEP = np.array([0.05, 0.05, 0.02, 0.5])  # mm, mm, mm, deg: finite differences
 LONGEST = 5.0  # finite-difference steps that one Gauss-Newton step may take
 DAMPING = 1e-3
-LEAST_GAIN = 2e-4  # of the objective, below which the search ends
-MOST_STEPS = 14
 MOST_DAMPING = 1e3
 BLOCK_PX = 8
 MOST_LEVERAGE = 0.99  # of a block on its own prediction
@@ -68,7 +66,12 @@ class Normal:
 
 
 def fit(
-    problem: Problem, state: State, numbers: Sequence[int], *, held_out: bool = False, steps: int = MOST_STEPS
+    problem: Problem,
+    state: State,
+    numbers: Sequence[int],
+    *,
+    held_out: bool = False,
+    steps: int | None = None,
 ) -> tuple[State, dict[int, Array]]:
     """Fit shared fields, poses, transfer and floor to some shots; of those held out, the poses alone.
 
@@ -81,7 +84,9 @@ def fit(
     bases = problem.bases(state, numbers)
     state = state if held_out else problem.lit_best(state, bases)
     best, damping = problem.objective(state, bases), DAMPING
-    for _ in range(steps if layout.moving else 0):
+    search = problem.imaging.search
+    most = search.most_steps if steps is None else steps
+    for _ in range(most if layout.moving else 0):
         normal = linearise(problem, layout, state, bases)
         before = best
         while damping <= MOST_DAMPING:
@@ -94,7 +99,7 @@ def fit(
                 damping /= 4
                 break
             damping *= 8
-        if before - best < LEAST_GAIN * before:
+        if before - best < search.least_gain * before:
             break
     return state, bases
 
@@ -137,7 +142,7 @@ def _steps(problem: Problem, layout: Layout, state: State, number: int) -> list[
     """Finite differences of a shot; those in one list are taken together, each in a component of its own."""
     found: list[list[Step]] = []
     apart: dict[str, list[Step]] = {}
-    share = problem.imaging.step_share
+    share = problem.imaging.search.step_share
     for place in range(layout.shared):
         field = problem.fields[place]
         if not problem.imaging.sees(field.path, problem.shots[number]):

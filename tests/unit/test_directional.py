@@ -16,8 +16,8 @@ from designlab.simulate import Simulator
 from geometries.probes import parse
 
 DESIGN = preset("gelsight-2020-flat")
-CROP = (936, 612, 720, 720)
-SIDE = 48
+CROP = (987, 815, 480, 480)
+SIDE = 60
 VIEW = View(*map(float, CROP), SIDE, SIDE)
 BALL = Press(probe=parse("sphere:4"), depth_mm=0.5)
 SHARP = {"contact.kernel_length_mm": 0.0}
@@ -160,7 +160,7 @@ class TestFile:
             ('reflection = "phong"', 'reflection = "shiny"', r"field reflection: .*'diffuse' or 'phong'"),
             ("floor = [", "floor = [\n    1.0,", r"field floor"),
             ("factors = [", "factors = [\n    [0.1, 0.2],", r"factors: 3 rows \(R, G, B\) of 6 values"),
-            ("factors = [\n    [\n        ", "factors = [\n    [\n        -", r"factors: must not be n.* channel R"),
+            ("factors = [\n    [\n        ", "factors = [\n    [\n        -", r"factors: .*negative.* R$"),
             ("kernel_m = 200.0", "kernel_m = 0.0", r"field design\.contact\.kernel_m"),
             ("kernel_m = 200.0", "kernel_m = 201.0", r"field digest: .*edited by hand"),
             ("version = 1", "version = 1\ncolour = 3", r"field colour: unknown field"),
@@ -221,6 +221,11 @@ STATED = {"probe": "sphere:5", "depth_mm": 0.6}
 SIGMA = {"centre_mm": 0.05, "depth_mm": 0.02}
 PLACES = ((0.5, -0.4), (-1.2, 0.9))
 ALL = ("red", "green", "blue")
+ANGLES = ("azimuth_deg", "elevation_deg")
+GEOMETRY = {
+    "contact.kernel_length_mm": DESIGN.contact.kernel_length_mm,
+    "camera.horizontal_fov_deg": DESIGN.camera.horizontal_fov_deg,
+}
 
 
 def true_model(reflection):
@@ -284,41 +289,25 @@ class TestCompare:
         assert "structure_corr" in capsys.readouterr().out
 
 
-def recovered(found, light):
-    """Check every number of the model that was found against the truth."""
+def scores(found, light):
+    """Departures from the truth in standard errors, of every number that does not stand at zero."""
+    true = {f"lights.{g}.{name}": getattr(at, name) for g, at in enumerate(light.lights) for name in ANGLES}
+    true |= {f"design.{path}": value for path, value in GEOMETRY.items()}
+    true |= {"exponent": light.exponent} if light.exponent is not None else {}
+    for letter, row, floor in zip("RGB", light.factors, light.floor, strict=True):
+        true |= {f"transfer.{letter}.{name}": value for name, value in zip(light.names, row, strict=True)}
+        true[f"floor.{letter}"] = floor
     values = {p.name: p for p in found.parameters}
-
-    def check(name, true):
-        value = values[name]
-        assert value.se is not None, value
-        assert abs(value.value - true) < 3 * value.se, value
-
-    for group, true in enumerate(light.lights):
-        for name in ("azimuth_deg", "elevation_deg"):
-            check(f"lights.{group}.{name}", getattr(true, name))
-            assert values[f"lights.{group}.{name}"].se < 1.5
-    for path in ("contact.kernel_length_mm", "camera.horizontal_fov_deg"):
-        part, field = path.split(".")
-        check(f"design.{path}", getattr(getattr(DESIGN, part), field))
-    if light.exponent is not None:
-        check("exponent", light.exponent)
-    for channel, letter in enumerate("RGB"):
-        for component, name in enumerate(light.names):
-            true = light.factors[channel][component]
-            if values[f"transfer.{letter}.{name}"].value > 0:
-                check(f"transfer.{letter}.{name}", true)
-            else:
-                assert true < 0.03
-        check(f"floor.{letter}", light.floor[channel])
-    for frame in found.frames:
-        assert np.std(frame.measured - frame.simulated) == pytest.approx(NOISE, rel=0.03)
+    at_zero = {name for name, p in values.items() if p.value == 0.0}
+    assert max((true[name] for name in at_zero), default=0.0) < 0.03
+    return {name: (values[name].value - true[name]) / values[name].se for name in true.keys() - at_zero}
 
 
 @pytest.mark.parametrize(
     ("reflection", "switched", "places"),
     [("diffuse", tuple((name,) for name in ALL), PLACES[:1]), ("phong", (ALL,), PLACES)],
 )
-def test_recovery_within_three_standard_errors(reflection, switched, places, tmp_path):
+def test_recovery_within_standard_errors(reflection, switched, places, tmp_path):
     """From directions 5 deg and more away. Without lobes, light of one group at a time is needed."""
     light = true_model(reflection)
     measurement = made(
@@ -328,7 +317,14 @@ def test_recovery_within_three_standard_errors(reflection, switched, places, tmp
         switched=switched,
     )
     found = calibrate(measurement, DirectionalLight.of(DESIGN, reflection), columns=SIDE)
-    recovered(found, light)
+    score = scores(found, light)
+    # Of some thirty numbers one errs by 3 in a tenth of all draws, and by 4 in a five-hundredth.
+    assert np.abs(list(score.values())).max() < 4, score
+    assert np.sqrt(np.mean(np.square(list(score.values())))) < 1.5
+    for number in found.parameters[: 2 * len(light.lights)]:
+        assert number.se < 1.0
+    for frame in found.frames:
+        assert np.std(frame.measured - frame.simulated) == pytest.approx(NOISE, rel=0.03)
     assert isinstance(found.model, DirectionalLight)
     (tmp_path / "found.toml").write_text(found.model.dumps(), encoding="utf-8")
     assert load_any_model(tmp_path / "found.toml") == found.model
@@ -352,3 +348,41 @@ def test_what_mixed_light_does_not_tell_has_no_error_and_a_note(tmp_path):
         "lights.0.azimuth_deg" in note and "explain the pictures as well" in note for note in found.notes
     )
     assert all(frame.after["snr_db"] > 40 for frame in found.frames)
+
+
+@pytest.mark.slow
+def test_a_rendered_picture_is_told_worse_than_by_light_transport(tmp_path):
+    """Near light falls off and casts shadows; the better of the two shading models is Phong's."""
+    view = View(936.0, 612.0, 720.0, 720.0, 40, 40)
+    simulator = Simulator(DESIGN, view=view, samples=64, seed=21)
+    frames = {press: simulator.frame(press).mixed.astype(float) for press in (None, BALL)}
+    scale = 0.5 / frames[None].max()
+    rng = np.random.default_rng(22)
+    content = {"crop_px": tuple(int(v) for v in view[:4])}
+    pose = {"probe": "sphere:4", "depth_mm": 0.5, "centre_mm": (0.0, 0.0), "sigma": SIGMA, "split": "train"}
+    listed = (
+        Frame.model_validate({"file": "0.exr", "kind": "background", **content}),
+        Frame.model_validate({"file": "1.exr", "kind": "press", **content, **pose}),
+    )
+    images = {
+        frame.file: (picture * scale + NOISE * rng.standard_normal(picture.shape)).astype(np.float32)
+        for frame, picture in zip(listed, frames.values(), strict=True)
+    }
+    folder = write_measurement(
+        Measurement(sensor="gelsight-2020-flat", response="linear", frames=listed), images, tmp_path / "m"
+    )
+    measurement = load_measurement(folder)
+    starts = {"rendered": DESIGN} | {kind: DirectionalLight.of(DESIGN, kind) for kind in ("diffuse", "phong")}
+    found = {
+        kind: calibrate(measurement, start, columns=40, samples=32, free=() if kind == "rendered" else None)
+        for kind, start in starts.items()
+    }
+    snr = {kind: result.frames[1].after["snr_db"] for kind, result in found.items()}
+    structure = {kind: result.frames[1].after["structure_snr_db"] for kind, result in found.items()}
+    assert snr["rendered"] > snr["phong"] + 10 and snr["phong"] >= snr["diffuse"] - 0.1, snr
+    assert structure["rendered"] > structure["phong"] + 3 > structure["diffuse"], structure
+    for kind in ("diffuse", "phong"):
+        again = compare_model(found[kind].model, measurement).to_json()
+        assert found[kind].frames[1].before["snr_db"] < found[kind].frames[1].after["snr_db"]
+        assert again["snr_db"] > found[kind].frames[1].before["snr_db"]
+    print(snr, structure)
