@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from designlab.calibrate.fields import WITHIN
-from designlab.calibrate.imaging import KERNEL, SCALE, Search, Touched
+from designlab.calibrate.imaging import Search, Touched
 from designlab.camera import View
 from designlab.design import Design
 from designlab.directional import DirectionalLight
@@ -60,14 +60,14 @@ class Directional:
         return self.light.each(shot.lit)
 
     def usual(self, shots: Sequence[Shot]) -> tuple[str, ...]:
-        """Directions and exponent, of which flat gel tells nothing; with a press also kernel and view."""
-        pressed = any(shot.press is not None for shot in shots)
-        if not pressed and self.design.elastomer.shape == "flat":
+        """Directions and exponent, of which flat gel without a press tells nothing.
+
+        Not kernel and field of view: a press as large as the picture would stand for light that falls off.
+        """
+        if self.design.elastomer.shape == "flat" and not any(shot.press is not None for shot in shots):
             return ()
         directions = [f"lights.{g}.{angle}" for g in range(len(self.light.lights)) for angle in ANGLES]
-        exponent = ("exponent",) if self.light.exponent is not None else ()
-        geometry = (WITHIN + KERNEL, WITHIN + SCALE) if pressed else ()
-        return (*directions, *exponent, *geometry)
+        return (*directions, *(("exponent",) if self.light.exponent is not None else ()))
 
     def sees(self, path: str, shot: Shot) -> bool:
         """Whether it matters: an untouched gel does not know how it smooths an indentation."""

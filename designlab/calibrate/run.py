@@ -64,7 +64,7 @@ def calibrate(
     free : sequence of str, optional
         Dotted paths of the design's numbers to fit; kernel length and field of view when absent, and the
         reflectance for each LED group where a light probe tells it from their light. Of directional light:
-        kernel length, field of view, direction of every light, exponent.
+        direction of every light, exponent.
     progress : callable, optional
         Called with the stage, pictures done and pictures expected in it.
 

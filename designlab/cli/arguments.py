@@ -157,8 +157,8 @@ def _add_designs(add: Any) -> None:
         nargs="*",
         metavar="FIELD",
         help="numbers of the design to fit beside light and poses "
-        "(default: contact.kernel_length_mm camera.horizontal_fov_deg; of a baseline, which names them with "
-        "design. in front, also the directions lights.N.azimuth_deg, .elevation_deg, and exponent)",
+        "(default: contact.kernel_length_mm camera.horizontal_fov_deg; of a baseline, which names these with "
+        "design. in front, lights.N.azimuth_deg, lights.N.elevation_deg and exponent)",
     )
     calibrate.add_argument(
         "--columns", type=_whole(8, 2048), default=160, metavar="N", help="wider frames are binned to this"
