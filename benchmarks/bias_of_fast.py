@@ -46,7 +46,8 @@ PROBES = (("sphere", 4.0), ("triangle", 5.0), ("star", 6.0), ("cylinder", 4.0), 
 def presses(design: Design, seed: int) -> list[Press]:
     """A ball, a triangle or star, and another of the test probes, at random places.
 
-    Chosen here and not by the bench of the scores: unbiased pictures take hours and stay good when that changes.
+    Chosen here and not by the bench of the scores: unbiased pictures take hours, and stay good when that
+    changes.
     """
     random = np.random.default_rng([seed, 21])
     width, height = design.sensing_area_mm
@@ -70,9 +71,7 @@ def presses(design: Design, seed: int) -> list[Press]:
         centre = draw.uniform(-0.22, 0.22) * width, draw.uniform(-0.2, 0.2) * height
         yaw_deg = draw.uniform(-180.0, 180.0)
         probe = parse(f"{kind}:{size_mm * scale:.6g}")
-        tests.append(
-            Press(probe=probe, depth_mm=depth_mm * TEST_DEPTH, centre_mm=centre, yaw_deg=yaw_deg)
-        )
+        tests.append(Press(probe=probe, depth_mm=depth_mm * TEST_DEPTH, centre_mm=centre, yaw_deg=yaw_deg))
     return [*plan, tests[sharp], tests[other]]
 
 

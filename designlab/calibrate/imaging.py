@@ -91,7 +91,7 @@ class Rendered:
 
     design: Design
     samples: int
-    probe_samples: int = 16
+    probe_samples: int = 64
 
     @property
     def model(self) -> BaseModel:

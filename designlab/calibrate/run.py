@@ -12,7 +12,7 @@ from designlab.calibrate.fields import SharedField, shared_fields
 from designlab.calibrate.imaging import ALBEDO, SCALE, Rendered
 from designlab.calibrate.problem import MODEL_ERROR, Problem, Progress, State
 from designlab.calibrate.result import Calibration, FrameResult, Parameter
-from designlab.calibrate.solve import MOST_STEPS, Layout, covariance, fit
+from designlab.calibrate.solve import Layout, covariance, fit
 from designlab.design import CHANNELS, Design
 from designlab.effects.model import SensorModel, effect
 from designlab.light_probe import LightProbe
@@ -25,7 +25,7 @@ SCALES = (0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 1.0, 1.05, 1.1)  # of the tangent of 
 COARSE_STEPS = 8
 ENTANGLED = 0.95  # correlation of errors that is worth a note
 DARKEST, BRIGHTEST = 0.02, 0.98  # reflectance to start from
-LEAST_COLUMNS = 32  # of a picture that a first, coarse fit is worth making on
+LEAST_COLUMNS = 64  # of a picture that a first, coarse fit is worth making on
 
 
 def calibrate(
@@ -90,11 +90,15 @@ def calibrate(
     fitted = seen.of("background", "light_probe", "train")
     _check(measurement, problem, fitted)
     given = _given(problem)
-    state = _reflecting(problem, problem.start(), fitted)
-    if columns // 2 >= LEAST_COLUMNS:
-        coarse = observe(measurement, design, columns=columns // 2, light_probes=True)
-        state = _coarse(Problem(imaging, coarse.shots, fields, seed=seed, progress=progress), state, fitted)
     moves = len(fields) + 5
+    if columns // 2 >= LEAST_COLUMNS:
+        seen_coarsely = observe(measurement, design, columns=columns // 2, light_probes=True)
+        coarse = Problem(imaging, seen_coarsely.shots, fields, seed=seed, progress=progress)
+        start = _first(coarse, coarse.start(), fitted)
+        coarse.begin("fitting coarsely", len(fitted) * (1 + COARSE_STEPS * moves))
+        state, _ = fit(coarse, start, fitted, steps=COARSE_STEPS)
+    else:
+        state = _first(problem, problem.start(), fitted)
     problem.begin("fitting", len(fitted) * (1 + 4 * moves))
     state, bases = fit(problem, state, fitted)
     problem.begin("errors", len(fitted) * (1 + moves))
@@ -174,9 +178,11 @@ def _reflecting(problem: Problem, state: State, fitted: Sequence[int]) -> State:
     free = [n for n, field in enumerate(problem.fields) if field.path.startswith(ALBEDO)]
     if not (free and balls and others):
         return state
-    direct, reflected = (
-        problem.lit_best(state, problem.bases(state, part)).transfer.sum(axis=0) for part in (balls, others)
-    )
+    problem.begin("light of the probe", len(balls) * 3 * COARSE_STEPS)
+    found, _ = fit(problem, state, balls, steps=COARSE_STEPS)
+    state = replace(state, poses={**state.poses, **found.poses})
+    direct = found.transfer.sum(axis=0)
+    reflected = problem.lit_best(state, problem.bases(state, others)).transfer.sum(axis=0)
     shared = state.shared.copy()
     for place in free:
         group = problem.imaging.alone(problem.fields[place].path)
@@ -185,8 +191,9 @@ def _reflecting(problem: Problem, state: State, fitted: Sequence[int]) -> State:
     return replace(state, shared=shared)
 
 
-def _coarse(problem: Problem, state: State, fitted: Sequence[int]) -> State:
-    """Fit coarse pictures, from the best scale of the picture where that is free."""
+def _first(problem: Problem, state: State, fitted: Sequence[int]) -> State:
+    """Start from the reflectance and the scale of the picture that fit best, where they are free."""
+    state = _reflecting(problem, state, fitted)
     paths = [field.path for field in problem.fields]
     if SCALE in paths:
         problem.begin("trying scales", len(SCALES) * len(fitted))
@@ -194,8 +201,7 @@ def _coarse(problem: Problem, state: State, fitted: Sequence[int]) -> State:
             _scaled(problem, state, paths.index(SCALE)),
             key=lambda tried: _misfit(problem, tried, fitted),
         )
-    problem.begin("fitting coarsely", len(fitted) * (1 + COARSE_STEPS * (len(paths) + 5)))
-    return fit(problem, state, fitted, steps=min(COARSE_STEPS, MOST_STEPS))[0]
+    return state
 
 
 def _scaled(problem: Problem, state: State, place: int) -> list[State]:

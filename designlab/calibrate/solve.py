@@ -11,16 +11,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.calibrate.linear import predicted
 from designlab.calibrate.problem import Problem, State
 
 Array = NDArray[np.float64]
 
 POSE_STEP = np.array([0.05, 0.05, 0.02, 0.5])  # mm, mm, mm, deg: finite differences
+BALL_STEP = np.array([0.02, 0.02, 0.02, 0.0])  # of a light probe, whose mirror images have sharp edges
 LONGEST = 5.0  # finite-difference steps that one Gauss-Newton step may take
 DAMPING = 1e-3
+LEAST_LIGHT, LEAST_CURVATURE = 1e-10, 1e-9  # keep equations solvable where two groups, or fields, look alike
 LEAST_GAIN = 2e-4  # of the objective, below which the search ends
+STEEP = 0.5  # fall of the objective above which derivatives are good for another step
 MOST_STEPS = 14
-MOST_DAMPING = 1e3
+MOST_TRIES = 4
 BLOCK_PX = 8
 MOST_LEVERAGE = 0.99  # of a block on its own prediction
 
@@ -79,11 +83,17 @@ def fit(
     bases = problem.bases(state, numbers)
     state = state if held_out else problem.lit_best(state, bases)
     best, damping = problem.objective(state, bases), DAMPING
+    slopes: dict[int, dict[int, Array]] = {}
     for _ in range(steps if layout.moving else 0):
-        normal = linearise(problem, layout, state, bases)
-        before = best
-        while damping <= MOST_DAMPING:
-            trial = moved(problem, layout, state, _step(layout, normal, state, damping))
+        fresh = not slopes
+        slopes = slopes or differences(problem, layout, state, bases)
+        normal = linearise(problem, layout, state, bases, slopes)
+        before, tries = best, 0
+        while (tries := tries + 1) <= MOST_TRIES:
+            step, hoped = _step(layout, normal, state, damping)
+            if hoped < LEAST_GAIN * best:
+                break
+            trial = moved(problem, layout, state, step)
             tried = problem.bases(trial, numbers)
             trial = trial if held_out else problem.lit_best(trial, tried)
             value = problem.objective(trial, tried)
@@ -91,32 +101,52 @@ def fit(
                 state, bases, best = trial, tried, value
                 damping /= 4
                 break
+            if not fresh:
+                break
             damping *= 8
-        if before - best < LEAST_GAIN * before:
+        if fresh and before - best < LEAST_GAIN * before:
             break
+        if before - best < STEEP * before:
+            slopes = {}
     return state, bases
 
 
-def linearise(problem: Problem, layout: Layout, state: State, bases: Mapping[int, Array]) -> Normal:
-    """Residuals, finite differences with common random numbers, and the normal equations."""
-    matrix, right = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
-    prior = np.zeros(layout.size)
-    parts = {}
+def differences(
+    problem: Problem, layout: Layout, state: State, bases: Mapping[int, Array]
+) -> dict[int, dict[int, Array]]:
+    """Finite differences with common random numbers: of each shot, by place, pictures per unit."""
+    found: dict[int, dict[int, Array]] = {}
     for number, basis in bases.items():
-        shot, sigma, lit = problem.shots[number], problem.sigmas[number], problem.lits[number]
-        here = problem.predict(state, number, basis)
-        places, columns = [], []
+        found[number] = {}
         for steps in _steps(problem, layout, state, number):
             there = problem.basis(_shifted(layout, state, number, steps), number)
             for step in steps:
                 # Where one component alone depends on a number, others may have been stepped with it.
                 moved = there if step.alone is None else _exchanged(basis, there, step.alone)
-                change = problem.predict(state, number, moved) - here
-                places.append(step.place)
-                columns.append((change / (step.size * sigma))[shot.valid])
+                found[number][step.place] = (moved - basis) / step.size
+    return found
+
+
+def linearise(
+    problem: Problem,
+    layout: Layout,
+    state: State,
+    bases: Mapping[int, Array],
+    slopes: Mapping[int, Mapping[int, Array]],
+) -> Normal:
+    """Residuals, derivatives and the normal equations."""
+    matrix, right = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
+    prior = np.zeros(layout.size)
+    parts = {}
+    for number, basis in bases.items():
+        shot, sigma, lit = problem.shots[number], problem.sigmas[number], problem.lits[number]
+        places, columns = [], []
+        for place, slope in slopes[number].items():
+            places.append(place)
+            columns.append((predicted(state.transfer, np.zeros(3), lit, slope) / sigma)[shot.valid])
         for channel in range(3 if layout.linear else 0):
             for column in range(layout.groups + 1):
-                light = np.zeros_like(here)
+                light = np.zeros_like(sigma)
                 light[..., channel] = 1.0 if column == layout.groups else lit[column] * basis[column]
                 places.append(layout.light(channel, column))
                 columns.append((light / sigma)[shot.valid])
@@ -170,16 +200,27 @@ def _active(layout: Layout, normal: Normal, state: State) -> NDArray[np.intp]:
     return np.flatnonzero(free & (np.diag(normal.matrix) > 0))
 
 
-def _step(layout: Layout, normal: Normal, state: State, damping: float) -> Array:
-    """Damped step of what is not linear; light follows in closed form, so it is not damped."""
+def _step(layout: Layout, normal: Normal, state: State, damping: float) -> tuple[Array, float]:
+    """Damped step of what is not linear, while the light follows in closed form; the fall that it promises.
+
+    The light is eliminated first: what it makes up for would otherwise count as curvature and slow the step
+    down, that of a reflectance above all.
+    """
     active = _active(layout, normal, state)
     scale = np.sqrt(np.diag(normal.matrix)[active])
     matrix = normal.matrix[np.ix_(active, active)] / np.outer(scale, scale)
-    # A touch on the light keeps the equations solvable where two groups look alike.
-    extra = np.where(active < layout.moving, damping, 1e-10)
+    right = normal.right[active] / scale
+    moving = int((active < layout.moving).sum())
+    light = matrix[moving:, moving:] + LEAST_LIGHT * np.eye(len(active) - moving)
+    gain = np.linalg.solve(light, matrix[moving:, :moving]).T
+    left = matrix[:moving, :moving] - gain @ matrix[moving:, :moving]
+    # What nothing shows stays where it is.
+    own = np.maximum(np.diag(left), LEAST_CURVATURE)
+    slope = right[:moving] - gain @ right[moving:]
+    found = np.linalg.solve(left + np.diag(damping * own + LEAST_CURVATURE), slope)
     step = np.zeros(layout.size)
-    step[active] = np.linalg.solve(matrix + np.diag(extra), normal.right[active] / scale) / scale
-    return step
+    step[active[:moving]] = found / scale[:moving]
+    return step, float(2 * slope @ found - found @ left @ found)
 
 
 def moved(problem: Problem, layout: Layout, state: State, step: Array) -> State:
@@ -210,7 +251,7 @@ def covariance(
     raised accordingly (Bell and McCaffrey 2002, CR2). The second is from one simulation with other random
     numbers. Both are NaN for what stands at zero or is not seen.
     """
-    normal = linearise(problem, layout, state, bases)
+    normal = linearise(problem, layout, state, bases, differences(problem, layout, state, bases))
     active = _active(layout, normal, state)
     scale = np.sqrt(np.diag(normal.matrix)[active])
     inverse = np.zeros((layout.size, layout.size))
