@@ -21,11 +21,12 @@ BALL_STEP = np.array([0.02, 0.02, 0.02, 0.0])  # of a light probe, whose mirror 
 LONGEST = 5.0  # finite-difference steps that one Gauss-Newton step may take
 DAMPING = 1e-3
 LEAST_LIGHT, LEAST_CURVATURE = 1e-10, 1e-9  # keep equations solvable where two groups, or fields, look alike
-LEAST_GAIN = 2e-4  # of the objective, below which the search ends
+LEAST_GAIN = 0.3  # of the mean square of residuals: a step of about half a standard error ends the search
 STEEP = 0.5  # fall of the objective above which derivatives are good for another step
 MOST_STEPS = 14
 MOST_TRIES = 4
 BLOCK_PX = 8
+OF_MESH = 4 / 3  # error of a mesh over what half its pitch changes, where it goes with the pitch squared
 MOST_LEVERAGE = 0.99  # of a block on its own prediction
 
 
@@ -83,6 +84,7 @@ def fit(
     bases = problem.bases(state, numbers)
     state = state if held_out else problem.lit_best(state, bases)
     best, damping = problem.objective(state, bases), DAMPING
+    values = sum(int(problem.shots[number].valid.sum()) for number in numbers)
     slopes: dict[int, dict[int, Array]] = {}
     for _ in range(steps if layout.moving else 0):
         fresh = not slopes
@@ -91,7 +93,7 @@ def fit(
         before, tries = best, 0
         while (tries := tries + 1) <= MOST_TRIES:
             step, hoped = _step(layout, normal, state, damping)
-            if hoped < LEAST_GAIN * best:
+            if hoped < LEAST_GAIN * best / values:
                 break
             trial = moved(problem, layout, state, step)
             tried = problem.bases(trial, numbers)
@@ -104,7 +106,7 @@ def fit(
             if not fresh:
                 break
             damping *= 8
-        if fresh and before - best < LEAST_GAIN * before:
+        if fresh and before - best < LEAST_GAIN * before / values:
             break
         if before - best < STEEP * before:
             slopes = {}
@@ -119,11 +121,16 @@ def differences(
     for number, basis in bases.items():
         found[number] = {}
         for steps in _steps(problem, layout, state, number):
-            there = problem.basis(_shifted(layout, state, number, steps), number)
+            shifted = _shifted(layout, state, number, steps)
             for step in steps:
-                # Where one component alone depends on a number, others may have been stepped with it.
-                moved = there if step.alone is None else _exchanged(basis, there, step.alone)
-                found[number][step.place] = (moved - basis) / step.size
+                if step.alone is None:
+                    here = problem.basis(state, number, how="rough")
+                    change = problem.basis(shifted, number, how="rough") - here
+                else:
+                    # One component alone depends on it; others were stepped with it.
+                    change = np.zeros_like(basis)
+                    change[step.alone] = (problem.basis(shifted, number) - basis)[step.alone]
+                found[number][step.place] = change / step.size
     return found
 
 
@@ -187,12 +194,6 @@ def _shifted(layout: Layout, state: State, number: int, steps: Sequence[Step]) -
     return replace(state, shared=shared, poses={**state.poses, number: pose})
 
 
-def _exchanged(basis: Array, other: Array, component: int) -> Array:
-    found = basis.copy()
-    found[component] = other[component]
-    return found
-
-
 def _active(layout: Layout, normal: Normal, state: State) -> NDArray[np.intp]:
     """Unknowns that may move: those of the light that stand at zero may not."""
     light = np.column_stack([state.transfer, state.floor]).ravel() if layout.linear else np.zeros(0)
@@ -244,12 +245,12 @@ def moved(problem: Problem, layout: Layout, state: State, step: Array) -> State:
 def covariance(
     problem: Problem, layout: Layout, state: State, bases: Mapping[int, Array]
 ) -> tuple[Array, Array]:
-    """Covariance of all unknowns, and by how much other random numbers of the simulator shift each.
+    """Covariance of all unknowns, and its part that the simulator's own errors bring.
 
     The first is a sandwich over blocks of `BLOCK_PX` squared pixels: errors in one block may be of any size
     and go together. Residuals of a block are less than its errors, the more it decides by itself, and are
     raised accordingly (Bell and McCaffrey 2002, CR2). The second is from one simulation with other random
-    numbers. Both are NaN for what stands at zero or is not seen.
+    numbers, and one on a mesh of half the pitch. Both are NaN for what stands at zero or is not seen.
     """
     normal = linearise(problem, layout, state, bases, differences(problem, layout, state, bases))
     active = _active(layout, normal, state)
@@ -258,17 +259,24 @@ def covariance(
     inverse[np.ix_(active, active)] = np.linalg.pinv(
         normal.matrix[np.ix_(active, active)] / np.outer(scale, scale), hermitian=True
     ) / np.outer(scale, scale)
-    middle, shift = np.diag(normal.prior), np.zeros(layout.size)
+    middle, noise, mesh = np.diag(normal.prior), np.zeros(layout.size), np.zeros(layout.size)
     for number, (residual, places, derivative) in normal.parts.items():
         kept = [k for k, place in enumerate(places) if place in set(active.tolist())]
         own, columns = np.array(places)[kept], derivative[:, kept]
         score = _scores(problem, number, residual, columns, inverse[np.ix_(own, own)])
         middle[np.ix_(own, own)] += score.T @ score
         other = problem.residual(state, number, problem.basis(state, number, other_seed=True))
-        shift[own] += columns.T @ (other - residual)
+        noise[own] += columns.T @ (other - residual)
+        if problem.shots[number].press is not None:
+            finer = problem.residual(state, number, problem.basis(state, number, how="fine"))
+            mesh[own] += columns.T @ (finer - residual)
     unknown = np.ones(layout.size)
     unknown[np.setdiff1d(np.arange(layout.size), active)] = np.nan
-    return inverse @ middle @ inverse * np.outer(unknown, unknown), inverse @ shift * unknown
+    noise, mesh = inverse @ noise, inverse @ mesh * OF_MESH
+    # A difference of two random numbers has twice the variance of one.
+    simulated = np.outer(noise, noise) / 2 + np.outer(mesh, mesh)
+    known = np.outer(unknown, unknown)
+    return inverse @ middle @ inverse * known, simulated * known
 
 
 def _scores(problem: Problem, number: int, residual: Array, derivative: Array, inverse: Array) -> Array:

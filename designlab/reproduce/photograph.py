@@ -97,8 +97,9 @@ def _radiance(true: SensorModel, frame: Frame, samples: int, seed: int, binned: 
             centre_mm=frame.centre_mm,
             yaw_deg=frame.yaw_deg or 0.0,
         )
-    simulator = Simulator(true, view=view, samples=samples, seed=seed, estimator="reference")
-    simulator.pitch_mm = PITCH_MM
+    simulator = Simulator(
+        true, view=view, samples=samples, seed=seed, estimator="reference", pitch_mm=PITCH_MM
+    )
     picture = simulator.frame(press)
     lit = [frame.leds is None or name in frame.leds for name in design.group_names]
     return np.asarray(np.einsum("cg,grk->rkc", picture.weights * lit, picture.basis))
