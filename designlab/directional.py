@@ -139,7 +139,7 @@ class DirectionalLight(Spec):
         text = json.dumps([self.design.digest, content], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
-    def components(self, press: Press | None, view: View) -> Array:
+    def components(self, press: Press | None, view: View, *, fine: bool = False) -> Array:
         """Picture of every component, (components, rows, columns); zero beside the gel.
 
         Parameters
@@ -148,8 +148,10 @@ class DirectionalLight(Spec):
             None for the untouched gel.
         view : View
             Part of the camera's sensor.
+        fine : bool
+            On a mesh of half the pitch.
         """
-        seen = _seen(self.design, press, view)
+        seen = _seen(self.design, press, view, fine)
         lights = np.array([light.vector for light in self.lights])
         facing = np.einsum("gi,rki->grk", lights, seen.normal)
         found = np.maximum(facing, 0.0)
@@ -275,8 +277,10 @@ class _Seen(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def _seen(design: Design, press: Press | None, view: View) -> _Seen:
+def _seen(design: Design, press: Press | None, view: View, fine: bool) -> _Seen:
     simulator = Simulator(design, view=view, seed=0)
+    if fine:
+        simulator = Simulator(design, view=view, seed=0, pitch_mm=simulator.pitch_mm / 2)
     rays, surface = simulator.rays, simulator.surface(press)
     x, y = rays.hit(surface)
     p, q = (surface.sample(slope, x, y) for slope in surface.gradient)

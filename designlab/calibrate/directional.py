@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from designlab.calibrate.fields import WITHIN
-from designlab.calibrate.imaging import Search, Touched
+from designlab.calibrate.imaging import How, Touched
 from designlab.camera import View
 from designlab.design import Design
 from designlab.directional import DirectionalLight
@@ -51,9 +51,9 @@ class Directional:
         return "1"
 
     @property
-    def search(self) -> Search:
-        """Closely: nothing is drawn; directions, depth and field of view nearly make up for each other."""
-        return Search(step_share=0.2, least_gain=1e-6, most_steps=40)
+    def step_share(self) -> float:
+        """Small, for nothing is drawn, and directions, depth and view nearly make up for each other."""
+        return 0.2
 
     def lit(self, shot: Shot) -> Array:
         """Exposure of the groups that are on, for each of their components."""
@@ -78,10 +78,12 @@ class Directional:
         first, _, rest = path.partition(".")
         return int(rest.partition(".")[0]) if first == "lights" and self.light.exponent is None else None
 
-    def basis(self, changes: Mapping[str, float], touched: Touched, view: View, *, seed: int) -> Array:
+    def basis(
+        self, changes: Mapping[str, float], touched: Touched, view: View, *, seed: int, how: How = "usual"
+    ) -> Array:
         """Shade; nothing is drawn."""
         assert not isinstance(touched, LightProbe)  # left out where shots are gathered
-        return self.light.replace(changes).components(touched, view)
+        return self.light.replace(changes).components(touched, view, fine=how == "fine")
 
     def factors(self) -> Array:
         """Return the model's own."""

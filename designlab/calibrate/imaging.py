@@ -1,8 +1,8 @@
 """What a calibration needs of a model of pictures, and the one that simulates light."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from dataclasses import dataclass, field
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,21 +20,15 @@ from designlab.simulate import Simulator, automatic_exposure
 Array = NDArray[np.float64]
 KERNEL, SCALE = "contact.kernel_length_mm", "camera.horizontal_fov_deg"
 ALBEDO = "optics.membrane_albedo"
+NODES, BRIGHTEST = (0.7, 1.4), 0.95  # reflectances that are simulated where they are free, of the given ones
+MOST_KNOWN = 160  # pictures kept
 
 Touched = Press | LightProbe | None
 """What a shot shows: an indentation, a light probe in the place of the gel, or the untouched gel."""
 
 
-class Search(NamedTuple):
-    """How to look for the best values: what suits pictures with random errors, if nothing else is said.
-
-    `step_share` scales the steps of finite differences; the search ends where the objective falls by less
-    than the share `least_gain`, or after `most_steps`.
-    """
-
-    step_share: float = 1.0
-    least_gain: float = 2e-4
-    most_steps: int = 14
+How = Literal["usual", "rough", "fine"]
+"""As usual; less exactly, which is good enough for derivatives; on a mesh of half the pitch."""
 
 
 class Imaging(Protocol):
@@ -69,8 +63,8 @@ class Imaging(Protocol):
         ...
 
     @property
-    def search(self) -> Search:
-        """How to look for the best values."""
+    def step_share(self) -> float:
+        """Steps of finite differences over those that suit pictures with random errors."""
         ...
 
     def lit(self, shot: Shot) -> Array:
@@ -89,7 +83,9 @@ class Imaging(Protocol):
         """Return the only component that depends on a number of the model; None where several do."""
         ...
 
-    def basis(self, changes: Mapping[str, float], touched: Touched, view: View, *, seed: int) -> Array:
+    def basis(
+        self, changes: Mapping[str, float], touched: Touched, view: View, *, seed: int, how: How = "usual"
+    ) -> Array:
         """Return pictures of the components, (components, rows, columns), after changes of the model."""
         ...
 
@@ -114,11 +110,14 @@ class Rendered:
         Samples per pixel and LED group.
     probe_samples : int
         The same of a light probe, which is path-traced; a ball mirrors LEDs with next to no noise.
+    known : dict
+        Pictures kept, since much of what is asked for was asked before.
     """
 
     design: Design
     samples: int
-    probe_samples: int = 16
+    probe_samples: int = 64
+    known: dict[object, Array] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def model(self) -> BaseModel:
@@ -141,9 +140,9 @@ class Rendered:
         return "mm2 sr"
 
     @property
-    def search(self) -> Search:
-        """As pictures with random errors, which take their time, allow."""
-        return Search()
+    def step_share(self) -> float:
+        """Light transport draws random numbers."""
+        return 1.0
 
     def lit(self, shot: Shot) -> Array:
         """Exposure of the groups that are on."""
@@ -169,13 +168,51 @@ class Rendered:
         own = parts[:2] == ["optics", "membrane_albedo"] and len(self.design.optics.membrane_albedo) == groups
         return int(parts[2]) if len(parts) > 2 and (own or parts[:2] == ["leds", "groups"]) else None
 
-    def basis(self, changes: Mapping[str, float], touched: Touched, view: View, *, seed: int) -> Array:
-        """Simulate."""
+    def basis(
+        self, changes: Mapping[str, float], touched: Touched, view: View, *, seed: int, how: How = "usual"
+    ) -> Array:
+        """Simulate; where reflectances are free, from pictures at two of them.
+
+        Light that reaches the camera after n reflections by the membrane goes with the n-th power of its
+        reflectance, so a picture over reflectance is a constant plus little that is almost linear in it. A
+        line through two keeps the fit free of the noise that tracing the light anew for each would bring.
+        """
+        rest = {path: value for path, value in changes.items() if not path.startswith(ALBEDO)}
+        if len(rest) == len(changes) or isinstance(touched, LightProbe):
+            return self._picture(rest, touched, view, seed, how)
+        given = np.array(self.design.per_group("membrane_albedo"))
+        wanted = np.array(self.design.replace(changes).per_group("membrane_albedo"))
+        nodes = [np.minimum(share * given, BRIGHTEST) for share in NODES]
+
+        def at(node: Array) -> Array:
+            there = rest | {f"{ALBEDO}.{g}": float(a) for g, a in enumerate(node)}
+            return self._picture(there, touched, view, seed, how) / node[:, None, None]
+
+        factor, along = wanted[:, None, None], ((wanted - nodes[0]) / (nodes[1] - nodes[0]))[:, None, None]
+        low = at(nodes[0])
+        return np.asarray(factor * (low if how == "rough" else low + along * (at(nodes[1]) - low)))
+
+    def _picture(
+        self, changes: Mapping[str, float], touched: Touched, view: View, seed: int, how: How
+    ) -> Array:
+        key = (tuple(sorted(changes.items())), touched, view, seed, how == "fine")
+        if key not in self.known:
+            if len(self.known) >= MOST_KNOWN:
+                self.known.pop(next(iter(self.known)))
+            self.known[key] = self._simulated(changes, touched, view, seed, fine=how == "fine")
+        return self.known[key]
+
+    def _simulated(
+        self, changes: Mapping[str, float], touched: Touched, view: View, seed: int, *, fine: bool
+    ) -> Array:
         design = self.design.replace(changes)
         if isinstance(touched, LightProbe):
             seen = light_probe(design, touched, view=view, samples=self.probe_samples, seed=seed)
             return seen.basis.astype(float)
         simulator = Simulator(design, view=view, samples=self.samples, seed=seed)
+        if fine:
+            finer_mm = simulator.pitch_mm / 2
+            simulator = Simulator(design, view=view, samples=self.samples, seed=seed, pitch_mm=finer_mm)
         return simulator.frame(touched).basis.astype(float)
 
     def factors(self) -> Array:

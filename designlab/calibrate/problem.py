@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.calibrate.fields import SharedField
-from designlab.calibrate.imaging import Imaging, Touched
+from designlab.calibrate.imaging import How, Imaging, Touched
 from designlab.calibrate.linear import predicted, transfer_and_floor
 from designlab.measurement.shots import Shot
 from designlab.press import Press
@@ -18,7 +18,6 @@ Progress = Callable[[str, int, int], None]
 MODEL_ERROR = 0.01  # of a channel's mean signal in a shot: what the simulation is not trusted with
 LEAST_DEPTH_MM = 0.01
 BRIGHT = 99.0  # percentile
-MOST_KNOWN = 128  # pictures kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,13 +63,19 @@ class Problem:
         self.imaging, self.shots, self.fields = imaging, shots, fields
         self.seed, self.progress = seed, progress
         self.stage, self.done, self.expected = "", 0, 1
-        self._known: dict[object, Array] = {}
         self.lits = [imaging.lit(shot) for shot in shots]
         self.sigmas = [np.sqrt(shot.variance + (MODEL_ERROR * _level(shot)) ** 2) for shot in shots]
 
     def begin(self, stage: str, expected: int) -> None:
         """Name what is done now and how many pictures it takes, as far as is known."""
         self.stage, self.done, self.expected = stage, 0, expected
+
+    def hold(self, numbers: Sequence[int]) -> None:
+        """Keep the poses of some shots where a state has them."""
+        self.shots = tuple(
+            replace(shot, pose_sigma=np.zeros(4)) if number in numbers else shot
+            for number, shot in enumerate(self.shots)
+        )
 
     def start(self) -> State:
         """State that the model and the measurement state, without light yet."""
@@ -98,19 +103,13 @@ class Problem:
             yaw_deg=press.yaw_deg + yaw,
         )
 
-    def basis(self, state: State, number: int, *, other_seed: bool = False) -> Array:
+    def basis(self, state: State, number: int, *, other_seed: bool = False, how: How = "usual") -> Array:
         """Pictures of the components; the same random numbers each time, unless others are asked for."""
         shot, touched = self.shots[number], self.touched(state, number)
         changes = {
             path: value for path, value in self.changes(state.shared).items() if self.imaging.sees(path, shot)
         }
-        # Much of what is asked for was asked before: light probes do not change with the gel.
-        key = (number, other_seed, tuple(changes.values()), tuple(state.pose(number)))
-        if key not in self._known:
-            if len(self._known) >= MOST_KNOWN:
-                self._known.clear()
-            self._known[key] = self.imaging.basis(changes, touched, shot.view, seed=self.seed + other_seed)
-        found = self._known[key]
+        found = self.imaging.basis(changes, touched, shot.view, seed=self.seed + other_seed, how=how)
         self.done += 1
         self.expected = max(self.expected, self.done)
         if self.progress is not None:

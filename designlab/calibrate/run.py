@@ -20,14 +20,15 @@ from designlab.effects.model import SensorModel, effect
 from designlab.light_probe import LightProbe
 from designlab.measurement import Measurement, MeasurementError
 from designlab.measurement.shots import POSE, ROUND, Observations, observe
+from designlab.viewing import rays
 
 Array = NDArray[np.float64]
 
 SCALES = (0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 1.0, 1.05, 1.1)  # of the tangent of half the field of view
-COARSE_STEPS = 8
+COARSE_STEPS, PROBE_STEPS = 8, 4
 ENTANGLED = 0.95  # correlation of errors that is worth a note
 DARKEST, BRIGHTEST = 0.02, 0.98  # reflectance to start from
-LEAST_COLUMNS = 32  # of a picture that a first, coarse fit is worth making on
+LEAST_COLUMNS = 64  # of a picture that a first, coarse fit is worth making on
 
 
 def calibrate(
@@ -86,23 +87,29 @@ def calibrate(
     fitted = seen.of("background", "light_probe", "train")
     _check(measurement, problem, fitted)
     given = _given(problem)
-    state = _reflecting(problem, problem.start(), fitted)
+    moves, balls = len(fields) + 5, seen.of("light_probe")
+    state = _reflecting(problem, _placed(problem, problem.start(), balls), fitted)
+    problem.hold(balls)
     if columns // 2 >= LEAST_COLUMNS:
-        coarse = observe(measurement, design, columns=columns // 2, light_probes=probes)
-        state = _coarse(Problem(imaging, coarse.shots, fields, seed=seed, progress=progress), state, fitted)
-    moves = len(fields) + 5
+        seen_coarsely = observe(measurement, design, columns=columns // 2, light_probes=probes)
+        coarse = Problem(imaging, seen_coarsely.shots, fields, seed=seed, progress=progress)
+        coarse.hold(balls)
+        state = _scaled(coarse, state, fitted)
+        coarse.begin("fitting coarsely", len(fitted) * (1 + COARSE_STEPS * moves))
+        state, _ = fit(coarse, state, fitted, steps=COARSE_STEPS)
+    else:
+        state = _scaled(problem, state, fitted)
     problem.begin("fitting", len(fitted) * (1 + 4 * moves))
     state, bases = fit(problem, state, fitted)
     problem.begin("errors", len(fitted) * (1 + moves))
     layout = Layout(problem, fitted, held_out=False)
-    spread, shift = covariance(problem, layout, state, bases)
+    spread, simulated = covariance(problem, layout, state, bases)
     held_out = seen.of("select", "final")
     problem.begin("held-out presses", len(held_out) * 20)
     for number in held_out:
         found, own = fit(problem, state, [number], held_out=True)
         state, bases = replace(state, poses={**state.poses, **found.poses}), bases | own
-    # A difference of two random numbers has twice the variance of one.
-    total = spread + np.outer(shift, shift) / 2
+    total = spread + simulated
     parameters = _parameters(problem, layout, state, np.sqrt(np.diag(total)))
     frames = tuple(
         _frame_result(problem, state, number, given[number], bases[number])
@@ -174,6 +181,30 @@ def _given(problem: Problem) -> dict[int, Array]:
     return {number: problem.predict(state, number, basis) for number, basis in bases.items()}
 
 
+def _placed(problem: Problem, state: State, balls: Sequence[int]) -> State:
+    """Find the places of light probes, with their light alone.
+
+    They are held afterwards: they matter little to all else, and pictures with sharp edges change by jumps.
+    """
+    from skimage.registration import phase_cross_correlation
+
+    problem.begin("light probe", len(balls) * 3 * PROBE_STEPS)
+    for number in balls:
+        # Narrow images of LEDs leave a fit little to hold on to: first move by what the picture is shifted.
+        shot = problem.shots[number]
+        measured, simulated = shot.signal.sum(axis=-1), problem.basis(state, number).sum(axis=0)
+        shift, _, _ = phase_cross_correlation(  # type: ignore[no-untyped-call]
+            measured / measured.sum(), simulated / simulated.sum(), upsample_factor=10, normalization=None
+        )
+        x_mm, y_mm = rays(problem.imaging.design, shot.view).pitch_mm
+        moved = state.pose(number) + np.array([shift[1] * x_mm, -shift[0] * y_mm, 0.0, 0.0])
+        tried = replace(state, poses={**state.poses, number: moved})
+        state = min((tried, state), key=lambda candidate: _misfit(problem, candidate, [number]))
+        found, _ = fit(problem, state, [number], steps=PROBE_STEPS)
+        state = replace(state, poses={**state.poses, **found.poses})
+    return state
+
+
 def _reflecting(problem: Problem, state: State, fitted: Sequence[int]) -> State:
     """Start the reflectances, where free, from the light that a light probe and that the gel tells of.
 
@@ -195,22 +226,14 @@ def _reflecting(problem: Problem, state: State, fitted: Sequence[int]) -> State:
     return replace(state, shared=shared)
 
 
-def _coarse(problem: Problem, state: State, fitted: Sequence[int]) -> State:
-    """Fit coarse pictures, from the best scale of the picture where that is free."""
+def _scaled(problem: Problem, state: State, fitted: Sequence[int]) -> State:
+    """Start from the scale of the picture that fits best, where the field of view is free."""
     paths = [field.path.removeprefix(WITHIN) for field in problem.fields]
-    if SCALE in paths:
-        problem.begin("trying scales", len(SCALES) * len(fitted))
-        state = min(
-            _scaled(problem, state, paths.index(SCALE)),
-            key=lambda tried: _misfit(problem, tried, fitted),
-        )
-    problem.begin("fitting coarsely", len(fitted) * (1 + COARSE_STEPS * (len(paths) + 5)))
-    return fit(problem, state, fitted, steps=COARSE_STEPS)[0]
-
-
-def _scaled(problem: Problem, state: State, place: int) -> list[State]:
-    """States with other fields of view, within its bounds."""
+    if SCALE not in paths:
+        return state
+    place = paths.index(SCALE)
     field, pinhole = problem.fields[place], problem.imaging.design.camera.lens == "pinhole"
+    problem.begin("trying scales", len(SCALES) * len(fitted))
     found = []
     for scale in SCALES:
         shared = state.shared.copy()
@@ -220,7 +243,7 @@ def _scaled(problem: Problem, state: State, place: int) -> list[State]:
             shared[place] = 2 * math.degrees(turned)
         if field.low <= shared[place] <= field.high:
             found.append(replace(state, shared=shared))
-    return found
+    return min(found, key=lambda tried: _misfit(problem, tried, fitted))
 
 
 def _misfit(problem: Problem, state: State, fitted: Sequence[int]) -> float:

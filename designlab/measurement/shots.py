@@ -22,6 +22,7 @@ Use = Literal["background", "light_probe", "train", "select", "final"]
 POSE = ("x_mm", "y_mm", "depth_mm", "yaw_deg")
 DEFAULT_SIGMA = (0.1, 0.1, 0.05, 1.0)  # mm, mm, mm, deg: a press placed by hand, where the set states nothing
 ROUND = ("sphere", "cylinder", "cone")  # probes of revolution look the same at every yaw
+PROBE_COLUMNS = 160  # of a light probe
 FULL_SCALE = 0.999  # signals above are saturated
 CLIPPED_SHARE = 0.02  # of dark values at zero, above which the camera is taken to clip there
 
@@ -240,6 +241,7 @@ def _shot(
     notes: list[str],
 ) -> Shot:
     frame = same[0]
+    ball = ball_of(measurement, frame) if frame.kind == "light_probe" else None
     raw = np.mean([measurement.linear(f).astype(float) for f in same], axis=0)
     saturated = np.max([measurement.image(f) for f in same], axis=0) >= FULL_SCALE
     if saturated.any():
@@ -249,7 +251,8 @@ def _shot(
     zeros = np.mean([(measurement.image(f) <= 0).mean(axis=(0, 1)) for f in same], axis=0)
     clip_sigma = np.where(zeros > CLIPPED_SHARE, np.sqrt(noise.read), 0.0)
     view = measurement.view(frame, design)
-    factor = int(np.ceil(view.columns / columns))
+    # A ball mirrors LEDs with sharp edges, whose light coarse pixels do not hold.
+    factor = int(np.ceil(view.columns / (columns if ball is None else max(columns, PROBE_COLUMNS))))
     if factor > 1:
         notes.append(f"frames are binned {factor} x {factor} to at most {columns} columns")
     signal, valid = _binned(signal, factor), _binned(saturated.astype(float), factor) == 0
@@ -259,7 +262,6 @@ def _shot(
     view = view._replace(width_px=width * scale_x, height_px=rows * scale_y, columns=width, rows=rows)
     exposure = 1.0 if frame.exposure is None else frame.exposure
     on = [name in frame.leds if frame.leds is not None else True for name in design.group_names]
-    ball = ball_of(measurement, frame) if frame.kind == "light_probe" else None
     press = measurement.press(frame) if ball is None else None
     sigma = np.zeros(4) if press is None else _pose_sigma(frame, press.probe, notes)
     if ball is not None:

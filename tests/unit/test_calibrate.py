@@ -74,7 +74,7 @@ class TestLinear:
 class Spots(Problem):
     """An analytic sensor: each group lights a Gaussian spot at the press, of the width of the one field."""
 
-    def basis(self, state, number, *, other_seed=False):
+    def basis(self, state, number, *, other_seed=False, how="usual"):
         row, column = np.indices((120, 144)) / 30.0
         x, y, depth, yaw = state.pose(number)
         width = state.shared[0]
