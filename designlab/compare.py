@@ -122,7 +122,9 @@ def compare_model(
         picture = simulator.frame(measurement.press(frame))
         lit = [frame.leds is None or name in frame.leds for name in design.group_names]
         mixed = np.einsum("cg,grk->rkc", picture.weights * lit, picture.basis)
-        simulated = sensor.on_signal(mixed * scale * (frame.exposure or 1.0)).astype(np.float32)
+        simulated = sensor.on_signal(
+            mixed * scale * (frame.exposure or 1.0) + design.camera.black_level
+        ).astype(np.float32)
         try:
             figures = metrics.compare(simulated, real)
         except ValueError as error:
