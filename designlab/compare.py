@@ -143,7 +143,7 @@ def _rendered(
     def predict(frame: Frame, view: View) -> NDArray[np.floating]:
         picture = Simulator(sensor, view=view, samples=samples, seed=seed).frame(measurement.press(frame))
         mixed = np.einsum("cg,grk->rkc", picture.weights * _lit(frame, design), picture.basis)
-        return sensor.on_signal(mixed * scale * (frame.exposure or 1.0))
+        return sensor.on_signal(mixed * scale * (frame.exposure or 1.0) + design.camera.black_level)
 
     return predict
 
@@ -153,7 +153,8 @@ def _shaded(model: DirectionalLight, measurement: Measurement) -> Predict:
 
     def predict(frame: Frame, view: View) -> NDArray[np.floating]:
         lit = _lit(frame, model.design)
-        return model.signal(measurement.press(frame), view, lit=lit, exposure=frame.exposure or 1.0)
+        signal = model.signal(measurement.press(frame), view, lit=lit, exposure=frame.exposure or 1.0)
+        return signal + model.design.camera.black_level
 
     return predict
 

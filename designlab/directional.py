@@ -73,7 +73,7 @@ class DirectionalLight(Spec):
         "(columns: diffuse of each LED group, then specular of each)."
     )
     floor: tuple[float, float, float] = Field(
-        (0.0, 0.0, 0.0), description="Signal of each channel without light."
+        (0.0, 0.0, 0.0), description="Signal of each channel without light, above the camera's black level."
     )
     design: Design = Field(description="The sensor: its membrane, camera and LED groups.")
     found_in: str = Field("", description="Measurement the values were fitted to.")

@@ -119,7 +119,12 @@ def calibrate(
     correlation = spread / np.outer(deviation, deviation)
     notes = (*_notes(problem, seen, state, fitted, bases), *_entangled(parameters, correlation))
     return Calibration(
-        model=imaging.finished(problem.changes(state.shared), state.transfer, state.floor, measurement.name),
+        model=imaging.finished(
+            problem.changes(state.shared),
+            state.transfer,
+            state.floor + seen.black_level - design.camera.black_level,
+            measurement.name,
+        ),
         parameters=parameters,
         correlation=correlation,
         products=_products(problem, layout, state, total),

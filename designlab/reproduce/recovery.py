@@ -1,4 +1,4 @@
-"""How well a calibration finds a hidden sensor, and whether its intervals hold: many sensors, each fitted anew."""
+"""How well a calibration finds hidden sensors, and whether its intervals hold."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -103,8 +103,8 @@ def compared(calibration: Calibration, truth: dict[str, float]) -> list[Recovere
 def repeat(number: int, folder: str | Path) -> dict[str, Any]:
     """Make one hidden sensor and calibrate it, or take it from the folder where it is there.
 
-    The gel is flat or a dome, and a ball or a triangle is pressed, in turn. The fit starts from the preset; kernel,
-    reflectances, light, floor and poses are free.
+    The gel is flat or a dome, and a ball or a triangle is pressed, in turn. The fit starts from the preset;
+    kernel, reflectances, light, floor and poses are free.
     """
     folder = Path(folder)
     file = folder / f"repeat-{number:02d}.json"
@@ -197,5 +197,5 @@ def _kind(name: str) -> str:
         return "reflectance"
     if name == KERNEL:
         return "kernel"
-    first, _, last = name.partition(".")
+    first = name.partition(".")[0]
     return first if first in ("transfer", "product", "floor") else name.rpartition(".")[2]
