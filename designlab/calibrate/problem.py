@@ -18,6 +18,7 @@ Progress = Callable[[str, int, int], None]
 MODEL_ERROR = 0.01  # of a channel's mean signal in a shot: what the simulation is not trusted with
 LEAST_DEPTH_MM = 0.01
 BRIGHT = 99.0  # percentile
+BLOCK_PX = 8  # within which errors may go together
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +64,7 @@ class Problem:
         self.imaging, self.shots, self.fields = imaging, shots, fields
         self.seed, self.progress = seed, progress
         self.stage, self.done, self.expected = "", 0, 1
+        self.weighed = False
         self.lits = [imaging.lit(shot) for shot in shots]
         self.sigmas = [np.sqrt(shot.variance + (MODEL_ERROR * _level(shot)) ** 2) for shot in shots]
 
@@ -76,6 +78,26 @@ class Problem:
             replace(shot, pose_sigma=np.zeros(4)) if number in numbers else shot
             for number, shot in enumerate(self.shots)
         )
+
+    def weigh(self, state: State, bases: Mapping[int, Array]) -> None:
+        """Let values count as what is left of them shows: errors of neighbours go together.
+
+        After this the sums of residuals over blocks have the variance that they would have if values erred
+        independently by their standard deviation. Smooth errors of a simulated gel then count for little
+        beside the sharp image of a light probe.
+        """
+        for number, basis in bases.items():
+            shot, sigma = self.shots[number], self.sigmas[number]
+            left = np.where(shot.valid, (shot.signal - self.predict(state, number, basis)) / sigma, 0.0)
+            sums, counts = (
+                np.add.reduceat(
+                    np.add.reduceat(values, _edges(len(left)), axis=0), _edges(left.shape[1]), axis=1
+                )
+                for values in (left, shot.valid.astype(float))
+            )
+            spread = (sums**2).sum(axis=(0, 1)) / np.maximum(counts.sum(axis=(0, 1)), 1.0)
+            self.sigmas[number] = np.maximum(sigma * np.sqrt(spread), np.sqrt(shot.variance))
+        self.weighed = True
 
     def start(self) -> State:
         """State that the model and the measurement state, without light yet."""
@@ -150,6 +172,10 @@ class Problem:
             total += float((self.residual(state, number, basis) ** 2).sum())
             total += float(((state.pose(number)[sigma > 0] / sigma[sigma > 0]) ** 2).sum())
         return total
+
+
+def _edges(count: int) -> NDArray[np.intp]:
+    return np.arange(0, count, BLOCK_PX)
 
 
 def _level(shot: Shot) -> Array:

@@ -25,7 +25,7 @@ from designlab.viewing import rays
 Array = NDArray[np.float64]
 
 SCALES = (0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 1.0, 1.05, 1.1)  # of the tangent of half the field of view
-COARSE_STEPS, PROBE_STEPS = 8, 4
+COARSE_STEPS, PROBE_STEPS = 8, 8
 ENTANGLED = 0.95  # correlation of errors that is worth a note
 DARKEST, BRIGHTEST = 0.02, 0.98  # reflectance to start from
 LEAST_COLUMNS = 64  # of a picture that a first, coarse fit is worth making on
@@ -96,10 +96,13 @@ def calibrate(
         coarse.hold(balls)
         state = _scaled(coarse, state, fitted)
         coarse.begin("fitting coarsely", len(fitted) * (1 + COARSE_STEPS * moves))
-        state, _ = fit(coarse, state, fitted, steps=COARSE_STEPS)
+        state, _ = fit(coarse, state, fitted, steps=COARSE_STEPS, rough=True)
     else:
         state = _scaled(problem, state, fitted)
     problem.begin("fitting", len(fitted) * (1 + 4 * moves))
+    state, bases = fit(problem, state, fitted, rough=True)
+    problem.weigh(state, bases)
+    problem.begin("fitting, errors weighed", len(fitted) * (1 + 2 * moves))
     state, bases = fit(problem, state, fitted)
     problem.begin("errors", len(fitted) * (1 + moves))
     layout = Layout(problem, fitted, held_out=False)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.calibrate.linear import predicted
-from designlab.calibrate.problem import Problem, State
+from designlab.calibrate.problem import BLOCK_PX, Problem, State
 
 Array = NDArray[np.float64]
 
@@ -21,11 +21,11 @@ BALL_STEP = np.array([0.02, 0.02, 0.02, 0.0])  # of a light probe, whose mirror 
 LONGEST = 5.0  # finite-difference steps that one Gauss-Newton step may take
 DAMPING = 1e-3
 LEAST_LIGHT, LEAST_CURVATURE = 1e-10, 1e-9  # keep equations solvable where two groups, or fields, look alike
-LEAST_GAIN = 0.3  # of the mean square of residuals: a step of about half a standard error ends the search
+LEAST_GAIN = 0.3  # of the mean square that is expected: a step of about half an error ends the search
+ROUGH = 30.0  # times that ends a first search
 STEEP = 0.5  # fall of the objective above which derivatives are good for another step
 MOST_STEPS = 14
 MOST_TRIES = 4
-BLOCK_PX = 8
 OF_MESH = 4 / 3  # error of a mesh over what half its pitch changes, where it goes with the pitch squared
 MOST_LEVERAGE = 0.99  # of a block on its own prediction
 RELATIVE_RANK = 1e-13  # eigenvalue over the largest, below which pictures do not change in a direction
@@ -79,8 +79,20 @@ def fit(
     *,
     held_out: bool = False,
     steps: int = MOST_STEPS,
+    rough: bool = False,
 ) -> tuple[State, dict[int, Array]]:
     """Fit shared fields, poses, transfer and floor to some shots; of those held out, the poses alone.
+
+    Parameters
+    ----------
+    problem, state, numbers
+        Where to start from, and the shots.
+    held_out : bool
+        Whether their poses alone are free.
+    steps : int
+        Most steps.
+    rough : bool
+        Whether it may end early, another fit being to follow.
 
     Returns
     -------
@@ -98,9 +110,10 @@ def fit(
         slopes = slopes or differences(problem, layout, state, bases)
         normal = linearise(problem, layout, state, bases, slopes)
         before, tries = best, 0
+        least = LEAST_GAIN * (1.0 if problem.weighed else best / values) * (ROUGH if rough else 1.0)
         while (tries := tries + 1) <= MOST_TRIES:
             step, hoped = _step(layout, normal, state, damping)
-            if hoped < LEAST_GAIN * best / values:
+            if hoped < least:
                 break
             trial = moved(problem, layout, state, step)
             tried = problem.bases(trial, numbers)
@@ -113,7 +126,7 @@ def fit(
             if not fresh:
                 break
             damping *= 8
-        if fresh and before - best < LEAST_GAIN * before / values:
+        if fresh and before - best < least:
             break
         if before - best < STEEP * before:
             slopes = {}
