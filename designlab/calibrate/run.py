@@ -12,9 +12,10 @@ from designlab.calibrate.fields import SharedField, shared_fields
 from designlab.calibrate.problem import MODEL_ERROR, Problem, Progress, State
 from designlab.calibrate.result import Calibration, FrameResult, Parameter
 from designlab.calibrate.solve import MOST_STEPS, Layout, covariance, fit
+from designlab.calibrate.suspicions import suspicious
 from designlab.design import CHANNELS, Design
 from designlab.effects.model import SensorModel
-from designlab.measurement import Measurement, MeasurementError
+from designlab.measurement import Measurement, MeasurementError, check, refuse
 from designlab.measurement.shots import POSE, ROUND, Observations, observe
 from designlab.simulate import automatic_exposure
 
@@ -36,6 +37,7 @@ def calibrate(
     samples: int = 48,
     seed: int = 0,
     free: Sequence[str] = FREE,
+    trust: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Calibration:
     """Fit the light, some fields of the design and the pose of every press to the pictures of one sensor.
@@ -60,13 +62,15 @@ def calibrate(
         Seed of the light transport; the same seed gives the same result.
     free : sequence of str
         Dotted paths of the design's numbers to fit.
+    trust : sequence of str
+        Names of suspicions, see `designlab.measurement.checks`, that are known and right as they are.
     progress : callable, optional
         Called with the stage, pictures done and pictures expected in it.
 
     Raises
     ------
     MeasurementError
-        If the measurement cannot be compared, or no frame is there to be fitted.
+        If the measurement cannot be compared, is suspicious, or no frame is there to be fitted.
     ValueError
         If the model has effects, or a field cannot be calibrated.
     """
@@ -80,11 +84,13 @@ def calibrate(
         if value < least:
             raise ValueError(f"{name}: must be at least {least}, got {value}")
     design, fields = sensor.design, shared_fields(sensor.design, free)
+    trusted = refuse(measurement, check(measurement), trust)
     seen = observe(measurement, design, columns=columns)
     problem = Problem(design, seen.shots, fields, samples=samples, seed=seed, progress=progress)
     fitted = seen.of("background", "train")
     _check(measurement, problem, fitted)
     given = _given(problem)
+    trusted += suspicious(measurement, seen, problem, trust=trust)
     state = problem.start()
     if columns // 2 >= LEAST_COLUMNS:
         coarse = observe(measurement, design, columns=columns // 2)
@@ -109,7 +115,7 @@ def calibrate(
     )
     deviation = np.sqrt(np.diag(spread))
     correlation = spread / np.outer(deviation, deviation)
-    notes = (*_notes(problem, seen, state, fitted, bases), *_entangled(parameters, correlation))
+    notes = (*trusted, *_notes(problem, seen, state, fitted, bases), *_entangled(parameters, correlation))
     return Calibration(
         design=_calibrated(problem, state),
         parameters=parameters,

@@ -6,13 +6,13 @@ Light powers are free in all comparisons, and so are the factors of channels: th
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from designlab.calibrate.linear import predicted, transfer_and_floor
-from designlab.calibrate.problem import MODEL_ERROR
+from designlab.calibrate.problem import MODEL_ERROR, Problem
 from designlab.design import CHANNELS
 from designlab.measurement import Measurement
 from designlab.measurement.checks import Curve, Suspicion, nonlinear, other_curves, refuse
@@ -20,14 +20,16 @@ from designlab.measurement.shots import Observations, Shot
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Value = TypeVar("Value", bound=np.generic)
 
 COLUMNS = 48  # faults are as large as the picture
 # Misfits are root mean squares in units of the noise and 1 % of the mean signal together.
 LEAST_MISFIT = 3.0  # below, there is nothing to explain
-MOST_MISFIT = 5.0  # that a fault, once undone, may leave: it has to explain the pictures, not to help a little
-BETTER = 2.0  # factor by which it must be better
+MOST_MISFIT = 15.0  # that a fault, once undone, may leave: as much as a model before its calibration
+MOST_MISFIT_ALONE = 5.0  # the same of one picture, beside others that the model has to explain as well
+BETTER = 2.0  # factor by which it must be better; models 20 % off in scale stayed below 1.2
 ALIKE = 1.5  # factor within which the explanation with fewer faults is taken
-FAR, NEAR = 0.7, 0.4  # distances of directions in colour space: of other colours, and of the same colour
+FAR, NEAR = 0.7, 0.55  # distances of directions in colour space: of other colours, and of the same colour
 FAINT = 0.1  # of the brightest: groups below say nothing about colour
 
 ORDER = (0, 1, 2)
@@ -41,7 +43,7 @@ class Fault(NamedTuple):
     order: tuple[int, ...] = ORDER
 
     @property
-    def count(self) -> int:
+    def parts(self) -> int:
         """Number of faults in one."""
         return (self.turn != "") + (self.curve is not None) + (self.order != ORDER)
 
@@ -59,7 +61,7 @@ TURNS = {
 
 
 @dataclass(frozen=True, eq=False)
-class _Picture:
+class Picture:
     """One shot, averaged to few columns, with the unit-power pictures of the model."""
 
     files: tuple[str, ...]
@@ -71,16 +73,17 @@ class _Picture:
 
     @property
     def square(self) -> bool:
-        return self.signal.shape[0] == self.signal.shape[1]
+        """Whether it may be turned by 90 deg."""
+        return bool(self.signal.shape[0] == self.signal.shape[1])
 
-    def without(self, fault: Fault, black: Array) -> "_Picture":
+    def without(self, fault: Fault, black: Array) -> "Picture":
         """Undo a fault."""
-        signal, variance, valid = (
-            _turned(values, fault.turn)[..., list(fault.order)]
-            for values in (self.signal, self.variance, self.valid)
-        )
+        order = list(fault.order)
+        signal = _turned(self.signal, fault.turn)[..., order]
+        variance = _turned(self.variance, fault.turn)[..., order]
+        valid = _turned(self.valid, fault.turn)[..., order]
         if fault.curve is not None:
-            level = black[list(fault.order)]
+            level = black[order]
             step = 1e-4
             slope = (fault.curve(signal + level + step) - fault.curve(signal + level)) / step
             signal = fault.curve(signal + level) - fault.curve(level)
@@ -89,6 +92,7 @@ class _Picture:
 
     @property
     def sigma(self) -> Array:
+        """Noise, and what the simulation is not trusted with."""
         level = np.abs(self.signal.mean(axis=(0, 1)))
         return np.asarray(np.sqrt(self.variance + (MODEL_ERROR * level) ** 2) + 1e-12)
 
@@ -100,12 +104,7 @@ class _Fit(NamedTuple):
 
 
 def suspicious(
-    measurement: Measurement,
-    seen: Observations,
-    *,
-    bases: Mapping[int, Array],
-    transfer: Array,
-    trust: Sequence[str] = (),
+    measurement: Measurement, seen: Observations, problem: Problem, *, trust: Sequence[str] = ()
 ) -> tuple[str, ...]:
     """Stop where a usual fault of the pictures explains them clearly better than what is declared.
 
@@ -115,10 +114,8 @@ def suspicious(
         The set the pictures are of.
     seen : Observations
         Its shots.
-    bases : mapping of int to array, shape (groups, rows, columns)
-        Unit-power pictures of the model as given, at the stated poses, of the shots to examine.
-    transfer : array, shape (3, groups)
-        Mixing times flux of the model as given.
+    problem : Problem
+        Simulates them with the model as given, at the stated poses.
     trust : sequence of str
         Names of suspicions that are right as they are.
 
@@ -132,20 +129,23 @@ def suspicious(
     MeasurementError
         Naming files, evidence, cause, remedy and the way on.
     """
-    pictures = [_picture(seen.shots[number], basis) for number, basis in bases.items()]
+    bases = problem.bases(problem.start(), seen.of("background", "train", "select", "final"))
+    pictures = [picture(seen.shots[number], basis) for number, basis in bases.items()]
+    design = problem.design
+    transfer = design.mixing_matrix * np.array([group.flux_mw for group in design.leds.groups])
     found = faults(pictures, seen.black_level, transfer, measurement.response)
     return refuse(measurement, found, trust)
 
 
 def faults(
-    pictures: Sequence[_Picture], black: Array, transfer: Array, response: str
+    pictures: Sequence[Picture], black: Array, transfer: Array, response: str
 ) -> tuple[Suspicion, ...]:
     """Name the faults of all pictures, else those of single ones."""
     return _of_all(pictures, black, transfer, response) or _of_single(pictures, black, response)
 
 
 def _of_all(
-    pictures: Sequence[_Picture], black: Array, transfer: Array, response: str
+    pictures: Sequence[Picture], black: Array, transfer: Array, response: str
 ) -> tuple[Suspicion, ...]:
     """Faults that all pictures share."""
     tried = {fault: _fit(pictures, fault, black) for fault in _shared(pictures, response)}
@@ -153,7 +153,7 @@ def _of_all(
     best = min(fit.misfit for fit in tried.values())
     chosen = min(
         (fault for fault, fit in tried.items() if fit.misfit <= ALIKE * best),
-        key=lambda fault: (fault.count, tried[fault].misfit),
+        key=lambda fault: (fault.parts, tried[fault].misfit),
     )
     if not _explains(tried[chosen].misfit, declared.misfit):
         chosen = Fault()
@@ -178,7 +178,7 @@ def _of_all(
     return _named(chosen, pictures, declared.misfit, tried, response, None)
 
 
-def _of_single(pictures: Sequence[_Picture], black: Array, response: str) -> tuple[Suspicion, ...]:
+def _of_single(pictures: Sequence[Picture], black: Array, response: str) -> tuple[Suspicion, ...]:
     """Faults of single pictures, with the light that the others tell."""
     found: list[Suspicion] = []
     for number, picture in enumerate(pictures):
@@ -187,14 +187,16 @@ def _of_single(pictures: Sequence[_Picture], black: Array, response: str) -> tup
         if not others or (np.asarray(seen) < 1)[picture.lit > 0].any():
             continue
         light = _fit(others, Fault(), black)
-        if light.misfit > MOST_MISFIT:
+        if light.misfit > MOST_MISFIT_ALONE:
             continue
         declared = _left(picture, light)
         orders = [Fault(order=order) for order in itertools.permutations(ORDER)]
         candidates = [*_shared([picture], response), *orders]
-        tried = {fault: _left(picture.without(fault, black), light) for fault in candidates if fault.count == 1}
+        tried = {
+            fault: _left(picture.without(fault, black), light) for fault in candidates if fault.parts == 1
+        }
         fault = min(tried, key=lambda each: tried[each])
-        if _explains(tried[fault], declared):
+        if _explains(tried[fault], declared) and tried[fault] < MOST_MISFIT_ALONE:
             fits = {fault: _Fit(tried[fault], light.transfer, light.floor)}
             found += _named(fault, [picture], declared, fits, response, None)
     return tuple(found)
@@ -204,14 +206,14 @@ def _explains(misfit: float, declared: float) -> bool:
     return declared > LEAST_MISFIT and misfit < MOST_MISFIT and BETTER * misfit < declared
 
 
-def _shared(pictures: Sequence[_Picture], response: str) -> Iterator[Fault]:
+def _shared(pictures: Sequence[Picture], response: str) -> Iterator[Fault]:
     """Faults to try: what turns and curves there are; the order of channels follows from the fit."""
     turns = list(TURNS) if all(picture.square for picture in pictures) else list(TURNS)[:4]
     for turn, curve in itertools.product(turns, (None, *other_curves(response))):
         yield Fault(turn, curve)
 
 
-def _fit(pictures: Sequence[_Picture], fault: Fault, black: Array) -> _Fit:
+def _fit(pictures: Sequence[Picture], fault: Fault, black: Array) -> _Fit:
     """Fit the light to pictures with a fault undone."""
     undone = [picture.without(fault, black) for picture in pictures]
     transfer, floor = transfer_and_floor(
@@ -226,7 +228,7 @@ def _fit(pictures: Sequence[_Picture], fault: Fault, black: Array) -> _Fit:
     return fit._replace(misfit=float(np.sqrt(np.sum(squares) / sum(p.valid.sum() for p in undone))))
 
 
-def _left(picture: _Picture, light: _Fit) -> float:
+def _left(picture: Picture, light: _Fit) -> float:
     """Root mean square of what the model leaves of a picture, over its standard deviation."""
     left = picture.signal - predicted(light.transfer, light.floor, picture.lit, picture.basis)
     return float(np.sqrt(np.mean((left / picture.sigma)[picture.valid] ** 2)))
@@ -236,7 +238,7 @@ def _order(found: Array, expected: Array) -> tuple[int, ...]:
     """Order of the channels that brings the fitted transfer to the model's, where it is clearly another."""
     distance = {order: _distance(found[list(order)], expected) for order in itertools.permutations(ORDER)}
     best = min(distance, key=lambda order: distance[order])
-    if distance[ORDER] > FAR and distance[best] < NEAR:
+    if distance[ORDER] > FAR and distance[best] < NEAR and BETTER * distance[best] < distance[ORDER]:
         return best
     return ORDER
 
@@ -257,7 +259,7 @@ def _distance(found: Array, expected: Array) -> float:
 
 def _named(
     fault: Fault,
-    pictures: Sequence[_Picture],
+    pictures: Sequence[Picture],
     declared: float,
     tried: Mapping[Fault, _Fit],
     response: str,
@@ -267,8 +269,8 @@ def _named(
     files = tuple(file for picture in pictures for file in picture.files)
     plain = fault if fault in tried else fault._replace(order=ORDER)
     evidence = (
-        f"the model misses them by {declared:.3g} times noise and {MODEL_ERROR:.0%} of the mean as declared, by "
-        f"{tried[plain].misfit:.2g} once that is undone"
+        f"the model misses them by {declared:.3g} times noise and {MODEL_ERROR:.0%} of the mean as declared, "
+        f"by {tried[plain].misfit:.2g} once that is undone"
     )
     found = []
     if fault.curve is not None:
@@ -279,14 +281,18 @@ def _named(
                 "mirrored",
                 files,
                 evidence,
-                f"the pictures are {TURNS[fault.turn]} against the sensor frame (x right, y up in the picture), "
-                "by the camera's or a program's setting, or because it looks at the gel another way round",
+                f"the pictures are {TURNS[fault.turn]} against the sensor frame (x right, y up) "
+                "by a setting of camera or program, or the sensor's top was taken for its bottom",
                 "undo it in the files, or turn the stated poses and the design's LED azimuths the same way",
             )
         )
     if fault.order != ORDER:
         held = "".join(CHANNELS[fault.order.index(channel)] for channel in ORDER)
-        also = "" if mirror is None else f"; or they are {TURNS[mirror.turn]}, which off-centre presses would tell"
+        also = (
+            ""
+            if mirror is None
+            else f"; or they are {TURNS[mirror.turn]}, which off-centre presses would tell"
+        )
         if len(pictures) > 1:
             evidence = (
                 "the fitted light of the LED groups has the model's colours once the channels are reordered, "
@@ -297,21 +303,22 @@ def _named(
                 "channels",
                 files,
                 evidence,
-                f"the files' channels hold {held} instead of RGB (OpenCV reads and writes BGR), or LED groups "
-                f"are named after another's place{also}",
-                "write the files in the order red, green, blue, or exchange the groups' azimuths in the design",
+                f"the files' channels hold {held} instead of RGB (OpenCV reads and writes BGR), or LED "
+                f"groups stand in each other's place{also}",
+                "write the files in the order red, green, blue, or exchange the groups' azimuths in the "
+                "design",
             )
         )
     return tuple(found)
 
 
-def _picture(shot: Shot, basis: Array) -> _Picture:
+def picture(shot: Shot, basis: Array) -> Picture:
     """Average a shot and its unit-power pictures to few columns."""
     factor = max(1, -(-shot.signal.shape[1] // COLUMNS))
     signal, variance = _binned(shot.signal, factor), _binned(shot.variance, factor) / factor**2
     valid = _binned(shot.valid.astype(float), factor) == 1.0
     unit = np.moveaxis(_binned(np.moveaxis(basis, 0, -1), factor), -1, 0)
-    return _Picture(shot.files, unit, shot.lit, signal, variance, valid)
+    return Picture(shot.files, unit, shot.lit, signal, variance, valid)
 
 
 def _binned(values: Array, factor: int) -> Array:
@@ -320,7 +327,7 @@ def _binned(values: Array, factor: int) -> Array:
     return np.asarray(cut.reshape(rows, factor, columns, factor, -1).mean(axis=(1, 3)))
 
 
-def _turned(values: NDArray[np.generic], turn: str) -> NDArray[np.generic]:
+def _turned(values: NDArray[Value], turn: str) -> NDArray[Value]:
     """Mirror or turn rows and columns; the turns of a square picture are in `TURNS` too."""
     if turn == "left-right":
         return values[:, ::-1]

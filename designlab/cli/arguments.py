@@ -153,6 +153,14 @@ def _add_designs(add: Any) -> None:
     calibrate.add_argument(
         "--columns", type=_whole(8, 2048), default=160, metavar="N", help="wider frames are binned to this"
     )
+    calibrate.add_argument(
+        "--trust",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="go on although pictures look suspicious (repeatable): no_pose, saturated, nonlinear, channels, "
+        "mirrored",
+    )
     _out(calibrate, "folder for the calibrated design, the result and a picture of what is left")
     _seed(calibrate)
 

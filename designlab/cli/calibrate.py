@@ -34,6 +34,7 @@ def calibrate(args: Namespace) -> Result:
             columns=args.columns,
             seed=args.seed,
             free=FREE if args.free is None else args.free,
+            trust=args.trust,
             progress=progress,
         )
     out = Path(args.out)

@@ -19,7 +19,7 @@ MOST_SATURATED = 0.05  # of the pixels of a channel, above which a frame is refu
 PLATEAU_SHARE = 0.01  # of the pixels at the one highest value of a channel that is cut below full scale
 PLATEAU_LEVELS = 8  # next lower values that the highest is compared with
 PLATEAU_FACTOR = 5.0  # how much more frequent than those it must be
-PLATEAU_SPAN = 0.05  # least distance of the highest value from the median
+PLATEAU_SPAN = 0.05  # of the highest value: its least distance from the median
 COLUMNS = 32  # to which pictures are averaged before sums are compared
 LEAST_MISFIT = 0.05  # of the mean signal: less is explained by lamps that heat up, stray light, noise
 MOST_MISFIT = 0.03  # that the curve named instead may leave
@@ -128,7 +128,7 @@ def _poses(measurement: Measurement) -> list[Suspicion]:
             tuple(files),
             f"{' and '.join(unknown)} unknown, so nothing can be compared with the picture",
             "where or how deep the probe was pressed was not noted, or measurement.toml is half filled in",
-            "give probe = kind:size_mm, depth_mm and centre_mm, as well as they are known, with sigma saying how "
+            "give probe = kind:size_mm, depth_mm and centre_mm, as well as they are known, and in sigma how "
             "well; or delete these frames",
             strong=none_left,
         )
@@ -147,8 +147,8 @@ def _saturation(measurement: Measurement) -> list[Suspicion]:
                 Suspicion(
                     "saturated",
                     (frame.file,),
-                    f"{share[channel]:.1%} of the pixels of {_letter(channel, image.shape[-1])} stand at full "
-                    f"scale (more than {MOST_SATURATED:.0%} are refused)",
+                    f"{share[channel]:.1%} of the pixels of {_letter(channel, image)} stand at full scale "
+                    f"(more than {MOST_SATURATED:.0%} are refused)",
                     "exposure or gain too high, or automatic",
                     "take it again with less exposure, the same for all frames; gain and white balance fixed",
                 )
@@ -162,8 +162,8 @@ def _saturation(measurement: Measurement) -> list[Suspicion]:
                     Suspicion(
                         "saturated",
                         (frame.file,),
-                        f"{pixels:.1%} of the pixels of {_letter(channel, image.shape[-1])} share one highest "
-                        f"value, {top:.4g} of full scale",
+                        f"{pixels:.1%} of the pixels of {_letter(channel, image)} share one highest value, "
+                        f"{top:.4g} of full scale",
                         "the camera was saturated, and the values were scaled afterwards (black level, white "
                         "balance, 10 or 12 bits in a file of 16)",
                         "take it again with less exposure; or import the camera's own files with "
@@ -182,13 +182,13 @@ def _plateau(values: NDArray[np.float32]) -> tuple[float, float] | None:
     if len(levels) <= PLATEAU_LEVELS or share < PLATEAU_SHARE or levels[-1] >= FULL_SCALE:
         return None
     usual = counts[-1 - PLATEAU_LEVELS : -1].mean()
-    if counts[-1] < PLATEAU_FACTOR * usual or levels[-1] - np.median(values) < PLATEAU_SPAN:
+    if counts[-1] < PLATEAU_FACTOR * usual or levels[-1] - np.median(values) < PLATEAU_SPAN * levels[-1]:
         return None
     return float(levels[-1]), float(share)
 
 
 class Curve(NamedTuple):
-    """A response that files may have: its name in measurement.toml, and from declared linear to its values."""
+    """A response that files may have: its name in measurement.toml, and the linear values that follow."""
 
     label: str
     declared: Response
@@ -334,5 +334,5 @@ def _term(measurement: Measurement, frame: Frame, weight: float) -> _Term:
     return _Term(np.asarray(resize_area(image, rows, columns), dtype=float), dark, weight)
 
 
-def _letter(channel: int, channels: int) -> str:
-    return ("red", "green", "blue")[channel] if channels == 3 else "the one channel"
+def _letter(channel: int, image: NDArray[np.float32]) -> str:
+    return ("red", "green", "blue")[channel] if image.shape[-1] == 3 else "the one channel"
