@@ -84,7 +84,7 @@ def calibrate(
         if value < least:
             raise ValueError(f"{name}: must be at least {least}, got {value}")
     design, fields = sensor.design, shared_fields(sensor.design, free)
-    trusted = refuse(measurement, check(measurement), trust)
+    trusted = refuse(measurement, check(measurement, design), trust)
     seen = observe(measurement, design, columns=columns)
     problem = Problem(design, seen.shots, fields, samples=samples, seed=seed, progress=progress)
     fitted = seen.of("background", "train")

@@ -7,8 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.design import Design
 from designlab.images import resize_area
 from designlab.measurement.frames import Frame, Measurement, MeasurementError
+from designlab.measurement.sizes import check_size
 from designlab.response import Response
 
 Array = NDArray[np.float64]
@@ -62,9 +64,25 @@ class Suspicion:
         return f"{self.name}: {where}: {self.evidence}; suspected cause: {self.cause}; remedy: {self.remedy}"
 
 
-def check(measurement: Measurement) -> tuple[Suspicion, ...]:
-    """Examine frames without a model: poses, saturation, and whether light adds up as the response says."""
-    return (*_poses(measurement), *_saturation(measurement), *_response(measurement))
+def check(measurement: Measurement, design: Design | None = None) -> tuple[Suspicion, ...]:
+    """Examine frames without simulation: poses, saturation, and whether light adds up as the response says.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        A loaded set.
+    design : Design, optional
+        The sensor it will be compared with; the one it names when absent.
+
+    Raises
+    ------
+    MeasurementError
+        If the size of a picture does not fit the design's camera.
+    """
+    design = design or measurement.design()
+    for frame in measurement.frames:
+        check_size(measurement, frame, design)
+    return (*_poses(measurement), *_saturation(measurement), *_response(measurement, design))
 
 
 def refuse(
@@ -226,12 +244,12 @@ def nonlinear(files: Sequence[str], curve: Curve, declared: str, evidence: str) 
     )
 
 
-def _response(measurement: Measurement) -> list[Suspicion]:
+def _response(measurement: Measurement, design: Design | None) -> list[Suspicion]:
     """Compare sums of lights and ladders of exposures as declared and with another response."""
     if measurement.response == "unknown":
         return []
     curves = other_curves(measurement.response)
-    for files, what, terms in (*_sums(measurement), *_ladders(measurement)):
+    for files, what, terms in (*_sums(measurement, design), *_ladders(measurement)):
         declared = _misfit(terms)
         if declared < LEAST_MISFIT:
             continue
@@ -284,9 +302,8 @@ def _misfit(terms: Sequence[_Term]) -> float:
 _Comparison = tuple[list[str], str, list[_Term]]
 
 
-def _sums(measurement: Measurement) -> list[_Comparison]:
+def _sums(measurement: Measurement, design: Design | None) -> list[_Comparison]:
     """The untouched gel with all LEDs on, and with each group alone."""
-    design = measurement.design()
     if design is None:
         return []
     found = []

@@ -243,6 +243,23 @@ class TestWithoutModel:
         found = check(self.written(tmp_path / "m", frames, images))
         assert [each.name for each in found] == ["nonlinear"] * (true == "srgb")
 
+    @pytest.mark.parametrize(
+        ("shape", "cause"),
+        [
+            ((40, 30), "turned by 90 deg"),
+            ((30, 30), "a part of the sensor was saved"),
+            ((3000, 4000), "enlarged, or comes from another camera"),
+        ],
+    )
+    def test_the_cause_of_a_wrong_size_is_said(self, tmp_path, shape, cause):
+        image = np.full((*shape, 3), 0.3, dtype=np.float16)
+        frames = [Frame(file="a.exr", kind="background")]
+        with pytest.raises(MeasurementError, match=rf"frame 1 \(a\.exr\): field file.*{cause}.*remedy"):
+            self.written(tmp_path / "m", frames, {"a.exr": image}, sensor=NAMES[0])
+        unknown = self.written(tmp_path / "unknown", frames, {"a.exr": image})
+        with pytest.raises(MeasurementError, match=cause):
+            check(unknown, preset(NAMES[0]))
+
     def test_what_is_trusted_has_a_name(self, planted):
         with pytest.raises(ValueError, match="trust: one of no_pose, saturated"):
             refuse(planted(NAMES[0]), (), ["everything"])
