@@ -123,7 +123,8 @@ def import_frames(
     """Convert files to linear float EXR images and write them with their metadata, or add them to a set.
 
     The level without light is subtracted, and full scale stays 1. A pixel with a saturated value is set to
-    full scale in all channels, so that no later step takes it for light.
+    full scale in all channels, so that no later step takes it for light. Dark frames that are in the set
+    already may be given again, for their level.
 
     Parameters
     ----------
@@ -156,18 +157,23 @@ def import_frames(
     if not made and (earlier is None or lens is None):
         raise MeasurementError(f"{out}: no pictures to import")
     taken = {} if earlier is None else {frame.file: earlier.image(frame) for frame in earlier.frames}
+    known_dark = set() if earlier is None else {frame.file for frame in earlier.frames if not frame.lit}
+    added = []
     for item in made:
+        if item.frame.file in known_dark and not item.frame.lit:
+            continue  # named again for its level
         if item.frame.file in taken:
             raise MeasurementError(f"{item.path}: {item.frame.file} is there already; rename it")
         taken[item.frame.file] = np.zeros(0, dtype=np.float32)
+        added.append(item)
     notes: list[str] = []
     black, images = _converted(made, conversion, earlier, notes) if made else ((), {})
     content: dict[str, Any] = dict(top or {}) if earlier is None else earlier.model_dump(exclude={"frames"})
     content["response"] = "linear"
     if sensor is not None:
         content["sensor"] = sensor
-    frames = (*(() if earlier is None else earlier.frames), *(item.frame for item in made))
-    images = taken | images
+    frames = (*(() if earlier is None else earlier.frames), *(item.frame for item in added))
+    images = taken | {item.frame.file: images[item.frame.file] for item in added}
     with tempfile.TemporaryDirectory() as staged:
         home = Path(staged)
         origin = earlier.folder if earlier is not None else (made[0].path.parent if top is not None else None)
@@ -180,7 +186,7 @@ def import_frames(
         except ValidationError as error:
             raise MeasurementError(f"{out}: {explain(error)}") from None
         write_measurement(measurement, images, out)
-    return Imported(out, tuple(item.frame.file for item in made), black, tuple(dict.fromkeys(notes)))
+    return Imported(out, tuple(item.frame.file for item in added), black, tuple(dict.fromkeys(notes)))
 
 
 def _converted(
@@ -192,6 +198,11 @@ def _converted(
         file = read(item.path)
         if file.turned:
             notes.append(f"{item.path.name}: asks viewers to turn it; it is imported as the sensor saw it")
+        if file.encoded and getattr(conversion.response, "is_linear", False):
+            notes.append(
+                f"{item.path.name}: a JPEG, which is hardly ever linear as declared; suspected cause: "
+                "response left as it was; remedy: srgb, or the camera's curve from an exposure ladder"
+            )
         pictures[item.frame.file] = linear_picture(file, conversion)
         if conversion.matrix is not None and item.frame.lit:
             cut = float((file.counts <= 0).mean())

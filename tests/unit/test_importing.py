@@ -370,7 +370,7 @@ class TestCommand:
         one = (tmp_path / "red.png", "--kind", "background", "--leds", "red", *common)
         status, data, _ = self.run(capsys, *one)
         assert (status, "state the same" in data["error"]) == (2, True)
-        assert self.run(capsys, *one, "--black", 0)[0] == 0
+        assert self.run(capsys, *one, "--dark", tmp_path / "d0.png")[0] == 0  # named again for its level
         measurement = load_measurement(tmp_path / "m")
         assert [(f.file, f.repeat, f.leds) for f in measurement.frames] == [
             ("b0.exr", 0, None),
@@ -423,6 +423,19 @@ class TestCommand:
         design = load(tmp_path / "m" / "design.toml")
         assert design.camera.distortion.k1 == -0.1
         assert load_measurement(tmp_path / "m").design() == design
+
+    def test_what_may_be_wrong_is_noted(self, scene, tmp_path, capsys):
+        Image.fromarray(np.round(255 * scene).astype(np.uint8)).save(tmp_path / "a.jpg")
+        write_image(tmp_path / "b.png", np.round(1023 * scene).astype(np.uint16))
+        words = ("--kind", "background", "--response", "linear", "--out", tmp_path / "m")
+        status, data, _ = self.run(capsys, tmp_path / "a.jpg", tmp_path / "b.png", *words)
+        assert status == 0
+        for said in (
+            "a.jpg: a JPEG, which is hardly ever linear",
+            "state its full scale as --white",
+            "no black level",
+        ):
+            assert any(said in note for note in data["notes"]), said
 
     @pytest.mark.parametrize(
         ("words", "said"),
