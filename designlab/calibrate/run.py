@@ -63,7 +63,7 @@ def calibrate(
     free : sequence of str
         Dotted paths of the design's numbers to fit.
     trust : sequence of str
-        Names of suspicions, see `designlab.measurement.checks`, that are known and right as they are.
+        Names of suspicions, see `designlab.measurement.suspicion`, that are known and right as they are.
     progress : callable, optional
         Called with the stage, pictures done and pictures expected in it.
 

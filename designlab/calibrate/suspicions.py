@@ -15,8 +15,9 @@ from designlab.calibrate.linear import predicted, transfer_and_floor
 from designlab.calibrate.problem import MODEL_ERROR, Problem
 from designlab.design import CHANNELS
 from designlab.measurement import Measurement
-from designlab.measurement.checks import Curve, Suspicion, nonlinear, other_curves, refuse
+from designlab.measurement.additivity import Curve, nonlinear, other_curves
 from designlab.measurement.shots import Observations, Shot
+from designlab.measurement.suspicion import Suspicion, refuse
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

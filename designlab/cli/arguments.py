@@ -160,8 +160,8 @@ def _add_designs(add: Any) -> None:
         action="append",
         default=[],
         metavar="NAME",
-        help="go on although pictures look suspicious (repeatable): no_pose, saturated, nonlinear, channels, "
-        "mirrored",
+        help="go on although pictures look suspicious (repeatable): no_pose, saturated, nonlinear, "
+        "not_additive, channels, mirrored",
     )
     _out(calibrate, "folder for the calibrated design, the result and a picture of what is left")
     _seed(calibrate)

@@ -60,6 +60,8 @@ def read_camera_file(path: str | Path) -> CameraFile:
     if not path.is_file():
         raise ImageError(f"{path}: no such file")
     suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise ImageError(f"{path}: suffix must be one of {' '.join(SUFFIXES)}, got {suffix!r}")
     if suffix in RAW_SUFFIXES:
         return _raw(path)
     with path.open("rb") as file:

@@ -446,7 +446,7 @@ class TestCommand:
             (["a.png", "--kind", "background", "--response", "log"], "response: one of linear, srgb"),
             (["a.png", "--kind", "press", "--response", "srgb"], "a press needs the probe"),
             (["none.png", "--kind", "background", "--response", "srgb"], "no such file"),
-            (["a.txt", "--kind", "background", "--response", "srgb"], "must be an EXR, PNG or TIFF"),
+            (["a.txt", "--kind", "background", "--response", "srgb"], "suffix must be one of .exr .png"),
             (["a.png", "--kind", "dark", "--response", "srgb"], "suspected cause: LEDs were on"),
             (["a.png", "--kind", "background", "--response", "srgb", "--white", "0"], "white: must be above"),
             (

@@ -117,8 +117,11 @@ def test_a_wrong_model_is_no_fault_of_the_pictures(planted):
     for changes in (
         {"camera.horizontal_fov_deg": 0.8 * fov},
         {"camera.horizontal_fov_deg": 1.2 * fov, "contact.kernel_length_mm": 0.3},
-        {"leds.height_mm": design.leds.height_mm + 1.5, "leds.tilt_deg": design.leds.tilt_deg + 10},
-        {"mixing": [[1, 0.45, 0.2], [0.4, 1, 0.45], [0.1, 0.4, 1]]},
+        {
+            "leds.height_mm": design.leds.height_mm + 1.5,
+            "leds.tilt_deg": design.leds.tilt_deg + 10,
+            "mixing": [[1, 0.45, 0.2], [0.4, 1, 0.45], [0.1, 0.4, 1]],
+        },
     ):
         assert Examined(measurement, design.replace(changes)).faults(measurement) == ()
 
@@ -134,6 +137,11 @@ def test_noise_and_other_light_powers_are_no_fault(planted, examined, tmp_path):
     )
     assert examined(NAMES[0]).faults(noisy) == ()
     assert check(noisy) == ()
+
+
+def smooth(low, high):
+    row, column = np.indices((24, 32)) / 32
+    return np.stack([low + (high - low) * each for each in (column, row / 0.75, 1 - column)], axis=-1)
 
 
 def square(value):
@@ -236,12 +244,32 @@ class TestWithoutModel:
 
     @pytest.mark.parametrize("true", ["srgb", "linear"])
     def test_an_exposure_ladder_tells_the_response(self, tmp_path, true):
-        scene = np.random.default_rng(1).uniform(0.05, 0.2, (24, 32, 3))
+        scene = smooth(0.05, 0.2)
         encode = to_srgb if true == "srgb" else np.asarray
         frames = [Frame(file=f"{e}.exr", kind="background", exposure=e) for e in (1, 4)]
         images = {f"{e}.exr": encode(scene * e) for e in (1, 4)}
         found = check(self.written(tmp_path / "m", frames, images))
         assert [each.name for each in found] == ["nonlinear"] * (true == "srgb")
+
+    @pytest.mark.parametrize(("error", "strong"), [(0.12, None), (0.25, False), (1.0, True)])
+    def test_light_that_does_not_add_up_with_any_response_is_named(self, tmp_path, error, strong):
+        """A ladder of 4 whose long picture is brighter than stated; a tenth is left to lamps and shutters."""
+        scene = smooth(0.05, 0.1)
+        frames = [Frame(file="dark.exr", kind="dark")]
+        frames += [Frame(file=f"{e}.exr", kind="background", exposure=e) for e in (1, 4)]
+        images = {"dark.exr": 0 * scene, "1.exr": scene, "4.exr": 4 * scene * (1 + error)}
+        found = check(self.written(tmp_path / "m", frames, images))
+        assert [(each.name, each.strong) for each in found] == [("not_additive", strong)] * (
+            strong is not None
+        )
+
+    def test_a_colour_matrix_that_cuts_at_zero_is_noted(self, tmp_path):
+        design = preset(NAMES[0])
+        effects = {"colour_mixing": {"G_from_red": -0.3, "B_from_green": -0.3}}
+        plant(design, effects=effects, out=tmp_path / "m", seed=1, presses=PRESSES[:1], columns=24)
+        (found,) = check(load_measurement(tmp_path / "m"))
+        assert (found.name, found.strong) == ("not_additive", False)
+        assert "colour matrix" in found.cause
 
     @pytest.mark.parametrize(
         ("shape", "cause"),
