@@ -9,13 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab import metrics
+from designlab.camera import View
 from designlab.design import Design
+from designlab.directional import DirectionalLight
 from designlab.effects.model import SensorModel
 from designlab.images import ImageError, read_image
 from designlab.measurement import Frame, Measurement, MeasurementError
 
 Pixels = NDArray[np.float32]
 Progress = Callable[[str, int, int], None]
+Predict = Callable[[Frame, View], NDArray[np.floating]]
 
 FIGURES = ("mse", "snr_db", "smape", "ssim", "structure_corr", "structure_snr_db")
 
@@ -63,7 +66,7 @@ def compare_files(simulated: str | Path, real: str | Path) -> dict[str, Any]:
 
 
 def compare_model(
-    model: Design | SensorModel,
+    model: Design | SensorModel | DirectionalLight,
     measurement: Measurement,
     *,
     samples: int = 64,
@@ -74,11 +77,12 @@ def compare_model(
 
     Nothing is fitted: pose, lights, reflectance and exposure are those of the model and the frame's metadata.
     Where the design leaves its exposure to the camera, the exposure that `simulate.exposure` chooses on the
-    simulated untouched gel holds, times the frame's relative exposure (1 where it is unknown).
+    simulated untouched gel holds, times the frame's relative exposure (1 where it is unknown). Directional
+    light has its own factors in place of exposure.
 
     Parameters
     ----------
-    model : Design or SensorModel
+    model : Design, SensorModel or DirectionalLight
         The sensor as it is believed to be.
     measurement : Measurement
         Frames with a known response. Frames other than presses, and presses without size, depth or place,
@@ -95,17 +99,16 @@ def compare_model(
     MeasurementError
         If no frame can be compared, or one does not fit the model's camera.
     """
-    from designlab.simulate import Simulator, exposure
-
-    sensor = SensorModel.of(model)
-    design = sensor.effective_design()
     skipped, known = _sorted_out(measurement)
     if not known:
         reasons = "; ".join(f"{file}: {reason}" for file, reason in skipped.items())
         raise MeasurementError(f"{measurement.folder}: no press can be simulated ({reasons})")
-    # Only a design that leaves its exposure to the camera needs a picture of the untouched gel.
-    untouched = None if design.camera.exposure else Simulator(sensor, samples=samples, seed=seed).frame(None)
-    scale = design.camera.exposure if untouched is None else exposure(design, untouched)
+    if isinstance(model, DirectionalLight):
+        design, predict = model.design, _shaded(model, measurement)
+    else:
+        sensor = SensorModel.of(model)
+        design = sensor.effective_design()
+        predict = _rendered(sensor, design, measurement, samples=samples, seed=seed)
     pairs = []
     for number, frame in enumerate(known):
         if progress is not None:
@@ -118,17 +121,47 @@ def compare_model(
                 f"{measurement.folder}: frame {frame.file}: field crop_px: must lie on the model's sensor of "
                 f"{camera.width_px} x {camera.height_px} px, got {list(frame.crop_px or ())}"
             )
-        simulator = Simulator(sensor, view=view, samples=samples, seed=seed)
-        picture = simulator.frame(measurement.press(frame))
-        lit = [frame.leds is None or name in frame.leds for name in design.group_names]
-        mixed = np.einsum("cg,grk->rkc", picture.weights * lit, picture.basis)
-        simulated = (mixed * scale * (frame.exposure or 1.0)).astype(np.float32)
+        simulated = predict(frame, view).astype(np.float32)
         try:
             figures = metrics.compare(simulated, real)
         except ValueError as error:
             raise MeasurementError(f"{measurement.folder}: frame {frame.file}: {error}") from None
         pairs.append(Pair(frame.file, simulated, real, figures))
     return Comparison(pairs, skipped)
+
+
+def _rendered(
+    sensor: SensorModel, design: Design, measurement: Measurement, *, samples: int, seed: int
+) -> Predict:
+    """Signal of a frame by light transport."""
+    from designlab.simulate import Simulator, exposure
+
+    # Only a design that leaves its exposure to the camera needs a picture of the untouched gel.
+    untouched = None if design.camera.exposure else Simulator(sensor, samples=samples, seed=seed).frame(None)
+    scale = design.camera.exposure if untouched is None else exposure(design, untouched)
+
+    def predict(frame: Frame, view: View) -> NDArray[np.floating]:
+        picture = Simulator(sensor, view=view, samples=samples, seed=seed).frame(measurement.press(frame))
+        mixed = np.einsum("cg,grk->rkc", picture.weights * _lit(frame, design), picture.basis)
+        return sensor.on_signal(mixed * scale * (frame.exposure or 1.0) + design.camera.black_level)
+
+    return predict
+
+
+def _shaded(model: DirectionalLight, measurement: Measurement) -> Predict:
+    """Signal of a frame under directional light."""
+
+    def predict(frame: Frame, view: View) -> NDArray[np.floating]:
+        lit = _lit(frame, model.design)
+        signal = model.signal(measurement.press(frame), view, lit=lit, exposure=frame.exposure or 1.0)
+        return signal + model.design.camera.black_level
+
+    return predict
+
+
+def _lit(frame: Frame, design: Design) -> list[bool]:
+    """Which LED groups are on."""
+    return [frame.leds is None or name in frame.leds for name in design.group_names]
 
 
 def _sorted_out(measurement: Measurement) -> tuple[dict[str, str], list[Frame]]:

@@ -184,7 +184,7 @@ class Design(Spec):
         """
         content = self.model_dump()
         for path, value in changes.items():
-            _assign(content, path, value)
+            assign(content, path, value)
         for path in changes:
             if path.startswith("leds.") and path.endswith(".part"):
                 parts.forget(content["leds"], path, given=changes)
@@ -284,8 +284,14 @@ class Design(Spec):
             raise InfeasibleDesign(f"design {self.name!r} is infeasible: {reasons}")
 
 
-def _assign(content: dict[str, Any], path: str, value: Any) -> None:
-    """Set a nested entry given by dotted path; list positions are numbers (``leds.groups.0.flux_mw``)."""
+def assign(content: dict[str, Any], path: str, value: Any) -> None:
+    """Set a nested entry given by dotted path; list positions are numbers (``leds.groups.0.flux_mw``).
+
+    Raises
+    ------
+    DesignError
+        If there is no such entry.
+    """
     node: Any = content
     *parents, last = path.split(".")
     try:
@@ -353,6 +359,11 @@ def loads(text: str, *, source: str = "design", folder: Path | None = None) -> D
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise DesignError(f"{source}: not valid TOML: {error}") from None
+    if "kind" in content:
+        raise DesignError(
+            f"{source}: field kind: must be absent here, where a design is needed; a model of kind "
+            f"{content['kind']!r} is for `compare` and `calibrate` alone"
+        )
     return _validated(content, source, folder)
 
 

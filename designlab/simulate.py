@@ -111,6 +111,8 @@ class Simulator:
         "fast", "corrected", "reference" or "path", see `designlab.render.Estimator`.
     traced_samples : int
         Effort of the unbiased part of the estimator "corrected".
+    pitch_mm : float, optional
+        Distance of points of the membrane; two pixels, from 0.025 to 0.05 mm, when absent.
     """
 
     def __init__(
@@ -123,6 +125,7 @@ class Simulator:
         seed: int,
         estimator: Estimator = "fast",
         traced_samples: int = 256,
+        pitch_mm: float | None = None,
     ) -> None:
         self.model = SensorModel.of(model)
         self.design = self.model.effective_design()
@@ -132,7 +135,7 @@ class Simulator:
         self.estimator: Estimator = estimator
         self.traced_samples = traced_samples
         self.rays = rays(self.design, self.view)
-        self.pitch_mm = float(np.clip(2 * self.rays.pitch_mm[0], 0.025, 0.05))
+        self.pitch_mm = pitch_mm or float(np.clip(2 * self.rays.pitch_mm[0], 0.025, 0.05))
 
     def surface(self, press: Press | None) -> Surface:
         """Membrane under a press over the area in view and a margin around it."""

@@ -8,13 +8,14 @@ from typing import Any, NamedTuple
 import annotated_types
 from pydantic import BaseModel
 
-from designlab.design import Design
-
 # What light transport does not see, or sees as a factor only, is part of the transfer.
-IN_TRANSFER = r"mixing(\..*)?|leds\.groups\.\d+\.flux_mw|camera\.exposure"
+WITHIN = "design."  # prefix of the design's fields in a model that holds one
+IN_TRANSFER = r"mixing(\..*)?|leds\.groups\.\d+\.flux_mw|camera\.exposure|(factors|floor)(\..*)?"
 UNSEEN = r"camera\.(full_well_e|read_noise_e|black_level)"
+SHARE = r"optics\.\w+(albedo|reflectance)\.\d+"  # of several values, whose bounds pydantic does not hold
 STEP = 0.05  # of the value, for finite differences
 CAMERA_STEP = 0.01  # edges move by pixels where the camera does
+DIRECTION, DIRECTION_STEP_DEG = r"lights\.\d+\.\w+_deg", 1.0
 INSIDE = 1e-6  # of the value: how far within a bound that does not belong to the range
 
 
@@ -29,7 +30,7 @@ class SharedField(NamedTuple):
     step: float
 
 
-def shared_fields(design: Design, free: Sequence[str]) -> tuple[SharedField, ...]:
+def shared_fields(model: BaseModel, free: Sequence[str]) -> tuple[SharedField, ...]:
     """Look up the fields to be fitted.
 
     Raises
@@ -40,17 +41,18 @@ def shared_fields(design: Design, free: Sequence[str]) -> tuple[SharedField, ...
     repeated = sorted({path for path in free if list(free).count(path) > 1})
     if repeated:
         raise ValueError(f"free: each field once, got {', '.join(repeated)} twice")
-    return tuple(_field(design, path) for path in free)
+    return tuple(_field(model, path) for path in free)
 
 
-def _field(design: Design, path: str) -> SharedField:
-    if re.fullmatch(IN_TRANSFER, path):
+def _field(model: BaseModel, path: str) -> SharedField:
+    inner = path.removeprefix(WITHIN)
+    if re.fullmatch(IN_TRANSFER, inner):
         raise ValueError(
             f"free: {path} cannot be told from other factors of the light and is fitted with them as transfer"
         )
-    if re.fullmatch(UNSEEN, path):
+    if re.fullmatch(UNSEEN, inner):
         raise ValueError(f"free: {path} must be a field that pictures without noise depend on")
-    node: Any = design
+    node: Any = model
     low, high, unit = -math.inf, math.inf, "1"
     for part in path.split("."):
         if isinstance(node, BaseModel) and part in type(node).model_fields:
@@ -62,11 +64,15 @@ def _field(design: Design, path: str) -> SharedField:
         elif isinstance(node, tuple) and part.isdecimal() and int(part) < len(node):
             node = node[int(part)]
         else:
-            raise ValueError(f"free: no field {path!r} in the design")
+            raise ValueError(f"free: no field {path!r} in the model")
     if isinstance(node, bool) or not isinstance(node, float):
         raise ValueError(f"free: {path} must be a number that can vary, got {node!r}")
-    share = CAMERA_STEP if path.startswith("camera.") else STEP
+    if re.fullmatch(SHARE, inner):
+        low, high = INSIDE, 1.0
+    share = CAMERA_STEP if inner.startswith("camera.") else STEP
     step = share * abs(node) or 0.01 * (min(high, 1.0) - max(low, -1.0))
+    if re.fullmatch(DIRECTION, path):
+        step = DIRECTION_STEP_DEG
     return SharedField(path, unit, node, low, high, step)
 
 

@@ -7,22 +7,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.calibrate.fields import SharedField
+from designlab.calibrate.imaging import How, Imaging, Touched
 from designlab.calibrate.linear import predicted, transfer_and_floor
-from designlab.design import Design
 from designlab.measurement.shots import Shot
 from designlab.press import Press
-from designlab.simulate import Simulator
 
 Array = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
 MODEL_ERROR = 0.01  # of a channel's mean signal in a shot: what the simulation is not trusted with
 LEAST_DEPTH_MM = 0.01
+BRIGHT = 99.0  # percentile
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Shared fields, departures of poses (x, y, depth in mm, yaw in deg), transfer and floor."""
+    """Shared fields, departures of poses (x, y, depth in mm, yaw in deg), factors of components and floor."""
 
     shared: Array
     poses: Mapping[int, Array]
@@ -35,73 +35,86 @@ class State:
 
 
 class Problem:
-    """Shots, the standard deviation of each of their values, and the simulator."""
+    """Shots, the standard deviation of each of their values, and the model of pictures.
+
+    Parameters
+    ----------
+    imaging : Imaging
+        What simulates pictures.
+    shots : tuple of Shot
+        What was photographed.
+    fields : tuple of SharedField
+        Numbers of the imaging's model that are free.
+    seed : int
+        Seed of the simulation.
+    progress : callable, optional
+        Called with the stage, pictures done and pictures expected in it.
+    """
 
     def __init__(
         self,
-        design: Design,
+        imaging: Imaging,
         shots: tuple[Shot, ...],
         fields: tuple[SharedField, ...],
         *,
-        samples: int,
         seed: int,
         progress: Progress | None = None,
     ) -> None:
-        self.design, self.shots, self.fields = design, shots, fields
-        self.samples, self.seed, self.progress = samples, seed, progress
+        self.imaging, self.shots, self.fields = imaging, shots, fields
+        self.seed, self.progress = seed, progress
         self.stage, self.done, self.expected = "", 0, 1
-        self.sigmas = [
-            np.sqrt(shot.variance + (MODEL_ERROR * np.abs(shot.signal.mean(axis=(0, 1)))) ** 2)
-            for shot in shots
-        ]
+        self.lits = [imaging.lit(shot) for shot in shots]
+        self.sigmas = [np.sqrt(shot.variance + (MODEL_ERROR * _level(shot)) ** 2) for shot in shots]
 
     def begin(self, stage: str, expected: int) -> None:
         """Name what is done now and how many pictures it takes, as far as is known."""
         self.stage, self.done, self.expected = stage, 0, expected
 
-    def start(self) -> State:
-        """State that the design and the measurement state, without light yet."""
-        groups = len(self.design.group_names)
-        return State(np.array([f.value for f in self.fields]), {}, np.zeros((3, groups)), np.zeros(3))
-
-    def design_at(self, shared: Array) -> Design:
-        """Design with other values of the shared fields."""
-        return self.design.replace(
-            {f.path: float(value) for f, value in zip(self.fields, shared, strict=True)}
+    def hold(self, numbers: Sequence[int]) -> None:
+        """Keep the poses of some shots where a state has them."""
+        self.shots = tuple(
+            replace(shot, pose_sigma=np.zeros(4)) if number in numbers else shot
+            for number, shot in enumerate(self.shots)
         )
 
-    def press(self, state: State, number: int) -> Press | None:
-        """Indentation of a shot at the state's pose."""
-        press = self.shots[number].press
+    def start(self) -> State:
+        """State that the model and the measurement state, without light yet."""
+        components = len(self.imaging.names)
+        return State(np.array([f.value for f in self.fields]), {}, np.zeros((3, components)), np.zeros(3))
+
+    def changes(self, shared: Array) -> dict[str, float]:
+        """Values of the shared fields by their paths."""
+        return {f.path: float(value) for f, value in zip(self.fields, shared, strict=True)}
+
+    def touched(self, state: State, number: int) -> Touched:
+        """Return what a shot shows, at the state's pose."""
+        shot = self.shots[number]
+        x, y, depth, yaw = (float(v) for v in state.pose(number))
+        if shot.ball is not None:
+            at = (shot.ball.centre_mm[0] + x, shot.ball.centre_mm[1] + y)
+            return shot.ball.model_copy(update={"centre_mm": at, "lowest_mm": shot.ball.lowest_mm + depth})
+        press = shot.press
         if press is None:
             return None
-        x, y, depth, yaw = state.pose(number)
         return Press(
             probe=press.probe,
-            depth_mm=max(float(press.depth_mm + depth), LEAST_DEPTH_MM),
-            centre_mm=(float(press.centre_mm[0] + x), float(press.centre_mm[1] + y)),
-            yaw_deg=float(press.yaw_deg + yaw),
+            depth_mm=max(press.depth_mm + depth, LEAST_DEPTH_MM),
+            centre_mm=(press.centre_mm[0] + x, press.centre_mm[1] + y),
+            yaw_deg=press.yaw_deg + yaw,
         )
 
-    def basis(self, state: State, number: int, *, other_seed: bool = False) -> Array:
-        """Unit-power pictures of a shot; the same random numbers each time, unless others are asked for."""
-        simulator = Simulator(
-            self.design_at(state.shared),
-            view=self.shots[number].view,
-            samples=self.samples,
-            seed=self.seed + other_seed,
-        )
-        found = simulator.frame(self.press(state, number)).basis.astype(float)
+    def basis(self, state: State, number: int, *, other_seed: bool = False, how: How = "usual") -> Array:
+        """Pictures of the components; the same random numbers each time, unless others are asked for."""
+        shot, touched = self.shots[number], self.touched(state, number)
+        changes = {
+            path: value for path, value in self.changes(state.shared).items() if self.imaging.sees(path, shot)
+        }
+        found = self.imaging.basis(changes, touched, shot.view, seed=self.seed + other_seed, how=how)
         self.done += 1
         self.expected = max(self.expected, self.done)
         if self.progress is not None:
             self.progress(self.stage, self.done, self.expected)
         return found
-
-    def untouched(self) -> Array:
-        """Unit-power pictures of the untouched gel over the whole sensing area, of the design as given."""
-        simulator = Simulator(self.design, samples=self.samples, seed=self.seed)
-        return simulator.frame(None).basis.astype(float)
 
     def bases(self, state: State, numbers: Sequence[int]) -> dict[int, Array]:
         """Unit-power pictures of several shots."""
@@ -109,14 +122,14 @@ class Problem:
 
     def predict(self, state: State, number: int, basis: Array) -> Array:
         """Signal of a shot, (rows, columns, 3)."""
-        return predicted(state.transfer, state.floor, self.shots[number].lit, basis)
+        return predicted(state.transfer, state.floor, self.lits[number], basis)
 
     def lit_best(self, state: State, bases: Mapping[int, Array]) -> State:
         """State with the transfer and floor that fit the shots best."""
         shots = [self.shots[number] for number in bases]
         transfer, floor = transfer_and_floor(
             list(bases.values()),
-            [shot.lit for shot in shots],
+            [self.lits[number] for number in bases],
             [shot.signal for shot in shots],
             [self.sigmas[number] for number in bases],
             [shot.valid for shot in shots],
@@ -137,3 +150,10 @@ class Problem:
             total += float((self.residual(state, number, basis) ** 2).sum())
             total += float(((state.pose(number)[sigma > 0] / sigma[sigma > 0]) ** 2).sum())
         return total
+
+
+def _level(shot: Shot) -> Array:
+    """What the model error is a share of: the mean of a smooth picture, the bright end of a mirror's."""
+    if shot.ball is None:
+        return np.asarray(np.abs(shot.signal.mean(axis=(0, 1))))
+    return np.asarray(np.abs(np.percentile(shot.signal, BRIGHT, axis=(0, 1))))

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.design import Design
+from designlab.directional import DirectionalLight
+from designlab.effects.model import SensorModel
 
 Array = NDArray[np.float64]
 
@@ -32,7 +33,7 @@ class FrameResult:
     file : str
         The frame; of repeats, which are averaged, the first.
     use : str
-        "background" and "train" were fitted; of "select" and "final" the pose alone.
+        "background", "light_probe" and "train" were fitted; of "select" and "final" the pose alone.
     before, after : dict
         Figures of `metrics.compare` with the model as given at the stated pose, and calibrated.
     pose : dict or None
@@ -62,23 +63,29 @@ class Calibration:
 
     Attributes
     ----------
-    design : Design
-        The calibrated design: flux, mixing, exposure and the shared fields.
+    model : SensorModel or DirectionalLight
+        The calibrated model. Of a design: flux, mixing, exposure and the shared fields, and the floor as the
+        effect ``black_level``.
     parameters : tuple of Parameter
         Everything fitted: shared fields, poses of the fitted presses, transfer, floor.
     correlation : array, shape (parameters, parameters)
         Of their errors; NaN where there is no standard error.
     frames : tuple of FrameResult
         Every shot.
+    products : tuple of Parameter
+        Transfer times reflectance of the membrane for each channel and LED group, which pictures of the gel
+        tell whether or not they tell the two apart.
     transfer, floor : array, shapes (3, groups) and (3,)
-        Signal of a channel per unit-power radiance of a group (mm2 sr), and that without light from LEDs.
+        Signal of a channel per unit-power radiance of a group (mm2 sr), and that without light from LEDs. Of
+        directional light: its factors, shape (3, components).
     notes : tuple of str
         What was left out, assumed, or cannot be told apart.
     """
 
-    design: Design
+    model: SensorModel | DirectionalLight
     parameters: tuple[Parameter, ...]
     correlation: Array
+    products: tuple[Parameter, ...]
     frames: tuple[FrameResult, ...]
     transfer: Array
     floor: Array
@@ -90,6 +97,7 @@ class Calibration:
         content = {
             "parameters": [vars(parameter) for parameter in self.parameters],
             "correlation": self.correlation.tolist(),
+            "products": [vars(parameter) for parameter in self.products],
             "transfer": self.transfer.tolist(),
             "floor": self.floor.tolist(),
             "frames": [
@@ -104,7 +112,7 @@ class Calibration:
                 for frame in self.frames
             ],
             "notes": list(self.notes),
-            "design_digest": self.design.digest,
+            "model_digest": self.model.digest,
             "provenance": dict(self.provenance),
         }
         finite: dict[str, Any] = _finite(content)

@@ -6,22 +6,30 @@ showed to be enough: linear and other unknowns are put into one set of normal eq
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.calibrate.linear import predicted
 from designlab.calibrate.problem import Problem, State
 
 Array = NDArray[np.float64]
 
 POSE_STEP = np.array([0.05, 0.05, 0.02, 0.5])  # mm, mm, mm, deg: finite differences
+BALL_STEP = np.array([0.02, 0.02, 0.02, 0.0])  # of a light probe, whose mirror images have sharp edges
 LONGEST = 5.0  # finite-difference steps that one Gauss-Newton step may take
 DAMPING = 1e-3
-LEAST_GAIN = 2e-4  # of the objective, below which the search ends
+LEAST_LIGHT, LEAST_CURVATURE = 1e-10, 1e-9  # keep equations solvable where two groups, or fields, look alike
+LEAST_GAIN = 0.3  # of the mean square of residuals: a step of about half a standard error ends the search
+STEEP = 0.5  # fall of the objective above which derivatives are good for another step
 MOST_STEPS = 14
-MOST_DAMPING = 1e3
+MOST_TRIES = 4
 BLOCK_PX = 8
+OF_MESH = 4 / 3  # error of a mesh over what half its pitch changes, where it goes with the pitch squared
 MOST_LEVERAGE = 0.99  # of a block on its own prediction
+RELATIVE_RANK = 1e-13  # eigenvalue over the largest, below which pictures do not change in a direction
+BLIND_SHARE = 1e-6  # of an unknown in such directions, above which pictures do not tell it
 
 
 class Layout:
@@ -36,13 +44,22 @@ class Layout:
             self.pose[number] = [(size + k, int(part)) for k, part in enumerate(free)]
             size += len(free)
         self.moving = size
-        self.groups = len(problem.design.group_names)
+        self.groups = len(problem.imaging.names)
         self.linear = 0 if held_out else 3 * (self.groups + 1)
         self.size = size + self.linear
 
     def light(self, channel: int, column: int) -> int:
         """Place of a transfer (column below the number of groups) or of a floor."""
         return self.moving + channel * (self.groups + 1) + column
+
+
+class Step(NamedTuple):
+    """Finite difference of one unknown: its place, its number among its kind, and what depends on it."""
+
+    place: int
+    part: int
+    size: float
+    alone: int | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +73,12 @@ class Normal:
 
 
 def fit(
-    problem: Problem, state: State, numbers: Sequence[int], *, held_out: bool = False, steps: int = MOST_STEPS
+    problem: Problem,
+    state: State,
+    numbers: Sequence[int],
+    *,
+    held_out: bool = False,
+    steps: int = MOST_STEPS,
 ) -> tuple[State, dict[int, Array]]:
     """Fit shared fields, poses, transfer and floor to some shots; of those held out, the poses alone.
 
@@ -69,11 +91,18 @@ def fit(
     bases = problem.bases(state, numbers)
     state = state if held_out else problem.lit_best(state, bases)
     best, damping = problem.objective(state, bases), DAMPING
+    values = sum(int(problem.shots[number].valid.sum()) for number in numbers)
+    slopes: dict[int, dict[int, Array]] = {}
     for _ in range(steps if layout.moving else 0):
-        normal = linearise(problem, layout, state, bases)
-        before = best
-        while damping <= MOST_DAMPING:
-            trial = moved(problem, layout, state, _step(layout, normal, state, damping))
+        fresh = not slopes
+        slopes = slopes or differences(problem, layout, state, bases)
+        normal = linearise(problem, layout, state, bases, slopes)
+        before, tries = best, 0
+        while (tries := tries + 1) <= MOST_TRIES:
+            step, hoped = _step(layout, normal, state, damping)
+            if hoped < LEAST_GAIN * best / values:
+                break
+            trial = moved(problem, layout, state, step)
             tried = problem.bases(trial, numbers)
             trial = trial if held_out else problem.lit_best(trial, tried)
             value = problem.objective(trial, tried)
@@ -81,32 +110,58 @@ def fit(
                 state, bases, best = trial, tried, value
                 damping /= 4
                 break
+            if not fresh:
+                break
             damping *= 8
-        if before - best < LEAST_GAIN * before:
+        if fresh and before - best < LEAST_GAIN * before / values:
             break
+        if before - best < STEEP * before:
+            slopes = {}
     return state, bases
 
 
-def linearise(problem: Problem, layout: Layout, state: State, bases: Mapping[int, Array]) -> Normal:
-    """Residuals, finite differences with common random numbers, and the normal equations."""
+def differences(
+    problem: Problem, layout: Layout, state: State, bases: Mapping[int, Array]
+) -> dict[int, dict[int, Array]]:
+    """Finite differences with common random numbers: of each shot, by place, pictures per unit."""
+    found: dict[int, dict[int, Array]] = {}
+    for number, basis in bases.items():
+        found[number] = {}
+        for steps in _steps(problem, layout, state, number):
+            shifted = _shifted(layout, state, number, steps)
+            for step in steps:
+                if step.alone is None:
+                    here = problem.basis(state, number, how="rough")
+                    change = problem.basis(shifted, number, how="rough") - here
+                else:
+                    # One component alone depends on it; others were stepped with it.
+                    change = np.zeros_like(basis)
+                    change[step.alone] = (problem.basis(shifted, number) - basis)[step.alone]
+                found[number][step.place] = change / step.size
+    return found
+
+
+def linearise(
+    problem: Problem,
+    layout: Layout,
+    state: State,
+    bases: Mapping[int, Array],
+    slopes: Mapping[int, Mapping[int, Array]],
+) -> Normal:
+    """Residuals, derivatives and the normal equations."""
     matrix, right = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
     prior = np.zeros(layout.size)
     parts = {}
     for number, basis in bases.items():
-        shot, sigma = problem.shots[number], problem.sigmas[number]
-        here = problem.predict(state, number, basis)
+        shot, sigma, lit = problem.shots[number], problem.sigmas[number], problem.lits[number]
         places, columns = [], []
-        for place, part, step in _steps(problem, layout, state, number):
-            there = _shifted(layout, state, number, place, part, step)
-            change = problem.predict(state, number, problem.basis(there, number)) - here
+        for place, slope in slopes[number].items():
             places.append(place)
-            columns.append((change / (step * sigma))[shot.valid])
+            columns.append((predicted(state.transfer, np.zeros(3), lit, slope) / sigma)[shot.valid])
         for channel in range(3 if layout.linear else 0):
             for column in range(layout.groups + 1):
-                light = np.zeros_like(here)
-                light[..., channel] = (
-                    shot.lit[column] * basis[column] if column < layout.groups else np.ones(here.shape[:2])
-                )
+                light = np.zeros_like(sigma)
+                light[..., channel] = 1.0 if column == layout.groups else lit[column] * basis[column]
                 places.append(layout.light(channel, column))
                 columns.append((light / sigma)[shot.valid])
         residual = problem.residual(state, number, basis)
@@ -120,26 +175,33 @@ def linearise(problem: Problem, layout: Layout, state: State, bases: Mapping[int
     return Normal(matrix + np.diag(prior), right, prior, parts)
 
 
-def _steps(problem: Problem, layout: Layout, state: State, number: int) -> list[tuple[int, int, float]]:
-    """Place, part and signed size of each finite difference of a shot."""
-    found = []
+def _steps(problem: Problem, layout: Layout, state: State, number: int) -> list[list[Step]]:
+    """Finite differences of a shot; those in one list are taken together, each in a component of its own."""
+    found: list[list[Step]] = []
+    apart: dict[str, list[Step]] = {}
+    share = problem.imaging.step_share
     for place in range(layout.shared):
         field = problem.fields[place]
-        if problem.shots[number].press is None and field.path.startswith("contact."):
-            continue  # an untouched gel does not know how it smooths an indentation
+        if not problem.imaging.sees(field.path, problem.shots[number]):
+            continue
         up = state.shared[place] + field.step <= field.high
-        found.append((place, place, field.step if up else -field.step))
-    return found + [(place, part, float(POSE_STEP[part])) for place, part in layout.pose[number]]
+        alone = problem.imaging.alone(field.path)
+        step = Step(place, place, share * (field.step if up else -field.step), alone)
+        if alone is None:
+            found.append([step])
+        else:
+            apart.setdefault(field.path.replace(f".{alone}", ".*", 1), []).append(step)
+    found += apart.values()
+    return found + [
+        [Step(place, part, share * float(POSE_STEP[part]), None)] for place, part in layout.pose[number]
+    ]
 
 
-def _shifted(layout: Layout, state: State, number: int, place: int, part: int, step: float) -> State:
-    if place < layout.shared:
-        shared = state.shared.copy()
-        shared[part] += step
-        return replace(state, shared=shared)
-    pose = state.pose(number).copy()
-    pose[part] += step
-    return replace(state, poses={**state.poses, number: pose})
+def _shifted(layout: Layout, state: State, number: int, steps: Sequence[Step]) -> State:
+    shared, pose = state.shared.copy(), state.pose(number).copy()
+    for step in steps:
+        (shared if step.place < layout.shared else pose)[step.part] += step.size
+    return replace(state, shared=shared, poses={**state.poses, number: pose})
 
 
 def _active(layout: Layout, normal: Normal, state: State) -> NDArray[np.intp]:
@@ -149,16 +211,27 @@ def _active(layout: Layout, normal: Normal, state: State) -> NDArray[np.intp]:
     return np.flatnonzero(free & (np.diag(normal.matrix) > 0))
 
 
-def _step(layout: Layout, normal: Normal, state: State, damping: float) -> Array:
-    """Damped step of what is not linear; light follows in closed form, so it is not damped."""
+def _step(layout: Layout, normal: Normal, state: State, damping: float) -> tuple[Array, float]:
+    """Damped step of what is not linear, while the light follows in closed form; the fall that it promises.
+
+    The light is eliminated first: what it makes up for would otherwise count as curvature and slow the step
+    down, that of a reflectance above all.
+    """
     active = _active(layout, normal, state)
     scale = np.sqrt(np.diag(normal.matrix)[active])
     matrix = normal.matrix[np.ix_(active, active)] / np.outer(scale, scale)
-    # A touch on the light keeps the equations solvable where two groups look alike.
-    extra = np.where(active < layout.moving, damping, 1e-10)
+    right = normal.right[active] / scale
+    moving = int((active < layout.moving).sum())
+    light = matrix[moving:, moving:] + LEAST_LIGHT * np.eye(len(active) - moving)
+    gain = np.linalg.solve(light, matrix[moving:, :moving]).T
+    left = matrix[:moving, :moving] - gain @ matrix[moving:, :moving]
+    # What nothing shows stays where it is.
+    own = np.maximum(np.diag(left), LEAST_CURVATURE)
+    slope = right[:moving] - gain @ right[moving:]
+    found = np.linalg.solve(left + np.diag(damping * own + LEAST_CURVATURE), slope)
     step = np.zeros(layout.size)
-    step[active] = np.linalg.solve(matrix + np.diag(extra), normal.right[active] / scale) / scale
-    return step
+    step[active[:moving]] = found / scale[:moving]
+    return step, float(2 * slope @ found - found @ left @ found)
 
 
 def moved(problem: Problem, layout: Layout, state: State, step: Array) -> State:
@@ -182,32 +255,42 @@ def moved(problem: Problem, layout: Layout, state: State, step: Array) -> State:
 def covariance(
     problem: Problem, layout: Layout, state: State, bases: Mapping[int, Array]
 ) -> tuple[Array, Array]:
-    """Covariance of all unknowns, and the variance that the simulator's random numbers add to each.
+    """Covariance of all unknowns, and its part that the simulator's own errors bring.
 
     The first is a sandwich over blocks of `BLOCK_PX` squared pixels: errors in one block may be of any size
     and go together. Residuals of a block are less than its errors, the more it decides by itself, and are
     raised accordingly (Bell and McCaffrey 2002, CR2). The second is from one simulation with other random
-    numbers. Both are NaN for what stands at zero or is not seen.
+    numbers, and one on a mesh of half the pitch. Both are NaN for what stands at zero, is not seen, or can
+    be made up for by others exactly.
     """
-    normal = linearise(problem, layout, state, bases)
+    normal = linearise(problem, layout, state, bases, differences(problem, layout, state, bases))
     active = _active(layout, normal, state)
     scale = np.sqrt(np.diag(normal.matrix)[active])
+    values, vectors = np.linalg.eigh(normal.matrix[np.ix_(active, active)] / np.outer(scale, scale))
+    told = values > RELATIVE_RANK * values.max(initial=0.0)
     inverse = np.zeros((layout.size, layout.size))
-    inverse[np.ix_(active, active)] = np.linalg.pinv(
-        normal.matrix[np.ix_(active, active)] / np.outer(scale, scale), hermitian=True
-    ) / np.outer(scale, scale)
-    middle, shift = np.diag(normal.prior), np.zeros(layout.size)
+    inverse[np.ix_(active, active)] = (
+        vectors[:, told] / values[told] @ vectors[:, told].T / np.outer(scale, scale)
+    )
+    blind = (vectors[:, ~told] ** 2).sum(axis=1) > BLIND_SHARE
+    middle, noise, mesh = np.diag(normal.prior), np.zeros(layout.size), np.zeros(layout.size)
     for number, (residual, places, derivative) in normal.parts.items():
         kept = [k for k, place in enumerate(places) if place in set(active.tolist())]
         own, columns = np.array(places)[kept], derivative[:, kept]
         score = _scores(problem, number, residual, columns, inverse[np.ix_(own, own)])
         middle[np.ix_(own, own)] += score.T @ score
         other = problem.residual(state, number, problem.basis(state, number, other_seed=True))
-        shift[own] += columns.T @ (other - residual)
-    unknown = np.ones(layout.size)
-    unknown[np.setdiff1d(np.arange(layout.size), active)] = np.nan
+        noise[own] += columns.T @ (other - residual)
+        if problem.shots[number].press is not None:
+            finer = problem.residual(state, number, problem.basis(state, number, how="fine"))
+            mesh[own] += columns.T @ (finer - residual)
+    unknown = np.full(layout.size, np.nan)
+    unknown[active[~blind]] = 1.0
+    noise, mesh = inverse @ noise, inverse @ mesh * OF_MESH
     # A difference of two random numbers has twice the variance of one.
-    return inverse @ middle @ inverse * np.outer(unknown, unknown), (inverse @ shift) ** 2 / 2 * unknown
+    simulated = np.outer(noise, noise) / 2 + np.outer(mesh, mesh)
+    known = np.outer(unknown, unknown)
+    return inverse @ middle @ inverse * known, simulated * known
 
 
 def _scores(problem: Problem, number: int, residual: Array, derivative: Array, inverse: Array) -> Array:

@@ -131,9 +131,8 @@ def suspicious(
         Naming files, evidence, cause, remedy and the way on.
     """
     bases = problem.bases(problem.start(), seen.of("background", "train", "select", "final"))
-    pictures = [picture(seen.shots[number], basis) for number, basis in bases.items()]
-    design = problem.design
-    transfer = design.mixing_matrix * np.array([group.flux_mw for group in design.leds.groups])
+    pictures = [picture(seen.shots[number], problem.lits[number], basis) for number, basis in bases.items()]
+    transfer = problem.imaging.factors()
     found = faults(pictures, seen.black_level, transfer, measurement.response)
     return refuse(measurement, found, trust)
 
@@ -313,13 +312,13 @@ def _named(
     return tuple(found)
 
 
-def picture(shot: Shot, basis: Array) -> Picture:
+def picture(shot: Shot, lit: Array, basis: Array) -> Picture:
     """Average a shot and its unit-power pictures to few columns."""
     factor = max(1, -(-shot.signal.shape[1] // COLUMNS))
     signal, variance = _binned(shot.signal, factor), _binned(shot.variance, factor) / factor**2
     valid = _binned(shot.valid.astype(float), factor) == 1.0
     unit = np.moveaxis(_binned(np.moveaxis(basis, 0, -1), factor), -1, 0)
-    return Picture(shot.files, unit, shot.lit, signal, variance, valid)
+    return Picture(shot.files, unit, lit, signal, variance, valid)
 
 
 def _binned(values: Array, factor: int) -> Array:

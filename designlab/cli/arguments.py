@@ -9,6 +9,7 @@ from designlab import __version__
 
 FIDELITIES = ("fast", "standard", "reference")
 DESIGN_HELP = "preset name (see `designlab presets`) or TOML file"
+BASELINES = ("diffuse", "phong")
 MODEL_HELP = "preset name, design file, or model file written by `gap`"
 
 _DESIGNS = "designlab.cli.designs"
@@ -132,7 +133,7 @@ def _add_designs(add: Any) -> None:
     _seed(render)
 
     compare = add("compare", f"{_DESIGNS}:compare", "image metrics of a simulation against the real thing")
-    compare.add_argument("simulated", metavar="SIM", help="image file; or " + MODEL_HELP)
+    compare.add_argument("simulated", metavar="SIM", help="image file; or " + MODEL_HELP + " or `calibrate`")
     compare.add_argument("real", metavar="REAL", help="image file; or a measurement folder")
     _out(compare, "folder for the simulated pictures, beside the real ones", required=False)
     _samples(compare)
@@ -144,17 +145,27 @@ def _add_designs(add: Any) -> None:
         "the design under which the simulator gives a sensor's pictures",
     )
     calibrate.add_argument("measurement", metavar="MEASUREMENT", help="folder with a measurement.toml")
-    calibrate.add_argument("--model", required=True, metavar="MODEL", help=DESIGN_HELP)
+    calibrate.add_argument(
+        "--model", required=True, metavar="MODEL", help=DESIGN_HELP + ", or what calibrate wrote"
+    )
+    calibrate.add_argument(
+        "--baseline",
+        choices=BASELINES,
+        help="fit, in place of light transport, one distant light for each LED group on a surface of this "
+        "reflection, starting from where the LEDs stand; calibrated.toml is then for compare and calibrate",
+    )
     calibrate.add_argument(
         "--free",
         nargs="*",
         metavar="FIELD",
         help="numbers of the design to fit beside light and poses "
-        "(default: contact.kernel_length_mm camera.horizontal_fov_deg)",
+        "(default: contact.kernel_length_mm camera.horizontal_fov_deg; of a baseline, which names these with "
+        "design. in front, lights.N.azimuth_deg, lights.N.elevation_deg and exponent)",
     )
     calibrate.add_argument(
         "--columns", type=_whole(8, 2048), default=160, metavar="N", help="wider frames are binned to this"
     )
+    _out(calibrate, "folder for the calibrated model, the result and a picture of what is left")
     calibrate.add_argument(
         "--trust",
         action="append",
@@ -163,7 +174,6 @@ def _add_designs(add: Any) -> None:
         help="go on although pictures look suspicious (repeatable): no_pose, saturated, nonlinear, "
         "not_additive, channels, mirrored",
     )
-    _out(calibrate, "folder for the calibrated design, the result and a picture of what is left")
     _seed(calibrate)
 
     export = add("export", f"{_DESIGNS}:export", "STL, STEP, 3MF, LED coordinates, bill of materials, checks")

@@ -9,6 +9,8 @@ from designlab.cli.shared import bar, results_folder, source_named, table
 
 if TYPE_CHECKING:
     from designlab.calibrate import Calibration
+    from designlab.directional import DirectionalLight
+    from designlab.effects.model import SensorModel
 
 DESIGN, RESULT, PICTURE = "calibrated.toml", "calibration.json", "residual.png"
 SHOWN = ("snr_db", "structure_corr", "structure_snr_db")
@@ -16,16 +18,13 @@ SHOWN = ("snr_db", "structure_corr", "structure_snr_db")
 
 def calibrate(args: Namespace) -> Result:
     """Fit light, poses and some fields of a design to a measurement, and write what was found."""
-    from designlab.calibrate import FREE
     from designlab.calibrate import calibrate as fit
     from designlab.calibrate.pictures import draw
-    from designlab.design import dumps
-    from designlab.effects.model import load_model
     from designlab.measurement import load_measurement
     from designlab.store import atomic_folder, write_atomic, write_json
 
     measurement = load_measurement(args.measurement)
-    model = load_model(args.model)
+    model = _start(args)
     results_folder(args.out, made_with=RESULT)
     with bar("picture") as progress, source_named(args.model):
         found = fit(
@@ -33,14 +32,14 @@ def calibrate(args: Namespace) -> Result:
             model,
             columns=args.columns,
             seed=args.seed,
-            free=FREE if args.free is None else args.free,
+            free=args.free,
             trust=args.trust,
             progress=progress,
         )
     out = Path(args.out)
     data = found.to_json()
     with atomic_folder(out, replace=True) as folder:
-        write_atomic(folder / DESIGN, dumps(found.design))
+        write_atomic(folder / DESIGN, found.model.dumps())
         write_json(folder / RESULT, data)
         draw(found, folder / PICTURE)
     data["files"] = {
@@ -49,6 +48,18 @@ def calibrate(args: Namespace) -> Result:
         "picture": str(out / PICTURE),
     }
     return Result(data, f"{_summary(found)}\ndesign: {out / DESIGN}\nresidual: {out / PICTURE}")
+
+
+def _start(args: Namespace) -> "SensorModel | DirectionalLight":
+    """Load the model to start from, as a baseline where one is asked for."""
+    from designlab.directional import DirectionalLight, load_any_model
+
+    model = load_any_model(args.model)
+    if args.baseline is None:
+        return model
+    if isinstance(model, DirectionalLight):
+        raise ValueError(f"--baseline: starts from a design, {args.model} is a model of directional light")
+    return DirectionalLight.of(model.effective_design(), args.baseline)
 
 
 def _summary(found: "Calibration") -> str:

@@ -246,12 +246,12 @@ def _compare_model(args: Namespace) -> dict[str, Any]:
     import numpy as np
 
     from designlab.compare import compare_model
-    from designlab.effects.model import load_model
+    from designlab.directional import load_any_model
     from designlab.images import tone_map, write_image
     from designlab.measurement import load_measurement
 
     measurement = load_measurement(args.real)
-    model = load_model(args.simulated)
+    model = load_any_model(args.simulated)
     results_folder(args.out)
     with bar("frame") as progress:
         found = compare_model(model, measurement, samples=args.samples, seed=args.seed, progress=progress)

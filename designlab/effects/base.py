@@ -4,11 +4,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from designlab.design import Design
 from designlab.scene import Scene
 
 Stage = Literal["geometry", "emission", "transport", "material", "contact", "camera"]
 Values = Mapping[str, float]
+Signal = NDArray[np.floating]
+"""Linear picture of three channels, (rows, columns, 3), as a share of full scale."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +54,8 @@ class Effect:
     summary: ClassVar[str]
     transferable: ClassVar[bool]
     """Whether it holds for new designs too (True), or belongs to one built unit (False)."""
+    nuisance: ClassVar[bool] = False
+    """Whether every comparison fits it anyway, so that it is no finding."""
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """Return the parameters for a design (some effects have one for each LED group)."""
@@ -61,6 +68,10 @@ class Effect:
     def on_scene(self, scene: Scene, values: Values) -> Scene:
         """Change the scene before light is traced."""
         return scene
+
+    def on_signal(self, signal: Signal, values: Values) -> Signal:
+        """Change the signal of the camera, before its noise."""
+        return signal
 
     def null(self, design: Design) -> dict[str, float]:
         """Values at which the effect is the identity."""

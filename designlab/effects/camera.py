@@ -5,7 +5,28 @@ from typing import ClassVar
 import numpy as np
 
 from designlab.design import CHANNELS, Design
-from designlab.effects.base import Effect, Parameter, Stage, Values
+from designlab.effects.base import Effect, Parameter, Signal, Stage, Values
+
+
+class BlackLevel(Effect):
+    """A constant in every picture: black level of the converter, ambient light at a fixed exposure."""
+
+    name: ClassVar[str] = "black_level"
+    stage: ClassVar[Stage] = "camera"
+    summary: ClassVar[str] = "a constant is added to every picture"
+    transferable: ClassVar[bool] = True
+    nuisance: ClassVar[bool] = True
+
+    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+        """One level for each channel; 1024 of 65535 is the black level of a common small camera."""
+        return tuple(
+            Parameter(channel, "1", 0.0, 0.015, -0.1, 1.0, f"added to channel {channel}, share of full scale")
+            for channel in CHANNELS
+        )
+
+    def on_signal(self, signal: Signal, values: Values) -> Signal:
+        """Add the levels."""
+        return np.asarray(signal + np.array([values[channel] for channel in CHANNELS]))
 
 
 class ColourMixing(Effect):

@@ -9,7 +9,7 @@ from typing import Any, Self
 from pydantic import Field, ValidationError, model_validator
 
 from designlab.design import Design, DesignError, explain, load
-from designlab.effects.base import Effect
+from designlab.effects.base import Effect, Signal
 from designlab.effects.catalogue import CATALOGUE
 from geometries.spec import Spec
 
@@ -91,6 +91,12 @@ class SensorModel(Spec):
         for applied in self.effects:
             design = effect(applied.name).on_design(design, applied.values)
         return design
+
+    def on_signal(self, signal: Signal) -> Signal:
+        """Return the camera's signal (rows, columns, 3) after every effect that acts on it."""
+        for applied in self.effects:
+            signal = effect(applied.name).on_signal(signal, applied.values)
+        return signal
 
     def with_effect(self, applied: AppliedEffect) -> "SensorModel":
         """Return a new version with one effect more (or replaced), kept in pipeline order."""

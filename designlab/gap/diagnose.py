@@ -81,7 +81,8 @@ def diagnose(
     """
     begun = time.perf_counter()
     out = Path(out)
-    names = [e.name for e in CATALOGUE] if catalogue is None else [effect(name).name for name in catalogue]
+    known = [e.name for e in CATALOGUE if not e.nuisance]
+    names = known if catalogue is None else [effect(name).name for name in catalogue]
     model = SensorModel.of(model)
     seen = observe(measurement, model.effective_design(), columns=columns)
     shots = limited(seen.shots, MOST_TRAINED)

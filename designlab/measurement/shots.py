@@ -9,17 +9,20 @@ from numpy.typing import NDArray
 
 from designlab.camera import View
 from designlab.design import Design
+from designlab.light_probe import LightProbe
 from designlab.measurement.frames import Frame, Measurement, MeasurementError
+from designlab.measurement.light import ball_of
 from designlab.press import Press
 from geometries.probes import Probe
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Use = Literal["background", "train", "select", "final"]
+Use = Literal["background", "light_probe", "train", "select", "final"]
 
 POSE = ("x_mm", "y_mm", "depth_mm", "yaw_deg")
 DEFAULT_SIGMA = (0.1, 0.1, 0.05, 1.0)  # mm, mm, mm, deg: a press placed by hand, where the set states nothing
 ROUND = ("sphere", "cylinder", "cone")  # probes of revolution look the same at every yaw
+PROBE_COLUMNS = 160  # of a light probe
 FULL_SCALE = 0.999  # signals above are saturated
 CLIPPED_SHARE = 0.02  # of dark values at zero, above which the camera is taken to clip there
 
@@ -44,6 +47,8 @@ class Shot:
         Values that are not saturated.
     clip_sigma : array, shape (3,)
         Noise of counts without light, as a share of full scale, of channels clipped at zero; else zero.
+    ball : LightProbe or None
+        Of a light probe: the ball in the place of the gel; its pose is x, y and lowest point.
     """
 
     files: tuple[str, ...]
@@ -56,6 +61,7 @@ class Shot:
     variance: Array
     valid: Mask
     clip_sigma: Array
+    ball: LightProbe | None = None
 
 
 @dataclass(frozen=True)
@@ -81,7 +87,9 @@ class _Noise(NamedTuple):
     photon: Array
 
 
-def observe(measurement: Measurement, design: Design, *, columns: int) -> Observations:
+def observe(
+    measurement: Measurement, design: Design, *, columns: int, light_probes: bool = False
+) -> Observations:
     """Check the measurement chain and gather the shots.
 
     Parameters
@@ -92,6 +100,8 @@ def observe(measurement: Measurement, design: Design, *, columns: int) -> Observ
         The sensor it is compared with; says which part of the camera's sensor a frame shows.
     columns : int
         Wider frames are binned by a whole number to at most this many columns.
+    light_probes : bool
+        Whether to gather light probes too; they are left out otherwise.
 
     Raises
     ------
@@ -103,7 +113,9 @@ def observe(measurement: Measurement, design: Design, *, columns: int) -> Observ
             f"{measurement.folder}: field response: must be known, since linear light is compared"
         )
     notes: list[str] = []
-    usable = [frame for frame in measurement.frames if _usable(measurement, frame, design, notes)]
+    usable = [
+        frame for frame in measurement.frames if _usable(measurement, frame, design, light_probes, notes)
+    ]
     if not any(frame.lit for frame in usable):
         reasons = "; ".join(dict.fromkeys(notes)) or "all LEDs are off in every frame"
         raise MeasurementError(
@@ -115,13 +127,17 @@ def observe(measurement: Measurement, design: Design, *, columns: int) -> Observ
     shots = []
     for same in _groups(frame for frame in usable if frame.lit):
         use: Use = uses.get(same[0].file, "background")
+        if same[0].kind == "light_probe":
+            use = "light_probe"
         shots.append(_shot(measurement, same, design, use, black, noise, columns, notes))
     return Observations(tuple(shots), black, source, repeats, has_dark, tuple(dict.fromkeys(notes)))
 
 
-def _usable(measurement: Measurement, frame: Frame, design: Design, notes: list[str]) -> bool:
+def _usable(
+    measurement: Measurement, frame: Frame, design: Design, light_probes: bool, notes: list[str]
+) -> bool:
     """Whether a frame can be simulated; if not, a note says why."""
-    if frame.kind in ("light_probe", "flat_field"):
+    if frame.kind == "flat_field" or (frame.kind == "light_probe" and not light_probes):
         notes.append(f"{frame.file}: left out, a {frame.kind} frame is not compared yet")
         return False
     if frame.gel_rotation_deg:
@@ -230,6 +246,7 @@ def _shot(
     notes: list[str],
 ) -> Shot:
     frame = same[0]
+    ball = ball_of(measurement, frame) if frame.kind == "light_probe" else None
     raw = np.mean([measurement.linear(f).astype(float) for f in same], axis=0)
     saturated = np.max([measurement.image(f) for f in same], axis=0) >= FULL_SCALE
     if saturated.any():
@@ -240,7 +257,8 @@ def _shot(
     clipped = np.array([_clipped(images[..., channel]) for channel in range(images.shape[-1])])
     clip_sigma = np.where(clipped, np.sqrt(noise.read), 0.0)
     view = measurement.view(frame, design)
-    factor = int(np.ceil(view.columns / columns))
+    # A ball mirrors LEDs with sharp edges, whose light coarse pixels do not hold.
+    factor = int(np.ceil(view.columns / (columns if ball is None else max(columns, PROBE_COLUMNS))))
     if factor > 1:
         notes.append(f"frames are binned {factor} x {factor} to at most {columns} columns")
     signal, valid = _binned(signal, factor), _binned(saturated.astype(float), factor) == 0
@@ -250,11 +268,13 @@ def _shot(
     view = view._replace(width_px=width * scale_x, height_px=rows * scale_y, columns=width, rows=rows)
     exposure = 1.0 if frame.exposure is None else frame.exposure
     on = [name in frame.leds if frame.leds is not None else True for name in design.group_names]
-    press = measurement.press(frame)
+    press = measurement.press(frame) if ball is None else None
     sigma = np.zeros(4) if press is None else _pose_sigma(frame, press.probe, notes)
+    if ball is not None:
+        sigma = _ball_sigma(frame, notes)
     lit = exposure * np.array(on, dtype=float)
     files = tuple(f.file for f in same)
-    return Shot(files, use, press, sigma, lit, view, signal, variance, valid, clip_sigma)
+    return Shot(files, use, press, sigma, lit, view, signal, variance, valid, clip_sigma, ball)
 
 
 def _binned(values: Array, factor: int) -> Array:
@@ -285,3 +305,15 @@ def _pose_sigma(frame: Frame, probe: Probe, notes: list[str]) -> Array:
     elif frame.yaw_deg is None:
         notes.append(f"{frame.file}: the yaw of the probe is unknown and taken as 0 deg with 1 deg of doubt")
     return np.array(sigma, dtype=float)
+
+
+def _ball_sigma(frame: Frame, notes: list[str]) -> Array:
+    """Doubt of a ball's x, y and lowest point; the last is taken as right where nothing is stated."""
+    centre = None if frame.sigma is None else frame.sigma.centre_mm
+    depth = None if frame.sigma is None else frame.sigma.depth_mm
+    if centre is None:
+        centre = DEFAULT_SIGMA[0]
+        notes.append(
+            f"{frame.file}: how well the ball's place is known is not stated; taken as {centre:g} mm"
+        )
+    return np.array([centre, centre, depth or 0.0, 0.0])

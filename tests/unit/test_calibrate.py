@@ -9,12 +9,13 @@ from scipy.optimize import lsq_linear
 from designlab import cli
 from designlab.calibrate import calibrate
 from designlab.calibrate.fields import SharedField, shared_fields
+from designlab.calibrate.imaging import Rendered
 from designlab.calibrate.linear import predicted, transfer_and_floor
 from designlab.calibrate.problem import Problem
 from designlab.calibrate.solve import Layout, covariance, fit
 from designlab.camera import View
-from designlab.design import load, preset
-from designlab.effects.model import AppliedEffect, SensorModel
+from designlab.design import preset
+from designlab.effects.model import AppliedEffect, SensorModel, load_model
 from designlab.measurement import Frame, Measurement, MeasurementError, load_measurement, write_measurement
 from designlab.measurement.shots import Shot, observe
 from designlab.press import Press
@@ -73,7 +74,7 @@ class TestLinear:
 class Spots(Problem):
     """An analytic sensor: each group lights a Gaussian spot at the press, of the width of the one field."""
 
-    def basis(self, state, number, *, other_seed=False):
+    def basis(self, state, number, *, other_seed=False, how="usual"):
         row, column = np.indices((120, 144)) / 30.0
         x, y, depth, yaw = state.pose(number)
         width = state.shared[0]
@@ -103,14 +104,14 @@ class TestSolver:
             ("a.exr",), "train", press, pose_sigma, np.ones(3), view, np.zeros(shape),
             np.full(shape, self.SIGMA**2), np.ones(shape, dtype=bool), np.zeros(3),
         )  # fmt: skip
-        spots = Spots(DESIGN, (empty,), (field,), samples=1, seed=0)
+        spots = Spots(Rendered(DESIGN, 1), (empty,), (field,), seed=0)
         truth = spots.start()
         truth.poses[0] = self.POSE  # type: ignore[index]
         truth.shared[0] = self.WIDTH
         signal = predicted(self.LIGHT, np.full(3, 0.05), np.ones(3), spots.basis(truth, 0))
         noise = self.SIGMA * np.random.default_rng(seed).standard_normal(shape)
         shot = Shot(**{**vars(empty), "signal": signal + noise})
-        return Spots(DESIGN, (shot,), (field,), samples=1, seed=0), signal
+        return Spots(Rendered(DESIGN, 1), (shot,), (field,), seed=0), signal
 
     def solved(self, seed: int) -> tuple[np.ndarray, np.ndarray]:
         problem, _ = self.problem(seed)
@@ -235,10 +236,11 @@ class TestMadeSensor:
         np.testing.assert_allclose(found.floor, FLOOR, atol=0.003)
 
     def test_the_design_has_the_product_and_survives_its_file(self, found, tmp_path):
-        from designlab.design import dumps
-
-        (tmp_path / "d.toml").write_text(dumps(found.design), encoding="utf-8")
-        design = load(tmp_path / "d.toml")
+        (tmp_path / "d.toml").write_text(found.model.dumps(), encoding="utf-8")
+        model = load_model(tmp_path / "d.toml")
+        assert model.digest == found.model.digest
+        np.testing.assert_allclose(model.on_signal(np.zeros((1, 1, 3)))[0, 0], found.floor)
+        design = model.design
         flux = np.array([group.flux_mw for group in design.leds.groups])
         np.testing.assert_allclose(design.camera.exposure * design.mixing_matrix * flux, found.transfer)
         assert design.camera.exposure == DESIGN.camera.exposure

@@ -7,6 +7,7 @@ import pytest
 
 from designlab import cli
 from designlab.calibrate import calibrate
+from designlab.calibrate.imaging import Rendered
 from designlab.calibrate.problem import Problem
 from designlab.calibrate.suspicions import faults, picture
 from designlab.design import preset
@@ -62,7 +63,7 @@ class Examined:
 
     def __init__(self, measurement, design):
         self.seen = observe(measurement, design, columns=COLUMNS)
-        problem = Problem(design, self.seen.shots, (), samples=32, seed=0)
+        problem = Problem(Rendered(design, 32), self.seen.shots, (), seed=0)
         self.bases = problem.bases(problem.start(), range(len(self.seen.shots)))
         flux = np.array([group.flux_mw for group in design.leds.groups])
         self.transfer = design.mixing_matrix * flux
@@ -70,7 +71,7 @@ class Examined:
 
     def faults(self, measurement, response="linear"):
         seen = observe(measurement, self.design, columns=COLUMNS)
-        pictures = [picture(shot, self.bases[n]) for n, shot in enumerate(seen.shots)]
+        pictures = [picture(shot, shot.lit, self.bases[n]) for n, shot in enumerate(seen.shots)]
         return faults(pictures, seen.black_level, self.transfer, response)
 
 
