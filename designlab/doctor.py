@@ -30,10 +30,11 @@ PACKAGES = (
     "plotly",
     "OpenEXR",
     "pymeshlab",
+    "rawpy",
 )
-"""Distributions whose versions are reported; only the last is optional."""
+"""Distributions whose versions are reported; only the last two are optional."""
 
-_OPTIONAL = {"pymeshlab"}
+_OPTIONAL = {"pymeshlab": "repairs and thins meshes; its licence is GPL-3", "rawpy": "reads raw camera files"}
 
 _OFFSCREEN_PROGRAM = """
 import pyvista
@@ -66,7 +67,7 @@ def doctor() -> dict[str, Any]:
     cache_problem = _unwritable(backend.cache_folder())
     absent = [name for name, version in versions.items() if version is None]
     report: dict[str, Any] = {
-        "ok": backend_problem is None and set(absent) <= _OPTIONAL,
+        "ok": backend_problem is None and set(absent) <= set(_OPTIONAL),
         "designlab": _version("designlab"),
         "python": {"version": platform.python_version(), "executable": sys.executable},
         "platform": platform.platform(),
@@ -218,7 +219,7 @@ def _llvm_advice() -> str:
 
 def _package_advice(name: str) -> str:
     """Say how to install a missing distribution."""
-    note = " (optional; its licence is GPL-3)" if name in _OPTIONAL else ""
+    note = f" (optional: {_OPTIONAL[name]})" if name in _OPTIONAL else ""
     return f"{sys.executable} -m pip install {name}{note}"
 
 

@@ -82,6 +82,17 @@ def read_image(path: str | os.PathLike[str]) -> Pixels:
     ImageError
         If there is no such file, or it is not an image of 1 or 3 channels with finite values.
     """
+    return _require_finite(_scaled(read_counts(path)), str(path))
+
+
+def read_counts(path: str | os.PathLike[str]) -> NDArray[Any]:
+    """Read an EXR, PNG or TIFF file as `read_image` does, with its values as they are stored.
+
+    Raises
+    ------
+    ImageError
+        If there is no such file, or it is not an image of 1 or 3 channels.
+    """
     path = Path(path)
     if not path.is_file():
         raise ImageError(f"{path}: no such file")
@@ -98,8 +109,7 @@ def read_image(path: str | os.PathLike[str]) -> Pixels:
         raise ImageError(f"{path}: {error}") from None
     except Exception as error:  # each decoder has its own exceptions for a damaged file
         raise ImageError(f"{path}: the file is damaged or of an unsupported kind ({error})") from error
-    pixels = _as_rows_columns_channels(pixels, str(path))
-    return _require_finite(_scaled(pixels), str(path))
+    return _as_rows_columns_channels(pixels, str(path))
 
 
 def write_image(path: str | os.PathLike[str], array: NDArray[Any], *, bits: int = 8) -> None:

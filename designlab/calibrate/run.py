@@ -14,11 +14,12 @@ from designlab.calibrate.imaging import ALBEDO, SCALE, Imaging, Rendered
 from designlab.calibrate.problem import MODEL_ERROR, Problem, Progress, State
 from designlab.calibrate.result import Calibration, FrameResult, Parameter
 from designlab.calibrate.solve import Layout, covariance, fit
+from designlab.calibrate.suspicions import suspicious
 from designlab.design import CHANNELS, Design
 from designlab.directional import DirectionalLight
 from designlab.effects.model import SensorModel, effect
 from designlab.light_probe import LightProbe
-from designlab.measurement import Measurement, MeasurementError
+from designlab.measurement import Measurement, MeasurementError, check, refuse
 from designlab.measurement.shots import POSE, ROUND, Observations, observe
 from designlab.viewing import rays
 
@@ -39,6 +40,7 @@ def calibrate(
     samples: int = 48,
     seed: int = 0,
     free: Sequence[str] | None = None,
+    trust: Sequence[str] = (),
     progress: Progress | None = None,
 ) -> Calibration:
     """Fit the light, some fields of the design and the pose of every press to the pictures of one sensor.
@@ -66,13 +68,15 @@ def calibrate(
         Dotted paths of the design's numbers to fit; kernel length and field of view when absent, and the
         reflectance for each LED group where a light probe tells it from their light. Of directional light:
         direction of every light, exponent.
+    trust : sequence of str
+        Names of suspicions, see `designlab.measurement.suspicion`, that are known and right as they are.
     progress : callable, optional
         Called with the stage, pictures done and pictures expected in it.
 
     Raises
     ------
     MeasurementError
-        If the measurement cannot be compared, or no frame is there to be fitted.
+        If the measurement cannot be compared, is suspicious, or no frame is there to be fitted.
     ValueError
         If the model has effects, or a field cannot be calibrated.
     """
@@ -81,12 +85,15 @@ def calibrate(
             raise ValueError(f"{name}: must be at least {least}, got {value}")
     imaging = _imaging(model, samples)
     design, probes = imaging.design, isinstance(imaging, Rendered)
+    trusted = refuse(measurement, check(measurement, design), trust)
     seen = observe(measurement, design, columns=columns, light_probes=probes)
     fields = shared_fields(imaging.model, imaging.usual(seen.shots) if free is None else free)
     problem = Problem(imaging, seen.shots, fields, seed=seed, progress=progress)
     fitted = seen.of("background", "light_probe", "train")
     _check(measurement, problem, fitted)
     given = _given(problem)
+    if probes:  # a model without light transport misses pictures for reasons of its own
+        trusted += suspicious(measurement, seen, problem, trust=trust)
     moves, balls = len(fields) + 5, seen.of("light_probe")
     state = _reflecting(problem, _placed(problem, problem.start(), balls), fitted)
     problem.hold(balls)
@@ -120,7 +127,7 @@ def calibrate(
     )
     deviation = np.sqrt(np.diag(spread))
     correlation = spread / np.outer(deviation, deviation)
-    notes = (*_notes(problem, seen, state, fitted, bases), *_entangled(parameters, correlation))
+    notes = (*trusted, *_notes(problem, seen, state, fitted, bases), *_entangled(parameters, correlation))
     return Calibration(
         model=imaging.finished(
             problem.changes(state.shared),

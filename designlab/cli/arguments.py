@@ -17,6 +17,7 @@ _START = "designlab.cli.start"
 _STUDY = "designlab.cli.study"
 _GAP = "designlab.cli.gap"
 _CALIBRATE = "designlab.cli.calibrate"
+_IMPORT = "designlab.cli.importing"
 
 _EPILOGUE = """\
 Every command takes --json: one JSON object on stdout and nothing else there.
@@ -91,6 +92,7 @@ def parser() -> argparse.ArgumentParser:
     _out(demo, "folder of the results; the same command again goes on where it ended")
     _seed(demo)
     _add_designs(add)
+    _add_import(add)
     _add_study(add)
     _add_gap(add)
     return top
@@ -164,6 +166,14 @@ def _add_designs(add: Any) -> None:
         "--columns", type=_whole(8, 2048), default=160, metavar="N", help="wider frames are binned to this"
     )
     _out(calibrate, "folder for the calibrated model, the result and a picture of what is left")
+    calibrate.add_argument(
+        "--trust",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="go on although pictures look suspicious (repeatable): no_pose, saturated, nonlinear, "
+        "not_additive, channels, mirrored",
+    )
     _seed(calibrate)
 
     export = add("export", f"{_DESIGNS}:export", "STL, STEP, 3MF, LED coordinates, bill of materials, checks")
@@ -175,6 +185,61 @@ def _add_designs(add: Any) -> None:
     export.add_argument(
         "--allow-infeasible", action="store_true", help="export although rules are broken, with warnings"
     )
+
+
+def _add_import(add: Any) -> None:
+    command = add(
+        "import",
+        f"{_IMPORT}:import_pictures",
+        "a camera's own files as linear images of a measurement folder",
+    )
+    command.add_argument(
+        "sources",
+        nargs="*",
+        metavar="SOURCE",
+        help="JPEG, PNG, TIFF, EXR, PGM, NPY or raw files, or folders of them; or one folder with a "
+        "measurement.toml that says what each of its files shows",
+    )
+    command.add_argument(
+        "--out", metavar="DIR", help="measurement folder; frames are added to one that exists"
+    )
+    shown = command.add_argument_group("what the pictures show (all of this call; several are repeats)")
+    shown.add_argument(
+        "--kind", choices=("background", "press", "light_probe", "dark", "flat_field"), help="what they show"
+    )
+    shown.add_argument("--leds", metavar="NAMES", help="LED groups on, with commas; all when absent")
+    shown.add_argument("--exposure", type=float, metavar="E", help="relative exposure")
+    shown.add_argument("--probe", metavar="SPEC", help="kind:size_mm such as sphere:4, or a mesh file")
+    shown.add_argument("--depth-mm", type=float, metavar="D", help="how deep it was pressed (mm)")
+    shown.add_argument("--at", type=_point, metavar="X,Y", help="where its axis meets the gel (mm)")
+    shown.add_argument("--yaw-deg", type=float, metavar="A", help="its rotation, counter-clockwise (deg)")
+    undone = command.add_argument_group("what is undone")
+    undone.add_argument(
+        "--response",
+        metavar="CURVE",
+        help="linear, srgb, gamma:G, or a file of lines 'encoded,linear'; linear for raw files when absent",
+    )
+    undone.add_argument(
+        "--ladder", nargs="+", metavar="FILE=E", help="estimate the response from one scene at exposures E"
+    )
+    undone.add_argument(
+        "--save-response", metavar="FILE", help="write the estimated response, for --response"
+    )
+    undone.add_argument("--dark", nargs="+", metavar="FILE", help="pictures with all LEDs off, imported too")
+    undone.add_argument("--black", type=float, metavar="V", help="value without light, as the files store it")
+    undone.add_argument("--white", type=float, metavar="V", help="value at full scale, as the files store it")
+    undone.add_argument(
+        "--bayer", choices=("RGGB", "BGGR", "GRBG", "GBRG"), help="pattern of files with one channel"
+    )
+    undone.add_argument(
+        "--colour-matrix",
+        metavar="M",
+        help="matrix that the camera applied to linear R, G, B: nine numbers, row by row, or a file",
+    )
+    sensor = command.add_argument_group("the sensor")
+    sensor.add_argument("--sensor", metavar="DESIGN", help=DESIGN_HELP)
+    sensor.add_argument("--lens", metavar="FILE", help="OpenCV calibration to put into a copy of the design")
+    sensor.add_argument("--fisheye", action="store_true", help="it was made by cv2.fisheye")
 
 
 def _add_study(add: Any) -> None:

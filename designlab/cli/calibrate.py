@@ -33,6 +33,7 @@ def calibrate(args: Namespace) -> Result:
             columns=args.columns,
             seed=args.seed,
             free=args.free,
+            trust=args.trust,
             progress=progress,
         )
     out = Path(args.out)

@@ -1,17 +1,27 @@
 """Measured frames of a real sensor: the folder format, its checks, and the split of presses by place."""
 
+from designlab.measurement.checks import check
+from designlab.measurement.conversion import Conversion
 from designlab.measurement.folder import load_measurement, write_measurement
 from designlab.measurement.frames import Frame, Measurement, MeasurementError, PoseSigma, Split
+from designlab.measurement.importing import Imported, import_frames
 from designlab.measurement.light import ball_of, light_of
+from designlab.measurement.suspicion import Suspicion, refuse
 
 __all__ = [
+    "Conversion",
     "Frame",
+    "Imported",
     "Measurement",
     "MeasurementError",
     "PoseSigma",
     "Split",
+    "Suspicion",
     "ball_of",
+    "check",
+    "import_frames",
     "light_of",
     "load_measurement",
+    "refuse",
     "write_measurement",
 ]

@@ -9,9 +9,10 @@ from typing import Any
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from designlab.design import Design, explain, preset_names
+from designlab.design import explain, preset_names
 from designlab.images import write_image
 from designlab.measurement.frames import FILE_NAME, Frame, Measurement, MeasurementError, mesh_file
+from designlab.measurement.sizes import check_size, size
 from designlab.store import atomic_folder
 
 
@@ -135,40 +136,17 @@ def _check(measurement: Measurement) -> None:
             raise measurement.error(frame, f"file: {error}", None) from None
         first = sizes.setdefault(frame.crop_px, shape)
         if shape != first:
-            rule = f"file: frames of one crop agree in size, others have {_size(first)}"
-            raise measurement.error(frame, rule, _size(shape))
+            rule = (
+                f"file: frames of one crop agree in size, others have {size(first)}, got {size(shape)}; "
+                "suspected cause: saved in another mode of the camera, cut or resized; remedy: save all "
+                "alike, or state crop_px of the odd one"
+            )
+            raise measurement.error(frame, rule, None)
         mesh = mesh_file(frame.probe or "")
         if mesh is not None and not measurement.path(mesh).is_file():
             raise measurement.error(frame, "probe: no such mesh file", mesh)
-        _check_crop(measurement, frame, shape, design)
+        check_size(measurement, frame, design)
         if design is not None and frame.leds is not None and not set(frame.leds) <= set(design.group_names):
             rule = f"leds: groups of {measurement.sensor} are {', '.join(design.group_names)}"
             raise measurement.error(frame, rule, list(frame.leds))
     measurement.split()
-
-
-def _check_crop(m: Measurement, frame: Frame, shape: tuple[int, ...], design: Design | None) -> None:
-    """Check that the crop lies on the sensor and that the file is it, or it binned."""
-    full = None if design is None else (design.camera.width_px, design.camera.height_px)
-    if frame.crop_px is None and full is None:
-        return
-    x, y, width, height = frame.crop_px or (0, 0, *(full or (0, 0)))
-    if full is not None and (x + width > full[0] or y + height > full[1]):
-        rule = f"crop_px: lies on the sensor of {full[0]} x {full[1]} px"
-        raise m.error(frame, rule, [x, y, width, height])
-    rows, columns = shape[:2]
-    shown = (
-        f"crop_px: {width} x {height} px" if frame.crop_px else f"file: the sensor of {width} x {height} px"
-    )
-    if columns > width or rows > height:
-        raise m.error(
-            frame, f"{shown} cannot be smaller than the image without crop or enlargement", _size(shape)
-        )
-    # Binning both directions alike leaves less than one output pixel of either over.
-    factor = width / columns
-    if abs(rows * factor - height) > max(factor, 1.0) * 1.001:
-        raise m.error(frame, f"{shown} and the image must have one binning in both directions", _size(shape))
-
-
-def _size(shape: tuple[int, ...]) -> str:
-    return f"{shape[1]} x {shape[0]} px of {shape[2]} channels"

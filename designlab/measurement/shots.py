@@ -182,13 +182,18 @@ def _black_level(
 
 def _dark_level(values: Array) -> float:
     """Mean of dark values; their median where counts are clipped at zero, for the cut moves the mean."""
-    return float(np.median(values) if (values <= 0).mean() > CLIPPED_SHARE else values.mean())
+    return float(np.median(values) if _clipped(values) else values.mean())
+
+
+def _clipped(values: Array) -> bool:
+    """Whether values are cut at zero; where a black level was subtracted, some are below."""
+    return bool((values <= 0).mean() > CLIPPED_SHARE and values.min() >= 0)
 
 
 def _read_variance(values: Array) -> float:
     """Variance of dark values (frames, rows, columns)."""
     level = _dark_level(values)
-    if (values <= 0).mean() > CLIPPED_SHARE:
+    if _clipped(values):
         above = values[values > level] - level
         return float((above**2).mean()) if above.size else 0.0
     # Half the squared difference of neighbours: blind to a floor that varies slowly across the picture.
@@ -248,8 +253,9 @@ def _shot(
         notes.append(f"{frame.file}: {saturated.mean():.1%} of the values are saturated and left out")
     signal = raw - black
     variance = (noise.read + noise.photon * np.maximum(signal, 0.0)) / len(same)
-    zeros = np.mean([(measurement.image(f) <= 0).mean(axis=(0, 1)) for f in same], axis=0)
-    clip_sigma = np.where(zeros > CLIPPED_SHARE, np.sqrt(noise.read), 0.0)
+    images = np.stack([measurement.image(f).astype(float) for f in same])
+    clipped = np.array([_clipped(images[..., channel]) for channel in range(images.shape[-1])])
+    clip_sigma = np.where(clipped, np.sqrt(noise.read), 0.0)
     view = measurement.view(frame, design)
     # A ball mirrors LEDs with sharp edges, whose light coarse pixels do not hold.
     factor = int(np.ceil(view.columns / (columns if ball is None else max(columns, PROBE_COLUMNS))))

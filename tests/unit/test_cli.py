@@ -30,6 +30,7 @@ COMMANDS = (
     "evaluate",
     "render",
     "compare",
+    "import",
     "calibrate",
     "export",
     "study run",
