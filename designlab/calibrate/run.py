@@ -117,7 +117,7 @@ def calibrate(
     held_out = seen.of("select", "final")
     problem.begin("held-out presses", len(held_out) * 20)
     for number in held_out:
-        found, own = fit(problem, state, [number], held_out=True)
+        found, own = fit(problem, state, [number], held_out=True, rough=True)
         state, bases = replace(state, poses={**state.poses, **found.poses}), bases | own
     total = spread + simulated
     parameters = _parameters(problem, layout, state, np.sqrt(np.diag(total)))

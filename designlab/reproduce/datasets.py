@@ -8,25 +8,24 @@ from designlab.design import Design
 from designlab.measurement import Frame, PoseSigma
 from designlab.measurement.frames import Split
 from designlab.measurement.shots import ROUND
+from designlab.reproduce.sizes import CROP_PX
 from designlab.viewing import rays
 from geometries.probes import parse
 
-CROP_PX = 600
 PROBE_CROP_PX = 320
-SHAPES, DEPTHS_MM, PLACES = ("sphere:4", "triangle:4", "star:5"), (0.5, 1.0), 4
-BALLS, TRIANGLES = 10, 6  # places of the second set
+SHAPES, DEPTHS_MM = ("sphere:4", "triangle:4", "star:5"), (0.5, 1.0)
 SIGMA = PoseSigma(depth_mm=0.03, centre_mm=0.1, yaw_deg=1.0)  # how well a hand-guided stage places a probe
 SPREAD_MM = (3.0, 2.2)  # of the places from the centre, in x and y
 BALL = "sphere:4"  # of the light probe
 
 
-def dataset_1(design: Design, *, seed: int) -> list[Frame]:
-    """Three shapes, two depths, four places."""
+def dataset_1(design: Design, *, seed: int, places: int = 4) -> list[Frame]:
+    """Three shapes at some places, each at two depths."""
     random = np.random.default_rng([seed, 1])
     frames = []
     for probe in SHAPES:
         kind = probe.partition(":")[0]
-        for place in range(PLACES):
+        for place in range(places):
             centre, yaw_deg = _quarter(random, place), float(random.uniform(-60.0, 60.0))
             for depth_mm in DEPTHS_MM:
                 name = f"{kind}-{place + 1}-{depth_mm:g}mm.exr"
@@ -34,11 +33,11 @@ def dataset_1(design: Design, *, seed: int) -> list[Frame]:
     return frames
 
 
-def dataset_2(design: Design, *, seed: int) -> list[Frame]:
-    """A ball at ten places and a triangle at six, at depths of their own; the first of each is to fit to."""
+def dataset_2(design: Design, *, seed: int, balls: int = 10, triangles: int = 6) -> list[Frame]:
+    """A ball and a triangle at places and depths of their own; the first of each is to fit to."""
     random = np.random.default_rng([seed, 2])
     frames = []
-    for probe, count in ((SHAPES[0], BALLS), (SHAPES[1], TRIANGLES)):
+    for probe, count in ((SHAPES[0], balls), (SHAPES[1], triangles)):
         for number in range(count):
             centre, yaw_deg = _quarter(random, number), float(random.uniform(-60.0, 60.0))
             depth_mm = float(random.uniform(*DEPTHS_MM))

@@ -13,7 +13,7 @@ from designlab.calibrate.imaging import ALBEDO, KERNEL
 from designlab.design import CHANNELS, preset
 from designlab.effects.model import SensorModel
 from designlab.measurement import Frame, Measurement, load_measurement, write_measurement
-from designlab.reproduce.datasets import BALLS, around, dataset_2, stated
+from designlab.reproduce.datasets import around, dataset_2, stated
 from designlab.reproduce.hidden import hidden
 from designlab.reproduce.photograph import photograph
 from designlab.store import atomic_folder, write_json
@@ -112,7 +112,7 @@ def repeat(number: int, folder: str | Path) -> dict[str, Any]:
         sensor = SENSORS[number // 2 % 2]
         nominal = preset(sensor)
         true = hidden(nominal, seed=100 + number)
-        press = dataset_2(nominal, seed=100 + number)[BALLS if number % 2 else 0]
+        press = dataset_2(nominal, seed=100 + number, balls=1, triangles=1)[number % 2]
         with atomic_folder(folder / f"measured-{number:02d}", replace=True) as place:
             measurement, frames = measured(true, sensor, [press], place / "set", seed=100 + number)
             free = [KERNEL, *(f"{ALBEDO}.{group}" for group in range(len(true.design.leds.groups)))]

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
+CROP_PX = 600  # side of the square of sensor pixels around a contact that the paper compares
 SizeName = Literal["full", "reduced"]
 
 
@@ -12,10 +13,10 @@ class Size:
 
     Attributes
     ----------
-    crop_px : int
-        Side of the square that is photographed around a contact.
-    places : int
-        Places of each shape in the first set; of the second set, its ball and triangle places.
+    binned : int
+        Side of the squares of sensor pixels that are averaged in pictures for accuracy; timed are as small.
+    places, balls, triangles : int
+        Places of each shape in the first set, and of ball and triangle in the second.
     samples : int
         Samples per pixel and LED group of the true pictures.
     repeats : int
@@ -27,7 +28,7 @@ class Size:
     """
 
     name: SizeName
-    crop_px: int
+    binned: int
     places: int
     balls: int
     triangles: int
@@ -36,8 +37,13 @@ class Size:
     timing_px: tuple[int, ...]
     timing_samples: tuple[int, ...]
 
+    @property
+    def crop_px(self) -> int:
+        """Side of a picture."""
+        return CROP_PX // self.binned
+
 
 SIZES: dict[str, Size] = {
-    "full": Size("full", 600, 4, 10, 6, 36, 40, (128, 256, 512, 1024), (4, 8, 16)),
-    "reduced": Size("reduced", 240, 1, 2, 2, 16, 2, (64, 128), (4, 8)),
+    "full": Size("full", 1, 4, 10, 6, 36, 40, (128, 256, 512, 1024), (4, 8, 16)),
+    "reduced": Size("reduced", 5, 1, 2, 2, 16, 2, (64, 128), (4, 8)),
 }
