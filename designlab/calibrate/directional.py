@@ -85,6 +85,10 @@ class Directional:
         assert not isinstance(touched, LightProbe)  # left out where shots are gathered
         return self.light.replace(changes).components(touched, view, fine=how == "fine")
 
+    def at(self, changes: Mapping[str, float]) -> "Directional":
+        """Return light of other directions."""
+        return Directional(self.light.replace(changes))
+
     def factors(self) -> Array:
         """Return the model's own."""
         return np.array(self.light.factors)

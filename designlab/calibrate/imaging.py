@@ -89,6 +89,10 @@ class Imaging(Protocol):
         """Return pictures of the components, (components, rows, columns), after changes of the model."""
         ...
 
+    def at(self, changes: Mapping[str, float]) -> "Imaging":
+        """Return the model with changed numbers."""
+        ...
+
     def factors(self) -> Array:
         """Return factors of the model as given, (3, components)."""
         ...
@@ -214,6 +218,10 @@ class Rendered:
             finer_mm = simulator.pitch_mm / 2
             simulator = Simulator(design, view=view, samples=self.samples, seed=seed, pitch_mm=finer_mm)
         return simulator.frame(touched).basis.astype(float)
+
+    def at(self, changes: Mapping[str, float]) -> "Rendered":
+        """Return the changed design."""
+        return Rendered(self.design.replace(changes), self.samples, self.probe_samples)
 
     def factors(self) -> Array:
         """Return exposure x mixing x flux; without a stated exposure that which the camera would choose."""

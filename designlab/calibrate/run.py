@@ -115,9 +115,12 @@ def calibrate(
     layout = Layout(problem, fitted, held_out=False)
     spread, simulated = covariance(problem, layout, state, bases)
     held_out = seen.of("select", "final")
-    problem.begin("held-out presses", len(held_out) * 20)
+    fixed = Problem(
+        imaging.at(problem.changes(state.shared)), problem.shots, (), seed=seed, progress=progress
+    )
+    fixed.begin("held-out presses", len(held_out) * 20)
     for number in held_out:
-        found, own = fit(problem, state, [number], held_out=True, rough=True)
+        found, own = fit(fixed, replace(state, shared=np.zeros(0)), [number], held_out=True)
         state, bases = replace(state, poses={**state.poses, **found.poses}), bases | own
     total = spread + simulated
     parameters = _parameters(problem, layout, state, np.sqrt(np.diag(total)))

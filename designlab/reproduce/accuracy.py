@@ -27,7 +27,7 @@ from designlab.store import write_atomic, write_json
 
 SENSORS = {"flat": "gelsight-2020-flat", "dome": "gelsight-2020-dome"}
 TRANSPORT, DIFFUSE, PHONG = MODELS = ("light transport", "directional, diffuse", "directional, Phong")
-COLUMNS, SAMPLES = 150, 48
+SAMPLES = 48
 PARTS = ("smooth", "edges", "rest")  # of an error
 STEEP = 0.15  # slope of the membrane above which a pixel belongs to the edges of a contact
 SHOWN = ("triangle", "star", "sphere")  # which press is drawn, the first of these
@@ -73,7 +73,7 @@ def _sensor(place: Path, sensor: str, size: Size, seed: int, progress: Progress 
     nominal = preset(sensor)
     true = hidden(nominal, seed=seed)
     sets = {
-        1: dataset_1(nominal, seed=seed, places=size.places),
+        1: dataset_1(nominal, seed=seed, shapes=size.shapes, places=size.places),
         # The second set of presses is on the flat gel; of the dome it gives the two that are fitted to.
         2: dataset_2(nominal, seed=seed, balls=size.balls, triangles=size.triangles)
         if sensor == SENSORS["flat"]
@@ -86,7 +86,7 @@ def _sensor(place: Path, sensor: str, size: Size, seed: int, progress: Progress 
     pairs: dict[str, Sequence[Pair]] = {}
     edges: dict[str, NDArray[np.bool_]] = {}
     for name in MODELS:
-        model, poses = _calibrated(place, name, nominal, measurement, seed, progress)
+        model, poses = _calibrated(place, name, nominal, measurement, size, seed, progress)
         posed = _posed(measurement, poses)
         tell = None if progress is None else _named(progress, f"{sensor}: {name}, comparing")
         comparison = compare_model(model, posed, samples=SAMPLES, seed=seed, progress=tell)
@@ -153,7 +153,13 @@ def _photographed(
 
 
 def _calibrated(
-    place: Path, name: str, nominal: Design, measurement: Measurement, seed: int, progress: Progress | None
+    place: Path,
+    name: str,
+    nominal: Design,
+    measurement: Measurement,
+    size: Size,
+    seed: int,
+    progress: Progress | None,
 ) -> tuple[SensorModel | DirectionalLight, dict[str, Any]]:
     """Model fitted to two presses, and the pose that it finds for every press."""
     stem = name.replace(", ", "-").replace(" ", "-")
@@ -165,7 +171,7 @@ def _calibrated(
             start, free = DirectionalLight.of(nominal, "diffuse" if name == DIFFUSE else "phong"), None
         tell = None if progress is None else _named(progress, f"{nominal.name}: {name}")
         found = calibrate(
-            measurement, start, columns=COLUMNS, samples=SAMPLES, seed=seed, free=free, progress=tell
+            measurement, start, columns=size.columns, samples=SAMPLES, seed=seed, free=free, progress=tell
         )
         write_atomic(model, found.model.dumps())
         write_json(kept, {"poses": _poses(found), "calibration": found.to_json()})

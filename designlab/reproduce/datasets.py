@@ -19,11 +19,11 @@ SPREAD_MM = (3.0, 2.2)  # of the places from the centre, in x and y
 BALL = "sphere:4"  # of the light probe
 
 
-def dataset_1(design: Design, *, seed: int, places: int = 4) -> list[Frame]:
-    """Three shapes at some places, each at two depths."""
+def dataset_1(design: Design, *, seed: int, shapes: int = 3, places: int = 4) -> list[Frame]:
+    """Up to three shapes at some places, each at two depths."""
     random = np.random.default_rng([seed, 1])
     frames = []
-    for probe in SHAPES:
+    for probe in SHAPES[:shapes]:
         kind = probe.partition(":")[0]
         for place in range(places):
             centre, yaw_deg = _quarter(random, place), float(random.uniform(-60.0, 60.0))

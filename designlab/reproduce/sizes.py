@@ -15,8 +15,12 @@ class Size:
     ----------
     binned : int
         Side of the squares of sensor pixels that are averaged in pictures for accuracy; timed are as small.
-    places, balls, triangles : int
-        Places of each shape in the first set, and of ball and triangle in the second.
+    shapes, places : int
+        Shapes of the first set, and places of each.
+    balls, triangles : int
+        Places of ball and triangle in the second set.
+    columns : int
+        Of the pictures that are fitted to.
     samples : int
         Samples per pixel and LED group of the true pictures.
     repeats : int
@@ -29,9 +33,11 @@ class Size:
 
     name: SizeName
     binned: int
+    shapes: int
     places: int
     balls: int
     triangles: int
+    columns: int
     samples: int
     repeats: int
     timing_px: tuple[int, ...]
@@ -44,6 +50,6 @@ class Size:
 
 
 SIZES: dict[str, Size] = {
-    "full": Size("full", 1, 4, 10, 6, 36, 40, (128, 256, 512, 1024), (4, 8, 16)),
-    "reduced": Size("reduced", 5, 1, 2, 2, 16, 2, (64, 128), (4, 8)),
+    "full": Size("full", 1, 3, 4, 10, 6, 150, 36, 40, (128, 256, 512, 1024), (4, 8, 16)),
+    "reduced": Size("reduced", 5, 1, 1, 1, 1, 75, 16, 1, (64, 128), (4, 8)),
 }
