@@ -37,9 +37,10 @@ def dataset_2(design: Design, *, seed: int, balls: int = 10, triangles: int = 6)
     """A ball and a triangle at places and depths of their own; the first of each is to fit to."""
     random = np.random.default_rng([seed, 2])
     frames = []
-    for probe, count in ((SHAPES[0], balls), (SHAPES[1], triangles)):
+    # The two that are fitted to lie in opposite quarters of the gel.
+    for probe, count, first in ((SHAPES[0], balls, 0), (SHAPES[1], triangles, 3)):
         for number in range(count):
-            centre, yaw_deg = _quarter(random, number), float(random.uniform(-60.0, 60.0))
+            centre, yaw_deg = _quarter(random, first + number), float(random.uniform(-60.0, 60.0))
             depth_mm = float(random.uniform(*DEPTHS_MM))
             name = f"{probe.partition(':')[0]}-at-{number + 1}.exr"
             split: Split = "train" if number == 0 else "final"

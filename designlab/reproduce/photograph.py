@@ -26,6 +26,7 @@ def photograph(
     samples: int,
     seed: int,
     binned: int = 1,
+    averaged: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[list[Frame], dict[str, Pixels]]:
     """Take pictures at the true poses of the frames.
@@ -42,6 +43,8 @@ def photograph(
         Seed of light transport and noise.
     binned : int
         Side of the squares of sensor pixels that are averaged.
+    averaged : int
+        Exposures whose mean a picture is.
     progress : callable, optional
         Called with frames done and frames in all.
 
@@ -59,9 +62,13 @@ def photograph(
             frame = frame.model_copy(update={"exposure": round(MIRRORED / brightest, 4)})
         scale = (design.camera.exposure or 1.0) * (frame.exposure or 1.0)
         signal = true.on_signal(radiance * scale)
-        pictures[frame.file] = design.camera.expose(
-            signal, exposure=1.0, seed=1000 * seed + number, binned=float(binned**2)
-        ).astype(np.float32)
+        exposures = [
+            design.camera.expose(
+                signal, exposure=1.0, seed=averaged * (1000 * seed + number) + k, binned=float(binned**2)
+            )
+            for k in range(averaged)
+        ]
+        pictures[frame.file] = np.mean(exposures, axis=0, dtype=np.float32)
         taken.append(frame)
         if progress is not None:
             progress(number + 1, len(frames))
