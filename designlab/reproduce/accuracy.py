@@ -89,7 +89,7 @@ def _sensor(place: Path, sensor: str, size: Size, seed: int, progress: Progress 
     edges: dict[str, NDArray[np.bool_]] = {}
     posed = measurement
     for name in MODELS:
-        # Directional light would bend poses to stand for light that falls off; it is given the best there are.
+        # Directional light would bend poses to stand for light that falls off; it is given those found.
         model, poses = _calibrated(place, name, nominal, posed, size, seed, progress)
         posed = _posed(measurement, poses) if name == TRANSPORT else posed
         tell = None if progress is None else _named(progress, f"{sensor}: {name}, comparing")

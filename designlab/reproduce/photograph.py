@@ -68,7 +68,7 @@ def photograph(
             )
             for k in range(averaged)
         ]
-        pictures[frame.file] = np.mean(exposures, axis=0, dtype=np.float32)
+        pictures[frame.file] = np.asarray(np.mean(exposures, axis=0), dtype=np.float32)
         taken.append(frame)
         if progress is not None:
             progress(number + 1, len(frames))
