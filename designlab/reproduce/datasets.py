@@ -16,6 +16,7 @@ PROBE_CROP_PX = 320
 SHAPES, DEPTHS_MM = ("sphere:4", "triangle:4", "star:5"), (0.5, 1.0)
 SIGMA = PoseSigma(depth_mm=0.03, centre_mm=0.1, yaw_deg=1.0)  # how well a hand-guided stage places a probe
 SPREAD_MM = (3.0, 2.2)  # of the places from the centre, in x and y
+INNER = 0.4  # of that, where presses lie that are fitted to
 BALL = "sphere:4"  # of the light probe
 
 
@@ -37,10 +38,11 @@ def dataset_2(design: Design, *, seed: int, balls: int = 10, triangles: int = 6)
     """A ball and a triangle at places and depths of their own; the first of each is to fit to."""
     random = np.random.default_rng([seed, 2])
     frames = []
-    # The two that are fitted to lie in opposite quarters of the gel.
+    # The two that are fitted to lie further in, where no other is, in opposite quarters.
     for probe, count, first in ((SHAPES[0], balls, 0), (SHAPES[1], triangles, 3)):
         for number in range(count):
-            centre, yaw_deg = _quarter(random, first + number), float(random.uniform(-60.0, 60.0))
+            centre = _quarter(random, first + number, INNER if number == 0 else 1.0)
+            yaw_deg = float(random.uniform(-60.0, 60.0))
             depth_mm = float(random.uniform(*DEPTHS_MM))
             name = f"{probe.partition(':')[0]}-at-{number + 1}.exr"
             split: Split = "train" if number == 0 else "final"
@@ -101,11 +103,11 @@ def crop_around(design: Design, centre_mm: tuple[float, float], side_px: int) ->
     return x, y, side_px, side_px
 
 
-def _quarter(random: np.random.Generator, number: int) -> tuple[float, float]:
-    """Point in one of the four quarters of the gel's middle, in turn."""
+def _quarter(random: np.random.Generator, number: int, share: float = 1.0) -> tuple[float, float]:
+    """Point in one of the four quarters of the gel's middle, in turn; nearer to its centre by a share."""
     x, y = (-1, 1)[number % 2], (-1, 1)[number // 2 % 2]
     dx, dy = random.uniform(-0.6, 0.6, size=2)
-    return float(x * SPREAD_MM[0] + dx), float(y * SPREAD_MM[1] + dy)
+    return float(share * (x * SPREAD_MM[0] + dx)), float(share * (y * SPREAD_MM[1] + dy))
 
 
 def _press(
