@@ -18,8 +18,8 @@ from designlab.design import Design, preset
 from designlab.metrics import compare
 from designlab.press import Press
 from designlab.render.backend import activate, cuda_devices
-from designlab.reproduce.datasets import BALL, CROP_PX, crop_around
-from designlab.reproduce.sizes import Size
+from designlab.reproduce.datasets import BALL, crop_around
+from designlab.reproduce.sizes import CROP_PX, Size
 from designlab.simulate import Simulator
 from designlab.store import CACHE_VARIABLE
 from geometries.probes import parse
@@ -78,7 +78,8 @@ def timing(
     cases += [(side, SIDE_SAMPLES) for side in size.timing_px if (side, SIDE_SAMPLES) not in cases]
     sides = sorted({side for side, _ in cases})
     references: dict[int, Pixels] = {}
-    path, steps = [], len(cases) + len(sides) + 1
+    path: list[dict[str, Any]] = []
+    steps = len(cases) + len(sides) + 1
     for side in sides:
         if progress is not None:
             progress(f"reference of {side} x {side}", len(references) + len(path), steps)
