@@ -10,6 +10,7 @@ from designlab import __version__
 FIDELITIES = ("fast", "standard", "reference")
 DESIGN_HELP = "preset name (see `designlab presets`) or TOML file"
 BASELINES = ("diffuse", "phong")
+SIZES = ("full", "reduced")
 MODEL_HELP = "preset name, design file, or model file written by `gap`"
 
 _DESIGNS = "designlab.cli.designs"
@@ -18,6 +19,7 @@ _STUDY = "designlab.cli.study"
 _GAP = "designlab.cli.gap"
 _CALIBRATE = "designlab.cli.calibrate"
 _IMPORT = "designlab.cli.importing"
+_REPRODUCE = "designlab.cli.reproduce"
 
 _EPILOGUE = """\
 Every command takes --json: one JSON object on stdout and nothing else there.
@@ -95,6 +97,7 @@ def parser() -> argparse.ArgumentParser:
     _add_import(add)
     _add_study(add)
     _add_gap(add)
+    _add_reproduce(add)
     return top
 
 
@@ -295,6 +298,23 @@ def _add_gap(add: Any) -> None:
     _seed(diagnose)
 
 
+def _add_reproduce(add: Any) -> None:
+    reproduce = add(
+        "reproduce",
+        f"{_REPRODUCE}:reproduce",
+        "the experiments of arXiv 2012.13184 on made sensors, its figures beside ours",
+    )
+    _out(reproduce, "folder of the results; the same command again goes on where it ended")
+    reproduce.add_argument(
+        "--size",
+        choices=SIZES,
+        default="full",
+        help="full: the paper's layout, hours on a few cores; reduced: some minutes, shows that it runs "
+        "(default: full)",
+    )
+    _seed(reproduce, default=1)
+
+
 def _design(command: argparse.ArgumentParser) -> None:
     command.add_argument("design", metavar="DESIGN", help=DESIGN_HELP)
 
@@ -307,9 +327,13 @@ def _out(command: argparse.ArgumentParser, text: str, *, required: bool = True) 
     command.add_argument("--out", required=required, metavar="DIR", help=text)
 
 
-def _seed(command: argparse.ArgumentParser) -> None:
+def _seed(command: argparse.ArgumentParser, *, default: int = 0) -> None:
     command.add_argument(
-        "--seed", type=_whole(0, 2**31 - 1), default=0, metavar="N", help="random seed (default: 0)"
+        "--seed",
+        type=_whole(0, 2**31 - 1),
+        default=default,
+        metavar="N",
+        help="random seed (default: %(default)s)",
     )
 
 

@@ -38,6 +38,7 @@ COMMANDS = (
     "study report",
     "gap plant",
     "gap diagnose",
+    "reproduce",
 )
 
 
@@ -95,6 +96,7 @@ class TestStart:
             "demo": ["--out", "o"],
             "gap plant": ["--out", "o"],
             "gap diagnose": ["m", "--model", "x", "--out", "o"],
+            "reproduce": ["--out", "o"],
         }
         words = command.split() + (["x"] if command.startswith("study") else defaults.get(command, []))
         module, _, function = arguments.parse(words).run.partition(":")
