@@ -105,9 +105,10 @@ def _beside(stages: dict[str, Any]) -> list[Text | Table | Picture]:
     ]
     return [
         Text(
-            "Ours are made sensors and the paper's are photographs: where a figure of ours is better, that "
-            "is in part because nothing in a made picture is unknown to physics. What can be compared is "
-            "how the models differ on the same pictures, and whether stated errors are right."
+            "Ours are made pictures with stated noise; the paper's are photographs, with everything that "
+            "no model knows of. Where a figure of ours is better, that is in part for this reason. What "
+            "can be compared is how models differ on the same pictures, and whether stated errors are "
+            "right."
         ),
         Text(constant_text(stages["real"])),
         Table(rows, columns, f"The paper's figures are from {paper.SOURCE}, where no other source is named."),
@@ -138,9 +139,11 @@ def constant_text(real: dict[str, Any]) -> str:
 def _accuracy(accuracy: dict[str, Any], out: Path) -> list[Text | Table | Picture]:
     blocks: list[Text | Table | Picture] = [
         Text(
-            "Data set 1 has three shapes (ball, triangle, star) at several places and two depths; data set "
-            "2 has balls and triangles at places and depths of their own. On each of them poses are fitted "
-            "by each model for itself, and nothing else."
+            "Data set 1 has ball, triangle and star at several places and two depths; data set 2 has balls "
+            "and triangles at places and depths of their own. All models are fitted to one ball and one "
+            "triangle. Of every other press nothing but its pose is fitted, by light transport; the others "
+            "are compared at that pose, since directional light would bend poses to make up for light that "
+            "falls off."
         ),
         Table(
             tables.accuracy(accuracy, channels=False),
@@ -302,9 +305,10 @@ def _real(real: dict[str, Any], out: Path) -> list[Text | Table | Picture]:
         return [Text(real["left_out"][0].upper() + real["left_out"][1:] + ".")]
     blocks: list[Text | Table | Picture] = [
         Text(
-            f"The one public picture of the flat sensor at {real['columns']} columns: with the published "
-            "values and nothing fitted, then calibrated on that picture itself (light, floor, pose, kernel "
-            "length, field of view). No picture is left to judge the fit by, so this is no test of it."
+            "The one public picture of the flat sensor, in full resolution: with the published values and "
+            f"nothing fitted, and calibrated on that same picture at {real['columns']} columns (light, "
+            "floor, pose, kernel length, field of view). No picture is left to judge the fit by, so this "
+            "is no test of it."
         ),
         Table(tables.real(real), [*tables.REAL_COLUMNS, *tables.FIGURE_COLUMNS]),
     ]

@@ -1,6 +1,7 @@
 """How a reproduction goes on after an interruption, what it refuses, and its small experiments."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from test_reproduce_pages import result  # noqa: F401  a fixture
@@ -9,10 +10,10 @@ from designlab import cli
 from designlab.reproduce import run
 from designlab.reproduce.probe import probe
 from designlab.reproduce.run import STAGES, Stage, _Growing, reproduce
-from designlab.reproduce.sizes import SIZES, Size
+from designlab.reproduce.sizes import SIZES
 from designlab.reproduce.timing import PAPER_MS, timing
 
-TINY = Size("reduced", 20, 1, 1, 1, 4, 1, (16,), (4,))
+TINY = replace(SIZES["reduced"], binned=20, timing_px=(30,), timing_samples=(4, 8))
 
 
 @pytest.fixture
@@ -156,9 +157,8 @@ def test_the_parts_of_accuracy_are_those_it_tells_of():
 
 
 def test_more_samples_are_nearer_to_the_reference_and_the_fast_estimator_nearest(backend, tmp_path):
-    size = Size("reduced", 20, 1, 1, 1, 4, 1, (30,), (4, 8))
     steps = []
-    found = timing(tmp_path, size=size, progress=lambda what, done, of: steps.append((done, of)))
+    found = timing(tmp_path, size=TINY, progress=lambda what, done, of: steps.append((done, of)))
     assert [(row["px"], row["samples"]) for row in found["path"]] == [(30, 4), (30, 8)]
     coarse, fine = found["path"]
     # Eight samples are two independent passes of four: half the squared error, 3.01 dB.
