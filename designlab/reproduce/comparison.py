@@ -66,7 +66,7 @@ def percent(share: float) -> str:
 
 def each(values: Mapping[str, str], *, names: Callable[[str], str] = short) -> str:
     """Values of several sensors in one line."""
-    return ", ".join(f"{names(name)} {value}" for name, value in values.items())
+    return "; ".join(f"{names(name)} {value}" for name, value in values.items())
 
 
 def verdict(met: bool) -> str:
@@ -163,7 +163,7 @@ def _light(recovery: Mapping[str, Any], real: Mapping[str, Any]) -> list[Row]:
                 "",
                 "",
                 "The light probe tells reflectance from light, as in the paper; ours is again an error "
-                "against a known truth. The presets hold the paper's values.",
+                "against a known truth. The presets hold the published values.",
             )
         )
     return rows

@@ -111,7 +111,7 @@ def _beside(stages: dict[str, Any]) -> list[Text | Table | Picture]:
             "right."
         ),
         Text(constant_text(stages["real"])),
-        Table(rows, columns, f"The paper's figures are from {paper.SOURCE}, where no other source is named."),
+        Table(rows, columns, f"The paper's figures are from {paper.SOURCE}."),
     ]
 
 
@@ -127,8 +127,8 @@ def constant_text(real: dict[str, Any]) -> str:
         text += (
             f"On the one public real picture a constant has an SNR of {constant['snr_db']:.1f} dB and an "
             f"SSIM of {constant['ssim']:.2f}; the paper's means over its 64 pictures are {paper.SNR_DB} dB "
-            f"and {paper.SSIM}; the calibrated design has {after['snr_db']:.1f} dB and {after['ssim']:.2f} "
-            "there. "
+            f"and {paper.SSIM:.2f}; the calibrated design has {after['snr_db']:.1f} dB and "
+            f"{after['ssim']:.2f} there. "
         )
     return text + (
         "So the structure measures stand beside them: the same comparison after a quadratic field of each "
@@ -232,7 +232,7 @@ def _recovery(recovery: dict[str, Any]) -> list[Text | Table | Picture]:
                 Column("target", "target"),
                 Column("met", "met"),
             ],
-            "Errors of the fit; a target counts as met where the largest error keeps it.",
+            "Errors of the fit; a target is met where the largest error keeps it, or in the median alone.",
         ),
         Table(
             tables.coverage(recovery),
@@ -256,8 +256,8 @@ def _probe(probe: dict[str, Any], out: Path) -> list[Text | Table | Picture]:
         Column("polar_deg", "angle from the axis", "deg"),
         Column("azimuth_deg", "azimuth", "deg"),
         Column("apart_deg", "between the centres", "deg"),
-        Column("solid_angle_ratio", "solid angle, rendered over traced"),
-        Column("seen_ratio", "the same as seen from the ball"),
+        Column("solid_angle_ratio", "solid angle"),
+        Column("seen_ratio", "seen from the ball"),
     ]
     blocks: list[Text | Table | Picture] = [
         Text(
@@ -265,7 +265,12 @@ def _probe(probe: dict[str, Any], out: Path) -> list[Text | Table | Picture]:
             "directions; beside it every LED strip is traced from the points of the ball that mirror it, in "
             "closed form and without the renderer. Flat gel and dome have the same LEDs."
         ),
-        Table(rows, columns, f"Lobes without a strip: {probe['unmatched']}."),
+        Table(
+            rows,
+            columns,
+            "Angle between the centres of strip and lobe, and ratios of solid angles, rendered over traced: of the "
+            f"directions, and as seen from the ball. Lobes without a strip: {probe['unmatched']}.",
+        ),
     ]
     if (out / "probe" / probe["picture"]).is_file():
         blocks.append(

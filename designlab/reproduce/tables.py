@@ -21,9 +21,9 @@ Rows = list[dict[str, Any]]
 BASELINES = (DIFFUSE, PHONG)
 BOTH = "both"
 PARTS = {
-    "smooth": "a smooth field, light that falls off otherwise than it does",
+    "smooth": "a smooth field: light that falls off otherwise than modelled",
     "edges": "the edges of contacts",
-    "rest": "shadows and light from wall to wall",
+    "rest": "the rest: shadows, and light from wall to wall",
 }
 NUMBERS = {
     "product": ("light times reflectance", "%"),

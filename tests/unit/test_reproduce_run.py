@@ -61,7 +61,8 @@ def test_what_was_not_finished_is_done_again_and_nothing_else(quick, tmp_path, m
     good = run.STAGES["accuracy"]
 
     def killed(folder, size, seed, within):
-        (folder / "half").mkdir(parents=True)
+        folder.mkdir()
+        (folder / ".half.0123456789abcdef.partial").write_text("a file that was being written")
         raise ending
 
     monkeypatch.setitem(run.STAGES, "accuracy", good._replace(run=killed))
@@ -70,8 +71,10 @@ def test_what_was_not_finished_is_done_again_and_nothing_else(quick, tmp_path, m
     assert quick == ["probe", "recovery"]
     assert not (tmp_path / "result.json").exists()
     monkeypatch.setitem(run.STAGES, "accuracy", good)
+    assert list((tmp_path / "accuracy").iterdir())
     shares = []
     reproduce(tmp_path, size="reduced", progress=lambda what, share: shares.append(share))
+    assert sorted(path.name for path in (tmp_path / "accuracy").iterdir()) == ["result.json", "work.txt"]
     assert quick == ["probe", "recovery", "accuracy", "timing", "real"]
     assert shares[0] == 0.0, "time left is that of what is left"
 
@@ -154,6 +157,18 @@ def test_the_parts_of_accuracy_are_those_it_tells_of():
         f"gelsight-2020-dome: {MODELS[1]}, comparing: x",
     ):
         assert [part for part in parts if told.startswith(part)] == [f"gelsight-2020-dome: {MODELS[1]}"]
+
+
+def test_pictures_of_accuracy_are_named_relative_to_its_folder(result, tmp_path):  # noqa: F811
+    """The experiment takes what is kept in its folder, where pictures have whole paths."""
+    for name, found in result["stages"]["accuracy"]["sensors"].items():
+        place = tmp_path / name.rpartition("-")[2]
+        place.mkdir()
+        found["pictures"] = {"comparison": str(place / "comparison.png")}
+        (place / "accuracy.json").write_text(json.dumps(found))
+    found = STAGES["accuracy"].run(tmp_path, SIZES["reduced"], 1, lambda what, done, of: None)
+    pictures = [sensor["pictures"]["comparison"] for sensor in found["sensors"].values()]
+    assert pictures == ["flat/comparison.png", "dome/comparison.png"]
 
 
 def test_more_samples_are_nearer_to_the_reference_and_the_fast_estimator_nearest(backend, tmp_path):
