@@ -174,10 +174,14 @@ def _calibrated(
     stem = name.replace(", ", "-").replace(" ", "-")
     model, kept = place / f"{stem}.toml", place / f"{stem}.json"
     if not kept.is_file():
+        groups = range(len(nominal.leds.groups))
         start: Design | DirectionalLight = nominal
-        free: list[str] | None = [KERNEL, *(f"{ALBEDO}.{group}" for group in range(len(nominal.leds.groups)))]
+        free = [KERNEL, *(f"{ALBEDO}.{group}" for group in groups)]
         if name != TRANSPORT:
-            start, free = DirectionalLight.of(nominal, "diffuse" if name == DIFFUSE else "phong"), None
+            start = DirectionalLight.of(nominal, "diffuse" if name == DIFFUSE else "phong")
+            # Free azimuths turn to where they stand for fall-off, and shade presses from the wrong side.
+            free = [f"lights.{group}.elevation_deg" for group in groups]
+            free += ["exponent"] if name == PHONG else []
         tell = None if progress is None else _named(progress, f"{nominal.name}: {name}")
         found = calibrate(
             measurement, start, columns=size.columns, samples=SAMPLES, seed=seed, free=free, progress=tell
