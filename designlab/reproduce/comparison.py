@@ -21,8 +21,8 @@ POSES_MM = ("x_mm", "y_mm", "depth_mm")
 
 MADE = "Made pictures against photographs, see above."
 BASELINES = (
-    "Ours are given the same pictures and the poses that light transport finds; lights stand where the LEDs are, "
-    "with free elevations and a factor for each light and channel."
+    "Ours are given the same pictures and the poses that light transport finds; lights stand where the "
+    "LEDs are, with free elevations and a factor for each light and channel."
 )
 
 

@@ -268,8 +268,8 @@ def _probe(probe: dict[str, Any], out: Path) -> list[Text | Table | Picture]:
         Table(
             rows,
             columns,
-            "Angle between the centres of strip and lobe, and ratios of solid angles, rendered over traced: of the "
-            f"directions, and as seen from the ball. Lobes without a strip: {probe['unmatched']}.",
+            "Angle between the centres of strip and lobe; solid angles, rendered over traced, of the "
+            f"directions and as seen from the ball. Lobes without a strip: {probe['unmatched']}.",
         ),
     ]
     if (out / "probe" / probe["picture"]).is_file():
