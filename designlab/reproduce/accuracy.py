@@ -93,7 +93,7 @@ def _sensor(place: Path, sensor: str, size: Size, seed: int, progress: Progress 
     for name in MODELS:
         # Directional light would bend poses to stand for light that falls off; it is given those found.
         model, poses = _calibrated(place, name, nominal, posed, size, seed, progress)
-        posed = _posed(measurement, poses) if name == TRANSPORT else posed
+        posed = at_poses(measurement, poses) if name == TRANSPORT else posed
         tell = None if progress is None else _named(progress, f"{sensor}: {name}, comparing")
         comparison = compare_model(model, posed, samples=SAMPLES, seed=seed, progress=tell)
         pairs[name] = comparison.pairs
@@ -189,15 +189,16 @@ def _calibrated(
             measurement, start, columns=size.columns, samples=SAMPLES, seed=seed, free=free, progress=tell
         )
         write_atomic(model, found.model.dumps())
-        write_json(kept, {"poses": _poses(found), "calibration": found.to_json()})
+        write_json(kept, {"poses": poses_of(found), "calibration": found.to_json()})
     return load_any_model(model), json.loads(kept.read_text(encoding="utf-8"))["poses"]
 
 
-def _poses(found: Calibration) -> dict[str, Any]:
+def poses_of(found: Calibration) -> dict[str, Any]:
+    """Pose of every press after a calibration, by its file."""
     return {frame.file: dict(frame.pose) for frame in found.frames if frame.pose is not None}
 
 
-def _posed(measurement: Measurement, poses: dict[str, Any]) -> Measurement:
+def at_poses(measurement: Measurement, poses: dict[str, Any]) -> Measurement:
     """Return the measurement with the poses that were found instead of the stated ones."""
     frames = []
     for frame in measurement.frames:

@@ -5,6 +5,8 @@ from typing import Any, NamedTuple
 
 from designlab.design import preset
 from designlab.report.page import rounded
+from designlab.reproduce.accuracy import AVERAGED, DIFFUSE, PHONG, TRANSPORT
+from designlab.reproduce.datasets import SIGMA
 
 SOURCE = "arXiv 2012.13184"
 MSE, SNR_DB, SMAPE, SSIM = 0.001710, 6.72, 0.47, 0.80  # means of the paper over its 64 pictures
@@ -15,16 +17,12 @@ REFLECTANCE = {"flat": (0.50, 0.39, 0.45), "dome": (0.51, 0.28, 0.22)}
 PRODUCT, POSE_MM, YAW_DEG = 0.01, 0.05, 0.2  # largest errors that are aimed at
 COVERED = (0.90, 0.99)  # shares of 95 % intervals that hold the truth
 STRIP_DEG, STRIP_SOLID_ANGLE = 0.5, 0.02  # of the light probe
-TRANSPORT, DIFFUSE, PHONG = "light transport", "directional, diffuse", "directional, Phong"
 POSES_MM = ("x_mm", "y_mm", "depth_mm")
 
-MADE = (
-    "Ours are made pictures with stated noise, so nothing in them is unknown to physics; the paper's are "
-    "photographs."
-)
+MADE = "Made pictures against photographs, see above."
 BASELINES = (
-    "Ours are fitted to the same pictures as light transport: a direction for each light, an exponent, a "
-    "factor for each light and channel, and each press's own pose."
+    "Ours are given the same pictures and the poses that light transport finds; lights stand where the LEDs are, "
+    "with free elevations and a factor for each light and channel."
 )
 
 
@@ -68,7 +66,7 @@ def percent(share: float) -> str:
 
 def each(values: Mapping[str, str], *, names: Callable[[str], str] = short) -> str:
     """Values of several sensors in one line."""
-    return ", ".join(f"{names(name)} {value}" for name, value in values.items())
+    return "; ".join(f"{names(name)} {value}" for name, value in values.items())
 
 
 def verdict(met: bool) -> str:
@@ -165,7 +163,7 @@ def _light(recovery: Mapping[str, Any], real: Mapping[str, Any]) -> list[Row]:
                 "",
                 "",
                 "The light probe tells reflectance from light, as in the paper; ours is again an error "
-                "against a known truth. The presets hold the paper's values.",
+                "against a known truth. The presets hold the published values.",
             )
         )
     return rows
@@ -204,8 +202,9 @@ def _statements(stages: Mapping[str, Any]) -> list[Row]:
                 f"largest errors {rounded(max(poses))} mm, {rounded(yaw)} deg",
                 f"{POSE_MM} mm, {YAW_DEG} deg",
                 verdict(max(poses) <= POSE_MM and yaw <= YAW_DEG),
-                "Ours are fitted together with the light, from stated poses that are off by 0.1 mm, 0.03 "
-                "mm in depth and 1 deg (standard deviations).",
+                "Ours are fitted together with the light, from stated poses that are off by "
+                f"{SIGMA.centre_mm} mm, {SIGMA.depth_mm} mm in depth and {SIGMA.yaw_deg} deg (standard "
+                "deviations).",
             )
         )
     return [
@@ -229,7 +228,7 @@ def _statements(stages: Mapping[str, Any]) -> list[Row]:
             ),
             "",
             "",
-            "Figures of accuracy are of frames that were not fitted, but for each press's own pose.",
+            "Figures of accuracy are of presses that were not fitted, but for each one's own pose.",
         ),
         Row(
             "Noise floor",
@@ -238,8 +237,8 @@ def _statements(stages: Mapping[str, Any]) -> list[Row]:
             "bit",
             "",
             "",
-            "Assumed, since the camera's noise is not published; it is in every made picture and in every "
-            "stated error.",
+            "Assumed, since the camera's noise is not published; it is in every made picture and every "
+            f"stated error. Pictures for accuracy are the mean of {AVERAGED} exposures.",
         ),
     ]
 

@@ -105,12 +105,13 @@ def _beside(stages: dict[str, Any]) -> list[Text | Table | Picture]:
     ]
     return [
         Text(
-            "Ours are made sensors and the paper's are photographs: where a figure of ours is better, that "
-            "is in part because nothing in a made picture is unknown to physics. What can be compared is "
-            "how the models differ on the same pictures, and whether stated errors are right."
+            "Ours are made pictures with stated noise; the paper's are photographs, with everything that "
+            "no model knows of. Where a figure of ours is better, that is in part for this reason. What "
+            "can be compared is how models differ on the same pictures, and whether stated errors are "
+            "right."
         ),
         Text(constant_text(stages["real"])),
-        Table(rows, columns, f"The paper's figures are from {paper.SOURCE}, where no other source is named."),
+        Table(rows, columns, f"The paper's figures are from {paper.SOURCE}."),
     ]
 
 
@@ -126,8 +127,8 @@ def constant_text(real: dict[str, Any]) -> str:
         text += (
             f"On the one public real picture a constant has an SNR of {constant['snr_db']:.1f} dB and an "
             f"SSIM of {constant['ssim']:.2f}; the paper's means over its 64 pictures are {paper.SNR_DB} dB "
-            f"and {paper.SSIM}; the calibrated design has {after['snr_db']:.1f} dB and {after['ssim']:.2f} "
-            "there. "
+            f"and {paper.SSIM:.2f}; the calibrated design has {after['snr_db']:.1f} dB and "
+            f"{after['ssim']:.2f} there. "
         )
     return text + (
         "So the structure measures stand beside them: the same comparison after a quadratic field of each "
@@ -138,9 +139,11 @@ def constant_text(real: dict[str, Any]) -> str:
 def _accuracy(accuracy: dict[str, Any], out: Path) -> list[Text | Table | Picture]:
     blocks: list[Text | Table | Picture] = [
         Text(
-            "Data set 1 has three shapes (ball, triangle, star) at several places and two depths; data set "
-            "2 has balls and triangles at places and depths of their own. On each of them poses are fitted "
-            "by each model for itself, and nothing else."
+            "Data set 1 has ball, triangle and star at several places and two depths; data set 2 has balls "
+            "and triangles at places and depths of their own. All models are fitted to one ball and one "
+            "triangle. Of every other press nothing but its pose is fitted, by light transport; the others "
+            "are compared at that pose, since directional light would bend poses to make up for light that "
+            "falls off."
         ),
         Table(
             tables.accuracy(accuracy, channels=False),
@@ -229,7 +232,7 @@ def _recovery(recovery: dict[str, Any]) -> list[Text | Table | Picture]:
                 Column("target", "target"),
                 Column("met", "met"),
             ],
-            "Errors of the fit; a target counts as met where the largest error keeps it.",
+            "Errors of the fit; a target is met where the largest error keeps it, or in the median alone.",
         ),
         Table(
             tables.coverage(recovery),
@@ -253,8 +256,8 @@ def _probe(probe: dict[str, Any], out: Path) -> list[Text | Table | Picture]:
         Column("polar_deg", "angle from the axis", "deg"),
         Column("azimuth_deg", "azimuth", "deg"),
         Column("apart_deg", "between the centres", "deg"),
-        Column("solid_angle_ratio", "solid angle, rendered over traced"),
-        Column("seen_ratio", "the same as seen from the ball"),
+        Column("solid_angle_ratio", "solid angle"),
+        Column("seen_ratio", "seen from the ball"),
     ]
     blocks: list[Text | Table | Picture] = [
         Text(
@@ -262,7 +265,12 @@ def _probe(probe: dict[str, Any], out: Path) -> list[Text | Table | Picture]:
             "directions; beside it every LED strip is traced from the points of the ball that mirror it, in "
             "closed form and without the renderer. Flat gel and dome have the same LEDs."
         ),
-        Table(rows, columns, f"Lobes without a strip: {probe['unmatched']}."),
+        Table(
+            rows,
+            columns,
+            "Angle between the centres of strip and lobe, and ratios of solid angles, rendered over traced: of the "
+            f"directions, and as seen from the ball. Lobes without a strip: {probe['unmatched']}.",
+        ),
     ]
     if (out / "probe" / probe["picture"]).is_file():
         blocks.append(
@@ -302,9 +310,10 @@ def _real(real: dict[str, Any], out: Path) -> list[Text | Table | Picture]:
         return [Text(real["left_out"][0].upper() + real["left_out"][1:] + ".")]
     blocks: list[Text | Table | Picture] = [
         Text(
-            f"The one public picture of the flat sensor at {real['columns']} columns: with the published "
-            "values and nothing fitted, then calibrated on that picture itself (light, floor, pose, kernel "
-            "length, field of view). No picture is left to judge the fit by, so this is no test of it."
+            "The one public picture of the flat sensor, in full resolution: with the published values and "
+            f"nothing fitted, and calibrated on that same picture at {real['columns']} columns (light, "
+            "floor, pose, kernel length, field of view). No picture is left to judge the fit by, so this "
+            "is no test of it."
         ),
         Table(tables.real(real), [*tables.REAL_COLUMNS, *tables.FIGURE_COLUMNS]),
     ]

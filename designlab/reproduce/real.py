@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from designlab import metrics
-from designlab.compare import FIGURES
+from designlab.compare import FIGURES, compare_model
 from designlab.design import CHANNELS, preset
+from designlab.reproduce.accuracy import SAMPLES, at_poses, poses_of
 from designlab.reproduce.sizes import Size
 
 MEASURED_VARIABLE = "DESIGNLAB_MEASURED"
@@ -18,6 +19,7 @@ MEASURED_VARIABLE = "DESIGNLAB_MEASURED"
 SENSOR, SET = "gelsight-2020-flat", "gelsight-flat"
 COLUMNS = {"full": 160, "reduced": 64}
 PICTURE = "residual.png"
+ROUNDING = 1e-12  # figures below are zero: the structure of a constant picture
 
 Progress = Callable[[str, int, int], None]
 
@@ -32,7 +34,7 @@ def real(
     folder : path
         Where the picture of what is left goes.
     size : Size
-        Its name chooses how many columns are compared.
+        Its name chooses how many columns are fitted.
     seed : int
         Seed of the light transport.
     progress : callable, optional
@@ -41,8 +43,8 @@ def real(
     Returns
     -------
     dict
-        ``frames`` with figures before and after and of a constant picture, ``parameters``, ``notes`` and the
-        ``picture`` relative to the folder; or ``left_out`` with the reason.
+        ``frames`` with figures in full resolution before and after and of a constant picture, ``parameters``,
+        ``notes`` and the ``picture`` relative to the folder; or ``left_out`` with the reason.
     """
     named = os.environ.get(MEASURED_VARIABLE)
     if not named:
@@ -55,21 +57,28 @@ def real(
     from designlab.calibrate.pictures import draw
     from designlab.measurement import load_measurement
 
-    columns = COLUMNS[size.name]
-    found = calibrate(load_measurement(place), preset(SENSOR), columns=columns, seed=seed, progress=progress)
+    measurement, columns = load_measurement(place), COLUMNS[size.name]
+    found = calibrate(measurement, preset(SENSOR), columns=columns, seed=seed, progress=progress)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     draw(found, folder / PICTURE)
+    models = {
+        "before": (preset(SENSOR), measurement),
+        "after": (found.model, at_poses(measurement, poses_of(found))),
+    }
+    pairs = {
+        name: compare_model(model, own, samples=SAMPLES, seed=seed, progress=progress).pairs
+        for name, (model, own) in models.items()
+    }
     frames = []
-    for frame in found.frames:
-        constant = np.broadcast_to(frame.measured.mean(axis=(0, 1)), frame.measured.shape)
+    for before, after in zip(pairs["before"], pairs["after"], strict=True):
+        constant = np.broadcast_to(before.real.mean(axis=(0, 1)), before.real.shape)
         frames.append(
             {
-                "file": frame.file,
-                "use": frame.use,
-                "before": _figures(frame.before),
-                "after": _figures(frame.after),
-                "constant": _figures(metrics.compare(constant, frame.measured)),
+                "file": before.file,
+                "before": _figures(before.figures),
+                "after": _figures(after.figures),
+                "constant": _figures(metrics.compare(constant, before.real)),
             }
         )
     data = found.to_json()
@@ -93,4 +102,6 @@ def _figures(figures: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+    if not np.isfinite(value):
+        return None
+    return float(value) if abs(value) > ROUNDING else 0.0

@@ -5,14 +5,12 @@ from typing import Any
 
 from designlab.design import CHANNELS
 from designlab.report.page import Column, rounded
+from designlab.reproduce.accuracy import DIFFUSE, PHONG, TRANSPORT
 from designlab.reproduce.comparison import (
     COVERED,
-    DIFFUSE,
-    PHONG,
     POSE_MM,
     POSES_MM,
     PRODUCT,
-    TRANSPORT,
     YAW_DEG,
     percent,
     short,
@@ -23,9 +21,9 @@ Rows = list[dict[str, Any]]
 BASELINES = (DIFFUSE, PHONG)
 BOTH = "both"
 PARTS = {
-    "smooth": "a smooth field, light that falls off otherwise than it does",
+    "smooth": "a smooth field: light that falls off otherwise than modelled",
     "edges": "the edges of contacts",
-    "rest": "shadows and light from wall to wall",
+    "rest": "the rest: shadows, and light from wall to wall",
 }
 NUMBERS = {
     "product": ("light times reflectance", "%"),
@@ -93,9 +91,11 @@ def margins(found: Mapping[str, Any]) -> Rows:
 
 def margin_columns(found: Mapping[str, Any]) -> list[Column]:
     """Columns of the table of margins, for the baselines there are."""
-    names = {"snr_db": "SNR over", "structure_snr_db": "structure SNR over"}
+    names = {"snr_db": "SNR", "structure_snr_db": "structure SNR"}
     own = [key for held in found["sensors"].values() for key in _margin_keys(held)]
-    columns = {name: Column(name, f"{names[figure]} {baseline}", "dB") for name, baseline, figure in own}
+    columns = {
+        name: Column(name, f"{names[figure]}, {kind(baseline)}", "dB") for name, baseline, figure in own
+    }
     return [*MODEL_COLUMNS[:2], Column("channel", "channel"), *columns.values()]
 
 
@@ -237,6 +237,11 @@ def _margin_keys(held: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
         for baseline in BASELINES:
             if baseline in held["models"]:
                 yield f"{figure} {baseline}", baseline, figure
+
+
+def kind(baseline: str) -> str:
+    """Last word of a baseline's name: diffuse or Phong."""
+    return baseline.rpartition(" ")[2]
 
 
 def _side(row: Mapping[str, Any]) -> str:

@@ -176,7 +176,7 @@ def test_rows_name_the_papers_figures(result):
     rows = rows_of(result)
     assert rows["MSE, mean of pictures"].paper == "0.001710"
     assert rows["SNR"].paper == "6.72 dB"
-    assert rows["SNR"].ours == "flat 30.25 dB, dome 30.25 dB"
+    assert rows["SNR"].ours == "flat 30.25 dB; dome 30.25 dB"
     assert [rows[name].paper for name in ("SMAPE", "SSIM")] == ["0.47", "0.80"]
     assert rows["SSIM, directional and diffuse"].paper == "0.42"
     assert rows["SSIM, directional and Phong"].paper == "0.40"

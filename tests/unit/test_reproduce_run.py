@@ -1,6 +1,7 @@
 """How a reproduction goes on after an interruption, what it refuses, and its small experiments."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from test_reproduce_pages import result  # noqa: F401  a fixture
@@ -9,10 +10,10 @@ from designlab import cli
 from designlab.reproduce import run
 from designlab.reproduce.probe import probe
 from designlab.reproduce.run import STAGES, Stage, _Growing, reproduce
-from designlab.reproduce.sizes import SIZES, Size
+from designlab.reproduce.sizes import SIZES
 from designlab.reproduce.timing import PAPER_MS, timing
 
-TINY = Size("reduced", 20, 1, 1, 1, 4, 1, (16,), (4,))
+TINY = replace(SIZES["reduced"], binned=20, timing_px=(30,), timing_samples=(4, 8))
 
 
 @pytest.fixture
@@ -60,7 +61,8 @@ def test_what_was_not_finished_is_done_again_and_nothing_else(quick, tmp_path, m
     good = run.STAGES["accuracy"]
 
     def killed(folder, size, seed, within):
-        (folder / "half").mkdir(parents=True)
+        folder.mkdir()
+        (folder / ".half.0123456789abcdef.partial").write_text("a file that was being written")
         raise ending
 
     monkeypatch.setitem(run.STAGES, "accuracy", good._replace(run=killed))
@@ -69,8 +71,10 @@ def test_what_was_not_finished_is_done_again_and_nothing_else(quick, tmp_path, m
     assert quick == ["probe", "recovery"]
     assert not (tmp_path / "result.json").exists()
     monkeypatch.setitem(run.STAGES, "accuracy", good)
+    assert list((tmp_path / "accuracy").iterdir())
     shares = []
     reproduce(tmp_path, size="reduced", progress=lambda what, share: shares.append(share))
+    assert sorted(path.name for path in (tmp_path / "accuracy").iterdir()) == ["result.json", "work.txt"]
     assert quick == ["probe", "recovery", "accuracy", "timing", "real"]
     assert shares[0] == 0.0, "time left is that of what is left"
 
@@ -155,10 +159,21 @@ def test_the_parts_of_accuracy_are_those_it_tells_of():
         assert [part for part in parts if told.startswith(part)] == [f"gelsight-2020-dome: {MODELS[1]}"]
 
 
+def test_pictures_of_accuracy_are_named_relative_to_its_folder(result, tmp_path):  # noqa: F811
+    """The experiment takes what is kept in its folder, where pictures have whole paths."""
+    for name, found in result["stages"]["accuracy"]["sensors"].items():
+        place = tmp_path / name.rpartition("-")[2]
+        place.mkdir()
+        found["pictures"] = {"comparison": str(place / "comparison.png")}
+        (place / "accuracy.json").write_text(json.dumps(found))
+    found = STAGES["accuracy"].run(tmp_path, SIZES["reduced"], 1, lambda what, done, of: None)
+    pictures = [sensor["pictures"]["comparison"] for sensor in found["sensors"].values()]
+    assert pictures == ["flat/comparison.png", "dome/comparison.png"]
+
+
 def test_more_samples_are_nearer_to_the_reference_and_the_fast_estimator_nearest(backend, tmp_path):
-    size = Size("reduced", 20, 1, 1, 1, 4, 1, (30,), (4, 8))
     steps = []
-    found = timing(tmp_path, size=size, progress=lambda what, done, of: steps.append((done, of)))
+    found = timing(tmp_path, size=TINY, progress=lambda what, done, of: steps.append((done, of)))
     assert [(row["px"], row["samples"]) for row in found["path"]] == [(30, 4), (30, 8)]
     coarse, fine = found["path"]
     # Eight samples are two independent passes of four: half the squared error, 3.01 dB.
