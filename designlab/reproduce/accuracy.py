@@ -63,6 +63,8 @@ def accuracy(
     """
     found = {}
     for number, (shape, sensor) in enumerate(SENSORS.items()):
+        if shape not in size.shapes_of_gel:
+            continue
         place = Path(folder) / shape
         kept = place / "accuracy.json"
         if not kept.is_file():

@@ -13,6 +13,8 @@ class Size:
 
     Attributes
     ----------
+    shapes_of_gel : tuple of str
+        "flat" and "dome": which sensors are photographed.
     binned : int
         Side of the squares of sensor pixels that are averaged in pictures for accuracy; timed are as small.
     shapes, places : int
@@ -32,6 +34,7 @@ class Size:
     """
 
     name: SizeName
+    shapes_of_gel: tuple[str, ...]
     binned: int
     shapes: int
     places: int
@@ -50,6 +53,6 @@ class Size:
 
 
 SIZES: dict[str, Size] = {
-    "full": Size("full", 1, 3, 4, 10, 6, 150, 36, 40, (128, 256, 512, 1024), (4, 8, 16)),
-    "reduced": Size("reduced", 5, 1, 1, 1, 1, 75, 16, 1, (64, 128), (4, 8)),
+    "full": Size("full", ("flat", "dome"), 1, 3, 4, 10, 6, 150, 36, 40, (128, 256, 512, 1024), (4, 8, 16)),
+    "reduced": Size("reduced", ("dome",), 5, 1, 1, 1, 1, 75, 16, 1, (64, 128), (4, 8)),
 }
