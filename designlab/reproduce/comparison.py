@@ -193,18 +193,19 @@ def _statements(stages: Mapping[str, Any]) -> list[Row]:
     camera = preset("gelsight-2020-flat").camera
     rows = []
     poses = [errors[name]["largest"] for name in POSES_MM if name in errors]
-    if poses and "yaw_deg" in errors:
-        yaw = errors["yaw_deg"]["largest"]
+    if poses:
+        yaw = errors.get("yaw_deg", {}).get("largest", 0.0)
+        turned = f", {rounded(yaw)} deg" if "yaw_deg" in errors else ""
         rows.append(
             Row(
                 "Registration of presses",
                 "by hand, no error stated",
-                f"largest errors {rounded(max(poses))} mm, {rounded(yaw)} deg",
+                f"largest errors {rounded(max(poses))} mm{turned}",
                 f"{POSE_MM} mm, {YAW_DEG} deg",
                 verdict(max(poses) <= POSE_MM and yaw <= YAW_DEG),
                 "Ours are fitted together with the light, from stated poses that are off by "
-                f"{SIGMA.centre_mm} mm, {SIGMA.depth_mm} mm in depth and {SIGMA.yaw_deg} deg (standard "
-                "deviations).",
+                f"{SIGMA.centre_mm:g} mm, {SIGMA.depth_mm:g} mm in depth and {SIGMA.yaw_deg:g} deg "
+                "(standard deviations).",
             )
         )
     return [

@@ -100,7 +100,7 @@ def compared(calibration: Calibration, truth: dict[str, float]) -> list[Recovere
     ]
 
 
-def repeat(number: int, folder: str | Path) -> dict[str, Any]:
+def repeat(number: int, folder: str | Path, *, progress: Progress | None = None) -> dict[str, Any]:
     """Make one hidden sensor and calibrate it, or take it from the folder where it is there.
 
     The gel is flat or a dome, and a ball or a triangle is pressed, in turn. The fit starts from the preset;
@@ -117,7 +117,13 @@ def repeat(number: int, folder: str | Path) -> dict[str, Any]:
             measurement, frames = measured(true, sensor, [press], place / "set", seed=100 + number)
             free = [KERNEL, *(f"{ALBEDO}.{group}" for group in range(len(true.design.leds.groups)))]
             found = calibrate(
-                measurement, nominal, columns=COLUMNS, samples=SAMPLES, seed=7 + number, free=free
+                measurement,
+                nominal,
+                columns=COLUMNS,
+                samples=SAMPLES,
+                seed=7 + number,
+                free=free,
+                progress=progress,
             )
         values = compared(found, truths(true, frames))
         write_json(file, {"sensor": sensor, "values": [vars(value) for value in values]})
@@ -137,9 +143,18 @@ def recovery(repeats: int, folder: str | Path, *, progress: Progress | None = No
     found = []
     for number in range(repeats):
         if progress is not None:
-            progress("hidden sensors", number, repeats)
-        found.append(repeat(number, folder))
+            progress(f"{told(number)}of {repeats}", 0, 1)
+        found.append(repeat(number, folder, progress=_named(progress, told(number))))
     return summary(found)
+
+
+def told(number: int) -> str:
+    """How progress of a repeat begins to tell of it."""
+    return f"number {number + 1} "
+
+
+def _named(progress: Progress | None, name: str) -> Progress | None:
+    return None if progress is None else lambda what, done, of: progress(f"{name}{what}", done, of)
 
 
 def summary(repeats: Sequence[dict[str, Any]]) -> dict[str, Any]:

@@ -201,6 +201,12 @@ def _recovery(folder: Path, size: Size, seed: int, within: Within) -> dict[str, 
     return recovery(size.repeats, folder, progress=within)
 
 
+def _recovery_parts(size: Size) -> dict[str, float]:
+    from designlab.reproduce.recovery import told
+
+    return {told(number): 1.0 for number in range(size.repeats)}
+
+
 def _accuracy(folder: Path, size: Size, seed: int, within: Within) -> dict[str, Any]:
     from designlab.reproduce.accuracy import accuracy
 
@@ -214,10 +220,11 @@ def _accuracy(folder: Path, size: Size, seed: int, within: Within) -> dict[str, 
 
 def _accuracy_parts(size: Size) -> dict[str, float]:
     from designlab.reproduce.accuracy import MODELS
+    from designlab.reproduce.accuracy import SENSORS as BY_SHAPE
 
     photographing = 10.0 if size.name == "full" else 1.0
     parts: dict[str, float] = {}
-    for sensor in SENSORS:
+    for sensor in (BY_SHAPE[shape] for shape in BY_SHAPE if shape in size.shapes_of_gel):
         parts[f"{sensor}: photographing"] = photographing
         parts |= dict.fromkeys((f"{sensor}: {model}" for model in MODELS), 1.0)
     return parts
@@ -237,11 +244,11 @@ def _real(folder: Path, size: Size, seed: int, within: Within) -> dict[str, Any]
 
 STAGES: dict[str, Stage] = {
     "probe": Stage("light probe", _probe, lambda size: 15 if size.name == "full" else 8),
-    "recovery": Stage("hidden sensors", _recovery, lambda size: 75 * size.repeats),
+    "recovery": Stage("hidden sensors", _recovery, lambda size: 75 * size.repeats, _recovery_parts),
     "accuracy": Stage(
         "accuracy",
         _accuracy,
-        lambda size: 4000 if size.name == "full" else 400,
+        lambda size: 4000 if size.name == "full" else 150,
         _accuracy_parts,
     ),
     "timing": Stage("time of pictures", _timing, lambda size: 900 if size.name == "full" else 30),

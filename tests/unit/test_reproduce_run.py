@@ -150,13 +150,37 @@ def test_shares_of_parts_that_count_anew_only_grow():
 def test_the_parts_of_accuracy_are_those_it_tells_of():
     from designlab.reproduce.accuracy import MODELS
 
-    parts = list(STAGES["accuracy"].parts(SIZES["reduced"]))
+    parts = list(STAGES["accuracy"].parts(SIZES["full"]))
     assert len(parts) == 2 * (1 + len(MODELS))
     for told in (
         f"gelsight-2020-dome: {MODELS[1]}: fitting",
         f"gelsight-2020-dome: {MODELS[1]}, comparing: x",
     ):
         assert [part for part in parts if told.startswith(part)] == [f"gelsight-2020-dome: {MODELS[1]}"]
+
+
+def test_progress_tells_of_a_hidden_sensor_that_is_being_fitted(monkeypatch, tmp_path):
+    from designlab.reproduce import recovery
+
+    def repeat(number, folder, *, progress):
+        for what in ("fitting", "errors"):
+            for done in range(3):
+                progress(what, done, 3)
+        values = [{"name": "contact.kernel_length_mm", "true": 0.1, "found": 0.11, "se": 0.01}]
+        return {"sensor": "made", "values": values}
+
+    monkeypatch.setattr(recovery, "repeat", repeat)
+    size, told = replace(TINY, repeats=12), []
+    within = run._share_of(
+        lambda what, share: told.append((what, share)), STAGES["recovery"], size, 0.0, 900.0
+    )
+    assert STAGES["recovery"].run(tmp_path, size, 1, within)["covered"]["share"] == 1.0
+    shares = [share for _, share in told]
+    assert shares == sorted(shares)
+    assert len(set(shares)) > 4 * size.repeats
+    begun = dict(told)
+    assert begun["hidden sensors: number 1 of 12"] == 0.0
+    assert begun["hidden sensors: number 11 of 12"] == pytest.approx(10 / 12)
 
 
 def test_pictures_of_accuracy_are_named_relative_to_its_folder(result, tmp_path):  # noqa: F811
@@ -166,7 +190,7 @@ def test_pictures_of_accuracy_are_named_relative_to_its_folder(result, tmp_path)
         place.mkdir()
         found["pictures"] = {"comparison": str(place / "comparison.png")}
         (place / "accuracy.json").write_text(json.dumps(found))
-    found = STAGES["accuracy"].run(tmp_path, SIZES["reduced"], 1, lambda what, done, of: None)
+    found = STAGES["accuracy"].run(tmp_path, SIZES["full"], 1, lambda what, done, of: None)
     pictures = [sensor["pictures"]["comparison"] for sensor in found["sensors"].values()]
     assert pictures == ["flat/comparison.png", "dome/comparison.png"]
 
