@@ -87,7 +87,7 @@ def _short(result: dict[str, Any]) -> list[Text | Table | Picture]:
     blocks.append(
         Text(
             f"Of {covered['count']} stated 95 % intervals, {percent(covered['share'])} hold the truth "
-            f"({result['stages']['recovery']['repeats']} hidden sensors)."
+            f"(hidden sensors: {result['stages']['recovery']['repeats']})."
         )
     )
     return blocks
@@ -217,10 +217,9 @@ def _failures(accuracy: dict[str, Any]) -> list[Text | Table | Picture]:
 def _recovery(recovery: dict[str, Any]) -> list[Text | Table | Picture]:
     return [
         Text(
-            f"{recovery['repeats']} hidden sensors, two with a flat gel and two with a dome in turn, are "
-            "each fitted to one press, backgrounds, dark frames and a light probe. Strong products are "
-            "those above a quarter of the group's strongest response; weaker ones are crosstalk, as a "
-            "share of the strongest."
+            f"Hidden sensors ({recovery['repeats']}; two with a flat gel and two with a dome in turn) are each "
+            "fitted to one press, backgrounds, dark frames and a light probe. Strong products are those above a "
+            "quarter of the group's strongest response; weaker ones are crosstalk, as a share of the strongest."
         ),
         Table(
             tables.recovery(recovery),
