@@ -217,9 +217,10 @@ def _failures(accuracy: dict[str, Any]) -> list[Text | Table | Picture]:
 def _recovery(recovery: dict[str, Any]) -> list[Text | Table | Picture]:
     return [
         Text(
-            f"Hidden sensors ({recovery['repeats']}; two with a flat gel and two with a dome in turn) are each "
-            "fitted to one press, backgrounds, dark frames and a light probe. Strong products are those above a "
-            "quarter of the group's strongest response; weaker ones are crosstalk, as a share of the strongest."
+            f"Hidden sensors ({recovery['repeats']}; two with a flat gel and two with a dome in turn) are "
+            "each fitted to one press, backgrounds, dark frames and a light probe. Strong products are "
+            "those above a quarter of the group's strongest response; weaker ones are crosstalk, as a "
+            "share of the strongest."
         ),
         Table(
             tables.recovery(recovery),
