@@ -66,7 +66,8 @@ class Problem:
         self.stage, self.done, self.expected = "", 0, 1
         self.weighed = False
         self.lits = [imaging.lit(shot) for shot in shots]
-        self.sigmas = [np.sqrt(shot.variance + (MODEL_ERROR * _level(shot)) ** 2) for shot in shots]
+        self.stated = [np.sqrt(shot.variance + (MODEL_ERROR * _level(shot)) ** 2) for shot in shots]
+        self.sigmas = list(self.stated)
 
     def begin(self, stage: str, expected: int) -> None:
         """Name what is done now and how many pictures it takes, as far as is known."""
@@ -158,10 +159,14 @@ class Problem:
         )
         return replace(state, transfer=transfer, floor=floor)
 
-    def residual(self, state: State, number: int, basis: Array) -> Array:
-        """Measured minus predicted valid values over their standard deviation, (values,)."""
+    def residual(self, state: State, number: int, basis: Array, *, weighed: bool = True) -> Array:
+        """Measured minus predicted valid values over their standard deviation, (values,).
+
+        The standard deviation is that of noise and model error alone where `weighed` is False.
+        """
         shot = self.shots[number]
-        left = (shot.signal - self.predict(state, number, basis)) / self.sigmas[number]
+        sigma = (self.sigmas if weighed else self.stated)[number]
+        left = (shot.signal - self.predict(state, number, basis)) / sigma
         return np.asarray(left[shot.valid])
 
     def objective(self, state: State, bases: Mapping[int, Array]) -> float:

@@ -338,7 +338,7 @@ def _notes(
     problem: Problem, seen: Observations, state: State, fitted: Sequence[int], bases: dict[int, Array]
 ) -> tuple[str, ...]:
     notes = [_known_apart(problem)]
-    chi = sum(float((problem.residual(state, n, bases[n]) ** 2).sum()) for n in fitted)
+    chi = sum(float((problem.residual(state, n, bases[n], weighed=False) ** 2).sum()) for n in fitted)
     chi /= sum(int(problem.shots[n].valid.sum()) for n in fitted)
     notes.append(
         f"squared residual over noise and {MODEL_ERROR:.0%} model error: {chi:.3g}; standard errors are from "
