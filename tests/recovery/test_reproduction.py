@@ -50,6 +50,16 @@ class TestReducedSize:
             assert models[name]["held_out"]["snr_db"] <= ours["snr_db"] - 5.0, name
             assert models[name]["held_out"]["structure_corr"] < ours["structure_corr"], name
 
+    def test_the_real_triangle(self, stages):
+        """From published values; nothing but a constant floor beside light, pose, kernel and scale."""
+        if "left_out" in stages["real"]:
+            pytest.skip(stages["real"]["left_out"])
+        (frame,) = stages["real"]["frames"]
+        assert frame["before"]["snr_db"] < 6
+        assert frame["after"]["snr_db"] >= 20
+        assert frame["after"]["structure_corr"] >= 0.72
+        assert frame["after"]["structure_snr_db"] >= 2.5
+
     def test_pages_are_there_and_a_second_call_repeats_nothing(self, folder, monkeypatch):
         assert {"report.html", "reproduction.md", "result.json"} <= {path.name for path in folder.iterdir()}
 
