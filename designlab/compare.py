@@ -15,6 +15,7 @@ from designlab.directional import DirectionalLight
 from designlab.effects.model import SensorModel
 from designlab.images import ImageError, read_image
 from designlab.measurement import Frame, Measurement, MeasurementError
+from designlab.measurement.sizes import check_leds, check_size
 
 Pixels = NDArray[np.float32]
 Progress = Callable[[str, int, int], None]
@@ -113,14 +114,10 @@ def compare_model(
     for number, frame in enumerate(known):
         if progress is not None:
             progress(frame.file, number, len(known))
+        check_size(measurement, frame, design)
+        check_leds(measurement, frame, design)
         real = measurement.linear(frame)
         view = measurement.view(frame, design)
-        camera = design.camera
-        if view.x_px + view.width_px > camera.width_px or view.y_px + view.height_px > camera.height_px:
-            raise MeasurementError(
-                f"{measurement.folder}: frame {frame.file}: field crop_px: must lie on the model's sensor of "
-                f"{camera.width_px} x {camera.height_px} px, got {list(frame.crop_px or ())}"
-            )
         simulated = predict(frame, view).astype(np.float32)
         try:
             figures = metrics.compare(simulated, real)

@@ -93,15 +93,19 @@ class Directional:
         """Return the model's own."""
         return np.array(self.light.factors)
 
+    def level(self) -> Array:
+        """Return black level of the camera and floor."""
+        return np.array(self.light.floor) + self.light.design.camera.black_level
+
     def finished(
-        self, changes: Mapping[str, float], factors: Array, floor: Array, source: str
+        self, changes: Mapping[str, float], factors: Array, level: Array, source: str
     ) -> DirectionalLight:
         """Put values found into their fields."""
         return self.light.replace(
             {
                 **changes,
                 "factors": [[float(value) for value in row] for row in factors],
-                "floor": [float(value) for value in floor],
+                "floor": [float(value) for value in level - self.light.design.camera.black_level],
                 "found_in": source,
             }
         )

@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 import annotated_types
 from pydantic import BaseModel
 
+from designlab.design import Design
+
 # What light transport does not see, or sees as a factor only, is part of the transfer.
 WITHIN = "design."  # prefix of the design's fields in a model that holds one
 IN_TRANSFER = r"mixing(\..*)?|leds\.groups\.\d+\.flux_mw|camera\.exposure|(factors|floor)(\..*)?"
@@ -68,7 +70,7 @@ def _field(model: BaseModel, path: str) -> SharedField:
     if isinstance(node, bool) or not isinstance(node, float):
         raise ValueError(f"free: {path} must be a number that can vary, got {node!r}")
     if re.fullmatch(SHARE, inner):
-        low, high = INSIDE, 1.0
+        low, high = INSIDE, 1.0 - (model.optics.coating_transmittance if isinstance(model, Design) else 0.0)
     share = CAMERA_STEP if inner.startswith("camera.") else STEP
     step = share * abs(node) or 0.01 * (min(high, 1.0) - max(low, -1.0))
     if re.fullmatch(DIRECTION, path):

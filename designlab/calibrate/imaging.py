@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 KERNEL, SCALE = "contact.kernel_length_mm", "camera.horizontal_fov_deg"
 ALBEDO = "optics.membrane_albedo"
 NODES, BRIGHTEST = (0.7, 1.4), 0.95  # reflectances that are simulated where they are free, of the given ones
+MOST_LEVEL = 0.99  # black level of a camera
 MOST_KNOWN = 160  # pictures kept
 
 Touched = Press | LightProbe | None
@@ -97,7 +98,11 @@ class Imaging(Protocol):
         """Return factors of the model as given, (3, components)."""
         ...
 
-    def finished(self, changes: Mapping[str, float], factors: Array, floor: Array, source: str) -> Any:
+    def level(self) -> Array:
+        """Return signal of the channels without light, (3,)."""
+        ...
+
+    def finished(self, changes: Mapping[str, float], factors: Array, level: Array, source: str) -> Any:
         """Return the calibrated model, with the name of the measurement it was found in."""
         ...
 
@@ -114,6 +119,8 @@ class Rendered:
         Samples per pixel and LED group.
     probe_samples : int
         The same of a light probe, which is path-traced; a ball mirrors LEDs with next to no noise.
+    beyond : array, shape (3,)
+        Level of each channel above the camera's black level.
     known : dict
         Pictures kept, since much of what is asked for was asked before.
     """
@@ -121,6 +128,7 @@ class Rendered:
     design: Design
     samples: int
     probe_samples: int = 64
+    beyond: Array = field(default_factory=lambda: np.zeros(3))
     known: dict[object, Array] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -186,7 +194,10 @@ class Rendered:
             return self._picture(rest, touched, view, seed, how)
         given = np.array(self.design.per_group("membrane_albedo"))
         wanted = np.array(self.design.replace(changes).per_group("membrane_albedo"))
-        nodes = [np.minimum(share * given, BRIGHTEST) for share in NODES]
+        brightest = min(BRIGHTEST, 1.0 - self.design.optics.coating_transmittance)
+        nodes = [
+            np.minimum(share * given, brightest * most) for share, most in zip(NODES, (0.9, 1.0), strict=True)
+        ]
 
         def at(node: Array) -> Array:
             there = rest | {f"{ALBEDO}.{g}": float(a) for g, a in enumerate(node)}
@@ -221,7 +232,7 @@ class Rendered:
 
     def at(self, changes: Mapping[str, float]) -> "Rendered":
         """Return the changed design."""
-        return Rendered(self.design.replace(changes), self.samples, self.probe_samples)
+        return Rendered(self.design.replace(changes), self.samples, self.probe_samples, self.beyond)
 
     def factors(self) -> Array:
         """Return exposure x mixing x flux; without a stated exposure that which the camera would choose."""
@@ -232,15 +243,23 @@ class Rendered:
             exposure = automatic_exposure(np.moveaxis(np.tensordot(transfer, untouched, axes=1), 0, -1))
         return np.asarray(transfer * exposure)
 
+    def level(self) -> Array:
+        """Return black level of the camera and what channels have beyond it."""
+        return self.beyond + self.design.camera.black_level
+
     def finished(
-        self, changes: Mapping[str, float], factors: Array, floor: Array, source: str
+        self, changes: Mapping[str, float], factors: Array, level: Array, source: str
     ) -> SensorModel:
-        """Put products into fields: exposure stays as given, else total flux; columns of mixing reach 1."""
+        """Put products into fields: exposure stays as given, else total flux; columns of mixing reach 1.
+
+        The camera has one black level, the mean; what channels have beyond it is the effect ``black_level``.
+        """
         design = self.design.replace(changes)
         largest = factors.max(axis=0)
         flux = np.array([group.flux_mw for group in design.leds.groups])
         shown = largest > 0
-        exposure = design.camera.exposure or float(largest.sum() / flux[shown].sum()) if shown.any() else 1.0
+        chosen = float(largest.sum() / flux[shown].sum()) if shown.any() else 1.0
+        exposure = design.camera.exposure or chosen
         light: dict[str, object] = {
             f"leds.groups.{g}.flux_mw": float(largest[g] / exposure) for g in np.flatnonzero(shown)
         }
@@ -250,8 +269,10 @@ class Rendered:
                 **light,
                 "mixing": [[float(v) for v in row] for row in mixing],
                 "camera.exposure": exposure,
+                "camera.black_level": float(np.clip(level.mean(), 0.0, MOST_LEVEL)),
             }
         )
-        values = {channel: float(value) for channel, value in zip(CHANNELS, floor, strict=True)}
-        level = AppliedEffect(name=BlackLevel.name, values=values, found_in=source)
-        return SensorModel.of(design).with_effect(level)
+        beyond = level - design.camera.black_level
+        values = {channel: float(value) for channel, value in zip(CHANNELS, beyond, strict=True)}
+        effect = AppliedEffect(name=BlackLevel.name, values=values, found_in=source)
+        return SensorModel.of(design).with_effect(effect)

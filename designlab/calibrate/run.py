@@ -21,6 +21,7 @@ from designlab.effects.model import SensorModel, effect
 from designlab.light_probe import LightProbe
 from designlab.measurement import Measurement, MeasurementError, check, refuse
 from designlab.measurement.shots import POSE, ROUND, Observations, observe
+from designlab.simulate import RenderFailed
 from designlab.viewing import rays
 
 Array = NDArray[np.float64]
@@ -87,11 +88,12 @@ def calibrate(
     design, probes = imaging.design, isinstance(imaging, Rendered)
     trusted = refuse(measurement, check(measurement, design), trust)
     seen = observe(measurement, design, columns=columns, light_probes=probes)
-    fields = shared_fields(imaging.model, imaging.usual(seen.shots) if free is None else free)
-    problem = Problem(imaging, seen.shots, fields, seed=seed, progress=progress)
     fitted = seen.of("background", "light_probe", "train")
+    usual = imaging.usual([seen.shots[number] for number in fitted])
+    fields = shared_fields(imaging.model, usual if free is None else free)
+    problem = Problem(imaging, seen.shots, fields, seed=seed, progress=progress)
     _check(measurement, problem, fitted)
-    given = _given(problem)
+    given = _given(measurement, problem, imaging.level() - seen.black_level)
     if probes:  # a model without light transport misses pictures for reasons of its own
         trusted += suspicious(measurement, seen, problem, trust=trust)
     moves, balls = len(fields) + 5, seen.of("light_probe")
@@ -135,7 +137,7 @@ def calibrate(
         model=imaging.finished(
             problem.changes(state.shared),
             state.transfer,
-            state.floor + seen.black_level - design.camera.black_level,
+            state.floor + seen.black_level,
             measurement.name,
         ),
         parameters=parameters,
@@ -168,7 +170,12 @@ def _imaging(model: Design | SensorModel | DirectionalLight, samples: int) -> Im
             "model: must be a design without effects, since they are named after calibration; "
             f"has {', '.join(named)}"
         )
-    return Rendered(sensor.design, samples)
+    # A reflectance for each group, since a light probe tells them apart.
+    albedo = list(sensor.design.per_group("membrane_albedo"))
+    beyond = sensor.on_signal(np.zeros((1, 1, 3)))[0, 0]
+    return Rendered(
+        sensor.design.replace({"optics.membrane_albedo": albedo}), samples, beyond=np.asarray(beyond)
+    )
 
 
 def _check(measurement: Measurement, problem: Problem, fitted: Sequence[int]) -> None:
@@ -176,14 +183,7 @@ def _check(measurement: Measurement, problem: Problem, fitted: Sequence[int]) ->
         raise MeasurementError(
             f"{measurement.folder}: field frame: a background or a press of the split 'train' is needed"
         )
-    camera = problem.imaging.design.camera
     for shot in problem.shots:
-        view = shot.view
-        if view.x_px + view.width_px > camera.width_px or view.y_px + view.height_px > camera.height_px:
-            raise MeasurementError(
-                f"{measurement.folder}: frame {shot.files[0]}: field crop_px: must lie on the model's sensor "
-                f"of {camera.width_px} x {camera.height_px} px"
-            )
         if min(shot.signal.shape[:2]) < 8:
             raise MeasurementError(
                 f"{measurement.folder}: frame {shot.files[0]}: must be at least 8 x 8 px when binned, "
@@ -191,11 +191,18 @@ def _check(measurement: Measurement, problem: Problem, fitted: Sequence[int]) ->
             )
 
 
-def _given(problem: Problem) -> dict[int, Array]:
+def _given(measurement: Measurement, problem: Problem, floor: Array) -> dict[int, Array]:
     """Signals of the model as given, at the stated poses."""
     problem.begin("model as given", len(problem.shots))
-    bases = problem.bases(problem.start(), range(len(problem.shots)))
-    state = replace(problem.start(), transfer=problem.imaging.factors())
+    bases = {}
+    for number, shot in enumerate(problem.shots):
+        try:
+            bases[number] = problem.basis(problem.start(), number)
+        except (ValueError, RenderFailed) as error:
+            if shot.ball is None:
+                raise
+            raise MeasurementError(f"{measurement.folder}: frame {shot.files[0]}: {error}") from None
+    state = replace(problem.start(), transfer=problem.imaging.factors(), floor=floor)
     return {number: problem.predict(state, number, basis) for number, basis in bases.items()}
 
 
@@ -240,7 +247,8 @@ def _reflecting(problem: Problem, state: State, fitted: Sequence[int]) -> State:
     for place in free:
         group = problem.imaging.alone(problem.fields[place].path)
         if group is not None and direct[group] > 0:
-            shared[place] = np.clip(shared[place] * reflected[group] / direct[group], DARKEST, BRIGHTEST)
+            most = min(BRIGHTEST, problem.fields[place].high)
+            shared[place] = np.clip(shared[place] * reflected[group] / direct[group], DARKEST, most)
     return replace(state, shared=shared)
 
 
@@ -342,7 +350,7 @@ def _notes(
     chi /= sum(int(problem.shots[n].valid.sum()) for n in fitted)
     notes.append(
         f"squared residual over noise and {MODEL_ERROR:.0%} model error: {chi:.3g}; standard errors are from "
-        "the residuals themselves, priors of poses count as if it were 1"
+        "the residuals themselves"
     )
     if not any(problem.shots[n].press is None for n in fitted):
         notes.append("no background: smooth light is told from the press by the simulation alone")

@@ -17,7 +17,6 @@ from designlab.calibrate.problem import BLOCK_PX, Problem, State
 Array = NDArray[np.float64]
 
 POSE_STEP = np.array([0.05, 0.05, 0.02, 0.5])  # mm, mm, mm, deg: finite differences
-BALL_STEP = np.array([0.02, 0.02, 0.02, 0.0])  # of a light probe, whose mirror images have sharp edges
 LONGEST = 5.0  # finite-difference steps that one Gauss-Newton step may take
 DAMPING = 1e-3
 LEAST_LIGHT, LEAST_CURVATURE = 1e-10, 1e-9  # keep equations solvable where two groups, or fields, look alike

@@ -141,6 +141,9 @@ def faults(
     pictures: Sequence[Picture], black: Array, transfer: Array, response: str
 ) -> tuple[Suspicion, ...]:
     """Name the faults of all pictures, else those of single ones."""
+    pictures = [picture for picture in pictures if picture.valid.any()]
+    if not pictures:
+        return ()
     return _of_all(pictures, black, transfer, response) or _of_single(pictures, black, response)
 
 

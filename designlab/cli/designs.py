@@ -268,10 +268,10 @@ def _compare_model(args: Namespace) -> dict[str, Any]:
 
 def export(args: Namespace) -> Result:
     """Write the files to make a design."""
-    from designlab.design import load
+    from designlab.effects.model import load_model
     from designlab.fabricate import export as write_files
 
-    design = load(args.design)
+    design = load_model(args.design).effective_design()
     with bar() as progress, source_named(args.design):
         manifest = write_files(
             design,

@@ -13,13 +13,13 @@ if TYPE_CHECKING:
 
 def plant(args: Namespace) -> Result:
     """Generate a measurement with hidden effects."""
-    from designlab.design import load
+    from designlab.effects.model import load_model
     from designlab.plant import answer_path, seal_path
     from designlab.plant import plant as generate
     from designlab.plant.effects import draw
     from designlab.plant.rig import Rig
 
-    design = load(args.design)
+    design = load_model(args.design).effective_design()
     wanted = [_effect(text) for text in args.effect]
     names = [name for name, _ in wanted]
     if len(set(names)) < len(names):

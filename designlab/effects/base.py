@@ -55,7 +55,7 @@ class Effect:
     transferable: ClassVar[bool]
     """Whether it holds for new designs too (True), or belongs to one built unit (False)."""
     nuisance: ClassVar[bool] = False
-    """Whether every comparison fits it anyway, so that it is no finding."""
+    """Whether calibration settles it, so that a diagnosis does not look for it."""
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """Return the parameters for a design (some effects have one for each LED group)."""

@@ -14,13 +14,13 @@ class BlackLevel(Effect):
     name: ClassVar[str] = "black_level"
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "a constant is added to every picture"
-    transferable: ClassVar[bool] = True
+    transferable: ClassVar[bool] = False
     nuisance: ClassVar[bool] = True
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """One level for each channel; 1024 of 65535 is the black level of a common small camera."""
         return tuple(
-            Parameter(channel, "1", 0.0, 0.015, -0.1, 1.0, f"added to channel {channel}, share of full scale")
+            Parameter(channel, "1", 0.0, 0.015, -1.0, 1.0, f"added to channel {channel}, share of full scale")
             for channel in CHANNELS
         )
 

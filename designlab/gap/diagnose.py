@@ -85,7 +85,11 @@ def diagnose(
     names = known if catalogue is None else [effect(name).name for name in catalogue]
     model = SensorModel.of(model)
     seen = observe(measurement, model.effective_design(), columns=columns)
+    # What a calibration found to lie under every picture is no light.
+    lift = model.on_signal(np.zeros((1, 1, 3)))[0, 0] + model.design.camera.black_level - seen.black_level
     shots = limited(seen.shots, MOST_TRAINED)
+    if any(applied.name == "black_level" for applied in model.effects):
+        shots = tuple(replace(shot, signal=shot.signal - lift) for shot in shots)
     seen = replace(seen, shots=shots)
     if not resume:
         shutil.rmtree(out / "renders", ignore_errors=True)

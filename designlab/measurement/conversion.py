@@ -96,13 +96,16 @@ def response_from(ladder: Mapping[Path, float], conversion: Conversion) -> Tabul
     MeasurementError
         If the files do not determine a curve.
     """
+    if conversion.black:
+        raise MeasurementError(
+            f"black: must be absent with a ladder, whose curve is that of the values as they are, got "
+            f"{conversion.black:g}; give dark frames instead"
+        )
     try:
         pictures = []
         for path in ladder:
             file = read(path)
-            white = conversion.white or file.white
-            black = conversion.black or 0.0
-            pictures.append((file.counts - black) / (white - black))
+            pictures.append(file.counts / (conversion.white or file.white))
         return estimate_response(pictures, list(ladder.values()))
     except LadderError as error:
         raise MeasurementError(f"ladder: {', '.join(map(str, ladder))}: {error}") from None

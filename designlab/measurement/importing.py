@@ -221,6 +221,11 @@ def _converted(
             "its full scale as --white, or saturation cannot be seen"
         )
     level = _level(made, conversion, pictures, stated, earlier, notes)
+    if np.any(level):
+        notes.append(
+            "the level without light is taken away: designs compared with these files need "
+            "camera.black_level = 0"
+        )
     images = {}
     for name, (picture, saturated) in pictures.items():
         found = (picture - level) / (1.0 - level) if picture.shape[-1] == 3 else picture - level.mean()

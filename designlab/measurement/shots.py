@@ -12,6 +12,7 @@ from designlab.design import Design
 from designlab.light_probe import LightProbe
 from designlab.measurement.frames import Frame, Measurement, MeasurementError
 from designlab.measurement.light import ball_of
+from designlab.measurement.sizes import check_leds
 from designlab.press import Press
 from geometries.probes import Probe
 
@@ -116,6 +117,8 @@ def observe(
     usable = [
         frame for frame in measurement.frames if _usable(measurement, frame, design, light_probes, notes)
     ]
+    for frame in usable:
+        check_leds(measurement, frame, design)
     if not any(frame.lit for frame in usable):
         reasons = "; ".join(dict.fromkeys(notes)) or "all LEDs are off in every frame"
         raise MeasurementError(
@@ -177,7 +180,13 @@ def _black_level(
             "floor cannot be told from other effects"
         )
         return np.full(3, design.camera.black_level), False
-    return np.array([_dark_level(np.stack(dark)[..., c]) for c in range(3)]), True
+    return _dark_levels(dark), True
+
+
+def _dark_levels(dark: list[Array]) -> Array:
+    """Level of each channel over dark frames, which may show different crops."""
+    values = np.concatenate([frame.reshape(-1, 3) for frame in dark])
+    return np.array([_dark_level(values[:, channel]) for channel in range(3)])
 
 
 def _dark_level(values: Array) -> float:
@@ -191,13 +200,13 @@ def _clipped(values: Array) -> bool:
 
 
 def _read_variance(values: Array) -> float:
-    """Variance of dark values (frames, rows, columns)."""
+    """Variance of dark values (rows, columns)."""
     level = _dark_level(values)
     if _clipped(values):
         above = values[values > level] - level
         return float((above**2).mean()) if above.size else 0.0
     # Half the squared difference of neighbours: blind to a floor that varies slowly across the picture.
-    return float((np.diff(values, axis=2) ** 2).mean() / 2)
+    return float((np.diff(values, axis=1) ** 2).mean() / 2)
 
 
 def _noise(
@@ -216,8 +225,8 @@ def _noise(
     read = np.full(3, stated)
     black = np.full(3, camera.black_level)
     if dark:
-        read = np.array([max(_read_variance(np.stack(dark)[..., c]), 1e-3 * stated) for c in range(3)])
-        black = np.array([_dark_level(np.stack(dark)[..., c]) for c in range(3)])
+        found = [[_read_variance(frame[..., channel]) for channel in range(3)] for frame in dark]
+        read, black = np.maximum(np.mean(found, axis=0), 1e-3 * stated), _dark_levels(dark)
     if not pairs:
         notes.append(
             "no repeated frames: the noise is that of the camera's description, so the floor is assumed"

@@ -4,6 +4,19 @@ from designlab.design import Design
 from designlab.measurement.frames import Frame, Measurement
 
 
+def check_leds(measurement: Measurement, frame: Frame, design: Design) -> None:
+    """Check that the LED groups that were on are those of a design.
+
+    Raises
+    ------
+    MeasurementError
+        Naming file, frame, field, rule and value.
+    """
+    if frame.leds is not None and not set(frame.leds) <= set(design.group_names):
+        rule = f"leds: groups of the model are {', '.join(design.group_names)}"
+        raise measurement.error(frame, rule, list(frame.leds))
+
+
 def check_size(measurement: Measurement, frame: Frame, design: Design | None) -> None:
     """Check that the crop lies on the sensor, and that the file is it, or it binned.
 

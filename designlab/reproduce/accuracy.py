@@ -203,7 +203,7 @@ def at_poses(measurement: Measurement, poses: dict[str, Any]) -> Measurement:
     frames = []
     for frame in measurement.frames:
         if frame.kind == "press":
-            pose = poses[frame.file]
+            pose = poses[frame.file]  # every press of these sets can be simulated, and none is repeated
             frame = frame.model_copy(
                 update={
                     "centre_mm": (pose["x_mm"], pose["y_mm"]),

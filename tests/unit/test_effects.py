@@ -11,6 +11,7 @@ from geometries.probes import parse
 
 DESIGN = preset("gelsight-2020-flat")
 BALL = Press(probe=parse("sphere:4"), depth_mm=0.6, centre_mm=(1.0, -0.5))
+PICTURE = np.linspace(0.1, 0.4, 12).reshape(2, 2, 3)
 LED_MOVE = {"radial_mm": 0.4, "height_mm": -0.3, "tangential_mm": 0.2}
 
 
@@ -33,6 +34,7 @@ def test_null_is_the_identity(candidate: Effect) -> None:
     assert candidate.on_design(DESIGN, null).digest == DESIGN.digest
     laid_out = scene(DESIGN)
     assert candidate.on_scene(laid_out, null).digest == laid_out.digest
+    np.testing.assert_array_equal(candidate.on_signal(PICTURE, null), PICTURE)
 
 
 @pytest.mark.parametrize("candidate", CATALOGUE, ids=lambda e: e.name)
@@ -42,7 +44,15 @@ def test_each_parameter_alone_changes_the_sensor(candidate: Effect) -> None:
         values = candidate.null(DESIGN) | {parameter.name: parameter.null + parameter.sd}
         changed = candidate.on_design(DESIGN, values)
         moved = candidate.on_scene(laid_out, values)
-        assert (changed.digest, moved.digest) != (DESIGN.digest, laid_out.digest), parameter.name
+        seen = candidate.on_signal(PICTURE, values)
+        unchanged = (changed.digest, moved.digest) == (DESIGN.digest, laid_out.digest)
+        assert not unchanged or not np.array_equal(seen, PICTURE), parameter.name
+
+
+def test_a_black_level_lies_under_every_picture() -> None:
+    level = effect("black_level")
+    seen = level.on_signal(PICTURE, {"R": 0.01, "G": 0.0, "B": -0.02})
+    np.testing.assert_allclose(seen - PICTURE, np.broadcast_to([0.01, 0.0, -0.02], PICTURE.shape), atol=1e-12)
 
 
 @pytest.mark.parametrize("candidate", CATALOGUE, ids=lambda e: e.name)
