@@ -16,7 +16,7 @@ from designlab.calibrate.problem import MODEL_ERROR, Problem
 from designlab.design import CHANNELS
 from designlab.measurement import Measurement
 from designlab.measurement.additivity import Curve, nonlinear, other_curves
-from designlab.measurement.shots import Observations, Shot
+from designlab.measurement.shots import Observations, Shot, binned
 from designlab.measurement.suspicion import Suspicion, refuse
 
 Array = NDArray[np.float64]
@@ -318,16 +318,10 @@ def _named(
 def picture(shot: Shot, lit: Array, basis: Array) -> Picture:
     """Average a shot and its unit-power pictures to few columns."""
     factor = max(1, -(-shot.signal.shape[1] // COLUMNS))
-    signal, variance = _binned(shot.signal, factor), _binned(shot.variance, factor) / factor**2
-    valid = _binned(shot.valid.astype(float), factor) == 1.0
-    unit = np.moveaxis(_binned(np.moveaxis(basis, 0, -1), factor), -1, 0)
+    signal, variance = binned(shot.signal, factor), binned(shot.variance, factor) / factor**2
+    valid = binned(shot.valid.astype(float), factor) == 1.0
+    unit = np.moveaxis(binned(np.moveaxis(basis, 0, -1), factor), -1, 0)
     return Picture(shot.files, unit, lit, signal, variance, valid)
-
-
-def _binned(values: Array, factor: int) -> Array:
-    rows, columns = values.shape[0] // factor, values.shape[1] // factor
-    cut = values[: rows * factor, : columns * factor]
-    return np.asarray(cut.reshape(rows, factor, columns, factor, -1).mean(axis=(1, 3)))
 
 
 def _turned(values: NDArray[Value], turn: str) -> NDArray[Value]:

@@ -270,8 +270,8 @@ def _shot(
     factor = int(np.ceil(view.columns / (columns if ball is None else max(columns, PROBE_COLUMNS))))
     if factor > 1:
         notes.append(f"frames are binned {factor} x {factor} to at most {columns} columns")
-    signal, valid = _binned(signal, factor), _binned(saturated.astype(float), factor) == 0
-    variance = _binned(variance, factor) / factor**2
+    signal, valid = binned(signal, factor), binned(saturated.astype(float), factor) == 0
+    variance = binned(variance, factor) / factor**2
     rows, width = signal.shape[:2]
     scale_x, scale_y = view.width_px / view.columns * factor, view.height_px / view.rows * factor
     view = view._replace(width_px=width * scale_x, height_px=rows * scale_y, columns=width, rows=rows)
@@ -286,7 +286,7 @@ def _shot(
     return Shot(files, use, press, sigma, lit, view, signal, variance, valid, clip_sigma, ball)
 
 
-def _binned(values: Array, factor: int) -> Array:
+def binned(values: Array, factor: int) -> Array:
     """Average squares of `factor` x `factor` pixels; what fills no square at the right and bottom is cut."""
     if factor == 1:
         return values
