@@ -180,6 +180,9 @@ def _calibrated(
         start: Design | DirectionalLight = nominal
         free = [KERNEL, *(f"{ALBEDO}.{group}" for group in groups)]
         if name != TRANSPORT:
+            # At poses that are known nothing of the other presses is left to be found.
+            fitted = tuple(frame for frame in measurement.frames if frame.split != "final")
+            measurement = measurement.model_copy(update={"frames": fitted})
             start = DirectionalLight.of(nominal, "diffuse" if name == DIFFUSE else "phong")
             # Free azimuths turn to where they stand for fall-off, and shade presses from the wrong side.
             free = [f"lights.{group}.elevation_deg" for group in groups]
