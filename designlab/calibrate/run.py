@@ -122,7 +122,7 @@ def calibrate(
     )
     fixed.begin("held-out presses", len(held_out) * 20)
     for number in held_out:
-        found, own = fit(fixed, replace(state, shared=np.zeros(0)), [number], held_out=True)
+        found, own = fit(fixed, replace(state, shared=np.zeros(0)), [number], held_out=True, rough=True)
         state, bases = replace(state, poses={**state.poses, **found.poses}), bases | own
     total = spread + simulated
     parameters = _parameters(problem, layout, state, np.sqrt(np.diag(total)))
