@@ -26,7 +26,7 @@ from geometries.probes import parse
 
 SENSOR = "gelsight-2020-flat"
 DEPTH_MM = 1.0  # of the pressed ball
-REFERENCE_SAMPLES = 100
+REFERENCE_SAMPLES = 64
 SIDE_SAMPLES = 8  # at which the side of the picture is varied
 SAMPLES, WARMING = 64, 4  # of the fast estimator, and of its first run
 REPEATS = 3  # of which the median counts
