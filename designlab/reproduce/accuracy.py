@@ -1,7 +1,7 @@
 """Light transport and directional light, calibrated in the same way, on the paper's two sets of presses."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from designlab.reproduce.datasets import around, dataset_1, dataset_2, stated
 from designlab.reproduce.hidden import hidden
 from designlab.reproduce.photograph import photograph
 from designlab.reproduce.pictures import draw
+from designlab.reproduce.progress import Progress, named
 from designlab.reproduce.sizes import Size
 from designlab.simulate import Simulator
 from designlab.store import write_atomic, write_json
@@ -35,7 +36,6 @@ STEEP = 0.15  # slope of the membrane above which a pixel belongs to the edges o
 SHOWN = ("triangle", "star", "sphere")  # which press is drawn, the first of these
 
 Array = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]
 
 
 def accuracy(
@@ -94,7 +94,7 @@ def _sensor(place: Path, sensor: str, size: Size, seed: int, progress: Progress 
         # Directional light would bend poses to stand for light that falls off; it is given those found.
         model, poses = _calibrated(place, name, nominal, posed, size, seed, progress)
         posed = at_poses(measurement, poses) if name == TRANSPORT else posed
-        tell = None if progress is None else _named(progress, f"{sensor}: {name}, comparing")
+        tell = named(progress, f"{sensor}: {name}, comparing: ")
         comparison = compare_model(model, posed, samples=SAMPLES, seed=seed, progress=tell)
         pairs[name] = comparison.pairs
         if name == TRANSPORT:
@@ -187,7 +187,7 @@ def _calibrated(
             # Free azimuths turn to where they stand for fall-off, and shade presses from the wrong side.
             free = [f"lights.{group}.elevation_deg" for group in groups]
             free += ["exponent"] if name == PHONG else []
-        tell = None if progress is None else _named(progress, f"{nominal.name}: {name}")
+        tell = named(progress, f"{nominal.name}: {name}: ")
         found = calibrate(
             measurement, start, columns=size.columns, samples=SAMPLES, seed=seed, free=free, progress=tell
         )
@@ -202,11 +202,11 @@ def poses_of(found: Calibration) -> dict[str, Any]:
 
 
 def at_poses(measurement: Measurement, poses: dict[str, Any]) -> Measurement:
-    """Return the measurement with the poses that were found instead of the stated ones."""
+    """Return the measurement with the poses that were found; a press without one keeps what is stated."""
     frames = []
     for frame in measurement.frames:
-        if frame.kind == "press":
-            pose = poses[frame.file]  # every press of these sets can be simulated, and none is repeated
+        if frame.kind == "press" and frame.file in poses:
+            pose = poses[frame.file]
             frame = frame.model_copy(
                 update={
                     "centre_mm": (pose["x_mm"], pose["y_mm"]),
@@ -217,10 +217,6 @@ def at_poses(measurement: Measurement, poses: dict[str, Any]) -> Measurement:
             )
         frames.append(frame)
     return measurement.model_copy(update={"frames": tuple(frames)})
-
-
-def _named(progress: Progress, name: str) -> Progress:
-    return lambda what, done, of: progress(f"{name}: {what}", done, of)
 
 
 def _edges(design: Design, posed: Measurement, frame: Frame) -> NDArray[np.bool_]:

@@ -1,7 +1,7 @@
 """How well a calibration finds hidden sensors, and whether its intervals hold."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from designlab.measurement import Frame, Measurement, load_measurement, write_me
 from designlab.reproduce.datasets import around, dataset_2, stated
 from designlab.reproduce.hidden import hidden
 from designlab.reproduce.photograph import photograph
+from designlab.reproduce.progress import Progress, named
 from designlab.store import atomic_folder, write_json
 
 SENSORS = ("gelsight-2020-flat", "gelsight-2020-dome")
@@ -24,9 +25,6 @@ COLUMNS = 75
 TRUE_SAMPLES, SAMPLES = 64, 48
 INTERVAL = 1.96  # standard errors to either side: 95 %
 STRONG = 0.25  # of the largest response to an LED group, above which a product counts on its own
-PROBED = "with light probe"
-
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -144,17 +142,13 @@ def recovery(repeats: int, folder: str | Path, *, progress: Progress | None = No
     for number in range(repeats):
         if progress is not None:
             progress(f"{told(number)}of {repeats}", 0, 1)
-        found.append(repeat(number, folder, progress=_named(progress, told(number))))
+        found.append(repeat(number, folder, progress=named(progress, told(number))))
     return summary(found)
 
 
 def told(number: int) -> str:
     """How progress of a repeat begins to tell of it."""
     return f"number {number + 1} "
-
-
-def _named(progress: Progress | None, name: str) -> Progress | None:
-    return None if progress is None else lambda what, done, of: progress(f"{name}{what}", done, of)
 
 
 def summary(repeats: Sequence[dict[str, Any]]) -> dict[str, Any]:
