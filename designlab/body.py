@@ -13,6 +13,7 @@ from geometries import elastomer, gelcore
 from geometries.leds import Body
 
 CLEARANCE_MM = 1e-3  # between parts that would otherwise touch and fight for a ray
+GAP_MM = 0.02  # of air where gel and core have come apart: thick for light, thin for everything else
 FACING_DEG = 20.0  # a side face that points at an LED row within this angle lets its light in
 
 
@@ -44,7 +45,7 @@ def core_and_gel(design: Design) -> Iterator[Shape]:
     """
     core, gel = design.gelcore, design.elastomer
     groups = len(design.leds.groups)
-    inner, soft, air = _media(design)
+    inner, _, air = _media(design)
     paint, black = Diffuse((core.paint_reflectance,) * groups), Diffuse((0.0,) * groups)
     outline = gelcore.polygon(core, segments=72)
     lean_mm = np.tan(np.radians(core.draft_deg)) * core.height_mm
@@ -71,8 +72,30 @@ def core_and_gel(design: Design) -> Iterator[Shape]:
     ring = band_faces(len(rim), 0, len(rim))
     inward = -band[ring].mean(axis=1) * (1.0, 1.0, 0.0)
     yield Shape("gel-rim", band, oriented(band, ring, inward), black)
-    rings = [outline * share for share in np.linspace(0.0, 1.0, 49)]
+    yield from _interface(design, outline)
+
+
+def _interface(design: Design, outline: FloatArray) -> Iterator[Shape]:
+    """Boundary of gel and core; where they have come apart, that of each with the air between them."""
+    inner, soft, air = _media(design)
+    centre, radius = np.asarray(design.optics.gap_centre_mm), design.optics.gap_radius_mm
+    if not radius:
+        rings = [outline * share for share in np.linspace(0.0, 1.0, 49)]
+        yield sheet(
+            "interface", rings, [_interface_z(design, ring) for ring in rings], Dielectric(soft, inner)
+        )
+        return
+    corners = np.arctan2(*(outline - centre).T[::-1])
+    angles = np.unique(np.round(np.concatenate([corners, np.linspace(-np.pi, np.pi, 96, endpoint=False)]), 9))
+    round_ = np.column_stack([np.cos(angles), np.sin(angles)])
+    edge = centre + _reach_mm(outline - centre, round_)[:, None] * round_
+    rim = centre + radius * round_
+    rings = [rim + share * (edge - rim) for share in np.linspace(0.0, 1.0, 49)]
     yield sheet("interface", rings, [_interface_z(design, ring) for ring in rings], Dielectric(soft, inner))
+    rings = [centre + share * radius * round_ for share in np.linspace(0.0, 1.0, 25)]
+    heights = [_interface_z(design, ring) for ring in rings]
+    yield sheet("gap-gel", rings, heights, Dielectric(soft, air))
+    yield sheet("gap-core", rings, [z + GAP_MM for z in heights], Dielectric(air, inner))
 
 
 def degelled(design: Design) -> Design:

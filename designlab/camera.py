@@ -13,6 +13,7 @@ from geometries.spec import Spec, quantity
 
 Array = NDArray[np.float64]
 Coordinate = Annotated[float, Field(ge=-4000.0, le=4000.0)]  # mm: beyond, views are parallel to rounding
+Tilt = Annotated[float, Field(ge=-45.0, le=45.0)]  # deg
 WIDEST_PINHOLE_DEG = 170.0
 CURVE_STEPS = 1024  # signals at which noise behind a response curve is tabulated
 DEVIATES = np.linspace(-6.0, 6.0, 241)  # of the Gaussian that stands for noise there
@@ -82,10 +83,15 @@ class Vignetting(Spec):
 
 
 class Camera(Spec):
-    """Camera with a lens and a noise model. It looks along -z, image up is +y, image right is +x."""
+    """Camera with a lens and a noise model. Untilted it looks along -z, image up is +y, image right is +x."""
 
     position_mm: tuple[Coordinate, Coordinate, Coordinate] = Field(
         (0.0, 0.0, 30.0), description="Centre of projection in the sensor frame (mm)."
+    )
+    tilt_deg: tuple[Tilt, Tilt] = Field(
+        (0.0, 0.0),
+        description="Turned about its x axis, so that it looks towards +y, then about its y axis, so that it "
+        "looks towards +x (deg).",
     )
     width_px: int = Field(1640, ge=16, le=20000, description="Columns of the full sensor.")
     height_px: int = Field(1232, ge=16, le=20000, description="Rows of the full sensor.")
@@ -170,7 +176,7 @@ class Camera(Spec):
         if not (0 <= x <= self.width_px and 0 <= y <= self.height_px):
             raise ValueError(f"principal_point_px: must lie on the sensor, got ({x:g}, {y:g})")
         try:
-            _, _, forward = self.unproject(*self._picture())
+            _, _, forward = self._own_direction(*self._picture())
         except ValueError as error:
             raise ValueError(f"distortion: must be invertible over the picture; {error}") from None
         if self.vignetting.cosine_power > 0 and forward.min() <= 0:
@@ -212,8 +218,8 @@ class Camera(Spec):
 
     @property
     def is_plain(self) -> bool:
-        """Whether the projection is a perspective without distortion."""
-        return self.lens == "pinhole" and self.distortion == Distortion()
+        """Whether the projection is a perspective along -z without distortion."""
+        return self.lens == "pinhole" and self.distortion == Distortion() and self.tilt_deg == (0.0, 0.0)
 
     @property
     def opening_mm(self) -> float | None:
@@ -250,8 +256,8 @@ class Camera(Spec):
         Parameters
         ----------
         right, up, forward : array or float
-            Components of the direction from the camera, along x, y and -z, on any common scale.
-            With `forward` left at 1, the others are tangents of angles to the axis.
+            Components of the direction from the camera, along the sensor frame's x, y and -z, on any common
+            scale. With `forward` left at 1, the others are tangents of angles to -z.
 
         Returns
         -------
@@ -259,7 +265,8 @@ class Camera(Spec):
             Fractional; pixel centres lie at .5. Not a number where a pinhole cannot look. Directions beyond
             the range in which the lens can be inverted are continued outward, outside the picture.
         """
-        x, y, z = np.broadcast_arrays(*(np.asarray(c, dtype=float) for c in (right, up, forward)))
+        seen = np.broadcast_arrays(*(np.asarray(c, dtype=float) for c in (right, up, forward)))
+        x, y, z = seen if self._turn is None else np.einsum("ab,b...->a...", self._turn.T, np.stack(seen))
         seen_x, seen_y = self._unit_lens.image(x, -y, z)
         focal, (x_c, y_c) = self.focal_px, self.centre_px
         return x_c + focal * seen_x, y_c + focal * seen_y
@@ -277,23 +284,43 @@ class Camera(Spec):
         Returns
         -------
         right, up, forward : array
-            Components along x, y and -z. A pinhole's `forward` is 1, so that the others are tangents; a
-            fisheye's direction has unit length.
+            Components along the sensor frame's x, y and -z. The `forward` of an untilted pinhole is 1, so
+            that the others are tangents; a fisheye's direction has unit length.
 
         Raises
         ------
         ValueError
             If the lens shows no direction there (never inside the picture).
         """
+        own = self._own_direction(column, row)
+        if self._turn is None:
+            return own
+        right, up, forward = np.einsum("ab,b...->a...", self._turn, np.stack(own))
+        return right, up, forward
+
+    def _own_direction(
+        self, column: NDArray[np.floating] | float, row: NDArray[np.floating] | float
+    ) -> tuple[Array, Array, Array]:
+        """Direction that a place sees, along the camera's own right, up and axis."""
         columns, rows = np.broadcast_arrays(np.asarray(column, dtype=float), np.asarray(row, dtype=float))
         focal, (x_c, y_c) = self.focal_px, self.centre_px
         right, down, forward = self._unit_lens.direction((columns - x_c) / focal, (rows - y_c) / focal)
         return right, -down, forward
 
+    @property
+    def _turn(self) -> Array | None:
+        """Rotation from the camera's own right, up and axis to x, y and -z; None where it is not tilted."""
+        if self.tilt_deg == (0.0, 0.0):
+            return None
+        (sin_x, sin_y), (cos_x, cos_y) = np.sin(np.radians(self.tilt_deg)), np.cos(np.radians(self.tilt_deg))
+        about_x = np.array([[1.0, 0.0, 0.0], [0.0, cos_x, sin_x], [0.0, -sin_x, cos_x]])
+        about_y = np.array([[cos_y, 0.0, sin_y], [0.0, 1.0, 0.0], [-sin_y, 0.0, cos_y]])
+        return np.asarray(about_y @ about_x)
+
     def vignette(self, view: View) -> Array:
         """Brightness of every output pixel over that at the centre of the picture, shape (rows, columns)."""
         column, row = view.centres()
-        right, up, forward = self.unproject(column, row)
+        right, up, forward = self._own_direction(column, row)
         cosine = forward / np.sqrt(right**2 + up**2 + forward**2)
         return self.vignetting.factor(cosine, self._radius(column, row))
 

@@ -58,6 +58,17 @@ class Contact(Spec):
     kernel_m: float = quantity(
         200.0, unit="1", ge=1, le=1e5, description="Plateau parameter of the smoothing kernel."
     )
+    tail_share: float = quantity(
+        0.0,
+        unit="1",
+        ge=0,
+        lt=1,
+        description="Height of the gel at the probe's outline, raised there because the gel clings together, "
+        "as a share of the depth; 0 is none.",
+    )
+    tail_mm: float = quantity(
+        0.7, unit="mm", gt=0, le=10, description="Distance over which that height falls by e."
+    )
 
 
 class Design(Spec):

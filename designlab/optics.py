@@ -167,6 +167,12 @@ class Optics(Spec):
         min_length=1,
         description="Diffuse reflectance of the housing's inside: one, or one for each group; 0 is black.",
     )
+    gap_centre_mm: tuple[float, float] = Field(
+        (0.0, 0.0), description="Middle (x, y) of a patch where gel and core have come apart (mm)."
+    )
+    gap_radius_mm: float = quantity(
+        0.0, unit="mm", ge=0, le=50, description="Radius of that patch, which holds air; 0 is none."
+    )
     path_length: int = Field(
         4,
         ge=2,

@@ -106,6 +106,7 @@ def indent(
 
     The probe displaces the gel where it would otherwise penetrate it; the step at its rim is then smoothed
     by the kernel (m + 1) / (m + exp(r / length)), cut at r = 6 lengths and normalised (arXiv 2012.13184).
+    A contact with a tail raises the gel around the probe before.
 
     Raises
     ------
@@ -127,7 +128,7 @@ def indent(
                 f"press.centre_mm: the {press.probe.kind} at ({x_mm:g}, {y_mm:g}) mm does not touch the "
                 f"membrane within the simulated area of {2 * x[-1]:g} x {2 * y[0]:g} mm"
             )
-        height = _smooth(penetration, contact, pitch_mm)
+        height = _smooth(_with_tail(penetration, contact, press.depth_mm, pitch_mm), contact, pitch_mm)
     return Surface(x, y, height, base, base_p, base_q, touched)
 
 
@@ -151,6 +152,18 @@ def _penetration(
     raised = [_above(press, base, x + dx * pitch_mm, y + dy * pitch_mm) for dx in offsets for dy in offsets]
     lifted = press.depth_mm - _first_touch(press, elastomer)
     return np.asarray(np.mean([np.maximum(r + lifted, 0.0) for r in raised], axis=0))
+
+
+def _with_tail(penetration: Array, contact: Contact, depth_mm: float, pitch_mm: float) -> Array:
+    """Raise the gel around the probe: tail_share x depth at its outline, falling exponentially outside."""
+    if contact.tail_share == 0:
+        return penetration
+    from scipy.ndimage import distance_transform_edt
+
+    # To the edge of the touched cells, which lies half a cell before the centres of the nearest untouched.
+    away_mm = np.maximum(distance_transform_edt(penetration == 0) - 0.5, 0.0) * pitch_mm
+    tail = contact.tail_share * depth_mm * np.exp(-away_mm / contact.tail_mm)
+    return np.asarray(np.maximum(penetration, tail))
 
 
 def _first_touch(press: Press, elastomer: Elastomer) -> float:

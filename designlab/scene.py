@@ -46,6 +46,11 @@ class Light:
     profile: AngularProfile = field(default_factory=AngularProfile)
     inside: bool = False
 
+    @property
+    def flux_mw(self) -> float:
+        """What the face emits when its whole group nominally emits 1 mW."""
+        return float(4 * np.pi * self.radiance * self.half_width_mm * self.half_height_mm)
+
 
 @dataclass(frozen=True, eq=False)
 class Scene:

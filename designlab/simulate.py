@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 from designlab.camera import View, Vignetting
 from designlab.defocus import blur, radius_px
 from designlab.design import Design
-from designlab.effects.model import SensorModel, effect
+from designlab.effects import SensorModel, Sight
 from designlab.press import Press, Surface, indent
 from designlab.render import UNBIASED, Bias, Estimator, bias, chosen, shader, trace, traces_lens
 from designlab.render.lightfield import CELL_MM
@@ -140,6 +140,8 @@ class Simulator:
     def surface(self, press: Press | None) -> Surface:
         """Membrane under a press over the area in view and a margin around it."""
         # A wide lens sees far beyond the gel, where there is no membrane to lay out.
+        if press is not None:
+            press = self.model.on_press(press)
         gel = self.design.elastomer
         furthest_mm = OUTSIDE_SHARE * float(np.hypot(gel.width_mm, gel.length_mm))
         reach_x, reach_y = (
@@ -156,10 +158,7 @@ class Simulator:
 
     def scene(self, surface: Surface) -> Scene:
         """Lay out the scene after every effect that acts on it."""
-        scene = build(self.design, surface, self.view)
-        for applied in self.model.effects:
-            scene = effect(applied.name).on_scene(scene, applied.values)
-        return scene
+        return self.model.on_scene(build(self.design, surface, self.view))
 
     @cached_property
     def _undeformed(self) -> Scene:
@@ -226,6 +225,8 @@ class Simulator:
             falloff = self.design.camera.vignette(self.view)
             basis = (basis * falloff).astype(np.float32)
             stray = None if stray is None else (stray * falloff).astype(np.float32)
+        basis = self._on_light(basis, surface)
+        stray = None if stray is None else self._on_light(stray, surface)
         for name, image in zip(self.design.group_names, basis, strict=True):
             if not np.isfinite(image).all():
                 raise RenderFailed(
@@ -240,6 +241,15 @@ class Simulator:
         grain_mm = CELL_MM if estimator in ("fast", "corrected") else 0.0
         weights = self.design.mixing_matrix * flux
         return Frame(press, surface, self.rays, basis, weights, grain_mm, bias(estimator), stray)
+
+    def sight(self, surface: Surface) -> Sight:
+        """What the picture of a surface shows, for effects that act on its light."""
+        return Sight(self.design, self.view, self.rays.hit(surface), self.rays.pitch_mm)
+
+    def _on_light(self, light: NDArray[np.float32], surface: Surface) -> NDArray[np.float32]:
+        if not self.model.effects:
+            return light
+        return np.asarray(self.model.on_light(light, self.sight(surface)), dtype=np.float32)
 
     @property
     def has_light_field(self) -> bool:
@@ -269,9 +279,10 @@ class Simulator:
         if not self.has_light_field:
             raise ValueError("slope_response: this estimator or back end has no light field")
         response = self._shader(half).response(self._undeformed, self.rays)
-        if self.design.camera.vignetting == Vignetting():
-            return response
-        return np.asarray(response * self.design.camera.vignette(self.view)[..., None], dtype=np.float32)
+        if self.design.camera.vignetting != Vignetting():
+            response = (response * self.design.camera.vignette(self.view)[..., None]).astype(np.float32)
+        slopes = [self._on_light(response[..., axis], self._untouched) for axis in (0, 1)]
+        return np.stack(slopes, axis=-1)
 
     def _shader(self, half: int | None) -> "Shader":
         return shader(

@@ -17,7 +17,7 @@ from designlab.calibrate.solve import Layout, covariance, fit
 from designlab.calibrate.suspicions import suspicious
 from designlab.design import CHANNELS, Design
 from designlab.directional import DirectionalLight
-from designlab.effects.model import SensorModel, effect
+from designlab.effects.model import SensorModel
 from designlab.light_probe import LightProbe
 from designlab.measurement import Measurement, MeasurementError, check, refuse
 from designlab.measurement.shots import POSE, ROUND, Observations, observe
@@ -164,7 +164,7 @@ def _imaging(model: Design | SensorModel | DirectionalLight, samples: int) -> Im
     if isinstance(model, DirectionalLight):
         return Directional(model)
     sensor = SensorModel.of(model)
-    named = [applied.name for applied in sensor.effects if not effect(applied.name).nuisance]
+    named = [applied.name for applied in sensor.effects if applied.name != "black_level"]
     if named:
         raise ValueError(
             "model: must be a design without effects, since they are named after calibration; "

@@ -3,22 +3,18 @@
 Adding one is a class in the module of its stage and an entry in `catalogue.CATALOGUE`.
 """
 
-from designlab.effects.base import Effect, Parameter
-from designlab.effects.camera import ColourMixing
+from designlab.effects.base import Effect, Parameter, Sight
 from designlab.effects.catalogue import CATALOGUE
-from designlab.effects.contact import ContactKernel
-from designlab.effects.emission import LedPosition
-from designlab.effects.model import AppliedEffect, ModelError, SensorModel, load_model
+from designlab.effects.model import AppliedEffect, ModelError, SensorModel, effect, load_model
 
 __all__ = [
     "CATALOGUE",
     "AppliedEffect",
-    "ColourMixing",
-    "ContactKernel",
     "Effect",
-    "LedPosition",
     "ModelError",
     "Parameter",
     "SensorModel",
+    "Sight",
+    "effect",
     "load_model",
 ]

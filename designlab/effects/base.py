@@ -1,17 +1,22 @@
 """What every effect is: a stage, bounded parameters, and what it changes there."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.camera import View
 from designlab.design import Design
+from designlab.press import Press
 from designlab.scene import Scene
 
+Array = NDArray[np.float64]
 Stage = Literal["geometry", "emission", "transport", "material", "contact", "camera"]
 Values = Mapping[str, float]
+Light = NDArray[np.floating]
+"""Radiance of every LED group at unit flux, shape (groups, rows, columns), before the camera's colours."""
 Signal = NDArray[np.floating]
 """Linear picture of three channels, (rows, columns, 3), as a share of full scale."""
 
@@ -25,13 +30,17 @@ class Parameter:
     name, unit : str
         Name with its unit, and the unit alone.
     null : float
-        Value at which the effect does nothing.
+        Value at which the effect does nothing (of a shape: its usual value).
     sd : float
-        Prior standard deviation: how large the effect usually is in built sensors.
+        Prior standard deviation: how large the effect usually is in built sensors; of a one-sided range half.
     low, high : float
         Hard physical bounds.
     description : str
         Meaning and source of the prior.
+    squared : bool
+        Whether the picture changes with the square of the value, as it does with the width of a blur.
+    shape : bool
+        Whether it only says how another parameter acts, and nothing while that one is at its null.
     """
 
     name: str
@@ -41,6 +50,42 @@ class Parameter:
     low: float
     high: float
     description: str
+    squared: bool = False
+    shape: bool = False
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether the null is the end of the range."""
+        return self.low == self.null
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What a picture shows, for effects that act on its light.
+
+    Attributes
+    ----------
+    design : Design
+        The sensor after the effects that act on it.
+    view : View
+        The part of the camera's sensor.
+    seen_mm : tuple of arrays, shape (rows, columns)
+        x and y of the membrane point that every pixel sees.
+    pitch_mm : tuple of float
+        Size of a pixel on the plane z = 0, along x and y.
+    gel_rotation_deg : float
+        By how much the gel is turned against the rest, counter-clockwise.
+    own : mapping of str to array
+        What one picture or one camera alone has, by effect: its gain, its phase, its pattern. An effect that
+        needs it does nothing where it is absent.
+    """
+
+    design: Design
+    view: View
+    seen_mm: tuple[Array, Array]
+    pitch_mm: tuple[float, float]
+    gel_rotation_deg: float = 0.0
+    own: Mapping[str, Array] = field(default_factory=dict)
 
 
 class Effect:
@@ -54,12 +99,14 @@ class Effect:
     summary: ClassVar[str]
     transferable: ClassVar[bool]
     """Whether it holds for new designs too (True), or belongs to one built unit (False)."""
-    nuisance: ClassVar[bool] = False
-    """Whether calibration settles it, so that a diagnosis does not look for it."""
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
-        """Return the parameters for a design (some effects have one for each LED group)."""
+        """Return the parameters, some for each LED group; none for a design that the effect cannot change."""
         raise NotImplementedError  # abstract: every effect defines its own
+
+    def on_press(self, press: Press, values: Values) -> Press:
+        """Change what is pressed."""
+        return press
 
     def on_design(self, design: Design, values: Values) -> Design:
         """Change the design before anything is simulated."""
@@ -69,6 +116,10 @@ class Effect:
         """Change the scene before light is traced."""
         return scene
 
+    def on_light(self, light: Light, values: Values, sight: Sight) -> Light:
+        """Change the light that reaches the camera, of every LED group; linear in it."""
+        return light
+
     def on_signal(self, signal: Signal, values: Values) -> Signal:
         """Change the signal of the camera, before its noise."""
         return signal
@@ -76,3 +127,7 @@ class Effect:
     def null(self, design: Design) -> dict[str, float]:
         """Values at which the effect is the identity."""
         return {parameter.name: parameter.null for parameter in self.parameters(design)}
+
+    def acts(self, values: Values, design: Design) -> bool:
+        """Whether values differ from the identity."""
+        return any(values[p.name] != p.null for p in self.parameters(design) if not p.shape)

@@ -1,6 +1,7 @@
 """Effects of the light sources."""
 
 from dataclasses import replace
+from itertools import groupby
 from typing import ClassVar
 
 import numpy as np
@@ -9,8 +10,140 @@ from numpy.typing import NDArray
 from designlab.design import Design
 from designlab.effects.base import Effect, Parameter, Stage, Values
 from designlab.scene import Light, Scene, Shape
+from geometries.leds import emitters
 
 FloatArray = NDArray[np.float64]
+
+
+class LedSpread(Effect):
+    """The LEDs of a group differ in brightness."""
+
+    name: ClassVar[str] = "led_spread"
+    stage: ClassVar[Stage] = "emission"
+    summary: ClassVar[str] = "LEDs of one group differ in brightness"
+    transferable: ClassVar[bool] = False
+
+    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+        """One for each emitting face; a bin of chip LEDs is 10 to 15 % wide (data sheet OSXX0402C1C)."""
+        return tuple(
+            Parameter(name, "1", 0.0, 0.12, -1.0, 2.0, "relative excess of the flux of a face; -1 is dead")
+            for name in _faces(design)
+        )
+
+    def on_scene(self, scene: Scene, values: Values) -> Scene:
+        """Scale the radiance of every face; the group's flux is what its faces emit."""
+        if not any(values.values()):
+            return scene
+        # Values are in the order of the faces, which is that of the lights.
+        factors = [1.0 + value for value in values.values()]
+        lights = tuple(
+            replace(light, radiance=light.radiance * factor)
+            for light, factor in zip(scene.lights, factors, strict=True)
+        )
+        return replace(scene, lights=lights)
+
+
+class LedProfile(Effect):
+    """The LEDs' light spreads over other angles than assumed."""
+
+    name: ClassVar[str] = "led_profile"
+    stage: ClassVar[Stage] = "emission"
+    summary: ClassVar[str] = "the beam of the LEDs is wider or narrower"
+    transferable: ClassVar[bool] = True
+
+    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+        """Exponent of the cosine for each group without a table; 120 to 150 deg beams have 1 to 0.5."""
+        powers = {g.name: design.leds.profile_of(k).power for k, g in enumerate(design.leds.groups)}
+        return tuple(
+            Parameter(
+                f"{name}_exponent",
+                "1",
+                power,
+                0.3,
+                min(0.3, power),
+                max(20.0, 2 * power),
+                "cos^m of the beam",
+            )
+            for name, power in powers.items()
+            if power is not None
+        )
+
+    def on_design(self, design: Design, values: Values) -> Design:
+        """Give groups their exponent."""
+        changes = {
+            f"leds.groups.{k}.profile": {"exponent": values[f"{group.name}_exponent"]}
+            for k, group in enumerate(design.leds.groups)
+            if values.get(f"{group.name}_exponent", design.leds.profile_of(k).power)
+            != design.leds.profile_of(k).power
+        }
+        return design.replace(changes) if changes else design
+
+
+class LedTilt(Effect):
+    """The LEDs of a group shine in another direction: each is turned about the middle of its front."""
+
+    name: ClassVar[str] = "led_tilt"
+    stage: ClassVar[Stage] = "emission"
+    summary: ClassVar[str] = "LEDs shine in another direction"
+    transferable: ClassVar[bool] = False
+
+    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+        """Two angles for each group; boards set by hand stand to some 3 deg (estimate).
+
+        LEDs bonded to the core have no such play.
+        """
+        if design.leds.coupling == "bonded":
+            return ()
+        return tuple(
+            Parameter(f"{group}_{way}_deg", "deg", 0.0, 3.0, -20.0, 20.0, meaning)
+            for group in design.group_names
+            for way, meaning in (
+                ("tilt", "beam turned towards the membrane"),
+                ("turn", "beam turned about the face's height, counter-clockwise from above"),
+            )
+        )
+
+    def on_scene(self, scene: Scene, values: Values) -> Scene:
+        """Turn every LED with its board."""
+        if not any(values.values()):
+            return scene
+        angles = np.radians(list(values.values())).reshape(-1, 2)
+        boards = [shape for shape in scene.shapes if shape.name.startswith("board")]
+        each = len(scene.lights) // len(boards)
+        lights: list[Light] = []
+        turned: dict[str, Shape] = {}
+        for number, board in enumerate(boards):
+            own = scene.lights[number * each : (number + 1) * each]
+            turn, middle = _turn(own[0], *angles[own[0].group]), board.vertices[:4].mean(axis=0)
+            lights += [_turned(light, turn, middle) for light in own]
+            turned[board.name] = replace(board, vertices=middle + (board.vertices - middle) @ turn.T)
+        shapes = tuple(turned.get(shape.name, shape) for shape in scene.shapes)
+        return replace(scene, lights=tuple(lights), shapes=shapes)
+
+
+def _turn(light: Light, tilt: float, turn: float) -> FloatArray:
+    """Rotation by tilt, from the normal to `down`, then by turn, from `across` to the normal (radians)."""
+    axes = np.array([light.across, light.down, light.normal])
+    sin, cos = np.sin(tilt), np.cos(tilt)
+    tilted = np.array([[1.0, 0.0, 0.0], [0.0, cos, sin], [0.0, -sin, cos]])
+    sin, cos = np.sin(turn), np.cos(turn)
+    turned = np.array([[cos, 0.0, -sin], [0.0, 1.0, 0.0], [sin, 0.0, cos]])
+    return np.asarray(axes.T @ turned @ tilted @ axes)
+
+
+def _turned(light: Light, turn: FloatArray, middle: FloatArray) -> Light:
+    return replace(
+        light,
+        centre_mm=_vector(middle + turn @ (np.asarray(light.centre_mm) - middle)),
+        normal=_vector(turn @ light.normal),
+        across=_vector(turn @ light.across),
+        down=_vector(turn @ light.down),
+    )
+
+
+def _vector(axis: FloatArray) -> tuple[float, float, float]:
+    x, y, z = (float(c) for c in axis)
+    return x, y, z
 
 
 class LedPosition(Effect):
@@ -66,3 +199,12 @@ def _shift(facing: FloatArray, values: Values) -> FloatArray:
             values["height_mm"],
         ]
     )
+
+
+def _faces(design: Design) -> list[str]:
+    """Names of the emitting faces: group and number within it."""
+    return [
+        f"{design.group_names[group]}_{number}"
+        for group, faces in groupby(emitters(design.leds), key=lambda face: face.group)
+        for number, _ in enumerate(faces, start=1)
+    ]

@@ -9,8 +9,10 @@ from typing import Any, Self
 from pydantic import Field, ValidationError, model_validator
 
 from designlab.design import Design, DesignError, explain, load
-from designlab.effects.base import Effect, Signal
+from designlab.effects.base import Effect, Light, Sight, Signal
 from designlab.effects.catalogue import CATALOGUE
+from designlab.press import Press
+from designlab.scene import Scene
 from geometries.spec import Spec
 
 FORMAT = 1
@@ -91,6 +93,24 @@ class SensorModel(Spec):
         for applied in self.effects:
             design = effect(applied.name).on_design(design, applied.values)
         return design
+
+    def on_press(self, press: Press) -> Press:
+        """Return what is really pressed when a press is stated."""
+        for applied in self.effects:
+            press = effect(applied.name).on_press(press, applied.values)
+        return press
+
+    def on_scene(self, scene: Scene) -> Scene:
+        """Return the scene after every effect that acts on it."""
+        for applied in self.effects:
+            scene = effect(applied.name).on_scene(scene, applied.values)
+        return scene
+
+    def on_light(self, light: Light, sight: Sight) -> Light:
+        """Return the light that reaches the camera (groups, rows, columns) after every effect on it."""
+        for applied in self.effects:
+            light = effect(applied.name).on_light(light, applied.values, sight)
+        return light
 
     def on_signal(self, signal: Signal) -> Signal:
         """Return the camera's signal (rows, columns, 3) after every effect that acts on it."""

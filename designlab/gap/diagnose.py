@@ -81,7 +81,7 @@ def diagnose(
     """
     begun = time.perf_counter()
     out = Path(out)
-    known = [e.name for e in CATALOGUE if not e.nuisance]
+    known = [e.name for e in CATALOGUE]
     names = known if catalogue is None else [effect(name).name for name in catalogue]
     model = SensorModel.of(model)
     seen = observe(measurement, model.effective_design(), columns=columns)

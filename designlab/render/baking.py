@@ -1,10 +1,13 @@
 """Tracing of light fields, once per design."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_erosion
+from scipy.signal import savgol_filter
 
 from designlab.render import photons as tracing
 from designlab.render.lightfield import (
@@ -26,6 +29,8 @@ STEEPEST_COSINE = 0.02  # light more grazing than this weighs as if it came at t
 PILOT_SHARE = 0.2  # of the photons, traced beforehand to learn where on the LEDs others are best started
 AGAIN_SHARE = 0.25  # of the photons, traced on for light that returns to the membrane, dim and smooth
 MOST_LANDINGS = 2**20  # photons whose landings are kept, of a field and group
+SMOOTH_CELLS, SMOOTH_DEGREE = 13, 2  # of the polynomial fitted to light that returns, 4.5 mm wide
+HALF_FILLED = 0.5  # cells on the membrane's edge count as this full at least
 AREA_MARGIN_MM, BESIDE_AREA = 1.0, 0.1  # light further from the sensing area than this is worth less
 
 
@@ -57,7 +62,7 @@ def bake(
     return [
         LightField(
             first=_field([first for first, _, _ in lots], filled) if scene.refracts else None,
-            again=_field([again for _, again, _ in lots], filled),
+            again=_smooth(_field([again for _, again, _ in lots], filled), filled[1] > HALF_FILLED),
             landings=tuple(landings for _, _, landings in lots) if scene.refracts else (),
         )
         for lots in zip(*groups, strict=True)
@@ -179,6 +184,21 @@ def _field(tables: Sequence[_Tables], filled: tuple[Single, Single]) -> Field:
     irradiance = np.stack([t.irradiance for t in tables]) / fine
     low = tables[0].low
     return Field(power, irradiance, float(low[0]), float(low[1]))
+
+
+def _smooth(field: Field, filled: NDArray[np.bool_]) -> Field:
+    """Take noise out of light that was reflected on its way, which varies over millimetres only.
+
+    Each cell gets the value of the quadratic polynomial fitted to the cells around it (Savitzky and Golay
+    1964), where all of them lie on the membrane.
+    """
+    if min(filled.shape) < SMOOTH_CELLS:
+        return field
+    fitted = field.irradiance
+    for axis in (1, 2):
+        fitted = savgol_filter(fitted, SMOOTH_CELLS, SMOOTH_DEGREE, axis=axis, mode="nearest")
+    inner = binary_erosion(filled, np.ones((SMOOTH_CELLS, SMOOTH_CELLS), dtype=bool))
+    return replace(field, irradiance=np.where(inner, fitted, field.irradiance).astype(np.float32))
 
 
 class _Lot:

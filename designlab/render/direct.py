@@ -186,19 +186,17 @@ def _patches(lights: list[Light]) -> Array:
     Shape (patches, 14): centre (mm), unit vectors along the face, down the face and away from it, half of the
     patch's extent down the face (mm; softens the edge of shadows), and share of the group's flux.
     """
-    total = sum(light.half_width_mm * light.half_height_mm for light in lights)
     patches = []
     for light in lights:
         columns, rows = (
             int(np.clip(np.ceil(2 * half / PATCH_MM), 2, MOST_PATCHES))
             for half in (light.half_width_mm, light.half_height_mm)
         )
-        flux = light.half_width_mm * light.half_height_mm / total
         axes = (light.across, light.down, light.normal)
         # Centres of equal patches would be a percent off within a few millimetres of an LED.
         for u, width in zip(*np.polynomial.legendre.leggauss(columns), strict=True):
             for v, height in zip(*np.polynomial.legendre.leggauss(rows), strict=True):
-                patch = [light.half_height_mm * height / 2, flux * width * height / 4]
+                patch = [light.half_height_mm * height / 2, light.flux_mw * width * height / 4]
                 patches.append(np.concatenate([_point(light, u, v), *axes, patch]))
     return np.array(patches)
 

@@ -21,15 +21,15 @@ BESIDE_AXIS = 1e-4  # density by solid angle is taken here instead of on the axi
 def photons(lights: list[Light], sampler: Any, size: int) -> "mitsuba.Ray3f":
     """Rays of photons of equal power that leave the lights of one group.
 
-    They start uniformly on the emitting area; their directions follow the lights' angular profile exactly, so
-    that the power of the group does not depend on it.
+    They start uniformly on each face, which gets its share of them; their directions follow the lights'
+    angular profile exactly, so that the power of the group does not depend on it.
     """
     import drjit as dr
     import mitsuba as mi
 
     profile = _common_profile(lights)
-    area = np.array([light.half_width_mm * light.half_height_mm for light in lights])
-    bounds = np.cumsum(area / area.sum())
+    flux = np.array([light.flux_mw for light in lights])
+    bounds = np.cumsum(flux / flux.sum())
     choice = sampler.next_1d()
     index = dr.zeros(mi.UInt32, size)
     for bound in bounds[:-1]:

@@ -244,7 +244,8 @@ def _batch(
     import drjit as dr
     import mitsuba as mi
 
-    cell, weight = starts.cell, starts.weight / held(float(total))
+    flux_mw = sum(light.flux_mw for light in lights)
+    cell, weight = starts.cell, starts.weight * held(flux_mw / total)
     size = dr.width(cell)
     number = starts.number
     sampler = mi.load_dict({"type": "independent"})

@@ -174,7 +174,12 @@ def perspective_of(scene: Scene) -> Scene:
         )
     tangents = seen[..., :2] / seen[..., 2:]
     focal, fov_deg = camera.focal_px, 2 * np.degrees(np.arctan(camera.width_px / 2 / camera.focal_px))
-    changes = {"lens": "pinhole", "distortion": Distortion(), "horizontal_fov_deg": float(fov_deg)}
+    changes = {
+        "lens": "pinhole",
+        "distortion": Distortion(),
+        "tilt_deg": (0.0, 0.0),
+        "horizontal_fov_deg": float(fov_deg),
+    }
     pixel = view.width_px / view.columns / FINER
     left, right = focal * tangents[..., 0].min(), focal * tangents[..., 0].max()
     top, bottom = -focal * tangents[..., 1].max(), -focal * tangents[..., 1].min()

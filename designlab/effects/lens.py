@@ -1,0 +1,131 @@
+"""Effects of the camera's lens."""
+
+from typing import ClassVar
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from designlab.camera import View
+from designlab.design import Design
+from designlab.effects.base import Array, Effect, Light, Parameter, Sight, Stage, Values
+
+GLARE_WIDTH = 0.3  # standard deviation of the veil over the picture's width
+
+
+class LensDistortion(Effect):
+    """The lens images otherwise than assumed: scale and radial distortion."""
+
+    name: ClassVar[str] = "lens_distortion"
+    stage: ClassVar[Stage] = "camera"
+    summary: ClassVar[str] = "the picture is scaled or distorted"
+    transferable: ClassVar[bool] = True
+
+    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+        """What is left after undistortion: 2 % of the distance from the axis at the corner (estimate)."""
+        return (
+            Parameter(
+                "radial", "1", 0.0, 0.02, -0.2, 0.2, "relative displacement at the full picture's corner"
+            ),
+            Parameter("magnification", "1", 0.0, 0.02, -0.2, 0.2, "relative enlargement"),
+        )
+
+    def on_design(self, design: Design, values: Values) -> Design:
+        """Image a point at distance d at d (1 + magnification + radial r^2), r = d over half the diagonal."""
+        radial, larger = values["radial"], 1.0 + values["magnification"]
+        if not radial and larger == 1.0:
+            return design
+        camera = design.camera
+        half_width, focal = camera.width_px / 2, camera.focal_px * larger
+        k1 = radial / larger * (camera.focal_px / (np.hypot(camera.width_px, camera.height_px) / 2)) ** 2
+        half = np.arctan(half_width / focal) if camera.lens == "pinhole" else half_width / focal
+        changed = design.replace(
+            {
+                "camera.horizontal_fov_deg": float(2 * np.degrees(half)),
+                "camera.distortion.k1": camera.distortion.k1 + float(k1),
+            }
+        )
+        if camera.lens == "pinhole":
+            return changed
+        # A fisheye's field of view is stated with its distortion in it.
+        ratio = changed.camera.focal_px / focal
+        return changed.replace({"camera.horizontal_fov_deg": float(2 * np.degrees(half) * ratio)})
+
+
+class PointSpread(Effect):
+    """The picture is blurred: defocus, diffraction, a smear on the lens."""
+
+    name: ClassVar[str] = "point_spread"
+    stage: ClassVar[Stage] = "camera"
+    summary: ClassVar[str] = "the picture is blurred"
+    transferable: ClassVar[bool] = True
+
+    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+        """Width on the membrane; 1.5 mm of lens, 40 mm away and 4 mm out of focus, blurs by 40 um."""
+        return (
+            Parameter(
+                "sigma_um", "um", 0.0, 75.0, 0.0, 300.0, "standard deviation along each axis", squared=True
+            ),
+        )
+
+    def on_light(self, light: Light, values: Values, sight: Sight) -> Light:
+        """Smooth by a Gaussian."""
+        if not values["sigma_um"]:
+            return light
+        across, down = (1e-3 * values["sigma_um"] / pitch for pitch in sight.pitch_mm)
+        return np.asarray(gaussian_filter(light, (0, down, across), mode="nearest", truncate=5.0))
+
+
+class Vignetting(Effect):
+    """The picture is darker towards its corners than assumed."""
+
+    name: ClassVar[str] = "vignetting"
+    stage: ClassVar[Stage] = "camera"
+    summary: ClassVar[str] = "the picture falls off towards its corners"
+    transferable: ClassVar[bool] = True
+
+    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+        """Small lenses lose 20 to 55 % at the corner (libcamera's ov5647 table)."""
+        return (
+            Parameter(
+                "corner_loss", "1", 0.0, 0.25, 0.0, 0.8, "share lost at the full picture's corner, as r^2"
+            ),
+        )
+
+    def on_light(self, light: Light, values: Values, sight: Sight) -> Light:
+        """Multiply by 1 - loss r^2."""
+        if not values["corner_loss"]:
+            return light
+        factor = 1.0 - values["corner_loss"] * _radius(sight.design, sight.view) ** 2
+        return np.asarray(light * factor, dtype=light.dtype)
+
+
+def _radius(design: Design, view: View) -> Array:
+    """Distance of every pixel from the axis of the lens over half the diagonal of the full sensor."""
+    column, row = view.centres()
+    x_c, y_c = design.camera.centre_px
+    half = np.hypot(design.camera.width_px, design.camera.height_px) / 2
+    return np.asarray(np.hypot(column - x_c, row - y_c) / half)
+
+
+class VeilingGlare(Effect):
+    """Light strays in the lens and lies over the picture as a veil."""
+
+    name: ClassVar[str] = "veiling_glare"
+    stage: ClassVar[Stage] = "camera"
+    summary: ClassVar[str] = "a veil of stray light lies over the picture"
+    transferable: ClassVar[bool] = True
+
+    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+        """Up to 3 % for a clean small lens, more for a dirty one (estimate)."""
+        return (Parameter("share", "1", 0.0, 0.015, 0.0, 0.2, "share of the light that strays"),)
+
+    def on_light(self, light: Light, values: Values, sight: Sight) -> Light:
+        """Spread a share of the light widely; beyond its edges the picture is taken to go on mirrored."""
+        share = values["share"]
+        if not share:
+            return light
+        width = GLARE_WIDTH * light.shape[-1]
+        veil = gaussian_filter(
+            np.asarray(light, dtype=float), (0, width, width), mode="reflect", truncate=3.0
+        )
+        return np.asarray((1 - share) * light + share * veil, dtype=light.dtype)
