@@ -41,6 +41,8 @@ class Parameter:
         Whether the picture changes with the square of the value, as it does with the width of a blur.
     shape : bool
         Whether it only says how another parameter acts, and nothing while that one is at its null.
+    group : str
+        LED group whose light alone it changes; empty where it changes all.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Parameter:
     description: str
     squared: bool = False
     shape: bool = False
+    group: str = ""
 
     @property
     def one_sided(self) -> bool:
@@ -99,6 +102,15 @@ class Effect:
     summary: ClassVar[str]
     transferable: ClassVar[bool]
     """Whether it holds for new designs too (True), or belongs to one built unit (False)."""
+    recombines: ClassVar[bool] = False
+    """Whether it changes a design only in how light already traced is combined."""
+
+    @property
+    def rendered(self) -> bool:
+        """Whether light must be traced or shaded anew to see it."""
+        kind = type(self)
+        changes = kind.on_design is not Effect.on_design or kind.on_scene is not Effect.on_scene
+        return changes and not self.recombines
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """Return the parameters, some for each LED group; none for a design that the effect cannot change."""

@@ -90,6 +90,7 @@ class ColourMixing(Effect):
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "camera channels see LED groups of other colours"
     transferable: ClassVar[bool] = True
+    recombines: ClassVar[bool] = True
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """One response for each pair of channel and foreign group; a colour matrix may make it negative."""

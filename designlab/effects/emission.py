@@ -26,7 +26,16 @@ class LedSpread(Effect):
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """One for each emitting face; a bin of chip LEDs is 10 to 15 % wide (data sheet OSXX0402C1C)."""
         return tuple(
-            Parameter(name, "1", 0.0, 0.12, -1.0, 2.0, "relative excess of the flux of a face; -1 is dead")
+            Parameter(
+                name,
+                "1",
+                0.0,
+                0.12,
+                -1.0,
+                2.0,
+                "relative excess of the flux of a face; -1 is dead",
+                group=name.rpartition("_")[0],
+            )
             for name in _faces(design)
         )
 
@@ -63,6 +72,7 @@ class LedProfile(Effect):
                 min(0.3, power),
                 max(20.0, 2 * power),
                 "cos^m of the beam",
+                group=name,
             )
             for name, power in powers.items()
             if power is not None
@@ -95,7 +105,7 @@ class LedTilt(Effect):
         if design.leds.coupling == "bonded":
             return ()
         return tuple(
-            Parameter(f"{group}_{way}_deg", "deg", 0.0, 3.0, -20.0, 20.0, meaning)
+            Parameter(f"{group}_{way}_deg", "deg", 0.0, 3.0, -20.0, 20.0, meaning, group=group)
             for group in design.group_names
             for way, meaning in (
                 ("tilt", "beam turned towards the membrane"),

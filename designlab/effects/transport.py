@@ -86,7 +86,16 @@ class Absorption(Effect):
         if design.optics.light_path != "core":
             return ()
         return tuple(
-            Parameter(f"{group}_per_mm", "1/mm", 0.0, 0.005, 0.0, 0.2, "added to the absorption coefficient")
+            Parameter(
+                f"{group}_per_mm",
+                "1/mm",
+                0.0,
+                0.005,
+                0.0,
+                0.2,
+                "added to the absorption coefficient",
+                group=group,
+            )
             for group in design.group_names
         )
 

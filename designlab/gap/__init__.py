@@ -1,8 +1,9 @@
 """From a measurement that does not match the simulation to named physical effects and an updated model.
 
-The order of the work: `observe` (what was measured, how noisy), `floor` (what no model can explain), `fit`
-(effects with gains and poses as nuisances), `judge` (held-out presses), `search` (the race), `diagnose` (all
-of it, and the report).
+The order of the work: `observe` (what was measured), `bank` (pictures of the model and how they change),
+`forward` (what a state predicts), `noise` (how far a perfect one may miss), `evidence` and `fit` (effects
+with gains and poses as nuisances), `judge` (held-out presses), `search` (the race), `diagnose` (all of it, and
+the report).
 """
 
 from designlab.gap.diagnose import diagnose

@@ -14,17 +14,16 @@ from designlab.design import Design
 from designlab.effects.base import Effect
 from designlab.effects.model import SensorModel, effect
 from designlab.press import Press
-from designlab.render import Estimator
 from designlab.simulate import Simulator
 from designlab.store import digest, read_cache, write_cache
 
 Array = NDArray[np.float64]
 Basis = NDArray[np.float32]
 Progress = Callable[[str, int, int], None]
-Variant = Literal["value", "repeat", "fine"]
-"""The picture itself; another with other random numbers; another with a finer membrane mesh too."""
+Variant = Literal["value", "fine"]
+"""The picture itself; another with other random numbers and a finer membrane mesh."""
 
-SIMULATORS_KEPT = 64
+SIMULATORS_KEPT = 4
 FINER = 1.5  # pitch of the membrane mesh over that of the fine variant
 
 
@@ -62,9 +61,11 @@ class Renders:
         self._tell()
 
     def basis(
-        self, model: SensorModel, press: Press | None, view: View, *, stream: int, variant: Variant = "value"
+        self, model: SensorModel, press: Press | None, view: View, *, variant: Variant = "value"
     ) -> Basis:
         """Radiance of every LED group at unit flux, shape (groups, rows, columns).
+
+        All pictures of a variant share their random numbers, so that differences have little noise.
 
         Parameters
         ----------
@@ -74,16 +75,14 @@ class Renders:
             The indentation.
         view : View
             The part of the camera's sensor.
-        stream : int
-            Equal streams share their random numbers, so that differences of near models have little noise.
         variant : str
             Which picture, see `Variant`.
         """
-        settings = (list(view), self.samples, self.seed, stream, variant)
+        settings = (list(view), self.samples, self.seed, variant)
         key = digest(_transport(model, press), press, _mesh_content(press), *settings, _versions())
         if key not in self._kept:
             stored = read_cache(key, folder=self.folder)
-            self._kept[key] = stored["basis"] if stored else self._render(model, press, view, stream, variant)
+            self._kept[key] = stored["basis"] if stored else self._render(model, press, view, variant)
             if not stored:
                 write_cache(key, {"basis": self._kept[key]}, folder=self.folder)
             self._asked += 1
@@ -96,21 +95,16 @@ class Renders:
         if key not in self._simulators:
             if len(self._simulators) >= SIMULATORS_KEPT:
                 self._simulators.clear()
-            seed = _seed(self.seed, 0, variant)
-            # Near models are told apart by the statistics of pictures: no bias where one can do without.
-            estimator: Estimator = "path" if model.design.optics.light_path == "air" else "fast"
-            simulator = Simulator(model, view=view, samples=self.samples, seed=seed, estimator=estimator)
+            seed = _seed(self.seed, variant)
+            simulator = Simulator(model, view=view, samples=self.samples, seed=seed)
             if variant == "fine":
                 simulator.pitch_mm /= FINER
             self._simulators[key] = simulator
         return self._simulators[key]
 
-    def _render(
-        self, model: SensorModel, press: Press | None, view: View, stream: int, variant: Variant
-    ) -> Basis:
+    def _render(self, model: SensorModel, press: Press | None, view: View, variant: Variant) -> Basis:
         self.rendered += 1
-        simulator = self.simulator(model, view, variant=variant)
-        return simulator.frame(press, seed=_seed(self.seed, 1 + stream, variant)).basis
+        return self.simulator(model, view, variant=variant).frame(press).basis
 
     def _tell(self) -> None:
         if self.progress is not None:
@@ -118,9 +112,9 @@ class Renders:
             self.progress(self.stage, self._asked, self.expected)
 
 
-def _seed(seed: int, stream: int, variant: Variant) -> int:
-    place = ("value", "repeat", "fine").index(variant)
-    return int(np.random.SeedSequence([seed, stream, place]).generate_state(1)[0])
+def _seed(seed: int, variant: Variant) -> int:
+    place = ("value", "fine").index(variant)
+    return int(np.random.SeedSequence([seed, place]).generate_state(1)[0])
 
 
 def _transport(model: SensorModel, press: Press | None) -> list[object]:
@@ -136,10 +130,16 @@ def _transport(model: SensorModel, press: Press | None) -> list[object]:
     acting = [
         [applied.name, applied.values]
         for applied in model.effects
-        if type(effect(applied.name)).on_scene is not Effect.on_scene
-        and applied.values != effect(applied.name).null(model.design)
+        if _changes_light(effect(applied.name)) and applied.values != effect(applied.name).null(model.design)
     ]
     return [content, acting]
+
+
+def _changes_light(applied: Effect) -> bool:
+    """Whether an effect changes light otherwise than by the design."""
+    kind = type(applied)
+    hooks = ("on_press", "on_scene", "on_light")
+    return any(getattr(kind, hook) is not getattr(Effect, hook) for hook in hooks)
 
 
 def _mesh_content(press: Press | None) -> bytes | None:

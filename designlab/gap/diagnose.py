@@ -2,23 +2,19 @@
 
 import shutil
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from designlab.design import Design
-from designlab.effects import CATALOGUE
-from designlab.effects.model import AppliedEffect, SensorModel, effect
+from designlab.effects import CATALOGUE, AppliedEffect, SensorModel, effect
 from designlab.gap.advise import advise
+from designlab.gap.bank import fill
 from designlab.gap.basis import Progress, Renders
-from designlab.gap.fit import Fit, fit, numerical_shift
-from designlab.gap.floor import floor, problem
-from designlab.gap.judge import Judged, counted, judge
-from designlab.gap.observe import limited, observe
+from designlab.gap.fit import Fit, Fitter
+from designlab.gap.forward import coordinate, value_at
+from designlab.gap.judge import Judged, judge
+from designlab.gap.observe import observe
 from designlab.gap.pictures import draw
-from designlab.gap.problem import Problem, State
 from designlab.gap.result import Found, GapReport, Level, Value, Verdict
 from designlab.gap.search import Search
 from designlab.gap.where import where
@@ -26,11 +22,11 @@ from designlab.measurement import Measurement
 from designlab.measurement.shots import Observations
 from designlab.store import remove_partial, write_atomic, write_json
 
-SAMPLES = 64
-COLUMNS = 128
-MOST_TRAINED = 5
+SAMPLES = 256
+COLUMNS = 160
 UNEXPLAINED_ABOVE = 0.5  # leftover share of the gap from which nothing is named
-PARTIAL_ABOVE = 0.1
+PARTIAL_ABOVE = 0.15
+AT_FLOOR = 1.0  # excess of the mean squared residual over noise, below which there is no gap to explain
 INTERVAL_SD = 1.96
 
 
@@ -45,6 +41,8 @@ def diagnose(
     catalogue: Sequence[str] | None = None,
     samples: int = SAMPLES,
     columns: int = COLUMNS,
+    renders: Path | None = None,
+    pictures: bool = True,
 ) -> GapReport:
     """Find the effects that explain the difference between a measurement and a model.
 
@@ -60,17 +58,21 @@ def diagnose(
     out : path
         Folder for ``model.toml``, ``report.json``, pictures and the renders kept for resuming.
     seed : int
-        Seed of rendering and bootstrap; the same seed gives the same report.
+        Seed of rendering; the same seed gives the same report.
     progress : callable, optional
         Called with the stage, pictures done and pictures expected in it.
     resume : bool
         Whether pictures of an earlier, interrupted run are used.
     catalogue : sequence of str, optional
-        Names of the effects to try; all known ones when absent.
+        Names of the effects to try; all that can act on the design when absent.
     samples : int
         Samples per pixel and LED group.
     columns : int
         Wider frames are binned to at most this many columns.
+    renders : path, optional
+        Folder of renders that several diagnoses share; within `out` when absent.
+    pictures : bool
+        Whether to draw what is left.
 
     Raises
     ------
@@ -81,110 +83,95 @@ def diagnose(
     """
     begun = time.perf_counter()
     out = Path(out)
-    known = [e.name for e in CATALOGUE]
-    names = known if catalogue is None else [effect(name).name for name in catalogue]
     model = SensorModel.of(model)
+    names = _names(model, catalogue)
     seen = observe(measurement, model.effective_design(), columns=columns)
-    # What a calibration found to lie under every picture is no light.
-    lift = model.on_signal(np.zeros((1, 1, 3)))[0, 0] + model.design.camera.black_level - seen.black_level
-    shots = limited(seen.shots, MOST_TRAINED)
-    if any(applied.name == "black_level" for applied in model.effects):
-        shots = tuple(replace(shot, signal=shot.signal - lift) for shot in shots)
-    seen = replace(seen, shots=shots)
+    folder = renders or out / "renders"
     if not resume:
-        shutil.rmtree(out / "renders", ignore_errors=True)
+        shutil.rmtree(folder, ignore_errors=True)
     out.mkdir(parents=True, exist_ok=True)
     remove_partial(out)
-    renders = Renders(out / "renders", samples, seed, progress)
-    train, select, final = seen.of("background", "train"), seen.of("select"), seen.of("final")
-    renders.begin("noise", 2 * len(shots))
-    compared, start = problem(renders, shots, State(model, np.ones(len(model.design.leds.groups)), {}))
-    renders.begin("registering", 3 * len(train))
-    registered = fit(compared, start, shots=train).state
-    search = Search(compared, names, train, select, seed)
-    best, before, after = search.run(registered)
-    verdict = _verdict(search, best.state, before, after)
+    source = Renders(folder, samples, seed, progress)
+    bank = fill(source, model, seen.shots, names)
+    fitter = Fitter(bank)
+    train, select, final = seen.of("dark", "background", "train"), seen.of("select"), seen.of("final")
+    source.begin("effects", 1)
+    start = fitter.fit(fitter.start(train), (), train).state
+    fitter.measure(start)
+    search = Search(fitter, names, train, select)
+    best, before, after = search.run(start)
+    verdict = _verdict(search, before, after)
     if verdict in ("unexplained", "at_floor"):
-        best, after = replace(best, state=registered, free=()), before
-    renders.begin("final presses", 5 * len(final))
-    ends = [judge(compared, state, final) for state in (registered, best.state)]
-    presses = [n for n in train if shots[n].press is not None]
-    judged = {n: shots[n].valid for n in presses} | {n: counted(compared, n) for n in (*select, *final)}
-    floors = [
-        floor(compared, best.state, part, [judged[n] for n in part], seed=seed).envelope
-        for part in (presses, select, final)
-    ]
-    fitted = [_mean(compared, state, presses) for state in (registered, best.state)]
+        best, after = fitter.fit(start, (), train), before
+    ends = [judge(fitter, state, final) for state in (start, best.state)]
+    presses = seen.of("train")
+    fitted = [judge(fitter, state, presses) for state in (start, best.state)]
     gap = {
-        "train": Level(fitted[0], fitted[1], floors[0]),
-        "select": Level(before.mean, after.mean, floors[1]),
-        "final": Level(ends[0].mean, ends[1].mean, floors[2]),
+        name: Level(first.mean, last.mean, float(first.floor.mean()))
+        for name, (first, last) in {
+            "train": fitted,
+            "select": (before, after),
+            "final": ends,
+        }.items()
     }
-    shift = numerical_shift(compared, best, shots=train)
-    at_poses = replace(registered, poses={**registered.poses, **before.state.poses})
-    updated = _updated(model, best, shift, measurement.name)
+    updated = _updated(fitter, best, measurement.name)
     report = GapReport(
         verdict=verdict,
         effects=tuple(
-            Found(w.name, _values(best, w.name, shift), w.confidence, w.coherence_set)
+            Found(w.name, _values(fitter, best, w.name), w.confidence, w.coherence_set)
             for w in search.winners
-            if verdict != "unexplained"
+            if verdict not in ("unexplained", "at_floor")
         ),
-        where=where(compared, at_poses, [*train, *select]) if verdict != "at_floor" else (),
+        where=where(fitter, source, before.state, [*train, *select]) if verdict != "at_floor" else (),
         gap=gap,
-        next_measurement=advise(compared, seen, search, verdict),
+        next_measurement=advise(fitter, seen, search, verdict),
         updated=updated,
         model=out / "model.toml",
         candidates=tuple(search.tried),
         notes=_notes(seen, measurement, model),
-        provenance=_provenance(seen, measurement, model, renders, begun),
-        pictures=draw(compared, ends[0].state, ends[1].state, out),
+        provenance=_provenance(seen, measurement, model, source, begun),
+        pictures=draw(fitter, ends[0].state, ends[1].state, out) if pictures else {},
     )
     write_atomic(report.model, updated.dumps())
     write_json(out / "report.json", report.to_json())
     return report
 
 
-def _verdict(search: Search, state: State, before: Judged, after: Judged) -> Verdict:
+def _names(model: SensorModel, catalogue: Sequence[str] | None) -> list[str]:
+    present = {applied.name for applied in model.effects}
+    wanted = [e.name for e in CATALOGUE] if catalogue is None else [effect(n).name for n in catalogue]
+    return [name for name in wanted if name not in present and effect(name).parameters(model.design)]
+
+
+def _verdict(search: Search, before: Judged, after: Judged) -> Verdict:
     """Judge by the select presses alone."""
-    envelope = search.floor(state).envelope
+    excess, left = (float((judged.per_shot - judged.floor).mean()) for judged in (before, after))
     if not search.winners:
-        return "at_floor" if before.mean <= envelope else "unexplained"
-    left = max(after.mean - envelope, 0.0) / max(before.mean - envelope, 1e-12)
-    if left > UNEXPLAINED_ABOVE:
+        return "at_floor" if excess < AT_FLOOR else "unexplained"
+    share = max(left, 0.0) / max(excess, 1e-12)
+    if share > UNEXPLAINED_ABOVE and left > AT_FLOOR:
         return "unexplained"
     if any(len(winner.coherence_set) > 1 for winner in search.winners):
         return "ambiguous"
-    return "partial" if left > PARTIAL_ABOVE else "named"
+    return "partial" if share > PARTIAL_ABOVE and left > AT_FLOOR else "named"
 
 
-def _mean(compared: Problem, state: State, shots: Sequence[int]) -> float:
-    squares = [compared.residual(state, n)[compared.shots[n].valid] ** 2 for n in shots]
-    return float(np.mean([square.mean() for square in squares]))
+def _values(fitter: Fitter, best: Fit, name: str) -> dict[str, Value]:
+    """Values with 95 % intervals, statistical."""
+    values, deviations = best.state.values[name], best.deviations(name)
+    found = {}
+    for p in fitter.forward.parameters[name]:
+        t = coordinate(p, values[p.name])
+        away = INTERVAL_SD * deviations.get(p.name, 0.0)
+        found[p.name] = Value(values[p.name], value_at(p, t - away), value_at(p, t + away), p.unit)
+    return found
 
 
-def _values(best: Fit, name: str, shift: Mapping[tuple[str, str], float]) -> dict[str, Value]:
-    """Values with 95 % intervals: statistical error, and the move that a finer simulation would cause."""
-    values = best.values(name)
-    deviation = {p: float(np.hypot(d, shift[name, p])) for p, d in best.deviation(name).items()}
-    parameters = effect(name).parameters(best.state.model.design)
-    return {
-        p.name: Value(
-            values[p.name],
-            max(values[p.name] - INTERVAL_SD * deviation[p.name], p.low),
-            min(values[p.name] + INTERVAL_SD * deviation[p.name], p.high),
-            p.unit,
-        )
-        for p in parameters
-    }
-
-
-def _updated(
-    model: SensorModel, best: Fit, shift: Mapping[tuple[str, str], float], found_in: str
-) -> SensorModel:
+def _updated(fitter: Fitter, best: Fit, found_in: str) -> SensorModel:
     """Add the effects found to the model that was given."""
-    for name in dict.fromkeys(free.effect for free in best.free):
-        values = _values(best, name, shift)
+    model = fitter.bank.model
+    for name in best.state.values:
+        values = _values(fitter, best, name)
         model = model.with_effect(
             AppliedEffect(
                 name=name,
@@ -220,7 +207,7 @@ def _provenance(
         "noise": seen.noise_source,
         "frames": {
             use: [file for shot in seen.shots if shot.use == use for file in shot.files]
-            for use in ("background", "train", "select", "final")
+            for use in ("dark", "background", "train", "select", "final")
         },
         "rendered": renders.rendered,
         "seconds": round(time.perf_counter() - begun, 1),

@@ -1,152 +1,247 @@
-"""Gauss-Newton fit of effect parameters, gains and poses to the shots."""
+"""Fits: the unknowns of a measurement, and Gauss-Newton steps that move them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.effects.model import effect
-from designlab.gap.linear import Free, Linear, Solver, values_of
-from designlab.gap.problem import Problem, State
+from designlab.effects import effect
+from designlab.gap.bank import Bank
+from designlab.gap.evidence import System, system
+from designlab.gap.forward import Forward, State, Unknown, coordinate, value_at
+from designlab.gap.noise import Noise, noise
+from designlab.measurement.shots import POSE
 
 Array = NDArray[np.float64]
 
-ITERATIONS = 5
-SETTLED = 5e-4  # predicted fall of the mean squared residual below which a fit has converged
+GAIN_SD = 0.3  # of LED groups: what their products with the albedo are off by before anything is fitted
+DRAWN_SD = {
+    "exposure_drift": 0.02,
+    "banding": 0.015,
+}  # of one shot's own gain, and of its bands' sine and cosine
+POSE_BOUND_SD = 5.0
 AT_BOUND = 0.01  # share of a parameter's range that counts as its bound
+ITERATIONS = 3
+SETTLED = 0.5  # fall of half the misfit below which a fit has converged
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Result of a fit; `covariance` of the free parameters is corrected for correlation within blocks."""
+    """Where a fit ended, the system of its unknowns there, and the penalised misfit."""
 
     state: State
-    free: tuple[Free, ...]
-    covariance: Array
+    system: System
     objective: float
-    linear: Mapping[int, Linear]
 
-    def values(self, name: str) -> dict[str, float]:
-        """Fitted values of an effect."""
-        return values_of(self.state, name)
-
-    def deviation(self, name: str) -> dict[str, float]:
-        """Standard deviations of the fitted values of an effect."""
-        deviations = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+    def deviations(self, name: str) -> dict[str, float]:
+        """Standard deviations of an effect's coordinates, all other unknowns fitted along."""
+        places = [k for k, u in enumerate(self.system.unknowns) if u.effect == name and u.shot < 0]
+        information, _ = self.system.reduced(places)
+        covariance = np.linalg.inv(information + np.eye(len(places)))
         return {
-            f.parameter.name: float(d) for f, d in zip(self.free, deviations, strict=True) if f.effect == name
+            self.system.unknowns[k].name: float(np.sqrt(v))
+            for k, v in zip(places, np.diag(covariance), strict=True)
         }
 
-    def at_bound(self) -> tuple[str, ...]:
-        """Names of parameters that ended at a bound of their physical range."""
-        found = []
-        for free in self.free:
-            p, value = free.parameter, self.values(free.effect)[free.parameter.name]
-            if min(value - p.low, p.high - value) < AT_BOUND * (p.high - p.low):
-                found.append(p.name)
-        return tuple(found)
 
-
-@dataclass(frozen=True, eq=False)
-class Screened:
-    """Derivatives at the start of a fit, and the fall of the mean squared residual that they predict."""
-
-    linear: Mapping[int, Linear]
-    predicted: float
-
-
-def fit(
-    problem: Problem,
-    state: State,
-    *,
-    free: Sequence[Free] = (),
-    shots: Sequence[int],
-    gains: bool = True,
-    half: bool = False,
-    iterations: int = ITERATIONS,
-    start: Screened | None = None,
-) -> Fit:
-    """Fit free parameters, gains and poses jointly, with Gaussian priors on parameters and poses.
+class Fitter:
+    """Fits states to the shots of a bank.
 
     Parameters
     ----------
-    problem : Problem
-        Shots and renderer.
-    state : State
-        Where to start; effects of `free` that it lacks start at their null.
-    free : sequence of Free
-        Effect parameters to fit.
-    shots : sequence of int
-        Numbers of the shots to fit to.
-    gains : bool
-        Whether the gains are fitted.
-    half : bool
-        Whether only every other block of pixels is used; the rest stays for judging.
-    start : Screened, optional
-        What `screen` found for the same fit, which is then not computed again.
+    bank : Bank
+        Pictures and shots.
     """
-    state = _started(state, free)
-    solver = Solver(problem, tuple(free), tuple(shots), gains, half)
-    linear = solver.linearise(state) if start is None else start.linear
-    objective = solver.objective(state, linear)
-    for _ in range(iterations):
-        step, predicted = solver.step(state, linear)
-        if predicted < SETTLED * solver.count:
-            break
-        for _ in range(4):
-            moved = solver.moved(state, step)
-            trial = solver.updated(state, moved, linear)
-            reached = solver.objective(moved, trial)
-            if reached < objective:
+
+    def __init__(self, bank: Bank) -> None:
+        self.bank = bank
+        self.forward = Forward(bank)
+        self.noises: list[Noise] = []
+
+    def start(self, shots: Sequence[int]) -> State:
+        """Gains by linear least squares, by brightness: a wrong model must not let dark values decide.
+
+        Raises
+        ------
+        ValueError
+            If the light of a group does not fit the measurement at all.
+        """
+        design = self.forward.design
+        groups = len(design.leds.groups)
+        unit = State(np.ones(groups))
+        matrix, right = np.zeros((groups, groups)), np.zeros(groups)
+        for number in shots:
+            shot = self.bank.shots[number]
+            unknowns = [Unknown("gain", name, 1.0) for name in design.group_names]
+            columns = self.forward.columns(unit, number, unknowns)[shot.valid].astype(float)
+            signal = (shot.signal - self.forward.predict(replace(unit, gains=0 * unit.gains), number))[
+                shot.valid
+            ]
+            matrix += columns.T @ columns
+            right += columns.T @ signal
+        gains = np.linalg.solve(matrix, right)
+        for name, gain in zip(design.group_names, gains, strict=True):
+            if not gain > 0:
+                raise ValueError(
+                    f"model: the light of LED group {name!r} fits the measurement only with the negative gain "
+                    f"{gain:.3g}; are the groups, their places or the colour channels mixed up?"
+                )
+        state = State(np.asarray(gains))
+        self.measure(state)
+        return state
+
+    def measure(self, state: State) -> None:
+        """Set the noise of all shots by what a state predicts."""
+        black = self.forward.design.camera.black_level
+        shots = self.bank.shots
+        self.noises = [noise(shot, self.forward.predict(state, n), black) for n, shot in enumerate(shots)]
+
+    def unknowns(
+        self, state: State, names: Collection[str], shots: Sequence[int], *, gains: bool = True
+    ) -> list[Unknown]:
+        """Parameters of effects, gains, and what each shot has alone."""
+        found = [
+            Unknown(name, p.name, p.sd)
+            for name in names
+            for p in self.forward.parameters.get(name, ())
+            if name not in DRAWN_SD and name != "fixed_pattern"
+        ]
+        if "numerical" in names:
+            found.append(Unknown("numerical", "amount", 1.0))
+        if gains:
+            found += [
+                Unknown("gain", name, GAIN_SD * float(gain))
+                for name, gain in zip(self.forward.design.group_names, state.gains, strict=True)
+            ]
+        for number in shots:
+            shot = self.bank.shots[number]
+            if shot.press is not None:
+                found += [
+                    Unknown("pose", axis, float(sigma), number)
+                    for axis, sigma in zip(POSE, shot.pose_sigma, strict=True)
+                    if sigma > 0
+                ]
+            if not shot.lit.any():
+                continue
+            if "exposure_drift" in names:
+                found.append(Unknown("exposure_drift", "0", DRAWN_SD["exposure_drift"], number))
+            if "banding" in names:
+                found += [Unknown("banding", k, DRAWN_SD["banding"], number) for k in ("0", "1")]
+        return found
+
+    def system(self, state: State, shots: Sequence[int], unknowns: Sequence[Unknown]) -> System:
+        """Normal equations at a state."""
+        now = np.array([self._now(state, u) for u in unknowns])
+        return system(self.forward, state, shots, unknowns, self.noises, now)
+
+    def _now(self, state: State, u: Unknown) -> float:
+        """Where an unknown is, in prior standard deviations from its null."""
+        if u.effect == "gain":
+            return 0.0  # no gain is more likely than another about where the fit stands
+        if u.effect == "pose":
+            return float(state.pose(u.shot)[POSE.index(u.name)] / u.sd)
+        if u.shot >= 0:
+            drawn = state.drawn.get(u.effect, {}).get(u.shot)
+            return 0.0 if drawn is None else float(drawn[int(u.name)] / u.sd)
+        if u.effect == "numerical":
+            return 0.0
+        values = state.values.get(u.effect)
+        if values is None:
+            return 0.0
+        p = next(p for p in self.forward.parameters[u.effect] if p.name == u.name)
+        return coordinate(p, values[u.name])
+
+    def bounds(self, unknowns: Sequence[Unknown]) -> tuple[Array, Array]:
+        """Bounds of unknowns in prior standard deviations from null."""
+        low, high = np.full(len(unknowns), -np.inf), np.full(len(unknowns), np.inf)
+        for k, u in enumerate(unknowns):
+            if u.effect == "pose":
+                low[k], high[k] = -POSE_BOUND_SD, POSE_BOUND_SD
+            elif u.effect in self.forward.parameters and u.shot < 0:
+                p = next(p for p in self.forward.parameters[u.effect] if p.name == u.name)
+                ends = coordinate(p, p.low), coordinate(p, p.high)
+                low[k], high[k] = (0.0, ends[1]) if p.squared else ends
+        return low, high
+
+    def moved(self, state: State, unknowns: Sequence[Unknown], step: Array) -> State:
+        """Take a step, in prior standard deviations."""
+        gains = state.gains.copy()
+        values = {name: dict(own) for name, own in state.values.items()}
+        poses = {number: pose.copy() for number, pose in state.poses.items()}
+        drawn = {name: dict(own) for name, own in state.drawn.items()}
+        for u, change in zip(unknowns, step, strict=True):
+            if u.effect == "gain":
+                group = self.forward.design.group_names.index(u.name)
+                gains[group] = max(gains[group] + change * u.sd, 0.02 * gains[group])
+            elif u.effect == "pose":
+                pose = poses.setdefault(u.shot, np.zeros(len(POSE)))
+                pose[POSE.index(u.name)] += change * u.sd
+            elif u.shot >= 0:
+                own = drawn.setdefault(u.effect, {})
+                before = own.get(u.shot, np.zeros(2 if u.effect == "banding" else 1))
+                own[u.shot] = before + change * u.sd * np.eye(len(before))[int(u.name)]
+            elif u.effect != "numerical":
+                p = next(p for p in self.forward.parameters[u.effect] if p.name == u.name)
+                own_values = values.setdefault(u.effect, effect(u.effect).null(self.bank.model.design))
+                own_values[p.name] = value_at(p, coordinate(p, own_values[p.name]) + float(change))
+        return replace(state, gains=gains, values=values, poses=poses, drawn=drawn)
+
+    def fit(
+        self,
+        state: State,
+        names: Collection[str],
+        shots: Sequence[int],
+        *,
+        gains: bool = True,
+        held: Collection[str] = (),
+        iterations: int = ITERATIONS,
+    ) -> Fit:
+        """Fit effects, gains and what shots have alone.
+
+        Parameters
+        ----------
+        names : collection of str
+            Effects whose parameters are fitted; those of the state that are not named stay.
+        shots : sequence of int
+            Shots to fit to.
+        gains : bool
+            Whether gains are fitted.
+        held : collection of str
+            Effects of the state whose own draws of each shot are fitted though their parameters stay.
+        """
+        wanted = [*names, *(name for name in held if name in DRAWN_SD)]
+        for name in wanted:
+            if name not in state.values and name in self.forward.parameters:
+                state = state.with_values(name, effect(name).null(self.bank.model.design))
+        unknowns = self.unknowns(state, wanted, shots, gains=gains)
+        found = self.system(state, shots, unknowns)
+        low, high = self.bounds(unknowns)
+        objective = found.misfit + float(found.now @ found.now)
+        for _ in range(iterations):
+            step, predicted = found.step(low, high)
+            if predicted < 2 * SETTLED:
                 break
-            step = step * 0.4
-        else:
-            break
-        fallen = objective - reached
-        state, linear, objective = moved, trial, reached
-        if fallen < SETTLED * solver.count:
-            break
-    return Fit(state, tuple(free), solver.covariance(state, linear), objective, linear)
+            for _ in range(4):
+                there = self.moved(state, unknowns, step)
+                trial = self.system(there, shots, unknowns)
+                reached = trial.misfit + float(trial.now @ trial.now)
+                if reached < objective:
+                    break
+                step = step * 0.4
+            else:
+                break
+            fallen = objective - reached
+            state, found, objective = there, trial, reached
+            if fallen < 2 * SETTLED:
+                break
+        return Fit(state, found, objective)
 
-
-def screen(problem: Problem, state: State, *, free: Sequence[Free], shots: Sequence[int]) -> Screened:
-    """Predict the fall of the mean squared residual when parameters are freed; gains and poses follow."""
-    started = _started(state, free)
-    solver = Solver(problem, tuple(free), tuple(shots), gains=True, half=False)
-    linear = solver.linearise(started)
-    return Screened(linear, solver.step(started, linear)[1] / solver.count)
-
-
-def numerical_shift(problem: Problem, found: Fit, *, shots: Sequence[int]) -> dict[tuple[str, str], float]:
-    """By how much parameters would move if a finer simulation took the place of the fitted one."""
-    if not found.free:
-        return {}
-    solver = Solver(problem, found.free, tuple(shots), gains=True, half=False)
-    finer = {
-        number: replace(part, residual=solver.residual(found.state, number, variant="fine"))
-        for number, part in found.linear.items()
-    }
-    step = (
-        solver.step(found.state, finer)[0].parameters - solver.step(found.state, found.linear)[0].parameters
-    )
-    return {
-        (f.effect, f.parameter.name): float(move * f.parameter.sd)
-        for f, move in zip(found.free, step, strict=True)
-    }
-
-
-def free_parameters(state: State, names: Sequence[str]) -> tuple[Free, ...]:
-    """All parameters of some effects."""
-    design = state.model.design
-    return tuple(Free(name, parameter) for name in names for parameter in effect(name).parameters(design))
-
-
-def _started(state: State, free: Sequence[Free]) -> State:
-    """Add effects at their null."""
-    present = {applied.name for applied in state.model.effects}
-    absent: dict[str, dict[str, float]] = {}
-    for f in free:
-        if f.effect not in present:
-            absent.setdefault(f.effect, {})[f.parameter.name] = f.parameter.null
-    return state.with_values(absent)
+    def at_bound(self, state: State, name: str) -> tuple[str, ...]:
+        """Names of parameters of an effect that ended at a bound which is not their null."""
+        values, found = state.values[name], []
+        for p in self.forward.parameters[name]:
+            room = AT_BOUND * (p.high - p.low)
+            if (values[p.name] - p.low < room and not p.one_sided) or p.high - values[p.name] < room:
+                found.append(p.name)
+        return tuple(found)

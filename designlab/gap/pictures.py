@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.design import CHANNELS
-from designlab.gap.problem import Problem, State
+from designlab.gap.fit import Fitter
+from designlab.gap.forward import State
+from designlab.gap.judge import squared
 from designlab.store import write_atomic
 
 Array = NDArray[np.float64]
@@ -15,7 +17,7 @@ SMOOTHING_PX = 0.7
 DOTS_PER_INCH = 110
 
 
-def draw(problem: Problem, before: State, after: State, out: Path) -> dict[Path, str]:
+def draw(fitter: Fitter, before: State, after: State, out: Path) -> dict[Path, str]:
     """Draw the press that differs most before, of those used for nothing else, and the untouched gel.
 
     Returns
@@ -23,11 +25,12 @@ def draw(problem: Problem, before: State, after: State, out: Path) -> dict[Path,
     dict of Path to str
         Files and their captions.
     """
-    final = [n for n, shot in enumerate(problem.shots) if shot.use == "final"]
-    worst = max(final, key=lambda n: float((problem.residual(before, n) ** 2).mean()))
-    untouched = [n for n, shot in enumerate(problem.shots) if shot.press is None]
-    brightest = max(untouched, key=lambda n: float(problem.shots[n].lit.sum()))
-    press = problem.shots[worst].press
+    shots = fitter.bank.shots
+    final = [n for n, shot in enumerate(shots) if shot.use == "final"]
+    worst = max(final, key=lambda n: squared(fitter, before, n)[0])
+    untouched = [n for n, shot in enumerate(shots) if shot.press is None]
+    brightest = max(untouched, key=lambda n: float(shots[n].lit.sum()))
+    press = shots[worst].press
     assert press is not None
     shown = {
         "residual-press.png": (
@@ -37,15 +40,15 @@ def draw(problem: Problem, before: State, after: State, out: Path) -> dict[Path,
         "residual-background.png": (brightest, "Untouched gel"),
     }
     return {
-        _figure(problem, before, after, number, out / name): (
-            f"{what} ({problem.shots[number].files[0]}): measured minus simulated. Upper row: the model as "
+        _figure(fitter, before, after, number, out / name): (
+            f"{what} ({shots[number].files[0]}): measured minus simulated. Upper row: the model as "
             "given; lower row: the updated model. One colour scale."
         )
         for name, (number, what) in shown.items()
     }
 
 
-def _figure(problem: Problem, before: State, after: State, number: int, path: Path) -> Path:
+def _figure(fitter: Fitter, before: State, after: State, number: int, path: Path) -> Path:
     import io
 
     import matplotlib
@@ -54,14 +57,14 @@ def _figure(problem: Problem, before: State, after: State, number: int, path: Pa
     from matplotlib import pyplot
     from scipy.ndimage import gaussian_filter
 
-    shot = problem.shots[number]
+    shot = fitter.bank.shots[number]
     level = np.array([max(float(shot.signal[..., c].mean()), 1e-9) for c in range(3)])
     maps = []
     for state in (before, after):
-        left = np.where(shot.valid, shot.signal - problem.predict(state, number), 0.0)
+        left = np.where(shot.valid, shot.signal - fitter.forward.predict(state, number), 0.0)
         maps.append(100 * gaussian_filter(left, (SMOOTHING_PX, SMOOTHING_PX, 0)) / level)
-    rays = problem.renders.simulator(before.model, shot.view).rays
-    extent = (rays.x_mm.min(), rays.x_mm.max(), rays.y_mm.min(), rays.y_mm.max())
+    x, y = fitter.bank.of(number).seen_mm
+    extent = (x.min(), x.max(), y.min(), y.max())
     limit = max(float(np.quantile(np.abs(maps[0]), 0.995)), 0.5)
     figure, axes = pyplot.subplots(2, 3, figsize=(10.5, 5.6), sharex=True, sharey=True, layout="constrained")
     for row, (title, images) in enumerate(zip(("as given", "updated"), maps, strict=True)):

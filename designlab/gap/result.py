@@ -79,6 +79,7 @@ class Candidate:
     se: float | None = None
     improved: float | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
+    evidence: float | None = None
 
 
 @dataclass(frozen=True)

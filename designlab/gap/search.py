@@ -1,29 +1,40 @@
-"""The race: candidates are fitted on some presses and judged on others; the best joins the model."""
+"""The race: effects are fitted on some shots and judged on others; the best joins the model."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from designlab.gap.fit import Fit, fit, free_parameters, screen
-from designlab.gap.floor import Floor, floor
-from designlab.gap.judge import (
-    LEAST_IMPROVED,
-    LEAST_SHARE,
-    Gain,
-    Judged,
-    counted,
-    gain,
-    judge,
-    threshold,
-    winning_frequency,
-)
-from designlab.gap.problem import Problem, State
+from designlab.effects import effect
+from designlab.gap.evidence import System, log_evidence
+from designlab.gap.fit import DRAWN_SD, Fit, Fitter
+from designlab.gap.forward import State, bands
+from designlab.gap.judge import LEAST_IMPROVED, LEAST_SHARE, Gain, Judged, gain, judge
+from designlab.gap.pattern import found_pattern
 from designlab.gap.result import Candidate
 
-MOST_EFFECTS = 3
-HOPELESS = 0.5  # of the best fall of the mean squared residual: below, a candidate is not fitted to the end
+MOST_EFFECTS = 4
+FITTED = 6  # candidates of a round that are fitted to the end
+DECISIVE = 10.0  # logarithm of the Bayes factor from which an effect counts as seen
+AS_GOOD = 5.0  # difference of such logarithms within which effects are not told apart
+SAME_SHARE = 0.02  # of the best's own logarithm, likewise
 RIVAL = "numerical"
+PERIODS = np.geomspace(40.0, 2000.0, 120)  # rows of the full sensor
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """One candidate, fitted and judged.
+
+    `evidence` is the logarithm of the Bayes factor against the model without it, on the shots fitted to and
+    on held-out ones together.
+    """
+
+    name: str
+    fit: Fit
+    judged: Judged
+    gain: Gain
+    evidence: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,153 +46,185 @@ class Winner:
     coherence_set: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class _Attempt:
-    name: str
-    fit: Fit
-    judged: Judged
-    gain: Gain
-
-
 @dataclass
 class Search:
     """Forward selection of effects.
 
     Parameters
     ----------
-    problem : Problem
-        Shots and renderer.
-    catalogue : sequence of str
+    fitter : Fitter
+        Shots and pictures.
+    names : sequence of str
         Effects to try.
     train, select : sequence of int
         Shots to fit to, and to judge by.
-    seed : int
-        Seed of the bootstrap.
     """
 
-    problem: Problem
-    catalogue: Sequence[str]
+    fitter: Fitter
+    names: Sequence[str]
     train: Sequence[int]
     select: Sequence[int]
-    seed: int
     tried: list[Candidate] = field(default_factory=list)
     winners: list[Winner] = field(default_factory=list)
     alternatives: dict[str, State] = field(default_factory=dict)
     gap: float = 0.0
 
     def run(self, state: State) -> tuple[Fit, Judged, Judged]:
-        """Add effects until the floor is reached or none passes.
+        """Add effects until none passes.
 
         Returns
         -------
         Fit, Judged, Judged
-            The last fit, and the select shots before and after.
+            The last fit, and the held-out shots before and after.
         """
-        self._stage("match before", 2 * len(self.select))
-        first = judge(self.problem, state, self.select)
-        self.gap = max(first.mean - self.floor(state).mean, 0.0)
-        best, now = Fit(state, (), np.zeros((0, 0)), 0.0, {}), first
+        best = self.fitter.fit(state, (), self.train)
+        first = now = judge(self.fitter, best.state, self.select)
+        self.gap = max(float((first.per_shot - first.floor).mean()), 0.0)
         for number in range(1, MOST_EFFECTS + 1):
-            if now.mean <= self.floor(best.state).envelope:
-                break
-            attempt = self._round(number, best.state, now)
+            attempt = self._round(number, best, now)
             if attempt is None:
                 break
             best, now = attempt.fit, attempt.judged
         return best, first, now
 
-    def floor(self, state: State) -> Floor:
-        """Mean squared residual of a perfect model on the select shots."""
-        judged = [counted(self.problem, number) for number in self.select]
-        return floor(self.problem, state, self.select, judged, seed=self.seed)
-
-    def _round(self, number: int, state: State, now: Judged) -> _Attempt | None:
-        attempts = self._attempts(number, state, now)
-        if not attempts:
-            return None
-        self._stage("numerical rival", len(self.select))
-        fine = judge(self.problem, now.state, self.select, register=False, variant="fine")
-        rival = gain(now, fine)
+    def _round(self, number: int, base: Fit, now: Judged) -> Attempt | None:
+        screened = self.screen(base)
+        rival = screened.pop(RIVAL)
+        self.tried.append(Candidate(number, RIVAL, "rival", evidence=rival))
+        order = sorted(screened, key=lambda name: -screened[name])
+        attempts: list[Attempt] = []
+        for place, name in enumerate(order):
+            if place >= FITTED or screened[name] < DECISIVE / 2:
+                self.tried.append(Candidate(number, name, "screened out", evidence=screened[name]))
+                continue
+            attempts.append(self._attempt(name, base, now))
         passed = []
         for attempt in attempts:
             reason = self._refused(attempt, rival)
             self._note(number, attempt, reason or "passed")
             if not reason:
                 passed.append(attempt)
-        self.tried.append(Candidate(number, RIVAL, "rival", rival.value, rival.se, rival.improved))
         if not passed:
             return None
-        best = max(passed, key=lambda attempt: attempt.gain.value)
-        equal = [attempt for attempt in passed if self._as_good(attempt, best)]
-        chosen = min(equal, key=lambda attempt: (len(attempt.fit.free), -attempt.gain.value))
-        rivals = {attempt.name: attempt.judged for attempt in attempts} | {RIVAL: fine}
-        frequency = winning_frequency(now, rivals, chosen.name, gap=self.gap, seed=self.seed)
-        names = tuple(attempt.name for attempt in sorted(equal, key=lambda attempt: -attempt.gain.value))
-        self.winners.append(Winner(chosen.name, frequency, names))
-        self.alternatives = {attempt.name: attempt.fit.state for attempt in equal}
+        best = max(passed, key=lambda attempt: attempt.evidence)
+        equal = [a for a in passed if best.evidence - a.evidence <= max(AS_GOOD, SAME_SHARE * best.evidence)]
+        chosen = best
+        names = tuple(a.name for a in sorted(equal, key=lambda a: -a.evidence))
+        weights = np.exp(np.array([a.evidence for a in equal]) - best.evidence)
+        own = float(weights[equal.index(chosen)] / weights.sum())
+        shots = len(now.per_shot)
+        improved = round(chosen.gain.improved * shots)
+        self.winners.append(Winner(chosen.name, min(own, (improved + 1) / (shots + 2)), names))
+        self.alternatives = {a.name: a.fit.state for a in equal}
         return chosen
 
-    def _attempts(self, number: int, state: State, now: Judged) -> list[_Attempt]:
-        """Screen all candidates, then fit them to the end, the most promising first."""
-        named = [winner.name for winner in self.winners]
-        present = {applied.name for applied in state.model.effects}
-        names = [name for name in self.catalogue if name not in present]
-        frees = {name: free_parameters(state, [*named, name]) for name in names}
-        self._stage("screening", sum(len(free) for free in frees.values()) * len(self.train))
-        screened = {name: screen(self.problem, state, free=frees[name], shots=self.train) for name in names}
-        attempts: list[_Attempt] = []
-        best = 0.0
-        for name in sorted(names, key=lambda name: -screened[name].predicted):
-            predicted = screened[name].predicted
-            if predicted < max(LEAST_SHARE * self.gap, HOPELESS * best):
-                self.tried.append(
-                    Candidate(
-                        number,
-                        name,
-                        f"screened out: could lower the residual by {max(predicted, 0.0):.3g} only",
-                    )
-                )
-                continue
-            self._stage(f"fitting {name}", 4 * len(self.train) + 3 * len(self.select))
-            found = fit(self.problem, state, free=frees[name], shots=self.train, start=screened[name])
-            judged = judge(self.problem, found.state, self.select)
-            attempts.append(_Attempt(name, found, judged, gain(now, judged)))
-            best = max(best, self._fallen(state, found.state))
-        return attempts
+    def screen(self, base: Fit) -> dict[str, float]:
+        """Logarithm of the Bayes factor of every candidate by linear approximation, on the training shots."""
+        present = set(base.state.values)
+        names = [name for name in self.names if name not in present]
+        state = base.state
+        if "banding" in names:
+            state = self._with_period(state)
+        linear = [name for name in names if name != "fixed_pattern"]
+        held = [name for name in present if name != "fixed_pattern"]
+        unknowns = self.fitter.unknowns(state, [*held, *linear, RIVAL], self.train)
+        whole = self.fitter.system(state, self.train, unknowns)
+        found = {name: _linear_evidence(whole, name, linear) for name in [*linear, RIVAL]}
+        if "banding" in names:
+            found["banding"] -= float(np.log(len(PERIODS)))
+        if "fixed_pattern" in names:
+            found["fixed_pattern"] = found_pattern(self.fitter, base.state, self.train).evidence
+        return found
 
-    def _fallen(self, old: State, new: State) -> float:
-        """Fall of the mean squared residual of the training shots."""
-        falls = [
-            (self.problem.residual(old, n) ** 2).mean() - (self.problem.residual(new, n) ** 2).mean()
-            for n in self.train
-        ]
-        return float(np.mean(falls))
+    def _with_period(self, state: State) -> State:
+        """Give banding the period of which the training shots hold most."""
+        fitter, best, most = self.fitter, 400.0, 0.0
+        rows = []
+        for n in self.train:
+            shot, sigma = fitter.bank.shots[n], fitter.noises[n].sigma
+            predicted = fitter.forward.predict(state, n)
+            weight = np.where(shot.valid, (predicted / sigma) ** 2, 0.0).sum(axis=(1, 2))
+            left = np.where(shot.valid, (shot.signal - predicted) * predicted / sigma**2, 0.0).sum(
+                axis=(1, 2)
+            )
+            rows.append((shot, left / np.sqrt(np.maximum(weight, 1e-9))))
+        for period in PERIODS:
+            energy = 0.0
+            for shot, left in rows:
+                waves = bands(shot, period)[:, :, 0]
+                waves = waves - waves.mean(axis=1, keepdims=True)
+                norm = np.maximum((waves**2).sum(axis=1), 1e-9)
+                energy += float((((waves @ (left - left.mean())) ** 2) / norm).sum())
+            if energy > most:
+                best, most = float(period), energy
+        return state.with_values(
+            "banding", effect("banding").null(fitter.bank.model.design) | {"period_rows": best}
+        )
 
-    def _refused(self, attempt: _Attempt, rival: Gain) -> str:
+    def _attempt(self, name: str, base: Fit, now: Judged) -> Attempt:
+        fitter = self.fitter
+        present = [n for n in base.state.values if n != "fixed_pattern"]
+        if name == "fixed_pattern":
+            pattern = found_pattern(fitter, base.state, self.train)
+            state = replace(base.state.with_values(name, {"rms": pattern.rms}), pattern=pattern.values)
+            found = fitter.fit(state, present, self.train)
+            evidence = pattern.evidence
+        else:
+            start = self._with_period(base.state) if name == "banding" else base.state
+            found = fitter.fit(start, [*present, name], self.train)
+            evidence = 0.5 * (base.objective - found.objective) - _occam(found.system, name)
+            if name == "banding":
+                evidence -= float(np.log(len(PERIODS)))
+        found = replace(found, state=_with_strength(found.state, name))
+        judged = judge(fitter, found.state, self.select)
+        evidence += 0.5 * float((now.objective - judged.objective).sum())
+        return Attempt(name, found, judged, gain(now, judged), evidence)
+
+    def _refused(self, attempt: Attempt, rival: float) -> str:
         """Why a candidate does not pass; empty if it does."""
-        least = threshold(attempt.gain, self.gap)
-        bound = attempt.fit.at_bound()
+        least = max(2 * attempt.gain.se, LEAST_SHARE * self.gap)
+        if attempt.evidence < DECISIVE:
+            return f"evidence {attempt.evidence:.3g}, below {DECISIVE:g}"
         if attempt.gain.value < least:
-            return f"gain below {least:.3g}"
+            return f"gain {attempt.gain.value:.3g}, below {least:.3g}"
         if attempt.gain.improved < LEAST_IMPROVED:
             return f"only {attempt.gain.improved:.0%} of the held-out presses improve"
-        if bound:
+        if bound := self.fitter.at_bound(attempt.fit.state, attempt.name):
             return f"at the bound of {', '.join(bound)}"
-        if attempt.gain.value < rival.value + least:
+        if attempt.evidence < rival + DECISIVE:
             return "no better than a finer simulation"
         return ""
 
-    def _as_good(self, attempt: _Attempt, best: _Attempt) -> bool:
-        difference = gain(attempt.judged, best.judged)
-        return attempt is best or difference.value <= threshold(difference, self.gap)
-
-    def _note(self, number: int, attempt: _Attempt, outcome: str) -> None:
-        values = {
-            f"{f.effect}.{f.parameter.name}": attempt.fit.values(f.effect)[f.parameter.name]
-            for f in attempt.fit.free
-        }
+    def _note(self, number: int, attempt: Attempt, outcome: str) -> None:
+        values = attempt.fit.state.values.get(attempt.name, {})
         g = attempt.gain
-        self.tried.append(Candidate(number, attempt.name, outcome, g.value, g.se, g.improved, values))
+        named = {f"{attempt.name}.{p}": float(v) for p, v in values.items()}
+        self.tried.append(
+            Candidate(number, attempt.name, outcome, g.value, g.se, g.improved, named, attempt.evidence)
+        )
 
-    def _stage(self, what: str, expected: int) -> None:
-        self.problem.renders.begin(what, expected)
+
+def _linear_evidence(whole: System, name: str, others: Sequence[str]) -> float:
+    """Evidence for an effect, the other candidates held at their null."""
+    part = whole.only(lambda u: u.effect == name or u.effect not in {*others, RIVAL})
+    places = [k for k, u in enumerate(part.unknowns) if u.effect == name]
+    return log_evidence(*part.reduced(places))
+
+
+def _occam(found: System, name: str) -> float:
+    """Half the logarithm of how much narrower the fit has made an effect's parameters."""
+    places = [k for k, u in enumerate(found.unknowns) if u.effect == name]
+    information, _ = found.reduced(places)
+    return float(0.5 * np.linalg.slogdet(information + np.eye(len(places)))[1])
+
+
+def _with_strength(state: State, name: str) -> State:
+    """Give an effect that acts by draws of each shot the strength of those draws."""
+    if name not in DRAWN_SD or name not in state.drawn:
+        return state
+    draws = np.array(list(state.drawn[name].values()))
+    if name == "banding":
+        strength = {"amplitude": float(np.sqrt((draws**2).sum(axis=1).mean()))}
+    else:
+        strength = {"rms": float(np.sqrt((draws**2).mean()))}
+    return state.with_values(name, {**state.values[name], **strength})

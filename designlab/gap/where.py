@@ -6,7 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.design import CHANNELS, Design
-from designlab.gap.problem import Problem, State
+from designlab.gap.bank import moved
+from designlab.gap.basis import Renders
+from designlab.gap.fit import Fitter
+from designlab.gap.forward import State
 from designlab.gap.result import Where
 from designlab.press import Press
 from designlab.simulate import Frame
@@ -20,7 +23,7 @@ LEAST_SHARE = 0.02
 FACING = 0.5  # cosine between a wall's downhill direction and the way to the LEDs
 
 
-def where(problem: Problem, state: State, shots: Sequence[int]) -> tuple[Where, ...]:
+def where(fitter: Fitter, renders: Renders, state: State, shots: Sequence[int]) -> tuple[Where, ...]:
     """Share of the excess over the noise in each region and channel, largest first.
 
     Parameters
@@ -33,12 +36,15 @@ def where(problem: Problem, state: State, shots: Sequence[int]) -> tuple[Where, 
     excess: dict[tuple[str, str, str], float] = {}
     signed: dict[tuple[str, str, str], list[float]] = {}
     for number in shots:
-        shot = problem.shots[number]
-        residual = problem.residual(state, number)
+        shot, noise = fitter.bank.shots[number], fitter.noises[number]
+        predicted = fitter.forward.predict(state, number)
+        residual = np.where(shot.valid, (shot.signal - predicted) / noise.sigma, 0.0)
         frames = "background" if shot.press is None else "press"
-        frame = geometry(problem, state, number)
+        if not shot.lit.any():
+            frames = "dark"
+        frame = geometry(fitter, renders, state, number)
         for channel, name in enumerate(CHANNELS):
-            atlas = regions(frame, state.model.effective_design(), channel)
+            atlas = regions(frame, fitter.forward.design, channel)
             used = shot.valid[..., channel]
             for region, place in atlas.items():
                 z = residual[..., channel][place & used]
@@ -95,11 +101,11 @@ def regions(frame: Frame, design: Design, channel: int) -> dict[str, NDArray[np.
     return atlas
 
 
-def geometry(problem: Problem, state: State, number: int) -> Frame:
+def geometry(fitter: Fitter, renders: Renders, state: State, number: int) -> Frame:
     """What every pixel of a shot sees; its picture is not rendered."""
-    shot = problem.shots[number]
-    simulator = problem.renders.simulator(state.model, shot.view)
-    press: Press | None = problem.press(state, number)
+    shot = fitter.bank.shots[number]
+    simulator = renders.simulator(fitter.bank.model, shot.view)
+    press: Press | None = None if shot.press is None else moved(shot.press, state.pose(number))
     design = simulator.design
     flux = np.array([group.flux_mw for group in design.leds.groups])
     empty = np.zeros((len(flux), shot.view.rows, shot.view.columns), dtype=np.float32)

@@ -1,7 +1,7 @@
 """From a measurement to what a model can be compared with: linear signals, their noise, poses and splits."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ from geometries.probes import Probe
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Use = Literal["background", "light_probe", "train", "select", "final"]
+Use = Literal["background", "light_probe", "train", "select", "final", "dark"]
 
 POSE = ("x_mm", "y_mm", "depth_mm", "yaw_deg")
 DEFAULT_SIGMA = (0.1, 0.1, 0.05, 1.0)  # mm, mm, mm, deg: a press placed by hand, where the set states nothing
@@ -50,6 +50,8 @@ class Shot:
         Noise of counts without light, as a share of full scale, of channels clipped at zero; else zero.
     ball : LightProbe or None
         Of a light probe: the ball in the place of the gel; its pose is x, y and lowest point.
+    gel_rotation_deg : float
+        By how much the gel is turned against the rest.
     """
 
     files: tuple[str, ...]
@@ -63,6 +65,7 @@ class Shot:
     valid: Mask
     clip_sigma: Array
     ball: LightProbe | None = None
+    gel_rotation_deg: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -89,7 +92,12 @@ class _Noise(NamedTuple):
 
 
 def observe(
-    measurement: Measurement, design: Design, *, columns: int, light_probes: bool = False
+    measurement: Measurement,
+    design: Design,
+    *,
+    columns: int,
+    light_probes: bool = False,
+    apart: bool = False,
 ) -> Observations:
     """Check the measurement chain and gather the shots.
 
@@ -103,6 +111,9 @@ def observe(
         Wider frames are binned by a whole number to at most this many columns.
     light_probes : bool
         Whether to gather light probes too; they are left out otherwise.
+    apart : bool
+        Whether every frame is a shot of its own, dark frames and a turned gel among them, with all that lies
+        under its light; otherwise repeats are averaged and the black level is subtracted.
 
     Raises
     ------
@@ -115,7 +126,9 @@ def observe(
         )
     notes: list[str] = []
     usable = [
-        frame for frame in measurement.frames if _usable(measurement, frame, design, light_probes, notes)
+        frame
+        for frame in measurement.frames
+        if _usable(measurement, frame, design, light_probes, notes, turned=apart)
     ]
     for frame in usable:
         check_leds(measurement, frame, design)
@@ -128,22 +141,35 @@ def observe(
     noise, source, repeats = _noise(measurement, usable, design, notes)
     uses = {frame.file: use for use, frames in measurement.split().items() for frame in frames}
     shots = []
-    for same in _groups(frame for frame in usable if frame.lit):
-        use: Use = uses.get(same[0].file, "background")
+    together = [[f] for f in usable] if apart else _groups(f for f in usable if f.lit)
+    for same in together:
+        use: Use = uses.get(same[0].file, "background" if same[0].lit else "dark")
         if same[0].kind == "light_probe":
             use = "light_probe"
-        shots.append(_shot(measurement, same, design, use, black, noise, columns, notes))
+        shot = _shot(measurement, same, design, use, black, noise, columns, notes)
+        shots.append(_lifted(shot, black) if apart else shot)
     return Observations(tuple(shots), black, source, repeats, has_dark, tuple(dict.fromkeys(notes)))
 
 
+def _lifted(shot: Shot, black: Array) -> Shot:
+    """Put the black level back under a signal."""
+    return replace(shot, signal=shot.signal + black)
+
+
 def _usable(
-    measurement: Measurement, frame: Frame, design: Design, light_probes: bool, notes: list[str]
+    measurement: Measurement,
+    frame: Frame,
+    design: Design,
+    light_probes: bool,
+    notes: list[str],
+    *,
+    turned: bool,
 ) -> bool:
     """Whether a frame can be simulated; if not, a note says why."""
     if frame.kind == "flat_field" or (frame.kind == "light_probe" and not light_probes):
         notes.append(f"{frame.file}: left out, a {frame.kind} frame is not compared yet")
         return False
-    if frame.gel_rotation_deg:
+    if frame.gel_rotation_deg and not (turned and frame.kind == "background"):
         notes.append(f"{frame.file}: left out, a turned gel is not compared yet")
         return False
     if measurement.image(frame).shape[-1] != 3:
@@ -283,7 +309,8 @@ def _shot(
         sigma = _ball_sigma(frame, notes)
     lit = exposure * np.array(on, dtype=float)
     files = tuple(f.file for f in same)
-    return Shot(files, use, press, sigma, lit, view, signal, variance, valid, clip_sigma, ball)
+    turn = frame.gel_rotation_deg or 0.0
+    return Shot(files, use, press, sigma, lit, view, signal, variance, valid, clip_sigma, ball, turn)
 
 
 def binned(values: Array, factor: int) -> Array:

@@ -1,0 +1,327 @@
+"""What a state of the model predicts for a shot, and by how much each unknown changes it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.effects import CATALOGUE, AppliedEffect, Effect, Parameter, SensorModel, Sight, effect
+from designlab.gap.bank import POSE_STEP, Bank, Change, Picture
+from designlab.measurement.shots import POSE, Shot
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+
+Values = Mapping[str, Mapping[str, float]]
+HALF_STEP = 0.25  # of a prior standard deviation: differences of effects that are not rendered
+DEPTH = POSE.index("depth_mm")
+DEEPER = "depth_offset"
+
+
+class Unknown(NamedTuple):
+    """One column of a linear fit: a parameter, the gain of an LED group, or what one shot has alone.
+
+    `shot` is its number, or -1 where all shots share it. `sd` is the prior standard deviation in the unit of
+    the state; columns are per standard deviation.
+    """
+
+    effect: str
+    name: str
+    sd: float
+    shot: int = -1
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Values of all unknowns.
+
+    Attributes
+    ----------
+    values : mapping of effect to values
+        Effects added to the model of the bank.
+    gains : array, shape (groups,)
+        Of the LED groups.
+    poses : mapping of int to array
+        Departure of a shot's pose from the stated one: x, y, depth (mm), yaw (deg).
+    drawn : mapping of effect to mapping of int to array
+        What a shot has alone, in units of the effect's strength: gain, or sine and cosine of its bands.
+    pattern : array, shape (rows, columns), or None
+        Relative pattern that all shots carry.
+    """
+
+    gains: Array
+    values: Values = field(default_factory=dict)
+    poses: Mapping[int, Array] = field(default_factory=dict)
+    drawn: Mapping[str, Mapping[int, Array]] = field(default_factory=dict)
+    pattern: Array | None = None
+
+    def pose(self, number: int) -> Array:
+        """Departure of a shot's pose."""
+        return self.poses.get(number, np.zeros(len(POSE)))
+
+    def with_values(self, name: str, values: Mapping[str, float]) -> "State":
+        """Give an effect other values."""
+        return replace(self, values={**self.values, name: dict(values)})
+
+    def model(self, bank: Bank) -> SensorModel:
+        """Model with the added effects, those that are at their null left out."""
+        found = bank.model
+        for name, values in self.values.items():
+            if effect(name).acts(values, bank.model.design):
+                found = found.with_effect(AppliedEffect(name=name, values=dict(values)))
+        return found
+
+
+class Forward:
+    """Predicts shots from a bank of pictures.
+
+    Parameters
+    ----------
+    bank : Bank
+        The pictures.
+    """
+
+    def __init__(self, bank: Bank) -> None:
+        self.bank = bank
+        self.design = bank.model.effective_design()
+        self.parameters: dict[str, tuple[Parameter, ...]] = {
+            e.name: e.parameters(bank.model.design) for e in CATALOGUE
+        }
+
+    def shot(self, number: int) -> Shot:
+        """One of the shots."""
+        return self.bank.shots[number]
+
+    def predict(self, state: State, number: int) -> Array:
+        """Signal of a shot, (rows, columns, 3)."""
+        return self._signal(state, number, self._light(state, number))
+
+    def _light(self, state: State, number: int) -> Single:
+        """Light of every group in front of the camera, before what the camera's optics do."""
+        picture = self.bank.of(number)
+        light = picture.light.copy()
+        for name, values in state.values.items():
+            for change, t in self._changes(picture, name, values):
+                change.added(light, t)
+        for change, t in zip(picture.pose, self._pose(state, number), strict=False):
+            if t:
+                change.added(light, t)
+        return light
+
+    def _changes(
+        self, picture: Picture, name: str, values: Mapping[str, float]
+    ) -> list[tuple[Change, float]]:
+        """Changes of a picture by an effect that was rendered, and the coordinate of each."""
+        found = []
+        coordinates = self.coordinates(name, values)
+        main = next(iter(coordinates[p.name] for p in self.parameters[name] if not p.shape), 0.0)
+        for p in self.parameters[name]:
+            change, t = picture.changes.get((name, p.name)), coordinates[p.name]
+            if change is not None and t:
+                found.append((change, t * main if p.shape else t))
+        return found
+
+    def coordinates(self, name: str, values: Mapping[str, float]) -> dict[str, float]:
+        """Values as distances from null in prior standard deviations."""
+        return {p.name: (values[p.name] - p.null) / p.sd for p in self.parameters[name]}
+
+    def _pose(self, state: State, number: int) -> Array:
+        """Pose in steps of the bank; a common offset of the depth is part of it."""
+        pose = state.pose(number).copy()
+        if DEEPER in state.values:
+            pose[DEPTH] += state.values[DEEPER]["offset_mm"]
+        return np.asarray(pose / POSE_STEP)
+
+    def sight(self, state: State, number: int) -> Sight:
+        """What effects on the light of a shot need to know."""
+        shot = self.shot(number)
+        own: dict[str, Array] = {}
+        if state.pattern is not None:
+            own["fixed_pattern"] = state.pattern
+        return Sight(
+            self.design,
+            shot.view,
+            self.bank.of(number).seen_mm,
+            self.bank.pitch_mm,
+            shot.gel_rotation_deg,
+            own,
+        )
+
+    def _optics(self, state: State, number: int, light: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Light after the effects that act on it; linear in it, any number of pictures at once."""
+        sight = self.sight(state, number)
+        for e in CATALOGUE:
+            if e.name in state.values:
+                light = e.on_light(light, state.values[e.name], sight)
+        return np.asarray(light * self._of_one_shot(state, number))
+
+    def _of_one_shot(self, state: State, number: int) -> Array | float:
+        """Factor on the light of a shot by its own drift and bands."""
+        factor: Array | float = 1.0
+        if "exposure_drift" in state.values:
+            gain = state.drawn.get("exposure_drift", {}).get(number)
+            factor = 1.0 if gain is None else 1.0 + float(gain[0])
+        if "banding" in state.values:
+            waves = state.drawn.get("banding", {}).get(number)
+            if waves is not None:
+                period = state.values["banding"]["period_rows"]
+                factor = factor * (1.0 + np.tensordot(waves, bands(self.shot(number), period), axes=1))
+        return factor
+
+    def weights(self, state: State, number: int) -> Array:
+        """Signal of each channel per unit of each group's radiance at unit flux, (3, groups)."""
+        flux = np.array([group.flux_mw for group in self.design.leds.groups])
+        mixing = self.design.mixing_matrix
+        if "colour_mixing" in state.values:
+            mixed = effect("colour_mixing").on_design(self.design, state.values["colour_mixing"])
+            mixing = mixed.mixing_matrix
+        return np.asarray(mixing * flux * state.gains * self.shot(number).lit)
+
+    def _signal(self, state: State, number: int, light: NDArray[np.floating]) -> Array:
+        mixing = self.weights(state, number)
+        mixed = np.moveaxis(np.tensordot(mixing, self._optics(state, number, light), axes=1), 0, -1)
+        return clipped(self._reported(state, mixed), self.shot(number).clip_sigma)
+
+    def _reported(self, state: State, mixed: Array) -> Array:
+        """Signal of the camera for mixed light, (..., 3)."""
+        signal = np.asarray(mixed + self.design.camera.black_level)
+        for e in CATALOGUE:
+            if e.name in state.values:
+                signal = np.asarray(e.on_signal(signal, state.values[e.name]))
+        return signal
+
+    def columns(self, state: State, number: int, unknowns: Sequence[Unknown]) -> Single:
+        """Derivative of a shot's signal by unknowns, per prior standard deviation: (rows, columns, 3, n)."""
+        picture, shot = self.bank.of(number), self.shot(number)
+        rows, width = picture.light.shape[1:]
+        found = np.zeros((rows, width, 3, len(unknowns)), dtype=np.float32)
+        if not shot.lit.any() and not any(_reaches_dark(u.effect) for u in unknowns):
+            return found
+        light = self._light(state, number)
+        slopes: list[Single] = []
+        places: list[int] = []
+        here = self._signal(state, number, light)
+        mixing = self.weights(state, number)
+        optics = self._optics(state, number, light)
+        gain = self._slope(state, mixing, optics)
+        for place, unknown in enumerate(unknowns):
+            if unknown.shot not in (-1, number):
+                continue
+            slope = self._light_slope(state, number, unknown, picture)
+            if slope is not None:
+                slopes.append(slope * np.float32(unknown.sd))
+                places.append(place)
+            elif unknown.effect == "gain":
+                group = self.design.group_names.index(unknown.name)
+                part = mixing[:, group, None, None] * optics[group] / state.gains[group]
+                found[..., place] = unknown.sd * np.moveaxis(part, 0, -1) * gain
+            elif unknown.effect in ("exposure_drift", "banding"):
+                wave: Array | float = 1.0
+                if unknown.effect == "banding":
+                    period = state.values["banding"]["period_rows"]
+                    wave = bands(shot, period)[int(unknown.name)]
+                part = np.tensordot(mixing, optics * wave, axes=1)
+                found[..., place] = unknown.sd * np.moveaxis(part, 0, -1) * gain
+            else:
+                found[..., place] = self._difference(state, number, unknown, light, here)
+        if slopes:
+            groups = len(mixing[0])
+            stack = np.concatenate(slopes)
+            pushed = self._optics(state, number, stack).reshape(len(slopes), groups, rows, width)
+            mixed = np.tensordot(mixing, pushed, axes=([1], [1]))  # (3, n, rows, columns)
+            found[..., places] = mixed.transpose(2, 3, 0, 1) * gain[..., None]
+        return found
+
+    def _slope(self, state: State, mixing: Array, optics: NDArray[np.floating]) -> Array:
+        """Derivative of the reported signal by the mixed light, (rows, columns, 3)."""
+        mixed = np.moveaxis(np.tensordot(mixing, optics, axes=1), 0, -1)
+        if "response_curve" not in state.values:
+            return np.ones_like(mixed)
+        step = 1e-3 * max(float(mixed.max()), 1e-3)
+        return (self._reported(state, mixed + step) - self._reported(state, mixed - step)) / (2 * step)
+
+    def _light_slope(self, state: State, number: int, unknown: Unknown, picture: Picture) -> Single | None:
+        """Derivative of the light by a pose or a rendered parameter; None for all others."""
+        shape = picture.light.shape
+        if unknown.effect == "numerical":
+            return picture.numerical
+        if unknown.effect in ("pose", DEEPER):
+            if not picture.pose:
+                return np.zeros(shape, dtype=np.float32)
+            axis = DEPTH if unknown.effect == DEEPER else POSE.index(unknown.name)
+            t = float(self._pose(state, number)[axis])
+            return picture.pose[axis].slope(shape, t) / np.float32(POSE_STEP[axis])
+        change = picture.changes.get((unknown.effect, unknown.name))
+        if change is None:
+            return None
+        p = next(p for p in self.parameters[unknown.effect] if p.name == unknown.name)
+        values = state.values.get(unknown.effect) or effect(unknown.effect).null(self.bank.model.design)
+        at = self.coordinates(unknown.effect, values)
+        main = next(at[q.name] for q in self.parameters[unknown.effect] if not q.shape)
+        if p.shape:
+            return np.float32(main) * change.slope(shape, 0.0) / np.float32(p.sd)
+        slope = change.slope(shape, at[p.name])
+        for q in self.parameters[unknown.effect]:
+            cross = picture.changes.get((unknown.effect, q.name))
+            if q.shape and cross is not None:
+                slope = slope + np.float32(at[q.name]) * cross.first
+        return slope / np.float32(p.sd)
+
+    def _difference(self, state: State, number: int, unknown: Unknown, light: Single, here: Array) -> Array:
+        """Change of the signal per standard deviation of a parameter that is not rendered."""
+        p = next(p for p in self.parameters[unknown.effect] if p.name == unknown.name)
+        values = dict(state.values.get(unknown.effect) or effect(unknown.effect).null(self.bank.model.design))
+        now = coordinate(p, values[p.name])
+        far = 1.0 if p.squared and now == 0 else HALF_STEP
+        ends = []
+        for step in (0.0, far) if p.one_sided and now < far else (-far, far):
+            if step == 0.0:
+                ends.append((here, 0.0))
+                continue
+            changed = state.with_values(unknown.effect, values | {p.name: value_at(p, now + step)})
+            ends.append((self._signal(changed, number, light), step))
+        (low, start), (high, end) = ends
+        return (high - low) / (end - start)
+
+
+def coordinate(p: Parameter, value: float) -> float:
+    """Distance of a value from null in prior standard deviations; of a squared parameter its square."""
+    t = (value - p.null) / p.sd
+    return t * t if p.squared else t
+
+
+def value_at(p: Parameter, t: float) -> float:
+    """Value of a parameter at a coordinate, within its bounds."""
+    away = np.sqrt(max(t, 0.0)) if p.squared else t
+    return float(np.clip(p.null + away * p.sd, p.low, p.high))
+
+
+def bands(shot: Shot, period_rows: float) -> Array:
+    """Sine and cosine of bands across the rows of the full sensor, shape (2, rows, columns)."""
+    _, row = shot.view.centres()
+    turn = 2 * np.pi * row / period_rows
+    return np.stack([np.sin(turn), np.cos(turn)])
+
+
+def _reaches_dark(name: str) -> bool:
+    """Whether an effect shows in a frame without light."""
+    known: dict[str, Effect] = {e.name: e for e in CATALOGUE}
+    return name in known and type(known[name]).on_signal is not Effect.on_signal
+
+
+def clipped(signal: Array, sigma: Array) -> Array:
+    """Mean of counts about a signal when those below zero are cut to zero; channels of zero `sigma` stay.
+
+    For Gaussian counts it is s Phi(s / sigma) + sigma phi(s / sigma), which tends to s well above the noise.
+    """
+    from scipy.stats import norm
+
+    if not sigma.any():
+        return signal
+    found = signal.copy()
+    for channel in np.flatnonzero(sigma):
+        ratio = signal[..., channel] / sigma[channel]
+        found[..., channel] = sigma[channel] * (ratio * norm.cdf(ratio) + norm.pdf(ratio))
+    return found
