@@ -128,7 +128,7 @@ def flicker(view: View, *, amplitude: float, period_rows: float, phase: float) -
 
 
 def fringes(view: View, *, amplitude: float) -> Array:
-    """Coloured fringes of two gratings that nearly agree, (rows, columns, 3): arcs that get finer outwards."""
+    """Coloured fringes of two gratings that nearly agree, (rows, columns, 3): finer and finer arcs."""
     row, column = np.mgrid[: view.rows, : view.columns] / view.columns
     phase = 2 * np.pi * (9 * column + 5 * row + 6 * (column - 0.3) ** 2 + 4 * (row - 0.5) ** 2)
     return np.stack([1 + amplitude * np.sin(phase + shift) for shift in (0.0, 2.1, 4.2)], axis=-1)

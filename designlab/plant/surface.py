@@ -63,7 +63,7 @@ class HeightField:
     """Base (plane or sphere) plus an indentation on a square grid; rows ascend with y, columns with x.
 
     Beyond the grid the indentation is zero. `contact` is the share of each cell that an object touches;
-    `waves` are ripples of the base: rows of wave numbers (x, y), amplitude and phase; only their slopes count.
+    `waves` are ripples of the base, of which only slopes count: rows of wave number (x, y), amplitude, phase.
     """
 
     radius_mm: float | None
