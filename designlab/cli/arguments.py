@@ -287,6 +287,18 @@ def _add_gap(add: Any) -> None:
     )
     plant.add_argument("--kit", choices=("hour", "small"), default="hour", help="which presses are taken")
     plant.add_argument(
+        "--kit-seed", type=int, metavar="N", help="seed of the stated places (default: that of --seed)"
+    )
+    plant.add_argument(
+        "--outside",
+        action="append",
+        default=[],
+        metavar="KIND[:STRENGTH]",
+        help="departure that no effect explains (repeatable): printed_markers, debris, second_contact, "
+        "lens_ghost, wrong_object, jpeg_blocks, moire or water_drop",
+    )
+    plant.add_argument("--flat-field", action="store_true", help="add a frame of uniform light")
+    plant.add_argument(
         "--columns", type=_whole(8, 2048), default=96, metavar="N", help="image width in pixels"
     )
     _out(plant, "folder to make; the answer is written beside it")

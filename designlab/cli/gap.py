@@ -28,6 +28,7 @@ def plant(args: Namespace) -> Result:
         name: values or draw(name, Rig.of(design), strength=args.strength, seed=args.seed)
         for name, values in wanted
     }
+    outside = [_outside(text) for text in args.outside]
     with bar("frame") as progress:
         folder = generate(
             design,
@@ -35,7 +36,10 @@ def plant(args: Namespace) -> Result:
             out=args.out,
             seed=args.seed,
             kit=args.kit,
+            kit_seed=args.kit_seed,
             columns=args.columns,
+            flat_field=args.flat_field,
+            outside=dict(outside),
             progress=lambda done, total: progress("planting", done, total),
         )
     data = {"measurement": str(folder), "answer": str(answer_path(folder)), "seal": str(seal_path(folder))}
@@ -60,6 +64,15 @@ def _effect(text: str) -> tuple[str, dict[str, float]]:
         except ValueError:
             raise ValueError(f"--effect {name}: {parameter} must be a number, got {value!r}") from None
     return name.strip(), values
+
+
+def _outside(text: str) -> tuple[str, float]:
+    """Read ``kind`` or ``kind:strength``."""
+    kind, colon, strength = text.partition(":")
+    try:
+        return kind.strip(), float(strength) if colon else 1.0
+    except ValueError:
+        raise ValueError(f"--outside {kind}: strength must be a number, got {strength!r}") from None
 
 
 def diagnose(args: Namespace) -> Result:

@@ -5,7 +5,7 @@ import json
 import secrets
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,34 +13,16 @@ from numpy.typing import NDArray
 from designlab.camera import View
 from designlab.design import Design, dumps, preset, preset_names
 from designlab.images import write_image
+from designlab.plant.beyond import add_outside, add_unlisted
 from designlab.plant.effects import apply
-from designlab.plant.raycast import Caster
+from designlab.plant.kit import PLACES, shots, stated_presses, true_press
 from designlab.plant.rig import Rig
-from designlab.plant.surface import Indenter
+from designlab.plant.shoot import Shooting
 from designlab.store import atomic_folder, write_atomic
-from geometries import elastomer, probes
 
 Array = NDArray[np.float64]
 
-SIGMA = {
-    "depth_mm": 0.02,
-    "centre_mm": 0.05,
-    "yaw_deg": 0.5,
-}  # between the metadata and what was really pressed
 GAIN_ERROR = 0.1  # largest departure of a group's flux from its design
-BRIGHT = 0.7  # share of full scale that the bright parts of the untouched gel reach
-PLACES = {
-    "hour": ((-32, -28), (5, -30), (33, -22), (-33, 6), (2, 3), (31, 10), (-25, 31), (12, 30)),
-    "small": ((-28, -20), (30, -5), (-2, 26)),
-}  # of ball presses, in percent of the sensing area's width and height
-
-
-class _Shot(NamedTuple):
-    """One frame to take: the metadata written, the true indentation, and which groups are on."""
-
-    metadata: dict[str, Any]
-    indenter: Indenter | None
-    lit: Array
 
 
 def plant(
@@ -52,15 +34,21 @@ def plant(
     presses: Sequence[Mapping[str, Any]] | None = None,
     columns: int = 96,
     noise: bool = True,
+    correlated_noise: bool = True,
     kit: Literal["hour", "small"] = "hour",
+    kit_seed: int | None = None,
+    flat_field: bool = False,
+    outside: Mapping[str, float] | None = None,
+    unlisted: bool | Mapping[str, float] = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Generate a measurement folder of a sensor that differs from its design by hidden effects.
 
     The set also carries errors that every bench has: poses and depths differ from the metadata by the `sigma`
-    written with them, the flux of each LED group is off by up to 10 %, and the camera adds its noise. The
-    answer is written beside the folder as ``<out>.answer.json``, and its SHA-256 as ``<out>.seal``; a random
-    salt within the answer keeps it from being guessed.
+    written with them, the flux of each LED group is off by up to 10 %, one or two small departures are there
+    that no catalogue lists, and the camera adds its noise. The answer is written beside the folder as
+    ``<out>.answer.json``, and its SHA-256 as ``<out>.seal``; a random salt within the answer keeps it from
+    being guessed.
 
     Parameters
     ----------
@@ -71,16 +59,27 @@ def plant(
     out : str or Path
         Folder to make; must not exist, or be empty.
     seed : int
-        Seed of positions, errors and noise.
+        Seed of all that is hidden: errors, noise, and what an effect changes from frame to frame.
     presses : sequence of mappings, optional
         Presses instead of the kit's: ``probe`` (text), ``depth_mm``, ``centre_mm``, ``yaw_deg`` each.
     columns : int
         Width of the images in pixels; the camera's pixels are binned by a whole number.
     noise : bool
         Without it there are neither noise nor quantisation; the errors of pose and flux stay.
+    correlated_noise : bool
+        Whether neighbouring pixels share noise (correlation 0.3), as behind a demosaicing filter.
     kit : {"hour", "small"}
-        hour: 3 backgrounds, dark frame, one background a group, a ball at 8 places and 2 depths, 2 triangles;
-        small: a ball at 3 places and 2 depths, no triangle.
+        hour: dark frame, one background a group, 5 backgrounds in between, 2 of shorter exposure, one with
+        the gel turned by 180 deg, a ball at 8 places and 2 depths, 2 triangles, one press once more;
+        small: 3 backgrounds, no ladder, turn or repeat, a ball at 3 places and 2 depths, no triangle.
+    kit_seed : int, optional
+        Seed of the stated places, that of `seed` when absent; sets that share it share their places.
+    flat_field : bool
+        Whether to add a frame of uniform light straight into the camera, which shows lens and sensor only.
+    outside : mapping, optional
+        Departures that no catalogue lists, kind to strength, see `designlab.plant.beyond.outside_kinds`.
+    unlisted : bool or mapping
+        Whether to add small departures (or which, kind to strength).
     progress : callable, optional
         Called with the number of frames done and their total.
 
@@ -106,42 +105,41 @@ def plant(
             "camera.focus_mm: measurements are generated for a lens that is sharp everywhere, "
             f"got {design.camera.focus_mm:g} mm"
         )
+    _, random_pose, random_gain, random_noise, random_frames, random_outside, random_unlisted = _streams(seed)
     rig, truth = apply(Rig.of(design), effects)
+    rig, beyond = add_outside(rig, outside or {}, random=random_outside)
+    small: dict[str, Any] = {}
+    if unlisted is not False:
+        asked = None if unlisted is True else unlisted
+        rig, small = add_unlisted(rig, asked, random=random_unlisted)
     crop, view = _crop(design, columns)
-    streams = np.random.SeedSequence(seed).spawn(4)
-    random_place, random_pose, random_gain, random_noise = (np.random.default_rng(s) for s in streams)
-    nominal = _kit(design, kit, random_place) if presses is None else [dict(press) for press in presses]
-    pressed = [_pressed(design, press, random_pose) for press in nominal]
     gain = 1 + GAIN_ERROR * random_gain.uniform(-1, 1, len(rig.flux_mw))
-    caster = Caster(rig, view)
-    cached: dict[Indenter | None, Array] = {None: caster.radiance(None)}
-    mixed_background = _mixed(rig, cached[None], gain)
-    exposure = design.camera.exposure or BRIGHT / float(np.percentile(mixed_background, 99.5))
-    shots = _shots(rig, nominal, pressed)
-    binned = view.width_px / view.columns * view.height_px / view.rows
+    random_place = _streams(seed if kit_seed is None else kit_seed)[0]
+    stated = stated_presses(design, kit, random_place) if presses is None else [dict(p) for p in presses]
+    true = [true_press(rig, press, random_pose) for press in stated]
+    taken = shots(rig, kit, stated, true, flat_field=flat_field)
+    shooting = Shooting(rig, view, gain=gain, random=random_frames)
     frames, images = [], {}
-    for number, shot in enumerate(shots):
-        if shot.indenter not in cached:
-            cached[shot.indenter] = caster.radiance(shot.indenter)
-        images[shot.metadata["file"]] = design.camera.expose(
-            _mixed(rig, cached[shot.indenter], gain * shot.lit),
-            exposure=exposure,
-            seed=int(random_noise.integers(2**63)),
-            noise=noise,
-            binned=binned,
-        )
-        frames.append(shot.metadata | {"exposure": 1.0, "crop_px": crop})
+    for number, shot in enumerate(taken):
+        frame_noise = np.random.default_rng(int(random_noise.integers(2**63)))
+        values = shooting.take(shot, frame_noise if noise else None, correlated=correlated_noise)
+        images[shot.file] = values.astype(np.float32)
+        frames.append(shot.metadata | {"exposure": shot.exposure, "crop_px": crop})
         if progress is not None:
-            progress(number + 1, len(shots))
+            progress(number + 1, len(taken))
     answer = {
         "effects": truth,
+        "outside": beyond,
+        "unlisted": small,
         "design": design.digest,
         "seed": seed,
+        "kit_seed": kit_seed,
         "gain": dict(zip(rig.group_names, gain.tolist(), strict=True)),
-        "exposure": exposure,
+        "exposure": shooting.exposure,
         "presses": [
-            {"depth_mm": p.depth_mm, "centre_mm": list(p.centre_mm), "yaw_deg": p.yaw_deg} for p in pressed
+            {"depth_mm": p.depth_mm, "centre_mm": list(p.centre_mm), "yaw_deg": p.yaw_deg} for p in true
         ],
+        **shooting.hidden(),
         "salt": secrets.token_hex(16),
     }
     _write(out, design, frames, images, json.dumps(answer, indent=1) + "\n")
@@ -173,6 +171,11 @@ def unseal(out: str | Path) -> dict[str, Any]:
     return content
 
 
+def _streams(seed: int) -> list[np.random.Generator]:
+    """Sources of stated places, poses, gains, noise, what varies by frame, what is outside, unlisted."""
+    return [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(7)]
+
+
 def _crop(design: Design, columns: int) -> tuple[list[int], View]:
     """Rectangle of whole sensor pixels in the sensing area, and its view, binned by a whole number."""
     wanted, camera = design.view(columns), design.camera
@@ -184,87 +187,6 @@ def _crop(design: Design, columns: int) -> tuple[list[int], View]:
     y = round(wanted.y_px + wanted.height_px / 2 - height / 2)
     x, y = min(max(x, 0), camera.width_px - width), min(max(y, 0), camera.height_px - height)
     return [x, y, width, height], View(float(x), float(y), float(width), float(height), columns, rows)
-
-
-def _kit(design: Design, kit: str, random: np.random.Generator) -> list[dict[str, Any]]:
-    """Presses of a kit, scaled to the sensor; places move by up to 4 % of the sensing area with the seed."""
-    width, height = design.sensing_area_mm
-    thickness = design.elastomer.thickness_mm
-    shallow, deep = (round(min(limit, share * thickness), 3) for limit, share in ((0.4, 0.2), (0.8, 0.4)))
-    ball, side = round(min(4.0, height / 3), 2), round(min(5.0, 0.42 * height), 2)
-
-    def place(percent_x: float, percent_y: float) -> list[float]:
-        shift = random.uniform(-4, 4, 2)
-        return [
-            round((percent_x + shift[0]) / 100 * width, 2),
-            round((percent_y + shift[1]) / 100 * height, 2),
-        ]
-
-    found = []
-    for percent in PLACES[kit]:
-        centre = place(*percent)
-        found += [
-            {"probe": f"sphere:{ball:g}", "depth_mm": depth, "centre_mm": centre, "yaw_deg": 0.0}
-            for depth in (shallow, deep)
-        ]
-    if kit == "hour":
-        for percent, yaw_deg, depth in (((12, -10), -28.0, deep), ((-15, 12), 40.0, shallow)):
-            found.append(
-                {
-                    "probe": f"triangle:{side:g}",
-                    "depth_mm": depth,
-                    "centre_mm": place(*percent),
-                    "yaw_deg": yaw_deg,
-                }
-            )
-    return found
-
-
-def _pressed(design: Design, press: Mapping[str, Any], random: np.random.Generator) -> Indenter:
-    """Indentation that is really there when the metadata say `press`."""
-    missing = [field for field in ("probe", "depth_mm", "centre_mm") if field not in press]
-    if missing:
-        raise ValueError(f"presses: {missing[0]} is needed, got {dict(press)}")
-    x, y = press["centre_mm"]
-    if not elastomer.inside(design.elastomer, x, y):
-        raise ValueError(f"presses: centre_mm ({x:g}, {y:g}) lies on the gel")
-    error = random.standard_normal(4)
-    return Indenter(
-        probes.parse(press["probe"]),
-        max(float(press["depth_mm"]) + SIGMA["depth_mm"] * error[0], 0.01),
-        (x + SIGMA["centre_mm"] * error[1], y + SIGMA["centre_mm"] * error[2]),
-        float(press.get("yaw_deg", 0.0)) + SIGMA["yaw_deg"] * error[3],
-    )
-
-
-def _shots(rig: Rig, nominal: list[dict[str, Any]], pressed: list[Indenter]) -> list[_Shot]:
-    """Frames in the order in which they are taken: backgrounds lie between the presses."""
-    groups = len(rig.flux_mw)
-    everything, nothing = np.ones(groups), np.zeros(groups)
-    presses = [
-        _Shot(
-            {"file": f"press-{number:02d}.exr", "kind": "press", **press, "sigma": SIGMA},
-            indenter,
-            everything,
-        )
-        for number, (press, indenter) in enumerate(zip(nominal, pressed, strict=True), start=1)
-    ]
-    backgrounds = [
-        _Shot({"file": f"background-{repeat}.exr", "kind": "background", "repeat": repeat}, None, everything)
-        for repeat in range(3)
-    ]
-    single = [
-        _Shot({"file": f"background-{name}.exr", "kind": "background", "leds": [name]}, None, lit)
-        for name, lit in zip(rig.group_names, np.eye(groups), strict=True)
-    ]
-    dark = _Shot({"file": "dark.exr", "kind": "dark", "leds": []}, None, nothing)
-    half = len(presses) // 2
-    return [dark, *single, backgrounds[0], *presses[:half], backgrounds[1], *presses[half:], backgrounds[2]]
-
-
-def _mixed(rig: Rig, radiance: Array, gain: Array) -> Array:
-    """Mixed linear radiance, shape (rows, columns, channels)."""
-    return np.asarray(np.einsum("cg,grk->rkc", rig.mixing * (rig.flux_mw * gain), radiance))
 
 
 def _write(

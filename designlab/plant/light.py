@@ -59,7 +59,7 @@ class Lighting:
     def __init__(self, rig: Rig) -> None:
         self._rig = rig
         self._groups = len(rig.flux_mw)
-        self._emitters = cells(rig.emitters, spacing_mm=EMITTER_SPACING_MM)
+        self._emitters = cells(rig.emitters, spacing_mm=EMITTER_SPACING_MM, exponent=rig.exponent)
         self._boards = cells(rig.boards, spacing_mm=BOARD_SPACING_MM)
         self.cells = Cells(
             *(np.concatenate(parts) for parts in zip(self._emitters, self._boards, strict=True))
@@ -69,7 +69,7 @@ class Lighting:
         self._bounces = rig.path_length - 2
         # Radiosity of the boards by light that met a surface 1, 2, ... times, (groups, boards) each.
         self._board_radiosity: list[Array] = []
-        untouched = HeightField(rig.elastomer.radius_mm)
+        untouched = HeightField(rig.elastomer.radius_mm, waves=rig.waves)
         self._board_radiosity = self._settle_boards(untouched)
         self.untouched = Pressed(self, untouched)
 
@@ -82,7 +82,8 @@ class Lighting:
         groups = np.arange(self._groups)[:, None]
         own = self._emitters.group[None, :] == groups
         total = np.where(own, self._emitters.area[None, :], 0.0).sum(axis=1, keepdims=True)
-        emitted = np.where(own, self._emitters.area[None, :] / (np.pi * total), 0.0)
+        shone = self._emitters.area * self._rig.face_flux[self._emitters.rectangle]
+        emitted = np.where(own, shone / (np.pi * total), 0.0)
         back = np.sum(self._board_radiosity[:orders], axis=0) if orders and self._board_radiosity else 0.0
         returned = np.broadcast_to(back * self._boards.area / np.pi, (self._groups, len(self._boards.area)))
         return np.concatenate([emitted, returned], axis=1)
@@ -97,20 +98,18 @@ class Lighting:
         """Radiosity of the boards for 1, 2, ... met surfaces, on the untouched membrane."""
         membrane = coarse_patches(self._rig, surface, self._coarse, without=None)
         boards = self._board_patches
-        albedo, reflectance = self._rig.albedo[:, None], self._rig.board_reflectance[:, None]
+        albedo = reflectances(self._rig, surface, membrane.centre[:, 0], membrane.centre[:, 1])
+        reflectance = self._rig.board_reflectance[:, None]
         lit, power = self._emitters, self._power(0)[:, : len(self._emitters.area)]
         on_membrane = albedo * irradiance(membrane.centre, membrane.normal, lit, power)
         on_boards = reflectance * irradiance(boards.centre, boards.normal, lit, power)
         orders = [on_boards]
         everything = Patches(*(np.concatenate(parts) for parts in zip(membrane, boards, strict=True)))
         exchange = form_factors(everything, everything).T
-        reflectances = np.concatenate(
-            [np.broadcast_to(albedo, on_membrane.shape), np.broadcast_to(reflectance, on_boards.shape)],
-            axis=1,
-        )
+        both = np.concatenate([albedo, np.broadcast_to(reflectance, on_boards.shape)], axis=1)
         radiosity = np.concatenate([on_membrane, on_boards], axis=1)
         for _ in range(self._bounces - 1):
-            radiosity = reflectances * (radiosity @ exchange)
+            radiosity = both * (radiosity @ exchange)
             orders.append(radiosity[:, len(membrane.area) :])
         return orders[: max(self._bounces, 0)]
 
@@ -128,15 +127,23 @@ class Pressed:
     @property
     def window(self) -> Box | None:
         """Box within which the indentation changes the direct light, None without one."""
-        return None if self.horizon is None else self.horizon.window
+        if self.horizon is None:
+            return None
+        return self.horizon.window.joined(self.surface.bump)
 
-    def irradiance(self, x: Array, y: Array) -> Array:
-        """Total irradiance at membrane points given by x and y (mm), shape (groups, points)."""
+    def irradiance(self, x: Array, y: Array, *, eye: Array | None = None) -> Array:
+        """Total irradiance at membrane points given by x and y (mm), shape (groups, points).
+
+        With the place of an eye (3,), light that a shining coat sends there counts by what a diffuse coat
+        would need to look as bright. Light from membrane to membrane is wide, so that it counts as it is.
+        """
         lighting = self._lighting
-        return self.from_cells(x, y, lighting._power(lighting._bounces)) + self.from_membrane(x, y)
+        power = lighting._power(lighting._bounces)
+        return self.from_cells(x, y, power, eye=eye) + self.from_membrane(x, y)
 
-    def from_cells(self, x: Array, y: Array, power: Array) -> Array:
+    def from_cells(self, x: Array, y: Array, power: Array, *, eye: Array | None = None) -> Array:
         """Irradiance by emitters and boards of given radiance times area, shape (groups, points)."""
+        coat = self._rig.coat
         z, normals = self.surface.z(x, y), self.surface.normals(x, y)
         points = np.stack([x, y, z], axis=-1)
         total = np.empty((len(power), len(x)))
@@ -147,6 +154,9 @@ class Pressed:
                 near = self.horizon.window.contains(x[part], y[part])
                 place = x[part][near], y[part][near], z[part][near]
                 kernel[near] *= self.horizon.visible_share(*place, sources)
+            if eye is not None and coat.specular:
+                lobe = coat.lobe(points[part], normals[part], sources.centre, eye)
+                kernel *= 1 - coat.specular + coat.specular * lobe
             total[:, part] = power @ kernel.T
         return total
 
@@ -178,8 +188,9 @@ class Pressed:
         if curved and lighting._bounces:
             exchange = form_factors(patches, patches)
             power = np.concatenate([lighting._order_power(order) for order in range(lighting._bounces)])
+            albedo = reflectances(rig, self.surface, x, y)
             for arriving in self.from_cells(x, y, power).reshape(lighting._bounces, *total.shape):
-                between = rig.albedo[:, None] * (arriving + between) @ exchange.T
+                between = albedo * (arriving + between) @ exchange.T
                 total += between
         shape = lighting._coarse.rows, lighting._coarse.columns
         coarse_field = total[:, :coarse_count].reshape(-1, *shape)
@@ -189,7 +200,7 @@ class Pressed:
 
 
 def irradiance(points: Array, normals: Array, sources: Cells, power: Array) -> Array:
-    """Irradiance by unobstructed Lambertian cells.
+    """Irradiance by unobstructed cells.
 
     Parameters
     ----------
@@ -198,7 +209,8 @@ def irradiance(points: Array, normals: Array, sources: Cells, power: Array) -> A
     sources : Cells
         Emitting cells.
     power : array, shape (groups, cells)
-        Radiance times area of every cell in the light of every group.
+        Radiance times area of every cell in the light of every group; where the exponent is not 1, that of
+        a Lambertian cell of the same flux.
 
     Returns
     -------
@@ -208,6 +220,11 @@ def irradiance(points: Array, normals: Array, sources: Cells, power: Array) -> A
     for part in _parts(len(points), len(sources.area)):
         total[:, part] = power @ _exchange(points[part], normals[part], sources).T
     return total
+
+
+def reflectances(rig: Rig, surface: HeightField, x: Array, y: Array) -> Array:
+    """Reflectance of membrane points in the light of every group, shape (groups, points)."""
+    return rig.coat.reflectance(rig.albedo, x, y, touched=surface.touched(x, y))
 
 
 def form_factors(receivers: Patches, senders: Patches) -> Array:
@@ -278,8 +295,18 @@ def _interpolate(grid: Grid, field: Array, x: Array, y: Array) -> Array:
 
 
 def _exchange(points: Array, normals: Array, sources: Cells) -> Array:
-    """Cosine times cosine over squared distance, shape (points, cells)."""
+    """Cosine times cosine over squared distance, shape (points, cells).
+
+    A cell of the law cos^m sends (m + 1) / 2 cos^(m - 1) of what a Lambertian one of equal flux does.
+    """
     facing, square = _facing(points, normals, sources.centre, sources.normal)
+    beams = np.flatnonzero(sources.exponent != 1.0)
+    if len(beams):
+        away = points @ sources.normal[beams].T - (sources.centre[beams] * sources.normal[beams]).sum(axis=1)
+        cosine = np.maximum(away, 0.0) / np.sqrt(square[:, beams] + 1e-18)
+        power = sources.exponent[beams]
+        # What faces away has no light already; the least cosine keeps its power finite.
+        facing[:, beams] *= (power + 1) / 2 * np.maximum(cosine, 1e-6) ** (power - 1)
     return facing / (square * square + 1e-18)
 
 

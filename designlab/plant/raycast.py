@@ -6,14 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.camera import Camera, View
-from designlab.plant.light import Lighting, Pressed
-from designlab.plant.rig import Rig
+from designlab.plant import lens
+from designlab.plant.light import Lighting, Pressed, reflectances
+from designlab.plant.rig import Lens, Rig
 from designlab.plant.surface import HeightField, Indenter, base_z, indented
-from geometries import elastomer
+from geometries import elastomer, probes
 
 Array = NDArray[np.float64]
 
 SUPERSAMPLES = 2  # rays along each side of an output pixel
+GRAIN_REFLECTANCE = 0.3  # of a grain on the gel, over the membrane's
 
 
 class Rays(NamedTuple):
@@ -42,20 +44,40 @@ class Caster:
 
     def __init__(self, rig: Rig, view: View) -> None:
         self._rig, self._view = rig, view
+        self._wide, self._place = view.grown(lens.margin(rig.camera, rig.lens, view), rig.camera)
         self._lighting = Lighting(rig)
-        self._rays = pixel_rays(rig.camera, view)
+        self._rays = pixel_rays(rig.camera, self._wide, bent=rig.lens, turn=rig.turn)
         self._t = meet(self._rays, HeightField(rig.elastomer.radius_mm))
         x, y, _ = self._rays.at(self._t)
-        self._untouched = self._lighting.untouched.irradiance(x, y)
+        self._untouched = self._lighting.untouched.irradiance(x, y, eye=self._eye)
+        self._falloff = rig.camera.vignette(view) * lens.falloff(rig.camera, rig.lens, view)
+        self._grain = self._with_grain()
+
+    @property
+    def _eye(self) -> Array | None:
+        return np.array(self._rays.origin_mm) if self._rig.coat.specular else None
 
     def radiance(self, indenter: Indenter | None) -> Array:
-        """Radiance of every LED group at unit flux, shape (groups, rows, columns), in mW/mm2/sr per mW."""
-        if indenter is None:
-            return self._image(self._t, self._untouched)
+        """Radiance of every LED group at unit flux, shape (groups, rows, columns), in mW/mm2/sr per mW.
+
+        As it arrives behind the lens: blurred, vignetted, with ghosts, without glare.
+        """
         rig = self._rig
+        if indenter is None:
+            return self._image(self._leaving(self._t, self._untouched, self._lighting.untouched.surface))
         surface = indented(
-            rig.elastomer, indenter, kernel_length_mm=rig.kernel_length_mm, kernel_m=rig.kernel_m
+            rig.elastomer,
+            indenter,
+            kernel_length_mm=rig.kernel_length_mm,
+            kernel_m=rig.kernel_m,
+            tail_share=rig.contact.tail_share,
+            tail_mm=rig.contact.tail_mm,
+            waves=rig.waves,
         )
+        return self._image(self._leaving(*self._lit(surface), surface))
+
+    def _lit(self, surface: HeightField) -> tuple[Array, Array]:
+        """Where every ray meets an indented membrane, and the irradiance there."""
         pressed = self._lighting.pressed(surface)
         t, irradiance = self._t.copy(), self._untouched.copy()
         x, y, _ = self._rays.at(t)
@@ -63,11 +85,32 @@ class Caster:
         close = Rays(self._rays.origin_mm, self._rays.tan_x[near], self._rays.tan_y[near])
         t[near] = meet(close, surface)
         x[near], y[near], _ = close.at(t[near])
-        irradiance[:, near] = pressed.irradiance(x[near], y[near])
+        irradiance[:, near] = pressed.irradiance(x[near], y[near], eye=self._eye)
         far = ~near
         irradiance[:, far] += pressed.from_membrane(x[far], y[far])
         irradiance[:, far] -= self._lighting.untouched.from_membrane(x[far], y[far])
-        return self._image(t, irradiance)
+        return t, irradiance
+
+    def _with_grain(self) -> Array | float:
+        """What a grain on the gel and its shadow leave of the light of every ray."""
+        if self._rig.grain is None:
+            return 1.0
+        x, y, radius, height = self._rig.grain
+        ball = Indenter(probes.sphere(diameter_mm=2 * radius), height, (x, y))
+        surface = indented(self._rig.elastomer, ball, kernel_length_mm=0.0, kernel_m=self._rig.kernel_m)
+        t, irradiance = self._lit(surface)
+        place = self._rays.at(t)
+        covered = surface.touched(place[0], place[1])
+        share = irradiance / np.maximum(self._untouched, 1e-30)
+        return np.asarray(share * (1 - (1 - GRAIN_REFLECTANCE) * covered))
+
+    def _leaving(self, t: Array, irradiance: Array, surface: HeightField) -> Array:
+        """Radiance towards the camera of the point that every ray meets, (groups, rays)."""
+        x, y, _ = self._rays.at(t)
+        membrane = elastomer.inside(self._rig.elastomer, x, y)
+        return (
+            reflectances(self._rig, surface, x, y) / np.pi * np.where(membrane, irradiance, 0.0) * self._grain
+        )
 
     def _near(self, pressed: Pressed, x: Array, y: Array) -> NDArray[np.bool_]:
         """Rays whose own point, or the light on it, an indentation changes."""
@@ -76,17 +119,44 @@ class Caster:
         steepest = float(max(np.abs(self._rays.tan_x).max(), np.abs(self._rays.tan_y).max()))
         return pressed.window.grown(pressed.surface.peak_mm * steepest).contains(x, y)
 
-    def _image(self, t: Array, irradiance: Array) -> Array:
-        x, y, _ = self._rays.at(t)
-        membrane = elastomer.inside(self._rig.elastomer, x, y)
-        radiance = self._rig.albedo[:, None] / np.pi * np.where(membrane, irradiance, 0.0)
-        split = SUPERSAMPLES
-        shape = len(radiance), self._view.rows, split, self._view.columns, split
-        return np.asarray(radiance.reshape(shape).mean(axis=(2, 4))) * self._rig.camera.vignette(self._view)
+    def _image(self, radiance: Array) -> Array:
+        split, wide, bent = SUPERSAMPLES, self._wide, self._rig.lens
+        picture = radiance.reshape(len(radiance), wide.rows * split, wide.columns * split)
+        if bent.blur_um:
+            per_px = wide.columns * split / wide.width_px
+            picture = lens.blurred(picture, radius=lens.disc_px(self._rig.camera, bent) * per_px)
+        picture = picture.reshape(len(picture), wide.rows, split, wide.columns, split).mean(axis=(2, 4))
+        picture = picture[:, self._place[0], self._place[1]] * self._falloff
+        if bent.drop is not None:
+            picture = lens.behind_drop(picture, bent.drop)
+        if bent.ghost:
+            mean = self._untouched.mean(axis=1) * self._rig.albedo / np.pi
+            picture = picture + bent.ghost * mean[:, None, None] * lens.ghosts(self._rig, self._view)
+        return np.asarray(picture)
 
 
-def pixel_rays(camera: Camera, view: View, *, split: int = SUPERSAMPLES) -> Rays:
+def pixel_rays(
+    camera: Camera,
+    view: View,
+    *,
+    split: int = SUPERSAMPLES,
+    bent: Lens | None = None,
+    turn: Array | None = None,
+) -> Rays:
     """Rays through `split` x `split` evenly spaced points of every output pixel, rows first, flattened.
+
+    Parameters
+    ----------
+    camera : Camera
+        The camera as designed; at its true place.
+    view : View
+        Output pixels.
+    split : int
+        Rays along each side of a pixel.
+    bent : Lens, optional
+        What the lens distorts beyond the camera's own distortion.
+    turn : array, shape (3, 3), optional
+        Rotation of the camera about its centre of projection.
 
     Raises
     ------
@@ -95,15 +165,19 @@ def pixel_rays(camera: Camera, view: View, *, split: int = SUPERSAMPLES) -> Rays
     """
     u = view.x_px + (np.arange(view.columns * split) + 0.5) * view.width_px / (view.columns * split)
     v = view.y_px + (np.arange(view.rows * split) + 0.5) * view.height_px / (view.rows * split)
-    if not camera.is_plain:
-        right, up, forward = camera.unproject(*np.meshgrid(u, v))
-        if forward.min() <= 0:
-            raise ValueError("camera.lens: the picture must stay within 90 deg of the axis")
-        return Rays(camera.position_mm, (right / forward).ravel(), (up / forward).ravel())
-    per_px = 2 * np.tan(np.radians(camera.horizontal_fov_deg / 2)) / camera.width_px
-    x_c, y_c = camera.centre_px
-    tan_x, tan_y = np.meshgrid(per_px * (u - x_c), per_px * (y_c - v))
-    return Rays(camera.position_mm, tan_x.ravel(), tan_y.ravel())
+    column, row = lens.seen(camera, bent or Lens(), *np.meshgrid(u, v))
+    if camera.is_plain:
+        x_c, y_c = camera.centre_px
+        right, up = (column - x_c) / camera.focal_px, (y_c - row) / camera.focal_px
+        forward = np.ones_like(right)
+    else:
+        right, up, forward = camera.unproject(column, row)
+    if turn is not None:
+        right, up, back = np.tensordot(turn, np.stack([right, up, -forward]), axes=1)
+        forward = -back
+    if forward.min() <= 0:
+        raise ValueError("camera.lens: the picture must stay within 90 deg of the axis")
+    return Rays(camera.position_mm, (right / forward).ravel(), (up / forward).ravel())
 
 
 def meet(rays: Rays, surface: HeightField, *, steps: int = 16) -> Array:

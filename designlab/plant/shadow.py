@@ -12,6 +12,7 @@ Array = NDArray[np.float64]
 STEP_DEG = 3.0
 PITCH_MM = 0.05
 LONGEST_SHADOW_MM = 20.0
+LOWEST_MM = 0.02  # height below which nothing casts a shadow that a pixel would show
 NONE = -10.0  # slope of the horizon where nothing can stand in the way
 
 
@@ -25,7 +26,7 @@ class Horizon:
 
     def __init__(self, surface: HeightField, cells: Cells, *, pitch_mm: float = PITCH_MM) -> None:
         self._pitch_mm = pitch_mm
-        bump = surface.bump
+        bump = surface.above(LOWEST_MM)
         self._centre = complex(bump.left + bump.right, bump.bottom + bump.top) / 2
         self._half = complex(bump.right - bump.left, bump.top - bump.bottom) / 2
         self._reach_mm = shadow_length_mm(surface, cells)
@@ -105,7 +106,7 @@ class Horizon:
 
 def shadow_length_mm(surface: HeightField, cells: Cells) -> float:
     """Length of the longest shadow an indentation casts behind itself."""
-    bump: Box = surface.bump
+    bump: Box = surface.above(LOWEST_MM)
     corners = np.array([(x, y) for x in bump[:2] for y in bump[2:]])
     lowest = cells.centre[:, 2] - np.abs(cells.half_down[:, 2])
     run = np.hypot(*(cells.centre[None, :, :2] - corners[:, None]).transpose(2, 0, 1))

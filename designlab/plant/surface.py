@@ -1,6 +1,6 @@
 """The membrane as a height field, untouched or pressed; smoothed by its transfer function."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import NamedTuple, Self
 
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 from scipy.special import j0
 
+from designlab.plant.tail import LEAST_MM, outside_mm, reach_mm
 from geometries.elastomer import Elastomer
 from geometries.probes import Probe, profile_mm
 
@@ -31,25 +32,38 @@ class Box(NamedTuple):
         left, right, bottom, top = self
         return Box(left - margin_mm, right + margin_mm, bottom - margin_mm, top + margin_mm)
 
+    def joined(self, other: "Box") -> "Box":
+        """Smallest box around two."""
+        low = min(self.left, other.left), min(self.bottom, other.bottom)
+        high = max(self.right, other.right), max(self.top, other.top)
+        return Box(low[0], high[0], low[1], high[1])
+
     def contains(self, x: Array, y: Array) -> NDArray[np.bool_]:
         """Which points lie within the box."""
         return (x >= self.left) & (x <= self.right) & (y >= self.bottom) & (y <= self.top)
 
 
 class Indenter(NamedTuple):
-    """What is pressed, how deep and where; yaw counter-clockwise."""
+    """What is pressed, how deep and where; yaw counter-clockwise.
+
+    `other` is a probe that the indentation is like to the share `wrong`; `beside` is pressed together.
+    """
 
     probe: Probe
     depth_mm: float
     centre_mm: tuple[float, float]
     yaw_deg: float = 0.0
+    other: Probe | None = None
+    wrong: float = 0.0
+    beside: "Indenter | None" = None
 
 
 @dataclass(frozen=True, eq=False)
 class HeightField:
     """Base (plane or sphere) plus an indentation on a square grid; rows ascend with y, columns with x.
 
-    Beyond the grid the indentation is zero.
+    Beyond the grid the indentation is zero. `contact` is the share of each cell that an object touches;
+    `waves` are ripples of the base, of which only slopes count: rows of wave number (x, y), amplitude, phase.
     """
 
     radius_mm: float | None
@@ -59,14 +73,25 @@ class HeightField:
     height_mm: Array | None = None
     slope_x: Array | None = None
     slope_y: Array | None = None
+    contact: Array | None = None
+    waves: Array = field(default_factory=lambda: np.zeros((0, 4)))
 
     @classmethod
     def on_grid(
-        cls, radius_mm: float | None, *, x0_mm: float, y0_mm: float, pitch_mm: float, height_mm: Array
+        cls,
+        radius_mm: float | None,
+        *,
+        x0_mm: float,
+        y0_mm: float,
+        pitch_mm: float,
+        height_mm: Array,
+        contact: Array | None = None,
+        waves: Array | None = None,
     ) -> Self:
         """Height field with slopes by central differences."""
         slope_x, slope_y = np.gradient(height_mm, pitch_mm, axis=1), np.gradient(height_mm, pitch_mm, axis=0)
-        return cls(radius_mm, x0_mm, y0_mm, pitch_mm, height_mm, slope_x, slope_y)
+        ripples = np.zeros((0, 4)) if waves is None else waves
+        return cls(radius_mm, x0_mm, y0_mm, pitch_mm, height_mm, slope_x, slope_y, contact, ripples)
 
     @property
     def peak_mm(self) -> float:
@@ -76,9 +101,13 @@ class HeightField:
     @property
     def bump(self) -> Box:
         """Bounding box of the indentation."""
+        return self.above(1e-4)
+
+    def above(self, height_mm: float) -> Box:
+        """Bounding box of what is indented more than this."""
         if self.height_mm is None:
             raise ValueError("an untouched membrane has no bump")
-        rows, columns = np.nonzero(self.height_mm > 1e-4)
+        rows, columns = np.nonzero(self.height_mm > min(height_mm, 0.5 * self.peak_mm))
         return Box(
             self.x0_mm + columns.min() * self.pitch_mm,
             self.x0_mm + columns.max() * self.pitch_mm,
@@ -98,7 +127,14 @@ class HeightField:
             rise = np.sqrt(np.maximum(self.radius_mm**2 - x**2 - y**2, 1e-12))
             p, q = x / rise, y / rise
         p, q = p + self._look_up(self.slope_x, x, y), q + self._look_up(self.slope_y, x, y)
+        for wave_x, wave_y, amplitude_mm, phase in self.waves:
+            steep = amplitude_mm * np.cos(wave_x * x + wave_y * y + phase)
+            p, q = p + wave_x * steep, q + wave_y * steep
         return np.stack([-p, -q, np.ones_like(p)], axis=-1) / np.sqrt(1 + p**2 + q**2)[..., None]
+
+    def touched(self, x: Array, y: Array) -> Array:
+        """Share of points that an object touches."""
+        return self._look_up(self.contact, x, y)
 
     def _look_up(self, grid: Array | None, x: Array, y: Array) -> Array:
         if grid is None:
@@ -121,36 +157,78 @@ def indented(
     kernel_length_mm: float,
     kernel_m: float,
     pitch_mm: float = PITCH_MM,
+    tail_share: float = 0.0,
+    tail_mm: float = 0.7,
+    waves: Array | None = None,
 ) -> HeightField:
     """Membrane with a probe pressed into it.
 
-    The penetration is multiplied by the transfer function of the kernel in the frequency domain.
+    Where `tail_share` is not zero, the gel is lifted around the contact too, to that share of the depth at
+    the contact's outline, decaying over `tail_mm`. Penetration and tail are multiplied by the transfer
+    function of the kernel in the frequency domain.
 
     Raises
     ------
     ValueError
         If the probe does not touch the membrane.
     """
-    box = _touched(elastomer, indenter).grown(REACH * kernel_length_mm + 6 * pitch_mm)
-    columns = int(np.ceil((box.right - box.left) / pitch_mm)) + 1
-    rows = int(np.ceil((box.top - box.bottom) / pitch_mm)) + 1
-    x = box.left + np.arange(columns) * pitch_mm
-    y = box.bottom + np.arange(rows) * pitch_mm
-    # Four points a cell place straight edges to a quarter of the pitch.
-    quarter = pitch_mm / 4
-    shifted = [
-        _above_base(elastomer, indenter, *np.meshgrid(x + dx, y + dy))
-        for dx in (-quarter, quarter)
-        for dy in (-quarter, quarter)
-    ]
-    highest = max(float(above.max()) for above in shifted)
-    cut = [np.maximum(above - highest + indenter.depth_mm, 0.0) for above in shifted]
-    height = np.mean(cut, axis=0)
+    reach = reach_mm(tail_share, tail_mm, indenter.depth_mm)
+    x, y, (x0, y0) = _grid(elastomer, indenter, kernel_length_mm, pitch_mm, reach)
+    height, contact = _penetration(elastomer, indenter, x, y, pitch_mm)
+    if tail_share:
+        away = outside_mm(elastomer, indenter, contact, x, y)
+        # Without its last half micrometre the tail ends smoothly.
+        height = np.maximum(height, tail_share * indenter.depth_mm * np.exp(-away / tail_mm) - LEAST_MM)
+    if indenter.beside is not None:
+        other, touched = _penetration(elastomer, indenter.beside, x, y, pitch_mm)
+        height, contact = np.maximum(height, other), np.maximum(contact, touched)
     if kernel_length_mm > 0:
         height = _smoothed(height, pitch_mm, kernel_length_mm, kernel_m)
     return HeightField.on_grid(
-        elastomer.radius_mm, x0_mm=box.left, y0_mm=box.bottom, pitch_mm=pitch_mm, height_mm=height
+        elastomer.radius_mm,
+        x0_mm=x0,
+        y0_mm=y0,
+        pitch_mm=pitch_mm,
+        height_mm=height,
+        contact=contact,
+        waves=waves,
     )
+
+
+def _grid(
+    elastomer: Elastomer, indenter: Indenter, kernel_length_mm: float, pitch_mm: float, tail_mm: float
+) -> tuple[Array, Array, tuple[float, float]]:
+    """Points (x, y) around all that is touched, and the first of them."""
+    margin = REACH * kernel_length_mm + 6 * pitch_mm
+    box = _touched(elastomer, indenter)
+    if indenter.other is not None:
+        box = box.joined(_touched(elastomer, indenter._replace(probe=indenter.other)))
+    box = box.grown(tail_mm)
+    if indenter.beside is not None:
+        box = box.joined(_touched(elastomer, indenter.beside))
+    box = box.grown(margin)
+    columns = int(np.ceil((box.right - box.left) / pitch_mm)) + 1
+    rows = int(np.ceil((box.top - box.bottom) / pitch_mm)) + 1
+    x, y = np.meshgrid(box.left + np.arange(columns) * pitch_mm, box.bottom + np.arange(rows) * pitch_mm)
+    return x, y, (box.left, box.bottom)
+
+
+def _penetration(
+    elastomer: Elastomer, indenter: Indenter, x: Array, y: Array, pitch_mm: float
+) -> tuple[Array, Array]:
+    """Depth to which a probe stands in the undeformed gel, and share of each cell that it touches."""
+    # Four points a cell place straight edges to a quarter of the pitch.
+    shifts = [(dx * pitch_mm, dy * pitch_mm) for dx in (-0.25, 0.25) for dy in (-0.25, 0.25)]
+
+    def cut(probe: Probe) -> Array:
+        one = indenter._replace(probe=probe)
+        above = np.stack([_above_base(elastomer, one, x + dx, y + dy) for dx, dy in shifts])
+        return np.asarray(np.maximum(above - above.max() + indenter.depth_mm, 0.0))
+
+    depth = cut(indenter.probe)
+    if indenter.other is not None:
+        depth = (1 - indenter.wrong) * depth + indenter.wrong * cut(indenter.other)
+    return depth.mean(axis=0), (depth > 0).mean(axis=0)
 
 
 def transfer(wavenumber: Array, *, kernel_length_mm: float, kernel_m: float) -> Array:

@@ -39,7 +39,7 @@ def planted(tmp_path_factory):
     @functools.cache
     def make(name, seed=3):
         out = tmp_path_factory.mktemp(name) / "m"
-        plant(preset(name), effects={}, out=out, seed=seed, presses=PRESSES, columns=COLUMNS)
+        plant(preset(name), effects={}, out=out, seed=seed, presses=PRESSES, columns=COLUMNS, kit="small")
         return load_measurement(out)
 
     return make
@@ -267,7 +267,9 @@ class TestWithoutModel:
     def test_a_colour_matrix_that_cuts_at_zero_is_noted(self, tmp_path):
         design = preset(NAMES[0])
         effects = {"colour_mixing": {"G_from_red": -0.3, "B_from_green": -0.3}}
-        plant(design, effects=effects, out=tmp_path / "m", seed=1, presses=PRESSES[:1], columns=24)
+        plant(
+            design, effects=effects, out=tmp_path / "m", seed=1, presses=PRESSES[:1], columns=24, kit="small"
+        )
         (found,) = check(load_measurement(tmp_path / "m"))
         assert (found.name, found.strong) == ("not_additive", False)
         assert "colour matrix" in found.cause

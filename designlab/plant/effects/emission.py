@@ -1,0 +1,105 @@
+"""Effects of the LEDs: where they stand, how much, how narrowly and whereto they shine."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.plant.effects.base import Parameter, Planted
+from designlab.plant.rig import Rectangles, Rig
+
+Array = NDArray[np.float64]
+
+
+def _position_parameters(rig: Rig) -> dict[str, Parameter]:
+    return {f"{axis}_mm": Parameter(0.0, 0.5, -3.0, 3.0, "mm") for axis in ("radial", "height", "tangential")}
+
+
+def _move(rig: Rig, values: Mapping[str, float]) -> Rig:
+    """Move every package in the cylindrical frame of its row: outwards, up, counter-clockwise."""
+
+    def moved(rectangles: Rectangles) -> Rectangles:
+        around = rectangles.across
+        outwards = np.stack([around[:, 1], -around[:, 0], np.zeros(len(around))], axis=1)
+        up = np.array([0.0, 0.0, values["height_mm"]])
+        shift = values["radial_mm"] * outwards + values["tangential_mm"] * around + up
+        return rectangles._replace(centre=rectangles.centre + shift)
+
+    return replace(rig, emitters=moved(rig.emitters), boards=moved(rig.boards))
+
+
+def _face_names(rig: Rig) -> list[str]:
+    """Name of every emitting face: its group and its number within the group."""
+    seen = dict.fromkeys(range(len(rig.group_names)), 0)
+    names = []
+    for group in rig.emitters.group.tolist():
+        seen[group] += 1
+        names.append(f"{rig.group_names[group]}_{seen[group]}")
+    return names
+
+
+def _spread_parameters(rig: Rig) -> dict[str, Parameter]:
+    return {name: Parameter(0.0, 0.12, -1.0, 2.0) for name in _face_names(rig)}
+
+
+def _spread(rig: Rig, values: Mapping[str, float]) -> Rig:
+    """Multiply the flux of every face; the others of its group stay."""
+    factors = 1 + np.array([values[name] for name in _face_names(rig)])
+    return replace(rig, face_flux=rig.face_flux * factors)
+
+
+def _profile_parameters(rig: Rig) -> dict[str, Parameter]:
+    return {
+        f"{name}_exponent": Parameter(
+            float(exponent), 0.3, min(0.3, float(exponent)), max(20.0, float(exponent))
+        )
+        for name, exponent in zip(rig.group_names, rig.exponent, strict=True)
+    }
+
+
+def _profile(rig: Rig, values: Mapping[str, float]) -> Rig:
+    return replace(rig, exponent=np.array([values[f"{name}_exponent"] for name in rig.group_names]))
+
+
+def _tilt_parameters(rig: Rig) -> dict[str, Parameter]:
+    return {
+        f"{name}_{way}_deg": Parameter(0.0, 3.0, -20.0, 20.0, "deg")
+        for name in rig.group_names
+        for way in ("tilt", "turn")
+    }
+
+
+def _tilt(rig: Rig, values: Mapping[str, float]) -> Rig:
+    """Turn the emitting faces about their own centres: towards the membrane, and about their own up."""
+    faces = rig.emitters
+    names = [rig.group_names[group] for group in faces.group]
+    tilt, turn = (np.array([values[f"{name}_{way}_deg"] for name in names]) for way in ("tilt", "turn"))
+    up = -faces.down
+
+    def turned(vector: Array) -> Array:
+        # About `across` the normal goes towards `down`; (across, down, normal) is right-handed, so that this
+        # is a turn by the negative angle.
+        return _about(up, _about(faces.across, vector, -tilt), turn)
+
+    return replace(
+        rig,
+        emitters=faces._replace(
+            normal=turned(faces.normal), across=turned(faces.across), down=turned(faces.down)
+        ),
+    )
+
+
+def _about(axis: Array, vector: Array, angle_deg: Array) -> Array:
+    """Turn vectors (n, 3) about unit axes (n, 3), counter-clockwise seen from their tips (Rodrigues)."""
+    angle = np.radians(angle_deg)[:, None]
+    along = (axis * vector).sum(axis=1, keepdims=True) * axis
+    return np.asarray(along + np.cos(angle) * (vector - along) + np.sin(angle) * np.cross(axis, vector))
+
+
+EMISSION = {
+    "led_position": Planted(_position_parameters, _move),
+    "led_spread": Planted(_spread_parameters, _spread),
+    "led_profile": Planted(_profile_parameters, _profile),
+    "led_tilt": Planted(_tilt_parameters, _tilt),
+}
