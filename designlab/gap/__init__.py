@@ -1,9 +1,8 @@
 """From a measurement that does not match the simulation to named physical effects and an updated model.
 
 The order of the work: `observe` (what was measured), `bank` (pictures of the model and how they change),
-`forward` (what a state predicts), `noise` (how far a perfect one may miss), `evidence` and `fit` (effects
-with gains and poses as nuisances), `judge` (held-out presses), `search` (the race), `diagnose` (all of it, and
-the report).
+`forward` (what a state predicts), `noise` (how far a perfect model may miss), `evidence` and `fit` (effects,
+gains and poses together), `judge` (held-out presses), `search` (the race), `diagnose` (all of it).
 """
 
 from designlab.gap.diagnose import diagnose

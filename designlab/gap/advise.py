@@ -21,7 +21,7 @@ FEW_HELD_OUT = 4
 
 @dataclass(frozen=True, eq=False)
 class Action:
-    """A frame that could be taken: in words, as a shot that shares the picture of another, minutes of work."""
+    """A frame that could be taken: in words, as a shot with the picture of another, and minutes of work."""
 
     text: str
     shot: Shot
@@ -54,7 +54,7 @@ def advise(fitter: Fitter, seen: Observations, search: Search, verdict: Verdict)
 
 
 def _separating(fitter: Fitter, seen: Observations, search: Search) -> str:
-    """The frame on which the effects of the last coherence set differ most a minute, the gains fitted anew."""
+    """The frame on which the effects of the last coherence set differ most for its time."""
     pairs = list(combinations(search.alternatives.values(), 2))
     worth = {}
     for action in _actions(fitter, seen):
@@ -62,7 +62,7 @@ def _separating(fitter: Fitter, seen: Observations, search: Search) -> str:
         worth[action.text] = (least / np.sqrt(action.minutes), least, action.minutes)
     best = max(worth, key=lambda text: worth[text][0])
     _, apart, minutes = worth[best]
-    return f"{best} (about {minutes:g} min): there the effects of the set differ by {apart:.2g} standard deviations"
+    return f"{best} (about {minutes:g} min): there they differ by {apart:.2g} standard deviations"
 
 
 def _actions(fitter: Fitter, seen: Observations) -> list[Action]:

@@ -84,8 +84,8 @@ class Fitter:
         for name, gain in zip(design.group_names, gains, strict=True):
             if not gain > 0:
                 raise ValueError(
-                    f"model: the light of LED group {name!r} fits the measurement only with the negative gain "
-                    f"{gain:.3g}; are the groups, their places or the colour channels mixed up?"
+                    f"model: the light of LED group {name!r} fits the measurement only with a negative gain, "
+                    f"{gain:.3g}: are the groups, their places or the colour channels mixed up?"
                 )
         state = State(np.asarray(gains))
         self.measure(state)

@@ -25,8 +25,8 @@ class Pattern(NamedTuple):
 def found_pattern(fitter: Fitter, state: State, shots: Sequence[int]) -> Pattern:
     """Estimate a white relative pattern common to shots.
 
-    Each pixel has its own factor, with a Gaussian prior about 1; its posterior and its part of the evidence are
-    those of one linear unknown. The strength of the prior is the one with the most evidence.
+    Each pixel has its own factor, with a Gaussian prior about 1; its posterior and its part of the evidence
+    are those of one linear unknown. The strength of the prior is the one with the most evidence.
     """
     first = fitter.bank.shots[shots[0]].signal.shape[:2]
     information, right = np.zeros(first), np.zeros(first)
