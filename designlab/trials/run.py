@@ -1,0 +1,106 @@
+"""Running trials: each set is generated, diagnosed, and only then is its answer opened."""
+
+import json
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from designlab.design import preset
+from designlab.gap import diagnose
+from designlab.measurement import MeasurementError, load_measurement
+from designlab.plant import plant, unseal
+from designlab.plant.effects import draw
+from designlab.plant.rig import Rig
+from designlab.store import write_json
+from designlab.trials.pool import Trial
+
+COLUMNS = 96
+SEED = 1
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a trial gave: the set, its truth, and what of the report is scored."""
+
+    trial: dict[str, Any]
+    truth: dict[str, Any]
+    verdict: str
+    named: list[str]
+    sets: list[list[str]]
+    parameters: dict[str, Any]
+    gap: dict[str, Any]
+    candidates: list[dict[str, Any]]
+    seconds: float
+    processor_seconds: float
+
+
+def run(trials: Iterable[Trial], folder: Path, *, progress: Progress | None = None) -> list[Outcome]:
+    """Run trials, or take them from the folder where they were run before.
+
+    Parameters
+    ----------
+    trials : iterable of Trial
+        The sets.
+    folder : Path
+        Where sets, reports and outcomes lie; an interrupted run goes on there.
+    """
+    trials = list(trials)
+    found = []
+    for number, trial in enumerate(trials):
+        if progress is not None:
+            progress(trial.name, number, len(trials))
+        path = folder / "outcomes" / f"{trial.name}-{trial.seed}.json"
+        if not path.is_file():
+            write_json(path, asdict(_one(trial, folder)))
+        found.append(Outcome(**json.loads(path.read_text(encoding="utf-8"))))
+    return found
+
+
+def _one(trial: Trial, folder: Path) -> Outcome:
+    design = preset(trial.design)
+    measurement = folder / "sets" / f"{trial.name}-{trial.seed}"
+    if not measurement.exists():
+        rig = Rig.of(design)
+        effects = {
+            name: draw(name, rig, strength=strength, seed=trial.seed)
+            for name, strength in trial.effects.items()
+        }
+        measurement.parent.mkdir(parents=True, exist_ok=True)
+        plant(
+            design,
+            effects=effects,
+            outside=dict(trial.outside),
+            out=measurement,
+            seed=trial.seed,
+            kit_seed=trial.kit_seed,
+            columns=COLUMNS,
+        )
+    begun = os.times()
+    try:
+        report = diagnose(
+            load_measurement(measurement),
+            design,
+            out=folder / "reports" / measurement.name,
+            seed=SEED,
+            columns=COLUMNS,
+            renders=folder / "renders" / trial.design,
+            pictures=False,
+        ).to_json()
+    except MeasurementError as error:
+        report = {"verdict": f"refused: {error}", "effects": [], "gap": {}, "candidates": []}
+    ended = os.times()
+    return Outcome(
+        trial=asdict(trial),
+        truth=unseal(measurement),
+        verdict=report["verdict"],
+        named=[effect["name"] for effect in report["effects"]],
+        sets=[effect["coherence_set"] for effect in report["effects"]],
+        parameters={effect["name"]: effect["parameters"] for effect in report["effects"]},
+        gap=report["gap"],
+        candidates=report["candidates"],
+        seconds=ended.elapsed - begun.elapsed,
+        processor_seconds=ended.user + ended.system - begun.user - begun.system,
+    )

@@ -1,0 +1,88 @@
+"""What a pool of trials shows: names right and wrong, sets, gap removed, intervals."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from designlab.trials.run import Outcome
+
+CLASSES: tuple[frozenset[str], ...] = ()
+"""Effects declared indistinguishable in advance: naming one of a class counts as naming any."""
+
+
+def score(outcomes: Iterable[Outcome]) -> dict[str, Any]:
+    """Score trials.
+
+    Returns
+    -------
+    dict
+        `nothing`, `single` and `outside`: numbers of sets and of those named; `rows`: one for each set.
+    """
+    outcomes = list(outcomes)
+    nothing = [o for o in outcomes if not o.trial["effects"] and not o.trial["outside"]]
+    single = [o for o in outcomes if len(o.trial["effects"]) == 1]
+    outside = [o for o in outcomes if o.trial["outside"]]
+    right = [_first_right(o) for o in single]
+    removed = [share for o in single if (share := gap_removed(o)) is not None]
+    held = [inside for o in single for inside in _inside(o)]
+    return {
+        "nothing": {"sets": len(nothing), "named": sum(bool(o.named) for o in nothing)},
+        "single": {
+            "sets": len(single),
+            "right_first": float(np.mean(right)) if right else None,
+            "truth_in_set": float(np.mean([_in_set(o) for o in single])) if single else None,
+            "gap_removed_median": float(np.median(removed)) if removed else None,
+            "intervals_hold": float(np.mean(held)) if held else None,
+        },
+        "outside": {"sets": len(outside), "named": sum(_names(o) for o in outside)},
+        "rows": [
+            {
+                "set": o.trial["name"],
+                "design": o.trial["design"],
+                "hidden": [*o.trial["effects"], *o.trial["outside"]],
+                "verdict": o.verdict,
+                "named": o.named,
+                "sets": o.sets,
+                "gap_removed": gap_removed(o),
+                "seconds": o.processor_seconds,
+            }
+            for o in outcomes
+        ],
+    }
+
+
+def same(one: str, other: str) -> bool:
+    """Whether two names count as one."""
+    return one == other or any(one in names and other in names for names in CLASSES)
+
+
+def _first_right(o: Outcome) -> bool:
+    truth = next(iter(o.trial["effects"]))
+    return bool(o.named) and same(o.named[0], truth)
+
+
+def _in_set(o: Outcome) -> bool:
+    truth = next(iter(o.trial["effects"]))
+    return any(same(name, truth) for names in o.sets for name in names)
+
+
+def _names(o: Outcome) -> bool:
+    """Whether a set outside the catalogue was given a name without reserve."""
+    return o.verdict in ("named", "ambiguous")
+
+
+def gap_removed(o: Outcome) -> float | None:
+    """Share of the excess over the floor that is gone on the final presses."""
+    level = o.gap.get("final")
+    if not level or level["before"] <= level["floor"]:
+        return None
+    return float((level["before"] - level["after"]) / (level["before"] - level["floor"]))
+
+
+def _inside(o: Outcome) -> Sequence[bool]:
+    """Whether each stated interval of the right effect holds the truth."""
+    truth = next(iter(o.trial["effects"]))
+    found = o.parameters.get(truth, {})
+    values = o.truth["effects"][truth]
+    return [v["low"] <= values[p] <= v["high"] for p, v in found.items() if p in values]

@@ -1,0 +1,115 @@
+"""Normal equations and evidence against dense linear algebra written out in full."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.fft import dct
+from scipy.stats import multivariate_normal
+
+from designlab.gap.evidence import System, log_evidence, system
+from designlab.gap.forward import Unknown
+from designlab.gap.noise import SHOT_BUDGET, SMOOTH_BUDGET, Noise, spectrum
+
+ROWS, COLUMNS = 5, 6
+SHAPE = (ROWS, COLUMNS, 3)
+UNKNOWNS = [Unknown("gain", "red", 1.0), Unknown("a", "p", 1.0), Unknown("pose", "x_mm", 1.0, 0)]
+
+
+class Known:
+    """Two shots with given signals, predictions and derivatives."""
+
+    def __init__(self, seed: int) -> None:
+        random = np.random.default_rng(seed)
+        self.derivatives = random.standard_normal((2, *SHAPE, len(UNKNOWNS)))
+        self.derivatives[1, ..., 2] = 0.0  # the pose of the first shot
+        self.signals = random.standard_normal((2, *SHAPE))
+        self.valid = random.random((2, *SHAPE)) > 0.1
+
+    def shot(self, number: int) -> SimpleNamespace:
+        return SimpleNamespace(signal=self.signals[number], valid=self.valid[number])
+
+    def predict(self, state: object, number: int) -> np.ndarray:
+        return np.zeros(SHAPE)
+
+    def columns(self, state: object, number: int, unknowns: list[Unknown]) -> np.ndarray:
+        return self.derivatives[number][..., [UNKNOWNS.index(u) for u in unknowns]].astype(np.float32)
+
+
+def noises(level: float) -> list[Noise]:
+    sigma = np.full(SHAPE, 0.5)
+    return [Noise(sigma, sigma, np.full(3, level * (1 + n))) for n in range(2)]
+
+
+def smooth_covariance() -> np.ndarray:
+    """Covariance over the pixels of a picture of the smooth error of unit variance, (pixels, pixels)."""
+    across, down = (dct(np.eye(n), axis=0, norm="ortho") for n in (COLUMNS, ROWS))
+    transform = np.kron(down, across)
+    return transform.T @ np.diag(spectrum((ROWS, COLUMNS)).ravel()) @ transform
+
+
+def test_smooth_errors_have_unit_variance_and_are_alike_next_to_each_other() -> None:
+    covariance = smooth_covariance()
+    assert np.trace(covariance) / len(covariance) == pytest.approx(1.0)
+    assert covariance[14, 15] > 0.2  # neighbours in a row
+
+
+def test_normal_equations_are_those_of_the_dense_covariance() -> None:
+    known, own = Known(3), noises(200.0)
+    found = system(known, None, [0, 1], UNKNOWNS, own, np.zeros(3))  # type: ignore[arg-type]
+    smooth = smooth_covariance()
+    gram, right, misfit = np.zeros((3, 3)), np.zeros(3), 0.0
+    for channel in range(3):
+        levels = [noise.level[channel] for noise in own]
+        apart = [np.eye(ROWS * COLUMNS) + (SHOT_BUDGET * level) ** 2 * smooth for level in levels]
+        shared = SMOOTH_BUDGET**2 * np.kron(np.outer(levels, levels), smooth)
+        zero = np.zeros_like(smooth)
+        inverse = np.linalg.inv(np.block([[apart[0], zero], [zero, apart[1]]]) + shared)
+        scale = (known.valid[..., channel] / 0.5).reshape(2, -1)
+        rows = np.concatenate(
+            [known.derivatives[n, :, :, channel].reshape(-1, 3) * scale[n][:, None] for n in range(2)]
+        )
+        left = np.concatenate([known.signals[n, :, :, channel].ravel() * scale[n] for n in range(2)])
+        gram += rows.T @ inverse @ rows
+        right += rows.T @ inverse @ left
+        misfit += left @ inverse @ left
+    np.testing.assert_allclose(found.gram, gram, rtol=2e-4, atol=2e-4 * np.abs(gram).max())
+    np.testing.assert_allclose(found.right, right, atol=2e-4 * np.abs(gram).max())
+    assert found.misfit == pytest.approx(misfit, rel=1e-4)
+
+
+def test_evidence_is_the_ratio_of_marginal_likelihoods() -> None:
+    random = np.random.default_rng(0)
+    matrix, data = random.standard_normal((8, 2)), random.standard_normal(8)
+    with_effect = multivariate_normal(np.zeros(8), np.eye(8) + matrix @ matrix.T).logpdf(data)
+    without = multivariate_normal(np.zeros(8), np.eye(8)).logpdf(data)
+    assert log_evidence(matrix.T @ matrix, matrix.T @ data) == pytest.approx(with_effect - without)
+
+
+def quadratic(seed: int, now: np.ndarray) -> System:
+    random = np.random.default_rng(seed)
+    matrix, data = random.standard_normal((20, 3)), random.standard_normal(20)
+    return System(tuple(UNKNOWNS), matrix.T @ matrix, matrix.T @ data, float(data @ data), now)
+
+
+def test_reducing_is_marginalising() -> None:
+    whole = quadratic(1, np.zeros(3))
+    information, _ = whole.reduced([1])
+    covariance = np.linalg.inv(whole.gram + np.eye(3))
+    assert information[0, 0] + 1.0 == pytest.approx(1.0 / covariance[1, 1])
+
+
+def test_a_step_reaches_the_least_penalised_misfit() -> None:
+    from scipy.optimize import minimize
+
+    now = np.array([0.3, -0.2, 0.1])
+    whole = quadratic(2, now)
+
+    def objective(step: np.ndarray) -> float:
+        return float(step @ whole.gram @ step - 2 * whole.right @ step + ((now + step) ** 2).sum())
+
+    low, high = np.array([0.0, -np.inf, -0.05]), np.array([np.inf, 0.4, 0.05])
+    step, fallen = whole.step(low, high)
+    best = minimize(objective, np.zeros(3), bounds=list(zip(low - now, high - now, strict=True)))
+    np.testing.assert_allclose(step, best.x, atol=1e-4)
+    assert fallen == pytest.approx(objective(np.zeros(3)) - best.fun, rel=1e-6)
