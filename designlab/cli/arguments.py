@@ -283,11 +283,14 @@ def _add_gap(add: Any) -> None:
         type=float,
         default=1.5,
         metavar="S",
-        help="size of drawn values in usual spreads (default: 1.5)",
+        help="distance of drawn values from null in usual spreads (default: 1.5)",
     )
     plant.add_argument("--kit", choices=("hour", "small"), default="hour", help="which presses are taken")
     plant.add_argument(
-        "--kit-seed", type=int, metavar="N", help="seed of the stated places (default: that of --seed)"
+        "--kit-seed",
+        type=_whole(0, 2**31 - 1),
+        metavar="N",
+        help="seed of the stated places (default: that of --seed)",
     )
     plant.add_argument(
         "--outside",

@@ -97,7 +97,13 @@ class Caster:
             return 1.0
         x, y, radius, height = self._rig.grain
         ball = Indenter(probes.sphere(diameter_mm=2 * radius), height, (x, y))
-        surface = indented(self._rig.elastomer, ball, kernel_length_mm=0.0, kernel_m=self._rig.kernel_m)
+        surface = indented(
+            self._rig.elastomer,
+            ball,
+            kernel_length_mm=0.0,
+            kernel_m=self._rig.kernel_m,
+            waves=self._rig.waves,
+        )
         t, irradiance = self._lit(surface)
         place = self._rays.at(t)
         covered = surface.touched(place[0], place[1])

@@ -178,6 +178,18 @@ class TestArguments:
                 ["radial_mm", "'a'", "number"],
             ),
             (["gap", "plant", "--effect", "led_position:radial_mm", "--out", "x"], ["NAME[:PARAMETER=VALUE"]),
+            (
+                ["gap", "plant", "--effect", "vignetting:corner_loss=0.9", "--out", "x"],
+                ["corner_loss", "0.8"],
+            ),
+            (
+                ["gap", "plant", "--effect", "vignetting", "--strength", "9", "--out", "x"],
+                ["vignetting", "9"],
+            ),
+            (["gap", "plant", "--outside", "fog", "--out", "x"], ["fog", "printed_markers"]),
+            (["gap", "plant", "--outside", "moire:much", "--out", "x"], ["moire", "'much'", "number"]),
+            (["gap", "plant", "--outside", "moire:7", "--out", "x"], ["moire", "between 0 and 2", "7"]),
+            (["gap", "plant", "--kit-seed", "-1", "--out", "x"], ["--kit-seed", "-1"]),
         ],
     )
     def test_what_is_wrong_is_named(self, refused, tmp_path, monkeypatch, words, named):
