@@ -58,7 +58,7 @@ class Picture:
     seen_mm : tuple of arrays, shape (rows, columns)
         Membrane point every pixel sees.
     numerical : array, shape (groups, rows, columns)
-        What a finer membrane mesh and other random numbers change.
+        What a finer membrane mesh changes.
     pose : tuple of Change
         By steps `POSE_STEP` of x, y, depth and yaw; empty without a press.
     changes : mapping of (effect, parameter) to Change

@@ -21,10 +21,10 @@ Array = NDArray[np.float64]
 Basis = NDArray[np.float32]
 Progress = Callable[[str, int, int], None]
 Variant = Literal["value", "fine"]
-"""The picture itself; another with other random numbers and a finer membrane mesh."""
+"""The picture itself; another with a finer membrane mesh."""
 
 SIMULATORS_KEPT = 4
-FINER = 1.5  # pitch of the membrane mesh over that of the fine variant
+FINER = 2.0  # pitch of the membrane mesh over that of the fine variant
 
 
 @dataclass
@@ -41,7 +41,7 @@ class Renders:
     samples : int
         Samples per pixel and LED group.
     seed : int
-        Seed of the light transport; every stream has its own.
+        Seed of the light transport.
     """
 
     folder: Path
@@ -65,7 +65,7 @@ class Renders:
     ) -> Basis:
         """Radiance of every LED group at unit flux, shape (groups, rows, columns).
 
-        All pictures of a variant share their random numbers, so that differences have little noise.
+        All pictures share their random numbers, so that differences have little noise.
 
         Parameters
         ----------
@@ -78,7 +78,8 @@ class Renders:
         variant : str
             Which picture, see `Variant`.
         """
-        settings = (list(view), self.samples, self.seed, variant)
+        finer = FINER if variant == "fine" else 1.0
+        settings = (list(view), self.samples, self.seed, finer)
         key = digest(_transport(model, press), press, _mesh_content(press), *settings, _versions())
         if key not in self._kept:
             stored = read_cache(key, folder=self.folder)
@@ -95,8 +96,7 @@ class Renders:
         if key not in self._simulators:
             if len(self._simulators) >= SIMULATORS_KEPT:
                 self._simulators.clear()
-            seed = _seed(self.seed, variant)
-            simulator = Simulator(model, view=view, samples=self.samples, seed=seed)
+            simulator = Simulator(model, view=view, samples=self.samples, seed=self.seed)
             if variant == "fine":
                 simulator.pitch_mm /= FINER
             self._simulators[key] = simulator
@@ -110,11 +110,6 @@ class Renders:
         if self.progress is not None:
             self.expected = max(self.expected, self._asked)
             self.progress(self.stage, self._asked, self.expected)
-
-
-def _seed(seed: int, variant: Variant) -> int:
-    place = ("value", "fine").index(variant)
-    return int(np.random.SeedSequence([seed, place]).generate_state(1)[0])
 
 
 def _transport(model: SensorModel, press: Press | None) -> list[object]:

@@ -26,7 +26,7 @@ SAMPLES = 256
 COLUMNS = 160
 UNEXPLAINED_ABOVE = 0.5  # leftover share of the gap from which nothing is named
 PARTIAL_ABOVE = 0.15
-AT_FLOOR = 1.0  # excess of the mean squared residual over noise, below which there is no gap to explain
+AT_FLOOR = 3.0  # mean squared residual over the floor below which there is no gap to explain
 INTERVAL_SD = 1.96
 
 
@@ -146,14 +146,15 @@ def _names(model: SensorModel, catalogue: Sequence[str] | None) -> list[str]:
 def _verdict(search: Search, before: Judged, after: Judged) -> Verdict:
     """Judge by the select presses alone."""
     excess, left = (float((judged.per_shot - judged.floor).mean()) for judged in (before, after))
+    near = after.mean < AT_FLOOR * float(after.floor.mean())
     if not search.winners:
-        return "at_floor" if excess < AT_FLOOR else "unexplained"
+        return "at_floor" if near else "unexplained"
     share = max(left, 0.0) / max(excess, 1e-12)
-    if share > UNEXPLAINED_ABOVE and left > AT_FLOOR:
+    if share > UNEXPLAINED_ABOVE and not near:
         return "unexplained"
     if any(len(winner.coherence_set) > 1 for winner in search.winners):
         return "ambiguous"
-    return "partial" if share > PARTIAL_ABOVE and left > AT_FLOOR else "named"
+    return "partial" if share > PARTIAL_ABOVE and not near else "named"
 
 
 def _values(fitter: Fitter, best: Fit, name: str) -> dict[str, Value]:

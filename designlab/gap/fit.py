@@ -22,8 +22,9 @@ DRAWN_SD = {
 }  # of one shot's own gain, and of its bands' sine and cosine
 POSE_BOUND_SD = 5.0
 AT_BOUND = 0.01  # share of a parameter's range that counts as its bound
-ITERATIONS = 3
+ITERATIONS = 8
 SETTLED = 0.5  # fall of half the misfit below which a fit has converged
+SETTLED_SHARE = 1e-4  # likewise, of the misfit
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,16 +101,18 @@ class Fitter:
     def unknowns(
         self, state: State, names: Collection[str], shots: Sequence[int], *, gains: bool = True
     ) -> list[Unknown]:
-        """Parameters of effects, gains, and what each shot has alone."""
+        """Parameters of effects, gains, the simulation's own error, and what each shot has alone.
+
+        That error is a rival of every effect and is fitted with each: what a finer mesh explains is none.
+        """
         found = [
             Unknown(name, p.name, p.sd)
             for name in names
             for p in self.forward.parameters.get(name, ())
             if name not in DRAWN_SD and name != "fixed_pattern"
         ]
-        if "numerical" in names:
-            found.append(Unknown("numerical", "amount", 1.0))
         if gains:
+            found.append(Unknown("numerical", "amount", 1.0))
             found += [
                 Unknown("gain", name, GAIN_SD * float(gain))
                 for name, gain in zip(self.forward.design.group_names, state.gains, strict=True)
@@ -145,7 +148,7 @@ class Fitter:
             drawn = state.drawn.get(u.effect, {}).get(u.shot)
             return 0.0 if drawn is None else float(drawn[int(u.name)] / u.sd)
         if u.effect == "numerical":
-            return 0.0
+            return state.numerical
         values = state.values.get(u.effect)
         if values is None:
             return 0.0
@@ -170,6 +173,7 @@ class Fitter:
         values = {name: dict(own) for name, own in state.values.items()}
         poses = {number: pose.copy() for number, pose in state.poses.items()}
         drawn = {name: dict(own) for name, own in state.drawn.items()}
+        numerical = state.numerical
         for u, change in zip(unknowns, step, strict=True):
             if u.effect == "gain":
                 group = self.forward.design.group_names.index(u.name)
@@ -181,11 +185,13 @@ class Fitter:
                 own = drawn.setdefault(u.effect, {})
                 before = own.get(u.shot, np.zeros(2 if u.effect == "banding" else 1))
                 own[u.shot] = before + change * u.sd * np.eye(len(before))[int(u.name)]
-            elif u.effect != "numerical":
+            elif u.effect == "numerical":
+                numerical += float(change)
+            else:
                 p = next(p for p in self.forward.parameters[u.effect] if p.name == u.name)
                 own_values = values.setdefault(u.effect, effect(u.effect).null(self.bank.model.design))
                 own_values[p.name] = value_at(p, coordinate(p, own_values[p.name]) + float(change))
-        return replace(state, gains=gains, values=values, poses=poses, drawn=drawn)
+        return replace(state, gains=gains, values=values, poses=poses, drawn=drawn, numerical=numerical)
 
     def fit(
         self,
@@ -224,16 +230,17 @@ class Fitter:
                 break
             for _ in range(4):
                 there = self.moved(state, unknowns, step)
-                trial = self.system(there, shots, unknowns)
-                reached = trial.misfit + float(trial.now @ trial.now)
+                now = np.array([self._now(there, u) for u in unknowns])
+                reached = self.system(there, shots, ()).misfit + float(now @ now)
                 if reached < objective:
                     break
                 step = step * 0.4
             else:
                 break
             fallen = objective - reached
-            state, found, objective = there, trial, reached
-            if fallen < 2 * SETTLED:
+            state, objective = there, reached
+            found = self.system(state, shots, unknowns)
+            if fallen < max(2 * SETTLED, SETTLED_SHARE * objective):
                 break
         return Fit(state, found, objective)
 

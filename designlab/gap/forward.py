@@ -47,8 +47,10 @@ class State:
         Departure of a shot's pose from the stated one: x, y, depth (mm), yaw (deg).
     drawn : mapping of effect to mapping of int to array
         What a shot has alone, in units of the effect's strength: gain, or sine and cosine of its bands.
-    pattern : array, shape (rows, columns), or None
-        Relative pattern that all shots carry.
+    pattern : array, shape (rows, columns, 3), or None
+        Relative pattern that all shots carry, of unit strength.
+    numerical : float
+        How far light goes from that of the membrane's mesh to that of a finer one; beyond 1 it extrapolates.
     """
 
     gains: Array
@@ -56,6 +58,7 @@ class State:
     poses: Mapping[int, Array] = field(default_factory=dict)
     drawn: Mapping[str, Mapping[int, Array]] = field(default_factory=dict)
     pattern: Array | None = None
+    numerical: float = 0.0
 
     def pose(self, number: int) -> Array:
         """Departure of a shot's pose."""
@@ -101,7 +104,7 @@ class Forward:
     def _light(self, state: State, number: int) -> Single:
         """Light of every group in front of the camera, before what the camera's optics do."""
         picture = self.bank.of(number)
-        light = picture.light.copy()
+        light = picture.light + np.float32(state.numerical) * picture.numerical
         for name, values in state.values.items():
             for change, t in self._changes(picture, name, values):
                 change.added(light, t)
@@ -137,17 +140,8 @@ class Forward:
     def sight(self, state: State, number: int) -> Sight:
         """What effects on the light of a shot need to know."""
         shot = self.shot(number)
-        own: dict[str, Array] = {}
-        if state.pattern is not None:
-            own["fixed_pattern"] = state.pattern
-        return Sight(
-            self.design,
-            shot.view,
-            self.bank.of(number).seen_mm,
-            self.bank.pitch_mm,
-            shot.gel_rotation_deg,
-            own,
-        )
+        seen = self.bank.of(number).seen_mm
+        return Sight(self.design, shot.view, seen, self.bank.pitch_mm, shot.gel_rotation_deg)
 
     def _optics(self, state: State, number: int, light: NDArray[np.floating]) -> NDArray[np.floating]:
         """Light after the effects that act on it; linear in it, any number of pictures at once."""
@@ -182,7 +176,8 @@ class Forward:
     def _signal(self, state: State, number: int, light: NDArray[np.floating]) -> Array:
         mixing = self.weights(state, number)
         mixed = np.moveaxis(np.tensordot(mixing, self._optics(state, number, light), axes=1), 0, -1)
-        return clipped(self._reported(state, mixed), self.shot(number).clip_sigma)
+        reported = self._reported(state, mixed * _pattern(state))
+        return clipped(reported, self.shot(number).clip_sigma)
 
     def _reported(self, state: State, mixed: Array) -> Array:
         """Signal of the camera for mixed light, (..., 3)."""
@@ -205,7 +200,7 @@ class Forward:
         here = self._signal(state, number, light)
         mixing = self.weights(state, number)
         optics = self._optics(state, number, light)
-        gain = self._slope(state, mixing, optics)
+        gain = self._slope(state, mixing, optics, shot.clip_sigma)
         for place, unknown in enumerate(unknowns):
             if unknown.shot not in (-1, number):
                 continue
@@ -234,13 +229,15 @@ class Forward:
             found[..., places] = mixed.transpose(2, 3, 0, 1) * gain[..., None]
         return found
 
-    def _slope(self, state: State, mixing: Array, optics: NDArray[np.floating]) -> Array:
+    def _slope(self, state: State, mixing: Array, optics: NDArray[np.floating], sigma: Array) -> Array:
         """Derivative of the reported signal by the mixed light, (rows, columns, 3)."""
-        mixed = np.moveaxis(np.tensordot(mixing, optics, axes=1), 0, -1)
-        if "response_curve" not in state.values:
-            return np.ones_like(mixed)
-        step = 1e-3 * max(float(mixed.max()), 1e-3)
-        return (self._reported(state, mixed + step) - self._reported(state, mixed - step)) / (2 * step)
+        mixed = np.moveaxis(np.tensordot(mixing, optics, axes=1), 0, -1) * _pattern(state)
+        slope = uncut(self._reported(state, mixed), sigma)
+        if "response_curve" in state.values:
+            step = 1e-3 * max(float(mixed.max()), 1e-3)
+            ends = self._reported(state, mixed - step), self._reported(state, mixed + step)
+            slope = slope * (ends[1] - ends[0]) / (2 * step)
+        return slope * _pattern(state)
 
     def _light_slope(self, state: State, number: int, unknown: Unknown, picture: Picture) -> Single | None:
         """Derivative of the light by a pose or a rendered parameter; None for all others."""
@@ -286,6 +283,13 @@ class Forward:
         return (high - low) / (end - start)
 
 
+def _pattern(state: State) -> Array | float:
+    """Factor of the pattern that all shots carry."""
+    if state.pattern is None or "fixed_pattern" not in state.values:
+        return 1.0
+    return 1.0 + state.values["fixed_pattern"]["rms"] * state.pattern
+
+
 def coordinate(p: Parameter, value: float) -> float:
     """Distance of a value from null in prior standard deviations; of a squared parameter its square."""
     t = (value - p.null) / p.sd
@@ -311,17 +315,28 @@ def _reaches_dark(name: str) -> bool:
     return name in known and type(known[name]).on_signal is not Effect.on_signal
 
 
+def uncut(signal: Array, sigma: Array) -> Array:
+    """Derivative of `clipped`: the share of the counts about a signal that are not cut."""
+    from scipy.special import ndtr
+
+    share = np.ones(signal.shape)
+    for channel in np.flatnonzero(sigma):
+        share[..., channel] = ndtr(signal[..., channel] / sigma[channel])
+    return share
+
+
 def clipped(signal: Array, sigma: Array) -> Array:
     """Mean of counts about a signal when those below zero are cut to zero; channels of zero `sigma` stay.
 
     For Gaussian counts it is s Phi(s / sigma) + sigma phi(s / sigma), which tends to s well above the noise.
     """
-    from scipy.stats import norm
+    from scipy.special import ndtr
 
     if not sigma.any():
         return signal
     found = signal.copy()
     for channel in np.flatnonzero(sigma):
         ratio = signal[..., channel] / sigma[channel]
-        found[..., channel] = sigma[channel] * (ratio * norm.cdf(ratio) + norm.pdf(ratio))
+        density = np.exp(-(ratio**2) / 2) / np.sqrt(2 * np.pi)
+        found[..., channel] = sigma[channel] * (ratio * ndtr(ratio) + density)
     return found

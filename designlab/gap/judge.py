@@ -13,7 +13,6 @@ Array = NDArray[np.float64]
 
 LEAST_SHARE = 0.03  # of the initial gap: smaller gains are significant all the same, but say nothing
 LEAST_IMPROVED = 0.8  # of the held-out presses
-ENVELOPE_SD = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +26,7 @@ class Judged:
     per_shot : array, shape (shots,)
         Mean squared residual of each, in units of camera noise and white error of the simulation.
     floor : array, shape (shots,)
-        What camera noise alone leaves of it.
+        What noise of the camera and the errors granted to the simulation leave of it.
     objective : array, shape (shots,)
         Penalised misfit of each, smooth errors counted as covariance.
     """
@@ -66,11 +65,11 @@ def judge(fitter: Fitter, state: State, shots: Sequence[int]) -> Judged:
 
 
 def squared(fitter: Fitter, state: State, number: int) -> tuple[float, float]:
-    """Mean squared residual of a shot, and what noise of the camera alone would leave."""
+    """Mean squared residual of a shot, and what noise and granted errors would leave."""
     shot, noise = fitter.bank.shots[number], fitter.noises[number]
     left = (shot.signal - fitter.forward.predict(state, number)) / noise.sigma
-    camera = (noise.camera / noise.sigma) ** 2
-    return float((left[shot.valid] ** 2).mean()), float(camera[shot.valid].mean())
+    granted = (noise.granted / noise.sigma) ** 2
+    return float((left[shot.valid] ** 2).mean()), float(granted[shot.valid].mean())
 
 
 def gain(base: Judged, other: Judged) -> Gain:

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 # Two programs that share no code agree to 0.1 % (rms) on balls and differ by 2 % of the curvature at edges.
 SIGNAL_BUDGET = 0.0015
 EDGE_BUDGET = 0.03
-SMOOTH_BUDGET = 0.003  # smooth error common to all frames, relative
+SMOOTH_BUDGET = 0.005  # smooth error common to all frames, relative: what no catalogue lists, too
 SHOT_BUDGET = 0.001  # smooth error of each frame, relative
 SMOOTH_LENGTH = 0.15  # of smooth errors, over the picture's width
 EDGE_WIDTH_PX = 0.7
@@ -34,14 +34,14 @@ class Noise:
     ----------
     sigma : array, shape (rows, columns, 3)
         Of a value: camera and white errors of the simulation.
-    camera : array, shape (rows, columns, 3)
-        Of the camera alone.
+    granted : array, shape (rows, columns, 3)
+        Of camera and smooth errors: what a model that is right is expected to miss by.
     level : array, shape (3,)
         Root mean square of signal over sigma, what smooth relative errors are multiples of.
     """
 
     sigma: Array
-    camera: Array
+    granted: Array
     level: Array
 
 
@@ -53,7 +53,8 @@ def noise(shot: Shot, predicted: Array, black: Array | float) -> Noise:
     camera = np.sqrt(shot.variance)
     sigma = np.hypot(camera, budget)
     level = np.sqrt(np.where(shot.valid, (light / sigma) ** 2, 0.0).mean(axis=(0, 1)))
-    return Noise(sigma, camera, level)
+    granted = np.hypot(camera, np.hypot(SMOOTH_BUDGET, SHOT_BUDGET) * light)
+    return Noise(sigma, granted, level)
 
 
 def spectrum(shape: tuple[int, int]) -> Array:

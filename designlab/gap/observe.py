@@ -1,11 +1,16 @@
 """Which shots of a measurement a diagnosis needs, and which it uses."""
 
+from dataclasses import replace
+
+import numpy as np
+
 from designlab.design import Design
 from designlab.measurement import Measurement, MeasurementError
 from designlab.measurement.shots import Observations, Shot
 from designlab.measurement.shots import observe as gathered
 
 LEAST_PLACES = 3
+DARK_SIGMA = 2.0  # median of a channel, in its noise without light, below which it is dark
 
 
 def observe(measurement: Measurement, design: Design, *, columns: int) -> Observations:
@@ -18,7 +23,14 @@ def observe(measurement: Measurement, design: Design, *, columns: int) -> Observ
     """
     seen = gathered(measurement, design, columns=columns, apart=True)
     _require_enough(measurement, seen.shots)
-    return seen
+    return replace(seen, shots=tuple(_without_cut(shot) for shot in seen.shots))
+
+
+def _without_cut(shot: Shot) -> Shot:
+    """Leave out channels that are dark and cut at zero: how far below zero they would be is not known."""
+    level = np.median(shot.signal, axis=(0, 1))
+    seen = (shot.clip_sigma == 0) | (level > DARK_SIGMA * shot.clip_sigma)
+    return replace(shot, valid=shot.valid & seen)
 
 
 def _require_enough(measurement: Measurement, shots: tuple[Shot, ...]) -> None:

@@ -5,9 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import idctn
 
 from designlab.gap.fit import Fitter
 from designlab.gap.forward import State
+from designlab.gap.noise import SHOT_BUDGET, SMOOTH_BUDGET, spectrum, transformed
 
 Array = NDArray[np.float64]
 
@@ -15,7 +17,7 @@ STRENGTHS = np.geomspace(3e-4, 0.1, 26)  # relative
 
 
 class Pattern(NamedTuple):
-    """Relative pattern of unit strength (rows, columns), its strength, logarithm of its Bayes factor."""
+    """Relative pattern of unit strength (rows, columns, 3), its strength, logarithm of its Bayes factor."""
 
     values: Array
     rms: float
@@ -25,29 +27,29 @@ class Pattern(NamedTuple):
 def found_pattern(fitter: Fitter, state: State, shots: Sequence[int]) -> Pattern:
     """Estimate a white relative pattern common to shots.
 
-    Each pixel has its own factor, with a Gaussian prior about 1; its posterior and its part of the evidence
-    are those of one linear unknown. The strength of the prior is the one with the most evidence.
+    In the coefficients of a cosine transform, what all shots have in common is noise, the smooth error that
+    is granted, and the pattern, which alone is as strong in fine coefficients as in coarse ones. The strength
+    is the one with the most evidence.
     """
-    first = fitter.bank.shots[shots[0]].signal.shape[:2]
-    information, right = np.zeros(first), np.zeros(first)
-    black = fitter.forward.design.camera.black_level
+    shape = fitter.bank.shots[shots[0]].signal.shape
+    power = spectrum((shape[0], shape[1]))[..., None]
+    weight, right = np.zeros(shape), np.zeros(shape)
     for number in shots:
         shot, noise = fitter.bank.shots[number], fitter.noises[number]
-        if shot.signal.shape[:2] != first or not shot.lit.any():
+        if shot.signal.shape != shape or not shot.lit.any():
             continue
-        predicted = fitter.forward.predict(state, number)
-        light = np.where(shot.valid, (predicted - black) / noise.sigma, 0.0)
-        left = np.where(shot.valid, (shot.signal - predicted) / noise.sigma, 0.0)
-        information += (light**2).sum(axis=-1)
-        right += (light * left).sum(axis=-1)
-    evidence = [_evidence(information, right, rms) for rms in STRENGTHS]
+        left = np.where(shot.valid, (shot.signal - fitter.forward.predict(state, number)) / noise.sigma, 0.0)
+        diagonal = 1.0 + (SHOT_BUDGET * noise.level) ** 2 * power
+        weight += noise.level**2 / diagonal
+        right += noise.level * transformed(left) / diagonal
+    mean = right / weight
+    smooth = 1.0 / weight + SMOOTH_BUDGET**2 * power
+    evidence = [
+        float((0.5 * mean**2 * (1 / smooth - 1 / (smooth + rms**2)) - 0.5 * np.log1p(rms**2 / smooth)).sum())
+        for rms in STRENGTHS
+    ]
     best = int(np.argmax(evidence))
     rms = float(STRENGTHS[best])
-    values = right / (information + 1.0 / rms**2)
+    values = idctn(mean * rms**2 / (smooth + rms**2), axes=(0, 1), norm="ortho")
     # Scanning strengths takes no more than this from the evidence.
-    return Pattern(values / rms, rms, float(evidence[best] - np.log(len(STRENGTHS))))
-
-
-def _evidence(information: Array, right: Array, rms: float) -> float:
-    matrix = 1.0 + rms**2 * information
-    return float((0.5 * rms**2 * right**2 / matrix - 0.5 * np.log(matrix)).sum())
+    return Pattern(np.asarray(values / rms), rms, float(evidence[best] - np.log(len(STRENGTHS))))

@@ -15,9 +15,11 @@ from designlab.gap.result import Candidate
 
 MOST_EFFECTS = 4
 FITTED = 6  # candidates of a round that are fitted to the end
+# Neighbouring values share the small errors that no noise model lists, so that their number says too much:
+# logarithms of Bayes factors are divided by this (coarsened posterior, Miller and Dunson 2019).
+ALIKE = 64.0
 DECISIVE = 10.0  # logarithm of the Bayes factor from which an effect counts as seen
-AS_GOOD = 5.0  # difference of such logarithms within which effects are not told apart
-SAME_SHARE = 0.02  # of the best's own logarithm, likewise
+AS_GOOD = 3.0  # difference of such logarithms within which effects are not told apart
 RIVAL = "numerical"
 PERIODS = np.geomspace(40.0, 2000.0, 120)  # rows of the full sensor
 
@@ -89,8 +91,8 @@ class Search:
 
     def _round(self, number: int, base: Fit, now: Judged) -> Attempt | None:
         screened = self.screen(base)
-        rival = screened.pop(RIVAL)
-        self.tried.append(Candidate(number, RIVAL, "rival", evidence=rival))
+        amount = {f"{RIVAL}.amount": base.state.numerical}
+        self.tried.append(Candidate(number, RIVAL, "fitted with every candidate", parameters=amount))
         order = sorted(screened, key=lambda name: -screened[name])
         attempts: list[Attempt] = []
         for place, name in enumerate(order):
@@ -100,14 +102,14 @@ class Search:
             attempts.append(self._attempt(name, base, now))
         passed = []
         for attempt in attempts:
-            reason = self._refused(attempt, rival)
+            reason = self._refused(attempt)
             self._note(number, attempt, reason or "passed")
             if not reason:
                 passed.append(attempt)
         if not passed:
             return None
         best = max(passed, key=lambda attempt: attempt.evidence)
-        equal = [a for a in passed if best.evidence - a.evidence <= max(AS_GOOD, SAME_SHARE * best.evidence)]
+        equal = [a for a in passed if best.evidence - a.evidence <= AS_GOOD]
         chosen = best
         names = tuple(a.name for a in sorted(equal, key=lambda a: -a.evidence))
         weights = np.exp(np.array([a.evidence for a in equal]) - best.evidence)
@@ -127,14 +129,14 @@ class Search:
             state = self._with_period(state)
         linear = [name for name in names if name != "fixed_pattern"]
         held = [name for name in present if name != "fixed_pattern"]
-        unknowns = self.fitter.unknowns(state, [*held, *linear, RIVAL], self.train)
+        unknowns = self.fitter.unknowns(state, [*held, *linear], self.train)
         whole = self.fitter.system(state, self.train, unknowns)
-        found = {name: _linear_evidence(whole, name, linear) for name in [*linear, RIVAL]}
+        found = {name: _linear_evidence(whole, name, linear) for name in linear}
         if "banding" in names:
             found["banding"] -= float(np.log(len(PERIODS)))
         if "fixed_pattern" in names:
             found["fixed_pattern"] = found_pattern(self.fitter, base.state, self.train).evidence
-        return found
+        return {name: value / ALIKE for name, value in found.items()}
 
     def _with_period(self, state: State) -> State:
         """Give banding the period of which the training shots hold most."""
@@ -178,9 +180,9 @@ class Search:
         found = replace(found, state=_with_strength(found.state, name))
         judged = judge(fitter, found.state, self.select)
         evidence += 0.5 * float((now.objective - judged.objective).sum())
-        return Attempt(name, found, judged, gain(now, judged), evidence)
+        return Attempt(name, found, judged, gain(now, judged), evidence / ALIKE)
 
-    def _refused(self, attempt: Attempt, rival: float) -> str:
+    def _refused(self, attempt: Attempt) -> str:
         """Why a candidate does not pass; empty if it does."""
         least = max(2 * attempt.gain.se, LEAST_SHARE * self.gap)
         if attempt.evidence < DECISIVE:
@@ -191,8 +193,6 @@ class Search:
             return f"only {attempt.gain.improved:.0%} of the held-out presses improve"
         if bound := self.fitter.at_bound(attempt.fit.state, attempt.name):
             return f"at the bound of {', '.join(bound)}"
-        if attempt.evidence < rival + DECISIVE:
-            return "no better than a finer simulation"
         return ""
 
     def _note(self, number: int, attempt: Attempt, outcome: str) -> None:
@@ -206,7 +206,7 @@ class Search:
 
 def _linear_evidence(whole: System, name: str, others: Sequence[str]) -> float:
     """Evidence for an effect, the other candidates held at their null."""
-    part = whole.only(lambda u: u.effect == name or u.effect not in {*others, RIVAL})
+    part = whole.only(lambda u: u.effect == name or u.effect not in others)
     places = [k for k, u in enumerate(part.unknowns) if u.effect == name]
     return log_evidence(*part.reduced(places))
 

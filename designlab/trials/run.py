@@ -59,25 +59,29 @@ def run(trials: Iterable[Trial], folder: Path, *, progress: Progress | None = No
     return found
 
 
+def _planted(trial: Trial, folder: Path) -> Path:
+    """Generate the set of a trial, unless it is there."""
+    design, measurement = preset(trial.design), folder / "sets" / f"{trial.name}-{trial.seed}"
+    if measurement.exists():
+        return measurement
+    rig = Rig.of(design)
+    effects = {
+        name: draw(name, rig, strength=strength, seed=trial.seed) for name, strength in trial.effects.items()
+    }
+    measurement.parent.mkdir(parents=True, exist_ok=True)
+    return plant(
+        design,
+        effects=effects,
+        outside=dict(trial.outside),
+        out=measurement,
+        seed=trial.seed,
+        kit_seed=trial.kit_seed,
+        columns=COLUMNS,
+    )
+
+
 def _one(trial: Trial, folder: Path) -> Outcome:
-    design = preset(trial.design)
-    measurement = folder / "sets" / f"{trial.name}-{trial.seed}"
-    if not measurement.exists():
-        rig = Rig.of(design)
-        effects = {
-            name: draw(name, rig, strength=strength, seed=trial.seed)
-            for name, strength in trial.effects.items()
-        }
-        measurement.parent.mkdir(parents=True, exist_ok=True)
-        plant(
-            design,
-            effects=effects,
-            outside=dict(trial.outside),
-            out=measurement,
-            seed=trial.seed,
-            kit_seed=trial.kit_seed,
-            columns=COLUMNS,
-        )
+    design, measurement = preset(trial.design), _planted(trial, folder)
     begun = os.times()
     try:
         report = diagnose(

@@ -37,7 +37,7 @@ class Known:
 
 
 def noises(level: float) -> list[Noise]:
-    sigma = np.full(SHAPE, 0.5)
+    sigma = np.full(SHAPE, 0.5)  # of every value
     return [Noise(sigma, sigma, np.full(3, level * (1 + n))) for n in range(2)]
 
 
