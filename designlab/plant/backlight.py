@@ -1,0 +1,220 @@
+"""Light field within the gel: what every LED group sends, by place and direction, untouched membrane below."""
+
+import hashlib
+from collections import OrderedDict
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+from designlab.plant.rig import Rig
+from designlab.plant.surface import HeightField, base_z
+from designlab.plant.tracing import AZIMUTHS, CHANNELS, COLATITUDES, Glow, Tracer
+from geometries import elastomer
+
+Array = NDArray[np.float64]
+
+PITCH_MM = 1.0
+MARGIN_MM = 1.0  # of the field around the sensing area
+LEVELS = (0.0, 0.4, 0.8)  # heights above the membrane, as shares of the gel's thickness
+ABOVE_MM = 3e-3  # nodes of the lowest level lie this far above the membrane
+CRISP_PATHS = 5  # paths a cell on average
+SLOW_MM, SLOW_PATHS, DEGREE = 2.0, 5, 6  # nodes, paths a cell and fit of light that was spread
+COARSE_MM = 2.5  # grid of the membrane's own light
+ORDERS = 3  # of light from membrane to membrane; each is a tenth of the one before or less
+KEPT = 4
+
+_fields: "OrderedDict[str, LightField]" = OrderedDict()
+
+
+@dataclass(frozen=True, eq=False)
+class LightField:
+    """Radiance (groups, levels, rows, columns, cells) in mW/mm2/sr per mW at nodes within the gel."""
+
+    x_mm: Array
+    y_mm: Array
+    height_mm: Array
+    radiance: NDArray[np.float32]
+
+    def along(self, x: Array, y: Array, height: Array) -> tuple[list[tuple[NDArray[np.int64], Array]], ...]:
+        """First node and weights of interpolation at points along x, y and height.
+
+        Cubic polynomials through four nodes in the plane, through all levels in height.
+        """
+        return (_lagrange(self.x_mm, x), _lagrange(self.y_mm, y), _lagrange(self.height_mm, height))
+
+
+def directions() -> tuple[Array, Array]:
+    """Unit vectors (cells, 3) at the centres of the cells, rows of equal height, and the cells' solid angle."""
+    rise, turn = np.meshgrid(
+        (np.arange(COLATITUDES) + 0.5) / COLATITUDES,
+        2 * np.pi * (np.arange(AZIMUTHS) + 0.5) / AZIMUTHS,
+        indexing="ij",
+    )
+    return _vectors(rise.ravel(), turn.ravel()), np.full(rise.size, 2 * np.pi / rise.size)
+
+
+def light_field(rig: Rig, *, seed: int = 1) -> LightField:
+    """Light field of a sensor behind glass; those last used are kept by content.
+
+    Paths are traced backwards from the nodes, stratified in direction. After a pilot, further paths go where
+    the pilot scattered most, in proportion to the standard deviation of the irradiance (Neyman 1934).
+    """
+    key = hashlib.sha256(repr((_content(rig), seed)).encode()).hexdigest()
+    if key not in _fields:
+        _fields[key] = _baked(rig, seed)
+        while len(_fields) > KEPT:
+            _fields.popitem(last=False)
+    _fields.move_to_end(key)
+    return _fields[key]
+
+
+def _content(rig: Rig) -> list[object]:
+    """Everything that light on the untouched membrane depends on."""
+    glass = rig.glass
+    assert glass is not None
+    arrays = [*rig.emitters, *rig.boards, rig.albedo, rig.board_reflectance, glass.core_absorption_per_mm]
+    arrays += [glass.gel_absorption_per_mm, glass.outline]
+    for wall in glass.walls:
+        arrays += [wall.vertices, wall.faces]
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(repr(np.shape(array)).encode() + np.ascontiguousarray(array).tobytes())
+    plain = replace(glass, walls=(), outline=0, core_absorption_per_mm=0, gel_absorption_per_mm=0)  # type: ignore[arg-type]
+    walls = [(wall.name, wall.material) for wall in glass.walls]
+    return [digest.hexdigest(), plain, walls, rig.elastomer, rig.path_length, rig.sensing_area_mm]
+
+
+def _baked(rig: Rig, seed: int) -> LightField:
+    assert rig.glass is not None
+    height = np.array(LEVELS) * rig.glass.thickness_mm
+    x, y = _axes(rig, PITCH_MM)
+    groups = range(len(rig.flux_mw))
+    parts = [tuple(groups[first : first + CHANNELS]) for first in range(0, len(groups), CHANNELS)]
+    found = np.concatenate([_field(rig, part, (x, y, height), seed) for part in parts])
+    return LightField(x, y, height, found)
+
+
+def _axes(rig: Rig, pitch_mm: float) -> list[Array]:
+    reaches = [size / 2 + MARGIN_MM for size in rig.sensing_area_mm]
+    return [np.linspace(-reach, reach, 2 * int(np.ceil(reach / pitch_mm)) + 1) for reach in reaches]
+
+
+def _field(
+    rig: Rig, groups: tuple[int, ...], axes: tuple[Array, Array, Array], seed: int
+) -> NDArray[np.float32]:
+    """Radiance of some groups at nodes by cell: crisp light from the LEDs, and light that was spread.
+
+    Crisp is what met mirrors and clear boundaries only, or a board. Spread light, off ground sides, paint,
+    haze and the membrane, varies slowly from place to place: it is traced at fewer nodes and fitted by
+    polynomials. The membrane's own light is found on a coarse grid over the whole gel: what the LEDs send, and
+    the share of its glow that comes back to it. The glow is then traced as an emitter, so that few paths do.
+    """
+    x, y, height = axes
+    leds, crisp = Tracer(rig, groups), Tracer(rig, groups, spreading=False)
+    outline = np.abs(elastomer.polygon(rig.elastomer)).max(axis=0)
+    counts = [2 * int(np.ceil(reach / COARSE_MM)) + 1 for reach in outline]
+    whole = [COARSE_MM * (np.arange(count) - count // 2) for count in counts]
+    coarse = _nodes(rig, whole[0], whole[1], np.zeros(1))
+    normals = HeightField(rig.elastomer.radius_mm).normals(coarse[:, 0], coarse[:, 1])
+    towards, share = directions()
+    cosine = np.maximum(normals @ towards.T, 0.0) * share
+    albedo = rig.albedo[list(groups), None]
+
+    def glowing(irradiance: Array) -> Tracer:
+        radiance = (albedo / np.pi * irradiance).reshape(len(groups), *counts[::-1])
+        return Tracer(rig, groups, glow=Glow(radiance, COARSE_MM))
+
+    arriving = [(_even(leds, coarse, 6, seed) * cosine).sum(axis=2)]
+    for order in range(1, ORDERS):
+        arriving.append((_even(glowing(arriving[-1]), coarse, 2, seed + order) * cosine).sum(axis=2))
+    slow = _axes(rig, SLOW_MM)
+    nodes = _nodes(rig, slow[0], slow[1], height)
+    spread = _even(leds, nodes, SLOW_PATHS, seed + 11) - _even(crisp, nodes, SLOW_PATHS, seed + 11)
+    spread += _even(glowing(np.sum(arriving, axis=0)), nodes, SLOW_PATHS, seed + 12)
+    onto = _polynomials(x, y) @ np.linalg.pinv(_polynomials(slow[0], slow[1]))
+    spread = spread.reshape(len(groups) * len(height), slow[0].size * slow[1].size, -1)
+    shape = len(groups), len(height), len(y), len(x), COLATITUDES * AZIMUTHS
+    found = (onto.astype(np.float32) @ spread).reshape(shape)
+    found += _where_worth(crisp, _nodes(rig, x, y, height), seed + 13).reshape(shape)
+    return found
+
+
+def _polynomials(x: Array, y: Array) -> Array:
+    """Legendre polynomials of total degree up to `DEGREE` at the nodes of a grid, shape (rows x columns, n)."""
+    along, up = (
+        np.polynomial.legendre.legvander(axis / max(float(np.abs(axis).max()), 1e-9), DEGREE)
+        for axis in (x, y)
+    )
+    pairs = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
+    return np.stack([np.multiply.outer(up[:, j], along[:, i]).ravel() for i, j in pairs], axis=1)
+
+
+def _nodes(rig: Rig, x: Array, y: Array, height: Array) -> Array:
+    """Places of the nodes (levels x rows x columns, 3); those beyond the gel's outline stand on its rim."""
+    level, row, column = (axis.ravel() for axis in np.meshgrid(height, y, x, indexing="ij"))
+    share = np.ones(len(row))
+    for _ in range(60):  # towards the axis until within the outline; hardly any node lies outside
+        outside = ~elastomer.inside(rig.elastomer, share * column * 1.001, share * row * 1.001)
+        share[outside] *= 0.98
+    column, row = share * column, share * row
+    return np.column_stack([column, row, base_z(rig.elastomer.radius_mm, column, row) + level + ABOVE_MM])
+
+
+def _even(tracer: Tracer, nodes: Array, paths: int, seed: int) -> NDArray[np.float32]:
+    """Radiance at nodes by cell, shape (groups, nodes, cells), from as many paths in every cell."""
+    shape = len(nodes), COLATITUDES * AZIMUTHS
+    index = np.arange(shape[0] * shape[1], dtype=np.uint32)
+    total = sum(
+        tracer.cells(nodes, index, np.full(len(index), n, dtype=np.uint32), seed=1000 * seed + n, shift=seed)
+        for n in range(paths)
+    )
+    return np.asarray(total / np.float32(paths)).reshape(-1, *shape)
+
+
+def _where_worth(tracer: Tracer, nodes: Array, seed: int) -> NDArray[np.float32]:
+    """Radiance at nodes by cell, shape (groups, nodes, cells), from `CRISP_PATHS` paths a cell on average.
+
+    One more path a cell goes ahead and says where they are worth most. It is not counted: where it met light
+    by chance it would be too bright, and nothing but it would be there where it missed it.
+    """
+    shape = len(nodes), COLATITUDES, AZIMUTHS
+    index = np.arange(shape[0] * shape[1] * shape[2], dtype=np.uint32)
+    rise = directions()[0][:, 2].astype(np.float32).reshape(shape[1:])
+    variance = np.zeros(shape, dtype=np.float32)
+    ahead = tracer.cells(nodes, index, np.zeros(len(index), dtype=np.uint32), seed=1000 * seed, shift=seed)
+    for values in ahead.reshape(len(ahead), *shape):
+        # Neighbours tell what one path cannot: an edge runs through them.
+        mean, second = (
+            uniform_filter(a, (0, 3, 3), mode=("nearest", "nearest", "wrap")) for a in (values, values**2)
+        )
+        variance += np.maximum(second - mean**2, 0.0) / max(float((values * rise).mean()) ** 2, 1e-30)
+    worth = np.sqrt(variance) * rise
+    worth *= (CRISP_PATHS - 1) / max(float(worth.mean()), 1e-30)
+    random = np.random.default_rng(seed)
+    counts = 1 + np.floor(worth.ravel() + random.random(worth.size, dtype=np.float32)).astype(np.int64)
+    index = np.repeat(index, counts)
+    rank = (np.arange(len(index)) - np.repeat(np.cumsum(counts) - counts, counts)).astype(np.uint32)
+    drawn = tracer.cells(nodes, index, rank, seed=1000 * seed + 1, shift=seed + 1)
+    total = [np.bincount(index, values, minlength=len(counts)) / counts for values in drawn]
+    return np.asarray(total, dtype=np.float32).reshape(len(drawn), len(nodes), -1)
+
+
+def _vectors(rise: Array, turn: Array) -> Array:
+    level = np.sqrt(1.0 - rise**2)
+    return np.stack([level * np.cos(turn), level * np.sin(turn), rise], axis=-1)
+
+
+def _lagrange(nodes: Array, at: Array) -> tuple[NDArray[np.int64], Array]:
+    """First of four nodes (or all, where fewer) around each point, and weights (points, 4) of their values."""
+    order = min(4, len(nodes))
+    at = np.clip(at, nodes[0], nodes[-1])
+    first = np.clip(np.searchsorted(nodes, at) - order // 2, 0, len(nodes) - order)
+    near = nodes[first[:, None] + np.arange(order)]
+    weights = np.ones((len(at), order))
+    for i in range(order):
+        for j in range(order):
+            if i != j:
+                weights[:, i] *= (at - near[:, j]) / (near[:, i] - near[:, j])
+    return first, weights

@@ -1,0 +1,413 @@
+"""Radiance along given rays within the gel, by the stock path tracers of the rendering engine.
+
+The only place where the generator meets the engine: its own scene, the engine's unchanged integrators,
+started at the membrane. Up to three LED groups share a scene, one in each colour channel.
+"""
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.matter import Dielectric, Diffuse, Shape
+from designlab.plant.glass import Disc, Glass, interface_z
+from designlab.plant.rig import Rectangles, Rig
+from designlab.plant.surface import base_z
+from geometries import elastomer
+
+if TYPE_CHECKING:
+    import mitsuba
+
+Array = NDArray[np.float64]
+
+CHANNELS = 3
+WAVEFRONT = 4_000_000  # rays traced at once; bounds memory
+FACE_MM = 1e-3  # emitting faces stand this far before their board
+JOINED_MM = 2e-3  # a bonded board lies this far inside the core's side
+GAP_MM = 0.02  # of air, where the gel has come off
+FACING = 0.7  # cosine: sides turned to a board by less than 45 deg may carry it
+RINGS = 48
+SEGMENTS = 288
+COLATITUDES, AZIMUTHS = 40, 120  # cells of equal solid angle over the upper half-space
+R2 = (0.7548776662466927, 0.5698402909980532)
+CAMERA_SEGMENTS = 3  # of a path, from the membrane through interface and window to the camera
+
+
+class Mesh(NamedTuple):
+    """Triangles with optional vertex normals."""
+
+    vertices: Array
+    faces: NDArray[np.int64]
+    normals: Array | None = None
+
+
+class Glow(NamedTuple):
+    """Radiance (groups, rows, columns) of the membrane at nodes `pitch_mm` apart, centred; rows ascend with y."""
+
+    radiance: Array
+    pitch_mm: float
+
+    def place(self, vertices: Array) -> Array:
+        """Texture coordinates of vertices: centres of texels are the nodes, the first row is at v = 0."""
+        _, rows, columns = self.radiance.shape
+        return 0.5 + vertices[:, :2] / self.pitch_mm / (columns, rows)
+
+    def emitter(self) -> dict[str, Any]:
+        """Area emitter for the engine's dictionary of a scene."""
+        import mitsuba as mi
+
+        groups, rows, columns = self.radiance.shape
+        values = np.zeros((rows, columns, CHANNELS), dtype=np.float32)
+        values[..., :groups] = np.moveaxis(self.radiance, 0, -1)
+        texture = {"type": "bitmap", "bitmap": mi.Bitmap(values), "raw": True, "wrap_mode": "clamp"}
+        return {"type": "area", "radiance": texture}
+
+
+class Tracer:
+    """Scene of one sensor, untouched, to be looked at from within its gel.
+
+    Parameters
+    ----------
+    rig : Rig
+        A sensor with glass.
+    groups : sequence of int
+        At most three LED groups, each at unit flux.
+    glow : Glow, optional
+        Radiance of the membrane, which then shines in place of the LEDs.
+
+    spreading : bool
+        Without it all that spreads light is black but the LEDs' boards: ground and painted sides, housing, haze.
+
+    The membrane itself is always black.
+    """
+
+    def __init__(
+        self, rig: Rig, groups: tuple[int, ...], *, glow: "Glow | None" = None, spreading: bool = True
+    ) -> None:
+        glass = rig.glass
+        if glass is None:
+            raise ValueError("rig.glass: light behind glass needs a core")
+        _activate()
+        import mitsuba as mi
+
+        self._channels = len(groups)
+        self._spreading = spreading
+        self._media = {
+            "core": _medium(
+                glass.core_absorption_per_mm, groups, glass.scattering_per_mm, glass.anisotropy, spreading
+            ),
+            "gel": _medium(glass.gel_absorption_per_mm, groups, 0.0, 0.0, True),
+            "air": None,
+        }
+        content: dict[str, Any] = {"type": "scene"}
+        content["membrane"] = _loaded(_membrane(rig), _diffuse(np.zeros(len(groups))), glow=glow)
+        for shape in glass.walls:
+            content[shape.name] = self._wall(shape, glass, groups)
+        content |= self._interface(glass)
+        content |= _leds(rig, glass, groups, lit=glow is None)
+        self._scene = mi.load_dict(content)
+        kind = "path" if glass.clear else "volpath"
+        depth = max(rig.path_length - CAMERA_SEGMENTS, 1)
+        self._integrator = mi.load_dict({"type": kind, "max_depth": depth, "rr_depth": 1000})
+
+    def radiance(self, origin: Array, direction: Array, *, seed: int) -> NDArray[np.float32]:
+        """Radiance that arrives against rays, shape (groups, n), one path each.
+
+        Parameters
+        ----------
+        origin, direction : array (n, 3)
+            Where the rays start, within the gel (mm), and their unit directions.
+        seed : int
+            Seed of the paths; equal seeds give equal random numbers in every scene.
+        """
+        import mitsuba as mi
+
+        def rays(part: slice) -> Any:
+            o, d = (np.ascontiguousarray(a[part].T, dtype=np.float32) for a in (origin, direction))
+            return mi.RayDifferential3f(mi.Point3f(*o), mi.Vector3f(*d))
+
+        return self._traced(rays, len(origin), seed)
+
+    def cells(
+        self, nodes: Array, index: NDArray[np.uint32], rank: NDArray[np.uint32], *, seed: int, shift: int
+    ) -> NDArray[np.float32]:
+        """Radiance that arrives at nodes within cells of direction, shape (groups, n), one path each.
+
+        Parameters
+        ----------
+        nodes : array (m, 3)
+            Places within the gel (mm).
+        index : array (n,)
+            Cells, counted within nodes.
+        rank : array (n,)
+            Number of the ray within its cell. There the rays of one cell follow the additive recurrence R2
+            (Roberts 2018), shifted at random for every cell, by the seed `shift`.
+        """
+        import drjit as dr
+        import mitsuba as mi
+
+        place = [mi.Float(np.ascontiguousarray(nodes[:, axis], dtype=np.float32)) for axis in range(3)]
+        count = COLATITUDES * AZIMUTHS
+
+        def rays(part: slice) -> Any:
+            at, number = mi.UInt32(index[part]), mi.Float(rank[part].astype(np.float32))
+            node = at // count
+            row, column = (at % count) // AZIMUTHS, at % AZIMUTHS
+            down = mi.sample_tea_float32(at, mi.UInt32(2 * shift)) + R2[0] * number
+            along = mi.sample_tea_float32(at, mi.UInt32(2 * shift + 1)) + R2[1] * number
+            rise = (mi.Float(row) + down - dr.floor(down)) / COLATITUDES
+            turn = (mi.Float(column) + along - dr.floor(along)) * (2 * np.pi / AZIMUTHS)
+            level = dr.safe_sqrt(1.0 - rise * rise)
+            origin = mi.Point3f(*(dr.gather(mi.Float, axis, node) for axis in place))
+            return mi.RayDifferential3f(origin, mi.Vector3f(level * dr.cos(turn), level * dr.sin(turn), rise))
+
+        return self._traced(rays, len(index), seed)
+
+    def _traced(self, rays: Any, size: int, seed: int) -> NDArray[np.float32]:
+        import mitsuba as mi
+
+        found = np.empty((self._channels, size), dtype=np.float32)
+        for number, start in enumerate(range(0, size, WAVEFRONT)):
+            part = slice(start, min(start + WAVEFRONT, size))
+            sampler = mi.load_dict({"type": "independent"})
+            count = part.stop - part.start
+            sampler.seed(int(np.random.SeedSequence([seed, number]).generate_state(1)[0]), count)
+            gel = self._media["gel"]
+            medium = {} if gel is None else {"medium": mi.MediumPtr(gel)}
+            spectrum, _, _ = self._integrator.sample(self._scene, sampler, rays(part), **medium)
+            found[:, part] = np.asarray(spectrum).reshape(CHANNELS, count)[: self._channels]
+        return found
+
+    def _wall(self, shape: Shape, glass: Glass, groups: tuple[int, ...]) -> "mitsuba.Mesh":
+        mesh = Mesh(shape.vertices, shape.faces.astype(np.int64), shape.normals)
+        if isinstance(shape.material, Dielectric) and (self._spreading or not shape.material.roughness):
+            return self._boundary(mesh, glass, "core", "air", shape.material.roughness)
+        if isinstance(shape.material, Diffuse) and self._spreading:
+            return _loaded(mesh, _diffuse(np.array(shape.material.reflectance)[list(groups)]))
+        return _loaded(mesh, _diffuse(np.zeros(len(groups))))
+
+    def _boundary(
+        self, mesh: Mesh, glass: Glass, below: str, above: str, roughness: float = 0.0
+    ) -> "mitsuba.Mesh":
+        """Clear boundary whose normals point from the stuff `below` into that `above`."""
+        index = {"core": glass.core_index, "gel": glass.gel_index, "air": 1.0}
+        bsdf: dict[str, Any] = {"type": "dielectric", "int_ior": index[below], "ext_ior": index[above]}
+        if roughness:
+            bsdf |= {"type": "roughdielectric", "distribution": "ggx", "alpha": float(roughness)}
+        sides = {"interior": self._media[below], "exterior": self._media[above]}
+        return _loaded(mesh, bsdf, {side: medium for side, medium in sides.items() if medium is not None})
+
+    def _interface(self, glass: Glass) -> dict[str, "mitsuba.Mesh"]:
+        """Boundary of gel and core, with a gap of air where the gel has come off."""
+        gap = glass.gap
+        whole = _sheet(glass.outline, gap, lambda x, y: interface_z(glass, x, y), glass.interface_radius_mm)
+        if gap is None:
+            return {"interface": self._boundary(whole, glass, "gel", "core")}
+
+        def lower(x: Array, y: Array) -> Array:
+            return interface_z(glass, x, y) - GAP_MM * (np.hypot(x - gap.x_mm, y - gap.y_mm) < rim)
+
+        rim = gap.radius_mm * (1 - 1e-6)
+        turn = 2 * np.pi * np.arange(SEGMENTS) / SEGMENTS
+        edge = np.column_stack([np.cos(turn), np.sin(turn)]) * gap.radius_mm + (gap.x_mm, gap.y_mm)
+        middle = Disc(gap.x_mm, gap.y_mm, 0.0)
+        above = _sheet(edge, middle, lambda x, y: interface_z(glass, x, y), glass.interface_radius_mm)
+        below = _sheet(edge, middle, lower, None)
+        return {
+            "interface": self._boundary(whole, glass, "gel", "core"),
+            "gap-above": self._boundary(above, glass, "air", "core"),
+            "gap-below": self._boundary(below, glass, "gel", "air"),
+        }
+
+
+def _activate() -> None:
+    """Set a just-in-time variant of the engine unless one is set.
+
+    Raises
+    ------
+    RuntimeError
+        If this machine has none.
+    """
+    import mitsuba as mi
+
+    if mi.variant() is None:
+        # Choosing a compiler that does not crash is no physics: the one thing shared with the renderer.
+        from designlab.render.backend import activate
+
+        activate()
+    if mi.variant().startswith("scalar"):
+        raise RuntimeError(
+            "optics.light_path: measurements behind glass need LLVM 17 or newer, or CUDA (see `designlab doctor`)"
+        )
+
+
+def _rgb(values: Array) -> dict[str, Any]:
+    return {"type": "rgb", "value": [float(v) for v in values] + [0.0] * (CHANNELS - len(values))}
+
+
+def _diffuse(reflectance: Array) -> dict[str, Any]:
+    return {"type": "diffuse", "reflectance": _rgb(reflectance)}
+
+
+def _medium(
+    absorption: Array, groups: tuple[int, ...], scattering: float, anisotropy: float, spreading: bool
+) -> Any:
+    """Homogeneous medium, nothing where light passes undimmed; unless spreading, what it scatters is lost."""
+    import mitsuba as mi
+
+    extinction = absorption[list(groups)] + scattering
+    if extinction.max() == 0:
+        return None
+    content: dict[str, Any] = {
+        "type": "homogeneous",
+        "sigma_t": _rgb(extinction),
+        "albedo": _rgb(spreading * scattering / np.maximum(extinction, 1e-12)),
+    }
+    if scattering:
+        content["phase"] = {"type": "hg", "g": float(anisotropy)}
+    return mi.load_dict(content)
+
+
+def _loaded(
+    mesh: Mesh, bsdf: dict[str, Any], media: dict[str, Any] | None = None, *, glow: "Glow | None" = None
+) -> "mitsuba.Mesh":
+    import mitsuba as mi
+
+    properties = mi.Properties()
+    properties["bsdf"] = mi.load_dict(bsdf)
+    for side, medium in (media or {}).items():
+        properties[side] = medium
+    smooth = mesh.normals is not None
+    if not smooth:
+        properties["face_normals"] = True
+    if glow is not None:
+        properties["emitter"] = mi.load_dict(glow.emitter())
+    loaded = mi.Mesh(
+        "part",
+        len(mesh.vertices),
+        len(mesh.faces),
+        has_vertex_normals=smooth,
+        has_vertex_texcoords=glow is not None,
+        props=properties,
+    )
+    parameters = mi.traverse(loaded)
+    parameters["vertex_positions"] = np.ascontiguousarray(mesh.vertices, dtype=np.float32).ravel()
+    parameters["faces"] = np.ascontiguousarray(mesh.faces, dtype=np.uint32).ravel()
+    if mesh.normals is not None:
+        parameters["vertex_normals"] = np.ascontiguousarray(mesh.normals, dtype=np.float32).ravel()
+    if glow is not None:
+        parameters["vertex_texcoords"] = np.ascontiguousarray(glow.place(mesh.vertices), np.float32).ravel()
+    parameters.update()
+    return loaded
+
+
+def _membrane(rig: Rig) -> Mesh:
+    radius = rig.elastomer.radius_mm
+    outline = elastomer.polygon(rig.elastomer, segments=SEGMENTS)
+    return _sheet(outline, None, lambda x, y: base_z(radius, x, y), radius)
+
+
+def _sheet(outline: Array, hole: Disc | None, height: Any, radius_mm: float | None) -> Mesh:
+    """Sheet that faces up, in rings from a hole (or a point) to a convex outline.
+
+    With `radius_mm` its vertex normals are those of a sphere about the axis that is open to +z.
+    """
+    hole = hole or Disc(0.0, 0.0, 0.0)
+    middle = np.array([hole.x_mm, hole.y_mm])
+    corners = np.arctan2(*(outline - middle).T[::-1]) % (2 * np.pi)
+    even = 2 * np.pi * np.arange(SEGMENTS) / SEGMENTS
+    # Corners of the outline are kept, even angles that nearly coincide with them are not.
+    away = np.abs((even[:, None] - corners[None, :] + np.pi) % (2 * np.pi) - np.pi).min(axis=1)
+    turn = np.sort(np.concatenate([corners, even[away > 1e-4]]))
+    round_ = np.column_stack([np.cos(turn), np.sin(turn)])
+    far = _reach(outline - middle, round_)
+    share = np.linspace(0.0, 1.0, RINGS + 1 if radius_mm is not None else 3)
+    reach = hole.radius_mm + share[:, None] * (far - hole.radius_mm)
+    xy = (middle + reach[..., None] * round_).reshape(-1, 2)
+    vertices = np.column_stack([xy, height(xy[:, 0], xy[:, 1])])
+    count = len(turn)
+    k = np.arange(count)
+    faces = []
+    for ring in range(len(share) - 1):
+        inner, outer = ring * count + k, (ring + 1) * count + k
+        inner_next, outer_next = ring * count + (k + 1) % count, (ring + 1) * count + (k + 1) % count
+        if ring or hole.radius_mm > 0:
+            faces.append(np.stack([inner, outer_next, inner_next], axis=1))
+        faces.append(np.stack([inner, outer, outer_next], axis=1))
+    normals = None
+    if radius_mm is not None:
+        rise = np.sqrt(np.maximum(radius_mm**2 - (xy**2).sum(axis=1), 1e-9))
+        normals = np.column_stack([-xy, rise]) / np.hypot(rise, np.hypot(*xy.T))[:, None]
+    return Mesh(vertices, np.concatenate(faces), normals)
+
+
+def _reach(polygon: Array, directions: Array) -> Array:
+    """Distance from the origin to a convex polygon around it along unit vectors (n, 2)."""
+    edge = np.roll(polygon, -1, axis=0) - polygon
+    outward = np.column_stack([edge[:, 1], -edge[:, 0]])
+    with np.errstate(divide="ignore"):
+        ahead = directions @ outward.T
+        reach = np.where(ahead > 1e-12, (polygon * outward).sum(axis=1) / ahead, np.inf)
+    return np.asarray(reach.min(axis=1))
+
+
+def _leds(rig: Rig, glass: Glass, groups: tuple[int, ...], *, lit: bool) -> dict[str, Any]:
+    """Boards and emitting faces; bonded ones joined to the core's side, wherever they were moved."""
+    import mitsuba as mi
+
+    boards, faces = rig.boards, rig.emitters
+    each = len(faces.group) // max(len(boards.group), 1)
+    content: dict[str, Any] = {}
+    area = np.array([4 * faces.half[faces.group == g].prod(axis=1).sum() for g in range(len(rig.flux_mw))])
+    for board in range(len(boards.group)):
+        way = _joining_mm(boards, board, glass) if glass.bonded else 0.0
+        paint = _diffuse(rig.board_reflectance[list(groups)])
+        normal = boards.normal[board]
+        content[f"board-{board}"] = _loaded(_package(boards, board, way, glass.package_mm), paint)
+        for number in range(board * each, (board + 1) * each):
+            group = int(faces.group[number])
+            if group not in groups or not lit:
+                continue
+            matrix = np.eye(4)
+            matrix[:3, 0] = faces.half[number, 0] * boards.across[board]
+            matrix[:3, 1] = faces.half[number, 1] * boards.down[board]
+            matrix[:3, 2] = normal
+            matrix[:3, 3] = faces.centre[number] + (way + FACE_MM) * normal
+            radiance = np.zeros(len(groups))
+            radiance[groups.index(group)] = 1.0 / (np.pi * area[group])
+            content[f"face-{number}"] = {
+                "type": "rectangle",
+                "to_world": mi.ScalarTransform4f(matrix),
+                "bsdf": paint,
+                "emitter": {"type": "area", "radiance": _rgb(radiance)},
+            }
+    return content
+
+
+def _package(boards: Rectangles, number: int, way_mm: float, depth_mm: float) -> Mesh:
+    """Front of a board, or the whole box where packages are cast into the core."""
+    centre = boards.centre[number] + way_mm * boards.normal[number]
+    across = boards.half[number, 0] * boards.across[number]
+    down = boards.half[number, 1] * boards.down[number]
+    front = np.array([centre + i * across + j * down for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+    if not depth_mm:
+        return Mesh(front, np.array([[0, 1, 2], [0, 2, 3]]))
+    vertices = np.concatenate([front, front - depth_mm * boards.normal[number]])
+    quads = [(0, 1, 2, 3), (7, 6, 5, 4), (4, 5, 1, 0), (5, 6, 2, 1), (6, 7, 3, 2), (7, 4, 0, 3)]
+    return Mesh(vertices, np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]))
+
+
+def _joining_mm(boards: Rectangles, number: int, glass: Glass) -> float:
+    """Way of a board along its normal until its whole front lies just inside the core: glue fills the rest."""
+    across = boards.half[number, 0] * boards.across[number]
+    down = boards.half[number, 1] * boards.down[number]
+    corners = [boards.centre[number] + i * across + j * down for i in (-1, 1) for j in (-1, 1)]
+    ways = []
+    for side in (wall for wall in glass.walls if wall.name.startswith("core-side")):
+        a, b, c = side.vertices[side.faces[0]]
+        outward = np.cross(b - a, c - a)
+        outward /= np.linalg.norm(outward) * np.sign(outward[:2] @ a[:2])
+        along = -float(outward @ boards.normal[number])
+        if along > FACING:
+            ways.append((max(float(outward @ (p - a)) for p in corners) + JOINED_MM) / along)
+    return max(ways, default=0.0)
