@@ -28,7 +28,7 @@ GAP_MM = 0.02  # of air, where the gel has come off
 FACING = 0.7  # cosine: sides turned to a board by less than 45 deg may carry it
 RINGS = 48
 SEGMENTS = 288
-COLATITUDES, AZIMUTHS = 40, 120  # cells of equal solid angle over the upper half-space
+COLATITUDES, AZIMUTHS = 36, 108  # cells of equal solid angle over the upper half-space
 R2 = (0.7548776662466927, 0.5698402909980532)
 CAMERA_SEGMENTS = 3  # of a path, from the membrane through interface and window to the camera
 
