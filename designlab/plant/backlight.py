@@ -2,7 +2,8 @@
 
 import hashlib
 from collections import OrderedDict
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,10 @@ PITCH_MM = 1.0
 MARGIN_MM = 1.0  # of the field around the sensing area
 LEVELS = (0.0, 0.4, 0.8)  # heights above the membrane, as shares of the gel's thickness
 ABOVE_MM = 3e-3  # nodes of the lowest level lie this far above the membrane
-CRISP_PATHS = 5  # paths a cell on average
-SLOW_MM, SLOW_PATHS, DEGREE = 2.0, 5, 6  # nodes, paths a cell and fit of light that was spread
+EDGES = ("nearest", "nearest", "nearest", "nearest", "wrap")  # of levels, rows, columns, cells
+CRISP_PATHS = 8  # paths a cell on average, in bundles
+BUNDLES = (1, 4, 16, 64, 256)
+SLOW_MM, SLOW_PATHS, DEGREE = 2.0, 4, 6  # nodes, paths a cell and fit of light that was spread
 COARSE_MM = 2.5  # grid of the membrane's own light
 ORDERS = 3  # of light from membrane to membrane; each is a tenth of the one before or less
 KEPT = 4
@@ -74,16 +77,17 @@ def _content(rig: Rig) -> list[object]:
     """Everything that light on the untouched membrane depends on."""
     glass = rig.glass
     assert glass is not None
-    arrays = [*rig.emitters, *rig.boards, rig.albedo, rig.board_reflectance, glass.core_absorption_per_mm]
-    arrays += [glass.gel_absorption_per_mm, glass.outline]
+    arrays = [*rig.emitters, *rig.boards, rig.face_flux, rig.exponent, rig.albedo, rig.board_reflectance]
+    arrays += [glass.core_absorption_per_mm, glass.gel_absorption_per_mm, glass.outline]
     for wall in glass.walls:
         arrays += [wall.vertices, wall.faces]
     digest = hashlib.sha256()
     for array in arrays:
         digest.update(repr(np.shape(array)).encode() + np.ascontiguousarray(array).tobytes())
-    plain = replace(glass, walls=(), outline=0, core_absorption_per_mm=0, gel_absorption_per_mm=0)  # type: ignore[arg-type]
+    clear = glass.core_index, glass.gel_index, glass.scattering_per_mm, glass.anisotropy, glass.gap
+    sizes = glass.thickness_mm, glass.window_mm, glass.interface_radius_mm, glass.package_mm, glass.bonded
     walls = [(wall.name, wall.material) for wall in glass.walls]
-    return [digest.hexdigest(), plain, walls, rig.elastomer, rig.path_length, rig.sensing_area_mm]
+    return [digest.hexdigest(), clear, sizes, walls, rig.elastomer, rig.path_length, rig.sensing_area_mm]
 
 
 def _baked(rig: Rig, seed: int) -> LightField:
@@ -126,7 +130,7 @@ def _field(
         radiance = (albedo / np.pi * irradiance).reshape(len(groups), *counts[::-1])
         return Tracer(rig, groups, glow=Glow(radiance, COARSE_MM))
 
-    arriving = [(_even(leds, coarse, 6, seed) * cosine).sum(axis=2)]
+    arriving = [(_even(leds, coarse, 4, seed) * cosine).sum(axis=2)]
     for order in range(1, ORDERS):
         arriving.append((_even(glowing(arriving[-1]), coarse, 2, seed + order) * cosine).sum(axis=2))
     slow = _axes(rig, SLOW_MM)
@@ -137,7 +141,8 @@ def _field(
     spread = spread.reshape(len(groups) * len(height), slow[0].size * slow[1].size, -1)
     shape = len(groups), len(height), len(y), len(x), COLATITUDES * AZIMUTHS
     found = (onto.astype(np.float32) @ spread).reshape(shape)
-    found += _where_worth(crisp, _nodes(rig, x, y, height), seed + 13).reshape(shape)
+    grid = len(height), len(y), len(x)
+    found += _where_worth(crisp, _nodes(rig, x, y, height), grid, seed + 13).reshape(shape)
     return found
 
 
@@ -166,39 +171,41 @@ def _even(tracer: Tracer, nodes: Array, paths: int, seed: int) -> NDArray[np.flo
     """Radiance at nodes by cell, shape (groups, nodes, cells), from as many paths in every cell."""
     shape = len(nodes), COLATITUDES * AZIMUTHS
     index = np.arange(shape[0] * shape[1], dtype=np.uint32)
-    total = sum(
-        tracer.cells(nodes, index, np.full(len(index), n, dtype=np.uint32), seed=1000 * seed + n, shift=seed)
-        for n in range(paths)
-    )
-    return np.asarray(total / np.float32(paths)).reshape(-1, *shape)
+    return tracer.cells(nodes, index, paths=paths, seed=seed).reshape(-1, *shape)
 
 
-def _where_worth(tracer: Tracer, nodes: Array, seed: int) -> NDArray[np.float32]:
+def _where_worth(tracer: Tracer, nodes: Array, grid: tuple[int, int, int], seed: int) -> NDArray[np.float32]:
     """Radiance at nodes by cell, shape (groups, nodes, cells), from `CRISP_PATHS` paths a cell on average.
 
     One more path a cell goes ahead and says where they are worth most. It is not counted: where it met light
     by chance it would be too bright, and nothing but it would be there where it missed it.
+
+    Parameters
+    ----------
+    grid : tuple
+        Levels, rows and columns of the nodes.
     """
-    shape = len(nodes), COLATITUDES, AZIMUTHS
-    index = np.arange(shape[0] * shape[1] * shape[2], dtype=np.uint32)
-    rise = directions()[0][:, 2].astype(np.float32).reshape(shape[1:])
+    shape = *grid, COLATITUDES, AZIMUTHS
+    index = np.arange(np.prod(shape), dtype=np.uint32)
+    rise = directions()[0][:, 2].astype(np.float32).reshape(shape[3:])
     variance = np.zeros(shape, dtype=np.float32)
-    ahead = tracer.cells(nodes, index, np.zeros(len(index), dtype=np.uint32), seed=1000 * seed, shift=seed)
+    ahead = tracer.cells(nodes, index, paths=1, seed=seed)
     for values in ahead.reshape(len(ahead), *shape):
-        # Neighbours tell what one path cannot: an edge runs through them.
-        mean, second = (
-            uniform_filter(a, (0, 3, 3), mode=("nearest", "nearest", "wrap")) for a in (values, values**2)
-        )
-        variance += np.maximum(second - mean**2, 0.0) / max(float((values * rise).mean()) ** 2, 1e-30)
-    worth = np.sqrt(variance) * rise
-    worth *= (CRISP_PATHS - 1) / max(float(worth.mean()), 1e-30)
-    random = np.random.default_rng(seed)
-    counts = 1 + np.floor(worth.ravel() + random.random(worth.size, dtype=np.float32)).astype(np.int64)
-    index = np.repeat(index, counts)
-    rank = (np.arange(len(index)) - np.repeat(np.cumsum(counts) - counts, counts)).astype(np.uint32)
-    drawn = tracer.cells(nodes, index, rank, seed=1000 * seed + 1, shift=seed + 1)
-    total = [np.bincount(index, values, minlength=len(counts)) / counts for values in drawn]
-    return np.asarray(total, dtype=np.float32).reshape(len(drawn), len(nodes), -1)
+        whole = max(float((values * rise).mean()) ** 2, 1e-30)
+        # Neighbours tell what one path cannot: an edge runs through them, or some light is mirrored faintly.
+        for window in ((0, 1, 1, 3, 3), (0, 3, 3, 3, 3)):
+            mean, second = (uniform_filter(a, window, mode=EDGES) for a in (values, values**2))
+            variance += np.maximum(second - mean**2, 0.0) / whole
+    # Evenly spread draws err by about 1 / n: the sum of squares is least for n as the 2/3rd power.
+    worth = (np.sqrt(variance) * rise).ravel() ** (2 / 3)
+    worth *= CRISP_PATHS / max(float(worth.mean()), 1e-30)
+    found = np.zeros((len(ahead), len(index)), dtype=np.float32)
+    ends = [0.0, *(np.sqrt(a * b) for a, b in pairwise(BUNDLES)), np.inf]
+    for number, (paths, (low, high)) in enumerate(zip(BUNDLES, pairwise(ends), strict=True)):
+        chosen = index[(worth >= low) & (worth < high)]
+        if len(chosen):
+            found[:, chosen] = tracer.cells(nodes, chosen, paths=paths, seed=seed + 1 + number)
+    return found.reshape(len(found), len(nodes), -1)
 
 
 def _vectors(rise: Array, turn: Array) -> Array:

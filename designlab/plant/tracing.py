@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.matter import Dielectric, Diffuse, Shape
+from designlab.plant.beams import Face
 from designlab.plant.glass import Disc, Glass, interface_z
 from designlab.plant.rig import Rectangles, Rig
 from designlab.plant.surface import base_z
@@ -126,12 +127,12 @@ class Tracer:
             o, d = (np.ascontiguousarray(a[part].T, dtype=np.float32) for a in (origin, direction))
             return mi.RayDifferential3f(mi.Point3f(*o), mi.Vector3f(*d))
 
-        return self._traced(rays, len(origin), seed)
+        return self._traced(rays, len(origin), seed, 1)
 
     def cells(
-        self, nodes: Array, index: NDArray[np.uint32], rank: NDArray[np.uint32], *, seed: int, shift: int
+        self, nodes: Array, index: NDArray[np.uint32], *, paths: int, seed: int
     ) -> NDArray[np.float32]:
-        """Radiance that arrives at nodes within cells of direction, shape (groups, n), one path each.
+        """Mean radiance that arrives at nodes within cells of direction, shape (groups, n).
 
         Parameters
         ----------
@@ -139,9 +140,9 @@ class Tracer:
             Places within the gel (mm).
         index : array (n,)
             Cells, counted within nodes.
-        rank : array (n,)
-            Number of the ray within its cell. There the rays of one cell follow the additive recurrence R2
-            (Roberts 2018), shifted at random for every cell, by the seed `shift`.
+        paths : int
+            Paths for each of them. They share what is drawn at every boundary evenly (multi-jittered), and
+            within the cell their first directions follow the additive recurrence R2 (Roberts 2018).
         """
         import drjit as dr
         import mitsuba as mi
@@ -150,27 +151,34 @@ class Tracer:
         count = COLATITUDES * AZIMUTHS
 
         def rays(part: slice) -> Any:
-            at, number = mi.UInt32(index[part]), mi.Float(rank[part].astype(np.float32))
+            lane = dr.arange(mi.UInt32, part.stop - part.start)
+            cell, number = mi.UInt32(index[part.start // paths : part.stop // paths]), lane % paths
+            at, number = dr.gather(mi.UInt32, cell, lane // paths), mi.Float(number)
             node = at // count
             row, column = (at % count) // AZIMUTHS, at % AZIMUTHS
-            down = mi.sample_tea_float32(at, mi.UInt32(2 * shift)) + R2[0] * number
-            along = mi.sample_tea_float32(at, mi.UInt32(2 * shift + 1)) + R2[1] * number
+            down = mi.sample_tea_float32(at, mi.UInt32(2 * seed)) + R2[0] * number
+            along = mi.sample_tea_float32(at, mi.UInt32(2 * seed + 1)) + R2[1] * number
             rise = (mi.Float(row) + down - dr.floor(down)) / COLATITUDES
             turn = (mi.Float(column) + along - dr.floor(along)) * (2 * np.pi / AZIMUTHS)
             level = dr.safe_sqrt(1.0 - rise * rise)
             origin = mi.Point3f(*(dr.gather(mi.Float, axis, node) for axis in place))
             return mi.RayDifferential3f(origin, mi.Vector3f(level * dr.cos(turn), level * dr.sin(turn), rise))
 
-        return self._traced(rays, len(index), seed)
+        found = self._traced(rays, len(index) * paths, seed, paths)
+        return found.reshape(len(found), len(index), paths).mean(axis=2)
 
-    def _traced(self, rays: Any, size: int, seed: int) -> NDArray[np.float32]:
+    def _traced(self, rays: Any, size: int, seed: int, together: int) -> NDArray[np.float32]:
+        """One path along each ray, `together` neighbours sharing the dimensions of their draws evenly."""
         import mitsuba as mi
 
         found = np.empty((self._channels, size), dtype=np.float32)
-        for number, start in enumerate(range(0, size, WAVEFRONT)):
-            part = slice(start, min(start + WAVEFRONT, size))
-            sampler = mi.load_dict({"type": "independent"})
+        step = WAVEFRONT // together * together
+        for number, start in enumerate(range(0, size, step)):
+            part = slice(start, min(start + step, size))
             count = part.stop - part.start
+            kind = {"type": "multijitter", "sample_count": together} if together > 1 else {"type": "independent"}
+            sampler = mi.load_dict(kind)
+            sampler.set_samples_per_wavefront(together)
             sampler.seed(int(np.random.SeedSequence([seed, number]).generate_state(1)[0]), count)
             gel = self._media["gel"]
             medium = {} if gel is None else {"medium": mi.MediumPtr(gel)}
@@ -352,35 +360,33 @@ def _reach(polygon: Array, directions: Array) -> Array:
 
 
 def _leds(rig: Rig, glass: Glass, groups: tuple[int, ...], *, lit: bool) -> dict[str, Any]:
-    """Boards and emitting faces; bonded ones joined to the core's side, wherever they were moved."""
-    import mitsuba as mi
+    """Boards and emitting faces; bonded ones joined to the core's side, wherever they were moved.
 
+    A tilted face stays flush with its board, which would hide half of it otherwise: its beam is tilted.
+    """
     boards, faces = rig.boards, rig.emitters
     each = len(faces.group) // max(len(boards.group), 1)
-    content: dict[str, Any] = {}
+    paint = _diffuse(rig.board_reflectance[list(groups)])
     area = np.array([4 * faces.half[faces.group == g].prod(axis=1).sum() for g in range(len(rig.flux_mw))])
+    content: dict[str, Any] = {}
     for board in range(len(boards.group)):
-        way = _joining_mm(boards, board, glass) if glass.bonded else 0.0
-        paint = _diffuse(rig.board_reflectance[list(groups)])
-        normal = boards.normal[board]
-        content[f"board-{board}"] = _loaded(_package(boards, board, way, glass.package_mm), paint)
+        way_mm = _joining_mm(boards, board, glass) if glass.bonded else 0.0
+        content[f"board-{board}"] = _loaded(_package(boards, board, way_mm, glass.package_mm), paint)
         for number in range(board * each, (board + 1) * each):
             group = int(faces.group[number])
             if group not in groups or not lit:
                 continue
-            matrix = np.eye(4)
-            matrix[:3, 0] = faces.half[number, 0] * boards.across[board]
-            matrix[:3, 1] = faces.half[number, 1] * boards.down[board]
-            matrix[:3, 2] = normal
-            matrix[:3, 3] = faces.centre[number] + (way + FACE_MM) * normal
-            radiance = np.zeros(len(groups))
-            radiance[groups.index(group)] = 1.0 / (np.pi * area[group])
-            content[f"face-{number}"] = {
-                "type": "rectangle",
-                "to_world": mi.ScalarTransform4f(matrix),
-                "bsdf": paint,
-                "emitter": {"type": "area", "radiance": _rgb(radiance)},
-            }
+            radiance = np.zeros(CHANNELS)
+            radiance[groups.index(group)] = rig.face_flux[number] / (np.pi * area[group])
+            content[f"face-{number}"] = Face(
+                centre=faces.centre[number] + (way_mm + FACE_MM) * boards.normal[board],
+                half_across=faces.half[number, 0] * boards.across[board],
+                half_down=faces.half[number, 1] * boards.down[board],
+                normal=boards.normal[board],
+                axis=faces.normal[number],
+                exponent=float(rig.exponent[group]),
+                radiance=radiance,
+            ).entry(paint)
     return content
 
 
