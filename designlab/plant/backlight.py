@@ -1,9 +1,10 @@
-"""Light field within the gel: what every LED group sends, by place and direction, untouched membrane below."""
+"""Light field within the gel: what every LED group sends, by place and direction, nothing pressed."""
 
 import hashlib
 from collections import OrderedDict
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,13 @@ KEPT = 4
 _fields: "OrderedDict[str, LightField]" = OrderedDict()
 
 
+class Stencil(NamedTuple):
+    """Interpolation at points: the first of the nodes that count (points,), their weights (points, nodes)."""
+
+    first: NDArray[np.int64]
+    weight: Array
+
+
 @dataclass(frozen=True, eq=False)
 class LightField:
     """Radiance (groups, levels, rows, columns, cells) in mW/mm2/sr per mW at nodes within the gel."""
@@ -40,7 +48,7 @@ class LightField:
     height_mm: Array
     radiance: NDArray[np.float32]
 
-    def along(self, x: Array, y: Array, height: Array) -> tuple[list[tuple[NDArray[np.int64], Array]], ...]:
+    def along(self, x: Array, y: Array, height: Array) -> tuple["Stencil", "Stencil", "Stencil"]:
         """First node and weights of interpolation at points along x, y and height.
 
         Cubic polynomials through four nodes in the plane, through all levels in height.
@@ -49,7 +57,7 @@ class LightField:
 
 
 def directions() -> tuple[Array, Array]:
-    """Unit vectors (cells, 3) at the centres of the cells, rows of equal height, and the cells' solid angle."""
+    """Unit vectors (cells, 3) at the centres of the cells, in rows of equal height, and their solid angles."""
     rise, turn = np.meshgrid(
         (np.arange(COLATITUDES) + 0.5) / COLATITUDES,
         2 * np.pi * (np.arange(AZIMUTHS) + 0.5) / AZIMUTHS,
@@ -77,7 +85,14 @@ def _content(rig: Rig) -> list[object]:
     """Everything that light on the untouched membrane depends on."""
     glass = rig.glass
     assert glass is not None
-    arrays = [*rig.emitters, *rig.boards, rig.face_flux, rig.exponent, rig.albedo, rig.board_reflectance]
+    arrays: list[NDArray[Any]] = [
+        *rig.emitters,
+        *rig.boards,
+        rig.face_flux,
+        rig.exponent,
+        rig.albedo,
+        rig.board_reflectance,
+    ]
     arrays += [glass.core_absorption_per_mm, glass.gel_absorption_per_mm, glass.outline]
     for wall in glass.walls:
         arrays += [wall.vertices, wall.faces]
@@ -112,15 +127,15 @@ def _field(
 
     Crisp is what met mirrors and clear boundaries only, or a board. Spread light, off ground sides, paint,
     haze and the membrane, varies slowly from place to place: it is traced at fewer nodes and fitted by
-    polynomials. The membrane's own light is found on a coarse grid over the whole gel: what the LEDs send, and
-    the share of its glow that comes back to it. The glow is then traced as an emitter, so that few paths do.
+    polynomials. The membrane's own light is found on a coarse grid over the whole gel: what the LEDs send,
+    and the share of its glow that comes back. The glow is then traced as an emitter, so that few paths do.
     """
     x, y, height = axes
     leds, crisp = Tracer(rig, groups), Tracer(rig, groups, spreading=False)
     outline = np.abs(elastomer.polygon(rig.elastomer)).max(axis=0)
     counts = [2 * int(np.ceil(reach / COARSE_MM)) + 1 for reach in outline]
-    whole = [COARSE_MM * (np.arange(count) - count // 2) for count in counts]
-    coarse = _nodes(rig, whole[0], whole[1], np.zeros(1))
+    whole_x, whole_y = (COARSE_MM * (np.arange(float(count)) - count // 2) for count in counts)
+    coarse = _nodes(rig, whole_x, whole_y, np.zeros(1))
     normals = HeightField(rig.elastomer.radius_mm).normals(coarse[:, 0], coarse[:, 1])
     towards, share = directions()
     cosine = np.maximum(normals @ towards.T, 0.0) * share
@@ -147,7 +162,7 @@ def _field(
 
 
 def _polynomials(x: Array, y: Array) -> Array:
-    """Legendre polynomials of total degree up to `DEGREE` at the nodes of a grid, shape (rows x columns, n)."""
+    """Legendre polynomials of total degree up to `DEGREE` on a grid, shape (rows x columns, n)."""
     along, up = (
         np.polynomial.legendre.legvander(axis / max(float(np.abs(axis).max()), 1e-9), DEGREE)
         for axis in (x, y)
@@ -213,8 +228,8 @@ def _vectors(rise: Array, turn: Array) -> Array:
     return np.stack([level * np.cos(turn), level * np.sin(turn), rise], axis=-1)
 
 
-def _lagrange(nodes: Array, at: Array) -> tuple[NDArray[np.int64], Array]:
-    """First of four nodes (or all, where fewer) around each point, and weights (points, 4) of their values."""
+def _lagrange(nodes: Array, at: Array) -> Stencil:
+    """Four nodes (or all, where fewer) around each point, and the weights of their values."""
     order = min(4, len(nodes))
     at = np.clip(at, nodes[0], nodes[-1])
     first = np.clip(np.searchsorted(nodes, at) - order // 2, 0, len(nodes) - order)
@@ -224,4 +239,4 @@ def _lagrange(nodes: Array, at: Array) -> tuple[NDArray[np.int64], Array]:
         for j in range(order):
             if i != j:
                 weights[:, i] *= (at - near[:, j]) / (near[:, i] - near[:, j])
-    return first, weights
+    return Stencil(first, weights)

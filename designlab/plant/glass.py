@@ -73,8 +73,8 @@ class Glass:
     @property
     def clear(self) -> bool:
         """Whether light passes undimmed."""
-        losses = self.core_absorption_per_mm.max(), self.gel_absorption_per_mm.max(), self.scattering_per_mm
-        return max(losses) == 0
+        losses = *self.core_absorption_per_mm, *self.gel_absorption_per_mm, self.scattering_per_mm
+        return not any(losses)
 
 
 class Sight(NamedTuple):
@@ -126,9 +126,7 @@ def look(glass: Glass, camera_mm: tuple[float, float, float], tan_x: Array, tan_
     onward, share = refracted(direction, normal, glass.core_index, glass.gel_index)
     if glass.gap is not None:
         behind = glass.gap.contains(below[0], below[1])
-        through = slab_transmission(
-            -(direction * normal).sum(axis=0), glass.core_index, 1.0, glass.gel_index
-        )
+        through = slab_transmission(-(direction * normal).sum(axis=0), glass.core_index, 1.0, glass.gel_index)
         share = np.where(behind, through, share)
     lost = glass.core_absorption_per_mm + glass.scattering_per_mm
     kept = np.exp(-lost[:, None] * way) * passed * share / glass.gel_index**2
@@ -156,11 +154,13 @@ def reflectance(cosine: Array, index: float, other: float) -> Array:
 
 
 def slab_transmission(cosine: Array, index: float, slab: float, other: float) -> Array:
-    """Share of power through a plane slab much thicker than the wave: all reflections within it, no phases."""
+    """Share of power through a plane slab, thick against the wave: all reflections in it, no phases."""
     inner = np.sqrt(np.maximum(1.0 - (index / slab) ** 2 * (1.0 - cosine**2), 0.0))
     first, second = reflectance(cosine, index, slab), reflectance(inner, slab, other)
     return np.asarray(
-        np.where(first >= 1.0, 0.0, (1.0 - first) * (1.0 - second) / (1.0 - np.minimum(first * second, 0.999999)))
+        np.where(
+            first >= 1.0, 0.0, (1.0 - first) * (1.0 - second) / (1.0 - np.minimum(first * second, 0.999999))
+        )
     )
 
 
@@ -169,6 +169,4 @@ def interface_z(glass: Glass, x: Array, y: Array) -> Array:
     if glass.interface_radius_mm is None:
         return np.full(np.shape(x), glass.thickness_mm)
     radius = glass.interface_radius_mm
-    return np.asarray(
-        radius + glass.thickness_mm - np.sqrt(np.maximum(radius**2 - x**2 - y**2, 0.0))
-    )
+    return np.asarray(radius + glass.thickness_mm - np.sqrt(np.maximum(radius**2 - x**2 - y**2, 0.0)))

@@ -39,9 +39,10 @@ ORDERS = 4  # of light between parts of the membrane
 class Immersed:
     """Light of every LED group at unit flux on a membrane behind glass, in mW/mm2 per mW.
 
-    The light field of the untouched membrane says what arrives from every direction at every place in the gel.
-    An indentation hides part of it from its surroundings and from its own flanks, and in its place sends light
-    itself: both count. Left out is that an indentation changes the light that leaves the gel and returns.
+    The light field of the untouched membrane says what arrives from every direction at every place in the
+    gel. An indentation hides part of it from its surroundings and from its own flanks, and in its place sends
+    light itself: both count. Left out is that it changes the light that leaves the gel and returns: less than
+    1 % of the mean beside and on a ball of 4 mm pressed 0.8 mm, by brute force.
 
     Parameters
     ----------
@@ -78,12 +79,12 @@ class Immersed:
         points = np.stack([x, y, z], axis=-1)
         shining = eye is not None and coat.specular > 0
         height = np.maximum(z - base_z(surface.radius_mm, x, y), 0.0)
-        (column, weight_x), (row, weight_y), (_, weight_z) = field.along(x, y, height)
-        levels = weight_z.shape[1] if height.any() else 1
+        across, up, over = field.along(x, y, height)
+        levels = over.weight.shape[1] if height.any() else 1
         groups, cells = len(field.radiance), field.radiance.shape[-1]
         slopes = None if sky is None else sky.slopes(x, y)
         found = np.empty((groups, len(x)))
-        key = row * len(field.x_mm) + column
+        key = up.first * len(field.x_mm) + across.first
         order = np.argsort(key, kind="stable")
         for part in _runs(key[order], max(1, CHUNK // cells)):
             at = order[part]
@@ -95,9 +96,9 @@ class Immersed:
                 lobe = lobe.reshape(len(at), COLATITUDES // 2, AZIMUTHS // 2)
                 lobe = lobe.repeat(2, axis=1).repeat(2, axis=2).reshape(len(at), -1)
                 received *= 1 - coat.specular + coat.specular * lobe
-            rows, columns = (slice(first, first + 4) for first in (row[at[0]], column[at[0]]))
+            rows, columns = (slice(first, first + 4) for first in (up.first[at[0]], across.first[at[0]]))
             nodes = field.radiance[:, :levels, rows, columns].reshape(-1, cells)
-            weights = np.einsum("pl,pr,pc->plrc", weight_z[at, :levels], weight_y[at], weight_x[at])
+            weights = np.einsum("pl,pr,pc->plrc", over.weight[at, :levels], up.weight[at], across.weight[at])
             sums = (received @ nodes.T).reshape(len(at), groups, -1)
             found[:, at] = self._share * np.einsum("pgk,pk->gp", sums, weights.reshape(len(at), -1))
         return found
@@ -244,7 +245,8 @@ def visible_share(slopes: NDArray[np.float32]) -> NDArray[np.float32]:
     # Cells stand in rows of equal height on the unit sphere.
     edge = COLATITUDES * slopes / np.sqrt(1.0 + slopes**2)
     rows = np.arange(1, COLATITUDES + 1, dtype=np.float32)
-    return np.clip(rows[None, :, None] - edge[:, None, :], 0.0, 1.0).reshape(len(slopes), -1)
+    share: NDArray[np.float32] = np.clip(rows[None, :, None] - edge[:, None, :], 0.0, 1.0)
+    return share.reshape(len(slopes), -1)
 
 
 def _grid(box: Box, pitch_mm: float) -> tuple[Grid, Array, Array]:

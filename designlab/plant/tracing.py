@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from designlab.matter import Dielectric, Diffuse, Shape
 from designlab.plant.beams import Face
 from designlab.plant.glass import Disc, Glass, interface_z
-from designlab.plant.rig import Rectangles, Rig
-from designlab.plant.surface import base_z
-from geometries import elastomer
+from designlab.plant.meshes import SEGMENTS, Mesh, joining_mm, membrane, package, sheet
+from designlab.plant.rig import Rig
 
 if TYPE_CHECKING:
     import mitsuba
@@ -24,26 +23,14 @@ Array = NDArray[np.float64]
 CHANNELS = 3
 WAVEFRONT = 4_000_000  # rays traced at once; bounds memory
 FACE_MM = 1e-3  # emitting faces stand this far before their board
-JOINED_MM = 2e-3  # a bonded board lies this far inside the core's side
 GAP_MM = 0.02  # of air, where the gel has come off
-FACING = 0.7  # cosine: sides turned to a board by less than 45 deg may carry it
-RINGS = 48
-SEGMENTS = 288
 COLATITUDES, AZIMUTHS = 36, 108  # cells of equal solid angle over the upper half-space
 R2 = (0.7548776662466927, 0.5698402909980532)
 CAMERA_SEGMENTS = 3  # of a path, from the membrane through interface and window to the camera
 
 
-class Mesh(NamedTuple):
-    """Triangles with optional vertex normals."""
-
-    vertices: Array
-    faces: NDArray[np.int64]
-    normals: Array | None = None
-
-
 class Glow(NamedTuple):
-    """Radiance (groups, rows, columns) of the membrane at nodes `pitch_mm` apart, centred; rows ascend with y."""
+    """Radiance (groups, rows, columns) of the membrane at centred nodes `pitch_mm` apart, rows ascending."""
 
     radiance: Array
     pitch_mm: float
@@ -77,7 +64,7 @@ class Tracer:
         Radiance of the membrane, which then shines in place of the LEDs.
 
     spreading : bool
-        Without it all that spreads light is black but the LEDs' boards: ground and painted sides, housing, haze.
+        Without it all that spreads light is black but for boards: ground and painted sides, housing, haze.
 
     The membrane itself is always black.
     """
@@ -101,7 +88,7 @@ class Tracer:
             "air": None,
         }
         content: dict[str, Any] = {"type": "scene"}
-        content["membrane"] = _loaded(_membrane(rig), _diffuse(np.zeros(len(groups))), glow=glow)
+        content["membrane"] = _loaded(membrane(rig), _diffuse(np.zeros(len(groups))), glow=glow)
         for shape in glass.walls:
             content[shape.name] = self._wall(shape, glass, groups)
         content |= self._interface(glass)
@@ -129,9 +116,7 @@ class Tracer:
 
         return self._traced(rays, len(origin), seed, 1)
 
-    def cells(
-        self, nodes: Array, index: NDArray[np.uint32], *, paths: int, seed: int
-    ) -> NDArray[np.float32]:
+    def cells(self, nodes: Array, index: NDArray[np.uint32], *, paths: int, seed: int) -> NDArray[np.float32]:
         """Mean radiance that arrives at nodes within cells of direction, shape (groups, n).
 
         Parameters
@@ -165,7 +150,7 @@ class Tracer:
             return mi.RayDifferential3f(origin, mi.Vector3f(level * dr.cos(turn), level * dr.sin(turn), rise))
 
         found = self._traced(rays, len(index) * paths, seed, paths)
-        return found.reshape(len(found), len(index), paths).mean(axis=2)
+        return np.asarray(found.reshape(len(found), len(index), paths).mean(axis=2))
 
     def _traced(self, rays: Any, size: int, seed: int, together: int) -> NDArray[np.float32]:
         """One path along each ray, `together` neighbours sharing the dimensions of their draws evenly."""
@@ -176,7 +161,9 @@ class Tracer:
         for number, start in enumerate(range(0, size, step)):
             part = slice(start, min(start + step, size))
             count = part.stop - part.start
-            kind = {"type": "multijitter", "sample_count": together} if together > 1 else {"type": "independent"}
+            kind = (
+                {"type": "multijitter", "sample_count": together} if together > 1 else {"type": "independent"}
+            )
             sampler = mi.load_dict(kind)
             sampler.set_samples_per_wavefront(together)
             sampler.seed(int(np.random.SeedSequence([seed, number]).generate_state(1)[0]), count)
@@ -208,7 +195,7 @@ class Tracer:
     def _interface(self, glass: Glass) -> dict[str, "mitsuba.Mesh"]:
         """Boundary of gel and core, with a gap of air where the gel has come off."""
         gap = glass.gap
-        whole = _sheet(glass.outline, gap, lambda x, y: interface_z(glass, x, y), glass.interface_radius_mm)
+        whole = sheet(glass.outline, gap, lambda x, y: interface_z(glass, x, y), glass.interface_radius_mm)
         if gap is None:
             return {"interface": self._boundary(whole, glass, "gel", "core")}
 
@@ -219,8 +206,8 @@ class Tracer:
         turn = 2 * np.pi * np.arange(SEGMENTS) / SEGMENTS
         edge = np.column_stack([np.cos(turn), np.sin(turn)]) * gap.radius_mm + (gap.x_mm, gap.y_mm)
         middle = Disc(gap.x_mm, gap.y_mm, 0.0)
-        above = _sheet(edge, middle, lambda x, y: interface_z(glass, x, y), glass.interface_radius_mm)
-        below = _sheet(edge, middle, lower, None)
+        above = sheet(edge, middle, lambda x, y: interface_z(glass, x, y), glass.interface_radius_mm)
+        below = sheet(edge, middle, lower, None)
         return {
             "interface": self._boundary(whole, glass, "gel", "core"),
             "gap-above": self._boundary(above, glass, "air", "core"),
@@ -245,7 +232,8 @@ def _activate() -> None:
         activate()
     if mi.variant().startswith("scalar"):
         raise RuntimeError(
-            "optics.light_path: measurements behind glass need LLVM 17 or newer, or CUDA (see `designlab doctor`)"
+            "optics.light_path: measurements behind glass need LLVM 17 or newer, or CUDA "
+            "(see `designlab doctor`)"
         )
 
 
@@ -309,56 +297,6 @@ def _loaded(
     return loaded
 
 
-def _membrane(rig: Rig) -> Mesh:
-    radius = rig.elastomer.radius_mm
-    outline = elastomer.polygon(rig.elastomer, segments=SEGMENTS)
-    return _sheet(outline, None, lambda x, y: base_z(radius, x, y), radius)
-
-
-def _sheet(outline: Array, hole: Disc | None, height: Any, radius_mm: float | None) -> Mesh:
-    """Sheet that faces up, in rings from a hole (or a point) to a convex outline.
-
-    With `radius_mm` its vertex normals are those of a sphere about the axis that is open to +z.
-    """
-    hole = hole or Disc(0.0, 0.0, 0.0)
-    middle = np.array([hole.x_mm, hole.y_mm])
-    corners = np.arctan2(*(outline - middle).T[::-1]) % (2 * np.pi)
-    even = 2 * np.pi * np.arange(SEGMENTS) / SEGMENTS
-    # Corners of the outline are kept, even angles that nearly coincide with them are not.
-    away = np.abs((even[:, None] - corners[None, :] + np.pi) % (2 * np.pi) - np.pi).min(axis=1)
-    turn = np.sort(np.concatenate([corners, even[away > 1e-4]]))
-    round_ = np.column_stack([np.cos(turn), np.sin(turn)])
-    far = _reach(outline - middle, round_)
-    share = np.linspace(0.0, 1.0, RINGS + 1 if radius_mm is not None else 3)
-    reach = hole.radius_mm + share[:, None] * (far - hole.radius_mm)
-    xy = (middle + reach[..., None] * round_).reshape(-1, 2)
-    vertices = np.column_stack([xy, height(xy[:, 0], xy[:, 1])])
-    count = len(turn)
-    k = np.arange(count)
-    faces = []
-    for ring in range(len(share) - 1):
-        inner, outer = ring * count + k, (ring + 1) * count + k
-        inner_next, outer_next = ring * count + (k + 1) % count, (ring + 1) * count + (k + 1) % count
-        if ring or hole.radius_mm > 0:
-            faces.append(np.stack([inner, outer_next, inner_next], axis=1))
-        faces.append(np.stack([inner, outer, outer_next], axis=1))
-    normals = None
-    if radius_mm is not None:
-        rise = np.sqrt(np.maximum(radius_mm**2 - (xy**2).sum(axis=1), 1e-9))
-        normals = np.column_stack([-xy, rise]) / np.hypot(rise, np.hypot(*xy.T))[:, None]
-    return Mesh(vertices, np.concatenate(faces), normals)
-
-
-def _reach(polygon: Array, directions: Array) -> Array:
-    """Distance from the origin to a convex polygon around it along unit vectors (n, 2)."""
-    edge = np.roll(polygon, -1, axis=0) - polygon
-    outward = np.column_stack([edge[:, 1], -edge[:, 0]])
-    with np.errstate(divide="ignore"):
-        ahead = directions @ outward.T
-        reach = np.where(ahead > 1e-12, (polygon * outward).sum(axis=1) / ahead, np.inf)
-    return np.asarray(reach.min(axis=1))
-
-
 def _leds(rig: Rig, glass: Glass, groups: tuple[int, ...], *, lit: bool) -> dict[str, Any]:
     """Boards and emitting faces; bonded ones joined to the core's side, wherever they were moved.
 
@@ -370,8 +308,8 @@ def _leds(rig: Rig, glass: Glass, groups: tuple[int, ...], *, lit: bool) -> dict
     area = np.array([4 * faces.half[faces.group == g].prod(axis=1).sum() for g in range(len(rig.flux_mw))])
     content: dict[str, Any] = {}
     for board in range(len(boards.group)):
-        way_mm = _joining_mm(boards, board, glass) if glass.bonded else 0.0
-        content[f"board-{board}"] = _loaded(_package(boards, board, way_mm, glass.package_mm), paint)
+        way_mm = joining_mm(boards, board, glass) if glass.bonded else 0.0
+        content[f"board-{board}"] = _loaded(package(boards, board, way_mm, glass.package_mm), paint)
         for number in range(board * each, (board + 1) * each):
             group = int(faces.group[number])
             if group not in groups or not lit:
@@ -388,32 +326,3 @@ def _leds(rig: Rig, glass: Glass, groups: tuple[int, ...], *, lit: bool) -> dict
                 radiance=radiance,
             ).entry(paint)
     return content
-
-
-def _package(boards: Rectangles, number: int, way_mm: float, depth_mm: float) -> Mesh:
-    """Front of a board, or the whole box where packages are cast into the core."""
-    centre = boards.centre[number] + way_mm * boards.normal[number]
-    across = boards.half[number, 0] * boards.across[number]
-    down = boards.half[number, 1] * boards.down[number]
-    front = np.array([centre + i * across + j * down for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
-    if not depth_mm:
-        return Mesh(front, np.array([[0, 1, 2], [0, 2, 3]]))
-    vertices = np.concatenate([front, front - depth_mm * boards.normal[number]])
-    quads = [(0, 1, 2, 3), (7, 6, 5, 4), (4, 5, 1, 0), (5, 6, 2, 1), (6, 7, 3, 2), (7, 4, 0, 3)]
-    return Mesh(vertices, np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]))
-
-
-def _joining_mm(boards: Rectangles, number: int, glass: Glass) -> float:
-    """Way of a board along its normal until its whole front lies just inside the core: glue fills the rest."""
-    across = boards.half[number, 0] * boards.across[number]
-    down = boards.half[number, 1] * boards.down[number]
-    corners = [boards.centre[number] + i * across + j * down for i in (-1, 1) for j in (-1, 1)]
-    ways = []
-    for side in (wall for wall in glass.walls if wall.name.startswith("core-side")):
-        a, b, c = side.vertices[side.faces[0]]
-        outward = np.cross(b - a, c - a)
-        outward /= np.linalg.norm(outward) * np.sign(outward[:2] @ a[:2])
-        along = -float(outward @ boards.normal[number])
-        if along > FACING:
-            ways.append((max(float(outward @ (p - a)) for p in corners) + JOINED_MM) / along)
-    return max(ways, default=0.0)
