@@ -2,7 +2,7 @@
 
 import hashlib
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from designlab.plant.glass import onto_interface, reflectance, slab_transmission
 from designlab.plant.rig import Rig
 from designlab.plant.surface import HeightField, base_z
 from designlab.plant.tracing import AZIMUTHS, CHANNELS, COLATITUDES, Glow, Tracer
@@ -17,14 +18,15 @@ from geometries import elastomer
 
 Array = NDArray[np.float64]
 
-PITCH_MM = 1.0
+PITCH_MM, GAP_PITCH_MM = 1.0, 0.7  # of the nodes; the shade of a gap between core and gel has sharp edges
 MARGIN_MM = 1.0  # of the field around the sensing area
 LEVELS = (0.0, 0.4, 0.8)  # heights above the membrane, as shares of the gel's thickness
 ABOVE_MM = 3e-3  # nodes of the lowest level lie this far above the membrane
 EDGES = ("nearest", "nearest", "nearest", "nearest", "wrap")  # of levels, rows, columns, cells
 CRISP_PATHS = 8  # paths a cell on average, in bundles
 BUNDLES = (1, 4, 16, 64, 256)
-SLOW_MM, SLOW_PATHS, DEGREE = 2.0, 4, 6  # nodes, paths a cell and fit of light that was spread
+SLOW_MM, DEGREE = 2.0, 6  # nodes and fit of light that was spread
+SPREAD_PATHS, GLOW_PATHS = 16, 4  # paths a cell
 COARSE_MM = 2.5  # grid of the membrane's own light
 ORDERS = 3  # of light from membrane to membrane; each is a tenth of the one before or less
 KEPT = 4
@@ -57,7 +59,7 @@ class LightField:
 
 
 def directions() -> tuple[Array, Array]:
-    """Unit vectors (cells, 3) at the centres of the cells, in rows of equal height, and their solid angles."""
+    """Unit vectors (cells, 3) at the centres of cells, in rows of equal height, and the solid angles."""
     rise, turn = np.meshgrid(
         (np.arange(COLATITUDES) + 0.5) / COLATITUDES,
         2 * np.pi * (np.arange(AZIMUTHS) + 0.5) / AZIMUTHS,
@@ -108,7 +110,7 @@ def _content(rig: Rig) -> list[object]:
 def _baked(rig: Rig, seed: int) -> LightField:
     assert rig.glass is not None
     height = np.array(LEVELS) * rig.glass.thickness_mm
-    x, y = _axes(rig, PITCH_MM)
+    x, y = _axes(rig, PITCH_MM if rig.glass.gap is None else GAP_PITCH_MM)
     groups = range(len(rig.flux_mw))
     parts = [tuple(groups[first : first + CHANNELS]) for first in range(0, len(groups), CHANNELS)]
     found = np.concatenate([_field(rig, part, (x, y, height), seed) for part in parts])
@@ -131,7 +133,8 @@ def _field(
     and the share of its glow that comes back. The glow is then traced as an emitter, so that few paths do.
     """
     x, y, height = axes
-    leds, crisp = Tracer(rig, groups), Tracer(rig, groups, spreading=False)
+    whole = rig if rig.glass is None else replace(rig, glass=replace(rig.glass, gap=None))
+    leds, crisp = Tracer(whole, groups), Tracer(whole, groups, spreading=False)
     outline = np.abs(elastomer.polygon(rig.elastomer)).max(axis=0)
     counts = [2 * int(np.ceil(reach / COARSE_MM)) + 1 for reach in outline]
     whole_x, whole_y = (COARSE_MM * (np.arange(float(count)) - count // 2) for count in counts)
@@ -143,22 +146,52 @@ def _field(
 
     def glowing(irradiance: Array) -> Tracer:
         radiance = (albedo / np.pi * irradiance).reshape(len(groups), *counts[::-1])
-        return Tracer(rig, groups, glow=Glow(radiance, COARSE_MM))
+        return Tracer(whole, groups, glow=Glow(radiance, COARSE_MM))
 
     arriving = [(_even(leds, coarse, 4, seed) * cosine).sum(axis=2)]
     for order in range(1, ORDERS):
         arriving.append((_even(glowing(arriving[-1]), coarse, 2, seed + order) * cosine).sum(axis=2))
-    slow = _axes(rig, SLOW_MM)
-    nodes = _nodes(rig, slow[0], slow[1], height)
-    spread = _even(leds, nodes, SLOW_PATHS, seed + 11) - _even(crisp, nodes, SLOW_PATHS, seed + 11)
-    spread += _even(glowing(np.sum(arriving, axis=0)), nodes, SLOW_PATHS, seed + 12)
-    onto = _polynomials(x, y) @ np.linalg.pinv(_polynomials(slow[0], slow[1]))
-    spread = spread.reshape(len(groups) * len(height), slow[0].size * slow[1].size, -1)
-    shape = len(groups), len(height), len(y), len(x), COLATITUDES * AZIMUTHS
-    found = (onto.astype(np.float32) @ spread).reshape(shape)
-    grid = len(height), len(y), len(x)
-    found += _where_worth(crisp, _nodes(rig, x, y, height), grid, seed + 13).reshape(shape)
+    slow_x, slow_y = _axes(rig, SLOW_MM)
+    ends = height[[0, -1]]
+    nodes = _nodes(rig, slow_x, slow_y, ends)
+    spread = _even(leds, nodes, SPREAD_PATHS, seed + 11) - _even(crisp, nodes, SPREAD_PATHS, seed + 11)
+    spread += _even(glowing(np.sum(arriving, axis=0)), nodes, GLOW_PATHS, seed + 12)
+    onto = _polynomials(x, y) @ np.linalg.pinv(_polynomials(slow_x, slow_y))
+    spread = spread.reshape(len(groups) * len(ends), slow_x.size * slow_y.size, -1)
+    low, high = np.moveaxis(
+        (onto.astype(np.float32) @ spread).reshape(len(groups), 2, len(y), len(x), -1), 1, 0
+    )
+    rise = ((height - ends[0]) / (ends[1] - ends[0])).astype(np.float32)
+    found = np.stack([(1 - share) * low + share * high for share in rise], axis=1)
+    nodes, grid = _nodes(rig, x, y, height), (len(height), len(y), len(x))
+    if rig.glass is not None and rig.glass.gap is not None:
+        _part(found, rig, groups, nodes)
+        crisp = Tracer(rig, groups, spreading=False)
+    found += _where_worth(crisp, nodes, grid, seed + 13).reshape(found.shape)
     return found
+
+
+def _part(spread: NDArray[np.float32], rig: Rig, groups: tuple[int, ...], nodes: Array) -> None:
+    """Dim spread light, in place, where it would have to pass the gap of air between gel and core.
+
+    What the gap mirrors is taken to look like the membrane right below it, under spread light.
+    """
+    glass = rig.glass
+    assert glass is not None
+    assert glass.gap is not None
+    towards, share = directions()
+    flat = spread.reshape(len(groups), len(nodes), -1)
+    rise = (towards[:, 2] * share).astype(np.float32)
+    for number, node in enumerate(nodes):
+        place, cosine = onto_interface(glass, node, towards)
+        under = glass.gap.contains(place[:, 0], place[:, 1])
+        if not under.any():
+            continue
+        through = slab_transmission(cosine[under], glass.gel_index, 1.0, glass.core_index)
+        joined = 1.0 - reflectance(cosine[under], glass.gel_index, glass.core_index)
+        glow = rig.albedo[list(groups)] / np.pi * (flat[:, number] @ rise)
+        flat[:, number, under] *= (through / np.maximum(joined, 1e-6)).astype(np.float32)
+        flat[:, number, under] += np.multiply.outer(glow, 1.0 - through).astype(np.float32)
 
 
 def _polynomials(x: Array, y: Array) -> Array:

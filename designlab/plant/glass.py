@@ -170,3 +170,18 @@ def interface_z(glass: Glass, x: Array, y: Array) -> Array:
         return np.full(np.shape(x), glass.thickness_mm)
     radius = glass.interface_radius_mm
     return np.asarray(radius + glass.thickness_mm - np.sqrt(np.maximum(radius**2 - x**2 - y**2, 0.0)))
+
+
+def onto_interface(glass: Glass, point: Array, towards: Array) -> tuple[Array, Array]:
+    """Where rays from a point in the gel (3,) along unit vectors (n, 3) meet the core, and their cosines."""
+    if glass.interface_radius_mm is None:
+        way = (glass.thickness_mm - point[2]) / towards[:, 2]
+        return point + way[:, None] * towards, towards[:, 2]
+    radius = glass.interface_radius_mm
+    centre = np.array([0.0, 0.0, radius + glass.thickness_mm])
+    half = (point - centre) @ towards.T
+    root = half**2 - float(((point - centre) ** 2).sum()) + radius**2
+    met = point + (-half - np.sqrt(np.maximum(root, 0.0)))[:, None] * towards
+    cosine = np.abs(((met - centre) * towards).sum(axis=1)) / radius
+    # Rays that pass below the sphere's rim meet no core.
+    return np.where((root > 0)[:, None], met, 1e9), np.clip(cosine, 1e-3, 1.0)
