@@ -26,6 +26,7 @@ FACE_MM = 1e-3  # emitting faces stand this far before their board
 GAP_MM = 0.02  # of air, where the gel has come off
 COLATITUDES, AZIMUTHS = 36, 108  # cells of equal solid angle over the upper half-space
 R2 = (0.7548776662466927, 0.5698402909980532)
+LEAST_PER_MM = 1e-6
 CAMERA_SEGMENTS = 3  # of a path, from the membrane through interface and window to the camera
 
 
@@ -254,10 +255,12 @@ def _medium(
     extinction = absorption[list(groups)] + scattering
     if extinction.max() == 0:
         return None
+    # Distances are drawn for one channel at a time: none may be endless.
+    extinction = np.maximum(np.pad(extinction, (0, CHANNELS - len(groups))), LEAST_PER_MM)
     content: dict[str, Any] = {
         "type": "homogeneous",
         "sigma_t": _rgb(extinction),
-        "albedo": _rgb(spreading * scattering / np.maximum(extinction, 1e-12)),
+        "albedo": _rgb(spreading * scattering / extinction),
     }
     if scattering:
         content["phase"] = {"type": "hg", "g": float(anisotropy)}
