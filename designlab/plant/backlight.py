@@ -27,7 +27,7 @@ CRISP_PATHS = 8  # paths a cell on average, in bundles
 BUNDLES = (1, 4, 16, 64, 256)
 SLOW_MM, DEGREE = 2.0, 6  # nodes and fit of light that was spread
 SPREAD_PATHS, GLOW_PATHS = 16, 4  # paths a cell
-COARSE_MM = 2.5  # grid of the membrane's own light
+GLOW_MM = 2.5  # grid of the membrane's own light
 ORDERS = 3  # of light from membrane to membrane; each is a tenth of the one before or less
 KEPT = 4
 
@@ -43,12 +43,16 @@ class Stencil(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LightField:
-    """Radiance (groups, levels, rows, columns, cells) in mW/mm2/sr per mW at nodes within the gel."""
+    """Radiance (groups, levels, rows, columns, cells) in mW/mm2/sr per mW at nodes within the gel.
+
+    `glow` (groups, rows, columns) is the radiance of the membrane itself, `GLOW_MM` apart over the whole gel.
+    """
 
     x_mm: Array
     y_mm: Array
     height_mm: Array
     radiance: NDArray[np.float32]
+    glow: Array
 
     def along(self, x: Array, y: Array, height: Array) -> tuple["Stencil", "Stencil", "Stencil"]:
         """First node and weights of interpolation at points along x, y and height.
@@ -113,8 +117,8 @@ def _baked(rig: Rig, seed: int) -> LightField:
     x, y = _axes(rig, PITCH_MM if rig.glass.gap is None else GAP_PITCH_MM)
     groups = range(len(rig.flux_mw))
     parts = [tuple(groups[first : first + CHANNELS]) for first in range(0, len(groups), CHANNELS)]
-    found = np.concatenate([_field(rig, part, (x, y, height), seed) for part in parts])
-    return LightField(x, y, height, found)
+    found, glow = zip(*(_field(rig, part, (x, y, height), seed) for part in parts), strict=True)
+    return LightField(x, y, height, np.concatenate(found), np.concatenate(glow))
 
 
 def _axes(rig: Rig, pitch_mm: float) -> list[Array]:
@@ -124,8 +128,8 @@ def _axes(rig: Rig, pitch_mm: float) -> list[Array]:
 
 def _field(
     rig: Rig, groups: tuple[int, ...], axes: tuple[Array, Array, Array], seed: int
-) -> NDArray[np.float32]:
-    """Radiance of some groups at nodes by cell: crisp light from the LEDs, and light that was spread.
+) -> tuple[NDArray[np.float32], Array]:
+    """Radiance of some groups at nodes by cell: crisp light from the LEDs, and spread light; and the glow.
 
     Crisp is what met mirrors and clear boundaries only, or a board. Spread light, off ground sides, paint,
     haze and the membrane, varies slowly from place to place: it is traced at fewer nodes and fitted by
@@ -136,8 +140,8 @@ def _field(
     whole = rig if rig.glass is None else replace(rig, glass=replace(rig.glass, gap=None))
     leds, crisp = Tracer(whole, groups), Tracer(whole, groups, spreading=False)
     outline = np.abs(elastomer.polygon(rig.elastomer)).max(axis=0)
-    counts = [2 * int(np.ceil(reach / COARSE_MM)) + 1 for reach in outline]
-    whole_x, whole_y = (COARSE_MM * (np.arange(float(count)) - count // 2) for count in counts)
+    counts = [2 * int(np.ceil(reach / GLOW_MM)) + 1 for reach in outline]
+    whole_x, whole_y = (GLOW_MM * (np.arange(float(count)) - count // 2) for count in counts)
     coarse = _nodes(rig, whole_x, whole_y, np.zeros(1))
     normals = HeightField(rig.elastomer.radius_mm).normals(coarse[:, 0], coarse[:, 1])
     towards, share = directions()
@@ -145,8 +149,10 @@ def _field(
     albedo = rig.albedo[list(groups), None]
 
     def glowing(irradiance: Array) -> Tracer:
-        radiance = (albedo / np.pi * irradiance).reshape(len(groups), *counts[::-1])
-        return Tracer(whole, groups, glow=Glow(radiance, COARSE_MM))
+        return Tracer(whole, groups, glow=Glow(glow(irradiance), GLOW_MM))
+
+    def glow(irradiance: Array) -> Array:
+        return (albedo / np.pi * irradiance).reshape(len(groups), *counts[::-1])
 
     arriving = [(_even(leds, coarse, 4, seed) * cosine).sum(axis=2)]
     for order in range(1, ORDERS):
@@ -168,7 +174,7 @@ def _field(
         _part(found, rig, groups, nodes)
         crisp = Tracer(rig, groups, spreading=False)
     found += _where_worth(crisp, nodes, grid, seed + 13).reshape(found.shape)
-    return found
+    return found, glow(np.sum(arriving, axis=0))
 
 
 def _part(spread: NDArray[np.float32], rig: Rig, groups: tuple[int, ...], nodes: Array) -> None:

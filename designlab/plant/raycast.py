@@ -12,6 +12,7 @@ from designlab.plant.immersed import Bathed, Immersed
 from designlab.plant.light import Lighting, Pressed, reflectances
 from designlab.plant.rig import Lens, Rig
 from designlab.plant.surface import HeightField, Indenter, base_z, indented
+from designlab.plant.veil import veil
 from geometries import elastomer, probes
 
 Array = NDArray[np.float64]
@@ -53,10 +54,12 @@ class Caster:
     def __init__(self, rig: Rig, view: View) -> None:
         self._rig, self._view = rig, view
         self._wide, self._place = view.grown(lens.margin(rig.camera, rig.lens, view), rig.camera)
-        self._lighting = Lighting(rig) if rig.glass is None else Immersed(rig)
+        self._lighting: Lighting | Immersed = Lighting(rig) if rig.glass is None else Immersed(rig)
         self._rays = pixel_rays(rig.camera, self._wide, bent=rig.lens, turn=rig.turn)
         self._passed: Array | float = 1.0
-        if rig.glass is not None:
+        self._veil: Array | float = 0.0
+        if rig.glass is not None and isinstance(self._lighting, Immersed):
+            self._veil = veil(rig, self._lighting.field, self._rays.tan_x, self._rays.tan_y)
             sight = look(rig.glass, rig.camera.position_mm, self._rays.tan_x, self._rays.tan_y)
             self._rays, self._passed = Rays(*sight[:3]), sight.passed
         self._t = meet(self._rays, HeightField(rig.elastomer.radius_mm))
@@ -134,7 +137,7 @@ class Caster:
             way_mm = t * np.sqrt(1 + self._rays.tan_x**2 + self._rays.tan_y**2)
             passed = passed * np.exp(-self._rig.glass.gel_absorption_per_mm[:, None] * way_mm)
         radiance = reflectances(self._rig, surface, x, y) / np.pi * np.where(membrane, irradiance, 0.0)
-        return radiance * self._grain * passed
+        return radiance * self._grain * passed + self._veil
 
     def _near(self, pressed: Pressed | Bathed, x: Array, y: Array) -> NDArray[np.bool_]:
         """Rays whose own point, or the light on it, an indentation changes."""

@@ -99,13 +99,17 @@ class Tracer:
         depth = max(rig.path_length - CAMERA_SEGMENTS, 1)
         self._integrator = mi.load_dict({"type": kind, "max_depth": depth, "rr_depth": 1000})
 
-    def radiance(self, origin: Array, direction: Array, *, seed: int) -> NDArray[np.float32]:
+    def radiance(
+        self, origin: Array, direction: Array, *, seed: int, within: str = "gel"
+    ) -> NDArray[np.float32]:
         """Radiance that arrives against rays, shape (groups, n), one path each.
 
         Parameters
         ----------
         origin, direction : array (n, 3)
-            Where the rays start, within the gel (mm), and their unit directions.
+            Where the rays start (mm), and their unit directions.
+        within : {"gel", "core", "air"}
+            What they start in.
         seed : int
             Seed of the paths; equal seeds give equal random numbers in every scene.
         """
@@ -115,7 +119,7 @@ class Tracer:
             o, d = (np.ascontiguousarray(a[part].T, dtype=np.float32) for a in (origin, direction))
             return mi.RayDifferential3f(mi.Point3f(*o), mi.Vector3f(*d))
 
-        return self._traced(rays, len(origin), seed, 1)
+        return self._traced(rays, len(origin), seed, 1, within)
 
     def cells(self, nodes: Array, index: NDArray[np.uint32], *, paths: int, seed: int) -> NDArray[np.float32]:
         """Mean radiance that arrives at nodes within cells of direction, shape (groups, n).
@@ -153,7 +157,9 @@ class Tracer:
         found = self._traced(rays, len(index) * paths, seed, paths)
         return np.asarray(found.reshape(len(found), len(index), paths).mean(axis=2))
 
-    def _traced(self, rays: Any, size: int, seed: int, together: int) -> NDArray[np.float32]:
+    def _traced(
+        self, rays: Any, size: int, seed: int, together: int, within: str = "gel"
+    ) -> NDArray[np.float32]:
         """One path along each ray, `together` neighbours sharing the dimensions of their draws evenly."""
         import mitsuba as mi
 
@@ -168,8 +174,8 @@ class Tracer:
             sampler = mi.load_dict(kind)
             sampler.set_samples_per_wavefront(together)
             sampler.seed(int(np.random.SeedSequence([seed, number]).generate_state(1)[0]), count)
-            gel = self._media["gel"]
-            medium = {} if gel is None else {"medium": mi.MediumPtr(gel)}
+            stuff = self._media[within]
+            medium = {} if stuff is None else {"medium": mi.MediumPtr(stuff)}
             spectrum, _, _ = self._integrator.sample(self._scene, sampler, rays(part), **medium)
             found[:, part] = np.asarray(spectrum).reshape(CHANNELS, count)[: self._channels]
         return found

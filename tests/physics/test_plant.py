@@ -213,7 +213,7 @@ def test_rays_meet_a_pressed_ball_where_algebra_says():
 def test_form_factors_within_a_sphere_depend_on_area_alone():
     rig = Rig.of(DOME)
     patches = light.coarse_patches(
-        rig, HeightField(rig.elastomer.radius_mm), light._coarse_grid(rig), without=None
+        rig, HeightField(rig.elastomer.radius_mm), light.coarse_grid(rig), without=None
     )
     exchange = light.form_factors(patches, patches)
     exact = np.broadcast_to(patches.area / (4 * np.pi * rig.elastomer.radius_mm**2), exchange.shape)
@@ -512,8 +512,8 @@ def test_answer_lies_outside_and_sealed(tmp_path):
 
 
 def test_a_set_is_never_overwritten_and_bad_input_leaves_nothing(tmp_path):
-    with pytest.raises(ValueError, match="light in air only"):
-        made(tmp_path / "set", {}, design=preset("default"))
+    with pytest.raises(ValueError, match="for plain membranes"):
+        made(tmp_path / "set", {}, design=FLAT.replace({"optics.marker_pitch_mm": 2.0}))
     with pytest.raises(ValueError, match=r"centre_mm \(40, 0\) lies on the gel"):
         made(tmp_path / "set", {}, presses=[BALL | {"centre_mm": [40.0, 0.0]}])
     with pytest.raises(ValueError, match="depth_mm is needed"):

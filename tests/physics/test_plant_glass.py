@@ -1,4 +1,4 @@
-"""The generator of measurements behind glass: against closed forms, and against the product's own renderer."""
+"""The generator of measurements behind glass, against closed forms and the product's own renderer."""
 
 from dataclasses import replace
 
@@ -100,7 +100,8 @@ def test_viewing_rays_take_the_shortest_optical_path(design):
     assert on_interface(crossing[:, 0], crossing[:, 1]) == pytest.approx(crossing, abs=1e-9)
     best, step = optical_mm(window, crossing), 0.02
     for dx, dy in ((step, 0.0), (-step, 0.0), (0.0, step), (0.0, -step)):
-        assert (optical_mm(window + (dx, dy, 0.0), crossing) > best).all()
+        shifted = window + np.array([dx, dy, 0.0])
+        assert (optical_mm(shifted, crossing) > best).all()
         assert (optical_mm(window, on_interface(crossing[:, 0] + dx, crossing[:, 1] + dy)) > best).all()
 
 
@@ -246,7 +247,7 @@ def test_even_sky_lights_a_flank_by_its_slope(monkeypatch):
     rig = Rig.of(FLAT)
     cells = len(directions()[0])
     axis = np.linspace(-9.0, 9.0, 7)
-    even = LightField(axis, axis, np.array([0.0, 1.0]), np.ones((3, 2, 7, 7, cells), dtype=np.float32))
+    even = LightField(axis, axis, np.array([0.0, 1.0]), np.ones((3, 2, 7, 7, cells), np.float32), axis)
     monkeypatch.setattr(immersed, "light_field", lambda rig: even)
     light = Immersed(rig)
     ball = Indenter(probes.parse("sphere:6"), 0.8, (0.0, 0.0))
