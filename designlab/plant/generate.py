@@ -53,7 +53,7 @@ def plant(
     Parameters
     ----------
     design : Design
-        The sensor as its owner believes it to be; light must travel in air.
+        The sensor as its owner believes it to be.
     effects : mapping
         Effect name to parameter values, see `designlab.plant.effects.apply`; empty for a null set.
     out : str or Path

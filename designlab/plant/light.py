@@ -64,7 +64,7 @@ class Lighting:
         self.cells = Cells(
             *(np.concatenate(parts) for parts in zip(self._emitters, self._boards, strict=True))
         )
-        self._coarse = _coarse_grid(rig)
+        self._coarse = coarse_grid(rig)
         self._board_patches = Patches(self._boards.centre, self._boards.normal, self._boards.area)
         self._bounces = rig.path_length - 2
         # Radiosity of the boards by light that met a surface 1, 2, ... times, (groups, boards) each.
@@ -155,7 +155,9 @@ class Pressed:
                 place = x[part][near], y[part][near], z[part][near]
                 kernel[near] *= self.horizon.visible_share(*place, sources)
             if eye is not None and coat.specular:
-                lobe = coat.lobe(points[part], normals[part], sources.centre, eye)
+                lobe = coat.lobe(
+                    points[part], normals[part], sources.centre, np.broadcast_to(eye, points.shape)[part]
+                )
                 kernel *= 1 - coat.specular + coat.specular * lobe
             total[:, part] = power @ kernel.T
         return total
@@ -274,7 +276,8 @@ def _patches(surface: HeightField, x: Array, y: Array, footprint_mm2: Array) -> 
     return Patches(np.stack([x, y, surface.z(x, y)], axis=-1), normals, footprint_mm2 / normals[:, 2])
 
 
-def _coarse_grid(rig: Rig) -> Grid:
+def coarse_grid(rig: Rig) -> Grid:
+    """Grid of the patches of the whole membrane."""
     outline = elastomer.polygon(rig.elastomer)
     (left, bottom), (right, top) = outline.min(axis=0), outline.max(axis=0)
     columns, rows = int(np.ceil((right - left) / COARSE_MM)), int(np.ceil((top - bottom) / COARSE_MM))

@@ -7,13 +7,17 @@ from numpy.typing import NDArray
 
 from designlab.camera import Camera, View
 from designlab.plant import lens
+from designlab.plant.glass import look
+from designlab.plant.immersed import Bathed, Immersed
 from designlab.plant.light import Lighting, Pressed, reflectances
 from designlab.plant.rig import Lens, Rig
 from designlab.plant.surface import HeightField, Indenter, base_z, indented
+from designlab.plant.veil import veil
 from geometries import elastomer, probes
 
 Array = NDArray[np.float64]
 
+Place = float | Array
 SUPERSAMPLES = 2  # rays along each side of an output pixel
 GRAIN_REFLECTANCE = 0.3  # of a grain on the gel, over the membrane's
 
@@ -21,7 +25,7 @@ GRAIN_REFLECTANCE = 0.3  # of a grain on the gel, over the membrane's
 class Rays(NamedTuple):
     """Rays x = x_c + t tan_x, y = y_c + t tan_y, z = z_c - t from a centre of projection (x_c, y_c, z_c)."""
 
-    origin_mm: tuple[float, float, float]
+    origin_mm: tuple[Place, Place, Place]
     tan_x: Array
     tan_y: Array
 
@@ -29,6 +33,11 @@ class Rays(NamedTuple):
         """Points of the rays."""
         x, y, z = self.origin_mm
         return x + t * self.tan_x, y + t * self.tan_y, z - t
+
+    def only(self, chosen: NDArray[np.bool_]) -> "Rays":
+        """Some of the rays."""
+        x, y, z = (np.broadcast_to(place, chosen.shape)[chosen] for place in self.origin_mm)
+        return Rays((x, y, z), self.tan_x[chosen], self.tan_y[chosen])
 
 
 class Caster:
@@ -45,8 +54,14 @@ class Caster:
     def __init__(self, rig: Rig, view: View) -> None:
         self._rig, self._view = rig, view
         self._wide, self._place = view.grown(lens.margin(rig.camera, rig.lens, view), rig.camera)
-        self._lighting = Lighting(rig)
+        self._lighting: Lighting | Immersed = Lighting(rig) if rig.glass is None else Immersed(rig)
         self._rays = pixel_rays(rig.camera, self._wide, bent=rig.lens, turn=rig.turn)
+        self._passed: Array | float = 1.0
+        self._veil: Array | float = 0.0
+        if rig.glass is not None and isinstance(self._lighting, Immersed):
+            self._veil = veil(rig, self._lighting.field, self._rays.tan_x, self._rays.tan_y)
+            sight = look(rig.glass, rig.camera.position_mm, self._rays.tan_x, self._rays.tan_y)
+            self._rays, self._passed = Rays(*sight[:3]), sight.passed
         self._t = meet(self._rays, HeightField(rig.elastomer.radius_mm))
         x, y, _ = self._rays.at(self._t)
         self._untouched = self._lighting.untouched.irradiance(x, y, eye=self._eye)
@@ -55,7 +70,9 @@ class Caster:
 
     @property
     def _eye(self) -> Array | None:
-        return np.array(self._rays.origin_mm) if self._rig.coat.specular else None
+        if not self._rig.coat.specular:
+            return None
+        return np.stack(np.broadcast_arrays(*self._rays.origin_mm, self._rays.tan_x)[:3], axis=-1)
 
     def radiance(self, indenter: Indenter | None) -> Array:
         """Radiance of every LED group at unit flux, shape (groups, rows, columns), in mW/mm2/sr per mW.
@@ -82,10 +99,11 @@ class Caster:
         t, irradiance = self._t.copy(), self._untouched.copy()
         x, y, _ = self._rays.at(t)
         near = self._near(pressed, x, y)
-        close = Rays(self._rays.origin_mm, self._rays.tan_x[near], self._rays.tan_y[near])
+        close = self._rays.only(near)
         t[near] = meet(close, surface)
         x[near], y[near], _ = close.at(t[near])
-        irradiance[:, near] = pressed.irradiance(x[near], y[near], eye=self._eye)
+        eye = self._eye
+        irradiance[:, near] = pressed.irradiance(x[near], y[near], eye=None if eye is None else eye[near])
         far = ~near
         irradiance[:, far] += pressed.from_membrane(x[far], y[far])
         irradiance[:, far] -= self._lighting.untouched.from_membrane(x[far], y[far])
@@ -114,11 +132,14 @@ class Caster:
         """Radiance towards the camera of the point that every ray meets, (groups, rays)."""
         x, y, _ = self._rays.at(t)
         membrane = elastomer.inside(self._rig.elastomer, x, y)
-        return (
-            reflectances(self._rig, surface, x, y) / np.pi * np.where(membrane, irradiance, 0.0) * self._grain
-        )
+        passed = self._passed
+        if self._rig.glass is not None:
+            way_mm = t * np.sqrt(1 + self._rays.tan_x**2 + self._rays.tan_y**2)
+            passed = passed * np.exp(-self._rig.glass.gel_absorption_per_mm[:, None] * way_mm)
+        radiance = reflectances(self._rig, surface, x, y) / np.pi * np.where(membrane, irradiance, 0.0)
+        return radiance * self._grain * passed + self._veil
 
-    def _near(self, pressed: Pressed, x: Array, y: Array) -> NDArray[np.bool_]:
+    def _near(self, pressed: Pressed | Bathed, x: Array, y: Array) -> NDArray[np.bool_]:
         """Rays whose own point, or the light on it, an indentation changes."""
         if pressed.window is None:
             return np.zeros(len(x), dtype=bool)
@@ -192,7 +213,7 @@ def meet(rays: Rays, surface: HeightField, *, steps: int = 16) -> Array:
     The base is met by Newton's method. Where there is an indentation, the piece of the ray between its peak
     and the base is searched in equal steps for the first crossing, which bisection then narrows down.
     """
-    t = np.full(rays.tan_x.shape, rays.origin_mm[2])
+    t = np.broadcast_to(rays.origin_mm[2], rays.tan_x.shape).astype(float)
     if surface.radius_mm is not None:
         for _ in range(6):
             x, y, z = rays.at(t)

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 from designlab.camera import Camera
 from designlab.design import Design
+from designlab.mounting import seated
 from designlab.plant.coat import Coat
+from designlab.plant.glass import Glass
 from geometries.elastomer import Elastomer
 from geometries.leds import Body, Emitter, LedArray, bodies, emitters
 
@@ -172,6 +174,7 @@ class Rig:
     sensor: Sensor = field(default_factory=Sensor)
     waves: Array = field(default_factory=lambda: np.zeros((0, 4)))
     grain: tuple[float, float, float, float] | None = None
+    glass: Glass | None = None
 
     @classmethod
     def of(cls, design: Design) -> "Rig":
@@ -180,13 +183,8 @@ class Rig:
         Raises
         ------
         ValueError
-            If light refracts in the design, an LED's profile is a table, or the membrane has a pattern.
+            If an LED's profile is a table, the membrane has a pattern, or the gel is freeform.
         """
-        if design.optics.light_path != "air":
-            raise ValueError(
-                "optics.light_path: measurements are generated for light in air only, "
-                f"got {design.optics.light_path!r}"
-            )
         if design.optics.marker_pitch_mm or design.optics.albedo_image:
             raise ValueError(
                 "optics.marker_pitch_mm, optics.albedo_image: measurements are generated for plain membranes"
@@ -195,7 +193,10 @@ class Rig:
             raise ValueError(
                 "elastomer.shape: measurements are generated for flat gels and domes, got 'freeform'"
             )
-        strips, boxes = emitters(design.leds), bodies(design.leds)
+        glass = Glass.of(design) if design.optics.light_path == "core" else None
+        strips: Sequence[Emitter]
+        boxes: Sequence[Body]
+        boxes, strips = (bodies(design.leds), emitters(design.leds)) if glass is None else seated(design)
         fronts = [np.asarray(box.centre_mm) + box.half_mm[2] * np.asarray(box.normal) for box in boxes]
         return cls(
             emitters=Rectangles(
@@ -231,6 +232,7 @@ class Rig:
                 transmittance=design.optics.coating_transmittance,
                 behind=design.optics.object_reflectance if design.optics.coating_transmittance else 0.5,
             ),
+            glass=glass,
         )
 
     def turned(self, angle_deg: float) -> "Rig":

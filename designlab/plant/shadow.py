@@ -74,18 +74,15 @@ class Horizon:
 
     def _map(self, surface: HeightField, number: int) -> tuple[float, float, Array]:
         """Slope of the horizon towards one azimuth: first place along and across the light (mm), grid."""
-        pitch, turn = self._pitch_mm, np.exp(1j * np.radians(number * STEP_DEG))
-        half_along = abs(turn.real) * self._half.real + abs(turn.imag) * self._half.imag + 2 * pitch
-        half_across = abs(turn.imag) * self._half.real + abs(turn.real) * self._half.imag + 2 * pitch
-        along = np.arange(-half_along - self._reach_mm, half_along + pitch, pitch)
-        across = np.arange(-half_across, half_across + pitch, pitch)
-        points = self._centre + turn * (along[None, :] + 1j * across[:, None])
-        z = surface.z(points.real, points.imag).astype(np.float32)
-        horizon = np.full_like(z, NONE)
-        for stride in _strides(int(np.ceil(self._reach_mm / pitch)), z.shape[1] - 1):
-            rise = (z[:, stride:] - z[:, :-stride]) * np.float32(1 / (stride * pitch))
-            np.maximum(horizon[:, :-stride], rise, out=horizon[:, :-stride])
-        return float(along[0]), float(across[0]), horizon.astype(np.float64)
+        along_mm, across_mm, _, horizon = horizon_map(
+            surface,
+            np.exp(1j * np.radians(number * STEP_DEG)),
+            centre=self._centre,
+            half=self._half,
+            reach_mm=self._reach_mm,
+            pitch_mm=self._pitch_mm,
+        )
+        return along_mm, across_mm, horizon
 
     def _azimuths(self, cells: Cells) -> list[int]:
         """Numbers of the azimuths at which cells are seen from the window, and their neighbours."""
@@ -102,6 +99,46 @@ class Horizon:
             last = int(np.ceil(np.degrees(middle + apart.max()) / STEP_DEG))
             found |= {number % count for number in range(first, last + 2)}
         return sorted(found)
+
+
+def horizon_map(
+    surface: HeightField,
+    turn: complex,
+    *,
+    centre: complex,
+    half: complex,
+    reach_mm: float,
+    pitch_mm: float = PITCH_MM,
+) -> tuple[float, float, float, Array]:
+    """Slope of the horizon towards one azimuth, behind and over an indentation.
+
+    Parameters
+    ----------
+    turn : complex
+        Unit vector x + i y towards the light.
+    centre, half : complex
+        Middle and half size of the indentation's bounding box (mm).
+    reach_mm : float
+        How far behind it the horizon is looked at.
+
+    Returns
+    -------
+    along_mm, across_mm, pitch_mm : float
+        First place along and across the light, from `centre`, and distance of grid points.
+    horizon : array (across, along)
+        Slope to the highest point towards the light; `NONE` at the last one.
+    """
+    half_along = abs(turn.real) * half.real + abs(turn.imag) * half.imag + 2 * pitch_mm
+    half_across = abs(turn.imag) * half.real + abs(turn.real) * half.imag + 2 * pitch_mm
+    along = np.arange(-half_along - reach_mm, half_along + pitch_mm, pitch_mm)
+    across = np.arange(-half_across, half_across + pitch_mm, pitch_mm)
+    points = centre + turn * (along[None, :] + 1j * across[:, None])
+    z = surface.z(points.real, points.imag).astype(np.float32)
+    horizon = np.full_like(z, NONE)
+    for stride in _strides(int(np.ceil(reach_mm / pitch_mm)), z.shape[1] - 1):
+        rise = (z[:, stride:] - z[:, :-stride]) * np.float32(1 / (stride * pitch_mm))
+        np.maximum(horizon[:, :-stride], rise, out=horizon[:, :-stride])
+    return float(along[0]), float(across[0]), pitch_mm, horizon.astype(np.float64)
 
 
 def shadow_length_mm(surface: HeightField, cells: Cells) -> float:

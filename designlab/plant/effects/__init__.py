@@ -10,12 +10,13 @@ from designlab.plant.effects.colour import COLOUR, of_filters
 from designlab.plant.effects.contact import CONTACT
 from designlab.plant.effects.emission import EMISSION
 from designlab.plant.effects.material import MATERIAL
+from designlab.plant.effects.transport import TRANSPORT
 from designlab.plant.rig import Rig
 
 __all__ = ["Parameter", "Planted", "apply", "draw", "names", "parameters"]
 
-# One table for each stage; effects of a clear core between LEDs and gel have their place behind EMISSION.
-_EFFECTS: dict[str, Planted] = GEOMETRY | EMISSION | MATERIAL | CONTACT | COLOUR | CAMERA
+# One table for each stage.
+_EFFECTS: dict[str, Planted] = GEOMETRY | EMISSION | TRANSPORT | MATERIAL | CONTACT | COLOUR | CAMERA
 
 
 def names() -> tuple[str, ...]:
@@ -101,6 +102,8 @@ def draw(name: str, rig: Rig, *, strength: float, seed: int) -> dict[str, float]
         If no values within the bounds are that far from null.
     """
     known = parameters(name, rig)
+    if not known:
+        raise ValueError(f"effect {name}: has no parameters on this sensor")
     counted = {parameter: p for parameter, p in known.items() if not p.shape}
     random = np.random.default_rng(np.random.SeedSequence([seed, *name.encode()]))
     for _ in range(1000):

@@ -1,0 +1,337 @@
+"""Radiance along given rays within the gel, by the stock path tracers of the rendering engine.
+
+The only place where the generator meets the engine: its own scene, the engine's unchanged integrators,
+started at the membrane. Up to three LED groups share a scene, one in each colour channel.
+"""
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.matter import Dielectric, Diffuse, Shape
+from designlab.plant.beams import Face
+from designlab.plant.glass import Disc, Glass, interface_z
+from designlab.plant.meshes import SEGMENTS, Mesh, joining_mm, membrane, package, sheet
+from designlab.plant.rig import Rig
+
+if TYPE_CHECKING:
+    import mitsuba
+
+Array = NDArray[np.float64]
+
+CHANNELS = 3
+WAVEFRONT = 4_000_000  # rays traced at once; bounds memory
+FACE_MM = 1e-3  # emitting faces stand this far before their board
+GAP_MM = 0.02  # of air, where the gel has come off
+COLATITUDES, AZIMUTHS = 36, 108  # cells of equal solid angle over the upper half-space
+R2 = (0.7548776662466927, 0.5698402909980532)
+LEAST_PER_MM = 1e-6
+CAMERA_SEGMENTS = 3  # of a path, from the membrane through interface and window to the camera
+
+
+class Glow(NamedTuple):
+    """Radiance (groups, rows, columns) of the membrane at centred nodes `pitch_mm` apart, rows ascending."""
+
+    radiance: Array
+    pitch_mm: float
+
+    def place(self, vertices: Array) -> Array:
+        """Texture coordinates of vertices: centres of texels are the nodes, the first row is at v = 0."""
+        _, rows, columns = self.radiance.shape
+        return 0.5 + vertices[:, :2] / self.pitch_mm / (columns, rows)
+
+    def emitter(self) -> dict[str, Any]:
+        """Area emitter for the engine's dictionary of a scene."""
+        import mitsuba as mi
+
+        groups, rows, columns = self.radiance.shape
+        values = np.zeros((rows, columns, CHANNELS), dtype=np.float32)
+        values[..., :groups] = np.moveaxis(self.radiance, 0, -1)
+        texture = {"type": "bitmap", "bitmap": mi.Bitmap(values), "raw": True, "wrap_mode": "clamp"}
+        return {"type": "area", "radiance": texture}
+
+
+class Tracer:
+    """Scene of one sensor, untouched, to be looked at from within its gel.
+
+    Parameters
+    ----------
+    rig : Rig
+        A sensor with glass.
+    groups : sequence of int
+        At most three LED groups, each at unit flux.
+    glow : Glow, optional
+        Radiance of the membrane, which then shines in place of the LEDs.
+
+    spreading : bool
+        Without it all that spreads light is black but for boards: ground and painted sides, housing, haze.
+
+    The membrane itself is always black.
+    """
+
+    def __init__(
+        self, rig: Rig, groups: tuple[int, ...], *, glow: "Glow | None" = None, spreading: bool = True
+    ) -> None:
+        glass = rig.glass
+        if glass is None:
+            raise ValueError("rig.glass: light behind glass needs a core")
+        _activate()
+        import mitsuba as mi
+
+        self._channels = len(groups)
+        self._spreading = spreading
+        self._media = {
+            "core": _medium(
+                glass.core_absorption_per_mm, groups, glass.scattering_per_mm, glass.anisotropy, spreading
+            ),
+            "gel": _medium(glass.gel_absorption_per_mm, groups, 0.0, 0.0, True),
+            "air": None,
+        }
+        content: dict[str, Any] = {"type": "scene"}
+        content["membrane"] = _loaded(membrane(rig), _diffuse(np.zeros(len(groups))), glow=glow)
+        for shape in glass.walls:
+            content[shape.name] = self._wall(shape, glass, groups)
+        content |= self._interface(glass)
+        content |= _leds(rig, glass, groups, lit=glow is None)
+        self._scene = mi.load_dict(content)
+        kind = "path" if glass.clear else "volpath"
+        depth = max(rig.path_length - CAMERA_SEGMENTS, 1)
+        self._integrator = mi.load_dict({"type": kind, "max_depth": depth, "rr_depth": 1000})
+
+    def radiance(
+        self, origin: Array, direction: Array, *, seed: int, within: str = "gel"
+    ) -> NDArray[np.float32]:
+        """Radiance that arrives against rays, shape (groups, n), one path each.
+
+        Parameters
+        ----------
+        origin, direction : array (n, 3)
+            Where the rays start (mm), and their unit directions.
+        within : {"gel", "core", "air"}
+            What they start in.
+        seed : int
+            Seed of the paths; equal seeds give equal random numbers in every scene.
+        """
+        import mitsuba as mi
+
+        def rays(part: slice) -> Any:
+            o, d = (np.ascontiguousarray(a[part].T, dtype=np.float32) for a in (origin, direction))
+            return mi.RayDifferential3f(mi.Point3f(*o), mi.Vector3f(*d))
+
+        return self._traced(rays, len(origin), seed, 1, within)
+
+    def cells(self, nodes: Array, index: NDArray[np.uint32], *, paths: int, seed: int) -> NDArray[np.float32]:
+        """Mean radiance that arrives at nodes within cells of direction, shape (groups, n).
+
+        Parameters
+        ----------
+        nodes : array (m, 3)
+            Places within the gel (mm).
+        index : array (n,)
+            Cells, counted within nodes.
+        paths : int
+            Paths for each of them. They share what is drawn at every boundary evenly (multi-jittered), and
+            within the cell their first directions follow the additive recurrence R2 (Roberts 2018).
+        """
+        import drjit as dr
+        import mitsuba as mi
+
+        place = [mi.Float(np.ascontiguousarray(nodes[:, axis], dtype=np.float32)) for axis in range(3)]
+        count = COLATITUDES * AZIMUTHS
+
+        def rays(part: slice) -> Any:
+            lane = dr.arange(mi.UInt32, part.stop - part.start)
+            cell, number = mi.UInt32(index[part.start // paths : part.stop // paths]), lane % paths
+            at, number = dr.gather(mi.UInt32, cell, lane // paths), mi.Float(number)
+            node = at // count
+            row, column = (at % count) // AZIMUTHS, at % AZIMUTHS
+            down = mi.sample_tea_float32(at, mi.UInt32(2 * seed)) + R2[0] * number
+            along = mi.sample_tea_float32(at, mi.UInt32(2 * seed + 1)) + R2[1] * number
+            rise = (mi.Float(row) + down - dr.floor(down)) / COLATITUDES
+            turn = (mi.Float(column) + along - dr.floor(along)) * (2 * np.pi / AZIMUTHS)
+            level = dr.safe_sqrt(1.0 - rise * rise)
+            origin = mi.Point3f(*(dr.gather(mi.Float, axis, node) for axis in place))
+            return mi.RayDifferential3f(origin, mi.Vector3f(level * dr.cos(turn), level * dr.sin(turn), rise))
+
+        found = self._traced(rays, len(index) * paths, seed, paths)
+        return np.asarray(found.reshape(len(found), len(index), paths).mean(axis=2))
+
+    def _traced(
+        self, rays: Any, size: int, seed: int, together: int, within: str = "gel"
+    ) -> NDArray[np.float32]:
+        """One path along each ray, `together` neighbours sharing the dimensions of their draws evenly."""
+        import mitsuba as mi
+
+        found = np.empty((self._channels, size), dtype=np.float32)
+        step = WAVEFRONT // together * together
+        for number, start in enumerate(range(0, size, step)):
+            part = slice(start, min(start + step, size))
+            count = part.stop - part.start
+            kind = (
+                {"type": "multijitter", "sample_count": together} if together > 1 else {"type": "independent"}
+            )
+            sampler = mi.load_dict(kind)
+            sampler.set_samples_per_wavefront(together)
+            sampler.seed(int(np.random.SeedSequence([seed, number]).generate_state(1)[0]), count)
+            stuff = self._media[within]
+            medium = {} if stuff is None else {"medium": mi.MediumPtr(stuff)}
+            spectrum, _, _ = self._integrator.sample(self._scene, sampler, rays(part), **medium)
+            found[:, part] = np.asarray(spectrum).reshape(CHANNELS, count)[: self._channels]
+        return found
+
+    def _wall(self, shape: Shape, glass: Glass, groups: tuple[int, ...]) -> "mitsuba.Mesh":
+        mesh = Mesh(shape.vertices, shape.faces.astype(np.int64), shape.normals)
+        if isinstance(shape.material, Dielectric) and (self._spreading or not shape.material.roughness):
+            return self._boundary(mesh, glass, "core", "air", shape.material.roughness)
+        if isinstance(shape.material, Diffuse) and self._spreading:
+            return _loaded(mesh, _diffuse(np.array(shape.material.reflectance)[list(groups)]))
+        return _loaded(mesh, _diffuse(np.zeros(len(groups))))
+
+    def _boundary(
+        self, mesh: Mesh, glass: Glass, below: str, above: str, roughness: float = 0.0
+    ) -> "mitsuba.Mesh":
+        """Clear boundary whose normals point from the stuff `below` into that `above`."""
+        index = {"core": glass.core_index, "gel": glass.gel_index, "air": 1.0}
+        bsdf: dict[str, Any] = {"type": "dielectric", "int_ior": index[below], "ext_ior": index[above]}
+        if roughness:
+            bsdf |= {"type": "roughdielectric", "distribution": "ggx", "alpha": float(roughness)}
+        sides = {"interior": self._media[below], "exterior": self._media[above]}
+        return _loaded(mesh, bsdf, {side: medium for side, medium in sides.items() if medium is not None})
+
+    def _interface(self, glass: Glass) -> dict[str, "mitsuba.Mesh"]:
+        """Boundary of gel and core, with a gap of air where the gel has come off."""
+        gap = glass.gap
+        whole = sheet(glass.outline, gap, lambda x, y: interface_z(glass, x, y), glass.interface_radius_mm)
+        if gap is None:
+            return {"interface": self._boundary(whole, glass, "gel", "core")}
+
+        def lower(x: Array, y: Array) -> Array:
+            return interface_z(glass, x, y) - GAP_MM * (np.hypot(x - gap.x_mm, y - gap.y_mm) < rim)
+
+        rim = gap.radius_mm * (1 - 1e-6)
+        turn = 2 * np.pi * np.arange(SEGMENTS) / SEGMENTS
+        edge = np.column_stack([np.cos(turn), np.sin(turn)]) * gap.radius_mm + (gap.x_mm, gap.y_mm)
+        middle = Disc(gap.x_mm, gap.y_mm, 0.0)
+        above = sheet(edge, middle, lambda x, y: interface_z(glass, x, y), glass.interface_radius_mm)
+        below = sheet(edge, middle, lower, None)
+        return {
+            "interface": self._boundary(whole, glass, "gel", "core"),
+            "gap-above": self._boundary(above, glass, "air", "core"),
+            "gap-below": self._boundary(below, glass, "gel", "air"),
+        }
+
+
+def _activate() -> None:
+    """Set a just-in-time variant of the engine unless one is set.
+
+    Raises
+    ------
+    RuntimeError
+        If this machine has none.
+    """
+    import mitsuba as mi
+
+    if mi.variant() is None:
+        # Choosing a compiler that does not crash is no physics: the one thing shared with the renderer.
+        from designlab.render.backend import activate
+
+        activate()
+    if mi.variant().startswith("scalar"):
+        raise RuntimeError(
+            "optics.light_path: measurements behind glass need LLVM 17 or newer, or CUDA "
+            "(see `designlab doctor`)"
+        )
+
+
+def _rgb(values: Array) -> dict[str, Any]:
+    return {"type": "rgb", "value": [float(v) for v in values] + [0.0] * (CHANNELS - len(values))}
+
+
+def _diffuse(reflectance: Array) -> dict[str, Any]:
+    return {"type": "diffuse", "reflectance": _rgb(reflectance)}
+
+
+def _medium(
+    absorption: Array, groups: tuple[int, ...], scattering: float, anisotropy: float, spreading: bool
+) -> Any:
+    """Homogeneous medium, nothing where light passes undimmed; unless spreading, what it scatters is lost."""
+    import mitsuba as mi
+
+    extinction = absorption[list(groups)] + scattering
+    if extinction.max() == 0:
+        return None
+    # Distances are drawn for one channel at a time: none may be endless.
+    extinction = np.maximum(np.pad(extinction, (0, CHANNELS - len(groups))), LEAST_PER_MM)
+    content: dict[str, Any] = {
+        "type": "homogeneous",
+        "sigma_t": _rgb(extinction),
+        "albedo": _rgb(spreading * scattering / extinction),
+    }
+    if scattering:
+        content["phase"] = {"type": "hg", "g": float(anisotropy)}
+    return mi.load_dict(content)
+
+
+def _loaded(
+    mesh: Mesh, bsdf: dict[str, Any], media: dict[str, Any] | None = None, *, glow: "Glow | None" = None
+) -> "mitsuba.Mesh":
+    import mitsuba as mi
+
+    properties = mi.Properties()
+    properties["bsdf"] = mi.load_dict(bsdf)
+    for side, medium in (media or {}).items():
+        properties[side] = medium
+    smooth = mesh.normals is not None
+    if not smooth:
+        properties["face_normals"] = True
+    if glow is not None:
+        properties["emitter"] = mi.load_dict(glow.emitter())
+    loaded = mi.Mesh(
+        "part",
+        len(mesh.vertices),
+        len(mesh.faces),
+        has_vertex_normals=smooth,
+        has_vertex_texcoords=glow is not None,
+        props=properties,
+    )
+    parameters = mi.traverse(loaded)
+    parameters["vertex_positions"] = np.ascontiguousarray(mesh.vertices, dtype=np.float32).ravel()
+    parameters["faces"] = np.ascontiguousarray(mesh.faces, dtype=np.uint32).ravel()
+    if mesh.normals is not None:
+        parameters["vertex_normals"] = np.ascontiguousarray(mesh.normals, dtype=np.float32).ravel()
+    if glow is not None:
+        parameters["vertex_texcoords"] = np.ascontiguousarray(glow.place(mesh.vertices), np.float32).ravel()
+    parameters.update()
+    return loaded
+
+
+def _leds(rig: Rig, glass: Glass, groups: tuple[int, ...], *, lit: bool) -> dict[str, Any]:
+    """Boards and emitting faces; bonded ones joined to the core's side, wherever they were moved.
+
+    A tilted face stays flush with its board, which would hide half of it otherwise: its beam is tilted.
+    """
+    boards, faces = rig.boards, rig.emitters
+    each = len(faces.group) // max(len(boards.group), 1)
+    paint = _diffuse(rig.board_reflectance[list(groups)])
+    area = np.array([4 * faces.half[faces.group == g].prod(axis=1).sum() for g in range(len(rig.flux_mw))])
+    content: dict[str, Any] = {}
+    for board in range(len(boards.group)):
+        way_mm = joining_mm(boards, board, glass) if glass.bonded else 0.0
+        content[f"board-{board}"] = _loaded(package(boards, board, way_mm, glass.package_mm), paint)
+        for number in range(board * each, (board + 1) * each):
+            group = int(faces.group[number])
+            if group not in groups or not lit:
+                continue
+            radiance = np.zeros(CHANNELS)
+            radiance[groups.index(group)] = rig.face_flux[number] / (np.pi * area[group])
+            content[f"face-{number}"] = Face(
+                centre=faces.centre[number] + (way_mm + FACE_MM) * boards.normal[board],
+                half_across=faces.half[number, 0] * boards.across[board],
+                half_down=faces.half[number, 1] * boards.down[board],
+                normal=boards.normal[board],
+                axis=faces.normal[number],
+                exponent=float(rig.exponent[group]),
+                radiance=radiance,
+            ).entry(paint)
+    return content
