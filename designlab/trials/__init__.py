@@ -1,7 +1,7 @@
 """Trials of the gap workflow: measurement sets with known answers, diagnosed blind, and the score of that."""
 
 from designlab.trials.pool import Trial, development
-from designlab.trials.run import Outcome, run
+from designlab.trials.runner import Outcome, run
 from designlab.trials.score import score
 
 __all__ = ["Outcome", "Trial", "development", "run", "score"]

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from designlab.trials.run import Outcome
+from designlab.trials.runner import Outcome
 
 CLASSES: tuple[frozenset[str], ...] = ()
 """Effects declared indistinguishable in advance: naming one of a class counts as naming any."""
