@@ -8,6 +8,7 @@ from scipy.ndimage import gaussian_filter
 from designlab.camera import View
 from designlab.design import Design
 from designlab.effects.base import Array, Effect, Light, Parameter, Sight, Stage, Values
+from designlab.lens import Fisheye
 
 GLARE_WIDTH = 0.3  # standard deviation of the veil over the picture's width
 
@@ -37,18 +38,16 @@ class LensDistortion(Effect):
         camera = design.camera
         half_width, focal = camera.width_px / 2, camera.focal_px * larger
         k1 = radial / larger * (camera.focal_px / (np.hypot(camera.width_px, camera.height_px) / 2)) ** 2
-        half = np.arctan(half_width / focal) if camera.lens == "pinhole" else half_width / focal
-        changed = design.replace(
-            {
-                "camera.horizontal_fov_deg": float(2 * np.degrees(half)),
-                "camera.distortion.k1": camera.distortion.k1 + float(k1),
-            }
-        )
+        distortion = camera.distortion.model_copy(update={"k1": camera.distortion.k1 + float(k1)})
         if camera.lens == "pinhole":
-            return changed
-        # A fisheye's field of view is stated with its distortion in it.
-        ratio = changed.camera.focal_px / focal
-        return changed.replace({"camera.horizontal_fov_deg": float(2 * np.degrees(half) * ratio)})
+            half = np.arctan(half_width / focal)
+        else:
+            # A fisheye's field of view is stated with its distortion in it.
+            right, _, forward = Fisheye(distortion).direction(np.array(half_width / focal), np.zeros(()))
+            half = np.arctan2(right, forward)
+        return design.replace(
+            {"camera.horizontal_fov_deg": float(2 * np.degrees(half)), "camera.distortion.k1": distortion.k1}
+        )
 
 
 class PointSpread(Effect):
