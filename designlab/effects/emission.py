@@ -126,6 +126,9 @@ class LedTilt(Effect):
         turned: dict[str, Shape] = {}
         for number, board in enumerate(boards):
             own = scene.lights[number * each : (number + 1) * each]
+            if not angles[own[0].group].any():
+                lights += own
+                continue
             turn, middle = _turn(own[0], *angles[own[0].group]), board.vertices[:4].mean(axis=0)
             lights += [_turned(light, turn, middle) for light in own]
             turned[board.name] = replace(board, vertices=middle + (board.vertices - middle) @ turn.T)

@@ -3,7 +3,8 @@
 from typing import ClassVar
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import convolve1d, gaussian_filter
+from scipy.special import ive
 
 from designlab.camera import View
 from designlab.design import Design
@@ -67,11 +68,23 @@ class PointSpread(Effect):
         )
 
     def on_light(self, light: Light, values: Values, sight: Sight) -> Light:
-        """Smooth by a Gaussian."""
+        """Smooth by a Gaussian; it has its width where pixels are wider than that, too."""
         if not values["sigma_um"]:
             return light
-        across, down = (1e-3 * values["sigma_um"] / pitch for pitch in sight.pitch_mm)
-        return np.asarray(gaussian_filter(light, (0, down, across), mode="nearest", truncate=5.0))
+        for axis, pitch_mm in zip((-1, -2), sight.pitch_mm, strict=True):
+            kernel = discrete_gaussian(1e-3 * values["sigma_um"] / pitch_mm)
+            light = convolve1d(light, kernel, axis=axis, mode="nearest")
+        return light
+
+
+def discrete_gaussian(sigma_px: float) -> Array:
+    """Weights of a Gaussian on a grid: exp(-t) I_n(t), whose variance is t = sigma^2 for every t.
+
+    Lindeberg, IEEE TPAMI 12, 1990, 234. Samples of a Gaussian narrower than a pixel would do nothing.
+    """
+    reach = int(np.ceil(5 * sigma_px)) + 2
+    weights = ive(np.abs(np.arange(-reach, reach + 1)), sigma_px**2)
+    return np.asarray(weights / weights.sum())
 
 
 class Vignetting(Effect):
