@@ -287,3 +287,13 @@ def test_untouched_and_pressed_gel_look_as_the_renderer_shows_them():
         change, expected = (pair[1][group] - pair[0][group] for pair in (mine, shown))
         assert (change * expected).sum() / (expected**2).sum() == pytest.approx(1.0, abs=0.05)
         assert np.sqrt(((change - expected) ** 2).sum() / (expected**2).sum()) < 0.15
+
+
+def test_a_design_that_states_a_gap_has_it():
+    stated = FLAT.replace({"optics.gap_centre_mm": (1.0, -2.0), "optics.gap_radius_mm": 1.5})
+    found = Rig.of(stated).glass
+    assert found.gap == Disc(1.0, -2.0, 1.5)
+    planted, _ = effects.apply(Rig.of(FLAT), {"delamination": {"x_mm": 1.0, "y_mm": -2.0, "radius_mm": 1.5}})
+    assert planted.glass.gap == found.gap
+    assert [wall.name for wall in found.walls] == [wall.name for wall in Rig.of(FLAT).glass.walls]
+    assert Rig.of(FLAT).glass.gap is None
