@@ -26,7 +26,7 @@ LEAST_DEPTH_MM = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """Quadratic change of light with one coordinate t: t * first + t^2 * second.
+    """Change of light with one coordinate t: t * first + t^2 * second, going on straight where t exceeds 1.
 
     Both have shape (groups, rows, columns), or (rows, columns) where the light of `group` alone changes.
     """
@@ -39,13 +39,13 @@ class Change:
         """Add the change at t to light (groups, rows, columns)."""
         target = light if self.group is None else light[self.group]
         target += np.float32(t) * self.first
-        target += np.float32(t * t) * self.second
+        target += np.float32(t * t if abs(t) < 1 else 2 * abs(t) - 1) * self.second
 
     def slope(self, shape: tuple[int, ...], t: float) -> Single:
         """Derivative at t, (groups, rows, columns)."""
         found = np.zeros(shape, dtype=np.float32)
         target = found if self.group is None else found[self.group]
-        target += self.first + np.float32(2 * t) * self.second
+        target += self.first + np.float32(2 * np.clip(t, -1.0, 1.0)) * self.second
         return found
 
 

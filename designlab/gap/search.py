@@ -173,6 +173,8 @@ class Search:
             evidence = pattern.evidence
         else:
             start = self._with_period(base.state) if name == "banding" else base.state
+            # A wrong model may have driven poses far off.
+            start = replace(start, poses={})
             found = fitter.fit(start, [*present, name], self.train)
             evidence = 0.5 * (base.objective - found.objective) - _occam(found.system, name)
             if name == "banding":
