@@ -73,7 +73,7 @@ def squared(fitter: Fitter, state: State, number: int) -> tuple[float, float]:
 
 
 def gain(base: Judged, other: Judged) -> Gain:
-    """Compare two states by the spread between held-out shots."""
+    """Compare two states by the spread between held-out shots; one alone shows none."""
     falls = base.per_shot - other.per_shot
-    se = float(falls.std(ddof=1) / np.sqrt(len(falls))) if len(falls) > 1 else float(np.abs(falls).mean())
+    se = float(falls.std(ddof=1) / np.sqrt(len(falls))) if len(falls) > 1 else 0.0
     return Gain(float(falls.mean()), se, float((falls > 0).mean()))
