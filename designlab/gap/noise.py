@@ -35,6 +35,8 @@ class Noise:
     ----------
     sigma : array, shape (rows, columns, 3)
         Of a value: camera and white errors of the simulation.
+    camera : array, shape (rows, columns, 3)
+        Of the camera alone.
     granted : array, shape (rows, columns, 3)
         Of camera and smooth errors: what a model that is right is expected to miss by.
     level : array, shape (3,)
@@ -42,6 +44,7 @@ class Noise:
     """
 
     sigma: Array
+    camera: Array
     granted: Array
     level: Array
 
@@ -56,7 +59,7 @@ def noise(shot: Shot, predicted: Array, black: Array | float) -> Noise:
     lit = np.hypot(light, DARK_LIGHT)
     level = np.sqrt(np.where(shot.valid, (lit / sigma) ** 2, 0.0).mean(axis=(0, 1)))
     granted = np.hypot(camera, np.hypot(SMOOTH_BUDGET, SHOT_BUDGET) * lit)
-    return Noise(sigma, granted, level)
+    return Noise(sigma, camera, granted, level)
 
 
 def spectrum(shape: tuple[int, int]) -> Array:

@@ -136,7 +136,7 @@ def test_the_effect_that_is_there_is_named_with_its_values(bank, name) -> None:
     for parameter, value in VALUES[name].items():
         sd = next(p.sd for p in effect(name).parameters(DESIGN) if p.name == parameter)
         assert best.state.values[name][parameter] == pytest.approx(value, abs=0.15 * sd), parameter
-    assert gain(before, after).value > 0.8 * (before.mean - after.mean)
+    assert gain(before, after, before.gap).value > 0.8
     left = judge(fitter, best.state, [4])
     assert left.mean < 3 * left.floor.mean()
 
