@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from designlab.design import Design
 from designlab.effects.base import Effect, Parameter, Stage, Values
+from designlab.mounting import FACING
 from designlab.scene import Light, Scene, Shape
 from geometries.leds import emitters
 
 FloatArray = NDArray[np.float64]
+FACES_OF_A_FRONT = 2  # triangles of a board; a package cast into the core is a closed box
 
 
 class LedSpread(Effect):
@@ -124,6 +126,9 @@ class LedTilt(Effect):
         turned: dict[str, Shape] = {}
         for number, board in enumerate(boards):
             own = scene.lights[number * each : (number + 1) * each]
+            if not angles[own[0].group].any():
+                lights += own
+                continue
             turn, middle = _turn(own[0], *angles[own[0].group]), board.vertices[:4].mean(axis=0)
             lights += [_turned(light, turn, middle) for light in own]
             turned[board.name] = replace(board, vertices=middle + (board.vertices - middle) @ turn.T)
@@ -180,22 +185,38 @@ class LedPosition(Effect):
         )
 
     def on_scene(self, scene: Scene, values: Values) -> Scene:
-        """Move emitters and their boards."""
+        """Move every board with its emitters; one that is bonded stays joined to the core's side."""
         if not any(values.values()):
             return scene
-        lights = tuple(self._moved_light(light, values) for light in scene.lights)
-        shapes = tuple(
-            self._moved_board(s, values) if s.name.startswith("board") else s for s in scene.shapes
-        )
-        return replace(scene, lights=lights, shapes=shapes)
+        boards = [shape for shape in scene.shapes if shape.name.startswith("board")]
+        each = len(scene.lights) // len(boards)
+        bonded = scene.lights[0].inside and len(boards[0].faces) == FACES_OF_A_FRONT
+        lights: list[Light] = []
+        moved: dict[str, Shape] = {}
+        for number, board in enumerate(boards):
+            own = scene.lights[number * each : (number + 1) * each]
+            facing = np.asarray(own[0].normal)
+            shift = _shift(facing, values)
+            if bonded:
+                shift = shift + _way_back_mm(scene, board.vertices, shift, facing) * facing
+            lights += [replace(light, centre_mm=_vector(light.centre_mm + shift)) for light in own]
+            moved[board.name] = replace(board, vertices=board.vertices + shift)
+        shapes = tuple(moved.get(shape.name, shape) for shape in scene.shapes)
+        return replace(scene, lights=tuple(lights), shapes=shapes)
 
-    def _moved_light(self, light: Light, values: Values) -> Light:
-        x, y, z = np.asarray(light.centre_mm) + _shift(np.asarray(light.normal), values)
-        return replace(light, centre_mm=(float(x), float(y), float(z)))
 
-    def _moved_board(self, board: Shape, values: Values) -> Shape:
-        a, b, c = board.vertices[board.faces[0]]
-        return replace(board, vertices=board.vertices + _shift(np.cross(b - a, c - a), values))
+def _way_back_mm(scene: Scene, corners: FloatArray, shift: FloatArray, facing: FloatArray) -> float:
+    """Way along its normal that puts a shifted board as deep into the core's side as it was."""
+    ways: list[tuple[float, float]] = []
+    for side in (shape for shape in scene.shapes if shape.name.startswith("core-side")):
+        a, b, c = side.vertices[side.faces[0]]
+        outward = np.cross(b - a, c - a)
+        outward *= np.sign(outward[:2] @ a[:2]) / np.linalg.norm(outward)
+        along = -float(outward @ facing)
+        if along > FACING:
+            before, after = (float(((at - a) @ outward).max()) for at in (corners, corners + shift))
+            ways.append((before / along, after / along))
+    return max(after for _, after in ways) - max(before for before, _ in ways) if ways else 0.0
 
 
 def _shift(facing: FloatArray, values: Values) -> FloatArray:

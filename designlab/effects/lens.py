@@ -3,11 +3,13 @@
 from typing import ClassVar
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import convolve1d, gaussian_filter
+from scipy.special import ive
 
 from designlab.camera import View
 from designlab.design import Design
 from designlab.effects.base import Array, Effect, Light, Parameter, Sight, Stage, Values
+from designlab.lens import Fisheye
 
 GLARE_WIDTH = 0.3  # standard deviation of the veil over the picture's width
 
@@ -37,18 +39,16 @@ class LensDistortion(Effect):
         camera = design.camera
         half_width, focal = camera.width_px / 2, camera.focal_px * larger
         k1 = radial / larger * (camera.focal_px / (np.hypot(camera.width_px, camera.height_px) / 2)) ** 2
-        half = np.arctan(half_width / focal) if camera.lens == "pinhole" else half_width / focal
-        changed = design.replace(
-            {
-                "camera.horizontal_fov_deg": float(2 * np.degrees(half)),
-                "camera.distortion.k1": camera.distortion.k1 + float(k1),
-            }
-        )
+        distortion = camera.distortion.model_copy(update={"k1": camera.distortion.k1 + float(k1)})
         if camera.lens == "pinhole":
-            return changed
-        # A fisheye's field of view is stated with its distortion in it.
-        ratio = changed.camera.focal_px / focal
-        return changed.replace({"camera.horizontal_fov_deg": float(2 * np.degrees(half) * ratio)})
+            half = np.arctan(half_width / focal)
+        else:
+            # A fisheye's field of view is stated with its distortion in it.
+            right, _, forward = Fisheye(distortion).direction(np.array(half_width / focal), np.zeros(()))
+            half = np.arctan2(right, forward)
+        return design.replace(
+            {"camera.horizontal_fov_deg": float(2 * np.degrees(half)), "camera.distortion.k1": distortion.k1}
+        )
 
 
 class PointSpread(Effect):
@@ -68,11 +68,23 @@ class PointSpread(Effect):
         )
 
     def on_light(self, light: Light, values: Values, sight: Sight) -> Light:
-        """Smooth by a Gaussian."""
+        """Smooth by a Gaussian; it has its width where pixels are wider than that, too."""
         if not values["sigma_um"]:
             return light
-        across, down = (1e-3 * values["sigma_um"] / pitch for pitch in sight.pitch_mm)
-        return np.asarray(gaussian_filter(light, (0, down, across), mode="nearest", truncate=5.0))
+        for axis, pitch_mm in zip((-1, -2), sight.pitch_mm, strict=True):
+            kernel = discrete_gaussian(1e-3 * values["sigma_um"] / pitch_mm)
+            light = convolve1d(light, kernel, axis=axis, mode="nearest")
+        return light
+
+
+def discrete_gaussian(sigma_px: float) -> Array:
+    """Weights of a Gaussian on a grid: exp(-t) I_n(t), whose variance is t = sigma^2 for every t.
+
+    Lindeberg, IEEE TPAMI 12, 1990, 234. Samples of a Gaussian narrower than a pixel would do nothing.
+    """
+    reach = int(np.ceil(5 * sigma_px)) + 2
+    weights = ive(np.abs(np.arange(-reach, reach + 1)), sigma_px**2)
+    return np.asarray(weights / weights.sum())
 
 
 class Vignetting(Effect):

@@ -124,7 +124,7 @@ class CoreScatter(Effect):
 
     def on_design(self, design: Design, values: Values) -> Design:
         """Add to the coefficient of the gelcore."""
-        if not values["per_mm"]:
+        if not any(values.values()):
             return design
         found = design.optics.gelcore_scattering_per_mm + values["per_mm"]
         return design.replace({"optics.gelcore_scattering_per_mm": found})
@@ -153,7 +153,7 @@ class Delamination(Effect):
 
     def on_design(self, design: Design, values: Values) -> Design:
         """Put air between gel and core."""
-        if not values["radius_mm"]:
+        if not values.get("radius_mm"):
             return design
         return design.replace(
             {

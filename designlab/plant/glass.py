@@ -12,6 +12,7 @@ from designlab.matter import Shape
 from geometries import gelcore
 
 Array = NDArray[np.float64]
+INTERFACE = ("interface", "gap-gel", "gap-core")  # laid out anew
 
 
 class Disc(NamedTuple):
@@ -53,7 +54,7 @@ class Glass:
     def of(cls, design: Design) -> "Glass":
         """Take the clear parts of a design."""
         optics, gel = design.optics, design.elastomer
-        shapes = [shape for shape in core_and_gel(design) if shape.name != "interface"]
+        shapes = [shape for shape in core_and_gel(design) if shape.name not in INTERFACE]
         return cls(
             core_index=optics.core_index,
             gel_index=optics.gel_index,
@@ -68,6 +69,7 @@ class Glass:
             walls=(*shapes, *housing_inside(design)),
             bonded=design.leds.coupling == "bonded",
             package_mm=design.leds.body_thickness_mm if design.leds.coupling == "embedded" else 0.0,
+            gap=Disc(*optics.gap_centre_mm, optics.gap_radius_mm) if optics.gap_radius_mm else None,
         )
 
     @property

@@ -307,10 +307,7 @@ def _loaded(
 
 
 def _leds(rig: Rig, glass: Glass, groups: tuple[int, ...], *, lit: bool) -> dict[str, Any]:
-    """Boards and emitting faces; bonded ones joined to the core's side, wherever they were moved.
-
-    A tilted face stays flush with its board, which would hide half of it otherwise: its beam is tilted.
-    """
+    """Boards and emitting faces; bonded ones joined to the core's side, wherever they were moved."""
     boards, faces = rig.boards, rig.emitters
     each = len(faces.group) // max(len(boards.group), 1)
     paint = _diffuse(rig.board_reflectance[list(groups)])

@@ -103,7 +103,7 @@ class TestEmission:
         assert alone[0] + alone[1] == pytest.approx(whole[0], rel=1e-12)
         assert alone[2] == pytest.approx(1.3 * alone[0] + 0.9 * alone[1], rel=1e-12)
 
-    def test_tilt_is_that_of_the_design_and_turn_adds_to_the_azimuth(self):
+    def test_tilt_is_that_of_the_design_turn_adds_to_the_azimuth_and_boards_go_with_it(self):
         level = FLAT.replace({"leds.tilt_deg": 0.0})
         tilted = changed("led_tilt", green_tilt_deg=7.0).emitters
         other = Rig.of(FLAT.replace({"leds.tilt_deg": 26.0})).emitters
@@ -113,7 +113,18 @@ class TestEmission:
             np.testing.assert_array_equal(
                 getattr(tilted, axis)[~own], getattr(Rig.of(FLAT).emitters, axis)[~own]
             )
-        np.testing.assert_array_equal(tilted.centre, Rig.of(FLAT).emitters.centre)
+        whole = changed("led_tilt", green_tilt_deg=7.0, green_turn_deg=-4.0)
+        plain = Rig.of(FLAT)
+        np.testing.assert_array_equal(whole.boards.centre, plain.boards.centre)
+        for board, number in zip(
+            whole.emitters.group.tolist(), range(len(whole.emitters.group)), strict=True
+        ):
+            # Faces stay where they are on their board.
+            away, before = (rig.emitters.centre[number] - rig.boards.centre[board] for rig in (whole, plain))
+            for axis in ("normal", "down", "across"):
+                now, then = (getattr(rig.boards, axis)[board] for rig in (whole, plain))
+                assert away @ now == pytest.approx(before @ then, abs=1e-12)
+                np.testing.assert_allclose(getattr(whole.emitters, axis)[number], now, atol=1e-12)
         turned = changed("led_tilt", level, red_turn_deg=5.0).emitters
         x, y, _ = turned.normal[turned.group == 0][0]
         # The red row stands at azimuth 90 deg and shines towards 270 deg.

@@ -224,3 +224,33 @@ def test_polynomial_vignetting_is_one_at_the_centre_and_counts_half_diagonals():
 def test_a_camera_out_of_reach_is_refused(position):
     with pytest.raises(ValueError, match="position_mm"):
         Camera(position_mm=position)
+
+
+TILTS = [(4.0, 0.0), (0.0, -7.0), (12.0, 5.0)]
+TILTED = {"position_mm": (0.0, 0.0, 30.0), "principal_point_px": (800.0, 630.0)}
+
+
+@pytest.mark.parametrize("tilt_deg", TILTS)
+@pytest.mark.parametrize("lens", ["pinhole", "fisheye"])
+def test_a_tilted_camera_sees_where_it_projects(tilt_deg, lens):
+    camera = Camera(tilt_deg=tilt_deg, lens=lens, distortion={"k1": -0.05}, **TILTED)
+    column, row = camera.full_view()._replace(columns=9, rows=7).centres()
+    found = camera.project(*camera.unproject(column, row))
+    np.testing.assert_allclose(found, (column, row), atol=1e-6)
+    with_turn, without = (
+        c.vignette(c.full_view()) for c in (camera, camera.model_copy(update={"tilt_deg": (0, 0)}))
+    )
+    np.testing.assert_array_equal(with_turn, without)
+
+
+@pytest.mark.parametrize("tilt_deg", TILTS)
+def test_the_axis_of_a_tilted_camera_meets_the_principal_point(tilt_deg):
+    camera = Camera(tilt_deg=tilt_deg, **TILTED)
+    a, b = np.radians(tilt_deg)
+    # Straight down, raised towards +y by a, and then carried towards +x about the y axis by b.
+    axis = np.array([np.cos(a) * np.sin(b), np.sin(a), np.cos(a) * np.cos(b)])  # x, y, -z
+    assert camera.project(*(7.0 * axis)) == pytest.approx((800.0, 630.0), abs=1e-9)
+    right, up, forward = camera.unproject(800.0, 630.0)
+    np.testing.assert_allclose(
+        np.array([right, up, forward]) / np.linalg.norm([right, up, forward]), axis, atol=1e-12
+    )

@@ -218,3 +218,28 @@ def test_a_press_cut_by_the_border_is_as_deep_as_a_whole_one(radius_mm):
 def test_a_press_beside_the_area_names_field_and_place():
     with pytest.raises(ValueError, match=r"press\.centre_mm: the sphere at \(12, 0\) mm does not touch"):
         indented(press("sphere:2", 0.5, centre_mm=(12.0, 0.0)))
+
+
+@pytest.mark.parametrize("away_mm", [0.1, 0.6, 1.2])
+def test_a_tail_falls_by_e_over_its_length_around_any_outline(away_mm):
+    tail = Contact(kernel_length_mm=0.0, tail_share=0.25, tail_mm=0.5)
+    surface = indented(press("triangle:5", 0.4, yaw_deg=90.0), contact=tail, pitch_mm=0.02)
+    corner, side = 5 / np.sqrt(3), 5 / np.sqrt(12)
+    # Turned by 90 deg a corner points to -x and a side lies opposite, at +x.
+    for x in (-corner - away_mm, side + away_mm):
+        found = surface.sample(surface.height_mm, np.array([x]), np.array([0.0]))[0]
+        assert found == pytest.approx(0.25 * 0.4 * np.exp(-away_mm / 0.5), rel=0.05)
+    inside = surface.contact & (surface.height_mm > 0.399)
+    assert inside.sum() * 0.02**2 == pytest.approx(np.sqrt(3) / 4 * 25, rel=0.02)
+
+
+def test_a_tail_changes_nothing_inside_and_is_smoothed_by_the_kernel():
+    sharp, tail = (Contact(kernel_length_mm=0.0, tail_share=share) for share in (0.0, 0.3))
+    plain, raised = (indented(press("sphere:4", 0.6), contact=c) for c in (sharp, tail))
+    high = plain.height_mm > 0.3 * 0.6 + 1e-3
+    np.testing.assert_array_equal(raised.height_mm[high], plain.height_mm[high])
+    assert (raised.height_mm >= plain.height_mm).all()
+    np.testing.assert_array_equal(raised.contact, plain.contact)
+    soft = indented(press("sphere:4", 0.6), contact=tail.model_copy(update={"kernel_length_mm": 0.08}))
+    # The kernel keeps volume; over the edge of the area a little is lost.
+    assert soft.height_mm.sum() == pytest.approx(raised.height_mm.sum(), rel=2e-3)

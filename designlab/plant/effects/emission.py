@@ -12,8 +12,14 @@ from designlab.plant.rig import Rectangles, Rig
 Array = NDArray[np.float64]
 
 
+def _bonded(rig: Rig) -> bool:
+    """Whether the LEDs are glued to the core, so that they only slide along it."""
+    return rig.glass is not None and rig.glass.bonded
+
+
 def _position_parameters(rig: Rig) -> dict[str, Parameter]:
-    return {f"{axis}_mm": Parameter(0.0, 0.5, -3.0, 3.0, "mm") for axis in ("radial", "height", "tangential")}
+    free = ("height", "tangential") if _bonded(rig) else ("radial", "height", "tangential")
+    return {f"{axis}_mm": Parameter(0.0, 0.5, -3.0, 3.0, "mm") for axis in free}
 
 
 def _move(rig: Rig, values: Mapping[str, float]) -> Rig:
@@ -23,7 +29,7 @@ def _move(rig: Rig, values: Mapping[str, float]) -> Rig:
         around = rectangles.across
         outwards = np.stack([around[:, 1], -around[:, 0], np.zeros(len(around))], axis=1)
         up = np.array([0.0, 0.0, values["height_mm"]])
-        shift = values["radial_mm"] * outwards + values["tangential_mm"] * around + up
+        shift = values.get("radial_mm", 0.0) * outwards + values["tangential_mm"] * around + up
         return rectangles._replace(centre=rectangles.centre + shift)
 
     return replace(rig, emitters=moved(rig.emitters), boards=moved(rig.boards))
@@ -63,6 +69,8 @@ def _profile(rig: Rig, values: Mapping[str, float]) -> Rig:
 
 
 def _tilt_parameters(rig: Rig) -> dict[str, Parameter]:
+    if _bonded(rig):
+        return {}
     return {
         f"{name}_{way}_deg": Parameter(0.0, 3.0, -20.0, 20.0, "deg")
         for name in rig.group_names
@@ -71,23 +79,30 @@ def _tilt_parameters(rig: Rig) -> dict[str, Parameter]:
 
 
 def _tilt(rig: Rig, values: Mapping[str, float]) -> Rig:
-    """Turn the emitting faces about their own centres: towards the membrane, and about their own up."""
-    faces = rig.emitters
-    names = [rig.group_names[group] for group in faces.group]
+    """Turn every package about the middle of its front: towards the membrane, and about its own up."""
+    if not values:
+        return rig
+    boards, faces = rig.boards, rig.emitters
+    names = [rig.group_names[group] for group in boards.group]
     tilt, turn = (np.array([values[f"{name}_{way}_deg"] for name in names]) for way in ("tilt", "turn"))
-    up = -faces.down
 
-    def turned(vector: Array) -> Array:
+    def turned(vector: Array, board: NDArray[np.int64]) -> Array:
         # About `across` the normal goes towards `down`; (across, down, normal) is right-handed, so that this
         # is a turn by the negative angle.
-        return _about(up, _about(faces.across, vector, -tilt), turn)
+        tilted = _about(boards.across[board], vector, -tilt[board])
+        return _about(-boards.down[board], tilted, turn[board])
 
-    return replace(
-        rig,
-        emitters=faces._replace(
-            normal=turned(faces.normal), across=turned(faces.across), down=turned(faces.down)
-        ),
-    )
+    def axes(part: Rectangles, board: NDArray[np.int64]) -> Rectangles:
+        return part._replace(
+            normal=turned(part.normal, board),
+            across=turned(part.across, board),
+            down=turned(part.down, board),
+        )
+
+    every = np.arange(len(names))
+    own = np.repeat(every, len(faces.group) // len(names))
+    centre = boards.centre[own] + turned(faces.centre - boards.centre[own], own)
+    return replace(rig, boards=axes(boards, every), emitters=axes(faces, own)._replace(centre=centre))
 
 
 def _about(axis: Array, vector: Array, angle_deg: Array) -> Array:
