@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from designlab.design import CHANNELS, Design
-from designlab.effects.base import Effect, Light, Parameter, Sight, Signal, Stage, Values
+from designlab.effects.base import Array, Effect, Light, Parameter, Sight, Signal, Stage, Values
 
 
 class FixedPattern(Effect):
@@ -111,12 +111,18 @@ class ColourMixing(Effect):
         """Add to the mixing matrix; a row is scaled by the channel's response to its own group."""
         if not any(values.values()):
             return design
-        matrix = design.mixing_matrix.copy()
-        own = np.abs(matrix).max(axis=1)
-        for channel, group in _foreign_pairs(design):
-            row, column = CHANNELS.index(channel), design.group_names.index(group)
-            matrix[row, column] += values[f"{channel}_from_{group}"] * own[row]
+        matrix = mixed(design, values)
         return design.replace({"mixing": tuple(tuple(float(v) for v in row) for row in matrix)})
+
+
+def mixed(design: Design, values: Values) -> Array:
+    """Mixing matrix of a design (3, groups) with the added responses."""
+    matrix = design.mixing_matrix.copy()
+    own = np.abs(matrix).max(axis=1)
+    for channel, group in _foreign_pairs(design):
+        row, column = CHANNELS.index(channel), design.group_names.index(group)
+        matrix[row, column] += values[f"{channel}_from_{group}"] * own[row]
+    return matrix
 
 
 def _foreign_pairs(design: Design) -> list[tuple[str, str]]:

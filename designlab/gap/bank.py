@@ -10,10 +10,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.camera import View
 from designlab.effects import AppliedEffect, Effect, Parameter, SensorModel, effect
 from designlab.gap.basis import Renders
 from designlab.measurement.shots import POSE, Shot
 from designlab.press import Press
+from designlab.store import digest
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -24,7 +26,7 @@ LEAST_DEPTH_MM = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """Quadratic change of light with one coordinate t: t * first + t^2 * second.
+    """Change of light with one coordinate t: t * first + t^2 * second, going on straight where t exceeds 1.
 
     Both have shape (groups, rows, columns), or (rows, columns) where the light of `group` alone changes.
     """
@@ -37,13 +39,13 @@ class Change:
         """Add the change at t to light (groups, rows, columns)."""
         target = light if self.group is None else light[self.group]
         target += np.float32(t) * self.first
-        target += np.float32(t * t) * self.second
+        target += np.float32(t * t if abs(t) < 1 else 2 * abs(t) - 1) * self.second
 
     def slope(self, shape: tuple[int, ...], t: float) -> Single:
         """Derivative at t, (groups, rows, columns)."""
         found = np.zeros(shape, dtype=np.float32)
         target = found if self.group is None else found[self.group]
-        target += self.first + np.float32(2 * t) * self.second
+        target += self.first + np.float32(2 * np.clip(t, -1.0, 1.0)) * self.second
         return found
 
 
@@ -113,6 +115,25 @@ def fill(renders: Renders, model: SensorModel, shots: tuple[Shot, ...], effects:
     """
     keys = [(shot.press, shot.view) for shot in shots]
     presses = list(dict.fromkeys(keys))
+    key = digest(model.digest, presses, list(effects), str(renders.folder), renders.samples, renders.seed)
+    if key not in _filled:
+        # Measurements of one sensor by one plan share their pictures.
+        _filled.clear()
+        _filled[key] = _fill(renders, model, presses, effects)
+    pictures = _filled[key]
+    pitch = renders.simulator(model, shots[0].view).rays.pitch_mm
+    return Bank(model, shots, pictures, tuple(presses.index(key) for key in keys), pitch)
+
+
+_filled: dict[str, tuple["Picture", ...]] = {}
+
+
+def _fill(
+    renders: Renders,
+    model: SensorModel,
+    presses: Sequence[tuple[Press | None, View]],
+    effects: Sequence[str],
+) -> tuple["Picture", ...]:
     steps = [step for name in effects for step in _steps(model, effect(name))]
     touched = sum(press is not None for press, _ in presses)
     sides = 2 * len(steps)
@@ -129,9 +150,7 @@ def fill(renders: Renders, model: SensorModel, shots: tuple[Shot, ...], effects:
             for press, view in presses:
                 if press is not None or _acts_untouched(step.effect):
                     renders.basis(varied, press, view)
-    pictures = tuple(_picture(renders, model, press, view, steps) for press, view in presses)
-    pitch = renders.simulator(model, shots[0].view).rays.pitch_mm
-    return Bank(model, shots, pictures, tuple(presses.index(key) for key in keys), pitch)
+    return tuple(_picture(renders, model, press, view, steps) for press, view in presses)
 
 
 @dataclass(frozen=True)
@@ -186,11 +205,8 @@ def _together(parameters: Sequence[Parameter]) -> list[list[Parameter]]:
 
 
 def _picture(
-    renders: Renders, model: SensorModel, press: Press | None, view: object, steps: Sequence[_Step]
+    renders: Renders, model: SensorModel, press: Press | None, view: View, steps: Sequence[_Step]
 ) -> Picture:
-    from designlab.camera import View
-
-    assert isinstance(view, View)
     here = renders.basis(model, press, view)
     simulator = renders.simulator(model, view)
     seen = simulator.rays.hit(simulator.surface(press))

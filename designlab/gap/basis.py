@@ -3,6 +3,7 @@
 import importlib.metadata
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Literal
 
@@ -141,5 +142,6 @@ def _mesh_content(press: Press | None) -> bytes | None:
     return None if press is None or press.probe.file is None else Path(press.probe.file).read_bytes()
 
 
+@cache
 def _versions() -> list[str]:
     return [importlib.metadata.version(package) for package in ("designlab", "mitsuba")]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.effects import CATALOGUE, AppliedEffect, Effect, Parameter, SensorModel, Sight, effect
+from designlab.effects.camera import mixed
 from designlab.gap.bank import POSE_STEP, Bank, Change, Picture
 from designlab.measurement.shots import POSE, Shot
 
@@ -89,6 +90,7 @@ class Forward:
     def __init__(self, bank: Bank) -> None:
         self.bank = bank
         self.design = bank.model.effective_design()
+        self.flux = np.array([group.flux_mw for group in self.design.leds.groups])
         self.parameters: dict[str, tuple[Parameter, ...]] = {
             e.name: e.parameters(bank.model.design) for e in CATALOGUE
         }
@@ -166,17 +168,15 @@ class Forward:
 
     def weights(self, state: State, number: int) -> Array:
         """Signal of each channel per unit of each group's radiance at unit flux, (3, groups)."""
-        flux = np.array([group.flux_mw for group in self.design.leds.groups])
         mixing = self.design.mixing_matrix
         if "colour_mixing" in state.values:
-            mixed = effect("colour_mixing").on_design(self.design, state.values["colour_mixing"])
-            mixing = mixed.mixing_matrix
-        return np.asarray(mixing * flux * state.gains * self.shot(number).lit)
+            mixing = mixed(self.design, state.values["colour_mixing"])
+        return np.asarray(mixing * self.flux * state.gains * self.shot(number).lit)
 
     def _signal(self, state: State, number: int, light: NDArray[np.floating]) -> Array:
         mixing = self.weights(state, number)
-        mixed = np.moveaxis(np.tensordot(mixing, self._optics(state, number, light), axes=1), 0, -1)
-        reported = self._reported(state, mixed * _pattern(state))
+        channels = np.moveaxis(np.tensordot(mixing, self._optics(state, number, light), axes=1), 0, -1)
+        reported = self._reported(state, channels * _pattern(state))
         return clipped(reported, self.shot(number).clip_sigma)
 
     def _reported(self, state: State, mixed: Array) -> Array:
@@ -225,17 +225,17 @@ class Forward:
             groups = len(mixing[0])
             stack = np.concatenate(slopes)
             pushed = self._optics(state, number, stack).reshape(len(slopes), groups, rows, width)
-            mixed = np.tensordot(mixing, pushed, axes=([1], [1]))  # (3, n, rows, columns)
-            found[..., places] = mixed.transpose(2, 3, 0, 1) * gain[..., None]
+            channels = np.tensordot(mixing, pushed, axes=([1], [1]))  # (3, n, rows, columns)
+            found[..., places] = channels.transpose(2, 3, 0, 1) * gain[..., None]
         return found
 
     def _slope(self, state: State, mixing: Array, optics: NDArray[np.floating], sigma: Array) -> Array:
         """Derivative of the reported signal by the mixed light, (rows, columns, 3)."""
-        mixed = np.moveaxis(np.tensordot(mixing, optics, axes=1), 0, -1) * _pattern(state)
-        slope = uncut(self._reported(state, mixed), sigma)
+        channels = np.moveaxis(np.tensordot(mixing, optics, axes=1), 0, -1) * _pattern(state)
+        slope = uncut(self._reported(state, channels), sigma)
         if "response_curve" in state.values:
-            step = 1e-3 * max(float(mixed.max()), 1e-3)
-            ends = self._reported(state, mixed - step), self._reported(state, mixed + step)
+            step = 1e-3 * max(float(channels.max()), 1e-3)
+            ends = self._reported(state, channels - step), self._reported(state, channels + step)
             slope = slope * (ends[1] - ends[0]) / (2 * step)
         return slope * _pattern(state)
 

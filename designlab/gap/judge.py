@@ -29,12 +29,20 @@ class Judged:
         What noise of the camera and the errors granted to the simulation leave of it.
     objective : array, shape (shots,)
         Penalised misfit of each, smooth errors counted as covariance.
+    least : array, shape (shots,)
+        What noise of the camera leaves of that.
     """
 
     state: State
     per_shot: Array
     floor: Array
     objective: Array
+    least: Array
+
+    @property
+    def gap(self) -> float:
+        """Mean misfit of a shot beyond the noise of the camera."""
+        return max(float((self.objective - self.least).mean()), 1.0)
 
     @property
     def mean(self) -> float:
@@ -44,7 +52,10 @@ class Judged:
 
 @dataclass(frozen=True)
 class Gain:
-    """Fall of the mean squared residual between two states, its standard error, share of shots improved."""
+    """Fall of the misfit between two states as a share of the first gap, its error, share of shots improved.
+
+    Smooth errors are counted as covariance here: a fall that they could bring about counts little.
+    """
 
     value: float
     se: float
@@ -53,7 +64,7 @@ class Gain:
 
 def judge(fitter: Fitter, state: State, shots: Sequence[int]) -> Judged:
     """Register each shot by itself, with what it has alone, and compare."""
-    per_shot, floor, objective = [], [], []
+    per_shot, floor, objective, least = [], [], [], []
     for number in shots:
         found = fitter.fit(state, (), [number], gains=False, held=tuple(state.values))
         state = found.state
@@ -61,7 +72,10 @@ def judge(fitter: Fitter, state: State, shots: Sequence[int]) -> Judged:
         squares, noise = squared(fitter, state, number)
         per_shot.append(squares)
         floor.append(noise)
-    return Judged(state, np.array(per_shot), np.array(floor), np.array(objective))
+        shot, own = fitter.bank.shots[number], fitter.noises[number]
+        least.append(float(((own.camera / own.sigma) ** 2)[shot.valid].sum()))
+    sums = [np.array(values) for values in (per_shot, floor, objective, least)]
+    return Judged(state, *sums)
 
 
 def squared(fitter: Fitter, state: State, number: int) -> tuple[float, float]:
@@ -72,8 +86,8 @@ def squared(fitter: Fitter, state: State, number: int) -> tuple[float, float]:
     return float((left[shot.valid] ** 2).mean()), float(granted[shot.valid].mean())
 
 
-def gain(base: Judged, other: Judged) -> Gain:
-    """Compare two states by the spread between held-out shots."""
-    falls = base.per_shot - other.per_shot
-    se = float(falls.std(ddof=1) / np.sqrt(len(falls))) if len(falls) > 1 else float(np.abs(falls).mean())
+def gain(base: Judged, other: Judged, gap: float) -> Gain:
+    """Compare two states by the spread between held-out shots; one alone shows none."""
+    falls = (base.objective - other.objective) / gap
+    se = float(falls.std(ddof=1) / np.sqrt(len(falls))) if len(falls) > 1 else 0.0
     return Gain(float(falls.mean()), se, float((falls > 0).mean()))

@@ -24,6 +24,7 @@ SMOOTH_BUDGET = 0.005  # smooth error common to all frames, relative: what no ca
 SHOT_BUDGET = 0.001  # smooth error of each frame, relative
 SMOOTH_LENGTH = 0.15  # of smooth errors, over the picture's width
 EDGE_WIDTH_PX = 0.7
+DARK_LIGHT = 0.03  # of full scale: below, smooth errors are absolute
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +35,8 @@ class Noise:
     ----------
     sigma : array, shape (rows, columns, 3)
         Of a value: camera and white errors of the simulation.
+    camera : array, shape (rows, columns, 3)
+        Of the camera alone.
     granted : array, shape (rows, columns, 3)
         Of camera and smooth errors: what a model that is right is expected to miss by.
     level : array, shape (3,)
@@ -41,6 +44,7 @@ class Noise:
     """
 
     sigma: Array
+    camera: Array
     granted: Array
     level: Array
 
@@ -52,9 +56,10 @@ def noise(shot: Shot, predicted: Array, black: Array | float) -> Noise:
     budget = np.hypot(SIGNAL_BUDGET * light, EDGE_BUDGET * curvature)
     camera = np.sqrt(shot.variance)
     sigma = np.hypot(camera, budget)
-    level = np.sqrt(np.where(shot.valid, (light / sigma) ** 2, 0.0).mean(axis=(0, 1)))
-    granted = np.hypot(camera, np.hypot(SMOOTH_BUDGET, SHOT_BUDGET) * light)
-    return Noise(sigma, granted, level)
+    lit = np.hypot(light, DARK_LIGHT)
+    level = np.sqrt(np.where(shot.valid, (lit / sigma) ** 2, 0.0).mean(axis=(0, 1)))
+    granted = np.hypot(camera, np.hypot(SMOOTH_BUDGET, SHOT_BUDGET) * lit)
+    return Noise(sigma, camera, granted, level)
 
 
 def spectrum(shape: tuple[int, int]) -> Array:

@@ -70,7 +70,7 @@ class Level:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One candidate that was tried, accepted or not; `gain` and `se` are of the mean squared residual."""
+    """One candidate that was tried, accepted or not; `gain` and `se` are shares of the first gap."""
 
     round: int
     name: str

@@ -81,7 +81,7 @@ class Search:
         """
         best = self.fitter.fit(state, (), self.train)
         first = now = judge(self.fitter, best.state, self.select)
-        self.gap = max(float((first.per_shot - first.floor).mean()), 0.0)
+        self.gap = first.gap
         for number in range(1, MOST_EFFECTS + 1):
             attempt = self._round(number, best, now)
             if attempt is None:
@@ -173,6 +173,8 @@ class Search:
             evidence = pattern.evidence
         else:
             start = self._with_period(base.state) if name == "banding" else base.state
+            # A wrong model may have driven poses far off.
+            start = replace(start, poses={})
             found = fitter.fit(start, [*present, name], self.train)
             evidence = 0.5 * (base.objective - found.objective) - _occam(found.system, name)
             if name == "banding":
@@ -180,16 +182,17 @@ class Search:
         found = replace(found, state=_with_strength(found.state, name))
         judged = judge(fitter, found.state, self.select)
         evidence += 0.5 * float((now.objective - judged.objective).sum())
-        return Attempt(name, found, judged, gain(now, judged), evidence / ALIKE)
+        return Attempt(name, found, judged, gain(now, judged, self.gap), evidence / ALIKE)
 
     def _refused(self, attempt: Attempt) -> str:
         """Why a candidate does not pass; empty if it does."""
-        least = max(2 * attempt.gain.se, LEAST_SHARE * self.gap)
+        least = max(2 * attempt.gain.se, LEAST_SHARE)
         if attempt.evidence < DECISIVE:
             return f"evidence {attempt.evidence:.3g}, below {DECISIVE:g}"
         if attempt.gain.value < least:
-            return f"gain {attempt.gain.value:.3g}, below {least:.3g}"
-        if attempt.gain.improved < LEAST_IMPROVED:
+            return f"closes {attempt.gain.value:.1%} of the gap, less than {least:.1%}"
+        # Some draws of a single shot are small: not every one can gain.
+        if attempt.name not in DRAWN_SD and attempt.gain.improved < LEAST_IMPROVED:
             return f"only {attempt.gain.improved:.0%} of the held-out presses improve"
         if bound := self.fitter.at_bound(attempt.fit.state, attempt.name):
             return f"at the bound of {', '.join(bound)}"

@@ -24,7 +24,7 @@ FACING = 0.5  # cosine between a wall's downhill direction and the way to the LE
 
 
 def where(fitter: Fitter, renders: Renders, state: State, shots: Sequence[int]) -> tuple[Where, ...]:
-    """Share of the excess over the noise in each region and channel, largest first.
+    """Share of the excess over noise and granted errors in each region and channel, largest first.
 
     Parameters
     ----------
@@ -48,12 +48,13 @@ def where(fitter: Fitter, renders: Renders, state: State, shots: Sequence[int]) 
             used = shot.valid[..., channel]
             for region, place in atlas.items():
                 z = residual[..., channel][place & used]
+                granted = (noise.granted / noise.sigma)[..., channel][place & used]
                 key = (region, name, frames)
-                excess[key] = excess.get(key, 0.0) + float((z**2 - 1).sum())
+                excess[key] = excess.get(key, 0.0) + float((z**2 - granted**2).sum())
                 sums = signed.setdefault(key, [0.0, 0.0])
                 sums[0] += float(z.sum())
                 sums[1] += z.size
-    total = sum(excess.values())
+    total = sum(max(value, 0.0) for value in excess.values())
     if total <= 0:
         return ()
     found = [

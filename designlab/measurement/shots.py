@@ -24,6 +24,7 @@ POSE = ("x_mm", "y_mm", "depth_mm", "yaw_deg")
 DEFAULT_SIGMA = (0.1, 0.1, 0.05, 1.0)  # mm, mm, mm, deg: a press placed by hand, where the set states nothing
 ROUND = ("sphere", "cylinder", "cone")  # probes of revolution look the same at every yaw
 PROBE_COLUMNS = 160  # of a light probe
+BURIED = 0.02  # of the stated variance of dark values: less is no noise but a cut
 FULL_SCALE = 0.999  # signals above are saturated
 CLIPPED_SHARE = 0.02  # of dark values at zero, above which the camera is taken to clip there
 
@@ -252,7 +253,9 @@ def _noise(
     black = np.full(3, camera.black_level)
     if dark:
         found = [[_read_variance(frame[..., channel]) for channel in range(3)] for frame in dark]
-        read, black = np.maximum(np.mean(found, axis=0), 1e-3 * stated), _dark_levels(dark)
+        measured = np.mean(found, axis=0)
+        # A black level below zero leaves nothing of the dark noise to see.
+        read, black = np.where(measured < BURIED * stated, stated, measured), _dark_levels(dark)
     if not pairs:
         notes.append(
             "no repeated frames: the noise is that of the camera's description, so the floor is assumed"
@@ -289,7 +292,8 @@ def _shot(
     signal = raw - black
     variance = (noise.read + noise.photon * np.maximum(signal, 0.0)) / len(same)
     images = np.stack([measurement.image(f).astype(float) for f in same])
-    clipped = np.array([_clipped(images[..., channel]) for channel in range(images.shape[-1])])
+    # A few zeros in the darkest walls tell it too: the noise there is cut.
+    clipped = (images.min(axis=(0, 1, 2)) == 0) if (images >= 0).all() else np.zeros(3, dtype=bool)
     clip_sigma = np.where(clipped, np.sqrt(noise.read), 0.0)
     view = measurement.view(frame, design)
     # A ball mirrors LEDs with sharp edges, whose light coarse pixels do not hold.

@@ -38,7 +38,7 @@ class Known:
 
 def noises(level: float) -> list[Noise]:
     sigma = np.full(SHAPE, 0.5)  # of every value
-    return [Noise(sigma, sigma, np.full(3, level * (1 + n))) for n in range(2)]
+    return [Noise(sigma, sigma, sigma, np.full(3, level * (1 + n))) for n in range(2)]
 
 
 def smooth_covariance() -> np.ndarray:

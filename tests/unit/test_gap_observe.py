@@ -3,8 +3,9 @@ import pytest
 
 from designlab.camera import Camera
 from designlab.design import preset
-from designlab.gap.observe import limited, observe
+from designlab.gap.observe import observe as observe_apart
 from designlab.measurement import Frame, Measurement, MeasurementError, load_measurement, write_measurement
+from designlab.measurement.shots import observe
 
 DESIGN = preset("gelsight-2020-flat")
 ROWS, COLUMNS, BINNED = 90, 120, 81.0
@@ -161,7 +162,7 @@ def test_too_few_places_are_refused(tmp_path) -> None:
     with pytest.raises(
         MeasurementError, match=r"presses at 3 places or more .* none is left for select, final"
     ):
-        observe(measured(tmp_path / "m", centre_mm=(0.0, 0.0), split=None), DESIGN, columns=128)
+        observe_apart(measured(tmp_path / "m", centre_mm=(0.0, 0.0), split=None), DESIGN, columns=128)
 
 
 def test_presses_are_split_by_place(tmp_path) -> None:
@@ -169,12 +170,26 @@ def test_presses_are_split_by_place(tmp_path) -> None:
     assert [len(seen.of(use)) for use in ("background", "train", "select", "final")] == [1, 1, 1, 1]
 
 
-def test_training_presses_kept_are_of_many_places_and_deep(tmp_path) -> None:
-    more = [
-        (f"more-{n}.exr", 0.2, {"kind": "press", "probe": "sphere:4", "depth_mm": depth, "centre_mm": centre})
-        for n, (depth, centre) in enumerate([(0.9, (-4.0, -3.0)), (0.3, (2.0, 2.0)), (0.7, (2.0, 2.0))])
+def test_a_diagnosis_sees_every_frame_by_itself_with_all_that_lies_under_it(tmp_path) -> None:
+    lifted = DESIGN.camera.model_copy(update={"black_level": 0.05})
+    turned = ("turned.exr", 0.2, {"kind": "background", "gel_rotation_deg": 180.0})
+    seen = observe_apart(measured(tmp_path / "m", camera=lifted, extra=[turned]), DESIGN, columns=128)
+    assert [len(seen.of(use)) for use in ("dark", "background", "train", "select", "final")] == [
+        1,
+        4,
+        1,
+        1,
+        1,
     ]
-    extra = [(file, level, fields | {"split": "train"}) for file, level, fields in more]
-    seen = observe(measured(tmp_path / "m", extra=extra), DESIGN, columns=128)
-    kept = [shot.press for shot in limited(seen.shots, 2) if shot.use == "train" and shot.press]
-    assert {(p.centre_mm, p.depth_mm) for p in kept} == {((-4.0, -3.0), 0.9), ((2.0, 2.0), 0.7)}
+    dark = seen.shots[seen.of("dark")[0]]
+    assert not dark.lit.any()
+    assert dark.signal.mean() == pytest.approx(0.05, abs=1e-3)
+    assert [shot.gel_rotation_deg for shot in seen.shots if shot.files == ("turned.exr",)] == [180.0]
+
+
+def test_channels_cut_at_zero_are_not_compared_where_they_are_dark(tmp_path) -> None:
+    cut = measured(tmp_path / "m", extra=[("off.exr", 0.0, {"kind": "background", "leds": ("red",)})])
+    seen = observe_apart(cut, DESIGN, columns=128)
+    dark = next(shot for shot in seen.shots if shot.files == ("off.exr",))
+    assert not dark.valid.any()
+    assert all(shot.valid.all() for shot in seen.shots if shot.press is not None)
