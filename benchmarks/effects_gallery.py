@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from designlab.effects import CATALOGUE, Effect
+from designlab.images import to_srgb
 from designlab.store import write_json
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "physics"))
@@ -58,7 +59,12 @@ def draw(rows: dict[str, Any], path: Path) -> None:
     for line, (name, (off, on, change, other)) in zip(grid, rows.items(), strict=True):
         white = float(np.percentile(off, 99.5))
         scale = max(float(np.percentile(np.abs(change), 99.5)), 1e-9)
-        shown = [off / white, on / white, 0.5 + change / (2 * scale), 0.5 + other / (2 * scale)]
+        shown = [
+            to_srgb(off / white),
+            to_srgb(on / white),
+            0.5 + change / (2 * scale),
+            0.5 + other / (2 * scale),
+        ]
         titles = ["off", "on", f"difference, full scale {100 * scale / white:.2g} %", "the generator's"]
         for axes, picture, title in zip(line, shown, titles, strict=True):
             axes.imshow(np.clip(picture, 0, 1), interpolation="nearest")
