@@ -69,13 +69,19 @@ class PointSpread(Effect):
         )
 
     def on_light(self, light: Light, values: Values, sight: Sight) -> Light:
-        """Smooth by a Gaussian; it has its width where pixels are wider than that, too."""
+        """Smooth by a Gaussian; beyond its edges the picture is taken to go on in proportion."""
         if not values["sigma_um"]:
             return light
-        for axis, pitch_mm in zip((-1, -2), sight.pitch_mm, strict=True):
-            kernel = discrete_gaussian(1e-3 * values["sigma_um"] / pitch_mm)
-            light = convolve1d(light, kernel, axis=axis, mode="nearest")
-        return light
+        kernels = [discrete_gaussian(1e-3 * values["sigma_um"] / pitch_mm) for pitch_mm in sight.pitch_mm]
+        across, down = (
+            min(len(kernel) // 2, size - 1) for kernel, size in zip(kernels, light.shape[:-3:-1], strict=True)
+        )
+        still = [(0, 0)] * (light.ndim - 2)
+        wide = np.pad(light, [*still, (down, down), (across, across)], "reflect", reflect_type="odd")
+        for axis, kernel in zip((-1, -2), kernels, strict=True):
+            wide = convolve1d(wide, kernel, axis=axis, mode="nearest")
+        rows, columns = light.shape[-2:]
+        return np.asarray(wide[..., down : down + rows, across : across + columns])
 
 
 def discrete_gaussian(sigma_px: float) -> Array:

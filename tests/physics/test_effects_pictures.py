@@ -146,9 +146,9 @@ def test_blur_is_that_of_a_lens_out_of_focus_on_the_plane():
         {"camera.focus_mm": focus, "camera.aperture_mm": aperture}
     )
     out_of_focus = lens.simulated()
-    away = np.abs(out_of_focus - blurred)[:, 6:-6, 6:-6]  # the one sees beyond the picture's edge
+    away = out_of_focus - blurred
     assert rms(away) <= 0.01 * rms(plain)
-    assert rms(away) <= 0.25 * rms((blurred - plain)[:, 6:-6, 6:-6])
+    assert rms(away) <= 0.25 * rms(blurred - plain)
 
 
 @pytest.mark.llvm
@@ -202,8 +202,7 @@ def test_the_generator_makes_the_same_change_to_a_dome(name):
 
 @pytest.mark.llvm
 def test_the_generators_disc_and_the_gaussian_blur_alike_where_pixels_resolve_them():
-    # Blur would take away the light field's own grain as well, of which there must be little.
-    sensor = Sensor(FLAT, 96, samples=256)
+    sensor = Sensor(FLAT, 96, samples=64)
     plain, (base, _) = sensor.simulated(), sensor.generated()
     change = sensor.simulated("point_spread", {"sigma_um": 150.0}) - plain
     other = sensor.generated("point_spread", {"sigma_um": 150.0})[0] - base

@@ -372,6 +372,14 @@ def test_a_blurred_edge_has_the_stated_variance_on_the_membrane(columns: int) ->
     assert np.sqrt(variance) == pytest.approx(0.150, rel=2e-4)
 
 
+def test_a_blur_leaves_a_slope_alone_up_to_the_edge() -> None:
+    seen = sight(columns=40)
+    row, column = np.mgrid[: seen.view.rows, :40].astype(float)
+    slope = np.stack([1 + 0.02 * column - 0.01 * row])
+    found = effect("point_spread").on_light(slope, {"sigma_um": 300.0}, seen)
+    np.testing.assert_allclose(found, slope, atol=1e-9)
+
+
 def test_a_blur_of_many_pixels_is_the_gaussian() -> None:
     seen = sight(columns=320)
     spot = np.zeros((1, seen.view.rows, 320))
