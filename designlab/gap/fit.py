@@ -24,7 +24,7 @@ POSE_BOUND_SD = 5.0
 AT_BOUND = 0.01  # share of a parameter's range that counts as its bound
 ITERATIONS = 8
 SETTLED = 0.5  # fall of half the misfit below which a fit has converged
-SETTLED_SHARE = 1e-4  # likewise, of the misfit
+SETTLED_SHARE = 2e-6  # likewise, of the misfit
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +95,11 @@ class Fitter:
     def measure(self, state: State) -> None:
         """Set the noise of all shots by what a state predicts."""
         black = self.forward.design.camera.black_level
-        shots = self.bank.shots
-        self.noises = [noise(shot, self.forward.predict(state, n), black) for n, shot in enumerate(shots)]
+        forward = self.forward
+        self.noises = [
+            noise(shot, forward.predict(state, n), forward.untouched(state, n), black)
+            for n, shot in enumerate(self.bank.shots)
+        ]
 
     def unknowns(
         self, state: State, names: Collection[str], shots: Sequence[int], *, gains: bool = True

@@ -103,6 +103,14 @@ class Forward:
         """Signal of a shot, (rows, columns, 3)."""
         return self._signal(state, number, self._light(state, number))
 
+    def untouched(self, state: State, number: int) -> Array:
+        """Signal that a shot would have without a press, effects on light transport left aside."""
+        place = self.bank.place[number]
+        size = self.bank.pictures[place].light.shape
+        bare = (p for p in self.bank.pictures if not p.pose and p.light.shape == size)
+        picture = next(bare, self.bank.pictures[place])
+        return self._signal(state, number, picture.light)
+
     def _light(self, state: State, number: int) -> Single:
         """Light of every group in front of the camera, before what the camera's optics do."""
         picture = self.bank.of(number)

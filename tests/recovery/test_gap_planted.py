@@ -40,7 +40,16 @@ def renders(tmp_path_factory) -> Path:
 def diagnosed(folder: Path, effects, **options) -> GapReport:
     measurement = folder / "measurement"
     if not measurement.exists():
-        plant(DESIGN, effects=effects, out=measurement, seed=SEED, kit_seed=1, kit="small", columns=64)
+        plant(
+            DESIGN,
+            effects=effects,
+            out=measurement,
+            seed=SEED,
+            kit_seed=1,
+            kit="small",
+            columns=64,
+            unlisted=False,
+        )
     options = {"catalogue": TRIED, "columns": 64, "samples": 128} | options
     return diagnose(load_measurement(measurement), DESIGN, out=folder / "report", seed=SEED, **options)
 
