@@ -21,6 +21,7 @@ DRAWN_SD = {
     "banding": 0.015,
 }  # of one shot's own gain, and of its bands' sine and cosine
 POSE_BOUND_SD = 5.0
+BEYOND_SD = 3.0  # prior standard deviations from null that speak against an effect
 AT_BOUND = 0.01  # share of a parameter's range that counts as its bound
 ITERATIONS = 8
 SETTLED = 0.5  # fall of half the misfit below which a fit has converged
@@ -246,6 +247,15 @@ class Fitter:
             if fallen < max(2 * SETTLED, SETTLED_SHARE * objective):
                 break
         return Fit(state, found, objective)
+
+    def beyond_prior(self, state: State, name: str) -> tuple[str, ...]:
+        """Names of parameters of an effect that ended further from null than its prior makes likely."""
+        values = state.values[name]
+        return tuple(
+            p.name
+            for p in self.forward.parameters[name]
+            if abs(values[p.name] - p.null) > BEYOND_SD * p.sd and not p.shape
+        )
 
     def at_bound(self, state: State, name: str) -> tuple[str, ...]:
         """Names of parameters of an effect that ended at a bound which is not their null."""
