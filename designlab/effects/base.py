@@ -104,13 +104,15 @@ class Effect:
     """Whether it holds for new designs too (True), or belongs to one built unit (False)."""
     recombines: ClassVar[bool] = False
     """Whether it changes a design only in how light already traced is combined."""
+    warps: ClassVar[bool] = False
+    """Whether it changes a design only in which point of the membrane each pixel sees."""
 
     @property
     def rendered(self) -> bool:
         """Whether light must be traced or shaded anew to see it."""
         kind = type(self)
         changes = kind.on_design is not Effect.on_design or kind.on_scene is not Effect.on_scene
-        return changes and not self.recombines
+        return changes and not self.recombines and not self.warps
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """Return the parameters, some for each LED group; none for a design that the effect cannot change."""

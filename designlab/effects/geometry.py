@@ -13,6 +13,7 @@ class CameraPose(Effect):
     stage: ClassVar[Stage] = "geometry"
     summary: ClassVar[str] = "the camera stands or looks elsewhere"
     transferable: ClassVar[bool] = False
+    warps: ClassVar[bool] = True
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """Place to 0.3 mm and direction to 1 deg: a camera screwed to a printed holder (estimate)."""

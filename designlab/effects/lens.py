@@ -21,6 +21,7 @@ class LensDistortion(Effect):
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "the picture is scaled or distorted"
     transferable: ClassVar[bool] = True
+    warps: ClassVar[bool] = True
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """What is left after undistortion: 2 % of the distance from the axis at the corner (estimate)."""

@@ -215,7 +215,8 @@ def _picture(
     for step in steps:
         sees = press is not None or _acts_untouched(step.effect)
         sides = [
-            (renders.basis(varied, press, view) if sees else here, t) for varied, t in _sides(model, step)
+            (_relative(renders.basis(varied, press, view), varied, model) if sees else here, t)
+            for varied, t in _sides(model, step)
         ]
         for p in step.parameters:
             group = model.design.group_names.index(p.group) if p.group else None
@@ -230,6 +231,17 @@ def _picture(
         ends = [(renders.basis(model, there, view), s) for s, there in _around(press)]
         pose = tuple(_quadratic(here, ends[2 * axis : 2 * axis + 2], None) for axis in range(len(POSE)))
     return Picture(here, seen, numerical, pose, changes)
+
+
+def _relative(light: Single, varied: SensorModel, model: SensorModel) -> Single:
+    """Light at unit flux of one model as that at unit flux of another, which is lit by another flux."""
+    ratio = [
+        ours.flux_mw / theirs.flux_mw
+        for ours, theirs in zip(
+            varied.effective_design().leds.groups, model.effective_design().leds.groups, strict=True
+        )
+    ]
+    return light * np.array(ratio, dtype=np.float32)[:, None, None]
 
 
 def _acts_untouched(name: str) -> bool:

@@ -7,9 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.camera import Camera, View
 from designlab.effects import CATALOGUE, AppliedEffect, Effect, Parameter, SensorModel, Sight, effect
 from designlab.effects.camera import mixed
 from designlab.gap.bank import POSE_STEP, Bank, Change, Picture
+from designlab.gap.warp import Warp
 from designlab.measurement.shots import POSE, Shot
 
 Array = NDArray[np.float64]
@@ -19,6 +21,7 @@ Values = Mapping[str, Mapping[str, float]]
 HALF_STEP = 0.25  # of a prior standard deviation: differences of effects that are not rendered
 DEPTH = POSE.index("depth_mm")
 DEEPER = "depth_offset"
+WARPS_KEPT = 32
 
 
 class Unknown(NamedTuple):
@@ -90,6 +93,7 @@ class Forward:
     def __init__(self, bank: Bank) -> None:
         self.bank = bank
         self.design = bank.model.effective_design()
+        self._warps: dict[tuple[Camera, View], Warp] = {}
         self.flux = np.array([group.flux_mw for group in self.design.leds.groups])
         self.parameters: dict[str, tuple[Parameter, ...]] = {
             e.name: e.parameters(bank.model.design) for e in CATALOGUE
@@ -156,10 +160,32 @@ class Forward:
     def _optics(self, state: State, number: int, light: NDArray[np.floating]) -> NDArray[np.floating]:
         """Light after the effects that act on it; linear in it, any number of pictures at once."""
         sight = self.sight(state, number)
-        for e in CATALOGUE:
-            if e.name in state.values:
+        acting = [e for e in CATALOGUE if e.name in state.values]
+        for e in acting:
+            if e.stage != "camera":
+                light = e.on_light(light, state.values[e.name], sight)
+        warp = self._warp(state, sight.view)
+        if warp is not None:
+            light = warp(light)
+        for e in acting:
+            if e.stage == "camera":
                 light = e.on_light(light, state.values[e.name], sight)
         return np.asarray(light * self._of_one_shot(state, number))
+
+    def _warp(self, state: State, view: View) -> Warp | None:
+        """Resampling by the effects on where pixels look; None where they are at their null."""
+        changed = self.design
+        for e in CATALOGUE:
+            if e.warps and e.name in state.values:
+                changed = e.on_design(changed, state.values[e.name])
+        if changed is self.design:
+            return None
+        key = (changed.camera, view)
+        if key not in self._warps:
+            if len(self._warps) >= WARPS_KEPT:
+                self._warps.clear()
+            self._warps[key] = Warp(self.design, changed, view)
+        return self._warps[key]
 
     def _of_one_shot(self, state: State, number: int) -> Array | float:
         """Factor on the light of a shot by its own drift and bands."""
