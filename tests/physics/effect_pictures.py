@@ -77,10 +77,21 @@ class Sensor:
         applied = (AppliedEffect(name=name, values=values),) if values else ()
         return SensorModel(design=self.design, effects=applied)
 
-    def simulated(self, name="", values=None, *, own=None, samples=None):
+    def simulated(self, name="", values=None, *, own=None):
         """Signals by the simulator; `own` is what each picture drew, as the generator tells it."""
+        return self._untouched_by_effects if not name else self._simulated(name, values, own)
+
+    @cached_property
+    def _untouched_by_effects(self):
+        return self._simulated("", None, None)
+
+    @cached_property
+    def _generated_without(self):
+        return self._generated("", None)
+
+    def _simulated(self, name, values, own):
         model = self.model(name, values)
-        simulator = Simulator(model, view=self.view, samples=samples or self.samples, seed=self.seed)
+        simulator = Simulator(model, view=self.view, samples=self.samples, seed=self.seed)
         found = []
         for number, press in enumerate(self.presses):
             frame = simulator.frame(press)
@@ -119,6 +130,9 @@ class Sensor:
 
     def generated(self, name="", values=None):
         """Signals by the generator, and what each picture drew."""
+        return self._generated_without if not name else self._generated(name, values)
+
+    def _generated(self, name, values):
         rig, _ = effects.apply(Rig.of(self.design), {name: values} if name else {})
         press = kit.true_press(rig, PRESS, Nothing())
         taken = kit.shots(rig, "small", [PRESS], [press], flat_field=False)
