@@ -311,6 +311,16 @@ def _add_gap(add: Any) -> None:
     diagnose.add_argument("--model", required=True, metavar="MODEL", help=MODEL_HELP)
     _out(diagnose, "folder of the report and the updated model")
     _seed(diagnose)
+    benchmark = add(
+        "benchmark", f"{_GAP}:benchmark", "diagnose a pool of generated sets and score it", to=actions
+    )
+    benchmark.add_argument(
+        "--only", default="", metavar="REGEX", help="sets whose name matches (default: the whole pool)"
+    )
+    benchmark.add_argument(
+        "--base", type=_whole(0, 2**31 - 1), default=0, metavar="N", help="start of the seeds (default: 0)"
+    )
+    _out(benchmark, "folder of sets, reports and scores; the same command again goes on where it ended")
 
 
 def _add_reproduce(add: Any) -> None:

@@ -92,6 +92,39 @@ def diagnose(args: Namespace) -> Result:
     return Result({**data, "report": str(page)}, f"{_summary(report)}\nreport: {page}")
 
 
+def benchmark(args: Namespace) -> Result:
+    """Diagnose a pool of generated sets and score the diagnoses."""
+    import re
+
+    from designlab.store import write_json
+    from designlab.trials import development, run, score
+
+    try:
+        wanted = re.compile(args.only)
+    except re.error as error:
+        raise ValueError(f"--only: must be a regular expression, got {args.only!r}: {error}") from None
+    trials = [trial for trial in development(base=args.base) if wanted.search(trial.name)]
+    if not trials:
+        raise ValueError(f"--only: no set's name matches {args.only!r}")
+    results_folder(args.out)
+    with bar("set") as progress:
+        found = score(run(trials, Path(args.out), progress=progress))
+    write_json(Path(args.out) / "score.json", found)
+    rows = [
+        (
+            row["set"],
+            row["design"],
+            row["verdict"],
+            ", ".join(row["named"]) or "-",
+            "-" if row["gap_removed"] is None else f"{row['gap_removed']:.0%}",
+        )
+        for row in found["rows"]
+    ]
+    parts = [f"{part}: {found[part]}" for part in ("nothing", "single", "outside")]
+    text = table(("set", "design", "verdict", "named", "gap removed"), rows)
+    return Result(found, "\n".join([text, *parts]))
+
+
 def _summary(report: "GapReport") -> str:
     lines = [f"verdict: {report.verdict}"]
     rows = [

@@ -21,10 +21,11 @@ DRAWN_SD = {
     "banding": 0.015,
 }  # of one shot's own gain, and of its bands' sine and cosine
 POSE_BOUND_SD = 5.0
+BEYOND_SD = 3.0  # prior standard deviations from null that speak against an effect
 AT_BOUND = 0.01  # share of a parameter's range that counts as its bound
 ITERATIONS = 8
 SETTLED = 0.5  # fall of half the misfit below which a fit has converged
-SETTLED_SHARE = 1e-4  # likewise, of the misfit
+SETTLED_SHARE = 2e-6  # likewise, of the misfit
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +96,11 @@ class Fitter:
     def measure(self, state: State) -> None:
         """Set the noise of all shots by what a state predicts."""
         black = self.forward.design.camera.black_level
-        shots = self.bank.shots
-        self.noises = [noise(shot, self.forward.predict(state, n), black) for n, shot in enumerate(shots)]
+        forward = self.forward
+        self.noises = [
+            noise(shot, forward.predict(state, n), forward.untouched(state, n), black)
+            for n, shot in enumerate(self.bank.shots)
+        ]
 
     def unknowns(
         self, state: State, names: Collection[str], shots: Sequence[int], *, gains: bool = True
@@ -243,6 +247,15 @@ class Fitter:
             if fallen < max(2 * SETTLED, SETTLED_SHARE * objective):
                 break
         return Fit(state, found, objective)
+
+    def beyond_prior(self, state: State, name: str) -> tuple[str, ...]:
+        """Names of parameters of an effect that ended further from null than its prior makes likely."""
+        values = state.values[name]
+        return tuple(
+            p.name
+            for p in self.forward.parameters[name]
+            if abs(values[p.name] - p.null) > BEYOND_SD * p.sd and not p.shape
+        )
 
     def at_bound(self, state: State, name: str) -> tuple[str, ...]:
         """Names of parameters of an effect that ended at a bound which is not their null."""

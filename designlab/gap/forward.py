@@ -11,7 +11,7 @@ from designlab.camera import Camera, View
 from designlab.effects import CATALOGUE, AppliedEffect, Effect, Parameter, SensorModel, Sight, effect
 from designlab.effects.camera import mixed
 from designlab.gap.bank import POSE_STEP, Bank, Change, Picture
-from designlab.gap.warp import Warp
+from designlab.gap.warp import ORDER, Warp
 from designlab.measurement.shots import POSE, Shot
 
 Array = NDArray[np.float64]
@@ -107,6 +107,14 @@ class Forward:
         """Signal of a shot, (rows, columns, 3)."""
         return self._signal(state, number, self._light(state, number))
 
+    def untouched(self, state: State, number: int) -> Array:
+        """Signal that a shot would have without a press, effects on light transport left aside."""
+        place = self.bank.place[number]
+        size = self.bank.pictures[place].light.shape
+        bare = (p for p in self.bank.pictures if not p.pose and p.light.shape == size)
+        picture = next(bare, self.bank.pictures[place])
+        return self._signal(state, number, picture.light)
+
     def _light(self, state: State, number: int) -> Single:
         """Light of every group in front of the camera, before what the camera's optics do."""
         picture = self.bank.of(number)
@@ -149,7 +157,9 @@ class Forward:
         seen = self.bank.of(number).seen_mm
         return Sight(self.design, shot.view, seen, self.bank.pitch_mm, shot.gel_rotation_deg)
 
-    def _optics(self, state: State, number: int, light: NDArray[np.floating]) -> NDArray[np.floating]:
+    def _optics(
+        self, state: State, number: int, light: NDArray[np.floating], *, order: int = ORDER
+    ) -> NDArray[np.floating]:
         """Light after the effects that act on it; linear in it, any number of pictures at once."""
         sight = self.sight(state, number)
         acting = [e for e in CATALOGUE if e.name in state.values]
@@ -158,7 +168,7 @@ class Forward:
                 light = e.on_light(light, state.values[e.name], sight)
         warp = self._warp(state, sight.view)
         if warp is not None:
-            light = warp(light)
+            light = warp(light, order=order)
         for e in acting:
             if e.stage == "camera":
                 light = e.on_light(light, state.values[e.name], sight)
@@ -250,7 +260,7 @@ class Forward:
         if slopes:
             groups = len(mixing[0])
             stack = np.concatenate(slopes)
-            pushed = self._optics(state, number, stack).reshape(len(slopes), groups, rows, width)
+            pushed = self._optics(state, number, stack, order=1).reshape(len(slopes), groups, rows, width)
             channels = np.tensordot(mixing, pushed, axes=([1], [1]))  # (3, n, rows, columns)
             found[..., places] = channels.transpose(2, 3, 0, 1) * gain[..., None]
         return found

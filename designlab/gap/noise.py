@@ -1,9 +1,9 @@
 """How far a perfect model may miss: noise of the camera, and the error the simulation is granted.
 
-The granted error has three parts. Two are white, a share of the signal and a share of its curvature: they
-belong to the standard deviation of every value. The third is smooth over the picture and the same in all
-frames, as that of a light source known to a limited accuracy is; fits count it as covariance, so that small
-effects of large pictures are not taken for certain.
+The granted error has four parts. Three are white, shares of the signal, of its curvature and of what a press
+changes: they belong to the standard deviation of every value. The fourth is smooth over the picture and the
+same in all frames, as that of a light source known to a limited accuracy is; fits count it as covariance, so
+that small effects of large pictures are not taken for certain.
 """
 
 from dataclasses import dataclass
@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 # Two programs that share no code agree to 0.1 % (rms) on balls and differ by 2 % of the curvature at edges.
 SIGNAL_BUDGET = 0.0015
 EDGE_BUDGET = 0.03
+CONTACT_BUDGET = 0.02  # share of what a press changes: neither probe nor contact model are better known
 SMOOTH_BUDGET = 0.005  # smooth error common to all frames, relative: what no catalogue lists, too
 SHOT_BUDGET = 0.001  # smooth error of each frame, relative
 SMOOTH_LENGTH = 0.15  # of smooth errors, over the picture's width
@@ -49,11 +50,12 @@ class Noise:
     level: Array
 
 
-def noise(shot: Shot, predicted: Array, black: Array | float) -> Noise:
-    """Noise of a shot about a prediction (rows, columns, 3)."""
+def noise(shot: Shot, predicted: Array, untouched: Array, black: Array | float) -> Noise:
+    """Noise of a shot about a prediction, and about that of the untouched gel (rows, columns, 3)."""
     light = predicted - black
     curvature = np.stack([gaussian_laplace(light[..., c], EDGE_WIDTH_PX) for c in range(3)], axis=-1)
     budget = np.hypot(SIGNAL_BUDGET * light, EDGE_BUDGET * curvature)
+    budget = np.hypot(budget, CONTACT_BUDGET * (predicted - untouched))
     camera = np.sqrt(shot.variance)
     sigma = np.hypot(camera, budget)
     lit = np.hypot(light, DARK_LIGHT)

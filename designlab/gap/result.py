@@ -27,7 +27,8 @@ class Found:
     Attributes
     ----------
     confidence : float
-        Share of bootstrap draws in which it wins, limited by the number of held-out presses; not calibrated.
+        Share of the effect in the evidence of those that do as well, limited by the number of held-out
+        presses; not calibrated.
     coherence_set : tuple of str
         Effects that explain these frames as well, itself included.
     """

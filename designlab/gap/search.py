@@ -117,7 +117,8 @@ class Search:
         shots = len(now.per_shot)
         improved = round(chosen.gain.improved * shots)
         self.winners.append(Winner(chosen.name, min(own, (improved + 1) / (shots + 2)), names))
-        self.alternatives = {a.name: a.fit.state for a in equal}
+        if len(equal) > 1:
+            self.alternatives = {a.name: a.fit.state for a in equal}
         return chosen
 
     def screen(self, base: Fit) -> dict[str, float]:
@@ -196,6 +197,8 @@ class Search:
             return f"only {attempt.gain.improved:.0%} of the held-out presses improve"
         if bound := self.fitter.at_bound(attempt.fit.state, attempt.name):
             return f"at the bound of {', '.join(bound)}"
+        if far := self.fitter.beyond_prior(attempt.fit.state, attempt.name):
+            return f"beyond what is likely of {', '.join(far)}"
         return ""
 
     def _note(self, number: int, attempt: Attempt, outcome: str) -> None:

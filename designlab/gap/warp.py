@@ -39,9 +39,9 @@ class Warp:
         if nominal.camera.vignetting != Vignetting():
             self._before, self._after = nominal.camera.vignette(view), changed.camera.vignette(view)
 
-    def __call__(self, light: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Resample light, shape (n, rows, columns)."""
-        moved = np.stack([self._at(layer, self._place) for layer in light / self._before])
+    def __call__(self, light: NDArray[np.floating], *, order: int = ORDER) -> NDArray[np.floating]:
+        """Resample light, shape (n, rows, columns), by splines of an order."""
+        moved = np.stack([self._at(layer, self._place, order) for layer in light / self._before])
         return np.asarray(moved * self._after, dtype=light.dtype)
 
     def _inverse(self, nominal: Array, changed: Array) -> Array:
@@ -54,9 +54,9 @@ class Warp:
             place = place + np.einsum("rkab,brk->ark", per_mm, off)
         return place
 
-    def _at(self, layer: NDArray[np.floating], place: Array) -> Array:
+    def _at(self, layer: NDArray[np.floating], place: Array, order: int = ORDER) -> Array:
         wide = np.pad(layer, self._pad, mode="reflect", reflect_type="odd")
-        return np.asarray(map_coordinates(wide, place + self._pad, order=ORDER, mode="nearest"))
+        return np.asarray(map_coordinates(wide, place + self._pad, order=order, mode="nearest"))
 
 
 def seen_mm(design: Design, view: View) -> tuple[Array, Array]:

@@ -25,6 +25,7 @@ DEFAULT_SIGMA = (0.1, 0.1, 0.05, 1.0)  # mm, mm, mm, deg: a press placed by hand
 ROUND = ("sphere", "cylinder", "cone")  # probes of revolution look the same at every yaw
 PROBE_COLUMNS = 160  # of a light probe
 BURIED = 0.02  # of the stated variance of dark values: less is no noise but a cut
+APART_PX = 4
 FULL_SCALE = 0.999  # signals above are saturated
 CLIPPED_SHARE = 0.02  # of dark values at zero, above which the camera is taken to clip there
 
@@ -267,10 +268,22 @@ def _noise(
         used = stack.max(axis=(0, -1)) < FULL_SCALE
         # Drift of the whole level between repeats is not noise of the pixels.
         stack *= (stack.mean(axis=(0, 1, 2)) / stack.mean(axis=(1, 2)))[:, None, None, :]
-        variance += stack.var(axis=0, ddof=1)[used].mean(axis=0)
+        variance += _spread(stack, used)
         level += (stack.mean(axis=0)[used] - black).mean(axis=0)
     photon = np.maximum(variance - len(pairs) * read, 0.0) / np.maximum(level, 1e-9)
     return _Noise(read, photon), "repeated frames", True
+
+
+def _spread(stack: Array, used: Mask) -> Array:
+    """Variance of the noise of repeated frames (frames, rows, columns, 3), for each channel.
+
+    From differences along the rows, further apart than demosaicing reaches: bands that lie elsewhere in every
+    frame are no noise of the pixels.
+    """
+    left = stack - stack.mean(axis=0)
+    both = used[:, APART_PX:] & used[:, :-APART_PX]
+    differences = (left[:, :, APART_PX:] - left[:, :, :-APART_PX])[:, both]
+    return np.asarray((differences**2).mean(axis=1).sum(axis=0) / 2 / (len(stack) - 1))
 
 
 def _shot(

@@ -97,18 +97,23 @@ def _candidates(candidates: Sequence[Mapping[str, Any]]) -> Html:
         Column("round", "round"),
         Column("name", "candidate"),
         Column("outcome", "outcome"),
-        Column("gain", "fall of the residual on held-out presses", se="se"),
+        Column("evidence", "evidence"),
+        Column("gain", "share of the gap closed on held-out presses", se="se"),
         Column("improved", "share of them improved"),
     ]
-    return table(candidates, columns)
+    return table(candidates, columns, caption=_CANDIDATES)
 
 
 _CONFIDENCE = (
-    "Confidence: how often the effect wins when held-out presses are drawn again, limited by their number; "
-    "not calibrated."
+    "Confidence: share of the effect in the evidence of those that do as well, limited by the number of "
+    "held-out presses; not calibrated."
+)
+_CANDIDATES = (
+    "Evidence: logarithm of the Bayes factor against the model without the effect, divided by how many "
+    "neighbouring values err alike; ten or more is needed."
 )
 _GAP = "Mean squared residual in units of the noise; the final frames were used for nothing else."
-_WHERE = "Shares of the excess over the noise, before the update."
+_WHERE = "Shares of the excess over noise and granted errors, before the update."
 _VERDICTS = {
     "named": "The gap is explained by the effects below.",
     "ambiguous": "Several effects explain the gap equally well on these frames.",

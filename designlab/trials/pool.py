@@ -11,7 +11,6 @@ KINDS = (
     "colour_mixing",
     "response_curve",
     "vignetting",
-    "veiling_glare",
     "banding",
     "exposure_drift",
     "fixed_pattern",

@@ -38,6 +38,7 @@ COMMANDS = (
     "study report",
     "gap plant",
     "gap diagnose",
+    "gap benchmark",
     "reproduce",
 )
 
@@ -96,6 +97,7 @@ class TestStart:
             "demo": ["--out", "o"],
             "gap plant": ["--out", "o"],
             "gap diagnose": ["m", "--model", "x", "--out", "o"],
+            "gap benchmark": ["--out", "o"],
             "reproduce": ["--out", "o"],
         }
         words = command.split() + (["x"] if command.startswith("study") else defaults.get(command, []))
