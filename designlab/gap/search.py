@@ -20,6 +20,7 @@ FITTED = 6  # candidates of a round that are fitted to the end
 ALIKE = 64.0
 DECISIVE = 10.0  # logarithm of the Bayes factor from which an effect counts as seen
 AS_GOOD = 3.0  # difference of such logarithms within which effects are not told apart
+ENVELOPE = 1.3  # mean squared residual over the floor below which no further effect is looked for
 RIVAL = "numerical"
 PERIODS = np.geomspace(40.0, 2000.0, 120)  # rows of the full sensor
 
@@ -87,6 +88,8 @@ class Search:
             if attempt is None:
                 break
             best, now = attempt.fit, attempt.judged
+            if now.mean < ENVELOPE * float(now.floor.mean()):
+                break
         return best, first, now
 
     def _round(self, number: int, base: Fit, now: Judged) -> Attempt | None:
@@ -109,17 +112,17 @@ class Search:
         if not passed:
             return None
         best = max(passed, key=lambda attempt: attempt.evidence)
-        equal = [a for a in passed if best.evidence - a.evidence <= AS_GOOD]
-        chosen = best
-        names = tuple(a.name for a in sorted(equal, key=lambda a: -a.evidence))
-        weights = np.exp(np.array([a.evidence for a in equal]) - best.evidence)
-        own = float(weights[equal.index(chosen)] / weights.sum())
+        equal = sorted(
+            (a for a in passed if best.evidence - a.evidence <= AS_GOOD), key=lambda a: -a.evidence
+        )
+        share = 1.0 / float(np.exp([a.evidence - best.evidence for a in equal]).sum())
         shots = len(now.per_shot)
-        improved = round(chosen.gain.improved * shots)
-        self.winners.append(Winner(chosen.name, min(own, (improved + 1) / (shots + 2)), names))
+        # Few presses cannot make anything certain (rule of succession).
+        most = (round(best.gain.improved * shots) + 1) / (shots + 2)
+        self.winners.append(Winner(best.name, min(share, most), tuple(a.name for a in equal)))
         if len(equal) > 1:
             self.alternatives = {a.name: a.fit.state for a in equal}
-        return chosen
+        return best
 
     def screen(self, base: Fit) -> dict[str, float]:
         """Logarithm of the Bayes factor of every candidate by linear approximation, on the training shots."""
