@@ -209,9 +209,9 @@ class Forward:
             mixing = mixed(self.design, state.values["colour_mixing"])
         return np.asarray(mixing * self.flux * state.gains * self.shot(number).lit)
 
-    def _signal(self, state: State, number: int, light: NDArray[np.floating]) -> Array:
-        mixing = self.weights(state, number)
-        channels = np.moveaxis(np.tensordot(mixing, self._optics(state, number, light), axes=1), 0, -1)
+    def _signal(self, state: State, number: int, light: NDArray[np.floating], *, order: int = ORDER) -> Array:
+        optics = self._optics(state, number, light, order=order)
+        channels = np.moveaxis(np.tensordot(self.weights(state, number), optics, axes=1), 0, -1)
         reported = self._reported(state, channels * _pattern(state))
         return clipped(reported, self.shot(number).clip_sigma)
 
@@ -308,13 +308,14 @@ class Forward:
         values = dict(state.values.get(unknown.effect) or effect(unknown.effect).null(self.bank.model.design))
         now = coordinate(p, values[p.name])
         far = 1.0 if p.squared and now == 0 else HALF_STEP
+        order = 1 if effect(unknown.effect).warps else ORDER  # errors of resampling cancel in a difference
         ends = []
         for step in (0.0, far) if p.one_sided and now < far else (-far, far):
             if step == 0.0:
                 ends.append((here, 0.0))
                 continue
             changed = state.with_values(unknown.effect, values | {p.name: value_at(p, now + step)})
-            ends.append((self._signal(changed, number, light), step))
+            ends.append((self._signal(changed, number, light, order=order), step))
         (low, start), (high, end) = ends
         return (high - low) / (end - start)
 
