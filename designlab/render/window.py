@@ -1,10 +1,12 @@
 """What the membrane's light loses on its way to the camera."""
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.materials import AIR
 from designlab.press import Surface
 from designlab.render import bridge
 from designlab.scene import Dielectric, Scene
@@ -12,6 +14,7 @@ from designlab.viewing import Rays
 
 Array = NDArray[np.float64]
 ON_THE_WAY = ("interface", "window")  # boundaries between membrane and camera
+GAP = "gap-gel"  # the interface where gel and core have come apart: gel, then air, then core
 
 
 @lru_cache(maxsize=4)
@@ -19,9 +22,10 @@ def transmission(scene: Scene, surface: Surface, rays: Rays) -> Array:
     """Share of the membrane's radiance that reaches the camera, shape (groups, rows, columns).
 
     The viewing rays are followed from the membrane through the boundaries: Fresnel's losses for unpolarised
-    light, what the media absorb or scatter away, and the widening of the beam on leaving the gel.
+    light, what the media absorb or scatter away, and the widening of the beam on leaving the gel. Of a gap
+    between gel and core all reflections within it count, and its thickness does not.
     """
-    boundaries = {s.name: s for s in scene.shapes if s.name in ON_THE_WAY}
+    boundaries = {s.name: s for s in scene.shapes if s.name in (*ON_THE_WAY, GAP)}
     passed = np.ones((scene.groups, *rays.x_mm.shape))
     if not boundaries:
         return passed
@@ -44,6 +48,9 @@ def transmission(scene: Scene, surface: Surface, rays: Rays) -> Array:
         normal = dr.mulsign(si.n, dr.dot(si.n, ray.d))
         cosine = dr.dot(normal, ray.d)
         reflected, *_ = mi.fresnel(cosine, 1 / ratio)
+        if name == "interface" and GAP in boundaries:
+            gap = next(mi.ShapePtr(shape) for shape in loaded.shapes() if shape.id() == GAP)
+            reflected = dr.select(si.shape == gap, _off_gap(cosine, boundary), reflected)
         onward = dr.safe_sqrt(1 - ratio**2 * (1 - cosine * cosine))
         direction = ratio * ray.d + (onward - ratio * cosine) * normal
         share = np.asarray(dr.select(si.is_valid(), 1 - reflected, 0.0)).reshape(rays.x_mm.shape)
@@ -56,3 +63,16 @@ def transmission(scene: Scene, surface: Surface, rays: Rays) -> Array:
     gel = boundaries["interface"].material
     assert isinstance(gel, Dielectric)
     return passed / gel.inside.index**2
+
+
+def _off_gap(cosine: Any, boundary: Dielectric) -> Any:
+    """Share of light that a gap of air in a boundary reflects; thick against the wave, so without phases."""
+    import drjit as dr
+    import mitsuba as mi
+
+    inner, outer = boundary.inside.index / AIR.index, boundary.outside.index / AIR.index
+    first, *_ = mi.fresnel(cosine, 1 / inner)
+    between = dr.safe_sqrt(1 - inner**2 * (1 - cosine * cosine))
+    second, *_ = mi.fresnel(between, outer)
+    passed = (1 - first) * (1 - second) / dr.maximum(1 - first * second, 1e-6)
+    return dr.select(first >= 1, 1.0, 1 - passed)

@@ -17,6 +17,7 @@ from designlab.plant.rig import Rig
 from designlab.plant.surface import Indenter, indented
 from designlab.plant.tracing import Tracer
 from designlab.press import Press
+from designlab.render.window import transmission
 from designlab.simulate import Simulator
 from geometries import probes
 
@@ -297,3 +298,24 @@ def test_a_design_that_states_a_gap_has_it():
     assert planted.glass.gap == found.gap
     assert [wall.name for wall in found.walls] == [wall.name for wall in Rig.of(FLAT).glass.walls]
     assert Rig.of(FLAT).glass.gap is None
+
+
+@pytest.mark.llvm
+def test_what_lies_behind_a_gap_is_seen_through_a_slab_of_air():
+    """Share that passes gel, air and core over that through gel and core, by the closed form of a slab."""
+    apart = FLAT.replace({"optics.gap_centre_mm": (1.5, 1.0), "optics.gap_radius_mm": 2.0})
+    shares = []
+    for design in (FLAT, apart):
+        simulator = Simulator(design, columns=24, seed=1)
+        untouched = simulator.surface(None)
+        shares.append(transmission(simulator.scene(untouched), untouched, simulator.rays)[0])
+    rays, thickness = simulator.rays, FLAT.elastomer.thickness_mm
+    x, y = rays.x_mm + thickness * rays.slope_x, rays.y_mm + thickness * rays.slope_y
+    cosine = 1 / np.sqrt(1 + rays.slope_x**2 + rays.slope_y**2)
+    gel, core = FLAT.optics.gel_index, FLAT.optics.core_index
+    expected = slab_transmission(cosine, gel, 1.0, core) / (1 - reflectance(cosine, gel, core))
+    away = np.hypot(x - 1.5, y - 1.0)
+    found = shares[1] / shares[0]
+    np.testing.assert_allclose(found[away < 1.95], expected[away < 1.95], rtol=1e-3)
+    np.testing.assert_allclose(found[away > 2.05], 1.0, rtol=1e-5)
+    assert expected.max() < 0.97
