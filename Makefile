@@ -5,7 +5,7 @@
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: demo test
+.PHONY: demo test test-full
 
 demo: $(INSTALLED)
 	$(BIN)/designlab demo --out demo-out
@@ -21,6 +21,9 @@ test: $(INSTALLED)
 	@$(BIN)/lint-imports --no-logo
 	@echo "== pytest"
 	@$(BIN)/python -m pytest -n 2
+
+test-full: $(INSTALLED)
+	$(BIN)/python -m pytest -n 2 -m full
 
 $(INSTALLED): pyproject.toml constraints.txt scripts/install.sh scripts/ensure-llvm.sh
 	@scripts/install.sh

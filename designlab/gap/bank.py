@@ -26,7 +26,7 @@ LEAST_DEPTH_MM = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """Change of light with one coordinate t: t * first + t^2 * second, going on straight where t exceeds 1.
+    """Change of light with one coordinate t: t * first + t^2 * second, going on straight beyond `reach`.
 
     Both have shape (groups, rows, columns), or (rows, columns) where the light of `group` alone changes.
     """
@@ -34,18 +34,20 @@ class Change:
     first: Single
     second: Single
     group: int | None = None
+    reach: float = 1.0
 
     def added(self, light: Single, t: float) -> None:
         """Add the change at t to light (groups, rows, columns)."""
         target = light if self.group is None else light[self.group]
         target += np.float32(t) * self.first
-        target += np.float32(t * t if abs(t) < 1 else 2 * abs(t) - 1) * self.second
+        end = min(abs(t), self.reach)
+        target += np.float32(end * (2 * abs(t) - end)) * self.second
 
     def slope(self, shape: tuple[int, ...], t: float) -> Single:
         """Derivative at t, (groups, rows, columns)."""
         found = np.zeros(shape, dtype=np.float32)
         target = found if self.group is None else found[self.group]
-        target += self.first + np.float32(2 * np.clip(t, -1.0, 1.0)) * self.second
+        target += self.first + np.float32(2 * np.clip(t, -self.reach, self.reach)) * self.second
         return found
 
 
@@ -255,7 +257,8 @@ def _quadratic(here: Single, sides: Sequence[tuple[Single, float]], group: int |
     (a, s), (b, t) = ((light[chosen] - here[chosen], at) for light, at in sides)
     second = (b / np.float32(t) - a / np.float32(s)) / np.float32(t - s)
     first = a / np.float32(s) - np.float32(s) * second
-    return Change(np.ascontiguousarray(first), np.ascontiguousarray(second), group)
+    reach = max(abs(s), abs(t))
+    return Change(np.ascontiguousarray(first), np.ascontiguousarray(second), group, reach)
 
 
 def _sides(model: SensorModel, step: _Step) -> Iterator[tuple[SensorModel, float]]:

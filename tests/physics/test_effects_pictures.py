@@ -65,14 +65,14 @@ def test_a_picture_between_rendered_ones_is_that_of_a_full_render(name, flat, fo
     assert_combines(flat, name, folder)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.llvm
 @pytest.mark.parametrize("name", SLOW)
 def test_every_picture_between_rendered_ones_is_that_of_a_full_render(name, tmp_path):
     assert_combines(Sensor(FLAT, 32, samples=SAMPLES.get(name, 32)), name, tmp_path)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.llvm
 def test_a_moved_camera_sees_a_dome_by_resampling(tmp_path):
     assert_combines(Sensor(DOME, 48), "camera_pose", tmp_path)
@@ -184,14 +184,14 @@ def test_the_generators_own_formulation_makes_the_same_change(name, flat):
     assert_generator_agrees(flat, name)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.llvm
 @pytest.mark.parametrize("name", BEFORE)
 def test_the_generator_makes_the_same_change_to_light_and_gel(name):
     assert_generator_agrees(Sensor(FLAT, 32, samples=SAMPLES.get(name, 64)), name)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.llvm
 @pytest.mark.parametrize(
     "name", ["led_position", "led_tilt", "specular_coat", "contact_profile", "camera_pose"]
@@ -209,7 +209,7 @@ def test_the_generators_disc_and_the_gaussian_blur_alike_where_pixels_resolve_th
     assert rms(other - change) <= GENERATOR * rms(change)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.llvm
 @pytest.mark.parametrize("name", [*sorted(OF_CORE), "led_position", "camera_pose"])
 def test_the_generator_makes_the_same_change_behind_glass(name, behind_glass):

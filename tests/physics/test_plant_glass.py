@@ -268,7 +268,7 @@ def test_transport_effects_have_no_parameters_in_air():
         assert effects.parameters(name, Rig.of(FLAT))
 
 
-@pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.llvm
 def test_untouched_and_pressed_gel_look_as_the_renderer_shows_them():
     """Independent transport: backward paths here, photons from the LEDs there; no gain is fitted."""
