@@ -63,6 +63,8 @@ class Picture:
         Membrane point every pixel sees.
     numerical : array, shape (groups, rows, columns)
         What a finer membrane mesh changes.
+    pitch_mm : tuple of float
+        Size of a pixel on the plane z = 0.
     pose : tuple of Change
         By steps `POSE_STEP` of x, y, depth and yaw; empty without a press.
     changes : mapping of (effect, parameter) to Change
@@ -72,6 +74,7 @@ class Picture:
     light: Single
     seen_mm: tuple[Array, Array]
     numerical: Single
+    pitch_mm: tuple[float, float]
     pose: tuple[Change, ...] = ()
     changes: Mapping[tuple[str, str], Change] = field(default_factory=dict)
 
@@ -90,15 +93,12 @@ class Bank:
         One for each press, shared by its shots.
     place : tuple of int
         Number of the picture of each shot.
-    pitch_mm : tuple of float
-        Size of a pixel on the plane z = 0.
     """
 
     model: SensorModel
     shots: tuple[Shot, ...]
     pictures: tuple[Picture, ...]
     place: tuple[int, ...]
-    pitch_mm: tuple[float, float]
 
     def of(self, number: int) -> Picture:
         """Picture of a shot."""
@@ -123,8 +123,7 @@ def fill(renders: Renders, model: SensorModel, shots: tuple[Shot, ...], effects:
         _filled.clear()
         _filled[key] = _fill(renders, model, presses, effects)
     pictures = _filled[key]
-    pitch = renders.simulator(model, shots[0].view).rays.pitch_mm
-    return Bank(model, shots, pictures, tuple(presses.index(key) for key in keys), pitch)
+    return Bank(model, shots, pictures, tuple(presses.index(key) for key in keys))
 
 
 _filled: dict[str, tuple["Picture", ...]] = {}
@@ -232,7 +231,7 @@ def _picture(
     if press is not None:
         ends = [(renders.basis(model, there, view), s) for s, there in _around(press)]
         pose = tuple(_quadratic(here, ends[2 * axis : 2 * axis + 2], None) for axis in range(len(POSE)))
-    return Picture(here, seen, numerical, pose, changes)
+    return Picture(here, seen, numerical, simulator.rays.pitch_mm, pose, changes)
 
 
 def _relative(light: Single, varied: SensorModel, model: SensorModel) -> Single:

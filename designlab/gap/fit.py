@@ -82,6 +82,9 @@ class Fitter:
             ]
             matrix += columns.T @ columns
             right += columns.T @ signal
+        for name, light in zip(design.group_names, np.diag(matrix), strict=True):
+            if not light > 0:
+                raise ValueError(f"measurement: no frame is lit by the LED group {name!r} of the model")
         gains = np.linalg.solve(matrix, right)
         for name, gain in zip(design.group_names, gains, strict=True):
             if not gain > 0:
@@ -95,8 +98,7 @@ class Fitter:
 
     def measure(self, state: State) -> None:
         """Set the noise of all shots by what a state predicts."""
-        black = self.forward.design.camera.black_level
-        forward = self.forward
+        forward, black = self.forward, self.forward.black
         self.noises = [
             noise(shot, forward.predict(state, n), forward.untouched(state, n), black)
             for n, shot in enumerate(self.bank.shots)

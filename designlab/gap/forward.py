@@ -99,6 +99,11 @@ class Forward:
             e.name: e.parameters(bank.model.design) for e in CATALOGUE
         }
 
+    @property
+    def black(self) -> Array:
+        """Signal of the three channels without light, by the model as given."""
+        return np.asarray(self.bank.model.on_signal(np.full(3, self.design.camera.black_level)), dtype=float)
+
     def shot(self, number: int) -> Shot:
         """One of the shots."""
         return self.bank.shots[number]
@@ -154,8 +159,9 @@ class Forward:
     def sight(self, state: State, number: int) -> Sight:
         """What effects on the light of a shot need to know."""
         shot = self.shot(number)
-        seen = self.bank.of(number).seen_mm
-        return Sight(self.design, shot.view, seen, self.bank.pitch_mm, shot.gel_rotation_deg)
+        picture = self.bank.of(number)
+        seen = picture.seen_mm
+        return Sight(self.design, shot.view, seen, picture.pitch_mm, shot.gel_rotation_deg)
 
     def _optics(
         self, state: State, number: int, light: NDArray[np.floating], *, order: int = ORDER
@@ -217,7 +223,8 @@ class Forward:
 
     def _reported(self, state: State, mixed: Array) -> Array:
         """Signal of the camera for mixed light, (..., 3)."""
-        signal = np.asarray(mixed + self.design.camera.black_level)
+        lifted = np.asarray(mixed + self.design.camera.black_level)
+        signal = np.asarray(self.bank.model.on_signal(lifted), dtype=float)
         for e in CATALOGUE:
             if e.name in state.values:
                 signal = np.asarray(e.on_signal(signal, state.values[e.name]))
