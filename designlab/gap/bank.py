@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.camera import View
-from designlab.effects import AppliedEffect, Effect, Parameter, SensorModel, effect
-from designlab.gap.basis import Renders
+from designlab.effects import AppliedEffect, SensorModel, effect
+from designlab.gap.basis import Renders, Variant
+from designlab.gap.steps import Step, Values, steps
 from designlab.measurement.shots import POSE, Shot
 from designlab.press import Press
 from designlab.store import digest
@@ -22,6 +23,7 @@ Single = NDArray[np.float32]
 
 POSE_STEP = (0.05, 0.05, 0.03, 1.0)  # x, y, depth (mm) and yaw (deg): steps of the differences
 LEAST_DEPTH_MM = 0.01
+FILLED_KEPT = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,12 +31,14 @@ class Change:
     """Change of light with one coordinate t: t * first + t^2 * second, going on straight beyond `reach`.
 
     Both have shape (groups, rows, columns), or (rows, columns) where the light of `group` alone changes.
+    Where `product`, t is the coordinate of a shape times that of what it is the shape of.
     """
 
     first: Single
     second: Single
     group: int | None = None
     reach: float = 1.0
+    product: bool = False
 
     def added(self, light: Single, t: float) -> None:
         """Add the change at t to light (groups, rows, columns)."""
@@ -68,7 +72,7 @@ class Picture:
     pose : tuple of Change
         By steps `POSE_STEP` of x, y, depth and yaw; empty without a press.
     changes : mapping of (effect, parameter) to Change
-        By prior standard deviations. A shape's coordinate multiplies that of its effect's first parameter.
+        By prior standard deviations from where the bank stands.
     """
 
     light: Single
@@ -93,19 +97,29 @@ class Bank:
         One for each press, shared by its shots.
     place : tuple of int
         Number of the picture of each shot.
+    origin : mapping of effect to values
+        Where rendered effects stand in the pictures; those not named are at their null.
     """
 
     model: SensorModel
     shots: tuple[Shot, ...]
     pictures: tuple[Picture, ...]
     place: tuple[int, ...]
+    origin: Mapping[str, Values] = field(default_factory=dict)
 
     def of(self, number: int) -> Picture:
         """Picture of a shot."""
         return self.pictures[self.place[number]]
 
 
-def fill(renders: Renders, model: SensorModel, shots: tuple[Shot, ...], effects: Sequence[str]) -> Bank:
+def fill(
+    renders: Renders,
+    model: SensorModel,
+    shots: tuple[Shot, ...],
+    effects: Sequence[str],
+    *,
+    origin: Mapping[str, Values] | None = None,
+) -> Bank:
     """Render everything that a diagnosis with some effects needs.
 
     Parameters
@@ -114,16 +128,20 @@ def fill(renders: Renders, model: SensorModel, shots: tuple[Shot, ...], effects:
         Where pictures come from; those already there cost nothing.
     effects : sequence of str
         Effects that may be fitted.
+    origin : mapping of effect to values, optional
+        Values of rendered effects about which the pictures are taken; their null when absent.
     """
+    origin = {} if origin is None else origin
     keys = [(shot.press, shot.view) for shot in shots]
     presses = list(dict.fromkeys(keys))
-    key = digest(model.digest, presses, list(effects), str(renders.folder), renders.samples, renders.seed)
+    settings = list(effects), origin, str(renders.folder), renders.samples, renders.seed
+    key = digest(model.digest, presses, *settings)
     if key not in _filled:
         # Measurements of one sensor by one plan share their pictures.
-        _filled.clear()
-        _filled[key] = _fill(renders, model, presses, effects)
-    pictures = _filled[key]
-    return Bank(model, shots, pictures, tuple(presses.index(key) for key in keys))
+        if len(_filled) >= FILLED_KEPT:
+            _filled.pop(next(iter(_filled)))
+        _filled[key] = _fill(renders, model, presses, effects, origin)
+    return Bank(model, shots, _filled[key], tuple(presses.index(k) for k in keys), origin)
 
 
 _filled: dict[str, tuple["Picture", ...]] = {}
@@ -131,118 +149,88 @@ _filled: dict[str, tuple["Picture", ...]] = {}
 
 def _fill(
     renders: Renders,
-    model: SensorModel,
+    given: SensorModel,
     presses: Sequence[tuple[Press | None, View]],
     effects: Sequence[str],
+    origin: Mapping[str, Values],
 ) -> tuple["Picture", ...]:
-    steps = [step for name in effects for step in _steps(model, effect(name))]
+    chosen = [
+        step
+        for name in effects
+        for step in steps(effect(name), effect(name).parameters(given.design), origin.get(name))
+    ]
+    model = given
+    for name, values in origin.items():
+        model = _with(model, name, values)
     touched = sum(press is not None for press, _ in presses)
-    sides = 2 * len(steps)
-    renders.begin("pictures", len(presses) * (2 + sides) + touched * 2 * len(POSE))
+    renders.begin("pictures", len(presses) * (2 + 2 * len(chosen)) + touched * 2 * len(POSE))
     # One model after the other: what its light is shaded from is large and not kept for long.
-    for variant in ("value", "fine"):
+    variants: tuple[Variant, Variant] = ("value", "fine")
+    for variant in variants:
         for press, view in presses:
             renders.basis(model, press, view, variant=variant)
             if press is not None and variant == "value":
                 for _, there in _around(press):
                     renders.basis(model, there, view)
-    for step in steps:
-        for varied, _ in _sides(model, step):
+    for step in chosen:
+        for end in step.ends:
+            varied = _with(model, step.effect, end)
             for press, view in presses:
                 if press is not None or _acts_untouched(step.effect):
                     renders.basis(varied, press, view)
-    return tuple(_picture(renders, model, press, view, steps) for press, view in presses)
+    lamp = _Lamp(renders, given)
+    return tuple(_picture(lamp, model, press, view, chosen) for press, view in presses)
 
 
-@dataclass(frozen=True)
-class _Step:
-    """Two other values of some parameters of an effect, each of which changes the light of other groups.
+@dataclass(frozen=True, eq=False)
+class _Lamp:
+    """Pictures of models that are lit by the flux of the model as given."""
 
-    `at` holds, for each of the two, the values of the effect and how far they are in standard deviations.
-    """
+    renders: Renders
+    given: SensorModel
 
-    effect: str
-    parameters: tuple[Parameter, ...]
-    at: tuple[tuple[tuple[tuple[str, float], ...], float], ...]
-    shape: bool = False
-
-
-def _steps(model: SensorModel, chosen: Effect) -> Iterator[_Step]:
-    if not chosen.rendered:
-        return
-    parameters, null = chosen.parameters(model.design), chosen.null(model.design)
-    mains = [p for p in parameters if not p.shape]
-    for together in _together(mains):
-        sides = []
-        for t in (1.0, 2.0) if together[0].one_sided else (-1.0, 1.0):
-            values = null | {p.name: float(np.clip(p.null + t * p.sd, p.low, p.high)) for p in together}
-            reached = (values[together[0].name] - together[0].null) / together[0].sd
-            sides.append((tuple(values.items()), reached))
-        yield _Step(chosen.name, tuple(together), tuple(sides))
-    for p in parameters:
-        if p.shape:
-            main = mains[0]
-            sides = []
-            for t in (-1.0, 1.0):
-                values = null | {
-                    main.name: main.null + main.sd,
-                    p.name: float(np.clip(p.null + t * p.sd, p.low, p.high)),
-                }
-                sides.append((tuple(values.items()), (values[p.name] - p.null) / p.sd))
-            yield _Step(chosen.name, (p,), tuple(sides), shape=True)
+    def light(
+        self, model: SensorModel, press: Press | None, view: View, *, variant: Variant = "value"
+    ) -> Single:
+        """Light per unit flux of the model as given, (groups, rows, columns)."""
+        found = self.renders.basis(model, press, view, variant=variant)
+        ours, theirs = (
+            np.array([group.flux_mw for group in m.effective_design().leds.groups])
+            for m in (model, self.given)
+        )
+        return np.asarray(found * (ours / theirs).astype(np.float32)[:, None, None])
 
 
-def _together(parameters: Sequence[Parameter]) -> list[list[Parameter]]:
-    """Sort parameters so that those of different LED groups are moved at once."""
-    lots: list[list[Parameter]] = []
-    for p in parameters:
-        for lot in lots:
-            if p.group and all(other.group and other.group != p.group for other in lot):
-                lot.append(p)
-                break
-        else:
-            lots.append([p])
-    return lots
+def _with(model: SensorModel, name: str, values: Values) -> SensorModel:
+    return model.with_effect(AppliedEffect(name=name, values=dict(values)))
 
 
 def _picture(
-    renders: Renders, model: SensorModel, press: Press | None, view: View, steps: Sequence[_Step]
+    lamp: _Lamp, model: SensorModel, press: Press | None, view: View, chosen: Sequence[Step]
 ) -> Picture:
-    here = renders.basis(model, press, view)
-    simulator = renders.simulator(model, view)
+    here = lamp.light(model, press, view)
+    simulator = lamp.renders.simulator(model, view)
     seen = simulator.rays.hit(simulator.surface(press))
-    numerical = renders.basis(model, press, view, variant="fine") - here
+    numerical = lamp.light(model, press, view, variant="fine") - here
     changes: dict[tuple[str, str], Change] = {}
-    for step in steps:
+    for step in chosen:
         sees = press is not None or _acts_untouched(step.effect)
-        sides = [
-            (_relative(renders.basis(varied, press, view), varied, model) if sees else here, t)
-            for varied, t in _sides(model, step)
-        ]
-        for p in step.parameters:
+        low, high = (
+            lamp.light(_with(model, step.effect, end), press, view) if sees else here for end in step.ends
+        )
+        for number, p in enumerate(step.parameters):
             group = model.design.group_names.index(p.group) if p.group else None
-            if step.shape:
-                (low, t_low), (high, t_high) = sides
-                first = (high - low) / np.float32(t_high - t_low)
-                changes[step.effect, p.name] = Change(first, np.zeros_like(first))
+            ends = [(low, step.reached[0][number]), (high, step.reached[1][number])]
+            if step.product:
+                first = (high - low) / np.float32(ends[1][1] - ends[0][1])
+                changes[step.effect, p.name] = Change(first, np.zeros_like(first), product=True)
             else:
-                changes[step.effect, p.name] = _quadratic(here, sides, group)
+                changes[step.effect, p.name] = _quadratic(here, ends, group)
     pose: tuple[Change, ...] = ()
     if press is not None:
-        ends = [(renders.basis(model, there, view), s) for s, there in _around(press)]
-        pose = tuple(_quadratic(here, ends[2 * axis : 2 * axis + 2], None) for axis in range(len(POSE)))
+        around = [(lamp.light(model, there, view), s) for s, there in _around(press)]
+        pose = tuple(_quadratic(here, around[2 * axis : 2 * axis + 2], None) for axis in range(len(POSE)))
     return Picture(here, seen, numerical, simulator.rays.pitch_mm, pose, changes)
-
-
-def _relative(light: Single, varied: SensorModel, model: SensorModel) -> Single:
-    """Light at unit flux of one model as that at unit flux of another, which is lit by another flux."""
-    ratio = [
-        ours.flux_mw / theirs.flux_mw
-        for ours, theirs in zip(
-            varied.effective_design().leds.groups, model.effective_design().leds.groups, strict=True
-        )
-    ]
-    return light * np.array(ratio, dtype=np.float32)[:, None, None]
 
 
 def _acts_untouched(name: str) -> bool:
@@ -258,12 +246,6 @@ def _quadratic(here: Single, sides: Sequence[tuple[Single, float]], group: int |
     first = a / np.float32(s) - np.float32(s) * second
     reach = max(abs(s), abs(t))
     return Change(np.ascontiguousarray(first), np.ascontiguousarray(second), group, reach)
-
-
-def _sides(model: SensorModel, step: _Step) -> Iterator[tuple[SensorModel, float]]:
-    """The two other models of a step, and how far they are in standard deviations."""
-    for values, t in step.at:
-        yield model.with_effect(AppliedEffect(name=step.effect, values=dict(values))), t
 
 
 def _around(press: Press) -> Iterator[tuple[float, Press]]:

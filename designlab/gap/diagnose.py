@@ -43,6 +43,7 @@ def diagnose(
     columns: int = COLUMNS,
     renders: Path | None = None,
     pictures: bool = True,
+    recentre: bool = True,
 ) -> GapReport:
     """Find the effects that explain the difference between a measurement and a model.
 
@@ -73,6 +74,9 @@ def diagnose(
         Folder of renders that several diagnoses share; within `out` when absent.
     pictures : bool
         Whether to draw what is left.
+    recentre : bool
+        Whether effects on the light are rendered anew at the values found and fitted once more: pictures
+        combined from afar leave out what several parameters do together.
 
     Raises
     ------
@@ -101,11 +105,15 @@ def diagnose(
     search = Search(fitter, names, train, select)
     best, before, after = search.run(start)
     verdict = _verdict(search, before, after)
+    last = fitter
     if verdict in ("unexplained", "at_floor"):
         best, after = fitter.fit(start, (), train), before
-    ends = [judge(fitter, state, final) for state in (start, best.state)]
-    presses = seen.of("train")
-    fitted = [judge(fitter, state, presses) for state in (start, best.state)]
+    elif recentre:
+        last, best = _recentred(source, fitter, best, train)
+        after = judge(last, best.state, select)
+    stands = (fitter, start), (last, best.state)
+    ends = [judge(own, state, final) for own, state in stands]
+    fitted = [judge(own, state, seen.of("train")) for own, state in stands]
     gap = {
         name: Level(first.mean, last.mean, float(first.floor.mean()))
         for name, (first, last) in {
@@ -130,11 +138,22 @@ def diagnose(
         candidates=tuple(search.tried),
         notes=_notes(seen, measurement, model),
         provenance=_provenance(seen, measurement, model, source, begun),
-        pictures=draw(fitter, ends[0].state, ends[1].state, out) if pictures else {},
+        pictures=draw((fitter, ends[0].state), (last, ends[1].state), out) if pictures else {},
     )
     write_atomic(report.model, updated.dumps())
     write_json(out / "report.json", report.to_json())
     return report
+
+
+def _recentred(source: Renders, fitter: Fitter, best: Fit, train: Sequence[int]) -> tuple[Fitter, Fit]:
+    """Fit the effects found once more, about pictures rendered at their values."""
+    bank, found = fitter.bank, best.state.values
+    origin = {name: values for name, values in found.items() if effect(name).rendered}
+    if not origin:
+        return fitter, best
+    near = Fitter(fill(source, bank.model, bank.shots, list(origin), origin=origin))
+    near.noises = fitter.noises
+    return near, near.fit(best.state, [n for n in found if n != "fixed_pattern"], train)
 
 
 def _names(model: SensorModel, catalogue: Sequence[str] | None) -> list[str]:

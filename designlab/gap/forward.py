@@ -142,12 +142,13 @@ class Forward:
         for p in self.parameters[name]:
             change, t = picture.changes.get((name, p.name)), coordinates[p.name]
             if change is not None and t:
-                found.append((change, t * main if p.shape else t))
+                found.append((change, t * main if change.product else t))
         return found
 
     def coordinates(self, name: str, values: Mapping[str, float]) -> dict[str, float]:
-        """Values as distances from null in prior standard deviations."""
-        return {p.name: (values[p.name] - p.null) / p.sd for p in self.parameters[name]}
+        """Values as distances from where the bank stands, in prior standard deviations."""
+        origin = self.bank.origin.get(name, {})
+        return {p.name: (values[p.name] - origin.get(p.name, p.null)) / p.sd for p in self.parameters[name]}
 
     def _pose(self, state: State, number: int) -> Array:
         """Pose in steps of the bank; a common offset of the depth is part of it."""
@@ -300,12 +301,12 @@ class Forward:
         values = state.values.get(unknown.effect) or effect(unknown.effect).null(self.bank.model.design)
         at = self.coordinates(unknown.effect, values)
         main = next(at[q.name] for q in self.parameters[unknown.effect] if not q.shape)
-        if p.shape:
+        if change.product:
             return np.float32(main) * change.slope(shape, 0.0) / np.float32(p.sd)
         slope = change.slope(shape, at[p.name])
         for q in self.parameters[unknown.effect]:
             cross = picture.changes.get((unknown.effect, q.name))
-            if q.shape and cross is not None:
+            if cross is not None and cross.product and not p.shape:
                 slope = slope + np.float32(at[q.name]) * cross.first
         return slope / np.float32(p.sd)
 

@@ -17,7 +17,11 @@ SMOOTHING_PX = 0.7
 DOTS_PER_INCH = 110
 
 
-def draw(fitter: Fitter, before: State, after: State, out: Path) -> dict[Path, str]:
+Stand = tuple[Fitter, State]
+"""A state and the pictures it is to be combined from."""
+
+
+def draw(before: Stand, after: Stand, out: Path) -> dict[Path, str]:
     """Draw the press that differs most before, of those used for nothing else, and the untouched gel.
 
     Returns
@@ -25,9 +29,10 @@ def draw(fitter: Fitter, before: State, after: State, out: Path) -> dict[Path, s
     dict of Path to str
         Files and their captions.
     """
+    fitter, state = before
     shots = fitter.bank.shots
     final = [n for n, shot in enumerate(shots) if shot.use == "final"]
-    worst = max(final, key=lambda n: squared(fitter, before, n)[0])
+    worst = max(final, key=lambda n: squared(fitter, state, n)[0])
     untouched = [n for n, shot in enumerate(shots) if shot.press is None]
     brightest = max(untouched, key=lambda n: float(shots[n].lit.sum()))
     press = shots[worst].press
@@ -40,7 +45,7 @@ def draw(fitter: Fitter, before: State, after: State, out: Path) -> dict[Path, s
         "residual-background.png": (brightest, "Untouched gel"),
     }
     return {
-        _figure(fitter, before, after, number, out / name): (
+        _figure(before, after, number, out / name): (
             f"{what} ({shots[number].files[0]}): measured minus simulated. Upper row: the model as "
             "given; lower row: the updated model. One colour scale."
         )
@@ -48,7 +53,7 @@ def draw(fitter: Fitter, before: State, after: State, out: Path) -> dict[Path, s
     }
 
 
-def _figure(fitter: Fitter, before: State, after: State, number: int, path: Path) -> Path:
+def _figure(before: Stand, after: Stand, number: int, path: Path) -> Path:
     import io
 
     import matplotlib
@@ -57,11 +62,12 @@ def _figure(fitter: Fitter, before: State, after: State, number: int, path: Path
     from matplotlib import pyplot
     from scipy.ndimage import gaussian_filter
 
+    fitter, _ = before
     shot = fitter.bank.shots[number]
     level = np.array([max(float(shot.signal[..., c].mean()), 1e-9) for c in range(3)])
     maps = []
-    for state in (before, after):
-        left = np.where(shot.valid, shot.signal - fitter.forward.predict(state, number), 0.0)
+    for own, state in (before, after):
+        left = np.where(shot.valid, shot.signal - own.forward.predict(state, number), 0.0)
         maps.append(100 * gaussian_filter(left, (SMOOTHING_PX, SMOOTHING_PX, 0)) / level)
     x, y = fitter.bank.of(number).seen_mm
     extent = (x.min(), x.max(), y.min(), y.max())

@@ -92,6 +92,7 @@ def _one(trial: Trial, folder: Path) -> Outcome:
             columns=COLUMNS,
             renders=folder / "renders" / trial.design,
             pictures=False,
+            recentre=False,
         ).to_json()
     except MeasurementError as error:
         report = {"verdict": f"refused: {error}", "effects": [], "gap": {}, "candidates": []}

@@ -20,7 +20,7 @@ TRIED += ("banding", "exposure_drift", "fixed_pattern", "colour_mixing", "black_
 
 MIXING = {"R_from_green": 0.15, "R_from_blue": 0.1, "G_from_red": 0.12, "G_from_blue": 0.2}
 MIXING |= {"B_from_red": 0.1, "B_from_green": 0.14}
-OFFSET = {"radial_mm": 0.3, "height_mm": -0.3, "tangential_mm": 0.25}
+OFFSET = {"radial_mm": 0.6, "height_mm": -0.6, "tangential_mm": 0.5}
 CASES = {
     "colour_mixing": (MIXING, 0.01),
     "led_position": (OFFSET, 0.05),

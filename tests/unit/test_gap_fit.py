@@ -103,6 +103,27 @@ def test_combined_pictures_are_those_rendered_at_the_same_values(bank, name) -> 
         )
 
 
+def test_pictures_about_values_found_are_those_rendered_there(renders) -> None:
+    far = {"radial_mm": 0.9, "height_mm": -0.8, "tangential_mm": 0.7}
+    near = {"radial_mm": 1.0, "height_mm": -0.9, "tangential_mm": 0.6}
+    model = SensorModel.of(DESIGN)
+    bank = fill(renders, model, shots(model)[:1], ["led_position"], origin={"led_position": far})
+    combined = Forward(bank).predict(State(GAINS, {"led_position": near}), 0)
+    moved_leds = SensorModel(design=DESIGN, effects=(AppliedEffect(name="led_position", values=near),))
+    frame = Simulator(moved_leds, view=VIEW, samples=SAMPLES, seed=SEED).frame(None)
+    rendered = np.einsum("cg,grk->rkc", frame.weights * GAINS, frame.basis.astype(float))
+    assert np.sqrt(((combined - rendered) ** 2).mean()) < 0.003 * np.sqrt((rendered**2).mean())
+
+
+def test_what_the_given_model_adds_to_the_signal_is_predicted(bank) -> None:
+    lifted = SensorModel.of(DESIGN).with_effect(
+        AppliedEffect(name="black_level", values={"R": 0.01, "G": 0.02, "B": 0.03})
+    )
+    above = Forward(replace(bank, model=lifted)).predict(State(GAINS), 0)
+    expected = np.broadcast_to([0.01, 0.02, 0.03], above.shape)
+    np.testing.assert_allclose(above - Forward(bank).predict(State(GAINS), 0), expected, atol=1e-9)
+
+
 def test_columns_are_the_derivatives_of_what_is_predicted(bank) -> None:
     fitter = Fitter(bank)
     state = State(GAINS, {name: VALUES[name] for name in VALUES}, {1: ERRORS[0]})
