@@ -2,7 +2,7 @@
 
 import shutil
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from designlab.design import Design
@@ -10,14 +10,16 @@ from designlab.effects import CATALOGUE, AppliedEffect, SensorModel, effect
 from designlab.gap.advise import advise
 from designlab.gap.bank import fill
 from designlab.gap.basis import Progress, Renders
+from designlab.gap.control import control
 from designlab.gap.fit import Fit, Fitter
-from designlab.gap.forward import coordinate, value_at
+from designlab.gap.intervals import values
 from designlab.gap.judge import Judged, judge
 from designlab.gap.observe import observe
 from designlab.gap.pictures import draw
 from designlab.gap.result import Found, GapReport, Level, Value, Verdict
 from designlab.gap.search import Search
-from designlab.gap.where import where
+from designlab.gap.where import geometry, where
+from designlab.gap.words import limits
 from designlab.measurement import Measurement
 from designlab.measurement.shots import Observations
 from designlab.store import remove_partial, write_atomic, write_json
@@ -27,7 +29,6 @@ COLUMNS = 160
 UNEXPLAINED_ABOVE = 0.5  # leftover share of the gap from which nothing is named
 PARTIAL_ABOVE = 0.15
 AT_FLOOR = 3.0  # mean squared residual over the floor below which there is no gap to explain
-INTERVAL_SD = 1.96
 
 
 def diagnose(
@@ -99,10 +100,9 @@ def diagnose(
     bank = fill(source, model, seen.shots, names)
     fitter = Fitter(bank)
     train, select, final = seen.of("dark", "background", "train"), seen.of("select"), seen.of("final")
-    source.begin("effects", 1)
     start = fitter.fit(fitter.start(train), (), train).state
     fitter.measure(start)
-    search = Search(fitter, names, train, select)
+    search = Search(fitter, names, train, select, progress=progress)
     best, before, after = search.run(start)
     verdict = _verdict(search, before, after)
     last = fitter
@@ -122,14 +122,23 @@ def diagnose(
             "final": ends,
         }.items()
     }
-    updated = _updated(fitter, best, measurement.name)
+    found = {name: values(last, best, name, train) for name in best.state.values}
+    winners = [] if verdict in ("unexplained", "at_floor") else search.winners
+    effects = tuple(
+        Found(
+            w.name,
+            found[w.name],
+            w.confidence,
+            w.coherence_set,
+            effect(w.name).summary,
+            effect(w.name).transferable,
+        )
+        for w in winners
+    )
+    updated = _updated(model, found, measurement.name)
     report = GapReport(
         verdict=verdict,
-        effects=tuple(
-            Found(w.name, _values(fitter, best, w.name), w.confidence, w.coherence_set)
-            for w in search.winners
-            if verdict not in ("unexplained", "at_floor")
-        ),
+        effects=effects,
         where=where(fitter, source, before.state, [*train, *select]) if verdict != "at_floor" else (),
         gap=gap,
         next_measurement=advise(fitter, seen, search, verdict),
@@ -138,7 +147,27 @@ def diagnose(
         candidates=tuple(search.tried),
         notes=_notes(seen, measurement, model),
         provenance=_provenance(seen, measurement, model, source, begun),
-        pictures=draw((fitter, ends[0].state), (last, ends[1].state), out) if pictures else {},
+        pictures=draw(
+            (fitter, ends[0].state),
+            (last, ends[1].state),
+            lambda number: geometry(fitter, source, ends[0].state, number),
+            out,
+        )
+        if pictures
+        else {},
+        control=control(
+            fitter,
+            start,
+            named=[w.name for w in winners],
+            as_good={name for w in winners for name in w.coherence_set},
+            evidence=search.screened[0],
+            train=train,
+            final=final,
+            before=ends[0],
+        )
+        if winners
+        else None,
+        limits=limits(seen, effects),
     )
     write_atomic(report.model, updated.dumps())
     write_json(out / "report.json", report.to_json())
@@ -176,28 +205,15 @@ def _verdict(search: Search, before: Judged, after: Judged) -> Verdict:
     return "partial" if share > PARTIAL_ABOVE and not near else "named"
 
 
-def _values(fitter: Fitter, best: Fit, name: str) -> dict[str, Value]:
-    """Values with 95 % intervals, statistical."""
-    values, deviations = best.state.values[name], best.deviations(name)
-    found = {}
-    for p in fitter.forward.parameters[name]:
-        t = coordinate(p, values[p.name])
-        away = INTERVAL_SD * deviations.get(p.name, 0.0)
-        found[p.name] = Value(values[p.name], value_at(p, t - away), value_at(p, t + away), p.unit)
-    return found
-
-
-def _updated(fitter: Fitter, best: Fit, found_in: str) -> SensorModel:
-    """Add the effects found to the model that was given."""
-    model = fitter.bank.model
-    for name in best.state.values:
-        values = _values(fitter, best, name)
+def _updated(model: SensorModel, found: Mapping[str, Mapping[str, Value]], found_in: str) -> SensorModel:
+    """Add the effects found to the model that was given; ends of intervals that are not known are left out."""
+    for name, values in found.items():
         model = model.with_effect(
             AppliedEffect(
                 name=name,
                 values={p: v.value for p, v in values.items()},
-                low={p: v.low for p, v in values.items()},
-                high={p: v.high for p, v in values.items()},
+                low={p: v.low for p, v in values.items() if v.low is not None},
+                high={p: v.high for p, v in values.items() if v.high is not None},
                 found_in=found_in,
             )
         )

@@ -15,7 +15,7 @@ from designlab.report.page import (
     table,
 )
 from designlab.report.study import study_report
-from designlab.report.tables import gap_report
+from designlab.report.gap import gap_report
 
 __all__ = [
     "Column",
