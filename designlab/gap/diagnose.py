@@ -206,14 +206,14 @@ def _verdict(search: Search, before: Judged, after: Judged) -> Verdict:
 
 
 def _updated(model: SensorModel, found: Mapping[str, Mapping[str, Value]], found_in: str) -> SensorModel:
-    """Add the effects found to the model that was given; ends of intervals that are not known are left out."""
-    for name, values in found.items():
+    """Add the effects found to the model that was given, without ends of intervals that are not known."""
+    for name, own in found.items():
         model = model.with_effect(
             AppliedEffect(
                 name=name,
-                values={p: v.value for p, v in values.items()},
-                low={p: v.low for p, v in values.items() if v.low is not None},
-                high={p: v.high for p, v in values.items() if v.high is not None},
+                values={p: v.value for p, v in own.items()},
+                low={p: v.low for p, v in own.items() if v.low is not None},
+                high={p: v.high for p, v in own.items() if v.high is not None},
                 found_in=found_in,
             )
         )

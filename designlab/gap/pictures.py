@@ -65,7 +65,8 @@ def draw(before: Stand, after: Stand, frame: Callable[[int], Frame], out: Path) 
     extent = extent_mm(*frame(brightest).seen_mm)
     found = {
         _where(stands, chosen, frame(worst).contact, extent, out / "where.png"): (
-            "Where the excess is: squared residual over its floor, mean of the channels, on the sensor's own axes; "
+            "Where the excess is: squared residual over its floor, mean of the channels, on the sensor's "
+            "own axes; "
             "black is explained. The white line is the edge of the contact; the words at the border are the "
             "LED groups."
         )
@@ -76,7 +77,8 @@ def draw(before: Stand, after: Stand, frame: Callable[[int], Frame], out: Path) 
     ):
         path = _compared(stands, number, extent, out / f"compared-{name}.png")
         found[path] = (
-            f"{what} ({shots[number].files[0]}). Pictures share one scale, residuals another, both in percent "
+            f"{what} ({shots[number].files[0]}). Pictures share one scale, residuals another, both in "
+            "percent "
             "of the channel's mean in the measurement. Grey was not compared."
         )
     return found

@@ -45,11 +45,13 @@ def _missing(report: GapReport) -> str:
     if report.verdict == "at_floor":
         return (
             "Simulation and measurement agree: the squared residual on the final presses is "
-            f"{final.before / final.floor:.2g} times what noise and the errors granted to the simulation leave."
+            f"{final.before / final.floor:.2g} times what noise and the errors granted to the simulation "
+            "leave."
         )
     return (
         "The gap is real but unexplained: the squared residual on the final presses is "
-        f"{final.before / final.floor:.3g} times its floor, and no effect of the catalogue takes enough of it "
+        f"{final.before / final.floor:.3g} times its floor, and no effect of the catalogue takes enough "
+        "of it "
         "away on presses it was not fitted to."
     )
 
@@ -72,13 +74,15 @@ def _gone(final: Level, control: Control | None, effects: Sequence[Found]) -> st
     if removed is None:
         return "On the final presses, which decided nothing, there was no gap to begin with."
     said = (
-        f"On the final presses, which decided nothing, {percent(removed)} of the gap is gone: squared residual "
+        f"On the final presses, which decided nothing, {percent(removed)} of the gap is gone: squared "
+        "residual "
         f"{final.before:.3g} before, {final.after:.3g} after, floor {final.floor:.3g}."
     )
     if control is not None:
         own = sum(len(effect.parameters) for effect in effects)
         said += (
-            f" A wrong effect fitted in the same way, {control.name} ({count(control.parameters, 'parameter')} "
+            f" A wrong effect fitted in the same way, {control.name} "
+            f"({count(control.parameters, 'parameter')} "
             f"against {own}), takes away {percent(control.removed)}."
         )
     return said
@@ -120,7 +124,7 @@ def _kind(region: str) -> str:
 def _place(own: Sequence[Where]) -> str:
     channel, most = _largest((p.channel, p.share) for p in own)
     share, area = sum(p.share for p in own), sum(p.area for p in own)
-    only = most >= ONE_CHANNEL * share and len({p.channel for p in own}) > 1 or len(own) == 1
+    only = len(own) == 1 or most >= ONE_CHANNEL * share
     named = f", channel {channel}" if only else ", all channels"
     return (
         f"{_kind(own[0].region)} ({FRAMES[own[0].frames]}{named}), {percent(share)} of the excess on "
@@ -153,7 +157,8 @@ def _to_do(report: GapReport) -> list[str]:
         return ["The updated model is better but not right; look at what is left before designing with it."]
     if report.verdict == "ambiguous":
         return [
-            f"The updated model holds {' and '.join(effect.name for effect in report.effects)}. It predicts this "
+            f"The updated model holds {' and '.join(effect.name for effect in report.effects)}. It "
+            "predicts this "
             "sensor; for another design take the measurement below first, since the candidates differ there."
         ]
     if report.verdict == "at_floor":
@@ -171,11 +176,13 @@ def limits(seen: Observations, effects: Sequence[Found]) -> tuple[str, ...]:
     """What a diagnosis by these frames cannot know."""
     final, select = len(seen.of("final")), len(seen.of("select"))
     found = [
-        f"All numbers come from one sensor: {count(len(seen.of('train')), 'press')} to fit, {select} to choose, "
+        f"All numbers come from one sensor: {count(len(seen.of('train')), 'press')} to fit, {select} to "
+        "choose, "
         f"{final} for the last figures.",
         "Only products are known: power of an LED group, reflectance of the membrane, gain and exposure are "
         "one number for each group, and are fitted in every comparison.",
-        "Poses of the presses are fitted within their stated errors; what looks like a moved, turned or deeper "
+        "Poses of the presses are fitted within their stated errors; what looks like a moved, turned or "
+        "deeper "
         "press is taken for one.",
     ]
     if not seen.repeats:
@@ -184,7 +191,8 @@ def limits(seen: Observations, effects: Sequence[Found]) -> tuple[str, ...]:
         found.append("No frame without light: a constant added to every picture may hide in other effects.")
     if not any(shot.gel_rotation_deg for shot in seen.shots):
         found.append(
-            "The gel was never turned: uneven reflectance of the membrane and a fall-off of the lens look alike."
+            "The gel was never turned: uneven reflectance of the membrane and a fall-off of the lens "
+            "look alike."
         )
     if not any((shot.lit > 0).sum() == 1 for shot in seen.shots if shot.press is None):
         found.append(

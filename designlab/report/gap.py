@@ -36,21 +36,26 @@ _FRAMES = {"background": "untouched gel", "press": "presses", "dark": "LEDs off"
 _SPLITS = {"train": "fitted to", "select": "chosen by", "final": "final"}
 _GAP = (
     "Mean squared residual in units of the noise. Effects were fitted to the first presses and chosen by the "
-    "second; the final presses were used for nothing else. The floor is what noise of the camera and the errors "
+    "second; the final presses were used for nothing else. The floor is what noise of the camera and the "
+    "errors "
     "granted to the simulation leave."
 )
 _WHERE = (
-    "Shares of the excess over the floor with the model as given. A region stands out where a value holds well "
+    "Shares of the excess over the floor with the model as given. A region stands out where a value "
+    "holds well "
     "more of it than one does in the mean of the same channel and frames."
 )
 _PARAMETERS = (
-    "The drawing spans what is usual (band), the value at which the effect does nothing (thin line), and the hard "
-    "bounds where they are near (brackets). Confidence: share of the effect in the evidence of those that do as "
+    "The drawing spans what is usual (band), the value at which the effect does nothing (thin line), and "
+    "the hard "
+    "bounds where they are near (brackets). Confidence: share of the effect in the evidence of those "
+    "that do as "
     "well, limited by the number of held-out presses; not calibrated."
 )
 _CANDIDATES = (
     "Evidence: logarithm of the Bayes factor against the model without the effect, divided by how many "
-    "neighbouring values err alike; ten or more is needed. Gain: share of the first gap closed on presses that "
+    "neighbouring values err alike; ten or more is needed. Gain: share of the first gap closed on "
+    "presses that "
     "the candidate was not fitted to."
 )
 
@@ -171,7 +176,8 @@ def _gap(gap: Mapping[str, Mapping[str, float]], control: Mapping[str, Any] | No
     if control:
         blocks.append(
             paragraph(
-                f"Control: a wrong effect of about the same size, `{control['name']}`, fitted in the same way, takes "
+                f"Control: a wrong effect of about the same size, `{control['name']}`, fitted in the same "
+                "way, takes "
                 f"away {100 * control['removed']:.0f} % of the gap on the final presses."
             )
         )
@@ -257,7 +263,7 @@ def _candidates(report: Mapping[str, Any]) -> tuple[Html, ...]:
         Column("values", "fitted values"),
         Column("evidence", "evidence"),
         Column("gain", "gain", se="se"),
-        Column("improved", "held-out presses improved"),
+        Column("improved", "presses improved"),
         Column("seconds", "cost", "s"),
     ]
     blocks = [paragraph(_CANDIDATES, note=True)]
@@ -267,9 +273,12 @@ def _candidates(report: Mapping[str, Any]) -> tuple[Html, ...]:
         passed = [c for c in fitted if c["outcome"] == "passed" and c["name"] in named]
         best = max(passed, key=lambda c: c["evidence"])["name"] if passed else ""
         rows = [
-            {**c, "values": _fitted(c), "outcome": Html("<strong>accepted</strong>")}
-            if c["name"] == best
-            else {**c, "values": _fitted(c)}
+            {
+                **c,
+                "values": _fitted(c),
+                "outcome": Html("<strong>accepted</strong>") if c["name"] == best else c["outcome"],
+                "improved": f"{100 * c['improved']:.0f} %" if c.get("improved") is not None else None,
+            }
             for c in sorted(fitted, key=lambda c: -c["evidence"])
         ]
         blocks.append(Html(f"<h3>Round {number}</h3>"))
