@@ -8,7 +8,7 @@ import numpy as np
 from designlab.effects import effect
 from designlab.gap.evidence import System, log_evidence
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter
-from designlab.gap.forward import State, bands
+from designlab.gap.forward import State
 from designlab.gap.judge import LEAST_IMPROVED, LEAST_SHARE, Gain, Judged, gain, judge
 from designlab.gap.pattern import found_pattern
 from designlab.gap.result import Candidate
@@ -71,6 +71,7 @@ class Search:
     winners: list[Winner] = field(default_factory=list)
     alternatives: dict[str, State] = field(default_factory=dict)
     gap: float = 0.0
+    _reached: dict[str, State] = field(default_factory=dict)
 
     def run(self, state: State) -> tuple[Fit, Judged, Judged]:
         """Add effects until none passes.
@@ -157,8 +158,10 @@ class Search:
         for period in PERIODS:
             energy = 0.0
             for shot, left in rows:
-                waves = bands(shot, period)[:, :, 0]
-                waves = waves - waves.mean(axis=1, keepdims=True)
+                _, row = shot.view.centres()
+                turn = 2 * np.pi * row[:, 0] / period
+                waves = np.stack([np.sin(turn), np.cos(turn)])
+                waves -= waves.mean(axis=1, keepdims=True)
                 norm = np.maximum((waves**2).sum(axis=1), 1e-9)
                 energy += float((((waves @ (left - left.mean())) ** 2) / norm).sum())
             if energy > most:
@@ -176,17 +179,25 @@ class Search:
             found = fitter.fit(state, present, self.train)
             evidence = pattern.evidence
         else:
-            start = self._with_period(base.state) if name == "banding" else base.state
-            # A wrong model may have driven poses far off.
-            start = replace(start, poses={})
-            found = fitter.fit(start, [*present, name], self.train)
+            found = fitter.fit(self._beginning(name, base.state), [*present, name], self.train)
             evidence = 0.5 * (base.objective - found.objective) - _occam(found.system, name)
             if name == "banding":
                 evidence -= float(np.log(len(PERIODS)))
         found = replace(found, state=_with_strength(found.state, name))
+        if not fitter.at_bound(found.state, name):
+            self._reached[name] = found.state
         judged = judge(fitter, found.state, self.select)
         evidence += 0.5 * float((now.objective - judged.objective).sum())
         return Attempt(name, found, judged, gain(now, judged, self.gap), evidence / ALIKE)
+
+    def _beginning(self, name: str, base: State) -> State:
+        """Where the fit of a candidate begins: at its null, in later rounds at what it reached before."""
+        if name == "banding":
+            return replace(self._with_period(base), poses={})
+        if name not in self._reached:
+            return replace(base, poses={})  # a wrong model may have driven poses far off
+        before = self._reached[name]
+        return replace(base.with_values(name, before.values[name]), poses=before.poses)
 
     def _refused(self, attempt: Attempt) -> str:
         """Why a candidate does not pass; empty if it does."""
