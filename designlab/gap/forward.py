@@ -76,6 +76,13 @@ class State:
         """Give an effect other values."""
         return replace(self, values={**self.values, name: dict(values)})
 
+    def without(self, name: str) -> "State":
+        """Take an effect away."""
+        values = {n: v for n, v in self.values.items() if n != name}
+        drawn = {n: v for n, v in self.drawn.items() if n != name}
+        pattern = None if name == "fixed_pattern" else self.pattern
+        return replace(self, values=values, drawn=drawn, pattern=pattern)
+
     def model(self, bank: Bank) -> SensorModel:
         """Model with the added effects, those that are at their null left out."""
         found = bank.model

@@ -45,7 +45,7 @@ class Warp:
         return np.asarray(moved * self._after, dtype=light.dtype)
 
     def shifted(self, light: NDArray[np.floating]) -> NDArray[np.floating]:
-        """First order of what the changed camera shows beyond what the nominal one does, (n, rows, columns)."""
+        """First order of what the changed camera shows beyond the nominal one, (n, rows, columns)."""
         shift = (self._place - np.indices(self._place.shape[1:])).astype(light.dtype)
         bare = (light / self._before).astype(light.dtype)
         rows, columns = np.gradient(bare, axis=(1, 2))
