@@ -134,7 +134,7 @@ class Search:
 
         Which of them fits better is decided by what no catalogue lists.
         """
-        linear = [name for name in passed if name != "fixed_pattern"]
+        linear = [name for name in passed if name != "fixed_pattern" and name not in DRAWN_SD]
         if best.name not in linear or len(linear) < 2:
             return set()
         held = [name for name in base.state.values if name != "fixed_pattern"]
