@@ -83,7 +83,7 @@ def _gone(final: Level, control: Control | None, effects: Sequence[Found]) -> st
         said += (
             f" A wrong effect fitted in the same way, {control.name} "
             f"({count(control.parameters, 'parameter')} "
-            f"against {own}), takes away {percent(control.removed)}."
+            f"against {own}), {taken(control.removed)}."
         )
     return said
 
@@ -203,6 +203,17 @@ def limits(seen: Observations, effects: Sequence[Found]) -> tuple[str, ...]:
             "Intervals hold if the catalogue does: an effect outside it shifts values by more than they say."
         )
     return tuple(found)
+
+
+def taken(removed: float) -> str:
+    """Say what an effect does to a gap.
+
+    Examples
+    --------
+    >>> taken(0.12), taken(-0.2)
+    ('takes away 12 % of it', 'widens it by 20 %')
+    """
+    return f"takes away {percent(removed)} of it" if removed >= 0 else f"widens it by {percent(-removed)}"
 
 
 def percent(share: float) -> str:

@@ -115,7 +115,7 @@ def _verdict(report: Mapping[str, Any]) -> tuple[Html, ...]:
     model = (
         {"updated model": Html(f"<code>{html.escape(report['model'])}</code>")} if report.get("model") else {}
     )
-    return (Html(lead), *(paragraph(text) for text in others), facts(model))
+    return (Html(lead), *(paragraph(text.replace(" %", "\u00a0%")) for text in others), facts(model))
 
 
 def _where(where: Sequence[Mapping[str, Any]]) -> tuple[Html, ...]:
@@ -160,9 +160,11 @@ def _gap(gap: Mapping[str, Mapping[str, float]], control: Mapping[str, Any] | No
     if not gap:
         return ()
     rows = [
-        {"frames": f"{_SPLITS.get(name, name)} ({name})" if name != "final" else "final"}
-        | {key: level[key] for key in ("before", "after", "floor")}
-        | {"gone": _gone(level)}
+        {
+            **level,
+            "frames": f"{_SPLITS.get(name, name)} ({name})" if name != "final" else "final",
+            "gone": _gone(level),
+        }
         for name, level in gap.items()
     ]
     columns = [
@@ -174,11 +176,16 @@ def _gap(gap: Mapping[str, Mapping[str, float]], control: Mapping[str, Any] | No
     ]
     blocks = [gap_bars(gap, _SPLITS), paragraph(_GAP, note=True), table(rows, columns)]
     if control:
+        removed = 100 * control["removed"]
+        does = (
+            f"takes away {removed:.0f} % of the gap"
+            if removed >= 0
+            else f"widens the gap by {-removed:.0f} %"
+        )
         blocks.append(
             paragraph(
-                f"Control: a wrong effect of about the same size, `{control['name']}`, fitted in the same "
-                "way, takes "
-                f"away {100 * control['removed']:.0f} % of the gap on the final presses."
+                f"Control: a wrong effect of about the same size, `{control['name']}`, fitted in the same way, "
+                f"{does} on the final presses."
             )
         )
     return tuple(blocks)

@@ -85,7 +85,7 @@ def interval_bar(parameter: Mapping[str, Any]) -> Html:
     room = CELL - 2 * MARGIN
 
     def x(at: float) -> float:
-        return MARGIN + room * (min(max(at, first), last) - first) / max(last - first, 1e-12)
+        return float(MARGIN + room * (min(max(at, first), last) - first) / max(last - first, 1e-12))
 
     band = x(null - sd), x(null + sd)
     parts = [
