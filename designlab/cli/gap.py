@@ -137,7 +137,7 @@ def _summary(report: "GapReport") -> str:
     ]
     if rows:
         lines.append(table(("effect", "value", "95 % interval", "unit"), rows))
-    rows = [
+    levels = [
         (
             split,
             f"{gap.before:.3g}",
@@ -147,7 +147,7 @@ def _summary(report: "GapReport") -> str:
         )
         for split, gap in report.gap.items()
     ]
-    lines.append(table(("squared residual / noise", "before", "after", "floor", "gap gone"), rows))
+    lines.append(table(("squared residual / noise", "before", "after", "floor", "gap gone"), levels))
     if report.next_measurement.text:
         lines.append(f"measure next: {report.next_measurement}")
     return "\n".join([*lines, *(f"note: {note}" for note in report.notes), f"model: {report.model}"])

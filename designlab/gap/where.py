@@ -63,21 +63,19 @@ def where(fitter: Fitter, renders: Renders, state: State, shots: Sequence[int]) 
     if total <= 0:
         return ()
     found = []
-    for (region, channel, frames), value in excess.items():
+    for key, value in excess.items():
         if value / total < LEAST_SHARE:
             continue
-        alike = [key for key in excess if key[1:] == (channel, frames)]
-        mean = sum(excess[key] for key in alike) / sum(signed[key][1] for key in alike)
-        sums, size = signed[region, channel, frames]
+        alike = [other for other in excess if other[1:] == key[1:]]
+        mean = sum(max(excess[other], 0.0) for other in alike) / sum(signed[other][1] for other in alike)
+        total_z, size = signed[key]
         found.append(
             Where(
-                region,
-                channel,
-                frames,
+                *key,
                 share=value / total,
                 area=size / compared,
                 times=value / size / mean,
-                mean_z=sums / size,
+                mean_z=total_z / size,
             )
         )
     return tuple(sorted(found, key=lambda place: -place.share))
