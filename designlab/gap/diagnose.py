@@ -111,6 +111,7 @@ def diagnose(
     elif recentre:
         last, best = _recentred(source, fitter, best, train)
         after = judge(last, best.state, select)
+    source.begin("report", 1)
     stands = (fitter, start), (last, best.state)
     ends = [judge(own, state, final) for own, state in stands]
     fitted = [judge(own, state, seen.of("train")) for own, state in stands]

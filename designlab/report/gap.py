@@ -184,8 +184,8 @@ def _gap(gap: Mapping[str, Mapping[str, float]], control: Mapping[str, Any] | No
         )
         blocks.append(
             paragraph(
-                f"Control: a wrong effect of about the same size, `{control['name']}`, fitted in the same way, "
-                f"{does} on the final presses."
+                f"Control: a wrong effect of about the same size, `{control['name']}`, fitted in the same "
+                f"way, {does} on the final presses."
             )
         )
     return tuple(blocks)
