@@ -3,6 +3,7 @@
 import shutil
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from designlab.design import Design
@@ -107,12 +108,12 @@ def diagnose(
     verdict = _verdict(search, before, after)
     last = fitter
     if verdict in ("unexplained", "at_floor"):
-        best, after = fitter.fit(start, (), train), before
+        best, after = replace(best, state=before.state), before
     elif recentre:
         last, best = _recentred(source, fitter, best, train)
         after = judge(last, best.state, select)
     source.begin("report", 1)
-    stands = (fitter, start), (last, best.state)
+    stands = (fitter, before.state), (last, best.state)
     ends = [judge(own, state, final) for own, state in stands]
     fitted = [judge(own, state, seen.of("train")) for own, state in stands]
     gap = {
@@ -158,7 +159,7 @@ def diagnose(
         else {},
         control=control(
             fitter,
-            start,
+            before.state,
             named=[w.name for w in winners],
             as_good={name for w in winners for name in w.coherence_set},
             evidence=search.screened[0],

@@ -117,7 +117,7 @@ def _kind(region: str) -> str:
     return (
         "slopes of the imprint"
         if region.startswith("slope of the imprint")
-        else re.sub(r"the \S+ LEDs", "the LEDs that a channel sees", region)
+        else re.sub(r"the \S+ LEDs", "the channel's own LEDs", region)
     )
 
 
@@ -126,8 +126,10 @@ def _place(own: Sequence[Where]) -> str:
     share, area = sum(p.share for p in own), sum(p.area for p in own)
     only = len(own) == 1 or most >= ONE_CHANNEL * share
     named = f", channel {channel}" if only else ", all channels"
+    region = next(p.region for p in own if p.channel == channel) if only else own[0].region
+    shown = region if only and len({p.region for p in own if p.channel == channel}) == 1 else _kind(region)
     return (
-        f"{_kind(own[0].region)} ({FRAMES[own[0].frames]}{named}), {percent(share)} of the excess on "
+        f"{shown} ({FRAMES[own[0].frames]}{named}), {percent(share)} of the excess on "
         f"{percent(area)} of the values"
     )
 

@@ -153,7 +153,7 @@ def _times(place: Mapping[str, Any]) -> str:
 def _sign(mean_z: float) -> str:
     if abs(mean_z) < 0.5:
         return "brighter here, darker there"
-    return f"{'brighter' if mean_z > 0 else 'darker'}, by {rounded(round(abs(mean_z), 1))} sd in the mean"
+    return f"{'brighter' if mean_z > 0 else 'darker'}, mean {rounded(round(abs(mean_z), 1))} sd"
 
 
 def _gap(gap: Mapping[str, Mapping[str, float]], control: Mapping[str, Any] | None) -> tuple[Html, ...]:

@@ -169,7 +169,7 @@ def test_the_page_shows_what_was_found_tried_and_not_known(tmp_path) -> None:
     for words in (
         "measurement a &lt;b&gt;",
         "named The model lacks vignetting",
-        "corners of the picture R untouched gel 40 5 6 times darker, by 4.2 sd in the mean",
+        "corners of the picture R untouched gel 40 5 6 times darker, mean 4.2 sd",
         "vignetting corner loss 0.31 0.2 to 0.4",
         "not known",
         "0 to 0.9 0.88 none the design",
