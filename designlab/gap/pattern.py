@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import idctn
 
+from designlab.gap.evidence import ALIKE
 from designlab.gap.fit import Fitter
 from designlab.gap.forward import State
 from designlab.gap.noise import SHOT_BUDGET, SMOOTH_BUDGET, spectrum, transformed
@@ -52,4 +53,5 @@ def found_pattern(fitter: Fitter, state: State, shots: Sequence[int]) -> Pattern
     rms = float(STRENGTHS[best])
     values = idctn(mean * rms**2 / (smooth + rms**2), axes=(0, 1), norm="ortho")
     # Scanning strengths takes no more than this from the evidence.
-    return Pattern(np.asarray(values / rms), rms, float(evidence[best] - np.log(len(STRENGTHS))))
+    said = evidence[best] / ALIKE - np.log(len(STRENGTHS))
+    return Pattern(np.asarray(values / rms), rms, float(said))
