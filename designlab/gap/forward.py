@@ -319,8 +319,8 @@ class Forward:
     ) -> NDArray[np.floating]:
         """Change of the light by a parameter that turns where pixels look: (groups, rows, columns).
 
-        Every pixel takes the light a little beside its own. The steps are as wide as the errors that are looked
-        for: a tangent would lose an edge that is pixels away.
+        Every pixel takes the light a little beside its own. The steps are as wide as the errors that are
+        looked for: a tangent would lose an edge that is pixels away.
         """
         view, here = self.shot(number).view, _warping(state.values)
         p = next(p for p in self.parameters[unknown.effect] if p.name == unknown.name)
