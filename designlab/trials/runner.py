@@ -59,7 +59,7 @@ def run(trials: Iterable[Trial], folder: Path, *, progress: Progress | None = No
     return found
 
 
-def _planted(trial: Trial, folder: Path) -> Path:
+def planted(trial: Trial, folder: Path) -> Path:
     """Generate the set of a trial, unless it is there."""
     design, measurement = preset(trial.design), folder / "sets" / f"{trial.name}-{trial.seed}"
     if measurement.exists():
@@ -81,7 +81,7 @@ def _planted(trial: Trial, folder: Path) -> Path:
 
 
 def _one(trial: Trial, folder: Path) -> Outcome:
-    design, measurement = preset(trial.design), _planted(trial, folder)
+    design, measurement = preset(trial.design), planted(trial, folder)
     begun = os.times()
     try:
         report = diagnose(
