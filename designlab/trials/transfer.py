@@ -3,15 +3,14 @@
 import json
 import os
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from designlab.design import Design, preset
-from designlab.effects import SensorModel, effect
-from designlab.gap import diagnose
+from designlab.effects import SensorModel, effect, load_model
 from designlab.gap.bank import fill
 from designlab.gap.basis import Renders
 from designlab.gap.diagnose import SAMPLES
@@ -20,10 +19,10 @@ from designlab.gap.judge import Judged, judge
 from designlab.gap.noise import Noise
 from designlab.gap.observe import observe
 from designlab.measurement import Measurement, load_measurement
-from designlab.plant import plant, unseal
+from designlab.plant import plant
 from designlab.store import write_json
 from designlab.trials.pool import Trial, development
-from designlab.trials.runner import COLUMNS, SEED, planted
+from designlab.trials.runner import COLUMNS, SEED, model_path, run, set_path
 
 HIGHER_MM = 3.0
 MORE_TILT_DEG = 15.0
@@ -111,24 +110,16 @@ def run_transfers(
 def _one(trial: Trial, folder: Path) -> Transferred:
     begun = os.times()
     design = preset(trial.design)
-    first = planted(trial, folder)
-    report = diagnose(
-        load_measurement(first),
-        design,
-        out=folder / "transfer-reports" / first.name,
-        seed=SEED,
-        columns=COLUMNS,
-        renders=folder / "renders" / trial.design,
-        pictures=False,
-    )
-    truth = unseal(first)
+    (diagnosed,) = run([trial], folder)
+    written = model_path(trial, folder)
+    found = load_model(written) if written.is_file() else SensorModel.of(design)
     changed = other(design)
-    corrected = report.updated.transferable().on(changed)
-    second = first.with_name(f"{first.name}-other")
+    corrected = found.transferable().on(changed)
+    second = set_path(trial, folder).with_name(f"{written.parent.name}-other")
     if not second.exists():
         plant(
             changed,
-            effects=truth["effects"],
+            effects=diagnosed.truth["effects"],
             out=second,
             seed=OTHER_SEED + trial.seed,
             kit_seed=trial.kit_seed,
@@ -139,11 +130,11 @@ def _one(trial: Trial, folder: Path) -> Transferred:
     levels = before.mean, after.mean, float(before.floor.mean())
     ended = os.times()
     carried = [applied.name for applied in corrected.effects]
-    named = [applied.name for applied in report.updated.effects]
+    named = [applied.name for applied in found.effects]
     return Transferred(
         trial=asdict(trial),
-        truth=truth["effects"],
-        verdict=report.verdict,
+        truth=diagnosed.truth["effects"],
+        verdict=diagnosed.verdict,
         named=named,
         carried=carried,
         left=[name for name in named if name not in carried],
@@ -159,22 +150,23 @@ def _one(trial: Trial, folder: Path) -> Transferred:
 def predicted(measurement: Measurement, models: Sequence[SensorModel], renders: Renders) -> list[Judged]:
     """Judge how well models predict a measurement, gains and poses of each registered, nothing else fitted.
 
-    Gains are fitted on the backgrounds and training presses, poses on each press; the select and final
-    presses are judged, all models in the noise that goes with the first.
+    Gains are fitted on frames of the untouched gel, poses on each press of the select and final splits, which
+    are judged, all models in the noise that goes with the first.
     """
     found: list[Judged] = []
     noises: list[Noise] = []
     for model in models:
         seen = observe(measurement, model.effective_design(), columns=COLUMNS)
-        train, held_out = seen.of("dark", "background", "train"), seen.of("select", "final")
+        seen = replace(seen, shots=tuple(shot for shot in seen.shots if shot.use != "train"))
+        untouched, held_out = seen.of("dark", "background"), seen.of("select", "final")
         fitter = Fitter(fill(renders, model, seen.shots, ()))
-        state = fitter.start(train)
+        state = fitter.start(untouched)
         if noises:
             fitter.noises = noises
         else:
-            fitter.measure(fitter.fit(state, (), train).state)
+            fitter.measure(fitter.fit(state, (), untouched).state)
             noises = fitter.noises
-        found.append(judge(fitter, fitter.fit(state, (), train).state, held_out))
+        found.append(judge(fitter, fitter.fit(state, (), untouched).state, held_out))
     return found
 
 
@@ -184,7 +176,7 @@ def removed(before: float, after: float, floor: float) -> float | None:
 
 
 def summary(outcomes: Sequence[Transferred], *, seed: int = 0) -> dict[str, Any]:
-    """Median share of the gap removed with its 95 % interval (bootstrap over sets), and a row for each set."""
+    """Median share of the gap removed, its 95 % interval (bootstrap over sets), and a row for each set."""
     shares = np.array([o.removed for o in outcomes if o.removed is not None])
     found: dict[str, Any] = {"sets": len(outcomes), "without_gap": len(outcomes) - len(shares)}
     if len(shares):
