@@ -100,8 +100,10 @@ class SensorModel(Spec):
 
     @property
     def digest(self) -> str:
-        """SHA-256 of all that the model says, its date aside."""
-        content = self.model_dump(mode="json", exclude={"design": True, "provenance": {"date"}})
+        """SHA-256 of all that the model says; neither its date nor its parent counts."""
+        content = self.model_dump(
+            mode="json", exclude={"design": True, "parent": True, "provenance": {"date"}}
+        )
         return hashlib.sha256(json.dumps([self.design.digest, content]).encode()).hexdigest()
 
     def effective_design(self) -> Design:
