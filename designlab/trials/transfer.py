@@ -148,25 +148,26 @@ def _one(trial: Trial, folder: Path) -> Transferred:
 
 
 def predicted(measurement: Measurement, models: Sequence[SensorModel], renders: Renders) -> list[Judged]:
-    """Judge how well models predict a measurement, gains and poses of each registered, nothing else fitted.
+    """Judge how well models predict a measurement, gains and poses registered, nothing else fitted.
 
-    Gains are fitted on frames of the untouched gel, poses on each press of the select and final splits, which
-    are judged, all models in the noise that goes with the first.
+    Gains are fitted on frames of the untouched gel and the select presses, the final presses are judged, all
+    models in the noise that goes with the first; what a finer mesh explains counts for none, as in a
+    diagnosis.
     """
     found: list[Judged] = []
     noises: list[Noise] = []
     for model in models:
         seen = observe(measurement, model.effective_design(), columns=COLUMNS)
         seen = replace(seen, shots=tuple(shot for shot in seen.shots if shot.use != "train"))
-        untouched, held_out = seen.of("dark", "background"), seen.of("select", "final")
+        registered, final = seen.of("dark", "background", "select"), seen.of("final")
         fitter = Fitter(fill(renders, model, seen.shots, ()))
-        state = fitter.start(untouched)
+        state = fitter.start(registered)
         if noises:
             fitter.noises = noises
         else:
-            fitter.measure(fitter.fit(state, (), untouched).state)
+            fitter.measure(fitter.fit(state, (), registered).state)
             noises = fitter.noises
-        found.append(judge(fitter, fitter.fit(state, (), untouched).state, held_out))
+        found.append(judge(fitter, fitter.fit(state, (), registered).state, final))
     return found
 
 
