@@ -341,7 +341,9 @@ class Forward:
         """Derivative of the reported signal by the mixed light, (rows, columns, 3)."""
         channels = np.moveaxis(np.tensordot(mixing, optics, axes=1), 0, -1) * _pattern(state)
         slope = uncut(self._reported(state, channels), sigma)
-        if "response_curve" in state.values:
+        if "response_curve" in state.values or any(
+            a.name == "response_curve" for a in self.bank.model.effects
+        ):
             step = 1e-3 * max(float(channels.max()), 1e-3)
             ends = self._reported(state, channels - step), self._reported(state, channels + step)
             slope = slope * (ends[1] - ends[0]) / (2 * step)
