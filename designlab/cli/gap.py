@@ -168,23 +168,32 @@ def _transferred(trials: "list[Trial]", folder: Path) -> Result:
 
 
 def _summary(report: "GapReport") -> str:
-    lines = [f"verdict: {report.verdict}"]
+    """The verdict in words, values with intervals, the gap before and after."""
+    from designlab.gap.words import percent
+
+    lines = [f"verdict: {report.verdict}", *report.statement]
     rows = [
-        (f"{effect.name}.{name}", f"{v.value:.4g}", f"{v.low:.4g} to {v.high:.4g}", v.unit.removeprefix("1"))
+        (f"{effect.name}.{name}", f"{v.value:.4g}", _interval(v.low, v.high), v.unit.removeprefix("1"))
         for effect in report.effects
         for name, v in effect.parameters.items()
     ]
     if rows:
         lines.append(table(("effect", "value", "95 % interval", "unit"), rows))
-    for effect in report.effects:
-        others = [name for name in effect.coherence_set if name != effect.name]
-        if others:
-            lines.append(f"{effect.name} cannot be told apart from {', '.join(others)} on these frames")
-    rows = [
-        (split, f"{gap.before:.3g}", f"{gap.after:.3g}", f"{gap.floor:.3g}")
+    levels = [
+        (
+            split,
+            f"{gap.before:.3g}",
+            f"{gap.after:.3g}",
+            f"{gap.floor:.3g}",
+            "-" if gap.removed is None else percent(gap.removed),
+        )
         for split, gap in report.gap.items()
     ]
-    lines.append(table(("squared residual / noise", "before", "after", "floor"), rows))
-    if report.next_measurement:
+    lines.append(table(("squared residual / noise", "before", "after", "floor", "gap gone"), levels))
+    if report.next_measurement.text:
         lines.append(f"measure next: {report.next_measurement}")
     return "\n".join([*lines, *(f"note: {note}" for note in report.notes), f"model: {report.model}"])
+
+
+def _interval(low: float | None, high: float | None) -> str:
+    return "not known" if low is None or high is None else f"{low:.4g} to {high:.4g}"

@@ -10,14 +10,17 @@ from designlab.effects import CATALOGUE, SensorModel, effect
 from designlab.gap.advise import advise
 from designlab.gap.bank import fill
 from designlab.gap.basis import Progress, Renders
+from designlab.gap.control import control
 from designlab.gap.fit import Fit, Fitter
+from designlab.gap.intervals import values
 from designlab.gap.judge import Judged, judge
 from designlab.gap.observe import observe
 from designlab.gap.pictures import draw
 from designlab.gap.result import Found, GapReport, Level, Verdict
 from designlab.gap.search import Search
-from designlab.gap.update import updated, values
-from designlab.gap.where import where
+from designlab.gap.update import updated
+from designlab.gap.where import geometry, where
+from designlab.gap.words import limits
 from designlab.measurement import Measurement
 from designlab.measurement.shots import Observations
 from designlab.store import remove_partial, write_json
@@ -98,10 +101,9 @@ def diagnose(
     bank = fill(source, model, seen.shots, names)
     fitter = Fitter(bank)
     train, select, final = seen.of("dark", "background", "train"), seen.of("select"), seen.of("final")
-    source.begin("effects", 1)
     start = fitter.fit(fitter.start(train), (), train).state
     fitter.measure(start)
-    search = Search(fitter, names, train, select)
+    search = Search(fitter, names, train, select, progress=progress)
     best, before, after = search.run(start)
     verdict = _verdict(search, before, after)
     last = fitter
@@ -110,6 +112,7 @@ def diagnose(
     elif recentre:
         last, best = _recentred(source, fitter, best, train)
         after = judge(last, best.state, select)
+    source.begin("report", 1)
     stands = (fitter, start), (last, best.state)
     ends = [judge(own, state, final) for own, state in stands]
     fitted = [judge(own, state, seen.of("train")) for own, state in stands]
@@ -121,13 +124,21 @@ def diagnose(
             "final": ends,
         }.items()
     }
+    found = {name: values(last, best, name, train) for name in best.state.values}
+    winners = [] if verdict in ("unexplained", "at_floor") else search.winners
     effects = tuple(
-        Found(w.name, values(last, best, w.name), w.confidence, w.coherence_set)
-        for w in search.winners
-        if verdict not in ("unexplained", "at_floor")
+        Found(
+            w.name,
+            found[w.name],
+            w.confidence,
+            w.coherence_set,
+            effect(w.name).summary,
+            effect(w.name).transferable,
+        )
+        for w in winners
     )
     model_found = updated(
-        last, best, measurement, seen, verdict=verdict, found=effects, gap=gap, seed=seed, samples=samples
+        last, best, measurement, seen, verdict, found, effects, gap=gap, seed=seed, samples=samples
     )
     report = GapReport(
         verdict=verdict,
@@ -140,7 +151,27 @@ def diagnose(
         candidates=tuple(search.tried),
         notes=_notes(seen, measurement, model),
         provenance=_provenance(seen, measurement, model, source, begun),
-        pictures=draw((fitter, ends[0].state), (last, ends[1].state), out) if pictures else {},
+        pictures=draw(
+            (fitter, ends[0].state),
+            (last, ends[1].state),
+            lambda number: geometry(fitter, source, ends[0].state, number),
+            out,
+        )
+        if pictures
+        else {},
+        control=control(
+            fitter,
+            start,
+            named=[w.name for w in winners],
+            as_good={name for w in winners for name in w.coherence_set},
+            evidence=search.screened[0],
+            train=train,
+            final=final,
+            before=ends[0],
+        )
+        if winners
+        else None,
+        limits=limits(seen, effects),
     )
     model_found.save(report.model)
     write_json(out / "report.json", report.to_json())

@@ -38,16 +38,6 @@ class Fit:
     system: System
     objective: float
 
-    def deviations(self, name: str) -> dict[str, float]:
-        """Standard deviations of an effect's coordinates, all other unknowns fitted along."""
-        places = [k for k, u in enumerate(self.system.unknowns) if u.effect == name and u.shot < 0]
-        information, _ = self.system.reduced(places)
-        covariance = np.linalg.inv(information + np.eye(len(places)))
-        return {
-            self.system.unknowns[k].name: float(np.sqrt(v))
-            for k, v in zip(places, np.diag(covariance), strict=True)
-        }
-
 
 class Fitter:
     """Fits states to the shots of a bank.

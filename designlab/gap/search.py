@@ -1,6 +1,7 @@
 """The race: effects are fitted on some shots and judged on others; the best joins the model."""
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -61,6 +62,8 @@ class Search:
         Effects to try.
     train, select : sequence of int
         Shots to fit to, and to judge by.
+    progress : callable, optional
+        Called with what is done now, steps done, and steps in all as far as is known.
     """
 
     fitter: Fitter
@@ -71,6 +74,9 @@ class Search:
     winners: list[Winner] = field(default_factory=list)
     alternatives: dict[str, State] = field(default_factory=dict)
     gap: float = 0.0
+    progress: Callable[[str, int, int], None] | None = None
+    screened: list[dict[str, float]] = field(default_factory=list)
+    _steps: int = 0
     _reached: dict[str, State] = field(default_factory=dict)
 
     def run(self, state: State) -> tuple[Fit, Judged, Judged]:
@@ -96,20 +102,25 @@ class Search:
         return best, first, now
 
     def _round(self, number: int, base: Fit, now: Judged) -> Attempt | None:
+        self._tell("screening", 1 + FITTED)
         screened = self.screen(base)
+        self.screened.append(screened)
         amount = {f"{RIVAL}.amount": base.state.numerical}
         self.tried.append(Candidate(number, RIVAL, "fitted with every candidate", parameters=amount))
         order = sorted(screened, key=lambda name: -screened[name])
-        attempts: list[Attempt] = []
-        for place, name in enumerate(order):
-            if place >= FITTED or screened[name] < DECISIVE / 2:
+        promising = [name for name in order[:FITTED] if screened[name] >= DECISIVE / 2]
+        for name in order:
+            if name not in promising:
                 self.tried.append(Candidate(number, name, "screened out", evidence=screened[name]))
-                continue
-            attempts.append(self._attempt(name, base, now))
+        attempts: list[tuple[Attempt, float]] = []
+        for place, name in enumerate(promising):
+            self._tell(name, len(promising) - place)
+            begun = time.perf_counter()
+            attempts.append((self._attempt(name, base, now), time.perf_counter() - begun))
         passed = []
-        for attempt in attempts:
+        for attempt, seconds in attempts:
             reason = self._refused(attempt)
-            self._note(number, attempt, reason or "passed")
+            self._note(number, attempt, reason or "passed", seconds)
             if not reason:
                 passed.append(attempt)
         if not passed:
@@ -264,12 +275,28 @@ class Search:
             return f"beyond what is likely of {', '.join(far)}"
         return ""
 
-    def _note(self, number: int, attempt: Attempt, outcome: str) -> None:
+    def _tell(self, what: str, left: int) -> None:
+        """Report that a step begins, after which `left` - 1 are known to follow."""
+        if self.progress is not None:
+            self.progress(f"effects: {what}", self._steps, self._steps + left)
+        self._steps += 1
+
+    def _note(self, number: int, attempt: Attempt, outcome: str, seconds: float | None = None) -> None:
         values = attempt.fit.state.values.get(attempt.name, {})
         g = attempt.gain
         named = {f"{attempt.name}.{p}": float(v) for p, v in values.items()}
         self.tried.append(
-            Candidate(number, attempt.name, outcome, g.value, g.se, g.improved, named, attempt.evidence)
+            Candidate(
+                number,
+                attempt.name,
+                outcome,
+                g.value,
+                g.se,
+                g.improved,
+                named,
+                attempt.evidence,
+                None if seconds is None else round(seconds, 2),
+            )
         )
 
 

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from designlab.effects import AppliedEffect, Parameter, SensorModel
 from designlab.effects.known import Covariance, Domain, Provenance
 from designlab.gap.fit import Fit, Fitter
-from designlab.gap.forward import coordinate, value_at
 from designlab.gap.result import Found, Level, Value, Verdict
 from designlab.measurement import Measurement
 from designlab.measurement.shots import Observations, Shot
@@ -17,17 +16,16 @@ from designlab.store import digest
 
 Array = NDArray[np.float64]
 
-INTERVAL_SD = 1.96
-
 
 def updated(
     fitter: Fitter,
     best: Fit,
     measurement: Measurement,
     seen: Observations,
-    *,
     verdict: Verdict,
+    values: Mapping[str, Mapping[str, Value]],
     found: tuple[Found, ...],
+    *,
     gap: Mapping[str, Level],
     seed: int,
     samples: int,
@@ -44,6 +42,8 @@ def updated(
         What was fitted.
     verdict, found, gap : as of the report
         What the diagnosis says.
+    values : mapping of effect and parameter to Value
+        Values of all effects of the fit with their intervals, which may be unknown.
     seed, samples : int
         Of its renders.
     """
@@ -54,13 +54,13 @@ def updated(
         return given
     sets = {one.name: one.coherence_set for one in found}
     for name in best.state.values:
-        parameters, fitted = fitter.forward.parameters[name], values(fitter, best, name)
+        parameters, fitted = fitter.forward.parameters[name], values[name]
         model = model.with_effect(
             AppliedEffect(
                 name=name,
                 values={p: v.value for p, v in fitted.items()},
-                low={p: v.low for p, v in fitted.items()},
-                high={p: v.high for p, v in fitted.items()},
+                low={p: v.low for p, v in fitted.items() if v.low is not None},
+                high={p: v.high for p, v in fitted.items() if v.high is not None},
                 bounds={p.name: (p.low, p.high) for p in parameters},
                 coherence_set=sets.get(name, ()),
                 found_in=measurement.name,
@@ -87,17 +87,6 @@ def updated(
         ),
         parent=given.digest,
     )
-
-
-def values(fitter: Fitter, best: Fit, name: str) -> dict[str, Value]:
-    """Values of an effect with 95 % intervals, statistical."""
-    fitted, deviations = best.state.values[name], best.deviations(name)
-    found = {}
-    for p in fitter.forward.parameters[name]:
-        t = coordinate(p, fitted[p.name])
-        away = INTERVAL_SD * deviations.get(p.name, 0.0)
-        found[p.name] = Value(fitted[p.name], value_at(p, t - away), value_at(p, t + away), p.unit)
-    return found
 
 
 def covariance(fitter: Fitter, best: Fit) -> Covariance | None:
