@@ -9,6 +9,7 @@ from designlab.cli.shared import bar, results_folder, table
 
 if TYPE_CHECKING:
     from designlab.gap import GapReport
+    from designlab.trials import Trial
 
 
 def plant(args: Namespace) -> Result:
@@ -19,7 +20,14 @@ def plant(args: Namespace) -> Result:
     from designlab.plant.effects import draw
     from designlab.plant.rig import Rig
 
-    design = load_model(args.design).effective_design()
+    model = load_model(args.design)
+    if model.effects:
+        raise ValueError(
+            f"{args.design}: must be a design, since the generator has its own form of every effect; those "
+            f"of this sensor model ({', '.join(a.name for a in model.effects)}) can be planted by --effect "
+            "NAME:PARAMETER=VALUE,..."
+        )
+    design = model.design
     wanted = [_effect(text) for text in args.effect]
     names = [name for name, _ in wanted]
     if len(set(names)) < len(names):
@@ -97,16 +105,19 @@ def benchmark(args: Namespace) -> Result:
     import re
 
     from designlab.store import write_json
-    from designlab.trials import development, run, score
+    from designlab.trials import development, run, score, transfers
 
     try:
         wanted = re.compile(args.only)
     except re.error as error:
         raise ValueError(f"--only: must be a regular expression, got {args.only!r}: {error}") from None
-    trials = [trial for trial in development(base=args.base) if wanted.search(trial.name)]
+    pool = transfers if args.transfer else development
+    trials = [trial for trial in pool(base=args.base) if wanted.search(trial.name)]
     if not trials:
         raise ValueError(f"--only: no set's name matches {args.only!r}")
     results_folder(args.out)
+    if args.transfer:
+        return _transferred(trials, Path(args.out))
     with bar("set") as progress:
         found = score(run(trials, Path(args.out), progress=progress))
     write_json(Path(args.out) / "score.json", found)
@@ -123,6 +134,37 @@ def benchmark(args: Namespace) -> Result:
     parts = [f"{part}: {found[part]}" for part in ("nothing", "single", "outside")]
     text = table(("set", "design", "verdict", "named", "gap removed"), rows)
     return Result(found, "\n".join([text, *parts]))
+
+
+def _transferred(trials: "list[Trial]", folder: Path) -> Result:
+    """Put what was learnt on each set's design on another one, and say how much better that is predicted."""
+    from designlab.store import write_json
+    from designlab.trials import run_transfers
+    from designlab.trials.transfer import summary
+
+    with bar("set") as progress:
+        found = summary(run_transfers(trials, folder, progress=progress))
+    write_json(folder / "transfer.json", found)
+    rows = [
+        (
+            row["set"],
+            row["design"],
+            ", ".join(row["named"]) or "-",
+            ", ".join(row["left"]) or "-",
+            *(f"{row[name]:.3g}" for name in ("before", "after", "floor")),
+            "-" if row["removed"] is None else f"{row['removed']:.0%}",
+        )
+        for row in found["rows"]
+    ]
+    lines = [table(("set", "design", "named", "left behind", "before", "after", "floor", "removed"), rows)]
+    if "median" in found:
+        lines.append(
+            f"gap removed on the other design, median of {found['sets'] - found['without_gap']} sets: "
+            f"{found['median']:.0%}, 95 % interval {found['low']:.0%} to {found['high']:.0%}"
+        )
+    if found["without_gap"]:
+        lines.append(f"{found['without_gap']} sets are predicted to the floor without a correction")
+    return Result(found, "\n".join(lines))
 
 
 def _summary(report: "GapReport") -> str:

@@ -2,12 +2,12 @@
 
 import shutil
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from designlab.design import Design
-from designlab.effects import CATALOGUE, AppliedEffect, SensorModel, effect
+from designlab.effects import CATALOGUE, SensorModel, effect
 from designlab.gap.advise import advise
 from designlab.gap.bank import fill
 from designlab.gap.basis import Progress, Renders
@@ -17,13 +17,14 @@ from designlab.gap.intervals import values
 from designlab.gap.judge import Judged, judge
 from designlab.gap.observe import observe
 from designlab.gap.pictures import draw
-from designlab.gap.result import Found, GapReport, Level, Value, Verdict
+from designlab.gap.result import Found, GapReport, Level, Verdict
 from designlab.gap.search import Search
+from designlab.gap.update import updated
 from designlab.gap.where import geometry, where
 from designlab.gap.words import limits
 from designlab.measurement import Measurement
 from designlab.measurement.shots import Observations
-from designlab.store import remove_partial, write_atomic, write_json
+from designlab.store import remove_partial, write_json
 
 SAMPLES = 256
 COLUMNS = 160
@@ -137,14 +138,16 @@ def diagnose(
         )
         for w in winners
     )
-    updated = _updated(model, found, measurement.name)
+    model_found = updated(
+        last, best, measurement, seen, verdict, found, effects, gap=gap, seed=seed, samples=samples
+    )
     report = GapReport(
         verdict=verdict,
         effects=effects,
         where=where(fitter, source, before.state, [*train, *select]) if verdict != "at_floor" else (),
         gap=gap,
         next_measurement=advise(fitter, seen, search, verdict),
-        updated=updated,
+        updated=model_found,
         model=out / "model.toml",
         candidates=tuple(search.tried),
         notes=_notes(seen, measurement, model),
@@ -171,7 +174,7 @@ def diagnose(
         else None,
         limits=limits(seen, effects),
     )
-    write_atomic(report.model, updated.dumps())
+    model_found.save(report.model)
     write_json(out / "report.json", report.to_json())
     return report
 
@@ -188,7 +191,8 @@ def _recentred(source: Renders, fitter: Fitter, best: Fit, train: Sequence[int])
 
 
 def _names(model: SensorModel, catalogue: Sequence[str] | None) -> list[str]:
-    present = {applied.name for applied in model.effects}
+    # What a picture or unit has alone is not in the simulation of the model given, and may be found again.
+    present = {applied.name for applied in model.effects if not effect(applied.name).drawn}
     wanted = [e.name for e in CATALOGUE] if catalogue is None else [effect(n).name for n in catalogue]
     return [name for name in wanted if name not in present and effect(name).parameters(model.design)]
 
@@ -205,21 +209,6 @@ def _verdict(search: Search, before: Judged, after: Judged) -> Verdict:
     if any(len(winner.coherence_set) > 1 for winner in search.winners):
         return "ambiguous"
     return "partial" if share > PARTIAL_ABOVE and not near else "named"
-
-
-def _updated(model: SensorModel, found: Mapping[str, Mapping[str, Value]], found_in: str) -> SensorModel:
-    """Add the effects found to the model that was given, without ends of intervals that are not known."""
-    for name, own in found.items():
-        model = model.with_effect(
-            AppliedEffect(
-                name=name,
-                values={p: v.value for p, v in own.items()},
-                low={p: v.low for p, v in own.items() if v.low is not None},
-                high={p: v.high for p, v in own.items() if v.high is not None},
-                found_in=found_in,
-            )
-        )
-    return model
 
 
 def _notes(seen: Observations, measurement: Measurement, model: SensorModel) -> tuple[str, ...]:

@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.effects import Parameter
+from designlab.gap.evidence import ALIKE
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter
 from designlab.gap.forward import State, Unknown, coordinate, value_at
 from designlab.gap.pattern import strengths_as_good
 from designlab.gap.result import Value
-from designlab.gap.search import ALIKE, PERIODS
+from designlab.gap.search import PERIODS
 
 Array = NDArray[np.float64]
 Ends = tuple[float, float]
@@ -23,8 +24,7 @@ LEAST_DRAWS = 3
 def values(fitter: Fitter, fit: Fit, name: str, train: Sequence[int]) -> dict[str, Value]:
     """Values of an effect with the ends of their 95 % intervals.
 
-    Neighbouring values share small errors that no noise model lists: information is divided by as much as
-    evidence is. What is drawn anew for each picture is as uncertain as the number of pictures makes it.
+    What is drawn anew for each picture is as uncertain as the number of pictures makes it.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def _of_period(fitter: Fitter, fit: Fit, train: Sequence[int]) -> Ends:
     if curvature <= 0:
         return float(PERIODS[0]), float(PERIODS[-1])
     best = (below - above) / (2 * step * curvature)
-    away = NORMAL / np.sqrt(0.5 * curvature / ALIKE)
+    away = NORMAL / np.sqrt(0.5 * curvature)
     return period * float(np.exp(best - away)), period * float(np.exp(best + away))
 
 
@@ -148,7 +148,7 @@ def _deviations(fit: Fit, places: Sequence[int]) -> dict[Unknown, float]:
     if not places:
         return {}
     information, _ = fit.system.reduced(places)
-    covariance = np.linalg.inv(information / ALIKE + np.eye(len(places)))
+    covariance = np.linalg.inv(information + np.eye(len(places)))
     return {
         fit.system.unknowns[k]: float(np.sqrt(v)) for k, v in zip(places, np.diag(covariance), strict=True)
     }

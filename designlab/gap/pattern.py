@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.fft import idctn
 from scipy.optimize import minimize_scalar
 
+from designlab.gap.evidence import ALIKE
 from designlab.gap.fit import Fitter
 from designlab.gap.forward import State
 from designlab.gap.noise import SHOT_BUDGET, SMOOTH_BUDGET, spectrum, transformed
@@ -43,7 +44,7 @@ def found_pattern(fitter: Fitter, state: State, shots: Sequence[int]) -> Pattern
     rms = float(np.exp(found.x))
     values = idctn(mean * rms**2 / (smooth + rms**2), axes=(0, 1), norm="ortho")
     # Scanning strengths takes no more than this from the evidence.
-    return Pattern(np.asarray(values / rms), rms, float(-found.fun - np.log(len(STRENGTHS))))
+    return Pattern(np.asarray(values / rms), rms, float(-found.fun / ALIKE - np.log(len(STRENGTHS))))
 
 
 def strengths_as_good(

@@ -17,12 +17,10 @@ from designlab.gap.result import Candidate
 
 MOST_EFFECTS = 4
 FITTED = 6  # candidates of a round that are fitted to the end
-# Neighbouring values share the small errors that no noise model lists, so that their number says too much:
-# logarithms of Bayes factors are divided by this (coarsened posterior, Miller and Dunson 2019).
-ALIKE = 64.0
 DECISIVE = 10.0  # logarithm of the Bayes factor from which an effect counts as seen
 AS_GOOD = 3.0  # difference of such logarithms within which effects are not told apart
 OVERLAP = 0.95  # share of a signature from which another effect can stand for it
+NULL_ENVELOPE = 1.1  # mean squared residual over the floor below which nothing is looked for at all
 ENVELOPE = 1.3  # mean squared residual over the floor below which no further effect is looked for
 RIVAL = "numerical"
 PERIODS = np.geomspace(40.0, 2000.0, 120)  # rows of the full sensor
@@ -92,6 +90,8 @@ class Search:
         best = self.fitter.fit(state, (), self.train)
         first = now = judge(self.fitter, best.state, self.select)
         self.gap = first.gap
+        if now.mean < NULL_ENVELOPE * float(now.floor.mean()):
+            return best, first, now
         for number in range(1, MOST_EFFECTS + 1):
             attempt = self._round(number, best, now)
             if attempt is None:
@@ -166,7 +166,7 @@ class Search:
             judged = judge(self.fitter, without.state, self.select)
             evidence = 0.5 * (without.objective - best.objective) - self._occam(best, winner.name)
             evidence += 0.5 * float((judged.objective - now.objective).sum())
-            attempt = Attempt(winner.name, best, now, gain(judged, now, self.gap), evidence / ALIKE)
+            attempt = Attempt(winner.name, best, now, gain(judged, now, self.gap), evidence)
             if reason := self._refused(attempt):
                 self._note(number, attempt, f"dropped: {reason}")
                 self.winners.remove(winner)
@@ -189,7 +189,7 @@ class Search:
             found["banding"] -= float(np.log(len(PERIODS)))
         if "fixed_pattern" in names:
             found["fixed_pattern"] = found_pattern(self.fitter, base.state, self.train).evidence
-        return {name: value / ALIKE for name, value in found.items()}
+        return found
 
     def _with_period(self, state: State) -> State:
         """Give banding the period of which the training shots hold most."""
@@ -236,7 +236,7 @@ class Search:
             self._reached[name] = found.state
         judged = judge(fitter, found.state, self.select)
         evidence += 0.5 * float((now.objective - judged.objective).sum())
-        return Attempt(name, found, judged, gain(now, judged, self.gap), evidence / ALIKE)
+        return Attempt(name, found, judged, gain(now, judged, self.gap), evidence)
 
     def _occam(self, found: Fit, name: str) -> float:
         """Half the logarithm of how much narrower the fit has made an effect's parameters."""
@@ -262,6 +262,10 @@ class Search:
             return f"evidence {attempt.evidence:.3g}, below {DECISIVE:g}"
         if attempt.gain.value < least:
             return f"closes {attempt.gain.value:.1%} of the gap, less than {least:.1%}"
+        if attempt.gain.squares < LEAST_SHARE:
+            return (
+                f"takes {attempt.gain.squares:.1%} of the squared residual away, less than {LEAST_SHARE:.1%}"
+            )
         # Some draws of a single shot are small: not every one can gain.
         if attempt.name not in DRAWN_SD and attempt.gain.improved < LEAST_IMPROVED:
             return f"only {attempt.gain.improved:.0%} of the held-out presses improve"
