@@ -89,7 +89,7 @@ def of_deviation(draws: Array, error: float = 0.0) -> Ends:
     --------
     >>> low, high = of_deviation(np.array([-1.0, 1.0] * 50))
     >>> round(low, 2), round(high, 2)
-    (0.88, 1.16)
+    (0.88, 1.17)
     """
     from scipy.stats import chi2
 

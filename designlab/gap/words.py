@@ -50,7 +50,7 @@ def _missing(report: GapReport) -> str:
         )
     return (
         "The gap is real but unexplained: the squared residual on the final presses is "
-        f"{final.before / final.floor:.3g} times its floor, and no effect of the catalogue takes enough "
+        f"{number(final.before / final.floor)} times its floor, and no effect of the catalogue takes enough "
         "of it "
         "away on presses it was not fitted to."
     )
@@ -75,8 +75,7 @@ def _gone(final: Level, control: Control | None, effects: Sequence[Found]) -> st
         return "On the final presses, which decided nothing, there was no gap to begin with."
     said = (
         f"On the final presses, which decided nothing, {percent(removed)} of the gap is gone: squared "
-        "residual "
-        f"{final.before:.3g} before, {final.after:.3g} after, floor {final.floor:.3g}."
+        f"residual {number(final.before)} before, {number(final.after)} after, floor {number(final.floor)}."
     )
     if control is not None:
         own = sum(len(effect.parameters) for effect in effects)
@@ -230,7 +229,18 @@ def percent(share: float) -> str:
     return f"{100 * share:.1f} %" if fine else f"{100 * share:.0f} %"
 
 
-def count(number: int, noun: str) -> str:
+def number(value: float) -> str:
+    """Write a number with three digits, without a power of ten.
+
+    Examples
+    --------
+    >>> number(1.2345), number(15321.0)
+    ('1.23', '15300')
+    """
+    return f"{float(f'{value:.3g}'):.10g}"
+
+
+def count(things: int, noun: str) -> str:
     """Write a number of things.
 
     Examples
@@ -239,4 +249,4 @@ def count(number: int, noun: str) -> str:
     ('1 press', '2 presses', '3 parameters')
     """
     plural = f"{noun}es" if noun.endswith("s") else f"{noun}s"
-    return f"{number} {noun if number == 1 else plural}"
+    return f"{things} {noun if things == 1 else plural}"
