@@ -207,7 +207,7 @@ def _effects(effects: Sequence[Mapping[str, Any]]) -> tuple[Html, ...]:
             rows.append(
                 {
                     "effect": effect["name"] if first else "",
-                    "parameter": label(name, p.get("unit", "")),
+                    "parameter": label(name, "" if p.get("unit") == "1" else p.get("unit", "")),
                     "value": p["value"],
                     "interval": _interval(p),
                     "bounds": _unbroken(f"{p['bounds'][0]:g} to {p['bounds'][1]:g}") if "bounds" in p else "",
@@ -246,8 +246,9 @@ def _unbroken(text: str) -> Html:
 def _next(report: Mapping[str, Any]) -> tuple[Html, ...]:
     if not report.get("next_measurement"):
         return (paragraph("Nothing is missing that would change the verdict."),)
-    blocks = [paragraph(f"{report['next_measurement'][:1].upper()}{report['next_measurement'][1:]}.")]
     more = report.get("next") or {}
+    text = more.get("text") or report["next_measurement"]
+    blocks = [paragraph(f"{text[:1].upper()}{text[1:]}.")]
     found = {}
     if more.get("separation_sd") is not None:
         found["the candidates would differ by"] = (
@@ -262,7 +263,8 @@ def _candidates(report: Mapping[str, Any]) -> tuple[Html, ...]:
     """Every candidate that was tried, round by round, with what became of it."""
     candidates = report.get("candidates", ())
     if not candidates:
-        return ()
+        none = "None: simulation and measurement agree to within the floor before any effect is added."
+        return (paragraph(none),) if report["verdict"] == "at_floor" else ()
     named = {effect["name"] for effect in report.get("effects", ())}
     columns = [
         Column("name", "candidate"),

@@ -162,7 +162,7 @@ def test_intervals_of_an_amplitude_hold_as_often_as_they_say(count) -> None:
 def test_the_page_shows_what_was_found_tried_and_not_known(tmp_path) -> None:
     unknown = replace(VALUE, low=None, high=None)
     report = replace(
-        REPORT, effects=(replace(FOUND, parameters={"corner_loss": VALUE, "other": unknown}),)
+        REPORT, effects=(replace(FOUND, parameters={"corner_loss": VALUE, "red_1": unknown}),)
     ).to_json()
     text = gap_report(report, tmp_path / "page.html").read_text(encoding="utf-8")
     shown = " ".join(re.sub(r"<(script|style)>.*?</\1>|<[^>]+>", " ", text, flags=re.DOTALL).split())
@@ -171,14 +171,15 @@ def test_the_page_shows_what_was_found_tried_and_not_known(tmp_path) -> None:
         "named The model lacks vignetting",
         "corners of the picture R untouched gel 40 5 6 times darker, mean 4.2 sd",
         "vignetting corner loss 0.31 0.2 to 0.4",
-        "not known",
+        "red 1 0.31 not known",
         "0 to 0.9 0.88 none the design",
         "albedo_field , fitted in the same way, takes away 12 % of the gap",
         "vignetting accepted corner_loss 0.31 55 0.900 ± 0.050 100 % 2.5",
         "led_profile at the bound of red red 9 12 0.20 ± 0.10 50 % 7.5",
         "Screened out before fitting, with their evidence by linear approximation: banding 0.3",
         "numerical : fitted with every candidate (amount 0.2)",
-        "A flat field (about 10 min): there they differ by 4 standard deviations",
+        "A flat field. the candidates would differ by 4 standard deviations (predicted)",
+        "time in the lab about 10 min",
         "final 8 1.7 1 90",
         "products only",
     ):
