@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from designlab.effects.model import SensorModel
+from designlab.measurement.invariants import Check
 
 Verdict = Literal["named", "ambiguous", "partial", "unexplained", "at_floor"]
 
@@ -98,6 +99,8 @@ class GapReport:
     notes: tuple[str, ...]
     provenance: Mapping[str, Any]
     pictures: Mapping[Path, str] = field(default_factory=dict)
+    checks: tuple[Check, ...] = ()
+    reserves: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""
@@ -120,6 +123,8 @@ class GapReport:
             "notes": list(self.notes),
             "provenance": dict(self.provenance),
             "pictures": {str(path): caption for path, caption in self.pictures.items()},
+            "checks": [vars(check) | {"files": list(check.files)} for check in self.checks],
+            "reserves": list(self.reserves),
         }
 
     @property
