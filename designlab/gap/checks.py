@@ -20,9 +20,14 @@ from designlab.measurement.suspicion import Suspicion
 Array = NDArray[np.float64]
 
 LEAST_PRESSES, LEAST_SELECT = 6, 2
-ASSUMED, WEAK, NO_DARK = 0.5, 0.5, 0.7  # largest confidence without repeats, with little or doubtful data
+SATURATED = 0.005  # of the values of a frame
+# Largest confidence: without repeats, of few or doubtful frames, without a dark one, of saturated ones.
+ASSUMED, WEAK, NO_DARK, CUT = 0.5, 0.5, 0.7, 0.7
 FLOORS = ("black_level", "veiling_glare")  # not told apart without a frame without light
 MIXED = (*FLOORS, "colour_mixing")  # nor these without light of single groups either
+
+
+DOUBTED = ("trusted although", "odd: ")  # starts of notes
 
 
 @dataclass(frozen=True)
@@ -139,7 +144,7 @@ def examine(
     return Examined(
         checks=(*invariants(measurement, design), agree),
         notes=tuple(note for note in notes),
-        reserves=tuple(_reserves(seen, [note for note in notes if note.startswith("trusted although")])),
+        reserves=tuple(_reserves(seen, [note for note in notes if note.startswith(DOUBTED)])),
         alike=_alike(seen),
     )
 
@@ -164,7 +169,7 @@ def _with_others(pictures: Sequence[Picture], black: Array) -> list[float]:
     return found
 
 
-def _reserves(seen: Observations, trusted: Sequence[str]) -> Iterable[Reserve]:
+def _reserves(seen: Observations, doubted: Sequence[str]) -> Iterable[Reserve]:
     """What weakens the verdict."""
     if not seen.repeats:
         why = (
@@ -178,6 +183,12 @@ def _reserves(seen: Observations, trusted: Sequence[str]) -> Iterable[Reserve]:
             "camera's stated one"
         )
         yield Reserve(why, NO_DARK, name_stands=True)
+    saturated = max((1 - float(shot.valid.mean()) for shot in seen.shots if shot.lit.any()), default=0.0)
+    if saturated > SATURATED:
+        why = (
+            f"up to {saturated:.1%} of the values of a frame are saturated: the brightest places say nothing"
+        )
+        yield Reserve(why, CUT, name_stands=True)
     presses, select = len(seen.of("train", "select", "final")), len(seen.of("select"))
     if presses < LEAST_PRESSES or select < LEAST_SELECT:
         why = (
@@ -185,7 +196,7 @@ def _reserves(seen: Observations, trusted: Sequence[str]) -> Iterable[Reserve]:
             f"{LEAST_SELECT} that a name takes"
         )
         yield Reserve(why, WEAK)
-    for note in trusted:
+    for note in doubted:
         yield Reserve(note, WEAK)
 
 

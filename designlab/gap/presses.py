@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.calibrate.suspicions import Fault, Picture, fitted_light, misfit, picture
+from designlab.calibrate.suspicions import Fault, Light, Picture, fitted_light, misfit, picture
 from designlab.effects import SensorModel
 from designlab.gap.basis import Renders
 from designlab.measurement.shots import Shot
@@ -22,13 +22,14 @@ Turn = tuple[tuple[int, int], tuple[int, int]]
 # 15.1, nor by more than 4.3 times the median of its set.
 MOST_MISFIT = 20.0  # of a press whose metadata are right
 MOST_ODD = 6.0  # the same over the median of all presses
-ASKED_FROM = 6.0  # misfit of presses from which other probes and places are tried
+ODD = 5.0  # the same from which a press is looked at by itself
+ASKED_FROM = 5.0  # misfit of presses from which other probes and places are tried
 BETTER = 2.0  # factor by which these must be better
 TRIED = 2  # presses of each probe that others are tried on, the deepest
 OTHER_KINDS = ("sphere", "cylinder", "cone", "triangle", "star", "prism")
 OTHER_SIZES = (0.5, 2.0)
 
-PLACES: dict[str, Turn] = {
+TURNS: dict[str, Turn] = {
     "[x, -y]": ((1, 0), (0, -1)),
     "[-x, y]": ((-1, 0), (0, 1)),
     "[-x, -y]": ((-1, 0), (0, -1)),
@@ -63,52 +64,66 @@ def odd_presses(
     """
     pressed = [n for n, shot in enumerate(shots) if shot.press is not None]
     usual = float(np.median([compared[n] for n in pressed]))
-    odd = [n for n in pressed if compared[n] > max(MOST_MISFIT, MOST_ODD * usual)]
+    odd = [n for n in pressed if compared[n] > max(ASKED_FROM, ODD * usual)]
     groups: dict[str, list[int]] = {}
     for n in pressed:
         press = shots[n].press
         assert press is not None
-        if n in odd:
-            groups[shots[n].files[0]] = [n]
-        else:
-            groups.setdefault(press.probe.text, []).append(n)
-    told: list[Suspicion] = []
+        groups.setdefault(shots[n].files[0] if n in odd else press.probe.text, []).append(n)
+    found: list[Suspicion] = []
     for numbers in groups.values():
-        if np.median([compared[n] for n in numbers]) < ASKED_FROM:
+        deepest = sorted(numbers, key=lambda n: -_depth_mm(shots[n]))[:TRIED]
+        if np.mean([compared[n] for n in deepest]) < ASKED_FROM:
             continue
-        others = [p for n, p in enumerate(pictures) if shots[n].press is None]
-        light = others or [p for n, p in enumerate(pictures) if n not in numbers]
-        other = _other_press([shots[n] for n in numbers], light, black, model, renders) if light else None
+        light = [p for n, p in enumerate(pictures) if shots[n].press is None] or [
+            p for n, p in enumerate(pictures) if n not in numbers
+        ]
+        alone = numbers[0] in odd
+        theirs = [shots[n].press for n in odd if n not in numbers] if alone else []
         files = tuple(shots[n].files[0] for n in numbers)
-        if other is not None:
-            told.append(replace(other, files=files))
-        elif numbers[0] in odd:
-            told.append(
-                Suspicion(
-                    "odd",
-                    files,
-                    f"the model misses it by {compared[numbers[0]]:.3g} times noise and 1 % of the mean, "
-                    f"half of all presses by less than {usual:.2g}",
-                    "it shows something else than stated: another sensor, another probe, another place",
-                    "take it again, correct what measurement.toml says of it, or delete the frame",
-                )
-            )
-    return told
+        if light:
+            told = fitted_light(light, Fault(), black)
+            places = [press.centre_mm for press in theirs if press is not None]
+            other = _other_press([shots[n] for n in deepest], told, places, model, renders)
+            if other is not None:
+                found.append(replace(other, files=files))
+                continue
+        if alone:
+            found.append(_odd(files, compared[numbers[0]], usual))
+    return found
+
+
+def _odd(files: tuple[str, ...], missed: float, usual: float) -> Suspicion:
+    return Suspicion(
+        "odd",
+        files,
+        f"the model misses it by {missed:.3g} times noise and 1 % of the mean, half of all presses by less "
+        f"than {usual:.2g}",
+        "it shows something else than stated: another sensor, another probe, another place",
+        "take it again, correct what measurement.toml says of it, or delete the frame",
+        strong=missed > max(MOST_MISFIT, MOST_ODD * usual),
+    )
+
+
+def _depth_mm(shot: Shot) -> float:
+    return shot.press.depth_mm if shot.press is not None else 0.0
 
 
 def _other_press(
-    shots: Sequence[Shot], light_from: Sequence[Picture], black: Array, model: SensorModel, renders: Renders
+    shots: Sequence[Shot],
+    light: Light,
+    places: Sequence[tuple[float, float]],
+    model: SensorModel,
+    renders: Renders,
 ) -> Suspicion | None:
-    """Another probe, or places with other signs, under which the model explains presses clearly better."""
-    light = fitted_light(light_from, Fault(), black)
-    deepest = sorted(shots, key=lambda s: -(s.press.depth_mm if s.press else 0.0))[:TRIED]
-    first = deepest[0].press
+    """Another probe or other places under which the model explains presses clearly better."""
+    first = shots[0].press
     assert first is not None
-    renders.begin("checks", TRIED * (len(OTHER_KINDS) + len(OTHER_SIZES) + len(PLACES)))
+    renders.begin("checks", len(shots) * (len(OTHER_KINDS) + len(OTHER_SIZES) + len(TURNS) + len(places)))
 
     def left(changed: Callable[[Press], Press]) -> float:
         squares = []
-        for shot in deepest:
+        for shot in shots:
             assert shot.press is not None
             basis = renders.basis(model, changed(shot.press), shot.view).astype(float)
             squares.append(misfit(picture(shot, shot.lit, basis), light) ** 2)
@@ -118,8 +133,11 @@ def _other_press(
     tried: dict[str, tuple[str, float]] = {}
     for probe in _other_probes(first.probe):
         tried[probe.text] = "probe", left(lambda press, p=probe: press.model_copy(update={"probe": p}))  # type: ignore[misc]
-    for name, signs in PLACES.items():
+    for name, signs in TURNS.items():
         tried[name] = "place", left(lambda press, turn=signs: _placed(press, turn))  # type: ignore[misc]
+    for place in places:
+        text = f"[{place[0]:g}, {place[1]:g}], the place of another press"
+        tried[text] = "place", left(lambda press, p=place: press.model_copy(update={"centre_mm": p}))  # type: ignore[misc]
     text, (kind, best) = min(tried.items(), key=lambda item: item[1][1])
     if BETTER * best > stated:
         return None
@@ -132,9 +150,9 @@ def _other_press(
             "place",
             (),
             evidence,
-            "places were noted in another frame: centre_mm counts x to the right and y upwards in the "
-            "picture, from the middle of the gel",
-            f"write them as {text}",
+            "files were exchanged, or places were noted in another frame: centre_mm counts x to the right "
+            "and y upwards in the picture, from the middle of the gel",
+            f"write centre_mm = {text}",
         )
     return Suspicion(
         "probe",
