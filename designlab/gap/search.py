@@ -8,8 +8,9 @@ import numpy as np
 from designlab.effects import effect
 from designlab.gap.evidence import System, log_evidence
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter
-from designlab.gap.forward import State, bands
+from designlab.gap.forward import State, coordinate
 from designlab.gap.judge import LEAST_IMPROVED, LEAST_SHARE, Gain, Judged, gain, judge
+from designlab.gap.overlap import overlaps
 from designlab.gap.pattern import found_pattern
 from designlab.gap.result import Candidate
 
@@ -20,6 +21,7 @@ FITTED = 6  # candidates of a round that are fitted to the end
 ALIKE = 64.0
 DECISIVE = 10.0  # logarithm of the Bayes factor from which an effect counts as seen
 AS_GOOD = 3.0  # difference of such logarithms within which effects are not told apart
+OVERLAP = 0.95  # share of a signature from which another effect can stand for it
 ENVELOPE = 1.3  # mean squared residual over the floor below which no further effect is looked for
 RIVAL = "numerical"
 PERIODS = np.geomspace(40.0, 2000.0, 120)  # rows of the full sensor
@@ -71,6 +73,7 @@ class Search:
     winners: list[Winner] = field(default_factory=list)
     alternatives: dict[str, State] = field(default_factory=dict)
     gap: float = 0.0
+    _reached: dict[str, State] = field(default_factory=dict)
 
     def run(self, state: State) -> tuple[Fit, Judged, Judged]:
         """Add effects until none passes.
@@ -87,7 +90,7 @@ class Search:
             attempt = self._round(number, best, now)
             if attempt is None:
                 break
-            best, now = attempt.fit, attempt.judged
+            best, now = self._pruned(number, attempt.fit, attempt.judged)
             if now.mean < ENVELOPE * float(now.floor.mean()):
                 break
         return best, first, now
@@ -112,8 +115,10 @@ class Search:
         if not passed:
             return None
         best = max(passed, key=lambda attempt: attempt.evidence)
+        alike = self._alike(best, base, [a.name for a in passed])
         equal = sorted(
-            (a for a in passed if best.evidence - a.evidence <= AS_GOOD), key=lambda a: -a.evidence
+            (a for a in passed if best.evidence - a.evidence <= AS_GOOD or a.name in alike),
+            key=lambda a: -a.evidence,
         )
         share = 1.0 / float(np.exp([a.evidence - best.evidence for a in equal]).sum())
         shots = len(now.per_shot)
@@ -123,6 +128,39 @@ class Search:
         if len(equal) > 1:
             self.alternatives = {a.name: a.fit.state for a in equal}
         return best
+
+    def _alike(self, best: Attempt, base: Fit, passed: Sequence[str]) -> set[str]:
+        """Effects that bring about nearly all of what the best one was found to do.
+
+        Which of them fits better is decided by what no catalogue lists.
+        """
+        linear = [name for name in passed if name != "fixed_pattern" and name not in DRAWN_SD]
+        if best.name not in linear or len(linear) < 2:
+            return set()
+        held = [name for name in base.state.values if name != "fixed_pattern"]
+        unknowns = self.fitter.unknowns(base.state, [*held, *linear], self.train)
+        found = self.fitter.system(base.state, self.train, unknowns)
+        values = best.fit.state.values[best.name]
+        parameters = self.fitter.forward.parameters[best.name]
+        step = np.array([coordinate(p, values[p.name]) for p in parameters])
+        table = overlaps(found, linear, {best.name: step})
+        return {name for name in linear if table.get((best.name, name), 0.0) >= OVERLAP}
+
+    def _pruned(self, number: int, best: Fit, now: Judged) -> tuple[Fit, Judged]:
+        """Drop effects of earlier rounds that the later ones have made needless."""
+        for winner in self.winners[:-1]:
+            state = best.state.without(winner.name)
+            names = [name for name in state.values if name != "fixed_pattern"]
+            without = self.fitter.fit(state, names, self.train)
+            judged = judge(self.fitter, without.state, self.select)
+            evidence = 0.5 * (without.objective - best.objective) - self._occam(best, winner.name)
+            evidence += 0.5 * float((judged.objective - now.objective).sum())
+            attempt = Attempt(winner.name, best, now, gain(judged, now, self.gap), evidence / ALIKE)
+            if reason := self._refused(attempt):
+                self._note(number, attempt, f"dropped: {reason}")
+                self.winners.remove(winner)
+                best, now = without, judged
+        return best, now
 
     def screen(self, base: Fit) -> dict[str, float]:
         """Logarithm of the Bayes factor of every candidate by linear approximation, on the training shots."""
@@ -157,8 +195,10 @@ class Search:
         for period in PERIODS:
             energy = 0.0
             for shot, left in rows:
-                waves = bands(shot, period)[:, :, 0]
-                waves = waves - waves.mean(axis=1, keepdims=True)
+                _, row = shot.view.centres()
+                turn = 2 * np.pi * row[:, 0] / period
+                waves = np.stack([np.sin(turn), np.cos(turn)])
+                waves -= waves.mean(axis=1, keepdims=True)
                 norm = np.maximum((waves**2).sum(axis=1), 1e-9)
                 energy += float((((waves @ (left - left.mean())) ** 2) / norm).sum())
             if energy > most:
@@ -176,17 +216,33 @@ class Search:
             found = fitter.fit(state, present, self.train)
             evidence = pattern.evidence
         else:
-            start = self._with_period(base.state) if name == "banding" else base.state
-            # A wrong model may have driven poses far off.
-            start = replace(start, poses={})
-            found = fitter.fit(start, [*present, name], self.train)
-            evidence = 0.5 * (base.objective - found.objective) - _occam(found.system, name)
+            found = fitter.fit(self._beginning(name, base.state), [*present, name], self.train)
+            evidence = 0.5 * (base.objective - found.objective) - self._occam(found, name)
             if name == "banding":
                 evidence -= float(np.log(len(PERIODS)))
         found = replace(found, state=_with_strength(found.state, name))
+        if not fitter.at_bound(found.state, name):
+            self._reached[name] = found.state
         judged = judge(fitter, found.state, self.select)
         evidence += 0.5 * float((now.objective - judged.objective).sum())
         return Attempt(name, found, judged, gain(now, judged, self.gap), evidence / ALIKE)
+
+    def _occam(self, found: Fit, name: str) -> float:
+        """Half the logarithm of how much narrower the fit has made an effect's parameters."""
+        places = [k for k, u in enumerate(found.system.unknowns) if u.effect == name]
+        if not places:
+            return 0.0  # a pattern has taken its price already
+        information, _ = found.system.reduced(places)
+        return float(0.5 * np.linalg.slogdet(information + np.eye(len(places)))[1])
+
+    def _beginning(self, name: str, base: State) -> State:
+        """Where the fit of a candidate begins: at its null, in later rounds at what it reached before."""
+        if name == "banding":
+            return replace(self._with_period(base), poses={})
+        if name not in self._reached:
+            return replace(base, poses={})  # a wrong model may have driven poses far off
+        before = self._reached[name]
+        return replace(base.with_values(name, before.values[name]), poses=before.poses)
 
     def _refused(self, attempt: Attempt) -> str:
         """Why a candidate does not pass; empty if it does."""
@@ -218,13 +274,6 @@ def _linear_evidence(whole: System, name: str, others: Sequence[str]) -> float:
     part = whole.only(lambda u: u.effect == name or u.effect not in others)
     places = [k for k, u in enumerate(part.unknowns) if u.effect == name]
     return log_evidence(*part.reduced(places))
-
-
-def _occam(found: System, name: str) -> float:
-    """Half the logarithm of how much narrower the fit has made an effect's parameters."""
-    places = [k for k, u in enumerate(found.unknowns) if u.effect == name]
-    information, _ = found.reduced(places)
-    return float(0.5 * np.linalg.slogdet(information + np.eye(len(places)))[1])
 
 
 def _with_strength(state: State, name: str) -> State:
