@@ -87,17 +87,26 @@ def diagnose(args: Namespace) -> Result:
     """Name the effects a model lacks."""
     from designlab.effects.model import load_model
     from designlab.gap import diagnose as find
+    from designlab.gap.run import RUN
     from designlab.measurement import load_measurement
     from designlab.report import gap_report
 
     measurement = load_measurement(args.measurement)
     model = load_model(args.model)
-    results_folder(args.out)
+    results_folder(args.out, made_with=RUN)
+    page = Path(args.out) / "report.html"
     with bar("picture") as progress:
-        report = find(measurement, model, out=args.out, seed=args.seed, progress=progress)
-    data = report.to_json()
-    page = gap_report(data, Path(args.out) / "report.html", pictures=report.pictures)
-    return Result({**data, "report": str(page)}, f"{_summary(report)}\nreport: {page}")
+        report = find(
+            measurement,
+            model,
+            out=args.out,
+            seed=args.seed,
+            progress=progress,
+            renders=None if args.renders is None else Path(args.renders),
+            trust=args.trust,
+            page=lambda found: gap_report(found.to_json(), page, pictures=found.pictures),
+        )
+    return Result({**report.to_json(), "report": str(page)}, f"{_summary(report)}\nreport: {page}")
 
 
 def benchmark(args: Namespace) -> Result:

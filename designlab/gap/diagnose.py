@@ -2,7 +2,7 @@
 
 import shutil
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from designlab.effects import CATALOGUE, SensorModel, effect
 from designlab.gap.advise import advise
 from designlab.gap.bank import fill
 from designlab.gap.basis import Progress, Renders
+from designlab.gap.checks import check_frames, examine, weakened
 from designlab.gap.control import control
 from designlab.gap.fit import Fit, Fitter
 from designlab.gap.intervals import values
@@ -18,13 +19,13 @@ from designlab.gap.judge import Judged, judge
 from designlab.gap.observe import observe
 from designlab.gap.pictures import draw
 from designlab.gap.result import Found, GapReport, Level, Verdict
+from designlab.gap.run import begin_run, end_run
 from designlab.gap.search import Search
 from designlab.gap.update import updated
 from designlab.gap.where import geometry, where
 from designlab.gap.words import limits
 from designlab.measurement import Measurement
 from designlab.measurement.shots import Observations
-from designlab.store import remove_partial, write_json
 
 SAMPLES = 256
 COLUMNS = 160
@@ -47,6 +48,8 @@ def diagnose(
     renders: Path | None = None,
     pictures: bool = True,
     recentre: bool = True,
+    trust: Sequence[str] = (),
+    page: Callable[[GapReport], object] | None = None,
 ) -> GapReport:
     """Find the effects that explain the difference between a measurement and a model.
 
@@ -80,25 +83,34 @@ def diagnose(
     recentre : bool
         Whether effects on the light are rendered anew at the values found and fitted once more: pictures
         combined from afar leave out what several parameters do together.
+    trust : sequence of str
+        Names of suspicions, see `designlab.measurement.suspicion`, that are known and right as they are.
+    page : callable, optional
+        Called with the report before ``report.json`` is written, which is the last file of a finished run.
 
     Raises
     ------
     MeasurementError
-        If the measurement cannot be compared, or has too few frames.
+        If the measurement cannot be compared, is suspicious, or has too few frames.
     ValueError
-        If an effect is unknown, or the light of a group does not fit at all.
+        If an effect is unknown, the light of a group does not fit at all, or the folder holds another
+        diagnosis.
     """
     begun = time.perf_counter()
     out = Path(out)
+    for name, value, least in (("columns", columns, 8), ("samples", samples, 1), ("seed", seed, 0)):
+        if value < least:
+            raise ValueError(f"{name}: must be at least {least}, got {value}")
     model = SensorModel.of(model)
     names = _names(model, catalogue)
+    noted = check_frames(measurement, model, trust)
     seen = observe(measurement, model.effective_design(), columns=columns)
     folder = renders or out / "renders"
     if not resume:
         shutil.rmtree(folder, ignore_errors=True)
-    out.mkdir(parents=True, exist_ok=True)
-    remove_partial(out)
+    begin_run(out, measurement, model, seed, resume=resume)
     source = Renders(folder, samples, seed, progress)
+    examined = examine(measurement, model, seen, source, noted, trust)
     bank = fill(source, model, seen.shots, names)
     fitter = Fitter(bank)
     train, select, final = seen.of("dark", "background", "train"), seen.of("select"), seen.of("final")
@@ -138,28 +150,17 @@ def diagnose(
         )
         for w in winners
     )
-    model_found = updated(
-        last, best, measurement, seen, verdict, found, effects, gap=gap, seed=seed, samples=samples
-    )
     report = GapReport(
         verdict=verdict,
         effects=effects,
         where=where(fitter, source, before.state, [*train, *select]) if verdict != "at_floor" else (),
         gap=gap,
         next_measurement=advise(fitter, seen, search, verdict),
-        updated=model_found,
+        updated=model,
         model=out / "model.toml",
         candidates=tuple(search.tried),
         notes=_notes(seen, measurement, model),
         provenance=_provenance(seen, measurement, model, source, begun),
-        pictures=draw(
-            (fitter, ends[0].state),
-            (last, ends[1].state),
-            lambda number: geometry(fitter, source, ends[0].state, number),
-            out,
-        )
-        if pictures
-        else {},
         control=control(
             fitter,
             before.state,
@@ -174,9 +175,22 @@ def diagnose(
         else None,
         limits=limits(seen, effects),
     )
-    model_found.save(report.model)
-    write_json(out / "report.json", report.to_json())
-    return report
+    report = weakened(report, examined, names)
+    better = updated(last, best, measurement, seen, report, found, seed=seed, samples=samples)
+    report = replace(report, updated=better)
+
+    def finished() -> GapReport:
+        if not pictures:
+            return report
+        drawn = draw(
+            (fitter, ends[0].state),
+            (last, ends[1].state),
+            lambda number: geometry(fitter, source, ends[0].state, number),
+            out,
+        )
+        return replace(report, pictures=drawn)
+
+    return end_run(out, finished, page)
 
 
 def _recentred(source: Renders, fitter: Fitter, best: Fit, train: Sequence[int]) -> tuple[Fitter, Fit]:
@@ -232,6 +246,7 @@ def _provenance(
         "seed": renders.seed,
         "samples": renders.samples,
         "noise": seen.noise_source,
+        "floor": "measured" if seen.repeats else "assumed",
         "frames": {
             use: [file for shot in seen.shots if shot.use == use for file in shot.files]
             for use in ("dark", "background", "train", "select", "final")

@@ -327,7 +327,7 @@ class Forward:
         values = state.values.get(unknown.effect) or effect(unknown.effect).null(self.bank.model.design)
         ends = []
         for step in (-HALF_STEP, HALF_STEP):
-            there = {**values, p.name: value_at(p, coordinate(p, values[p.name]) + step)}
+            there: Mapping[str, float] = {**values, p.name: value_at(p, coordinate(p, values[p.name]) + step)}
             try:
                 warp = self._warp(here, _warping({**state.values, unknown.effect: there}), view)
             except DesignError:  # no lens turns back within the picture

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from designlab.effects.model import SensorModel
+from designlab.measurement.invariants import Check
 
 FORMAT = 1
 """Version of the report's fields; a number means the same fields in every release."""
@@ -158,6 +159,8 @@ class GapReport:
     pictures: Mapping[Path, str] = field(default_factory=dict)
     control: Control | None = None
     limits: tuple[str, ...] = ()
+    checks: tuple[Check, ...] = ()
+    reserves: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""
@@ -190,6 +193,8 @@ class GapReport:
             "notes": list(self.notes),
             "provenance": dict(self.provenance),
             "pictures": {str(path): caption for path, caption in self.pictures.items()},
+            "checks": [vars(check) | {"files": list(check.files)} for check in self.checks],
+            "reserves": list(self.reserves),
         }
 
     @property

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from designlab.effects import AppliedEffect, Parameter, SensorModel
 from designlab.effects.known import Covariance, Domain, Provenance
 from designlab.gap.fit import Fit, Fitter
-from designlab.gap.result import Found, Level, Value, Verdict
+from designlab.gap.result import GapReport, Value
+from designlab.gap.run import frames_digest
 from designlab.measurement import Measurement
 from designlab.measurement.shots import Observations, Shot
-from designlab.store import digest
 
 Array = NDArray[np.float64]
 
@@ -22,11 +22,9 @@ def updated(
     best: Fit,
     measurement: Measurement,
     seen: Observations,
-    verdict: Verdict,
+    report: GapReport,
     values: Mapping[str, Mapping[str, Value]],
-    found: tuple[Found, ...],
     *,
-    gap: Mapping[str, Level],
     seed: int,
     samples: int,
 ) -> SensorModel:
@@ -40,7 +38,7 @@ def updated(
         The bank the fit was made with, and where it ended.
     measurement, seen : Measurement, Observations
         What was fitted.
-    verdict, found, gap : as of the report
+    report : GapReport
         What the diagnosis says.
     values : mapping of effect and parameter to Value
         Values of all effects of the fit with their intervals, which may be unknown.
@@ -52,7 +50,7 @@ def updated(
     given = model = fitter.bank.model
     if not best.state.values:
         return given
-    sets = {one.name: one.coherence_set for one in found}
+    sets = {one.name: one.coherence_set for one in report.effects}
     for name in best.state.values:
         parameters, fitted = fitter.forward.parameters[name], values[name]
         model = model.with_effect(
@@ -75,11 +73,11 @@ def updated(
         domain=domain([seen.shots[n] for n in seen.of("background", "train")]),
         provenance=Provenance(
             measurement=measurement.name,
-            measurement_digest=content_digest(measurement),
+            measurement_digest=frames_digest(measurement),
             design=given.design.name,
             design_digest=given.design.digest,
-            verdict=verdict,
-            gap={split: dict(vars(level)) for split, level in gap.items()},
+            verdict=report.verdict,
+            gap={split: dict(vars(level)) for split, level in report.gap.items()},
             seed=seed,
             samples=samples,
             version=__version__,
@@ -126,9 +124,3 @@ def domain(shots: list[Shot]) -> Domain:
         probes=tuple(sorted({press.probe.kind for press in presses})),
         exposure=(min(exposures), max(exposures)),
     )
-
-
-def content_digest(measurement: Measurement) -> str:
-    """SHA-256 of what a measurement says and of all its pictures."""
-    content = measurement.model_dump(mode="json")
-    return digest(content, [measurement.path(frame.file).read_bytes() for frame in measurement.frames])
