@@ -22,6 +22,8 @@ def statement(report: GapReport) -> tuple[str, ...]:
     """The verdict in sentences: what is missing, how sure, how much of the gap is gone, what to do."""
     final = report.gap["final"]
     said = [_missing(report), *_how_sure(report)]
+    if report.reserves and report.verdict != "partial":
+        said.append(f"With reserve: {'; '.join(report.reserves)}.")
     if report.effects:
         said.append(_gone(final, report.control, report.effects))
     if report.verdict != "at_floor" and report.where:
@@ -40,6 +42,11 @@ def _missing(report: GapReport) -> str:
             " or ".join(effect.coherence_set) for effect in report.effects if len(effect.coherence_set) > 1
         )
         return f"The model lacks one of several effects that these frames do not tell apart: {choices}."
+    if report.verdict == "partial" and report.reserves:
+        return (
+            f"The model seems to lack {effects}, but this measurement does not bear a name without reserve: "
+            f"{'; '.join(report.reserves)}."
+        )
     if report.verdict == "partial":
         return f"Part of the gap is explained: the model lacks {effects}. The rest is above the floor."
     if report.verdict == "at_floor":
@@ -154,13 +161,14 @@ def _to_do(report: GapReport) -> list[str]:
             "Nothing was added to the model. Look at the pictures of what is left; usual causes that the "
             f"catalogue does not hold are {OUTSIDE}."
         ]
+    if report.verdict == "partial" and report.reserves:
+        return ["Take the frames that are missing before you rely on the name."]
     if report.verdict == "partial":
         return ["The updated model is better but not right; look at what is left before designing with it."]
     if report.verdict == "ambiguous":
         return [
             f"The updated model holds {' and '.join(effect.name for effect in report.effects)}. It "
-            "predicts this "
-            "sensor; for another design take the measurement below first, since the candidates differ there."
+            "predicts this sensor; for another design take the measurement below first, since the candidates differ there."
         ]
     if report.verdict == "at_floor":
         return [

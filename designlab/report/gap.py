@@ -95,6 +95,7 @@ def gap_report(
         Section("What to measure next", _next(report)),
         Section("What this cannot know", (_list(report["limits"]),) if report.get("limits") else ()),
         Section("Every candidate tried", _candidates(report)),
+        Section("Checks of the measurement", _checks(report.get("checks", ()))),
         Section("Notes", tuple(paragraph(note) for note in report.get("notes", ()))),
         Section("How it was made", (_made(made),) if made else ()),
         *sections,
@@ -323,6 +324,26 @@ def _amount(candidate: Mapping[str, Any]) -> str:
     return f" ({found})" if found else ""
 
 
+def _checks(checks: Sequence[Mapping[str, Any]]) -> tuple[Html, ...]:
+    if not checks:
+        return ()
+    words = {
+        True: "holds",
+        False: Html('<strong style="color: #c53030">fails</strong>'),
+        None: "no frames for it",
+    }
+    rows = [
+        {"name": check["name"], "passed": words[check["passed"]], "figure": check["figure"]}
+        for check in checks
+    ]
+    columns = [
+        Column("name", "comparison of frames, without a model"),
+        Column("passed", ""),
+        Column("figure", "found"),
+    ]
+    return (table(rows, columns),)
+
+
 def _list(lines: Sequence[str]) -> Html:
     return Html(f"<ul>{''.join(f'<li>{html.escape(line)}</li>' for line in lines)}</ul>")
 
@@ -333,6 +354,7 @@ def _made(made: Mapping[str, Any]) -> Html:
         {
             "frames": ", ".join(f"{number} {use}" for use, number in frames.items()),
             "noise": made.get("noise", ""),
+            "floor": made.get("floor", ""),
             "pictures rendered": made.get("rendered", ""),
             "samples per pixel": made.get("samples", ""),
             "time": f"{made['seconds']:g} s" if "seconds" in made else "",

@@ -12,6 +12,7 @@ from designlab.effects import SensorModel
 from designlab.gap.intervals import of_amplitudes, of_deviation
 from designlab.gap.result import Advice, Candidate, Control, Found, GapReport, Level, Value, Where
 from designlab.gap.words import places
+from designlab.measurement.invariants import Check
 from designlab.report import gap_report
 from designlab.report.gap_figures import gap_bars, interval_bar
 
@@ -49,6 +50,7 @@ REPORT = GapReport(
         "seed": 1,
         "samples": 256,
         "noise": "repeats",
+        "floor": "measured",
         "frames": {"dark": [], "background": ["b.exr"], "train": ["t.exr"], "select": [], "final": ["f.exr"]},
         "rendered": 3,
         "seconds": 12.5,
@@ -57,6 +59,7 @@ REPORT = GapReport(
     pictures={},
     control=Control("albedo_field", 0.12, 5),
     limits=("products only",),
+    checks=(Check("repeats", False, "1.3 % apart", ("a.exr", "b.exr")),),
 )
 
 
@@ -98,6 +101,11 @@ def test_every_field_that_is_written_is_documented_and_the_other_way_round() -> 
             },
             ["do not tell apart: vignetting or albedo_field", "The updated model holds vignetting"],
             "unexplained",
+        ),
+        (
+            {"verdict": "partial", "reserves": ("no frame was repeated",)},
+            ["seems to lack vignetting", "does not bear a name without reserve: no frame was repeated."],
+            "The rest",
         ),
         (
             {"verdict": "unexplained", "effects": (), "control": None},
@@ -182,6 +190,7 @@ def test_the_page_shows_what_was_found_tried_and_not_known(tmp_path) -> None:
         "time in the lab about 10 min",
         "final 8 1.7 1 90",
         "products only",
+        "repeats fails 1.3 % apart",
     ):
         assert words in shown, words
     assert "<b>" not in text.partition("<title>")[2].partition("</main>")[0].replace("</b>", "")
