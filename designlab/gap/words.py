@@ -167,8 +167,9 @@ def _to_do(report: GapReport) -> list[str]:
         return ["The updated model is better but not right; look at what is left before designing with it."]
     if report.verdict == "ambiguous":
         return [
-            f"The updated model holds {' and '.join(effect.name for effect in report.effects)}. It "
-            "predicts this sensor; for another design take the measurement below first, since the candidates differ there."
+            f"The updated model holds {' and '.join(effect.name for effect in report.effects)}. It predicts "
+            "this sensor; for another design take the measurement below first, since the candidates differ "
+            "there."
         ]
     if report.verdict == "at_floor":
         return [

@@ -3,16 +3,20 @@
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from designlab.design import preset
 from designlab.effects import SensorModel
+from designlab.gap.basis import Renders
+from designlab.gap.diagnose import _provenance
 from designlab.gap.intervals import of_amplitudes, of_deviation
 from designlab.gap.result import Advice, Candidate, Control, Found, GapReport, Level, Value, Where
 from designlab.gap.words import places
 from designlab.measurement.invariants import Check
+from designlab.measurement.shots import Observations
 from designlab.report import gap_report
 from designlab.report.gap_figures import gap_bars, interval_bar
 
@@ -83,6 +87,15 @@ def test_every_field_that_is_written_is_documented_and_the_other_way_round() -> 
     documented = set(re.findall(r"^\| `([^`]+)`", table, re.MULTILINE))
     pictures = replace(REPORT, pictures={Path("where.png"): "where"})
     assert documented == paths(pictures.to_json())
+
+
+def test_the_fields_of_the_provenance_are_those_that_a_diagnosis_writes(tmp_path) -> None:
+    seen = Observations((), np.zeros(3), "repeats", True, True, ())
+    measurement = SimpleNamespace(name="mine")  # of a measurement only its name is written
+    model = SensorModel.of(preset("gelsight-2020-flat"))
+    written = _provenance(seen, measurement, model, Renders(tmp_path, 256, 1), 0.0)  # type: ignore[arg-type]
+    assert written.keys() == REPORT.provenance.keys()
+    assert written["frames"].keys() == REPORT.provenance["frames"].keys()
 
 
 @pytest.mark.parametrize(
