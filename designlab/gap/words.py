@@ -10,6 +10,7 @@ SPREAD = 1.5  # times the mean of its channel and frames, from which a region st
 MOST_PLACES = 3
 ONE_CHANNEL = 0.6
 FRAMES = {"press": "in presses", "background": "on the untouched gel", "dark": "with the LEDs off"}
+EVEN_Z = 0.5  # mean in standard deviations below which a region is neither brighter nor darker
 SEEN = 0.05  # of the excess: less is not worth a sentence
 CALIBRATED = "a share of the evidence limited by the number of presses, not a calibrated frequency"
 OUTSIDE = (
@@ -80,8 +81,9 @@ def _gone(final: Level, control: Control | None, effects: Sequence[Found]) -> st
     removed = final.removed
     if removed is None:
         return "On the final presses, which decided nothing, there was no gap to begin with."
+    share = "all" if removed >= 1 else percent(removed)
     said = (
-        f"On the final presses, which decided nothing, {percent(removed)} of the gap is gone: squared "
+        f"On the final presses, which decided nothing, {share} of the gap is gone: squared "
         f"residual {number(final.before)} before, {number(final.after)} after, floor {number(final.floor)}."
     )
     if control is not None:
@@ -136,8 +138,16 @@ def _place(own: Sequence[Where]) -> str:
     shown = region if only and len({p.region for p in own if p.channel == channel}) == 1 else _kind(region)
     return (
         f"{shown} ({FRAMES[own[0].frames]}{named}), {percent(share)} of the excess on "
-        f"{percent(area)} of the values"
+        f"{percent(area)} of the values{_sign(own)}"
     )
+
+
+def _sign(own: Sequence[Where]) -> str:
+    """Whether the measurement is brighter or darker there; nothing where it is both."""
+    mean_z = sum(p.mean_z * p.area for p in own) / sum(p.area for p in own)
+    if abs(mean_z) < EVEN_Z:
+        return ""
+    return f", measured {'brighter' if mean_z > 0 else 'darker'} than simulated"
 
 
 def _largest(shares: Iterable[tuple[str, float]]) -> tuple[str, float]:
@@ -146,13 +156,6 @@ def _largest(shares: Iterable[tuple[str, float]]) -> tuple[str, float]:
     for name, share in shares:
         sums[name] = sums.get(name, 0.0) + share
     return max(sums.items(), key=lambda item: item[1])
-
-
-def brighter(place: Where) -> str:
-    """Whether the measurement is brighter or darker there than the model."""
-    if abs(place.mean_z) < 0.5:
-        return "brighter here, darker there"
-    return "brighter" if place.mean_z > 0 else "darker"
 
 
 def _to_do(report: GapReport) -> list[str]:
