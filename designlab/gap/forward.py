@@ -24,6 +24,8 @@ DEPTH = POSE.index("depth_mm")
 DEEPER = "depth_offset"
 WARPS_KEPT = 64
 BANDS_KEPT = 16
+DEVIATES = np.linspace(-5.0, 5.0, 101)  # of the noise of one pixel
+LEVELS = 400  # of a sampled curve
 WarpKey = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
 """Values of the effects that decide where pixels look."""
 
@@ -257,8 +259,26 @@ class Forward:
         return clipped(reported, self.shot(number).clip_sigma)
 
     def _reported(self, state: State, mixed: Array) -> Array:
-        """Signal of the camera for mixed light, (..., 3)."""
+        """Signal of the camera for mixed light, (..., 3): what its pixels report in the mean.
+
+        Every pixel of the sensor has its noise before it answers by a curve, frames are means of pixels.
+        """
         lifted = np.asarray(mixed + self.design.camera.black_level)
+        if not any(e.curved and e.name in state.values for e in CATALOGUE):
+            return self._answered(state, lifted)
+        # Even steps of the root: a curve may be steep at zero.
+        low, high = min(float(lifted.min()), 0.0), float(lifted.max())
+        levels = low + (high - low) * np.linspace(0.0, 1.0, LEVELS) ** 2
+        sigma = self.design.camera.noise_sigma(levels)
+        weights = np.exp(-(DEVIATES**2) / 2)
+        values = np.maximum(levels[:, None] + sigma[:, None] * DEVIATES, 0.0)
+        answers = self._answered(state, np.repeat(values[..., None], 3, axis=-1))
+        curves = np.tensordot(weights / weights.sum(), answers, axes=(0, 1))
+        means = [np.interp(lifted[..., c], levels, curves[:, c]) for c in range(3)]
+        return np.stack(means, axis=-1)
+
+    def _answered(self, state: State, lifted: Array) -> Array:
+        """Signal after the effects on it."""
         signal = np.asarray(self.bank.model.on_signal(lifted), dtype=float)
         for e in CATALOGUE:
             if e.name in state.values:
