@@ -5,7 +5,7 @@ combined from these: a quadratic through three pictures for each pose coordinate
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ class Change:
     """Change of light with one coordinate t: t * first + t^2 * second, going on straight beyond `reach`.
 
     Both have shape (groups, rows, columns), or (rows, columns) where the light of `group` alone changes.
-    Where `product`, t is the coordinate of a shape times that of what it is the shape of.
+    Where `product`, t is the coordinate of a shape, and the change is per coordinate of what it shapes.
     """
 
     first: Single
@@ -40,12 +40,12 @@ class Change:
     reach: float = 1.0
     product: bool = False
 
-    def added(self, light: Single, t: float) -> None:
-        """Add the change at t to light (groups, rows, columns)."""
+    def added(self, light: Single, t: float, times: float = 1.0) -> None:
+        """Add the change at t, so many times, to light (groups, rows, columns)."""
         target = light if self.group is None else light[self.group]
-        target += np.float32(t) * self.first
+        target += np.float32(times * t) * self.first
         end = min(abs(t), self.reach)
-        target += np.float32(end * (2 * abs(t) - end)) * self.second
+        target += np.float32(times * end * (2 * abs(t) - end)) * self.second
 
     def slope(self, shape: tuple[int, ...], t: float) -> Single:
         """Derivative at t, (groups, rows, columns)."""
@@ -222,8 +222,8 @@ def _picture(
             group = model.design.group_names.index(p.group) if p.group else None
             ends = [(low, step.reached[0][number]), (high, step.reached[1][number])]
             if step.product:
-                first = (high - low) / np.float32(ends[1][1] - ends[0][1])
-                changes[step.effect, p.name] = Change(first, np.zeros_like(first), product=True)
+                usual = lamp.light(_with(model, step.effect, step.usual), press, view) if sees else here
+                changes[step.effect, p.name] = replace(_quadratic(usual, ends, group), product=True)
             else:
                 changes[step.effect, p.name] = _quadratic(here, ends, group)
     pose: tuple[Change, ...] = ()

@@ -139,8 +139,8 @@ class Forward:
         picture = self.bank.of(number)
         light = picture.light + np.float32(state.numerical) * picture.numerical
         for name, values in state.values.items():
-            for change, t in self._changes(picture, name, values):
-                change.added(light, t)
+            for change, t, times in self._changes(picture, name, values):
+                change.added(light, t, times)
         for change, t in zip(picture.pose, self._pose(state, number), strict=False):
             if t:
                 change.added(light, t)
@@ -148,15 +148,15 @@ class Forward:
 
     def _changes(
         self, picture: Picture, name: str, values: Mapping[str, float]
-    ) -> list[tuple[Change, float]]:
-        """Changes of a picture by an effect that was rendered, and the coordinate of each."""
+    ) -> list[tuple[Change, float, float]]:
+        """Changes of a picture by an effect that was rendered, with coordinates and how often each acts."""
         found = []
         coordinates = self.coordinates(name, values)
         main = next(iter(coordinates[p.name] for p in self.parameters[name] if not p.shape), 0.0)
         for p in self.parameters[name]:
             change, t = picture.changes.get((name, p.name)), coordinates[p.name]
             if change is not None and t:
-                found.append((change, t * main if change.product else t))
+                found.append((change, t, main if change.product else 1.0))
         return found
 
     def coordinates(self, name: str, values: Mapping[str, float]) -> dict[str, float]:
@@ -388,12 +388,12 @@ class Forward:
         at = self.coordinates(unknown.effect, values)
         main = next(at[q.name] for q in self.parameters[unknown.effect] if not q.shape)
         if change.product:
-            return np.float32(main) * change.slope(shape, 0.0) / np.float32(p.sd)
+            return np.float32(main) * change.slope(shape, at[p.name]) / np.float32(p.sd)
         slope = change.slope(shape, at[p.name])
         for q in self.parameters[unknown.effect]:
             cross = picture.changes.get((unknown.effect, q.name))
             if cross is not None and cross.product and not p.shape:
-                slope = slope + np.float32(at[q.name]) * cross.first
+                cross.added(slope, at[q.name])
         return slope / np.float32(p.sd)
 
     def _difference(self, state: State, number: int, unknown: Unknown, light: Single, here: Array) -> Array:
