@@ -38,6 +38,15 @@ from designlab.study import sweep
 BASE = "gelsight-2020-flat"
 HIDDEN = {"led_profile": {"red_exponent": 1.5, "green_exponent": 1.7, "blue_exponent": 1.6}}
 """What nobody in the lab knows: the LEDs shine in a narrower beam than the exponent 1 of the design."""
+TRIED = (
+    "led_profile",
+    "led_position",
+    "vignetting",
+    "albedo_field",
+    "colour_mixing",
+    "black_level",
+    "response_curve",
+)  # effects on how light is spread and reported; None tries the whole catalogue and takes longer
 NEEDED_U0 = 0.45  # darkest over mean light of the gel, that the worst LED group must reach
 HEIGHTS_MM = (9.0, 11.0, 13.0, 15.0)  # of the panels' centre above the membrane
 DRAWS = 4
@@ -70,7 +79,7 @@ def run(
     draws: int = DRAWS,
     columns: int = COLUMNS,
     samples: int = SAMPLES,
-    catalogue: Sequence[str] | None = None,
+    catalogue: Sequence[str] | None = TRIED,
 ) -> Story:
     """Measure, diagnose, and search with the corrected model; go on where an earlier run ended."""
     design = preset(BASE)
