@@ -87,17 +87,26 @@ def diagnose(args: Namespace) -> Result:
     """Name the effects a model lacks."""
     from designlab.effects.model import load_model
     from designlab.gap import diagnose as find
+    from designlab.gap.run import RUN
     from designlab.measurement import load_measurement
     from designlab.report import gap_report
 
     measurement = load_measurement(args.measurement)
     model = load_model(args.model)
-    results_folder(args.out)
+    results_folder(args.out, made_with=RUN)
+    page = Path(args.out) / "report.html"
     with bar("picture") as progress:
-        report = find(measurement, model, out=args.out, seed=args.seed, progress=progress)
-    data = report.to_json()
-    page = gap_report(data, Path(args.out) / "report.html", pictures=report.pictures)
-    return Result({**data, "report": str(page)}, f"{_summary(report)}\nreport: {page}")
+        report = find(
+            measurement,
+            model,
+            out=args.out,
+            seed=args.seed,
+            progress=progress,
+            renders=None if args.renders is None else Path(args.renders),
+            trust=args.trust,
+            page=lambda found: gap_report(found.to_json(), page, pictures=found.pictures),
+        )
+    return Result({**report.to_json(), "report": str(page)}, f"{_summary(report)}\nreport: {page}")
 
 
 def benchmark(args: Namespace) -> Result:
@@ -168,23 +177,32 @@ def _transferred(trials: "list[Trial]", folder: Path) -> Result:
 
 
 def _summary(report: "GapReport") -> str:
-    lines = [f"verdict: {report.verdict}"]
+    """The verdict in words, values with intervals, the gap before and after."""
+    from designlab.gap.words import percent
+
+    lines = [f"verdict: {report.verdict}", *report.statement]
     rows = [
-        (f"{effect.name}.{name}", f"{v.value:.4g}", f"{v.low:.4g} to {v.high:.4g}", v.unit.removeprefix("1"))
+        (f"{effect.name}.{name}", f"{v.value:.4g}", _interval(v.low, v.high), v.unit.removeprefix("1"))
         for effect in report.effects
         for name, v in effect.parameters.items()
     ]
     if rows:
         lines.append(table(("effect", "value", "95 % interval", "unit"), rows))
-    for effect in report.effects:
-        others = [name for name in effect.coherence_set if name != effect.name]
-        if others:
-            lines.append(f"{effect.name} cannot be told apart from {', '.join(others)} on these frames")
-    rows = [
-        (split, f"{gap.before:.3g}", f"{gap.after:.3g}", f"{gap.floor:.3g}")
+    levels = [
+        (
+            split,
+            f"{gap.before:.3g}",
+            f"{gap.after:.3g}",
+            f"{gap.floor:.3g}",
+            "-" if gap.removed is None else percent(gap.removed),
+        )
         for split, gap in report.gap.items()
     ]
-    lines.append(table(("squared residual / noise", "before", "after", "floor"), rows))
-    if report.next_measurement:
+    lines.append(table(("squared residual / noise", "before", "after", "floor", "gap gone"), levels))
+    if report.next_measurement.text:
         lines.append(f"measure next: {report.next_measurement}")
     return "\n".join([*lines, *(f"note: {note}" for note in report.notes), f"model: {report.model}"])
+
+
+def _interval(low: float | None, high: float | None) -> str:
+    return "not known" if low is None or high is None else f"{low:.4g} to {high:.4g}"

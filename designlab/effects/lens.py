@@ -24,12 +24,15 @@ class LensDistortion(Effect):
     warps: ClassVar[bool] = True
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
-        """What is left after undistortion: 2 % of the distance from the axis at the corner (estimate)."""
+        """What is left after undistortion: 2 % of the distance from the axis at the corner (estimate).
+
+        Displaced inwards by 4/27 or more, a lens images nothing at the corner.
+        """
         return (
             Parameter(
-                "radial", "1", 0.0, 0.02, -0.2, 0.2, "relative displacement at the full picture's corner"
+                "radial", "1", 0.0, 0.02, -0.1, 0.2, "relative displacement at the full picture's corner"
             ),
-            Parameter("magnification", "1", 0.0, 0.02, -0.2, 0.2, "relative enlargement"),
+            Parameter("magnification", "1", 0.0, 0.02, -0.1, 0.2, "relative enlargement"),
         )
 
     def on_design(self, design: Design, values: Values) -> Design:

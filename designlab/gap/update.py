@@ -9,15 +9,12 @@ from numpy.typing import NDArray
 from designlab.effects import AppliedEffect, Parameter, SensorModel
 from designlab.effects.known import Covariance, Domain, Provenance
 from designlab.gap.fit import Fit, Fitter
-from designlab.gap.forward import coordinate, value_at
-from designlab.gap.result import Found, Level, Value, Verdict
+from designlab.gap.result import GapReport, Value
+from designlab.gap.run import frames_digest
 from designlab.measurement import Measurement
 from designlab.measurement.shots import Observations, Shot
-from designlab.store import digest
 
 Array = NDArray[np.float64]
-
-INTERVAL_SD = 1.96
 
 
 def updated(
@@ -25,10 +22,9 @@ def updated(
     best: Fit,
     measurement: Measurement,
     seen: Observations,
+    report: GapReport,
+    values: Mapping[str, Mapping[str, Value]],
     *,
-    verdict: Verdict,
-    found: tuple[Found, ...],
-    gap: Mapping[str, Level],
     seed: int,
     samples: int,
 ) -> SensorModel:
@@ -42,8 +38,10 @@ def updated(
         The bank the fit was made with, and where it ended.
     measurement, seen : Measurement, Observations
         What was fitted.
-    verdict, found, gap : as of the report
+    report : GapReport
         What the diagnosis says.
+    values : mapping of effect and parameter to Value
+        Values of all effects of the fit with their intervals, which may be unknown.
     seed, samples : int
         Of its renders.
     """
@@ -52,15 +50,15 @@ def updated(
     given = model = fitter.bank.model
     if not best.state.values:
         return given
-    sets = {one.name: one.coherence_set for one in found}
+    sets = {one.name: one.coherence_set for one in report.effects}
     for name in best.state.values:
-        parameters, fitted = fitter.forward.parameters[name], values(fitter, best, name)
+        parameters, fitted = fitter.forward.parameters[name], values[name]
         model = model.with_effect(
             AppliedEffect(
                 name=name,
                 values={p: v.value for p, v in fitted.items()},
-                low={p: v.low for p, v in fitted.items()},
-                high={p: v.high for p, v in fitted.items()},
+                low={p: v.low for p, v in fitted.items() if v.low is not None},
+                high={p: v.high for p, v in fitted.items() if v.high is not None},
                 bounds={p.name: (p.low, p.high) for p in parameters},
                 coherence_set=sets.get(name, ()),
                 found_in=measurement.name,
@@ -75,11 +73,11 @@ def updated(
         domain=domain([seen.shots[n] for n in seen.of("background", "train")]),
         provenance=Provenance(
             measurement=measurement.name,
-            measurement_digest=content_digest(measurement),
+            measurement_digest=frames_digest(measurement),
             design=given.design.name,
             design_digest=given.design.digest,
-            verdict=verdict,
-            gap={split: dict(vars(level)) for split, level in gap.items()},
+            verdict=report.verdict,
+            gap={split: dict(vars(level)) for split, level in report.gap.items()},
             seed=seed,
             samples=samples,
             version=__version__,
@@ -87,17 +85,6 @@ def updated(
         ),
         parent=given.digest,
     )
-
-
-def values(fitter: Fitter, best: Fit, name: str) -> dict[str, Value]:
-    """Values of an effect with 95 % intervals, statistical."""
-    fitted, deviations = best.state.values[name], best.deviations(name)
-    found = {}
-    for p in fitter.forward.parameters[name]:
-        t = coordinate(p, fitted[p.name])
-        away = INTERVAL_SD * deviations.get(p.name, 0.0)
-        found[p.name] = Value(fitted[p.name], value_at(p, t - away), value_at(p, t + away), p.unit)
-    return found
 
 
 def covariance(fitter: Fitter, best: Fit) -> Covariance | None:
@@ -137,9 +124,3 @@ def domain(shots: list[Shot]) -> Domain:
         probes=tuple(sorted({press.probe.kind for press in presses})),
         exposure=(min(exposures), max(exposures)),
     )
-
-
-def content_digest(measurement: Measurement) -> str:
-    """SHA-256 of what a measurement says and of all its pictures."""
-    content = measurement.model_dump(mode="json")
-    return digest(content, [measurement.path(frame.file).read_bytes() for frame in measurement.frames])
