@@ -121,12 +121,12 @@ def diagnose(
     verdict = _verdict(search, before, after)
     last = fitter
     if verdict in ("unexplained", "at_floor"):
-        best, after = fitter.fit(start, (), train), before
+        best, after = replace(best, state=before.state), before
     elif recentre:
         last, best = _recentred(source, fitter, best, train)
         after = judge(last, best.state, select)
     source.begin("report", 1)
-    stands = (fitter, start), (last, best.state)
+    stands = (fitter, before.state), (last, best.state)
     ends = [judge(own, state, final) for own, state in stands]
     fitted = [judge(own, state, seen.of("train")) for own, state in stands]
     gap = {
@@ -163,7 +163,7 @@ def diagnose(
         provenance=_provenance(seen, measurement, model, source, begun),
         control=control(
             fitter,
-            start,
+            before.state,
             named=[w.name for w in winners],
             as_good={name for w in winners for name in w.coherence_set},
             evidence=search.screened[0],
