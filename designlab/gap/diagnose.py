@@ -10,6 +10,7 @@ from designlab.effects import CATALOGUE, AppliedEffect, SensorModel, effect
 from designlab.gap.advise import advise
 from designlab.gap.bank import fill
 from designlab.gap.basis import Progress, Renders
+from designlab.gap.blocks import is_single
 from designlab.gap.fit import Fit, Fitter
 from designlab.gap.forward import coordinate, value_at
 from designlab.gap.judge import Judged, judge
@@ -17,6 +18,7 @@ from designlab.gap.observe import observe
 from designlab.gap.pictures import draw
 from designlab.gap.result import Found, GapReport, Level, Value, Verdict
 from designlab.gap.search import Search
+from designlab.gap.single import diagnose_single
 from designlab.gap.where import where
 from designlab.measurement import Measurement
 from designlab.measurement.shots import Observations
@@ -96,6 +98,10 @@ def diagnose(
     out.mkdir(parents=True, exist_ok=True)
     remove_partial(out)
     source = Renders(folder, samples, seed, progress)
+    if is_single(seen):
+        return diagnose_single(
+            seen, measurement, model, names=names, source=source, out=out, pictures=pictures
+        )
     bank = fill(source, model, seen.shots, names)
     fitter = Fitter(bank)
     train, select, final = seen.of("dark", "background", "train"), seen.of("select"), seen.of("final")
