@@ -98,7 +98,9 @@ class Picture:
         return np.asarray(np.sqrt(self.variance + (MODEL_ERROR * level) ** 2) + 1e-12)
 
 
-class _Fit(NamedTuple):
+class Light(NamedTuple):
+    """Light fitted to pictures: `transfer` (3, groups), `floor` (3,), and what they miss it by."""
+
     misfit: float
     transfer: Array
     floor: Array
@@ -151,7 +153,7 @@ def _of_all(
     pictures: Sequence[Picture], black: Array, transfer: Array, response: str
 ) -> tuple[Suspicion, ...]:
     """Faults that all pictures share."""
-    tried = {fault: _fit(pictures, fault, black) for fault in _shared(pictures, response)}
+    tried = {fault: fitted_light(pictures, fault, black) for fault in _shared(pictures, response)}
     declared = tried[Fault()]
     best = min(fit.misfit for fit in tried.values())
     chosen = min(
@@ -189,18 +191,18 @@ def _of_single(pictures: Sequence[Picture], black: Array, response: str) -> tupl
         seen = sum((other.lit > 0).astype(int) for other in others)
         if not others or (np.asarray(seen) < 1)[picture.lit > 0].any():
             continue
-        light = _fit(others, Fault(), black)
+        light = fitted_light(others, Fault(), black)
         if light.misfit > MOST_MISFIT_ALONE:
             continue
-        declared = _left(picture, light)
+        declared = misfit(picture, light)
         orders = [Fault(order=order) for order in itertools.permutations(ORDER)]
         candidates = [*_shared([picture], response), *orders]
         tried = {
-            fault: _left(picture.without(fault, black), light) for fault in candidates if fault.parts == 1
+            fault: misfit(picture.without(fault, black), light) for fault in candidates if fault.parts == 1
         }
         fault = min(tried, key=lambda each: tried[each])
         if _explains(tried[fault], declared) and tried[fault] < MOST_MISFIT_ALONE:
-            fits = {fault: _Fit(tried[fault], light.transfer, light.floor)}
+            fits = {fault: Light(tried[fault], light.transfer, light.floor)}
             found += _named(fault, [picture], declared, fits, response, None)
     return tuple(found)
 
@@ -216,7 +218,7 @@ def _shared(pictures: Sequence[Picture], response: str) -> Iterator[Fault]:
         yield Fault(turn, curve)
 
 
-def _fit(pictures: Sequence[Picture], fault: Fault, black: Array) -> _Fit:
+def fitted_light(pictures: Sequence[Picture], fault: Fault, black: Array) -> Light:
     """Fit the light to pictures with a fault undone."""
     undone = [picture.without(fault, black) for picture in pictures]
     transfer, floor = transfer_and_floor(
@@ -226,12 +228,12 @@ def _fit(pictures: Sequence[Picture], fault: Fault, black: Array) -> _Fit:
         [p.sigma for p in undone],
         [p.valid for p in undone],
     )
-    fit = _Fit(0.0, transfer, floor)
-    squares = [_left(p, fit) ** 2 * p.valid.sum() for p in undone]
+    fit = Light(0.0, transfer, floor)
+    squares = [misfit(p, fit) ** 2 * p.valid.sum() for p in undone]
     return fit._replace(misfit=float(np.sqrt(np.sum(squares) / sum(p.valid.sum() for p in undone))))
 
 
-def _left(picture: Picture, light: _Fit) -> float:
+def misfit(picture: Picture, light: Light) -> float:
     """Root mean square of what the model leaves of a picture, over its standard deviation."""
     left = picture.signal - predicted(light.transfer, light.floor, picture.lit, picture.basis)
     return float(np.sqrt(np.mean((left / picture.sigma)[picture.valid] ** 2)))
@@ -264,7 +266,7 @@ def _named(
     fault: Fault,
     pictures: Sequence[Picture],
     declared: float,
-    tried: Mapping[Fault, _Fit],
+    tried: Mapping[Fault, Light],
     response: str,
     mirror: Fault | None,
 ) -> tuple[Suspicion, ...]:

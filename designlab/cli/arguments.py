@@ -169,14 +169,7 @@ def _add_designs(add: Any) -> None:
         "--columns", type=_whole(8, 2048), default=160, metavar="N", help="wider frames are binned to this"
     )
     _out(calibrate, "folder for the calibrated model, the result and a picture of what is left")
-    calibrate.add_argument(
-        "--trust",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="go on although pictures look suspicious (repeatable): no_pose, saturated, nonlinear, "
-        "not_additive, channels, mirrored",
-    )
+    _trust(calibrate)
     _seed(calibrate)
 
     export = add("export", f"{_DESIGNS}:export", "STL, STEP, 3MF, LED coordinates, bill of materials, checks")
@@ -266,6 +259,16 @@ def _add_study(add: Any) -> None:
     )
 
 
+def _trust(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--trust",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="go on although pictures look suspicious (repeatable); the refusal says which name",
+    )
+
+
 def _add_gap(add: Any) -> None:
     gap = add("gap", "", "what a model lacks: diagnose a measurement, or make one with a hidden effect")
     actions = gap.add_subparsers(metavar="ACTION", required=True, parser_class=_Parser)
@@ -309,8 +312,13 @@ def _add_gap(add: Any) -> None:
     diagnose = add("diagnose", f"{_GAP}:diagnose", "name the effects a model lacks", to=actions)
     diagnose.add_argument("measurement", metavar="MEASUREMENT", help="folder with a measurement.toml")
     diagnose.add_argument("--model", required=True, metavar="MODEL", help=MODEL_HELP)
-    _out(diagnose, "folder of the report and the updated model")
+    _out(diagnose, "folder of the report and the updated model; the same command again goes on there")
+    _trust(diagnose)
+    diagnose.add_argument(
+        "--renders", metavar="DIR", help="folder of pictures that several diagnoses share (default: in --out)"
+    )
     _seed(diagnose)
+    diagnose.set_defaults(resume="the pictures rendered so far are kept; run the same command again to go on")
     benchmark = add(
         "benchmark", f"{_GAP}:benchmark", "diagnose a pool of generated sets and score it", to=actions
     )
@@ -319,6 +327,12 @@ def _add_gap(add: Any) -> None:
     )
     benchmark.add_argument(
         "--base", type=_whole(0, 2**31 - 1), default=0, metavar="N", help="start of the seeds (default: 0)"
+    )
+    benchmark.add_argument(
+        "--transfer",
+        action="store_true",
+        help="see how much better the corrected models predict another design: LEDs 3 mm higher, 15 deg more "
+        "tilted, with the same hidden effect",
     )
     _out(benchmark, "folder of sets, reports and scores; the same command again goes on where it ended")
 

@@ -1,6 +1,6 @@
 """One picture as three: alternate blocks of it are fitted to, judge, and give the last numbers."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +21,7 @@ Values = Mapping[str, Mapping[str, float]]
 TRAIN, SELECT, FINAL = 0, 1, 2
 USES: tuple[Use, Use, Use] = ("train", "select", "final")
 BLOCKS = 15  # across a picture: some 10 pixels each, several times as far as neighbouring values are alike
-SCALE = "lens_distortion"
+SCALE, MAGNIFICATION = "lens_distortion", "magnification"
 SCALE_SD = 0.15  # of a picture's scale, which nothing in a single one tells
 NORMAL_MAD = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 
@@ -95,10 +95,16 @@ class FrameFitter(Fitter):
     def __init__(self, bank: Bank, away: Array) -> None:
         super().__init__(bank)
         self.away = away
-        # Of radial distortion a crop about the axis shows little.
         self.forward.parameters[SCALE] = tuple(
-            replace(p, sd=SCALE_SD) for p in self.forward.parameters[SCALE] if p.name == "magnification"
+            replace(p, sd=SCALE_SD) if p.name == MAGNIFICATION else p for p in self.forward.parameters[SCALE]
         )
+
+    def unknowns(
+        self, state: State, names: Collection[str], shots: Sequence[int], *, gains: bool = True
+    ) -> list[Unknown]:
+        """Unknowns as usual, but for radial distortion, of which a crop about the axis shows little."""
+        found = super().unknowns(state, names, shots, gains=gains)
+        return [u for u in found if u.effect != SCALE or u.name == MAGNIFICATION]
 
     def knowing(self, nearby: Picture) -> "FrameFitter":
         """Return the same with further changes of its picture, rendered nearby."""

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.camera import Camera, View
+from designlab.camera import View
+from designlab.design import Design, DesignError
 from designlab.effects import CATALOGUE, AppliedEffect, Effect, Parameter, SensorModel, Sight, effect
 from designlab.effects.camera import mixed
 from designlab.gap.bank import POSE_STEP, Bank, Change, Picture
@@ -21,7 +22,10 @@ Values = Mapping[str, Mapping[str, float]]
 HALF_STEP = 0.25  # of a prior standard deviation: differences of effects that are not rendered
 DEPTH = POSE.index("depth_mm")
 DEEPER = "depth_offset"
-WARPS_KEPT = 32
+WARPS_KEPT = 64
+BANDS_KEPT = 16
+WarpKey = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
+"""Values of the effects that decide where pixels look."""
 
 
 class Unknown(NamedTuple):
@@ -72,6 +76,13 @@ class State:
         """Give an effect other values."""
         return replace(self, values={**self.values, name: dict(values)})
 
+    def without(self, name: str) -> "State":
+        """Take an effect away."""
+        values = {n: v for n, v in self.values.items() if n != name}
+        drawn = {n: v for n, v in self.drawn.items() if n != name}
+        pattern = None if name == "fixed_pattern" else self.pattern
+        return replace(self, values=values, drawn=drawn, pattern=pattern)
+
     def model(self, bank: Bank) -> SensorModel:
         """Model with the added effects, those that are at their null left out."""
         found = bank.model
@@ -93,7 +104,8 @@ class Forward:
     def __init__(self, bank: Bank) -> None:
         self.bank = bank
         self.design = bank.model.effective_design()
-        self._warps: dict[tuple[Camera, View], Warp] = {}
+        self._warps: dict[tuple[WarpKey, WarpKey, View], Warp | None] = {}
+        self._bands: dict[tuple[View, float], Array] = {}
         self.flux = np.array([group.flux_mw for group in self.design.leds.groups])
         self.parameters: dict[str, tuple[Parameter, ...]] = {
             e.name: e.parameters(bank.model.design) for e in CATALOGUE
@@ -168,33 +180,45 @@ class Forward:
         self, state: State, number: int, light: NDArray[np.floating], *, order: int = ORDER
     ) -> NDArray[np.floating]:
         """Light after the effects that act on it; linear in it, any number of pictures at once."""
+        return self._after_warp(state, number, self._warped(state, number, light, order=order))
+
+    def _warped(
+        self, state: State, number: int, light: NDArray[np.floating], *, order: int = ORDER
+    ) -> NDArray[np.floating]:
+        """Light as the camera of a state sees it, before what its optics and sensor do."""
         sight = self.sight(state, number)
-        acting = [e for e in CATALOGUE if e.name in state.values]
-        for e in acting:
-            if e.stage != "camera":
+        for e in CATALOGUE:
+            if e.stage != "camera" and e.name in state.values:
                 light = e.on_light(light, state.values[e.name], sight)
-        warp = self._warp(state, sight.view)
-        if warp is not None:
-            light = warp(light, order=order)
-        for e in acting:
-            if e.stage == "camera":
+        warp = self._warp((), _warping(state.values), sight.view)
+        return light if warp is None else warp(light, order=order)
+
+    def _after_warp(self, state: State, number: int, light: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Light after what the camera's optics and sensor do."""
+        sight = self.sight(state, number)
+        for e in CATALOGUE:
+            if e.stage == "camera" and e.name in state.values:
                 light = e.on_light(light, state.values[e.name], sight)
         return np.asarray(light * self._of_one_shot(state, number))
 
-    def _warp(self, state: State, view: View) -> Warp | None:
-        """Resampling by the effects on where pixels look; None where they are at their null."""
-        changed = self.design
-        for e in CATALOGUE:
-            if e.warps and e.name in state.values:
-                changed = e.on_design(changed, state.values[e.name])
-        if changed is self.design:
+    def _warp(self, nominal: WarpKey, changed: WarpKey, view: View) -> Warp | None:
+        """Resampling of what a camera sees into what another does; None where they are the same."""
+        key = nominal, changed, view
+        if nominal == changed:
             return None
-        key = (changed.camera, view)
         if key not in self._warps:
             if len(self._warps) >= WARPS_KEPT:
                 self._warps.clear()
-            self._warps[key] = Warp(self.design, changed, view)
+            before, after = self._seeing(nominal), self._seeing(changed)
+            self._warps[key] = None if before is after else Warp(before, after, view)
         return self._warps[key]
+
+    def _seeing(self, values: WarpKey) -> Design:
+        """Design whose pixels look where effects say."""
+        design = self.design
+        for name, own in values:
+            design = effect(name).on_design(design, dict(own))
+        return design
 
     def _of_one_shot(self, state: State, number: int) -> Array | float:
         """Factor on the light of a shot by its own drift and bands."""
@@ -206,8 +230,16 @@ class Forward:
             waves = state.drawn.get("banding", {}).get(number)
             if waves is not None:
                 period = state.values["banding"]["period_rows"]
-                factor = factor * (1.0 + np.tensordot(waves, bands(self.shot(number), period), axes=1))
+                factor = factor * (1.0 + np.tensordot(waves, self._waves(number, period), axes=1))
         return factor
+
+    def _waves(self, number: int, period_rows: float) -> Array:
+        key = self.shot(number).view, period_rows
+        if key not in self._bands:
+            if len(self._bands) >= BANDS_KEPT:
+                self._bands.clear()
+            self._bands[key] = bands(self.shot(number), period_rows)
+        return self._bands[key]
 
     def weights(self, state: State, number: int) -> Array:
         """Signal of each channel per unit of each group's radiance at unit flux, (3, groups)."""
@@ -216,8 +248,10 @@ class Forward:
             mixing = mixed(self.design, state.values["colour_mixing"])
         return np.asarray(mixing * self.flux * state.gains * self.shot(number).lit)
 
-    def _signal(self, state: State, number: int, light: NDArray[np.floating], *, order: int = ORDER) -> Array:
-        optics = self._optics(state, number, light, order=order)
+    def _signal(self, state: State, number: int, light: NDArray[np.floating]) -> Array:
+        return self._of_optics(state, number, self._optics(state, number, light))
+
+    def _of_optics(self, state: State, number: int, optics: NDArray[np.floating]) -> Array:
         channels = np.moveaxis(np.tensordot(self.weights(state, number), optics, axes=1), 0, -1)
         reported = self._reported(state, channels * _pattern(state))
         return clipped(reported, self.shot(number).clip_sigma)
@@ -241,9 +275,12 @@ class Forward:
         light = self._light(state, number)
         slopes: list[Single] = []
         places: list[int] = []
-        here = self._signal(state, number, light)
+        looks: list[Single] = []
+        looking: list[int] = []
         mixing = self.weights(state, number)
-        optics = self._optics(state, number, light)
+        warped = self._warped(state, number, light)
+        optics = self._after_warp(state, number, warped)
+        here = self._of_optics(state, number, optics)
         gain = self._slope(state, mixing, optics, shot.clip_sigma)
         for place, unknown in enumerate(unknowns):
             if unknown.shot not in (-1, number):
@@ -260,24 +297,53 @@ class Forward:
                 wave: Array | float = 1.0
                 if unknown.effect == "banding":
                     period = state.values["banding"]["period_rows"]
-                    wave = bands(shot, period)[int(unknown.name)]
+                    wave = self._waves(number, period)[int(unknown.name)]
                 part = np.tensordot(mixing, optics * wave, axes=1)
                 found[..., place] = unknown.sd * np.moveaxis(part, 0, -1) * gain
+            elif unknown.effect in WARPING:
+                looks.append(self._look_slope(state, number, unknown, warped))
+                looking.append(place)
             else:
                 found[..., place] = self._difference(state, number, unknown, light, here)
         if slopes:
-            groups = len(mixing[0])
-            stack = np.concatenate(slopes)
-            pushed = self._optics(state, number, stack, order=1).reshape(len(slopes), groups, rows, width)
+            looks.append(np.asarray(self._warped(state, number, np.concatenate(slopes), order=1)))
+        if looks:
+            pushed = self._after_warp(state, number, np.concatenate(looks))
+            pushed = pushed.reshape(-1, len(mixing[0]), rows, width)
             channels = np.tensordot(mixing, pushed, axes=([1], [1]))  # (3, n, rows, columns)
-            found[..., places] = channels.transpose(2, 3, 0, 1) * gain[..., None]
+            found[..., [*looking, *places]] = channels.transpose(2, 3, 0, 1) * gain[..., None]
         return found
+
+    def _look_slope(
+        self, state: State, number: int, unknown: Unknown, warped: NDArray[np.floating]
+    ) -> NDArray[np.floating]:
+        """Change of the light by a parameter that turns where pixels look: (groups, rows, columns).
+
+        Every pixel takes the light a little beside its own. The steps are as wide as the errors that are
+        looked for: a tangent would lose an edge that is pixels away.
+        """
+        view, here = self.shot(number).view, _warping(state.values)
+        p = next(p for p in self.parameters[unknown.effect] if p.name == unknown.name)
+        values = state.values.get(unknown.effect) or effect(unknown.effect).null(self.bank.model.design)
+        ends = []
+        for step in (-HALF_STEP, HALF_STEP):
+            there: Mapping[str, float] = {**values, p.name: value_at(p, coordinate(p, values[p.name]) + step)}
+            try:
+                warp = self._warp(here, _warping({**state.values, unknown.effect: there}), view)
+            except DesignError:  # no lens turns back within the picture
+                there, warp = values, None
+            # Errors of straight lines between pixels cancel in a difference.
+            ends.append((warped if warp is None else warp(warped, order=1), coordinate(p, there[p.name])))
+        (low, start), (high, end) = ends
+        return np.asarray((high - low) / np.float32(end - start), dtype=np.float32)
 
     def _slope(self, state: State, mixing: Array, optics: NDArray[np.floating], sigma: Array) -> Array:
         """Derivative of the reported signal by the mixed light, (rows, columns, 3)."""
         channels = np.moveaxis(np.tensordot(mixing, optics, axes=1), 0, -1) * _pattern(state)
         slope = uncut(self._reported(state, channels), sigma)
-        if "response_curve" in state.values:
+        if "response_curve" in state.values or any(
+            a.name == "response_curve" for a in self.bank.model.effects
+        ):
             step = 1e-3 * max(float(channels.max()), 1e-3)
             ends = self._reported(state, channels - step), self._reported(state, channels + step)
             slope = slope * (ends[1] - ends[0]) / (2 * step)
@@ -316,16 +382,22 @@ class Forward:
         values = dict(state.values.get(unknown.effect) or effect(unknown.effect).null(self.bank.model.design))
         now = coordinate(p, values[p.name])
         far = 1.0 if p.squared and now == 0 else HALF_STEP
-        order = 1 if effect(unknown.effect).warps else ORDER  # errors of resampling cancel in a difference
         ends = []
         for step in (0.0, far) if p.one_sided and now < far else (-far, far):
             if step == 0.0:
                 ends.append((here, 0.0))
                 continue
             changed = state.with_values(unknown.effect, values | {p.name: value_at(p, now + step)})
-            ends.append((self._signal(changed, number, light, order=order), step))
+            ends.append((self._signal(changed, number, light), step))
         (low, start), (high, end) = ends
         return (high - low) / (end - start)
+
+
+WARPING = tuple(e.name for e in CATALOGUE if e.warps)
+
+
+def _warping(values: Values) -> WarpKey:
+    return tuple((name, tuple(values[name].items())) for name in WARPING if name in values)
 
 
 def _pattern(state: State) -> Array | float:

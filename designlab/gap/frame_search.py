@@ -5,6 +5,7 @@ sensor that nobody has measured. So pictures are rendered anew about whatever ha
 effect that joins.
 """
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -181,11 +182,13 @@ class FrameSearch:
             if place >= FITTED or screened[name] < DECISIVE / 2:
                 self.tried.append(Candidate(number, name, "screened out", evidence=screened[name]))
                 continue
+            begun = time.perf_counter()
             fit = fitter.fit(base.state, (*base.state.values, name), (TRAIN,))
+            seconds = time.perf_counter() - begun
             after = self.blocks(Stand(fitter, fit))
             attempt = Attempt(name, fit, after, self._gain(before, after))
             reason = self._refused(fitter, attempt)
-            self._note(number, fitter, attempt, reason or "passed")
+            self._note(number, attempt, reason or "passed", seconds)
             if not reason:
                 passed.append(attempt)
         if not passed:
@@ -237,10 +240,21 @@ class FrameSearch:
         fit = now.fitter.fit(state, [n for n in state.values if n != name], (TRAIN,))
         return self.blocks(Stand(now.fitter, fit))
 
-    def _note(self, number: int, fitter: FrameFitter, attempt: Attempt, outcome: str) -> None:
+    def _note(self, number: int, attempt: Attempt, outcome: str, seconds: float) -> None:
         values, g = attempt.fit.state.values[attempt.name], attempt.gain
         named = {f"{attempt.name}.{p}": float(v) for p, v in values.items()}
-        self.tried.append(Candidate(number, attempt.name, outcome, g.value, g.se, g.improved, named))
+        self.tried.append(
+            Candidate(
+                number,
+                attempt.name,
+                outcome,
+                g.value,
+                g.se,
+                g.improved,
+                named,
+                seconds=round(seconds, 2),
+            )
+        )
 
 
 def _not_told_apart(best: Attempt, other: Attempt) -> bool:

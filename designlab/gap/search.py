@@ -1,6 +1,7 @@
 """The race: effects are fitted on some shots and judged on others; the best joins the model."""
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -8,18 +9,18 @@ import numpy as np
 from designlab.effects import effect
 from designlab.gap.evidence import System, log_evidence
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter
-from designlab.gap.forward import State, bands
+from designlab.gap.forward import State, coordinate
 from designlab.gap.judge import LEAST_IMPROVED, LEAST_SHARE, Gain, Judged, gain, judge
+from designlab.gap.overlap import overlaps
 from designlab.gap.pattern import found_pattern
 from designlab.gap.result import Candidate
 
 MOST_EFFECTS = 4
 FITTED = 6  # candidates of a round that are fitted to the end
-# Neighbouring values share the small errors that no noise model lists, so that their number says too much:
-# logarithms of Bayes factors are divided by this (coarsened posterior, Miller and Dunson 2019).
-ALIKE = 64.0
 DECISIVE = 10.0  # logarithm of the Bayes factor from which an effect counts as seen
 AS_GOOD = 3.0  # difference of such logarithms within which effects are not told apart
+OVERLAP = 0.95  # share of a signature from which another effect can stand for it
+NULL_ENVELOPE = 1.1  # mean squared residual over the floor below which nothing is looked for at all
 ENVELOPE = 1.3  # mean squared residual over the floor below which no further effect is looked for
 RIVAL = "numerical"
 PERIODS = np.geomspace(40.0, 2000.0, 120)  # rows of the full sensor
@@ -61,6 +62,8 @@ class Search:
         Effects to try.
     train, select : sequence of int
         Shots to fit to, and to judge by.
+    progress : callable, optional
+        Called with what is done now, steps done, and steps in all as far as is known.
     """
 
     fitter: Fitter
@@ -71,6 +74,10 @@ class Search:
     winners: list[Winner] = field(default_factory=list)
     alternatives: dict[str, State] = field(default_factory=dict)
     gap: float = 0.0
+    progress: Callable[[str, int, int], None] | None = None
+    screened: list[dict[str, float]] = field(default_factory=list)
+    _steps: int = 0
+    _reached: dict[str, State] = field(default_factory=dict)
 
     def run(self, state: State) -> tuple[Fit, Judged, Judged]:
         """Add effects until none passes.
@@ -83,37 +90,46 @@ class Search:
         best = self.fitter.fit(state, (), self.train)
         first = now = judge(self.fitter, best.state, self.select)
         self.gap = first.gap
+        if now.mean < NULL_ENVELOPE * float(now.floor.mean()):
+            return best, first, now
         for number in range(1, MOST_EFFECTS + 1):
             attempt = self._round(number, best, now)
             if attempt is None:
                 break
-            best, now = attempt.fit, attempt.judged
+            best, now = self._pruned(number, attempt.fit, attempt.judged)
             if now.mean < ENVELOPE * float(now.floor.mean()):
                 break
         return best, first, now
 
     def _round(self, number: int, base: Fit, now: Judged) -> Attempt | None:
+        self._tell("screening", 1 + FITTED)
         screened = self.screen(base)
+        self.screened.append(screened)
         amount = {f"{RIVAL}.amount": base.state.numerical}
         self.tried.append(Candidate(number, RIVAL, "fitted with every candidate", parameters=amount))
         order = sorted(screened, key=lambda name: -screened[name])
-        attempts: list[Attempt] = []
-        for place, name in enumerate(order):
-            if place >= FITTED or screened[name] < DECISIVE / 2:
+        promising = [name for name in order[:FITTED] if screened[name] >= DECISIVE / 2]
+        for name in order:
+            if name not in promising:
                 self.tried.append(Candidate(number, name, "screened out", evidence=screened[name]))
-                continue
-            attempts.append(self._attempt(name, base, now))
+        attempts: list[tuple[Attempt, float]] = []
+        for place, name in enumerate(promising):
+            self._tell(name, len(promising) - place)
+            begun = time.perf_counter()
+            attempts.append((self._attempt(name, base, now), time.perf_counter() - begun))
         passed = []
-        for attempt in attempts:
+        for attempt, seconds in attempts:
             reason = self._refused(attempt)
-            self._note(number, attempt, reason or "passed")
+            self._note(number, attempt, reason or "passed", seconds)
             if not reason:
                 passed.append(attempt)
         if not passed:
             return None
         best = max(passed, key=lambda attempt: attempt.evidence)
+        alike = self._alike(best, base, [a.name for a in passed])
         equal = sorted(
-            (a for a in passed if best.evidence - a.evidence <= AS_GOOD), key=lambda a: -a.evidence
+            (a for a in passed if best.evidence - a.evidence <= AS_GOOD or a.name in alike),
+            key=lambda a: -a.evidence,
         )
         share = 1.0 / float(np.exp([a.evidence - best.evidence for a in equal]).sum())
         shots = len(now.per_shot)
@@ -123,6 +139,39 @@ class Search:
         if len(equal) > 1:
             self.alternatives = {a.name: a.fit.state for a in equal}
         return best
+
+    def _alike(self, best: Attempt, base: Fit, passed: Sequence[str]) -> set[str]:
+        """Effects that bring about nearly all of what the best one was found to do.
+
+        Which of them fits better is decided by what no catalogue lists.
+        """
+        linear = [name for name in passed if name != "fixed_pattern" and name not in DRAWN_SD]
+        if best.name not in linear or len(linear) < 2:
+            return set()
+        held = [name for name in base.state.values if name != "fixed_pattern"]
+        unknowns = self.fitter.unknowns(base.state, [*held, *linear], self.train)
+        found = self.fitter.system(base.state, self.train, unknowns)
+        values = best.fit.state.values[best.name]
+        parameters = self.fitter.forward.parameters[best.name]
+        step = np.array([coordinate(p, values[p.name]) for p in parameters])
+        table = overlaps(found, linear, {best.name: step})
+        return {name for name in linear if table.get((best.name, name), 0.0) >= OVERLAP}
+
+    def _pruned(self, number: int, best: Fit, now: Judged) -> tuple[Fit, Judged]:
+        """Drop effects of earlier rounds that the later ones have made needless."""
+        for winner in self.winners[:-1]:
+            state = best.state.without(winner.name)
+            names = [name for name in state.values if name != "fixed_pattern"]
+            without = self.fitter.fit(state, names, self.train)
+            judged = judge(self.fitter, without.state, self.select)
+            evidence = 0.5 * (without.objective - best.objective) - self._occam(best, winner.name)
+            evidence += 0.5 * float((judged.objective - now.objective).sum())
+            attempt = Attempt(winner.name, best, now, gain(judged, now, self.gap), evidence)
+            if reason := self._refused(attempt):
+                self._note(number, attempt, f"dropped: {reason}")
+                self.winners.remove(winner)
+                best, now = without, judged
+        return best, now
 
     def screen(self, base: Fit) -> dict[str, float]:
         """Logarithm of the Bayes factor of every candidate by linear approximation, on the training shots."""
@@ -140,7 +189,7 @@ class Search:
             found["banding"] -= float(np.log(len(PERIODS)))
         if "fixed_pattern" in names:
             found["fixed_pattern"] = found_pattern(self.fitter, base.state, self.train).evidence
-        return {name: value / ALIKE for name, value in found.items()}
+        return found
 
     def _with_period(self, state: State) -> State:
         """Give banding the period of which the training shots hold most."""
@@ -157,8 +206,10 @@ class Search:
         for period in PERIODS:
             energy = 0.0
             for shot, left in rows:
-                waves = bands(shot, period)[:, :, 0]
-                waves = waves - waves.mean(axis=1, keepdims=True)
+                _, row = shot.view.centres()
+                turn = 2 * np.pi * row[:, 0] / period
+                waves = np.stack([np.sin(turn), np.cos(turn)])
+                waves -= waves.mean(axis=1, keepdims=True)
                 norm = np.maximum((waves**2).sum(axis=1), 1e-9)
                 energy += float((((waves @ (left - left.mean())) ** 2) / norm).sum())
             if energy > most:
@@ -176,17 +227,33 @@ class Search:
             found = fitter.fit(state, present, self.train)
             evidence = pattern.evidence
         else:
-            start = self._with_period(base.state) if name == "banding" else base.state
-            # A wrong model may have driven poses far off.
-            start = replace(start, poses={})
-            found = fitter.fit(start, [*present, name], self.train)
-            evidence = 0.5 * (base.objective - found.objective) - _occam(found.system, name)
+            found = fitter.fit(self._beginning(name, base.state), [*present, name], self.train)
+            evidence = 0.5 * (base.objective - found.objective) - self._occam(found, name)
             if name == "banding":
                 evidence -= float(np.log(len(PERIODS)))
         found = replace(found, state=_with_strength(found.state, name))
+        if not fitter.at_bound(found.state, name):
+            self._reached[name] = found.state
         judged = judge(fitter, found.state, self.select)
         evidence += 0.5 * float((now.objective - judged.objective).sum())
-        return Attempt(name, found, judged, gain(now, judged, self.gap), evidence / ALIKE)
+        return Attempt(name, found, judged, gain(now, judged, self.gap), evidence)
+
+    def _occam(self, found: Fit, name: str) -> float:
+        """Half the logarithm of how much narrower the fit has made an effect's parameters."""
+        places = [k for k, u in enumerate(found.system.unknowns) if u.effect == name]
+        if not places:
+            return 0.0  # a pattern has taken its price already
+        information, _ = found.system.reduced(places)
+        return float(0.5 * np.linalg.slogdet(information + np.eye(len(places)))[1])
+
+    def _beginning(self, name: str, base: State) -> State:
+        """Where the fit of a candidate begins: at its null, in later rounds at what it reached before."""
+        if name == "banding":
+            return replace(self._with_period(base), poses={})
+        if name not in self._reached:
+            return replace(base, poses={})  # a wrong model may have driven poses far off
+        before = self._reached[name]
+        return replace(base.with_values(name, before.values[name]), poses=before.poses)
 
     def _refused(self, attempt: Attempt) -> str:
         """Why a candidate does not pass; empty if it does."""
@@ -195,6 +262,10 @@ class Search:
             return f"evidence {attempt.evidence:.3g}, below {DECISIVE:g}"
         if attempt.gain.value < least:
             return f"closes {attempt.gain.value:.1%} of the gap, less than {least:.1%}"
+        if attempt.gain.squares < LEAST_SHARE:
+            return (
+                f"takes {attempt.gain.squares:.1%} of the squared residual away, less than {LEAST_SHARE:.1%}"
+            )
         # Some draws of a single shot are small: not every one can gain.
         if attempt.name not in DRAWN_SD and attempt.gain.improved < LEAST_IMPROVED:
             return f"only {attempt.gain.improved:.0%} of the held-out presses improve"
@@ -204,12 +275,28 @@ class Search:
             return f"beyond what is likely of {', '.join(far)}"
         return ""
 
-    def _note(self, number: int, attempt: Attempt, outcome: str) -> None:
+    def _tell(self, what: str, left: int) -> None:
+        """Report that a step begins, after which `left` - 1 are known to follow."""
+        if self.progress is not None:
+            self.progress(f"effects: {what}", self._steps, self._steps + left)
+        self._steps += 1
+
+    def _note(self, number: int, attempt: Attempt, outcome: str, seconds: float | None = None) -> None:
         values = attempt.fit.state.values.get(attempt.name, {})
         g = attempt.gain
         named = {f"{attempt.name}.{p}": float(v) for p, v in values.items()}
         self.tried.append(
-            Candidate(number, attempt.name, outcome, g.value, g.se, g.improved, named, attempt.evidence)
+            Candidate(
+                number,
+                attempt.name,
+                outcome,
+                g.value,
+                g.se,
+                g.improved,
+                named,
+                attempt.evidence,
+                None if seconds is None else round(seconds, 2),
+            )
         )
 
 
@@ -218,13 +305,6 @@ def _linear_evidence(whole: System, name: str, others: Sequence[str]) -> float:
     part = whole.only(lambda u: u.effect == name or u.effect not in others)
     places = [k for k, u in enumerate(part.unknowns) if u.effect == name]
     return log_evidence(*part.reduced(places))
-
-
-def _occam(found: System, name: str) -> float:
-    """Half the logarithm of how much narrower the fit has made an effect's parameters."""
-    places = [k for k, u in enumerate(found.unknowns) if u.effect == name]
-    information, _ = found.reduced(places)
-    return float(0.5 * np.linalg.slogdet(information + np.eye(len(places)))[1])
 
 
 def _with_strength(state: State, name: str) -> State:

@@ -7,7 +7,8 @@ most consistent with it, and none is named for certain.
 """
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,33 +16,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.camera import View
-from designlab.effects import AppliedEffect, SensorModel, effect
+from designlab.effects import SensorModel, effect
 from designlab.gap.bank import moved
 from designlab.gap.basis import Renders
 from designlab.gap.blocks import FINAL, SCALE, TRAIN, USES, Uses, block_uses, in_blocks
-from designlab.gap.forward import coordinate, value_at
+from designlab.gap.checks import Examined, weakened
 from designlab.gap.frame_picture import draw
 from designlab.gap.frame_search import FrameSearch, Stand
-from designlab.gap.result import Found, GapReport, Level, Value, Verdict
+from designlab.gap.intervals import values
+from designlab.gap.result import Advice, Found, GapReport, Level, Verdict
+from designlab.gap.run import end_run
 from designlab.gap.structure import rendered, structure
+from designlab.gap.update import updated
 from designlab.gap.where import where
+from designlab.gap.words import limits
 from designlab.measurement import Measurement
 from designlab.measurement.shots import POSE, Observations
 from designlab.press import Press
-from designlab.store import write_atomic, write_json
 
 Array = NDArray[np.float64]
 Figures = dict[str, dict[str, Mapping[str, float]]]
 
 UNEXPLAINED_ABOVE = 0.5  # leftover share of the gap from which nothing is named
 AT_FLOOR = 3.0  # mean squared residual over the floor below which there is no gap to explain
-INTERVAL_SD = 1.96
-BEYOND_SD = 3.0
+FAR_SD = 3.0  # standard deviations from the stated pose that are worth a note
 MOST_CONFIDENCE = 2.0 / 3.0  # of one success in one trial (rule of succession)
-NEXT = (
-    "the untouched gel with all LEDs on, three times, once with all off and once with each LED group alone "
-    "(about 5 min), then the same shape at two more places: without them light, coating, camera and contact "
-    "share one picture, and its noise is not known"
+NEXT = Advice(
+    "the untouched gel with all LEDs on, three times, once with all off and once with each LED group alone, "
+    "then the same shape at two more places: without them light, coating, camera and contact share one "
+    "picture, and its noise is not known",
+    minutes=10.0,
+)
+ONE = (
+    "n = 1: one picture of one press. Alternate blocks of it were fitted to and the others scored, which "
+    "shows that a correction is no fit to dirt, not that it holds for another press: the effects are "
+    "consistent with this picture, none is validated.",
+    "The noise floor is unknown without repeats; the grain of the picture itself, dirt included, stands for "
+    "it.",
 )
 
 
@@ -52,8 +63,10 @@ def diagnose_single(
     *,
     names: Sequence[str],
     source: Renders,
+    examined: Examined,
     out: Path,
     pictures: bool = True,
+    page: Callable[[GapReport], object] | None = None,
     parity: int = 0,
 ) -> GapReport:
     """Find effects that are consistent with a single picture.
@@ -70,10 +83,14 @@ def diagnose_single(
         Effects to try.
     source : Renders
         Where pictures come from.
+    examined : Examined
+        Outcome of the checks, which weakens the verdict.
     out : Path
         Folder for ``model.toml``, ``report.json`` and the picture.
     pictures : bool
         Whether to draw.
+    page : callable, optional
+        Called with the report before ``report.json`` is written.
     parity : int
         0 or 1: which blocks are fitted to.
 
@@ -87,25 +104,25 @@ def diagnose_single(
     search = FrameSearch(source, model, seen.shots, names)
     given, best = search.run()
     verdict = _verdict(search, given, best)
-    nothing = verdict in ("unexplained", "at_floor")
-    if nothing:
-        best = given
+    if verdict in ("unexplained", "at_floor"):
+        best, search.members = given, []
+    source.begin("report", 1)
     given.fitter.noises = best.fitter.noises
-    updated = _updated(model, best, measurement.name)
-    figures, images, uses = _compared(measurement, seen, model, updated, given, best, source, parity)
+    found = {name: values(best.fitter, best.fit, name, (TRAIN,)) for name in best.state.values}
+    effects = tuple(
+        Found(
+            member.name,
+            found[member.name],
+            MOST_CONFIDENCE / len(member.equals),
+            member.equals,
+            effect(member.name).summary,
+            effect(member.name).transferable,
+        )
+        for member in search.members
+    )
     report = GapReport(
         verdict=verdict,
-        effects=()
-        if nothing
-        else tuple(
-            Found(
-                member.name,
-                _values(best, member.name),
-                MOST_CONFIDENCE / len(member.equals),
-                member.equals,
-            )
-            for member in search.members
-        ),
+        effects=effects,
         where=where(given.fitter, source, given.state, range(len(USES))) if verdict != "at_floor" else (),
         gap={
             use: Level(
@@ -116,16 +133,29 @@ def diagnose_single(
             for number, use in enumerate(USES)
         },
         next_measurement=NEXT,
-        updated=updated,
+        updated=model,
         model=out / "model.toml",
         candidates=tuple(search.tried),
-        notes=(*_words(search, given, best, measurement, figures, nothing), *seen.notes),
-        provenance=_provenance(seen, measurement, model, source, parity, figures, begun),
-        pictures=draw(images, uses, out) if pictures else {},
+        notes=seen.notes,
+        provenance=_provenance(seen, measurement, model, source, parity),
+        limits=(*ONE, *limits(seen, effects)[1:]),
     )
-    write_atomic(report.model, updated.dumps())
-    write_json(out / "report.json", report.to_json())
-    return report
+    report = weakened(report, examined, names)
+    better = updated(
+        best.fitter, best.fit, measurement, seen, report, found, seed=source.seed, samples=source.samples
+    )
+    figures, images, uses = _compared(measurement, seen, model, better, given, best, source, parity)
+    made = dict(report.provenance)
+    made["blocks"] = {"parity": parity, "structure": figures}
+    report = replace(
+        report,
+        updated=better,
+        notes=(*_words(search, best, figures), *report.notes),
+        provenance=made | {"rendered": source.rendered, "seconds": round(time.perf_counter() - begun, 1)},
+    )
+    return end_run(
+        out, lambda: replace(report, pictures=draw(images, uses, out)) if pictures else report, page
+    )
 
 
 def _verdict(search: FrameSearch, given: Stand, best: Stand) -> Verdict:
@@ -140,36 +170,6 @@ def _verdict(search: FrameSearch, given: Stand, best: Stand) -> Verdict:
     if any(len(member.equals) > 1 for member in search.members):
         return "ambiguous"
     return "partial"
-
-
-def _values(stand: Stand, name: str) -> dict[str, Value]:
-    """Values with 95 % intervals, statistical; those that were not fitted have none."""
-    values, deviations = stand.state.values[name], stand.fit.deviations(name)
-    found = {}
-    for p in effect(name).parameters(stand.fitter.bank.model.design):
-        low = high = values[p.name]
-        own = next((q for q in stand.fitter.forward.parameters[name] if q.name == p.name), None)
-        if own is not None:
-            t, away = coordinate(own, values[p.name]), INTERVAL_SD * deviations.get(p.name, 0.0)
-            low, high = value_at(own, t - away), value_at(own, t + away)
-        found[p.name] = Value(float(values[p.name]), float(low), float(high), p.unit)
-    return found
-
-
-def _updated(model: SensorModel, best: Stand, found_in: str) -> SensorModel:
-    """Add the effects found to the model that was given."""
-    for name in best.state.values:
-        values = _values(best, name)
-        model = model.with_effect(
-            AppliedEffect(
-                name=name,
-                values={p: v.value for p, v in values.items()},
-                low={p: v.low for p, v in values.items()},
-                high={p: v.high for p, v in values.items()},
-                found_in=found_in,
-            )
-        )
-    return model
 
 
 def _compared(
@@ -207,74 +207,59 @@ def _rendered(model: SensorModel, press: Press, stand: Stand, view: View, source
     return rendered(model, there, stand.state.gains, view=view, samples=source.samples, seed=source.seed)
 
 
-def _words(
-    search: FrameSearch,
-    given: Stand,
-    best: Stand,
-    measurement: Measurement,
-    figures: Figures,
-    nothing: bool,
-) -> list[str]:
-    """What one picture shows and what it cannot."""
-    words = [
-        "n = 1: one picture of one press. Alternate blocks of it were fitted to and the others scored, which "
-        "shows that a correction is no fit to dirt, not that it holds for another press. The effects are "
-        "consistent with this picture; none is validated",
-        "the noise floor is unknown without repeats; the grain of the picture itself, dirt included, stands "
-        "for it",
-    ]
-    if not nothing:
-        classes: dict[str, list[str]] = {}
-        for member in search.members:
-            own = "scale of the picture" if member.name == SCALE else effect(member.name).stage
-            classes.setdefault(own, []).append(f"{member.name} ({member.gain.value:.0%})")
+def _words(search: FrameSearch, best: Stand, figures: Figures) -> list[str]:
+    """What the picture shows, in sentences."""
+    words = []
+    classes: dict[str, list[str]] = {}
+    for member in search.members:
+        own = "scale of the picture" if member.name == SCALE else effect(member.name).stage
+        classes.setdefault(own, []).append(f"{member.name} ({member.gain.value:.0%})")
+    if classes:
         words.append(
-            "classes of effects, with what the misfit of the judging blocks rises by without each, as a "
-            "share of the gap after registration: "
+            "classes of effects that the picture is consistent with; in brackets, what blocks that were not "
+            "fitted to lose without each, as a share of the gap after registration: "
             + "; ".join(f"{own}: {', '.join(found)}" for own, found in classes.items())
         )
-        for member in search.members:
-            if far := best.fitter.beyond_prior(best.state, member.name):
-                words.append(
-                    f"{member.name}: {', '.join(far)} beyond what is likely of built sensors: it may stand "
-                    "for something else"
-                )
-    for label, words_for in (("given", "the model as given"), ("corrected", "the corrected model")):
+    for member in search.members:
+        far = best.fitter.beyond_prior(best.state, member.name)
+        bound = best.fitter.at_bound(best.state, member.name)
+        if far or bound:
+            words.append(
+                f"{member.name}: {', '.join(dict.fromkeys((*far, *bound)))} beyond what is likely of built "
+                "sensors, so it may stand for something else"
+            )
+    for label, title in (("given", "the model as given"), ("corrected", "the corrected model")):
         held = figures[label]["other blocks"]
         words.append(
-            f"{words_for}, light and pose fitted, rendered at the picture's own resolution, on blocks it was "
-            f"not fitted to: structure correlation {held['structure_corr']:.3f}, structure SNR "
+            f"{title}, light and pose fitted, at the picture's own resolution, on blocks it was not fitted "
+            f"to: structure correlation {held['structure_corr']:.3f}, structure SNR "
             f"{held['structure_snr_db']:.2f} dB, SNR {held['snr_db']:.1f} dB"
         )
-    away = best.fitter.stated(best.state)
-    sigma = best.fitter.bank.shots[TRAIN].pose_sigma
+    return [*words, *_registered(best)]
+
+
+def _registered(best: Stand) -> list[str]:
+    """Where the press was found, and how bright the light."""
+    away, sigma = best.fitter.stated(best.state), best.fitter.bank.shots[TRAIN].pose_sigma
     press = ", ".join(f"{axis} {value:+.3f}" for axis, value in zip(POSE, away, strict=True))
-    words.append(f"the press departs from its stated pose by {press}")
-    far_axes = [a for a, v, s in zip(POSE, away, sigma, strict=True) if s > 0 and abs(v) > BEYOND_SD * s]
-    if far_axes:
+    words = [f"the press departs from its stated pose by {press}"]
+    far = [a for a, v, s in zip(POSE, away, sigma, strict=True) if s > 0 and abs(v) > FAR_SD * s]
+    if far:
         words.append(
-            f"{', '.join(far_axes)}: more than {BEYOND_SD:g} standard deviations from the stated pose, so "
-            "the shape of the object, the contact or the scale may be wrong"
+            f"{', '.join(far)}: more than {FAR_SD:g} standard deviations from the stated pose, so the shape "
+            "of the object, the contact or the scale may be wrong"
         )
+    names = best.fitter.forward.design.group_names
+    light = ", ".join(f"{name} {gain:.3g}" for name, gain in zip(names, best.state.gains, strict=True))
     words.append(
         "light of the groups over that of the model, a product of flux, reflectance and exposure that is not "
-        "carried into the model: "
-        + ", ".join(
-            f"{name} {gain:.3g}"
-            for name, gain in zip(best.fitter.forward.design.group_names, best.state.gains, strict=True)
-        )
+        f"carried into the model: {light}"
     )
     return words
 
 
 def _provenance(
-    seen: Observations,
-    measurement: Measurement,
-    model: SensorModel,
-    source: Renders,
-    parity: int,
-    figures: Mapping[str, Any],
-    begun: float,
+    seen: Observations, measurement: Measurement, model: SensorModel, source: Renders, parity: int
 ) -> dict[str, Any]:
     from designlab import __version__
 
@@ -284,9 +269,13 @@ def _provenance(
         "seed": source.seed,
         "samples": source.samples,
         "noise": seen.noise_source,
-        "frames": {use: [file for file in seen.shots[TRAIN].files] for use in USES},
-        "blocks": {"parity": parity, "structure": figures},
+        "frames": {
+            "dark": [],
+            "background": [],
+            **{use: list(seen.shots[TRAIN].files) for use in USES},
+        },
+        "blocks": {"parity": parity},
         "rendered": source.rendered,
-        "seconds": round(time.perf_counter() - begun, 1),
+        "seconds": 0.0,
         "version": __version__,
     }

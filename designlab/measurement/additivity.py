@@ -70,7 +70,7 @@ def added_light(measurement: Measurement, design: Design | None) -> list[Suspici
     if measurement.response == "unknown":
         return []
     found = []
-    for files, what, terms in (*_sums(measurement, design), *_ladders(measurement)):
+    for _, files, what, terms in (*_sums(measurement, design), *_ladders(measurement)):
         declared = _misfit(terms)
         if declared < LEAST_MISFIT:
             continue
@@ -82,6 +82,16 @@ def added_light(measurement: Measurement, design: Design | None) -> list[Suspici
                 return [nonlinear(files, curve, measurement.response, said)]
         found.append(_unexplained(measurement, files, evidence, strong=declared > MOST_EXCESS))
     return found
+
+
+def added_light_misfits(
+    measurement: Measurement, design: Design | None
+) -> list[tuple[str, list[str], float]]:
+    """Misfits over the mean of every sum and ladder that the frames allow: its kind, files, misfit."""
+    if measurement.response == "unknown":
+        return []
+    compared = (*_sums(measurement, design), *_ladders(measurement))
+    return [(kind, files, _misfit(terms)) for kind, files, _, terms in compared]
 
 
 def _unexplained(measurement: Measurement, files: Sequence[str], evidence: str, *, strong: bool) -> Suspicion:
@@ -152,14 +162,14 @@ def _misfit(terms: Sequence[_Term]) -> float:
     return float(np.sqrt(max(excess[used].mean(), 0.0)))
 
 
-_Comparison = tuple[list[str], str, list[_Term]]
+_Comparison = tuple[str, list[str], str, list[_Term]]
 
 
 def _sums(measurement: Measurement, design: Design | None) -> list[_Comparison]:
     """The untouched gel with all LEDs on, and with each group alone."""
     if design is None:
         return []
-    found = []
+    found: list[_Comparison] = []
     backgrounds = [f for f in measurement.frames if f.kind == "background" and _unsaturated(measurement, f)]
     for whole in backgrounds:
         if whole.leds is not None and set(whole.leds) != set(design.group_names):
@@ -169,7 +179,8 @@ def _sums(measurement: Measurement, design: Design | None) -> list[_Comparison]:
         if set(single) == set(design.group_names) and len(single) > 1:
             frames = [whole, *single.values()]
             what = "the sum of the untouched gel's pictures with one LED group each"
-            found.append(([f.file for f in frames], what, [_term(measurement, f, 1.0) for f in frames]))
+            terms = [_term(measurement, f, 1.0) for f in frames]
+            found.append(("superposition", [f.file for f in frames], what, terms))
             break
     return found
 
@@ -181,14 +192,15 @@ def _ladders(measurement: Measurement) -> list[_Comparison]:
         if frame.lit and frame.exposure is not None and _unsaturated(measurement, frame):
             key = frame.model_copy(update={"file": "-", "repeat": None, "exposure": None}).model_dump_json()
             groups.setdefault(key, []).append(frame)
-    found = []
+    found: list[_Comparison] = []
     for frames in groups.values():
         frames.sort(key=lambda frame: frame.exposure or 0.0)
         short, long = frames[0], frames[-1]
         ratio = (long.exposure or 1.0) / (short.exposure or 1.0)
         if ratio > 1.2:
             terms = [_term(measurement, long, 1.0), _term(measurement, short, ratio)]
-            found.append(([long.file, short.file], f"an exposure ladder of {ratio:.3g}", terms))
+            what = f"an exposure ladder of {ratio:.3g}"
+            found.append(("exposure ladder", [long.file, short.file], what, terms))
     return found
 
 

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from designlab.design import Design
 from designlab.measurement.additivity import added_light
+from designlab.measurement.damage import damage
 from designlab.measurement.frames import Measurement
 from designlab.measurement.sizes import check_size
 from designlab.measurement.suspicion import Suspicion
@@ -18,7 +19,7 @@ PLATEAU_SPAN = 0.05  # of the highest value: its least distance from the median
 
 
 def check(measurement: Measurement, design: Design | None = None) -> tuple[Suspicion, ...]:
-    """Examine frames without simulation: poses, saturation, and whether light adds up as the response says.
+    """Examine frames without simulation: poses, damage, saturation, markers, and whether light adds up.
 
     Parameters
     ----------
@@ -35,7 +36,13 @@ def check(measurement: Measurement, design: Design | None = None) -> tuple[Suspi
     design = design or measurement.design()
     for frame in measurement.frames:
         check_size(measurement, frame, design)
-    return (*_poses(measurement), *_saturation(measurement), *added_light(measurement, design))
+    damaged = damage(measurement)
+    return (
+        *_poses(measurement),
+        *damaged,
+        *_saturation(measurement),
+        *added_light(measurement, design),
+    )
 
 
 def _poses(measurement: Measurement) -> list[Suspicion]:

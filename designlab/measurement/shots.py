@@ -27,6 +27,10 @@ PROBE_COLUMNS = 160  # of a light probe
 BURIED = 0.02  # of the stated variance of dark values: less is no noise but a cut
 APART_PX = 4
 FULL_SCALE = 0.999  # signals above are saturated
+LEFT_OUT = {
+    "flat_field": "a flat_field frame shows lens and camera alone, not the sensor's light",
+    "light_probe": "a light_probe frame shows the light without the gel: it is for calibrate",
+}
 CLIPPED_SHARE = 0.02  # of dark values at zero, above which the camera is taken to clip there
 
 
@@ -150,7 +154,18 @@ def observe(
             use = "light_probe"
         shot = _shot(measurement, same, design, use, black, noise, columns, notes)
         shots.append(_lifted(shot, black) if apart else shot)
+    notes += _saturated(shots)
     return Observations(tuple(shots), black, source, repeats, has_dark, tuple(dict.fromkeys(notes)))
+
+
+def _saturated(shots: list[Shot]) -> list[str]:
+    """Say how much is left out for saturation."""
+    shares = {shot.files[0]: 1 - float(shot.valid.mean()) for shot in shots if not shot.valid.all()}
+    if not shares:
+        return []
+    worst = max(shares, key=lambda file: shares[file])
+    others = f", less of {len(shares) - 1} other frames" if len(shares) > 1 else ""
+    return [f"{worst}: {shares[worst]:.1%} of the values are saturated and left out{others}"]
 
 
 def _lifted(shot: Shot, black: Array) -> Shot:
@@ -169,10 +184,10 @@ def _usable(
 ) -> bool:
     """Whether a frame can be simulated; if not, a note says why."""
     if frame.kind == "flat_field" or (frame.kind == "light_probe" and not light_probes):
-        notes.append(f"{frame.file}: left out, a {frame.kind} frame is not compared yet")
+        notes.append(f"{frame.file}: left out, {LEFT_OUT[frame.kind]}")
         return False
-    if frame.gel_rotation_deg and not (turned and frame.kind == "background"):
-        notes.append(f"{frame.file}: left out, a turned gel is not compared yet")
+    if frame.gel_rotation_deg and not turned:
+        notes.append(f"{frame.file}: left out, pictures of a turned gel are used by gap diagnose only")
         return False
     if measurement.image(frame).shape[-1] != 3:
         notes.append(f"{frame.file}: left out, it has no three colour channels")
@@ -300,8 +315,6 @@ def _shot(
     ball = ball_of(measurement, frame) if frame.kind == "light_probe" else None
     raw = np.mean([measurement.linear(f).astype(float) for f in same], axis=0)
     saturated = np.max([measurement.image(f) for f in same], axis=0) >= FULL_SCALE
-    if saturated.any():
-        notes.append(f"{frame.file}: {saturated.mean():.1%} of the values are saturated and left out")
     signal = raw - black
     variance = (noise.read + noise.photon * np.maximum(signal, 0.0)) / len(same)
     images = np.stack([measurement.image(f).astype(float) for f in same])

@@ -5,7 +5,20 @@ from dataclasses import dataclass
 
 from designlab.measurement.frames import Measurement, MeasurementError
 
-NAMES = ("no_pose", "saturated", "nonlinear", "not_additive", "channels", "mirrored")
+NAMES = (
+    "no_pose",
+    "damaged",
+    "copied",
+    "saturated",
+    "nonlinear",
+    "not_additive",
+    "channels",
+    "mirrored",
+    "odd",
+    "probe",
+    "place",
+    "markers",
+)
 FILES_SHOWN = 3
 
 

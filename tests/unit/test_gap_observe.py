@@ -144,7 +144,8 @@ def test_exposure_scales_the_light(tmp_path) -> None:
         ({"kind": "press", "probe": "sphere:4", "centre_mm": (1.0, 1.0)}, "depth_mm: unknown"),
         ({"kind": "press", "probe": "sphere:4", "depth_mm": 0.5}, "centre_mm: unknown"),
         ({"kind": "background", "gel_rotation_deg": 180.0}, "turned gel"),
-        ({"kind": "flat_field"}, "flat_field"),
+        ({"kind": "flat_field"}, "lens and camera alone"),
+        ({"kind": "light_probe", "probe": "sphere:4"}, "for calibrate"),
     ],
 )
 def test_frames_that_cannot_be_compared_are_left_out_by_name(tmp_path, fields, reason) -> None:
@@ -173,18 +174,21 @@ def test_presses_are_split_by_place(tmp_path) -> None:
 def test_a_diagnosis_sees_every_frame_by_itself_with_all_that_lies_under_it(tmp_path) -> None:
     lifted = DESIGN.camera.model_copy(update={"black_level": 0.05})
     turned = ("turned.exr", 0.2, {"kind": "background", "gel_rotation_deg": 180.0})
-    seen = observe_apart(measured(tmp_path / "m", camera=lifted, extra=[turned]), DESIGN, columns=128)
+    press = {"kind": "press", "probe": "sphere:4", "depth_mm": 0.5, "centre_mm": PLACES[0], "split": "train"}
+    both = ("both.exr", 0.2, press | {"gel_rotation_deg": 180.0})
+    seen = observe_apart(measured(tmp_path / "m", camera=lifted, extra=[turned, both]), DESIGN, columns=128)
     assert [len(seen.of(use)) for use in ("dark", "background", "train", "select", "final")] == [
         1,
         4,
-        1,
+        2,
         1,
         1,
     ]
     dark = seen.shots[seen.of("dark")[0]]
     assert not dark.lit.any()
     assert dark.signal.mean() == pytest.approx(0.05, abs=1e-3)
-    assert [shot.gel_rotation_deg for shot in seen.shots if shot.files == ("turned.exr",)] == [180.0]
+    turned_by = {shot.files[0]: shot.gel_rotation_deg for shot in seen.shots if shot.gel_rotation_deg}
+    assert turned_by == {"turned.exr": 180.0, "both.exr": 180.0}
 
 
 def test_channels_cut_at_zero_are_not_compared_where_they_are_dark(tmp_path) -> None:

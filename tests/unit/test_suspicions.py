@@ -161,7 +161,7 @@ class TestWithoutModel:
         press = next(frame for frame in correct.frames if frame.kind == "press")
         lost = press.model_copy(update={"file": "lost.exr", "depth_mm": None, "centre_mm": None})
         images = {frame.file: correct.image(frame) for frame in correct.frames}
-        images["lost.exr"] = correct.image(press)
+        images["lost.exr"] = correct.image(press) * np.float32(1.001)
         both = correct.model_copy(update={"frames": (*correct.frames, lost)})
         (found,) = check(load_measurement(write(both, images, tmp_path / "m")))
         assert (found.name, found.files, found.strong) == ("no_pose", ("lost.exr",), False)
@@ -292,7 +292,7 @@ class TestWithoutModel:
             check(unknown, preset(NAMES[0]))
 
     def test_what_is_trusted_has_a_name(self, planted):
-        with pytest.raises(ValueError, match="trust: one of no_pose, saturated"):
+        with pytest.raises(ValueError, match="trust: one of no_pose, damaged"):
             refuse(planted(NAMES[0]), (), ["everything"])
 
 
