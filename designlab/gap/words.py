@@ -30,6 +30,9 @@ def statement(report: GapReport) -> tuple[str, ...]:
     if report.verdict != "at_floor" and report.where:
         said.append(places(report.where))
     said.extend(_to_do(report))
+    if "blocks" in report.provenance:
+        said = [text.replace("final presses", "final blocks of the picture") for text in said]
+        said.append("n = 1: one picture of one press. What was found is consistent with it, not validated.")
     return tuple(said)
 
 
