@@ -201,7 +201,8 @@ class FrameSearch:
         """Fall of the misfit as a share of the gap; its error from the spread between blocks."""
         falls = (before - after) / self.gap
         error = float(falls.std(ddof=1) / np.sqrt(len(falls)))
-        return Gain(float(falls.mean()), error, float((falls > 0).mean()))
+        squares = 1.0 - float(after.mean() / before.mean())
+        return Gain(float(falls.mean()), error, float((falls > 0).mean()), squares)
 
     def _refused(self, fitter: FrameFitter, attempt: Attempt) -> str:
         """Why a candidate does not pass; empty if it does."""
