@@ -257,17 +257,19 @@ class Search:
 
     def _refused(self, attempt: Attempt) -> str:
         """Why a candidate does not pass; empty if it does."""
-        least = max(2 * attempt.gain.se, LEAST_SHARE)
+        # Draws of shots differ by their nature: the spread of their gains is no error.
+        drawn = attempt.name in DRAWN_SD
+        least = LEAST_SHARE if drawn else max(2 * attempt.gain.se, LEAST_SHARE)
         if attempt.evidence < DECISIVE:
             return f"evidence {attempt.evidence:.3g}, below {DECISIVE:g}"
         if attempt.gain.value < least:
-            return f"closes {attempt.gain.value:.1%} of the gap, less than {least:.1%}"
+            return f"{_share_gone(attempt.gain.value)} of the gap, less than {least:.1%}"
         if attempt.gain.squares < LEAST_SHARE:
             return (
                 f"takes {attempt.gain.squares:.1%} of the squared residual away, less than {LEAST_SHARE:.1%}"
             )
         # Some draws of a single shot are small: not every one can gain.
-        if attempt.name not in DRAWN_SD and attempt.gain.improved < LEAST_IMPROVED:
+        if not drawn and attempt.gain.improved < LEAST_IMPROVED:
             return f"only {attempt.gain.improved:.0%} of the held-out presses improve"
         if bound := self.fitter.at_bound(attempt.fit.state, attempt.name):
             return f"at the bound of {', '.join(bound)}"
@@ -298,6 +300,10 @@ class Search:
                 None if seconds is None else round(seconds, 2),
             )
         )
+
+
+def _share_gone(share: float) -> str:
+    return f"closes {share:.1%}" if share >= 0 else f"adds {-share:.1%} instead of closing any"
 
 
 def _linear_evidence(whole: System, name: str, others: Sequence[str]) -> float:
