@@ -19,7 +19,7 @@ from designlab.gap.intervals import values
 from designlab.gap.judge import Judged, judge
 from designlab.gap.observe import observe
 from designlab.gap.pictures import draw
-from designlab.gap.result import Found, GapReport, Level, Verdict
+from designlab.gap.result import Found, GapReport, Level, Overlap, Verdict
 from designlab.gap.run import begin_run, end_run
 from designlab.gap.search import Search
 from designlab.gap.single import diagnose_single
@@ -31,6 +31,7 @@ from designlab.measurement.shots import Observations
 
 SAMPLES = 256
 COLUMNS = 160
+OVERLAPPING = 0.5  # share of an effect's signature from which a pair is reported
 UNEXPLAINED_ABOVE = 0.5  # leftover share of the gap from which nothing is named
 PARTIAL_ABOVE = 0.15
 AT_FLOOR = 3.0  # mean squared residual over the floor below which there is no gap to explain
@@ -188,6 +189,7 @@ def diagnose(
         if winners
         else None,
         limits=limits(seen, effects),
+        overlaps=_overlaps(search),
     )
     report = weakened(report, examined, names)
     better = updated(last, best, measurement, seen, report, found, seed=seed, samples=samples)
@@ -237,6 +239,14 @@ def _verdict(search: Search, before: Judged, after: Judged) -> Verdict:
     if any(len(winner.coherence_set) > 1 for winner in search.winners):
         return "ambiguous"
     return "partial" if share > PARTIAL_ABOVE and not near else "named"
+
+
+def _overlaps(search: Search) -> tuple[Overlap, ...]:
+    """Pairs of effects that these frames hardly tell apart, closest first."""
+    close = [
+        Overlap(*pair, round(share, 3)) for pair, share in search.overlaps.items() if share >= OVERLAPPING
+    ]
+    return tuple(sorted(close, key=lambda overlap: -overlap.share))
 
 
 def _notes(seen: Observations, measurement: Measurement, model: SensorModel) -> tuple[str, ...]:

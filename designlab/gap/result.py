@@ -117,6 +117,15 @@ class Candidate:
 
 
 @dataclass(frozen=True)
+class Overlap:
+    """Share of what an effect does to these frames that another can bring about."""
+
+    effect: str
+    by: str
+    share: float
+
+
+@dataclass(frozen=True)
 class Control:
     """A wrong effect of about as many parameters as those named, and the share of the gap it takes away."""
 
@@ -159,6 +168,7 @@ class GapReport:
     pictures: Mapping[Path, str] = field(default_factory=dict)
     control: Control | None = None
     limits: tuple[str, ...] = ()
+    overlaps: tuple[Overlap, ...] = ()
     checks: tuple[Check, ...] = ()
     reserves: tuple[str, ...] = ()
 
@@ -188,6 +198,7 @@ class GapReport:
             "next_measurement": str(self.next_measurement),
             "next": vars(self.next_measurement),
             "limits": list(self.limits),
+            "overlaps": [vars(overlap) for overlap in self.overlaps],
             "model": str(self.model),
             "candidates": [vars(c) | {"parameters": dict(c.parameters)} for c in self.candidates],
             "notes": list(self.notes),

@@ -11,7 +11,7 @@ from designlab.gap.evidence import System, log_evidence
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter
 from designlab.gap.forward import State, coordinate
 from designlab.gap.judge import LEAST_IMPROVED, LEAST_SHARE, Gain, Judged, gain, judge
-from designlab.gap.overlap import overlaps
+from designlab.gap.overlap import Overlaps, overlaps
 from designlab.gap.pattern import found_pattern
 from designlab.gap.result import Candidate
 
@@ -73,6 +73,7 @@ class Search:
     tried: list[Candidate] = field(default_factory=list)
     winners: list[Winner] = field(default_factory=list)
     alternatives: dict[str, State] = field(default_factory=dict)
+    overlaps: Overlaps = field(default_factory=dict)
     gap: float = 0.0
     progress: Callable[[str, int, int], None] | None = None
     screened: list[dict[str, float]] = field(default_factory=list)
@@ -184,6 +185,8 @@ class Search:
         held = [name for name in present if name != "fixed_pattern"]
         unknowns = self.fitter.unknowns(state, [*held, *linear], self.train)
         whole = self.fitter.system(state, self.train, unknowns)
+        if not self.overlaps:
+            self.overlaps = overlaps(whole, linear)
         found = {name: _linear_evidence(whole, name, linear) for name in linear}
         if "banding" in names:
             found["banding"] -= float(np.log(len(PERIODS)))

@@ -93,7 +93,7 @@ def gap_report(
         Section("What was found", _effects(report.get("effects", ()))),
         Section("Measured, simulated, left over", tuple(shown.values())),
         Section("What to measure next", _next(report)),
-        Section("What this cannot know", (_list(report["limits"]),) if report.get("limits") else ()),
+        Section("What this cannot know", _limits(report.get("limits", ()), report.get("overlaps", ()))),
         Section("Every candidate tried", _candidates(report)),
         Section("Checks of the measurement", _checks(report.get("checks", ()))),
         Section("Notes", tuple(paragraph(note) for note in report.get("notes", ()))),
@@ -342,6 +342,19 @@ def _checks(checks: Sequence[Mapping[str, Any]]) -> tuple[Html, ...]:
         Column("figure", "found"),
     ]
     return (table(rows, columns),)
+
+
+def _limits(limits: Sequence[str], overlaps: Sequence[Mapping[str, Any]]) -> tuple[Html, ...]:
+    shown = (_list(limits),) if limits else ()
+    if not overlaps:
+        return shown
+    columns = [
+        Column("effect", "what this effect does to these frames"),
+        Column("by", "this one can do as well"),
+        Column("share", "to"),
+    ]
+    rows = [{**overlap, "share": f"{100 * overlap['share']:.1f} %"} for overlap in overlaps]
+    return (*shown, table(rows, columns))
 
 
 def _list(lines: Sequence[str]) -> Html:

@@ -7,8 +7,11 @@ import numpy as np
 
 from designlab.trials.runner import Outcome
 
-CLASSES: tuple[frozenset[str], ...] = ()
-"""Effects declared indistinguishable in advance: naming one of a class counts as naming any."""
+CLASSES: tuple[frozenset[str], ...] = (frozenset({"lens_distortion", "camera_pose"}),)
+"""Effects declared indistinguishable in advance: naming one of a class counts as naming any.
+
+A camera brought nearer magnifies: on both presets it brings about 99.5 % of what a wrong lens does.
+"""
 
 
 def score(outcomes: Iterable[Outcome]) -> dict[str, Any]:
