@@ -110,10 +110,7 @@ def kill(process):
 
 def lines(process, number):
     """Wait for lines of progress."""
-    for _ in range(number):
-        if not process.stdout.readline():
-            return False
-    return True
+    return all(process.stdout.readline() for _ in range(number))
 
 
 def wait_for(path, process):
