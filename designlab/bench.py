@@ -12,6 +12,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from designlab import information
 from designlab.design import Design
+from designlab.effects.model import SensorModel
 from designlab.metrics import normal_error_deg
 from designlab.press import Press
 from designlab.reconstruct import KernelCalibration, NearField, fit_kernel, normals
@@ -129,14 +130,24 @@ class RenderNoise(NamedTuple):
 
 @dataclass(frozen=True)
 class Bench:
-    """Camera and reconstruction around rendered frames."""
+    """Camera and reconstruction around rendered frames.
+
+    `model` has the effects that act on the camera's signal.
+    """
 
     design: Design
     exposure: float
     seed: int
+    model: SensorModel | None = None
+
+    def reported(self, signal: NDArray[np.floating]) -> NDArray[np.floating]:
+        """What the camera reports for a linear signal, by effects that act on it; within its range."""
+        if self.model is None or not self.model.effects:
+            return signal
+        return np.clip(self.model.on_signal(signal), 0.0, 1.0)
 
     def picture(self, frame: Frame, number: int, extra: RenderNoise | None) -> NDArray[np.float32]:
-        """What the camera reports, its response curve undone; `extra` is added render noise."""
+        """What the camera reports, the curve of the design undone; `extra` is added render noise."""
         mixed = frame.mixed
         if extra is not None:
             random = np.random.default_rng(sub_seed(self.seed, 5, number))
@@ -147,7 +158,7 @@ class Bench:
         seen = camera.expose(
             mixed, exposure=self.exposure, seed=sub_seed(self.seed, 4, number), binned=_binned(frame)
         )
-        return camera.response.decode(seen).astype(np.float32)
+        return self.reported(camera.response.decode(seen)).astype(np.float32)
 
     def calibrate(
         self,

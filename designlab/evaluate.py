@@ -71,6 +71,8 @@ class Score:
         Worst place of the untouched gel (``gel``) and of the test presses (``press``), see `designlab.worst`.
     presses : mapping of str to sequence of float
         Figures of each test press, of which the scores of presses are pooled.
+    warnings : sequence of str
+        Where a sensor model was used beyond what it was fitted to, and what of it is not simulated.
     """
 
     design: str
@@ -84,6 +86,7 @@ class Score:
     groups: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
     worst: Mapping[str, Place] = field(default_factory=dict)
     presses: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    warnings: Sequence[str] = ()
 
     def __getattr__(self, name: str) -> Estimate:
         """Look a score up by name."""
@@ -110,6 +113,7 @@ class Score:
             "margins": dict(self.margins),
             "light": self.light._asdict(),
             "seconds": dict(self.seconds),
+            "warnings": list(self.warnings),
         }
 
 
@@ -187,7 +191,9 @@ def evaluate(
         # Threads of the linear algebra wait for each other longer than its small products take.
         with clock.part("reconstruction and scores"), threadpool_limits(limits=1, user_api="blas"):
             steps("reconstruction")
-            bench = Bench(simulator.design, exposure(simulator.design, untouched, again), seed)
+            bench = Bench(
+                simulator.design, exposure(simulator.design, untouched, again), seed, model=simulator.model
+            )
             of_gel = beside.submit(_scores_of_gel, simulator, bench, (untouched, again), balls)
             calibration = bench.calibrate(untouched, again, balls)
             noisier = beside.submit(_noisier, bench, calibration, (untouched, again), balls, tests)
@@ -217,6 +223,7 @@ def evaluate(
         groups=gel.groups,
         worst=worst,
         presses=of_presses,
+        warnings=model.warnings([*presses.calibration, *presses.test]),
     )
     if out is not None:
         _write(Path(out), score, bench, untouched, results, gel.maps)

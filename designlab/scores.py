@@ -218,7 +218,7 @@ def exposure_scores(bench: Bench, a: Frame, b: Frame) -> tuple[Scores, float]:
         basis, stray = images[:groups], images[groups:]
         mixed = np.einsum("cg,grk->rkc", a.weights, basis)
         scale = automatic_exposure(mixed, grain_px=GRAIN_PX / step) if automatic else bench.exposure
-        signal = scale * mixed + design.camera.black_level
+        signal = bench.reported(scale * mixed + design.camera.black_level)
         found = [
             scale,
             illumination.colour_balance(mixed, mask),

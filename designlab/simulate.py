@@ -54,6 +54,8 @@ class Frame:
     stray : array, shape (groups, rows, columns), or None
         Part of the basis that did not come straight from the membrane: thrown into the camera by haze or
         mirrored in the window. None where the estimator cannot tell.
+    warnings : tuple of str
+        Where a sensor model was used beyond what it was fitted to, and what of it is not simulated.
     """
 
     press: Press | None
@@ -64,6 +66,7 @@ class Frame:
     grain_mm: float = 0.0
     bias: Bias = UNBIASED
     stray: NDArray[np.float32] | None = None
+    warnings: tuple[str, ...] = ()
 
     @property
     def mixed(self) -> NDArray[np.float32]:
@@ -240,7 +243,8 @@ class Simulator:
         flux = np.array([group.flux_mw for group in self.design.leds.groups])
         grain_mm = CELL_MM if estimator in ("fast", "corrected") else 0.0
         weights = self.design.mixing_matrix * flux
-        return Frame(press, surface, self.rays, basis, weights, grain_mm, bias(estimator), stray)
+        warnings = self.model.warnings([press])
+        return Frame(press, surface, self.rays, basis, weights, grain_mm, bias(estimator), stray, warnings)
 
     def sight(self, surface: Surface) -> Sight:
         """What the picture of a surface shows, for effects that act on its light."""

@@ -328,6 +328,12 @@ def _add_gap(add: Any) -> None:
     benchmark.add_argument(
         "--base", type=_whole(0, 2**31 - 1), default=0, metavar="N", help="start of the seeds (default: 0)"
     )
+    benchmark.add_argument(
+        "--transfer",
+        action="store_true",
+        help="see how much better the corrected models predict another design: LEDs 3 mm higher, 15 deg more "
+        "tilted, with the same hidden effect",
+    )
     _out(benchmark, "folder of sets, reports and scores; the same command again goes on where it ended")
 
 

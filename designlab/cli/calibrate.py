@@ -59,7 +59,13 @@ def _start(args: Namespace) -> "SensorModel | DirectionalLight":
         return model
     if isinstance(model, DirectionalLight):
         raise ValueError(f"--baseline: starts from a design, {args.model} is a model of directional light")
-    return DirectionalLight.of(model.effective_design(), args.baseline)
+    named = [applied.name for applied in model.effects if applied.name != "black_level"]
+    if named:
+        raise ValueError(
+            f"--baseline: starts from a design without effects, which light without transport cannot show; "
+            f"{args.model} has {', '.join(named)}"
+        )
+    return DirectionalLight.of(model.design, args.baseline)
 
 
 def _summary(found: "Calibration") -> str:

@@ -82,6 +82,7 @@ def evaluate(args: Namespace) -> Result:
     ]
     if score.light.noise > GRAINY:
         text.append("pictures are grainy: a higher --fidelity takes grain off, and what it adds to errors")
+    text += [f"warning: {warning}" for warning in score.warnings]
     if args.profile:
         text.append(str(score.light))
         text.append(table(("part", "seconds"), [(part, f"{s:.1f}") for part, s in score.seconds.items()]))
@@ -138,6 +139,7 @@ def _against(args: Namespace) -> Result:
         f"DESIGN: {args.design}, OTHER: {args.other}; same presses and random numbers, seed {args.seed}",
         table(("score", "DESIGN", "OTHER", "OTHER - DESIGN", "verdict"), rows),
         "chance alone makes one in twenty of the scores that do not differ look different",
+        *(f"warning: {place}: {w}" for place, score in scores.items() for w in score.warnings),
     ]
     if args.out is not None:
         from designlab.report import evaluation_report
@@ -189,8 +191,10 @@ def render(args: Namespace) -> Result:
         "deepest_mm": float(frame.height_mm.max()),
         "samples": args.samples,
         "seed": args.seed,
+        "warnings": list(frame.warnings),
     }
-    return Result(data, f"{args.output}: {columns} x {rows} pixels")
+    lines = [f"{args.output}: {columns} x {rows} pixels", *(f"warning: {w}" for w in frame.warnings)]
+    return Result(data, "\n".join(lines))
 
 
 def _press(args: Namespace) -> "Press | None":
@@ -271,10 +275,10 @@ def export(args: Namespace) -> Result:
     from designlab.effects.model import load_model
     from designlab.fabricate import export as write_files
 
-    design = load_model(args.design).effective_design()
+    model = load_model(args.design)
     with bar() as progress, source_named(args.design):
         manifest = write_files(
-            design,
+            model,
             args.out,
             probes=args.probe,
             allow_infeasible=args.allow_infeasible,

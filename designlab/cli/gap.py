@@ -9,6 +9,7 @@ from designlab.cli.shared import bar, results_folder, table
 
 if TYPE_CHECKING:
     from designlab.gap import GapReport
+    from designlab.trials import Trial
 
 
 def plant(args: Namespace) -> Result:
@@ -19,7 +20,14 @@ def plant(args: Namespace) -> Result:
     from designlab.plant.effects import draw
     from designlab.plant.rig import Rig
 
-    design = load_model(args.design).effective_design()
+    model = load_model(args.design)
+    if model.effects:
+        raise ValueError(
+            f"{args.design}: must be a design, since the generator has its own form of every effect; those "
+            f"of this sensor model ({', '.join(a.name for a in model.effects)}) can be planted by --effect "
+            "NAME:PARAMETER=VALUE,..."
+        )
+    design = model.design
     wanted = [_effect(text) for text in args.effect]
     names = [name for name, _ in wanted]
     if len(set(names)) < len(names):
@@ -106,16 +114,19 @@ def benchmark(args: Namespace) -> Result:
     import re
 
     from designlab.store import write_json
-    from designlab.trials import development, run, score
+    from designlab.trials import development, run, score, transfers
 
     try:
         wanted = re.compile(args.only)
     except re.error as error:
         raise ValueError(f"--only: must be a regular expression, got {args.only!r}: {error}") from None
-    trials = [trial for trial in development(base=args.base) if wanted.search(trial.name)]
+    pool = transfers if args.transfer else development
+    trials = [trial for trial in pool(base=args.base) if wanted.search(trial.name)]
     if not trials:
         raise ValueError(f"--only: no set's name matches {args.only!r}")
     results_folder(args.out)
+    if args.transfer:
+        return _transferred(trials, Path(args.out))
     with bar("set") as progress:
         found = score(run(trials, Path(args.out), progress=progress))
     write_json(Path(args.out) / "score.json", found)
@@ -134,24 +145,64 @@ def benchmark(args: Namespace) -> Result:
     return Result(found, "\n".join([text, *parts]))
 
 
-def _summary(report: "GapReport") -> str:
-    lines = [f"verdict: {report.verdict}"]
+def _transferred(trials: "list[Trial]", folder: Path) -> Result:
+    """Put what was learnt on each set's design on another one, and say how much better that is predicted."""
+    from designlab.store import write_json
+    from designlab.trials import run_transfers
+    from designlab.trials.transfer import summary
+
+    with bar("set") as progress:
+        found = summary(run_transfers(trials, folder, progress=progress))
+    write_json(folder / "transfer.json", found)
     rows = [
-        (f"{effect.name}.{name}", f"{v.value:.4g}", f"{v.low:.4g} to {v.high:.4g}", v.unit.removeprefix("1"))
+        (
+            row["set"],
+            row["design"],
+            ", ".join(row["named"]) or "-",
+            ", ".join(row["left"]) or "-",
+            *(f"{row[name]:.3g}" for name in ("before", "after", "floor")),
+            "-" if row["removed"] is None else f"{row['removed']:.0%}",
+        )
+        for row in found["rows"]
+    ]
+    lines = [table(("set", "design", "named", "left behind", "before", "after", "floor", "removed"), rows)]
+    if "median" in found:
+        lines.append(
+            f"gap removed on the other design, median of {found['sets'] - found['without_gap']} sets: "
+            f"{found['median']:.0%}, 95 % interval {found['low']:.0%} to {found['high']:.0%}"
+        )
+    if found["without_gap"]:
+        lines.append(f"{found['without_gap']} sets are predicted to the floor without a correction")
+    return Result(found, "\n".join(lines))
+
+
+def _summary(report: "GapReport") -> str:
+    """The verdict in words, values with intervals, the gap before and after."""
+    from designlab.gap.words import percent
+
+    lines = [f"verdict: {report.verdict}", *report.statement]
+    rows = [
+        (f"{effect.name}.{name}", f"{v.value:.4g}", _interval(v.low, v.high), v.unit.removeprefix("1"))
         for effect in report.effects
         for name, v in effect.parameters.items()
     ]
     if rows:
         lines.append(table(("effect", "value", "95 % interval", "unit"), rows))
-    for effect in report.effects:
-        others = [name for name in effect.coherence_set if name != effect.name]
-        if others:
-            lines.append(f"{effect.name} cannot be told apart from {', '.join(others)} on these frames")
-    rows = [
-        (split, f"{gap.before:.3g}", f"{gap.after:.3g}", f"{gap.floor:.3g}")
+    levels = [
+        (
+            split,
+            f"{gap.before:.3g}",
+            f"{gap.after:.3g}",
+            f"{gap.floor:.3g}",
+            "-" if gap.removed is None else percent(gap.removed),
+        )
         for split, gap in report.gap.items()
     ]
-    lines.append(table(("squared residual / noise", "before", "after", "floor"), rows))
-    if report.next_measurement:
+    lines.append(table(("squared residual / noise", "before", "after", "floor", "gap gone"), levels))
+    if report.next_measurement.text:
         lines.append(f"measure next: {report.next_measurement}")
     return "\n".join([*lines, *(f"note: {note}" for note in report.notes), f"model: {report.model}"])
+
+
+def _interval(low: float | None, high: float | None) -> str:
+    return "not known" if low is None or high is None else f"{low:.4g} to {high:.4g}"

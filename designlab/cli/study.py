@@ -81,6 +81,7 @@ def _summary(results: "Results", wanted: int) -> str:
     ]
     if rows:
         lines += ["shortlist:", table(("trial", "why", *columns), rows)]
+    lines += [f"warning: {warning}" for warning in results.warnings]
     lines.append(f"results: {results.folder}")
     return "\n".join(lines)
 

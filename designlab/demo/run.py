@@ -235,8 +235,9 @@ def _cumulative(within: Callable[[str, int, int], None]) -> Callable[[str, int, 
 
     def progress(what: str, done: int, of: int) -> None:
         nonlocal now, before, last
-        if what != now:
-            now, before = what, before + last
+        part = what.partition(":")[0]
+        if part != now:
+            now, before = part, before + last
         last = done
         within(what, min(before + done, DIAGNOSIS_PICTURES), DIAGNOSIS_PICTURES)
 

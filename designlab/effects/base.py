@@ -101,7 +101,12 @@ class Effect:
     stage: ClassVar[Stage]
     summary: ClassVar[str]
     transferable: ClassVar[bool]
-    """Whether it holds for new designs too (True), or belongs to one built unit (False)."""
+    """Whether it holds for new designs too (True), or belongs to one built unit (False).
+
+    What a part is made of or how it works goes with the part; how one unit was put together does not.
+    """
+    drawn: ClassVar[bool] = False
+    """Whether it acts by what one unit or picture alone has, of which the values hold the strength only."""
     recombines: ClassVar[bool] = False
     """Whether it changes a design only in how light already traced is combined."""
     warps: ClassVar[bool] = False

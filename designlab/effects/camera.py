@@ -14,7 +14,8 @@ class FixedPattern(Effect):
     name: ClassVar[str] = "fixed_pattern"
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "every picture carries the same fine pattern"
-    transferable: ClassVar[bool] = False
+    transferable: ClassVar[bool] = False  # another sensor chip, other dust
+    drawn: ClassVar[bool] = True
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """Pixels of small sensors differ by about 1 % (estimate)."""
@@ -34,7 +35,8 @@ class ExposureDrift(Effect):
     name: ClassVar[str] = "exposure_drift"
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "brightness changes from picture to picture"
-    transferable: ClassVar[bool] = False
+    transferable: ClassVar[bool] = False  # every run has its own
+    drawn: ClassVar[bool] = True
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """LEDs lose 4 to 7 % by 25 K (MPM 18, 2013, 143); 2 % is common between pictures."""
@@ -54,7 +56,8 @@ class Banding(Effect):
     name: ClassVar[str] = "banding"
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "bands run across the picture, elsewhere in every one"
-    transferable: ClassVar[bool] = False
+    transferable: ClassVar[bool] = False  # every picture has its own
+    drawn: ClassVar[bool] = True
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """Up to 3 % where LEDs are dimmed by pulses (estimate)."""
@@ -89,7 +92,7 @@ class ColourMixing(Effect):
     name: ClassVar[str] = "colour_mixing"
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "camera channels see LED groups of other colours"
-    transferable: ClassVar[bool] = True
+    transferable: ClassVar[bool] = True  # filters of the camera's kind over the LEDs' spectra
     recombines: ClassVar[bool] = True
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
@@ -141,7 +144,7 @@ class BlackLevel(Effect):
     name: ClassVar[str] = "black_level"
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "a constant is added to every picture"
-    transferable: ClassVar[bool] = False
+    transferable: ClassVar[bool] = True  # set in the camera's converter
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """One level for each channel; 1024 of 65535 is the black level of a common small camera."""
@@ -161,7 +164,7 @@ class ResponseCurve(Effect):
     name: ClassVar[str] = "response_curve"
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "the camera's answer to light is curved"
-    transferable: ClassVar[bool] = True
+    transferable: ClassVar[bool] = True  # set in the camera's processing
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """An exponent: 1 +- 0.08 for raw data, 0.4 to 0.5 for pictures meant for eyes."""

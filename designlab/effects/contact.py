@@ -15,7 +15,7 @@ class ContactKernel(Effect):
     name: ClassVar[str] = "contact_kernel"
     stage: ClassVar[Stage] = "contact"
     summary: ClassVar[str] = "the gel's smoothing length differs"
-    transferable: ClassVar[bool] = True
+    transferable: ClassVar[bool] = True  # what the gel is made of
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """One ratio; published kernels are tuned by hand, 40 % off is common."""
@@ -37,7 +37,7 @@ class ContactProfile(Effect):
     name: ClassVar[str] = "contact_profile"
     stage: ClassVar[Stage] = "contact"
     summary: ClassVar[str] = "the gel is raised around the contact too"
-    transferable: ClassVar[bool] = True
+    transferable: ClassVar[bool] = True  # what the gel is made of
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """Tails of 10 to 40 % of the depth that fall over 0.4 to 1 mm have been measured."""
@@ -69,7 +69,7 @@ class DepthOffset(Effect):
     name: ClassVar[str] = "depth_offset"
     stage: ClassVar[Stage] = "contact"
     summary: ClassVar[str] = "every press is deeper or shallower than stated"
-    transferable: ClassVar[bool] = False
+    transferable: ClassVar[bool] = False  # how the stage was zeroed
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """Touching is judged to 0.05 mm by eye (estimate)."""

@@ -23,7 +23,7 @@ class LedSpread(Effect):
     name: ClassVar[str] = "led_spread"
     stage: ClassVar[Stage] = "emission"
     summary: ClassVar[str] = "LEDs of one group differ in brightness"
-    transferable: ClassVar[bool] = False
+    transferable: ClassVar[bool] = False  # other LEDs from the bin
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """One for each emitting face; a bin of chip LEDs is 10 to 15 % wide (data sheet OSXX0402C1C)."""
@@ -60,7 +60,7 @@ class LedProfile(Effect):
     name: ClassVar[str] = "led_profile"
     stage: ClassVar[Stage] = "emission"
     summary: ClassVar[str] = "the beam of the LEDs is wider or narrower"
-    transferable: ClassVar[bool] = True
+    transferable: ClassVar[bool] = True  # optics of the kind of LED
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """Exponent of the cosine for each group without a table; 120 to 150 deg beams have 1 to 0.5."""
@@ -97,7 +97,7 @@ class LedTilt(Effect):
     name: ClassVar[str] = "led_tilt"
     stage: ClassVar[Stage] = "emission"
     summary: ClassVar[str] = "LEDs shine in another direction"
-    transferable: ClassVar[bool] = False
+    transferable: ClassVar[bool] = False  # how boards were set
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """Two angles for each group; boards set by hand stand to some 3 deg (estimate).
@@ -167,7 +167,7 @@ class LedPosition(Effect):
     name: ClassVar[str] = "led_position"
     stage: ClassVar[Stage] = "emission"
     summary: ClassVar[str] = "LED rows stand off their nominal place"
-    transferable: ClassVar[bool] = False
+    transferable: ClassVar[bool] = False  # how boards were set
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """Three distances; 0.3 mm is a circuit board's tolerance, 1 mm a hand assembly's.

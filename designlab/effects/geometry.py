@@ -12,7 +12,7 @@ class CameraPose(Effect):
     name: ClassVar[str] = "camera_pose"
     stage: ClassVar[Stage] = "geometry"
     summary: ClassVar[str] = "the camera stands or looks elsewhere"
-    transferable: ClassVar[bool] = False
+    transferable: ClassVar[bool] = False  # how one camera was screwed on
     warps: ClassVar[bool] = True
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:

@@ -20,16 +20,19 @@ class LensDistortion(Effect):
     name: ClassVar[str] = "lens_distortion"
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "the picture is scaled or distorted"
-    transferable: ClassVar[bool] = True
+    transferable: ClassVar[bool] = True  # the lens's kind
     warps: ClassVar[bool] = True
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
-        """What is left after undistortion: 2 % of the distance from the axis at the corner (estimate)."""
+        """What is left after undistortion: 2 % of the distance from the axis at the corner (estimate).
+
+        Displaced inwards by 4/27 or more, a lens images nothing at the corner.
+        """
         return (
             Parameter(
-                "radial", "1", 0.0, 0.02, -0.2, 0.2, "relative displacement at the full picture's corner"
+                "radial", "1", 0.0, 0.02, -0.1, 0.2, "relative displacement at the full picture's corner"
             ),
-            Parameter("magnification", "1", 0.0, 0.02, -0.2, 0.2, "relative enlargement"),
+            Parameter("magnification", "1", 0.0, 0.02, -0.1, 0.2, "relative enlargement"),
         )
 
     def on_design(self, design: Design, values: Values) -> Design:
@@ -58,7 +61,7 @@ class PointSpread(Effect):
     name: ClassVar[str] = "point_spread"
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "the picture is blurred"
-    transferable: ClassVar[bool] = True
+    transferable: ClassVar[bool] = True  # the lens's kind
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """Width on the membrane; 1.5 mm of lens, 40 mm away and 4 mm out of focus, blurs by 40 um."""
@@ -100,7 +103,7 @@ class Vignetting(Effect):
     name: ClassVar[str] = "vignetting"
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "the picture falls off towards its corners"
-    transferable: ClassVar[bool] = True
+    transferable: ClassVar[bool] = True  # the lens's kind
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """Small lenses lose 20 to 55 % at the corner (libcamera's ov5647 table)."""
@@ -132,7 +135,7 @@ class VeilingGlare(Effect):
     name: ClassVar[str] = "veiling_glare"
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "a veil of stray light lies over the picture"
-    transferable: ClassVar[bool] = True
+    transferable: ClassVar[bool] = True  # the lens's kind
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """Up to 3 % for a clean small lens, more for a dirty one (estimate)."""

@@ -14,7 +14,7 @@ class AlbedoField(Effect):
     name: ClassVar[str] = "albedo_field"
     stage: ClassVar[Stage] = "material"
     summary: ClassVar[str] = "the coating's reflectance varies over the membrane"
-    transferable: ClassVar[bool] = False
+    transferable: ClassVar[bool] = False  # how one coating was sprayed
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """A quadratic field; sprayed and brushed coatings vary by some 5 % (estimate)."""
@@ -48,7 +48,7 @@ class SpecularCoat(Effect):
     name: ClassVar[str] = "specular_coat"
     stage: ClassVar[Stage] = "material"
     summary: ClassVar[str] = "the coating is glossy"
-    transferable: ClassVar[bool] = True
+    transferable: ClassVar[bool] = True  # what the coating is made of
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """Up to 15 % in the lobe for metal flakes; alpha 0.25 to 0.5 are exponents of 30 to 6 (estimate)."""
@@ -82,7 +82,7 @@ class Translucency(Effect):
     name: ClassVar[str] = "translucency"
     stage: ClassVar[Stage] = "material"
     summary: ClassVar[str] = "the pressed object shines through the coating"
-    transferable: ClassVar[bool] = True
+    transferable: ClassVar[bool] = True  # what the coating is made of
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """Thin coats let up to 20 % pass (estimate); the object's reflectance is seldom known."""

@@ -12,7 +12,7 @@ class Interreflection(Effect):
     name: ClassVar[str] = "interreflection"
     stage: ClassVar[Stage] = "transport"
     summary: ClassVar[str] = "boards or membrane send more or less light round"
-    transferable: ClassVar[bool] = True
+    transferable: ClassVar[bool] = True  # materials
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """Reflectance of white and black solder mask differs by far more than 0.15 (estimate)."""
@@ -53,7 +53,7 @@ class GelcoreIndex(Effect):
     name: ClassVar[str] = "gelcore_index"
     stage: ClassVar[Stage] = "transport"
     summary: ClassVar[str] = "gelcore or elastomer refract otherwise"
-    transferable: ClassVar[bool] = True
+    transferable: ClassVar[bool] = True  # material
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """Clear resins have 1.505 to 1.533 over the visible (Opt. Mater. Express 11, 2021, 3392)."""
@@ -79,7 +79,7 @@ class Absorption(Effect):
     name: ClassVar[str] = "absorption"
     stage: ClassVar[Stage] = "transport"
     summary: ClassVar[str] = "the gelcore absorbs light"
-    transferable: ClassVar[bool] = True
+    transferable: ClassVar[bool] = True  # material
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """One coefficient a group; printed resins have up to 0.01 per mm (Appl. Opt. 60, 2021, 6573)."""
@@ -114,7 +114,7 @@ class CoreScatter(Effect):
     name: ClassVar[str] = "core_scatter"
     stage: ClassVar[Stage] = "transport"
     summary: ClassVar[str] = "the gelcore scatters light"
-    transferable: ClassVar[bool] = True
+    transferable: ClassVar[bool] = True  # material
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """One coefficient; printed clear parts have up to 0.02 per mm (Appl. Opt. 60, 2021, 6573)."""
@@ -136,7 +136,7 @@ class Delamination(Effect):
     name: ClassVar[str] = "delamination"
     stage: ClassVar[Stage] = "transport"
     summary: ClassVar[str] = "gel and core have come apart over a patch"
-    transferable: ClassVar[bool] = False
+    transferable: ClassVar[bool] = False  # a flaw of one unit
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """A round patch anywhere under the camera, up to some millimetres (estimate)."""

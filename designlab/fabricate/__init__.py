@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from designlab.design import Design, dumps
+from designlab.effects.model import SensorModel
 from designlab.fabricate.checks import Check, check_mesh, check_overlaps, check_step, mesh_checks, require
 from designlab.fabricate.folder import KIND, MANIFEST, replaced_folder
 from designlab.fabricate.parts import (
@@ -44,7 +45,7 @@ Progress = Callable[[int, int, str], None]
 
 
 def export(
-    design: Design,
+    design: Design | SensorModel,
     out: str | Path,
     *,
     probes: Sequence[Probe | str] = (),
@@ -55,8 +56,8 @@ def export(
 
     Parameters
     ----------
-    design : Design
-        The sensor.
+    design : Design or SensorModel
+        The sensor; of a model, see `to_make`.
     out : str or Path
         Folder that appears whole or not at all. It may be absent or empty, or an
         earlier export, which it replaces.
@@ -82,6 +83,7 @@ def export(
     RuntimeError
         If a check fails; names the part and the figures. Nothing is left in `out` then.
     """
+    design, notes = to_make(design)
     if not allow_infeasible:
         design.require_feasible()
     chosen = list(dict.fromkeys(probe_library.parse(p) if isinstance(p, str) else p for p in probes))
@@ -89,13 +91,33 @@ def export(
     if len(set(names)) < len(names):
         raise ValueError(f"probes: their names must differ, got {', '.join(names)}")
     with replaced_folder(Path(out)) as folder:
-        manifest = _write(design, folder, chosen, allow_infeasible, progress or (lambda *_: None))
+        manifest = _write(design, folder, chosen, allow_infeasible, progress or (lambda *_: None), notes)
         require(Check(**check) for check in manifest["checks"])
     return manifest
 
 
+def to_make(design: Design | SensorModel) -> tuple[Design, list[str]]:
+    """Return the design that is made, and what of a sensor model went into it or was left out.
+
+    Effects of a kind of part go in; what one unit was built wrong is not built again.
+    """
+    if isinstance(design, Design):
+        return design, []
+    model, notes = design.transferable(), []
+    if left := [applied.name for applied in design.effects if applied not in model.effects]:
+        notes.append(f"left out, since they belong to one built unit: {', '.join(left)}")
+    if model.effects:
+        notes.append(f"with effects of a sensor model: {', '.join(a.name for a in model.effects)}")
+    return model.effective_design(), notes
+
+
 def _write(
-    design: Design, folder: Path, chosen: Sequence[Probe], allow_infeasible: bool, progress: Progress
+    design: Design,
+    folder: Path,
+    chosen: Sequence[Probe],
+    allow_infeasible: bool,
+    progress: Progress,
+    notes: Sequence[str],
 ) -> dict[str, Any]:
     """Write all files and return the manifest, failed checks included."""
     meshed = [probe for probe in chosen if probe.file is not None]
@@ -137,6 +159,7 @@ def _write(
             "mould_mm": min(MOULD_WALL_MM, MOULD_FLOOR_MM),
         },
         "warnings": [
+            *notes,
             *(f"rule {rule} is violated by {margin:.3g} mm" for rule, margin in broken.items()),
             *(f"{c.part} overlap by {c.value:.3g} mm3 ({c.note})" for c in overlaps if c.note),
         ],

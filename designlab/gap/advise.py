@@ -10,7 +10,7 @@ from designlab.gap.evidence import system
 from designlab.gap.fit import Fitter
 from designlab.gap.forward import Forward, State
 from designlab.gap.noise import noise
-from designlab.gap.result import Verdict
+from designlab.gap.result import Advice, Verdict
 from designlab.gap.search import Search
 from designlab.measurement.shots import Observations, Shot
 
@@ -29,31 +29,39 @@ class Action:
     minutes: float
 
 
-def advise(fitter: Fitter, seen: Observations, search: Search, verdict: Verdict) -> str:
-    """Name the measurement that would help most; empty where none is needed."""
+def advise(fitter: Fitter, seen: Observations, search: Search, verdict: Verdict) -> Advice:
+    """Name the measurement that would help most; without text where none is needed."""
     if verdict == "ambiguous":
         return _separating(fitter, seen, search)
     if not seen.repeats:
-        return "repeat the background twice: the noise floor is only assumed so far"
+        return Advice("repeat the background twice: the noise floor is only assumed so far", minutes=1.0)
     if not seen.dark:
-        return "one frame with the LEDs off: without it an additive floor hides in other effects"
+        return Advice(
+            "one frame with the LEDs off: without it an additive floor hides in other effects", minutes=0.5
+        )
     single = {int(np.argmax(s.lit)) for s in seen.shots if s.press is None and (s.lit > 0).sum() == 1}
-    if verdict in ("unexplained", "partial") and len(single) < len(seen.shots[0].lit):
-        return (
-            "one background for each LED group alone: it separates effects of light from those of the camera"
+    missing = len(seen.shots[0].lit) - len(single)
+    if verdict in ("unexplained", "partial") and missing:
+        return Advice(
+            "one background for each LED group alone: it separates effects of light from those of the camera",
+            minutes=float(missing),
         )
     if verdict == "unexplained":
-        return (
+        return Advice(
             "the same press at two more depths, and turned by 180 deg with the gel: the first tells effects "
-            "of contact from effects of light, the second effects of the gel from effects of the sensor"
+            "of contact from effects of light, the second effects of the gel from effects of the sensor",
+            minutes=15.0,
         )
     held_out = len(seen.of("select"))
     if verdict in ("named", "partial") and held_out < FEW_HELD_OUT:
-        return f"presses at more places: only {held_out} held-out presses bear the verdict"
-    return ""
+        more = FEW_HELD_OUT - held_out
+        return Advice(
+            f"presses at more places: only {held_out} held-out presses bear the verdict", minutes=2.0 * more
+        )
+    return Advice("")
 
 
-def _separating(fitter: Fitter, seen: Observations, search: Search) -> str:
+def _separating(fitter: Fitter, seen: Observations, search: Search) -> Advice:
     """The frame on which the effects of the last coherence set differ most for its time."""
     pairs = list(combinations(search.alternatives.values(), 2))
     worth = {}
@@ -62,7 +70,7 @@ def _separating(fitter: Fitter, seen: Observations, search: Search) -> str:
         worth[action.text] = (least / np.sqrt(action.minutes), least, action.minutes)
     best = max(worth, key=lambda text: worth[text][0])
     _, apart, minutes = worth[best]
-    return f"{best} (about {minutes:g} min): there they differ by {apart:.2g} standard deviations"
+    return Advice(best, apart, minutes)
 
 
 def _actions(fitter: Fitter, seen: Observations) -> list[Action]:

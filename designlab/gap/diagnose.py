@@ -7,20 +7,23 @@ from dataclasses import replace
 from pathlib import Path
 
 from designlab.design import Design
-from designlab.effects import CATALOGUE, AppliedEffect, SensorModel, effect
+from designlab.effects import CATALOGUE, SensorModel, effect
 from designlab.gap.advise import advise
 from designlab.gap.bank import fill
 from designlab.gap.basis import Progress, Renders
 from designlab.gap.checks import check_frames, examine, weakened
+from designlab.gap.control import control
 from designlab.gap.fit import Fit, Fitter
-from designlab.gap.forward import coordinate, value_at
+from designlab.gap.intervals import values
 from designlab.gap.judge import Judged, judge
 from designlab.gap.observe import observe
 from designlab.gap.pictures import draw
-from designlab.gap.result import Found, GapReport, Level, Value, Verdict
+from designlab.gap.result import Found, GapReport, Level, Verdict
 from designlab.gap.run import begin_run, end_run
 from designlab.gap.search import Search
-from designlab.gap.where import where
+from designlab.gap.update import updated
+from designlab.gap.where import geometry, where
+from designlab.gap.words import limits
 from designlab.measurement import Measurement
 from designlab.measurement.shots import Observations
 
@@ -29,7 +32,6 @@ COLUMNS = 160
 UNEXPLAINED_ABOVE = 0.5  # leftover share of the gap from which nothing is named
 PARTIAL_ABOVE = 0.15
 AT_FLOOR = 3.0  # mean squared residual over the floor below which there is no gap to explain
-INTERVAL_SD = 1.96
 
 
 def diagnose(
@@ -112,10 +114,9 @@ def diagnose(
     bank = fill(source, model, seen.shots, names)
     fitter = Fitter(bank)
     train, select, final = seen.of("dark", "background", "train"), seen.of("select"), seen.of("final")
-    source.begin("effects", 1)
     start = fitter.fit(fitter.start(train), (), train).state
     fitter.measure(start)
-    search = Search(fitter, names, train, select)
+    search = Search(fitter, names, train, select, progress=progress)
     best, before, after = search.run(start)
     verdict = _verdict(search, before, after)
     last = fitter
@@ -124,6 +125,7 @@ def diagnose(
     elif recentre:
         last, best = _recentred(source, fitter, best, train)
         after = judge(last, best.state, select)
+    source.begin("report", 1)
     stands = (fitter, start), (last, best.state)
     ends = [judge(own, state, final) for own, state in stands]
     fitted = [judge(own, state, seen.of("train")) for own, state in stands]
@@ -135,27 +137,57 @@ def diagnose(
             "final": ends,
         }.items()
     }
-    updated = _updated(fitter, best, measurement.name)
+    found = {name: values(last, best, name, train) for name in best.state.values}
+    winners = [] if verdict in ("unexplained", "at_floor") else search.winners
+    effects = tuple(
+        Found(
+            w.name,
+            found[w.name],
+            w.confidence,
+            w.coherence_set,
+            effect(w.name).summary,
+            effect(w.name).transferable,
+        )
+        for w in winners
+    )
     report = GapReport(
         verdict=verdict,
-        effects=tuple(
-            Found(w.name, _values(fitter, best, w.name), w.confidence, w.coherence_set)
-            for w in search.winners
-            if verdict not in ("unexplained", "at_floor")
-        ),
+        effects=effects,
         where=where(fitter, source, before.state, [*train, *select]) if verdict != "at_floor" else (),
         gap=gap,
         next_measurement=advise(fitter, seen, search, verdict),
-        updated=updated,
+        updated=model,
         model=out / "model.toml",
         candidates=tuple(search.tried),
         notes=_notes(seen, measurement, model),
         provenance=_provenance(seen, measurement, model, source, begun),
+        control=control(
+            fitter,
+            start,
+            named=[w.name for w in winners],
+            as_good={name for w in winners for name in w.coherence_set},
+            evidence=search.screened[0],
+            train=train,
+            final=final,
+            before=ends[0],
+        )
+        if winners
+        else None,
+        limits=limits(seen, effects),
     )
     report = weakened(report, examined, names)
+    better = updated(last, best, measurement, seen, report, found, seed=seed, samples=samples)
+    report = replace(report, updated=better)
 
     def finished() -> GapReport:
-        drawn = draw((fitter, ends[0].state), (last, ends[1].state), out) if pictures else {}
+        if not pictures:
+            return report
+        drawn = draw(
+            (fitter, ends[0].state),
+            (last, ends[1].state),
+            lambda number: geometry(fitter, source, ends[0].state, number),
+            out,
+        )
         return replace(report, pictures=drawn)
 
     return end_run(out, finished, page)
@@ -173,7 +205,8 @@ def _recentred(source: Renders, fitter: Fitter, best: Fit, train: Sequence[int])
 
 
 def _names(model: SensorModel, catalogue: Sequence[str] | None) -> list[str]:
-    present = {applied.name for applied in model.effects}
+    # What a picture or unit has alone is not in the simulation of the model given, and may be found again.
+    present = {applied.name for applied in model.effects if not effect(applied.name).drawn}
     wanted = [e.name for e in CATALOGUE] if catalogue is None else [effect(n).name for n in catalogue]
     return [name for name in wanted if name not in present and effect(name).parameters(model.design)]
 
@@ -190,34 +223,6 @@ def _verdict(search: Search, before: Judged, after: Judged) -> Verdict:
     if any(len(winner.coherence_set) > 1 for winner in search.winners):
         return "ambiguous"
     return "partial" if share > PARTIAL_ABOVE and not near else "named"
-
-
-def _values(fitter: Fitter, best: Fit, name: str) -> dict[str, Value]:
-    """Values with 95 % intervals, statistical."""
-    values, deviations = best.state.values[name], best.deviations(name)
-    found = {}
-    for p in fitter.forward.parameters[name]:
-        t = coordinate(p, values[p.name])
-        away = INTERVAL_SD * deviations.get(p.name, 0.0)
-        found[p.name] = Value(values[p.name], value_at(p, t - away), value_at(p, t + away), p.unit)
-    return found
-
-
-def _updated(fitter: Fitter, best: Fit, found_in: str) -> SensorModel:
-    """Add the effects found to the model that was given."""
-    model = fitter.bank.model
-    for name in best.state.values:
-        values = _values(fitter, best, name)
-        model = model.with_effect(
-            AppliedEffect(
-                name=name,
-                values={p: v.value for p, v in values.items()},
-                low={p: v.low for p, v in values.items()},
-                high={p: v.high for p, v in values.items()},
-                found_in=found_in,
-            )
-        )
-    return model
 
 
 def _notes(seen: Observations, measurement: Measurement, model: SensorModel) -> tuple[str, ...]:

@@ -11,10 +11,14 @@ from designlab.gap.noise import SHOT_BUDGET, SMOOTH_BUDGET, Noise, spectrum, tra
 
 Array = NDArray[np.float64]
 
+# Neighbouring values share the small errors that no noise model lists, so that their number says too much:
+# the likelihood is raised to the power of one over this (coarsened posterior, Miller and Dunson 2019).
+ALIKE = 64.0
+
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """Quadratic approximation of half the misfit in the neighbourhood of a state.
+    """Quadratic approximation of half the coarsened misfit in the neighbourhood of a state.
 
     Attributes
     ----------
@@ -25,7 +29,7 @@ class System:
     right : array, shape (n,)
         Its product with the step that fits best, priors left aside.
     misfit : float
-        Squared residual at the state.
+        Squared residual at the state, coarsened.
     now : array, shape (n,)
         Where the unknowns are, in prior standard deviations from null.
     """
@@ -60,15 +64,17 @@ class System:
             self.now[kept],
         )
 
-    def step(self, low: Array, high: Array) -> tuple[Array, float]:
+    def step(self, low: Array, high: Array, *, damping: float = 0.0) -> tuple[Array, float]:
         """Step of all unknowns under their priors within bounds, and the fall of the penalised misfit.
 
         Parameters
         ----------
         low, high : array, shape (n,)
             Bounds of the unknowns in prior standard deviations from null.
+        damping : float
+            Added to the information about every unknown: what the shots say little about hardly moves.
         """
-        matrix = self.gram + np.eye(len(self.unknowns))
+        matrix = self.gram + (1.0 + damping) * np.eye(len(self.unknowns))
         right = self.right - self.now
         found = np.zeros(len(right))
         free = np.ones(len(right), dtype=bool)
@@ -96,7 +102,7 @@ def system(
 
     Values are whitened by their noise, transformed by cosines, in which smooth errors are independent, and
     weighed by the inverse of the covariance: of each coefficient it is 1 + a on the diagonal and the smooth
-    error common to all shots beyond (Sherman and Morrison 1950).
+    error common to all shots beyond (Sherman and Morrison 1950). All is divided by `ALIKE`.
     """
     size = len(unknowns)
     gram, right, misfit = np.zeros((size, size)), np.zeros(size), 0.0
@@ -132,7 +138,7 @@ def system(
         gram -= part[:-1, :-1]
         right -= part[:-1, -1]
         misfit -= float(part[-1, -1])
-    return System(tuple(unknowns), gram.astype(float), right.astype(float), misfit, now)
+    return System(tuple(unknowns), gram / ALIKE, right / ALIKE, misfit / ALIKE, now)
 
 
 def log_evidence(information: Array, right: Array) -> float:

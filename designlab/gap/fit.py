@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.design import DesignError
 from designlab.effects import effect
 from designlab.gap.bank import Bank
 from designlab.gap.evidence import System, system
@@ -23,7 +24,8 @@ DRAWN_SD = {
 POSE_BOUND_SD = 5.0
 BEYOND_SD = 3.0  # prior standard deviations from null that speak against an effect
 AT_BOUND = 0.01  # share of a parameter's range that counts as its bound
-ITERATIONS = 8
+ITERATIONS = 12
+TRUST = 1.5  # prior standard deviations that an effect moves at once
 SETTLED = 0.5  # fall of half the misfit below which a fit has converged
 SETTLED_SHARE = 2e-6  # likewise, of the misfit
 
@@ -35,16 +37,6 @@ class Fit:
     state: State
     system: System
     objective: float
-
-    def deviations(self, name: str) -> dict[str, float]:
-        """Standard deviations of an effect's coordinates, all other unknowns fitted along."""
-        places = [k for k, u in enumerate(self.system.unknowns) if u.effect == name and u.shot < 0]
-        information, _ = self.system.reduced(places)
-        covariance = np.linalg.inv(information + np.eye(len(places)))
-        return {
-            self.system.unknowns[k].name: float(np.sqrt(v))
-            for k, v in zip(places, np.diag(covariance), strict=True)
-        }
 
 
 class Fitter:
@@ -234,10 +226,10 @@ class Fitter:
             step, predicted = found.step(low, high)
             if predicted < 2 * SETTLED:
                 break
+            step = _within_trust(found, step, low, high)
             for _ in range(4):
                 there = self.moved(state, unknowns, step)
-                now = np.array([self._now(there, u) for u in unknowns])
-                reached = self.system(there, shots, ()).misfit + float(now @ now)
+                reached = self._objective(there, shots, unknowns)
                 if reached < objective:
                     break
                 step = step * 0.4
@@ -249,6 +241,14 @@ class Fitter:
             if fallen < max(2 * SETTLED, SETTLED_SHARE * objective):
                 break
         return Fit(state, found, objective)
+
+    def _objective(self, state: State, shots: Sequence[int], unknowns: Sequence[Unknown]) -> float:
+        """Penalised misfit; infinite where no such sensor can be."""
+        now = np.array([self._now(state, u) for u in unknowns])
+        try:
+            return self.system(state, shots, ()).misfit + float(now @ now)
+        except DesignError:
+            return float("inf")
 
     def beyond_prior(self, state: State, name: str) -> tuple[str, ...]:
         """Names of parameters of an effect that ended further from null than its prior makes likely."""
@@ -267,3 +267,13 @@ class Fitter:
             if (values[p.name] - p.low < room and not p.one_sided) or p.high - values[p.name] < room:
                 found.append(p.name)
         return tuple(found)
+
+
+def _within_trust(found: System, step: Array, low: Array, high: Array) -> Array:
+    """Damp a step that goes further than derivatives can be trusted (Levenberg 1944)."""
+    effects = np.array([u.shot < 0 and u.effect not in ("gain", "numerical") for u in found.unknowns])
+    damping = 1e-8 * float(np.diag(found.gram).max(initial=0.0))
+    while effects.any() and np.abs(step[effects]).max() > TRUST and damping < np.diag(found.gram).max():
+        damping *= 10.0
+        step, _ = found.step(low, high, damping=damping)
+    return step

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.camera import View
-from designlab.design import Design
+from designlab.design import Design, DesignError
 from designlab.effects import CATALOGUE, AppliedEffect, Effect, Parameter, SensorModel, Sight, effect
 from designlab.effects.camera import mixed
 from designlab.gap.bank import POSE_STEP, Bank, Change, Picture
@@ -317,26 +317,33 @@ class Forward:
     def _look_slope(
         self, state: State, number: int, unknown: Unknown, warped: NDArray[np.floating]
     ) -> NDArray[np.floating]:
-        """Derivative of the light by a parameter that turns where pixels look: (groups, rows, columns).
+        """Change of the light by a parameter that turns where pixels look: (groups, rows, columns).
 
-        Every pixel takes the light a little beside its own.
+        Every pixel takes the light a little beside its own. The steps are as wide as the errors that are
+        looked for: a tangent would lose an edge that is pixels away.
         """
-        view = self.shot(number).view
+        view, here = self.shot(number).view, _warping(state.values)
         p = next(p for p in self.parameters[unknown.effect] if p.name == unknown.name)
         values = state.values.get(unknown.effect) or effect(unknown.effect).null(self.bank.model.design)
-        step = HALF_STEP if values[p.name] + HALF_STEP * p.sd <= p.high else -HALF_STEP
-        moved = {**values, p.name: values[p.name] + step * p.sd}
-        here, there = _warping(state.values), _warping({**state.values, unknown.effect: moved})
-        warp = self._warp(here, there, view)
-        if warp is None:
-            return np.zeros(warped.shape, dtype=np.float32)
-        return np.asarray(warp.shifted(warped) / np.float32(step), dtype=np.float32)
+        ends = []
+        for step in (-HALF_STEP, HALF_STEP):
+            there: Mapping[str, float] = {**values, p.name: value_at(p, coordinate(p, values[p.name]) + step)}
+            try:
+                warp = self._warp(here, _warping({**state.values, unknown.effect: there}), view)
+            except DesignError:  # no lens turns back within the picture
+                there, warp = values, None
+            # Errors of straight lines between pixels cancel in a difference.
+            ends.append((warped if warp is None else warp(warped, order=1), coordinate(p, there[p.name])))
+        (low, start), (high, end) = ends
+        return np.asarray((high - low) / np.float32(end - start), dtype=np.float32)
 
     def _slope(self, state: State, mixing: Array, optics: NDArray[np.floating], sigma: Array) -> Array:
         """Derivative of the reported signal by the mixed light, (rows, columns, 3)."""
         channels = np.moveaxis(np.tensordot(mixing, optics, axes=1), 0, -1) * _pattern(state)
         slope = uncut(self._reported(state, channels), sigma)
-        if "response_curve" in state.values:
+        if "response_curve" in state.values or any(
+            a.name == "response_curve" for a in self.bank.model.effects
+        ):
             step = 1e-3 * max(float(channels.max()), 1e-3)
             ends = self._reported(state, channels - step), self._reported(state, channels + step)
             slope = slope * (ends[1] - ends[0]) / (2 * step)

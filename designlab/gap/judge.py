@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.gap.evidence import ALIKE
 from designlab.gap.fit import Fitter
 from designlab.gap.forward import State
 
@@ -54,12 +55,15 @@ class Judged:
 class Gain:
     """Fall of the misfit between two states as a share of the first gap, its error, share of shots improved.
 
-    Smooth errors are counted as covariance here: a fall that they could bring about counts little.
+    Smooth errors are counted as covariance here: a fall that they could bring about counts little. `squares`
+    is the share of the plain squared residual over camera noise that is gone: an effect may not move error
+    from where it counts to where it is granted.
     """
 
     value: float
     se: float
     improved: float
+    squares: float
 
 
 def judge(fitter: Fitter, state: State, shots: Sequence[int]) -> Judged:
@@ -73,7 +77,7 @@ def judge(fitter: Fitter, state: State, shots: Sequence[int]) -> Judged:
         per_shot.append(squares)
         floor.append(noise)
         shot, own = fitter.bank.shots[number], fitter.noises[number]
-        least.append(float(((own.camera / own.sigma) ** 2)[shot.valid].sum()))
+        least.append(float(((own.camera / own.sigma) ** 2)[shot.valid].sum()) / ALIKE)
     sums = [np.array(values) for values in (per_shot, floor, objective, least)]
     return Judged(state, *sums)
 
@@ -90,4 +94,5 @@ def gain(base: Judged, other: Judged, gap: float) -> Gain:
     """Compare two states by the spread between held-out shots; one alone shows none."""
     falls = (base.objective - other.objective) / gap
     se = float(falls.std(ddof=1) / np.sqrt(len(falls))) if len(falls) > 1 else 0.0
-    return Gain(float(falls.mean()), se, float((falls > 0).mean()))
+    squares = 1.0 - other.mean / base.mean
+    return Gain(float(falls.mean()), se, float((falls > 0).mean()), squares)

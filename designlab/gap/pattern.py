@@ -6,7 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import idctn
+from scipy.optimize import minimize_scalar
 
+from designlab.gap.evidence import ALIKE
 from designlab.gap.fit import Fitter
 from designlab.gap.forward import State
 from designlab.gap.noise import SHOT_BUDGET, SMOOTH_BUDGET, spectrum, transformed
@@ -14,6 +16,7 @@ from designlab.gap.noise import SHOT_BUDGET, SMOOTH_BUDGET, spectrum, transforme
 Array = NDArray[np.float64]
 
 STRENGTHS = np.geomspace(3e-4, 0.1, 26)  # relative
+FINE = 600  # strengths of a range
 
 
 class Pattern(NamedTuple):
@@ -31,6 +34,33 @@ def found_pattern(fitter: Fitter, state: State, shots: Sequence[int]) -> Pattern
     is granted, and the pattern, which alone is as strong in fine coefficients as in coarse ones. The strength
     is the one with the most evidence.
     """
+    mean, smooth = _common(fitter, state, shots)
+    evidence = [_evidence(mean, smooth, rms) for rms in STRENGTHS]
+    best = int(np.argmax(evidence))
+    ends = STRENGTHS[[max(best - 1, 0), min(best + 1, len(STRENGTHS) - 1)]]
+    found = minimize_scalar(
+        lambda power: -_evidence(mean, smooth, np.exp(power)), bounds=np.log(ends), method="bounded"
+    )
+    rms = float(np.exp(found.x))
+    values = idctn(mean * rms**2 / (smooth + rms**2), axes=(0, 1), norm="ortho")
+    # Scanning strengths takes no more than this from the evidence.
+    return Pattern(np.asarray(values / rms), rms, float(-found.fun / ALIKE - np.log(len(STRENGTHS))))
+
+
+def strengths_as_good(
+    fitter: Fitter, state: State, shots: Sequence[int], *, within: float
+) -> tuple[float, float]:
+    """Ends of the range of strengths whose logarithm of evidence is within a distance of the greatest."""
+    mean, smooth = _common(fitter, state, shots)
+    powers = np.linspace(np.log(STRENGTHS[0]), np.log(STRENGTHS[-1]), FINE)
+    evidence = np.array([_evidence(mean, smooth, rms) for rms in np.exp(powers)])
+    good = powers[evidence >= evidence.max() - within]
+    step = powers[1] - powers[0]
+    return float(np.exp(good[0] - step)), float(np.exp(good[-1] + step))
+
+
+def _common(fitter: Fitter, state: State, shots: Sequence[int]) -> tuple[Array, Array]:
+    """Coefficients of what shots have in common relative to their light, and variances without a pattern."""
     shape = fitter.bank.shots[shots[0]].signal.shape
     power = spectrum((shape[0], shape[1]))[..., None]
     weight, right = np.zeros(shape), np.zeros(shape)
@@ -42,14 +72,10 @@ def found_pattern(fitter: Fitter, state: State, shots: Sequence[int]) -> Pattern
         diagonal = 1.0 + (SHOT_BUDGET * noise.level) ** 2 * power
         weight += noise.level**2 / diagonal
         right += noise.level * transformed(left) / diagonal
-    mean = right / weight
-    smooth = 1.0 / weight + SMOOTH_BUDGET**2 * power
-    evidence = [
-        float((0.5 * mean**2 * (1 / smooth - 1 / (smooth + rms**2)) - 0.5 * np.log1p(rms**2 / smooth)).sum())
-        for rms in STRENGTHS
-    ]
-    best = int(np.argmax(evidence))
-    rms = float(STRENGTHS[best])
-    values = idctn(mean * rms**2 / (smooth + rms**2), axes=(0, 1), norm="ortho")
-    # Scanning strengths takes no more than this from the evidence.
-    return Pattern(np.asarray(values / rms), rms, float(evidence[best] - np.log(len(STRENGTHS))))
+    return right / weight, 1.0 / weight + SMOOTH_BUDGET**2 * power
+
+
+def _evidence(mean: Array, smooth: Array, rms: float) -> float:
+    """Logarithm of the Bayes factor of a pattern of some strength against none."""
+    gained = 0.5 * mean**2 * (1 / smooth - 1 / (smooth + rms**2)) - 0.5 * np.log1p(rms**2 / smooth)
+    return float(gained.sum())

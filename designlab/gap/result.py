@@ -8,17 +8,26 @@ from typing import Any, Literal
 from designlab.effects.model import SensorModel
 from designlab.measurement.invariants import Check
 
+FORMAT = 1
+"""Version of the report's fields; a number means the same fields in every release."""
+
 Verdict = Literal["named", "ambiguous", "partial", "unexplained", "at_floor"]
 
 
 @dataclass(frozen=True)
 class Value:
-    """A fitted parameter with the ends of its 95 % interval."""
+    """A fitted parameter with the ends of its 95 % interval, None where they are not known.
+
+    `null` is where the effect does nothing, `sd` how large it usually is, `bounds` what it cannot exceed.
+    """
 
     value: float
-    low: float
-    high: float
+    low: float | None
+    high: float | None
     unit: str
+    null: float
+    sd: float
+    bounds: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -32,12 +41,18 @@ class Found:
         presses; not calibrated.
     coherence_set : tuple of str
         Effects that explain these frames as well, itself included.
+    summary : str
+        What it is, in words.
+    transferable : bool
+        Whether it holds for new designs too, or belongs to this unit.
     """
 
     name: str
     parameters: Mapping[str, Value]
     confidence: float
     coherence_set: tuple[str, ...]
+    summary: str = ""
+    transferable: bool = True
 
 
 @dataclass(frozen=True)
@@ -47,9 +62,14 @@ class Where:
     Attributes
     ----------
     frames : str
-        background or press.
+        background, press or dark.
     share : float
         Of the whole excess over the noise floor.
+    area : float
+        Share of all values that were compared.
+    times : float
+        Excess of a value here over that in the mean of the same channel and frames: a region stands out where
+        it is well above 1.
     mean_z : float
         Signed mean of measured minus simulated, in standard deviations.
     """
@@ -58,6 +78,8 @@ class Where:
     channel: str
     frames: str
     share: float
+    area: float
+    times: float
     mean_z: float
 
 
@@ -69,10 +91,19 @@ class Level:
     after: float
     floor: float
 
+    @property
+    def removed(self) -> float | None:
+        """Share of the excess over the floor that the update takes away; None where there was none."""
+        excess = self.before - self.floor
+        return (self.before - self.after) / excess if excess > 0 else None
+
 
 @dataclass(frozen=True)
 class Candidate:
-    """One candidate that was tried, accepted or not; `gain` and `se` are shares of the first gap."""
+    """One candidate that was tried, accepted or not; `gain` and `se` are shares of the first gap.
+
+    `seconds` is what its fit took; None for those that were only screened.
+    """
 
     round: int
     name: str
@@ -82,42 +113,81 @@ class Candidate:
     improved: float | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
     evidence: float | None = None
+    seconds: float | None = None
+
+
+@dataclass(frozen=True)
+class Control:
+    """A wrong effect of about as many parameters as those named, and the share of the gap it takes away."""
+
+    name: str
+    removed: float
+    parameters: int
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What to measure next, how far it would separate what is not told apart (sd), and minutes in the lab."""
+
+    text: str
+    separation_sd: float | None = None
+    minutes: float | None = None
+
+    def __str__(self) -> str:
+        words = [self.text]
+        if self.minutes is not None:
+            words.append(f" (about {self.minutes:g} min)")
+        if self.separation_sd is not None:
+            words.append(f": there they differ by {self.separation_sd:.2g} standard deviations")
+        return "".join(words)
 
 
 @dataclass(frozen=True)
 class GapReport:
-    """Result of a diagnosis."""
+    """Result of a diagnosis; ``docs/gap.md`` explains every field."""
 
     verdict: Verdict
     effects: tuple[Found, ...]
     where: tuple[Where, ...]
     gap: Mapping[str, Level]
-    next_measurement: str
+    next_measurement: Advice
     updated: SensorModel
     model: Path
     candidates: tuple[Candidate, ...]
     notes: tuple[str, ...]
     provenance: Mapping[str, Any]
     pictures: Mapping[Path, str] = field(default_factory=dict)
+    control: Control | None = None
+    limits: tuple[str, ...] = ()
     checks: tuple[Check, ...] = ()
     reserves: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""
         return {
+            "format": FORMAT,
             "verdict": self.verdict,
+            "statement": list(self.statement),
             "effects": [
                 {
                     "name": effect.name,
-                    "parameters": {name: vars(value) for name, value in effect.parameters.items()},
+                    "summary": effect.summary,
+                    "parameters": {
+                        name: vars(value) | {"bounds": list(value.bounds)}
+                        for name, value in effect.parameters.items()
+                    },
                     "confidence": effect.confidence,
                     "coherence_set": list(effect.coherence_set),
+                    "transferable": effect.transferable,
                 }
                 for effect in self.effects
             ],
             "where": [vars(where) for where in self.where],
-            "gap": {split: vars(level) for split, level in self.gap.items()},
-            "next_measurement": self.next_measurement,
+            "gap": {split: vars(level) | {"removed": level.removed} for split, level in self.gap.items()},
+            "control": None if self.control is None else vars(self.control),
+            "next_measurement": str(self.next_measurement),
+            "next": vars(self.next_measurement),
+            "limits": list(self.limits),
             "model": str(self.model),
             "candidates": [vars(c) | {"parameters": dict(c.parameters)} for c in self.candidates],
             "notes": list(self.notes),
@@ -128,24 +198,13 @@ class GapReport:
         }
 
     @property
+    def statement(self) -> tuple[str, ...]:
+        """The verdict in plain words, a sentence or two each: what, how sure, how much, what to do."""
+        from designlab.gap.words import statement
+
+        return statement(self)
+
+    @property
     def summary(self) -> str:
         """A few lines for people."""
-        lines = [f"verdict: {self.verdict}"]
-        for effect in self.effects:
-            others = [name for name in effect.coherence_set if name != effect.name]
-            or_else = f", not told apart from {', '.join(others)}" if others else ""
-            lines.append(f"{effect.name} (confidence {effect.confidence:.2f}, not calibrated{or_else})")
-            for name, v in effect.parameters.items():
-                lines.append(f"  {name} = {v.value:.4g} [{v.low:.4g}, {v.high:.4g}] {v.unit}".rstrip(" 1"))
-        for split, level in self.gap.items():
-            lines.append(
-                f"{split}: mean squared residual {level.before:.3f} before, {level.after:.3f} after, "
-                f"floor {level.floor:.3f}"
-            )
-        for place in self.where[:3]:
-            lines.append(
-                f"{place.share:.0%} of the excess: {place.region}, channel {place.channel} ({place.frames})"
-            )
-        if self.next_measurement:
-            lines.append(f"measure next: {self.next_measurement}")
-        return "\n".join([*lines, f"model: {self.model}"])
+        return "\n".join([*self.statement, f"model: {self.model}"])

@@ -8,7 +8,7 @@ from typing import Any
 from designlab.effects import SensorModel
 from designlab.gap.result import GapReport
 from designlab.measurement import Measurement
-from designlab.store import digest, remove_partial, write_atomic, write_json
+from designlab.store import digest, remove_partial, write_json
 
 RUN, REPORT = "run.json", "report.json"
 
@@ -62,7 +62,7 @@ def end_run(
     """
     (out / REPORT).unlink(missing_ok=True)
     report = finished()
-    write_atomic(report.model, report.updated.dumps())
+    report.updated.save(report.model)
     if page is not None:
         page(report)
     write_json(out / REPORT, report.to_json())

@@ -1,6 +1,7 @@
 """The race: effects are fitted on some shots and judged on others; the best joins the model."""
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,12 +17,10 @@ from designlab.gap.result import Candidate
 
 MOST_EFFECTS = 4
 FITTED = 6  # candidates of a round that are fitted to the end
-# Neighbouring values share the small errors that no noise model lists, so that their number says too much:
-# logarithms of Bayes factors are divided by this (coarsened posterior, Miller and Dunson 2019).
-ALIKE = 64.0
 DECISIVE = 10.0  # logarithm of the Bayes factor from which an effect counts as seen
 AS_GOOD = 3.0  # difference of such logarithms within which effects are not told apart
 OVERLAP = 0.95  # share of a signature from which another effect can stand for it
+NULL_ENVELOPE = 1.1  # mean squared residual over the floor below which nothing is looked for at all
 ENVELOPE = 1.3  # mean squared residual over the floor below which no further effect is looked for
 RIVAL = "numerical"
 PERIODS = np.geomspace(40.0, 2000.0, 120)  # rows of the full sensor
@@ -63,6 +62,8 @@ class Search:
         Effects to try.
     train, select : sequence of int
         Shots to fit to, and to judge by.
+    progress : callable, optional
+        Called with what is done now, steps done, and steps in all as far as is known.
     """
 
     fitter: Fitter
@@ -73,6 +74,9 @@ class Search:
     winners: list[Winner] = field(default_factory=list)
     alternatives: dict[str, State] = field(default_factory=dict)
     gap: float = 0.0
+    progress: Callable[[str, int, int], None] | None = None
+    screened: list[dict[str, float]] = field(default_factory=list)
+    _steps: int = 0
     _reached: dict[str, State] = field(default_factory=dict)
 
     def run(self, state: State) -> tuple[Fit, Judged, Judged]:
@@ -86,6 +90,8 @@ class Search:
         best = self.fitter.fit(state, (), self.train)
         first = now = judge(self.fitter, best.state, self.select)
         self.gap = first.gap
+        if now.mean < NULL_ENVELOPE * float(now.floor.mean()):
+            return best, first, now
         for number in range(1, MOST_EFFECTS + 1):
             attempt = self._round(number, best, now)
             if attempt is None:
@@ -96,20 +102,25 @@ class Search:
         return best, first, now
 
     def _round(self, number: int, base: Fit, now: Judged) -> Attempt | None:
+        self._tell("screening", 1 + FITTED)
         screened = self.screen(base)
+        self.screened.append(screened)
         amount = {f"{RIVAL}.amount": base.state.numerical}
         self.tried.append(Candidate(number, RIVAL, "fitted with every candidate", parameters=amount))
         order = sorted(screened, key=lambda name: -screened[name])
-        attempts: list[Attempt] = []
-        for place, name in enumerate(order):
-            if place >= FITTED or screened[name] < DECISIVE / 2:
+        promising = [name for name in order[:FITTED] if screened[name] >= DECISIVE / 2]
+        for name in order:
+            if name not in promising:
                 self.tried.append(Candidate(number, name, "screened out", evidence=screened[name]))
-                continue
-            attempts.append(self._attempt(name, base, now))
+        attempts: list[tuple[Attempt, float]] = []
+        for place, name in enumerate(promising):
+            self._tell(name, len(promising) - place)
+            begun = time.perf_counter()
+            attempts.append((self._attempt(name, base, now), time.perf_counter() - begun))
         passed = []
-        for attempt in attempts:
+        for attempt, seconds in attempts:
             reason = self._refused(attempt)
-            self._note(number, attempt, reason or "passed")
+            self._note(number, attempt, reason or "passed", seconds)
             if not reason:
                 passed.append(attempt)
         if not passed:
@@ -155,7 +166,7 @@ class Search:
             judged = judge(self.fitter, without.state, self.select)
             evidence = 0.5 * (without.objective - best.objective) - self._occam(best, winner.name)
             evidence += 0.5 * float((judged.objective - now.objective).sum())
-            attempt = Attempt(winner.name, best, now, gain(judged, now, self.gap), evidence / ALIKE)
+            attempt = Attempt(winner.name, best, now, gain(judged, now, self.gap), evidence)
             if reason := self._refused(attempt):
                 self._note(number, attempt, f"dropped: {reason}")
                 self.winners.remove(winner)
@@ -178,7 +189,7 @@ class Search:
             found["banding"] -= float(np.log(len(PERIODS)))
         if "fixed_pattern" in names:
             found["fixed_pattern"] = found_pattern(self.fitter, base.state, self.train).evidence
-        return {name: value / ALIKE for name, value in found.items()}
+        return found
 
     def _with_period(self, state: State) -> State:
         """Give banding the period of which the training shots hold most."""
@@ -225,7 +236,7 @@ class Search:
             self._reached[name] = found.state
         judged = judge(fitter, found.state, self.select)
         evidence += 0.5 * float((now.objective - judged.objective).sum())
-        return Attempt(name, found, judged, gain(now, judged, self.gap), evidence / ALIKE)
+        return Attempt(name, found, judged, gain(now, judged, self.gap), evidence)
 
     def _occam(self, found: Fit, name: str) -> float:
         """Half the logarithm of how much narrower the fit has made an effect's parameters."""
@@ -251,6 +262,10 @@ class Search:
             return f"evidence {attempt.evidence:.3g}, below {DECISIVE:g}"
         if attempt.gain.value < least:
             return f"closes {attempt.gain.value:.1%} of the gap, less than {least:.1%}"
+        if attempt.gain.squares < LEAST_SHARE:
+            return (
+                f"takes {attempt.gain.squares:.1%} of the squared residual away, less than {LEAST_SHARE:.1%}"
+            )
         # Some draws of a single shot are small: not every one can gain.
         if attempt.name not in DRAWN_SD and attempt.gain.improved < LEAST_IMPROVED:
             return f"only {attempt.gain.improved:.0%} of the held-out presses improve"
@@ -260,12 +275,28 @@ class Search:
             return f"beyond what is likely of {', '.join(far)}"
         return ""
 
-    def _note(self, number: int, attempt: Attempt, outcome: str) -> None:
+    def _tell(self, what: str, left: int) -> None:
+        """Report that a step begins, after which `left` - 1 are known to follow."""
+        if self.progress is not None:
+            self.progress(f"effects: {what}", self._steps, self._steps + left)
+        self._steps += 1
+
+    def _note(self, number: int, attempt: Attempt, outcome: str, seconds: float | None = None) -> None:
         values = attempt.fit.state.values.get(attempt.name, {})
         g = attempt.gain
         named = {f"{attempt.name}.{p}": float(v) for p, v in values.items()}
         self.tried.append(
-            Candidate(number, attempt.name, outcome, g.value, g.se, g.improved, named, attempt.evidence)
+            Candidate(
+                number,
+                attempt.name,
+                outcome,
+                g.value,
+                g.se,
+                g.improved,
+                named,
+                attempt.evidence,
+                None if seconds is None else round(seconds, 2),
+            )
         )
 
 

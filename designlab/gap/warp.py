@@ -44,14 +44,6 @@ class Warp:
         moved = np.stack([self._at(layer, self._place, order) for layer in light / self._before])
         return np.asarray(moved * self._after, dtype=light.dtype)
 
-    def shifted(self, light: NDArray[np.floating]) -> NDArray[np.floating]:
-        """First order of what the changed camera shows beyond the nominal one, (n, rows, columns)."""
-        shift = (self._place - np.indices(self._place.shape[1:])).astype(light.dtype)
-        bare = (light / self._before).astype(light.dtype)
-        rows, columns = np.gradient(bare, axis=(1, 2))
-        change = rows * shift[0] + columns * shift[1] + bare * (self._after / self._before - 1.0)
-        return np.asarray(change * self._before, dtype=light.dtype)
-
     def _inverse(self, nominal: Array, changed: Array) -> Array:
         """Row and column where the nominal picture shows what each pixel of the other sees."""
         place = np.indices(nominal.shape[1:]).astype(float)

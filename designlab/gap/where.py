@@ -1,4 +1,8 @@
-"""Where model and measurement differ: regions known from geometry, and their share of the excess."""
+"""Where model and measurement differ: regions known from geometry, and their share of the excess.
+
+Regions are named as someone at the bench would: by the imprint, by the LEDs that a camera channel answers to,
+and by the edge of the picture.
+"""
 
 from collections.abc import Sequence
 
@@ -19,8 +23,9 @@ Array = NDArray[np.float64]
 WALL_SLOPE = 0.15
 RIM_MM = 0.5
 AROUND_MM = 2.0
-LEAST_SHARE = 0.02
+LEAST_SHARE = 0.005
 FACING = 0.5  # cosine between a wall's downhill direction and the way to the LEDs
+CORNER = 0.8  # of the way from the middle of the picture to its corner
 
 
 def where(fitter: Fitter, renders: Renders, state: State, shots: Sequence[int]) -> tuple[Where, ...]:
@@ -44,9 +49,8 @@ def where(fitter: Fitter, renders: Renders, state: State, shots: Sequence[int]) 
             frames = "dark"
         frame = geometry(fitter, renders, state, number)
         for channel, name in enumerate(CHANNELS):
-            atlas = regions(frame, fitter.forward.design, channel)
             used = shot.valid[..., channel]
-            for region, place in atlas.items():
+            for region, place in regions(frame, fitter.forward.design, channel).items():
                 z = residual[..., channel][place & used]
                 granted = (noise.granted / noise.sigma)[..., channel][place & used]
                 key = (region, name, frames)
@@ -55,23 +59,35 @@ def where(fitter: Fitter, renders: Renders, state: State, shots: Sequence[int]) 
                 sums[0] += float(z.sum())
                 sums[1] += z.size
     total = sum(max(value, 0.0) for value in excess.values())
+    compared = sum(size for _, size in signed.values())
     if total <= 0:
         return ()
-    found = [
-        Where(*key, share=value / total, mean_z=signed[key][0] / max(signed[key][1], 1.0))
-        for key, value in excess.items()
-        if value / total >= LEAST_SHARE
-    ]
+    found = []
+    for key, value in excess.items():
+        if value / total < LEAST_SHARE:
+            continue
+        alike = [other for other in excess if other[1:] == key[1:]]
+        mean = sum(max(excess[other], 0.0) for other in alike) / sum(signed[other][1] for other in alike)
+        total_z, size = signed[key]
+        found.append(
+            Where(
+                *key,
+                share=value / total,
+                area=size / compared,
+                times=value / size / mean,
+                mean_z=total_z / size,
+            )
+        )
     return tuple(sorted(found, key=lambda place: -place.share))
 
 
 def regions(frame: Frame, design: Design, channel: int) -> dict[str, NDArray[np.bool_]]:
     """Regions of a picture as one channel sees it; every pixel lies in exactly one.
 
-    Walls are lit or unlit by the LED group that the channel answers to most.
+    Walls of an imprint are lit or unlit by the LED group that the channel answers to most.
     """
-    own = int(np.abs(design.mixing_matrix[channel]).argmax())
-    azimuth = np.radians(design.leds.groups[own].azimuth_deg)
+    own = design.leds.groups[int(np.abs(design.mixing_matrix[channel]).argmax())]
+    azimuth = np.radians(own.azimuth_deg)
     towards = np.stack([np.cos(azimuth), np.sin(azimuth)])
     x, y = frame.seen_mm
     near = np.max(x[..., None] * towards[0] + y[..., None] * towards[1], axis=-1)
@@ -83,16 +99,18 @@ def regions(frame: Frame, design: Design, channel: int) -> dict[str, NDArray[np.
     )
     wall = slope > WALL_SLOPE
     away_mm = _distance_mm(frame)
+    far = np.hypot(x - x.mean(), y - y.mean())
     candidates = {
-        "wall facing the channel's LEDs": wall & (facing > FACING),
-        "wall facing away from the channel's LEDs": wall & (facing < -FACING),
-        "wall facing sideways": wall,
-        "contact plateau": frame.contact,
-        "rim, up to 0.5 mm outside the contact": away_mm <= RIM_MM,
-        "around the contact, 0.5 to 2 mm": away_mm <= AROUND_MM,
-        "gel near the channel's LEDs": near >= high,
-        "gel far from the channel's LEDs": near <= low,
-        "gel in between": np.ones(near.shape, dtype=bool),
+        f"slope of the imprint that faces the {own.name} LEDs": wall & (facing > FACING),
+        f"slope of the imprint that faces away from the {own.name} LEDs": wall & (facing < -FACING),
+        f"slope of the imprint sideways to the {own.name} LEDs": wall,
+        "flat part of the imprint": frame.contact,
+        "rim of the imprint, up to 0.5 mm outside": away_mm <= RIM_MM,
+        "around the imprint, 0.5 to 2 mm outside": away_mm <= AROUND_MM,
+        "corners of the picture": far > CORNER * far.max(),
+        f"gel next to the {own.name} LEDs": near >= high,
+        f"gel far from the {own.name} LEDs": near <= low,
+        "rest of the gel": np.ones(near.shape, dtype=bool),
     }
     taken = np.zeros(near.shape, dtype=bool)
     atlas = {}

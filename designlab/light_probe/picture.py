@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from designlab.camera import View, Vignetting
 from designlab.design import Design
+from designlab.effects import Sight
 from designlab.effects.model import SensorModel, effect
 from designlab.light_probe.ball import LightProbe
 from designlab.light_probe.sight import probe_view
@@ -14,6 +15,7 @@ from designlab.light_probe.unwrap import Unwrapped, unwrap
 from designlab.render import path
 from designlab.scene import without_gel
 from designlab.simulate import RenderFailed
+from designlab.viewing import rays
 
 Array = NDArray[np.float64]
 
@@ -106,5 +108,20 @@ def light_probe(
         )
     if design.camera.vignetting != Vignetting():
         basis = (basis * design.camera.vignette(seen)).astype(np.float32)
+    basis = _through_camera(sensor, design, seen, basis)
     flux = np.array([group.flux_mw for group in design.leds.groups])
     return ProbePicture(design, probe, seen, basis, design.mixing_matrix * flux)
+
+
+def _through_camera(
+    sensor: SensorModel, design: Design, view: View, light: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Light of the picture after the effects of the lens; those of the membrane have nothing to act on."""
+    acting = [a for a in sensor.effects if effect(a.name).stage == "camera"]
+    if not acting:
+        return light
+    seen = rays(design, view)
+    sight = Sight(design, view, (seen.x_mm, seen.y_mm), seen.pitch_mm)
+    for applied in acting:
+        light = np.asarray(effect(applied.name).on_light(light, applied.values, sight), dtype=np.float32)
+    return light

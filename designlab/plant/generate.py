@@ -95,6 +95,10 @@ def plant(
     OSError
         If the folder exists and is not empty, or cannot be written.
     """
+    if not isinstance(design, Design):
+        raise TypeError(
+            f"design: must be a Design, got {type(design).__name__}: effects to plant are given by `effects`"
+        )
     out = Path(out)
     if columns < 8:
         raise ValueError(f"columns: at least 8, got {columns}")

@@ -1,6 +1,7 @@
 """Self-contained HTML pages: one file each, no network."""
 
 from designlab.report.evaluation import evaluation_report
+from designlab.report.gap import gap_report
 from designlab.report.page import (
     Column,
     Html,
@@ -15,7 +16,6 @@ from designlab.report.page import (
     table,
 )
 from designlab.report.study import study_report
-from designlab.report.tables import gap_report
 
 __all__ = [
     "Column",

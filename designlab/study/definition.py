@@ -88,6 +88,9 @@ class Study(Spec):
         (),
         description="Effects that every design has; of a model file, those that hold for other designs too.",
     )
+    model: dict[str, Any] = Field(
+        {}, description="What else is known of these effects: covariance, domain, provenance, parent."
+    )
     parameters: dict[str, Parameter] = Field(
         min_length=1, description="Fields of the design by dotted path, and the values they may take."
     )
@@ -113,7 +116,9 @@ class Study(Spec):
             model = load_model(base)
         except ValueError as error:
             raise ValueError(f"base: {error}") from None
-        return {"effects": carried_effects(model), **content, "base": model.design}
+        # Effects that the study states itself have nothing to do with those of the model.
+        stated = {} if "effects" in content else carried(model)
+        return {**stated, **content, "base": model.design}
 
     @field_validator("parameters", mode="before")
     @classmethod
@@ -155,7 +160,7 @@ class Study(Spec):
         from designlab.effects.model import SensorModel
 
         try:
-            return SensorModel.model_validate({"design": design, "effects": self.effects})
+            return SensorModel.model_validate({"design": design, "effects": self.effects, **self.model})
         except ValidationError as error:
             raise DesignError(explain(error)) from None
 
@@ -181,11 +186,14 @@ class Study(Spec):
         return differing + (["base"] if self.base.digest != other.base.digest else [])
 
 
-def carried_effects(model: "SensorModel") -> tuple[dict[str, Any], ...]:
-    """Effects of a built sensor that hold for other designs too; the others belong to that one unit."""
-    from designlab.effects.model import effect
+def carried(model: "SensorModel") -> dict[str, Any]:
+    """Effects of a built sensor that hold for other designs too, and what is known of them, for a study.
 
-    return tuple(found.model_dump() for found in model.effects if effect(found.name).transferable)
+    The others belong to that one unit.
+    """
+    content = model.transferable().model_dump(mode="json", exclude={"design"}, exclude_none=True)
+    effects = tuple(content.pop("effects"))
+    return {"effects": effects, "model": content if effects else {}}
 
 
 def _flattened(parameters: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -27,12 +27,16 @@ _FEWEST_FOR_IMPORTANCE = 10
 
 @dataclass(frozen=True)
 class Results:
-    """A study, the table of its trials (see `load_results`), and the unit of each score."""
+    """A study, the table of its trials (see `load_results`), and the unit of each score.
+
+    `warnings` say where a sensor model was used beyond what it was fitted to.
+    """
 
     folder: Path
     study: Study
     frame: "pd.DataFrame"
     units: dict[str, str]
+    warnings: tuple[str, ...] = ()
 
     @property
     def start(self) -> "pd.Series[Any] | None":
@@ -87,6 +91,7 @@ class Results:
             "folder": str(self.folder),
             "objectives": dict(self.study.objectives),
             "units": dict(self.units),
+            "warnings": list(self.warnings),
             "trials": self.counts(),
             "rejections": self.rejections(),
             "pareto": _rows(self.pareto, columns),
@@ -120,24 +125,30 @@ def load_results(out: str | Path) -> Results:
     folder = Path(out)
     with reading(folder) as (study, record):
         units: dict[str, str] = {}
-        rows = [_row(study, folder, trial, units) for trial in record.get_trials(deepcopy=False)]
+        warnings: dict[str, None] = {}
+        rows = [_row(study, folder, trial, units, warnings) for trial in record.get_trials(deepcopy=False)]
     columns = ["trial", "state", *study.parameters]
     frame = pd.DataFrame(rows, columns=columns if not rows else None)
     for name in (*columns, "violation_mm", "reason", "broken", "reuse_of"):
         if name not in frame:
             frame[name] = None
     frame = frame.astype({"reuse_of": "Int64", "violation_mm": float})
-    return Results(folder, study, frame, units)
+    return Results(folder, study, frame, units, tuple(warnings))
 
 
 def _row(
-    study: Study, folder: Path, trial: "optuna.trial.FrozenTrial", units: dict[str, str]
+    study: Study,
+    folder: Path,
+    trial: "optuna.trial.FrozenTrial",
+    units: dict[str, str],
+    warnings: dict[str, None],
 ) -> dict[str, Any]:
     state = _state(trial)
     row: dict[str, Any] = {"trial": trial.number, "state": state, **trial.params}
     if state == "complete":
         row |= dict(zip(study.objectives, trial.values, strict=True))
         saved = read_trial(folder, trial.number) or {}
+        warnings |= dict.fromkeys(saved.get("warnings", ()))
         for name, estimate in saved.get("scores", {}).items():
             units[name] = estimate["unit"]
             row[name] = _number(estimate["value"])

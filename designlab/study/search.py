@@ -78,7 +78,9 @@ def evaluate_design(
         }
         for name, estimate in score.scores.items()
     }
-    return {"scores": scores, "seconds": _plain(score, "seconds")}
+    warnings = list(getattr(score, "warnings", ()))
+    found = {"scores": scores, "seconds": _plain(score, "seconds")}
+    return found | {"warnings": warnings} if warnings else found
 
 
 def _finite(value: Any) -> float | None:
@@ -297,7 +299,7 @@ class Search:
         saved = read_trial(self.folder, number)
         if saved is None:
             raise StudyError(f"{trial_folder(self.folder, number)}: the score of a complete trial is missing")
-        score = {name: saved[name] for name in ("scores", "seconds")}
+        score = {name: saved[name] for name in ("scores", "seconds", "warnings") if name in saved}
         self._complete(task, score | {"reuse_of": number})
 
     def _values(self, scores: Mapping[str, Mapping[str, Any]]) -> list[float]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import ValidationError
 
 from designlab.design import Design, DesignError, explain
-from designlab.study.definition import DEFAULT_OBJECTIVES, Parameter, Study, StudyError, carried_effects
+from designlab.study.definition import DEFAULT_OBJECTIVES, Parameter, Study, StudyError, carried
 from designlab.study.results import Results
 from designlab.study.runner import default_evaluator, run_study
 from designlab.study.search import Evaluator, evaluate_design
@@ -53,6 +53,7 @@ def sweep(
     DataFrame
         One row a design: a column for each field, ``feasible``, ``reason`` (why a design was not evaluated,
         else empty), and for each score its value and ``<score>_se``. Infeasible designs are not evaluated.
+        ``warnings``, where a model is used beyond what it was fitted to.
 
     Raises
     ------
@@ -85,8 +86,8 @@ def _sweep_row(
         if isinstance(base, Design):
             subject = design = base.replace(values)
         else:
-            design = base.design.replace(values)
-            subject = type(base).model_validate({"design": design, "effects": carried_effects(base)})
+            subject = base.transferable().replace(values)
+            design = subject.design
     except DesignError as error:
         text = str(error).removeprefix("replace(): ")
         if text.startswith("no field"):
@@ -102,6 +103,8 @@ def _sweep_row(
     row = {**values, "feasible": True, "reason": ""}
     for name, estimate in outcome["scores"].items():
         row |= {name: estimate["value"], f"{name}_se": estimate["se"]}
+    if outcome.get("warnings"):
+        row["warnings"] = "; ".join(outcome["warnings"])
     return row
 
 
@@ -140,12 +143,11 @@ def optimise(
         If a parameter does not fit its field; names field, value and rule.
     """
     base = design if isinstance(design, Design) else design.design
-    effects = () if isinstance(design, Design) else carried_effects(design)
     try:
         study = Study(
             name=f"{base.name} search",
             base=base,
-            effects=effects,
+            **({} if isinstance(design, Design) else carried(design)),
             parameters={path: _parameter(given) for path, given in parameters.items()},
             objectives=dict(objectives or DEFAULT_OBJECTIVES),
             trials=trials,

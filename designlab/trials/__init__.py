@@ -3,5 +3,6 @@
 from designlab.trials.pool import Trial, development
 from designlab.trials.runner import Outcome, run
 from designlab.trials.score import score
+from designlab.trials.transfer import Transferred, run_transfers, transfers
 
-__all__ = ["Outcome", "Trial", "development", "run", "score"]
+__all__ = ["Outcome", "Transferred", "Trial", "development", "run", "run_transfers", "score", "transfers"]

@@ -59,9 +59,19 @@ def run(trials: Iterable[Trial], folder: Path, *, progress: Progress | None = No
     return found
 
 
+def set_path(trial: Trial, folder: Path) -> Path:
+    """Where the set of a trial lies."""
+    return folder / "sets" / f"{trial.name}-{trial.seed}"
+
+
+def model_path(trial: Trial, folder: Path) -> Path:
+    """Where the model lies that the diagnosis of a trial found."""
+    return folder / "reports" / f"{trial.name}-{trial.seed}" / "model.toml"
+
+
 def _planted(trial: Trial, folder: Path) -> Path:
     """Generate the set of a trial, unless it is there."""
-    design, measurement = preset(trial.design), folder / "sets" / f"{trial.name}-{trial.seed}"
+    design, measurement = preset(trial.design), set_path(trial, folder)
     if measurement.exists():
         return measurement
     rig = Rig.of(design)
@@ -87,7 +97,7 @@ def _one(trial: Trial, folder: Path) -> Outcome:
         report = diagnose(
             load_measurement(measurement),
             design,
-            out=folder / "reports" / measurement.name,
+            out=model_path(trial, folder).parent,
             seed=SEED,
             columns=COLUMNS,
             renders=folder / "renders" / trial.design,

@@ -85,4 +85,6 @@ def _inside(o: Outcome) -> Sequence[bool]:
     truth = next(iter(o.trial["effects"]))
     found = o.parameters.get(truth, {})
     values = o.truth["effects"][truth]
-    return [v["low"] <= values[p] <= v["high"] for p, v in found.items() if p in values]
+    return [
+        v["low"] <= values[p] <= v["high"] for p, v in found.items() if p in values and v["low"] is not None
+    ]

@@ -47,6 +47,11 @@ def render_view(
     timeout_s : float
         Time (s) after which drawing is given up.
     """
+    if not isinstance(design, Design):
+        raise TypeError(
+            "design: must be a Design, since effects of a built sensor are not drawn; of a sensor model give "
+            f"its design, got {type(design).__name__}"
+        )
     path = Path(path)
     with tempfile.TemporaryDirectory(prefix="designlab-view-") as work:
         job = Path(work)

@@ -87,7 +87,7 @@ def test_hidden_effect_that_is_not_in_the_catalogue_is_not_explained_away(tmp_pa
     report = diagnosed(tmp_path, {"colour_mixing": MIXING}, renders=renders, catalogue=known)
     assert report.verdict in ("unexplained", "partial")
     assert report.gap["final"].after > 2 * report.gap["final"].floor
-    assert report.next_measurement
+    assert report.next_measurement.text
 
 
 def test_an_interrupted_diagnosis_goes_on_where_it_stopped(tmp_path) -> None:

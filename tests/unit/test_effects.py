@@ -270,8 +270,8 @@ def test_model_round_trip(tmp_path) -> None:
     path = tmp_path / "model.toml"
     path.write_text(model.dumps(), encoding="utf-8")
     loaded = load_model(path)
+    assert loaded == model
     assert loaded.digest == model.digest
-    assert loaded.effects == model.effects
 
 
 def test_model_refuses_values_beyond_physical_bounds() -> None:

@@ -16,7 +16,6 @@ from designlab.report import (
     evaluation_report,
     facts,
     gallery,
-    gap_report,
     label,
     page,
     paragraph,
@@ -284,27 +283,3 @@ def test_every_main_score_has_a_yardstick():
         known = YARDSTICKS[name]
         assert known.good != known.fair
         assert known.reason
-
-
-def test_the_page_of_a_gap_shows_verdict_effects_and_held_out_frames(tmp_path):
-    report = {
-        "verdict": "ambiguous",
-        "effects": [
-            {
-                "name": "vignetting",
-                "parameters": {"k1": {"value": 0.31, "low": 0.2, "high": 0.4, "unit": "1"}},
-                "confidence": 0.9,
-                "coherence_set": ["vignetting", "led_profile"],
-            }
-        ],
-        "where": [{"region": "corners", "channel": "R", "frames": 9, "share": 0.4}],
-        "gap": {"final": {"before": 8.0, "after": 1.1, "floor": 1.0}},
-        "next_measurement": "a light probe at the corners",
-        "model": "out/model.toml",
-    }
-    shown = words(gap_report(report, tmp_path / "gap.html").read_text("utf-8"))
-    assert "Several effects explain the gap equally well" in shown
-    assert "vignetting k1 0.31 0.2 0.4 0.9 led_profile" in shown
-    assert "final 8 1.1 1" in shown
-    assert "Measure next: a light probe at the corners" in shown
-    assert "out/model.toml" in shown

@@ -1,0 +1,158 @@
+"""Values of a fitted effect with 95 % intervals, also of what is drawn anew for every picture."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.effects import Parameter
+from designlab.gap.evidence import ALIKE
+from designlab.gap.fit import DRAWN_SD, Fit, Fitter
+from designlab.gap.forward import State, Unknown, coordinate, value_at
+from designlab.gap.pattern import strengths_as_good
+from designlab.gap.result import Value
+from designlab.gap.search import PERIODS
+
+Array = NDArray[np.float64]
+Ends = tuple[float, float]
+
+NORMAL = 1.96  # standard deviations of a 95 % interval
+TAIL = 0.025
+LEAST_DRAWS = 3
+
+
+def values(fitter: Fitter, fit: Fit, name: str, train: Sequence[int]) -> dict[str, Value]:
+    """Values of an effect with the ends of their 95 % intervals.
+
+    What is drawn anew for each picture is as uncertain as the number of pictures makes it.
+
+    Parameters
+    ----------
+    fit : Fit
+        Of the effect, to the training shots.
+    train : sequence of int
+        Those shots.
+    """
+    ends: dict[str, Ends] = {}
+    if name == "fixed_pattern":
+        ends["rms"] = _of_pattern(fitter, fit.state, train)
+    elif name in DRAWN_SD:
+        ends = _of_draws(fitter, fit, name, train)
+    else:
+        ends = _of_parameters(fitter, fit, name)
+    found = {}
+    for p in fitter.forward.parameters[name]:
+        value = fit.state.values[name][p.name]
+        low, high = ends.get(p.name, (None, None))
+        if low is not None and high is not None:
+            low, high = _within(p, min(low, value)), _within(p, max(high, value))
+        found[p.name] = Value(value, low, high, p.unit, p.null, p.sd, (p.low, p.high))
+    return found
+
+
+def _of_parameters(fitter: Fitter, fit: Fit, name: str) -> dict[str, Ends]:
+    """Ends by the curvature of the misfit, all other unknowns fitted along."""
+    found = {}
+    deviations = _deviations(fit, [k for k, u in enumerate(fit.system.unknowns) if u.effect == name])
+    parameters = {p.name: p for p in fitter.forward.parameters[name]}
+    for unknown, deviation in deviations.items():
+        p = parameters[unknown.name]
+        t = coordinate(p, fit.state.values[name][p.name])
+        found[p.name] = value_at(p, t - NORMAL * deviation), value_at(p, t + NORMAL * deviation)
+    return found
+
+
+def _of_draws(fitter: Fitter, fit: Fit, name: str, train: Sequence[int]) -> dict[str, Ends]:
+    """Ends of the strength of draws by their number and errors, and of the period of bands by the misfit."""
+    own = fit.state.drawn.get(name, {})
+    draws = np.array([own[n] for n in train if n in own])
+    if len(draws) < LEAST_DRAWS:
+        return {}
+    places = [k for k, u in enumerate(fit.system.unknowns) if u.effect == name and u.shot >= 0]
+    error = sum((d * u.sd) ** 2 for u, d in _deviations(fit, places).items()) / len(draws)
+    if name == "banding":
+        return {"amplitude": of_amplitudes(draws, error), "period_rows": _of_period(fitter, fit, train)}
+    return {"rms": of_deviation(draws[:, 0], error)}
+
+
+def of_deviation(draws: Array, error: float = 0.0) -> Ends:
+    """Ends for the standard deviation that draws come from, their mean unknown (chi-square).
+
+    Parameters
+    ----------
+    draws : array, shape (n,)
+        Estimates of the draws.
+    error : float
+        Mean variance of these estimates, which may have hidden as much of the draws.
+
+    Examples
+    --------
+    >>> low, high = of_deviation(np.array([-1.0, 1.0] * 50))
+    >>> round(low, 2), round(high, 2)
+    (0.88, 1.16)
+    """
+    from scipy.stats import chi2
+
+    freedom = len(draws) - 1
+    squares = float((draws**2).sum())
+    return (
+        float(np.sqrt(squares / chi2.ppf(1 - TAIL, freedom))),
+        float(np.sqrt((squares + len(draws) * error) / chi2.ppf(TAIL, freedom))),
+    )
+
+
+def of_amplitudes(draws: Array, error: float = 0.0) -> Ends:
+    """Ends for the amplitude of waves that differ in phase alone, from sine and cosine of each, (n, 2).
+
+    The spread between waves tells more than the errors stated, `error` the mean of their sum of squares.
+    """
+    from scipy.stats import t
+
+    powers = (draws**2).sum(axis=1)
+    amplitude = float(np.sqrt(powers.mean()))
+    spread = float(powers.std(ddof=1)) / (2 * amplitude)
+    away = float(t.ppf(1 - TAIL, len(draws) - 1)) * np.sqrt((spread**2 + error / 2) / len(draws))
+    return max(amplitude - away, 0.0), amplitude + away
+
+
+def _of_period(fitter: Fitter, fit: Fit, train: Sequence[int]) -> Ends:
+    """Ends by a parabola through the misfits at a period and its neighbours, waves and gains fitted anew."""
+    period = fit.state.values["banding"]["period_rows"]
+    step = float(np.log(PERIODS[1] / PERIODS[0]))
+    below, here, above = (_misfit(fitter, fit.state, period * np.exp(k * step), train) for k in (-1, 0, 1))
+    curvature = (below - 2 * here + above) / step**2
+    if curvature <= 0:
+        return float(PERIODS[0]), float(PERIODS[-1])
+    best = (below - above) / (2 * step * curvature)
+    away = NORMAL / np.sqrt(0.5 * curvature)
+    return period * float(np.exp(best - away)), period * float(np.exp(best + away))
+
+
+def _misfit(fitter: Fitter, state: State, period: float, train: Sequence[int]) -> float:
+    state = state.with_values("banding", {**state.values["banding"], "period_rows": period})
+    unknowns = [u for u in fitter.unknowns(state, ("banding",), train) if u.effect in ("banding", "gain")]
+    found = fitter.system(state, train, unknowns)
+    _, fallen = found.step(*fitter.bounds(unknowns))
+    return found.misfit + float(found.now @ found.now) - fallen
+
+
+def _of_pattern(fitter: Fitter, state: State, train: Sequence[int]) -> Ends:
+    """Ends where the evidence for a strength has fallen as a Gaussian's would."""
+    others = {name: own for name, own in state.values.items() if name != "fixed_pattern"}
+    bare = State(state.gains, others, state.poses, state.drawn, None, state.numerical)
+    return strengths_as_good(fitter, bare, train, within=ALIKE * NORMAL**2 / 2)
+
+
+def _deviations(fit: Fit, places: Sequence[int]) -> dict[Unknown, float]:
+    """Standard deviations of unknowns, in those of their priors, all others fitted along."""
+    if not places:
+        return {}
+    information, _ = fit.system.reduced(places)
+    covariance = np.linalg.inv(information + np.eye(len(places)))
+    return {
+        fit.system.unknowns[k]: float(np.sqrt(v)) for k, v in zip(places, np.diag(covariance), strict=True)
+    }
+
+
+def _within(p: Parameter, value: float) -> float:
+    return float(np.clip(value, p.low, p.high))

@@ -1,0 +1,342 @@
+"""The page about a gap, from the data that its command prints as JSON."""
+
+import html
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from designlab.report.gap_figures import gap_bars, interval_bar
+from designlab.report.page import (
+    Column,
+    Html,
+    Section,
+    facts,
+    label,
+    page,
+    paragraph,
+    picture,
+    rounded,
+    table,
+)
+from designlab.store import write_atomic
+
+MOST_PLACES = 12
+STANDS_OUT = 1.5  # times the mean of its channel and frames
+
+_COLOURS = {"named": "#2f855a", "at_floor": "#2f855a", "unexplained": "#c53030"}
+_OTHER_COLOUR = "#b7791f"
+_VERDICTS = {
+    "named": "The gap is explained by the effects below.",
+    "ambiguous": "Several effects explain the gap equally well on these frames.",
+    "partial": "The effects below explain part of the gap; the rest is above the noise.",
+    "unexplained": "No known effect explains the gap.",
+    "at_floor": "Simulation and measurement agree to within the noise.",
+}
+_FRAMES = {"background": "untouched gel", "press": "presses", "dark": "LEDs off"}
+_SPLITS = {"train": "fitted to", "select": "chosen by", "final": "final"}
+_GAP = (
+    "Mean squared residual in units of the noise. Effects were fitted to the first presses and chosen by the "
+    "second; the final presses were used for nothing else. The floor is what noise of the camera and the "
+    "errors "
+    "granted to the simulation leave."
+)
+_WHERE = (
+    "Shares of the excess over the floor with the model as given. A region stands out where a value "
+    "holds well "
+    "more of it than one does in the mean of the same channel and frames."
+)
+_PARAMETERS = (
+    "The drawing spans what is usual (band), the value at which the effect does nothing (thin line), and "
+    "the hard "
+    "bounds where they are near (brackets). Confidence: share of the effect in the evidence of those "
+    "that do as "
+    "well, limited by the number of held-out presses; not calibrated."
+)
+_CANDIDATES = (
+    "Evidence: logarithm of the Bayes factor against the model without the effect, divided by how many "
+    "neighbouring values err alike; ten or more is needed. Gain: share of the first gap closed on "
+    "presses that "
+    "the candidate was not fitted to."
+)
+
+
+def gap_report(
+    report: Mapping[str, Any],
+    target: str | Path,
+    *,
+    title: str = "Gap between simulation and measurement",
+    pictures: Mapping[Path, str] | None = None,
+    sections: Sequence[Section] = (),
+) -> Path:
+    """Write the page about a diagnosis.
+
+    Parameters
+    ----------
+    report : mapping
+        What ``gap diagnose --json`` prints, see ``docs/gap.md``; what is absent is left out.
+    target : path
+        HTML file to write.
+    title : str
+        Heading.
+    pictures : mapping of path to str, optional
+        Picture files and their captions.
+    sections : sequence of Section
+        Further sections, placed last.
+    """
+    shown = {path.name: picture(path, caption) for path, caption in (pictures or {}).items()}
+    places = shown.pop("where.png", None)
+    made = report.get("provenance", {})
+    content = [
+        Section("Verdict", _verdict(report)),
+        Section("Where the gap is", (*([places] if places else []), *_where(report.get("where", ())))),
+        Section("Gap before and after", _gap(report.get("gap", {}), report.get("control"))),
+        Section("What was found", _effects(report.get("effects", ()))),
+        Section("Measured, simulated, left over", tuple(shown.values())),
+        Section("What to measure next", _next(report)),
+        Section("What this cannot know", (_list(report["limits"]),) if report.get("limits") else ()),
+        Section("Every candidate tried", _candidates(report)),
+        Section("Notes", tuple(paragraph(note) for note in report.get("notes", ()))),
+        Section("How it was made", (_made(made),) if made else ()),
+        *sections,
+    ]
+    subtitle = f"measurement {made['measurement']}" if made.get("measurement") else ""
+    return write_atomic(target, page(title, content, subtitle=subtitle))
+
+
+def _verdict(report: Mapping[str, Any]) -> tuple[Html, ...]:
+    word = report["verdict"]
+    colour = _COLOURS.get(word, _OTHER_COLOUR)
+    first, *others = report.get("statement") or [_VERDICTS.get(word, word)]
+    lead = (
+        f'<p style="font-size:1.15rem;border-left:4px solid {colour};padding-left:.8rem">'
+        f'<strong style="color:{colour}">{html.escape(word.replace("_", " "))}</strong><br>'
+        f"{html.escape(first)}</p>"
+    )
+    model = (
+        {"updated model": Html(f"<code>{html.escape(report['model'])}</code>")} if report.get("model") else {}
+    )
+    return (Html(lead), *(paragraph(text.replace(" %", "\u00a0%")) for text in others), facts(model))
+
+
+def _where(where: Sequence[Mapping[str, Any]]) -> tuple[Html, ...]:
+    if not where:
+        return ()
+    rows = [
+        {
+            "region": place["region"],
+            "channel": place["channel"],
+            "frames": _unbroken(_FRAMES.get(place["frames"], place["frames"])),
+            "share": round(100 * place["share"], 1),
+            "area": round(100 * place["area"], 1),
+            "times": _times(place),
+            "sign": _sign(place["mean_z"]),
+        }
+        for place in where[:MOST_PLACES]
+    ]
+    columns = [
+        Column("region", "region"),
+        Column("channel", "channel"),
+        Column("frames", "frames"),
+        Column("share", "of the excess", "%"),
+        Column("area", "of the values", "%"),
+        *([Column("times", "stands out")] if any(row["times"] for row in rows) else []),
+        Column("sign", "measured against simulated"),
+    ]
+    return (table(rows, columns, caption=_WHERE),)
+
+
+def _times(place: Mapping[str, Any]) -> str:
+    times = place.get("times", 0.0)
+    return f"{times:.2g} times" if times >= STANDS_OUT else ""
+
+
+def _sign(mean_z: float) -> str:
+    if abs(mean_z) < 0.5:
+        return "brighter here, darker there"
+    return f"{'brighter' if mean_z > 0 else 'darker'}, by {rounded(round(abs(mean_z), 1))} sd in the mean"
+
+
+def _gap(gap: Mapping[str, Mapping[str, float]], control: Mapping[str, Any] | None) -> tuple[Html, ...]:
+    if not gap:
+        return ()
+    rows = [
+        {
+            **level,
+            "frames": f"{_SPLITS.get(name, name)} ({name})" if name != "final" else "final",
+            "gone": _gone(level),
+        }
+        for name, level in gap.items()
+    ]
+    columns = [
+        Column("frames", "presses"),
+        Column("before", "before"),
+        Column("after", "after"),
+        Column("floor", "floor"),
+        Column("gone", "gap gone", "%"),
+    ]
+    blocks = [gap_bars(gap, _SPLITS), paragraph(_GAP, note=True), table(rows, columns)]
+    if control:
+        removed = 100 * control["removed"]
+        does = (
+            f"takes away {removed:.0f} % of the gap"
+            if removed >= 0
+            else f"widens the gap by {-removed:.0f} %"
+        )
+        blocks.append(
+            paragraph(
+                f"Control: a wrong effect of about the same size, `{control['name']}`, fitted in the same "
+                f"way, {does} on the final presses."
+            )
+        )
+    return tuple(blocks)
+
+
+def _gone(level: Mapping[str, float]) -> float | None:
+    excess = level["before"] - level["floor"]
+    return round(100 * (level["before"] - level["after"]) / excess, 1) if excess > 0 else None
+
+
+def _effects(effects: Sequence[Mapping[str, Any]]) -> tuple[Html, ...]:
+    if not effects:
+        return ()
+    rows = []
+    for effect in effects:
+        others = ", ".join(name for name in effect.get("coherence_set", ()) if name != effect["name"])
+        for number, (name, p) in enumerate(effect["parameters"].items()):
+            first = number == 0
+            rows.append(
+                {
+                    "effect": effect["name"] if first else "",
+                    "parameter": label(name, p.get("unit", "")),
+                    "value": p["value"],
+                    "interval": _interval(p),
+                    "bounds": _unbroken(f"{p['bounds'][0]:g} to {p['bounds'][1]:g}") if "bounds" in p else "",
+                    "drawing": interval_bar(p) if "bounds" in p else "",
+                    "confidence": f"{effect['confidence']:.2f}" if first else "",
+                    "others": (others or "none") if first else "",
+                    "scope": ("the design" if effect.get("transferable", True) else "this unit")
+                    if first
+                    else "",
+                }
+            )
+    columns = [
+        Column("effect", "effect"),
+        Column("parameter", "parameter"),
+        Column("value", "value"),
+        Column("interval", "95 % interval"),
+        Column("drawing", ""),
+        Column("bounds", "hard bounds"),
+        Column("confidence", "confidence"),
+        Column("others", "not told apart from"),
+        Column("scope", "holds for"),
+    ]
+    return (table(rows, columns, caption=_PARAMETERS),)
+
+
+def _interval(p: Mapping[str, Any]) -> Html:
+    if p.get("low") is None or p.get("high") is None:
+        return _unbroken("not known")
+    return _unbroken(f"{rounded(p['low'])} to {rounded(p['high'])}")
+
+
+def _unbroken(text: str) -> Html:
+    return Html(f'<span style="white-space:nowrap">{html.escape(text)}</span>')
+
+
+def _next(report: Mapping[str, Any]) -> tuple[Html, ...]:
+    if not report.get("next_measurement"):
+        return (paragraph("Nothing is missing that would change the verdict."),)
+    blocks = [paragraph(f"{report['next_measurement'][:1].upper()}{report['next_measurement'][1:]}.")]
+    more = report.get("next") or {}
+    found = {}
+    if more.get("separation_sd") is not None:
+        found["the candidates would differ by"] = (
+            f"{more['separation_sd']:.2g} standard deviations (predicted)"
+        )
+    if more.get("minutes") is not None:
+        found["time in the lab"] = f"about {more['minutes']:g} min"
+    return (*blocks, facts(found)) if found else tuple(blocks)
+
+
+def _candidates(report: Mapping[str, Any]) -> tuple[Html, ...]:
+    """Every candidate that was tried, round by round, with what became of it."""
+    candidates = report.get("candidates", ())
+    if not candidates:
+        return ()
+    named = {effect["name"] for effect in report.get("effects", ())}
+    columns = [
+        Column("name", "candidate"),
+        Column("outcome", "outcome"),
+        Column("values", "fitted values"),
+        Column("evidence", "evidence"),
+        Column("gain", "gain", se="se"),
+        Column("improved", "presses improved"),
+        Column("seconds", "cost", "s"),
+    ]
+    blocks = [paragraph(_CANDIDATES, note=True)]
+    for number in sorted({c["round"] for c in candidates}):
+        own = [c for c in candidates if c["round"] == number]
+        fitted = [c for c in own if c.get("gain") is not None]
+        passed = [c for c in fitted if c["outcome"] == "passed" and c["name"] in named]
+        best = max(passed, key=lambda c: c["evidence"])["name"] if passed else ""
+        rows = [
+            {
+                **c,
+                "values": _fitted(c),
+                "outcome": Html("<strong>accepted</strong>") if c["name"] == best else c["outcome"],
+                "improved": f"{100 * c['improved']:.0f} %" if c.get("improved") is not None else None,
+            }
+            for c in sorted(fitted, key=lambda c: -c["evidence"])
+        ]
+        blocks.append(Html(f"<h3>Round {number}</h3>"))
+        if rows:
+            blocks.append(table(rows, columns))
+        screened = sorted(
+            (c for c in own if c.get("gain") is None and c.get("evidence") is not None),
+            key=lambda c: -c["evidence"],
+        )
+        if screened:
+            listed = ", ".join(f"`{c['name']}` {c['evidence']:.3g}" for c in screened)
+            blocks.append(
+                paragraph(
+                    f"Screened out before fitting, with their evidence by linear approximation: {listed}."
+                )
+            )
+        blocks += [
+            paragraph(f"`{c['name']}`: {c['outcome']}{_amount(c)}.")
+            for c in own
+            if c.get("gain") is None and c.get("evidence") is None
+        ]
+    return tuple(blocks)
+
+
+def _fitted(candidate: Mapping[str, Any]) -> str:
+    return ", ".join(
+        f"{name.rpartition('.')[2]} {value:.3g}" for name, value in candidate.get("parameters", {}).items()
+    )
+
+
+def _amount(candidate: Mapping[str, Any]) -> str:
+    found = _fitted(candidate)
+    return f" ({found})" if found else ""
+
+
+def _list(lines: Sequence[str]) -> Html:
+    return Html(f"<ul>{''.join(f'<li>{html.escape(line)}</li>' for line in lines)}</ul>")
+
+
+def _made(made: Mapping[str, Any]) -> Html:
+    frames = {use: len(files) for use, files in made.get("frames", {}).items() if files}
+    return facts(
+        {
+            "frames": ", ".join(f"{number} {use}" for use, number in frames.items()),
+            "noise": made.get("noise", ""),
+            "pictures rendered": made.get("rendered", ""),
+            "samples per pixel": made.get("samples", ""),
+            "time": f"{made['seconds']:g} s" if "seconds" in made else "",
+            "model as given": Html(f"<code>{html.escape(made['model'][:16])}</code>")
+            if made.get("model")
+            else "",
+            "seed": made.get("seed", ""),
+        }
+    )

@@ -1,0 +1,196 @@
+"""Trials of the corrected model on another design: what was learnt on one sensor predicts the next."""
+
+import json
+import os
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from designlab.design import Design, preset
+from designlab.effects import SensorModel, effect, load_model
+from designlab.gap.bank import fill
+from designlab.gap.basis import Renders
+from designlab.gap.diagnose import SAMPLES
+from designlab.gap.fit import Fitter
+from designlab.gap.judge import Judged, judge
+from designlab.gap.noise import Noise
+from designlab.gap.observe import observe
+from designlab.measurement import Measurement, load_measurement
+from designlab.plant import plant
+from designlab.store import write_json
+from designlab.trials.pool import Trial, development
+from designlab.trials.runner import COLUMNS, SEED, model_path, run, set_path
+
+HIGHER_MM = 3.0
+MORE_TILT_DEG = 15.0
+OTHER_SEED = 1_000_000  # of the other sensor: other errors of poses and gains, other noise
+RESAMPLES = 10_000
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class Transferred:
+    """What a trial gave.
+
+    Attributes
+    ----------
+    named, carried, left : list of str
+        Effects that the diagnosis of the first design named, those of them put on the other, and those left
+        behind because they belong to one unit.
+    before, after, floor : float
+        Mean squared residual on the other sensor's held-out presses in units of the noise: uncorrected model,
+        corrected model, and what noise and errors granted to the simulation leave.
+    removed : float or None
+        Share of the gap that the correction takes away; None where there is no gap.
+    """
+
+    trial: dict[str, Any]
+    truth: dict[str, Any]
+    verdict: str
+    named: list[str]
+    carried: list[str]
+    left: list[str]
+    before: float
+    after: float
+    floor: float
+    removed: float | None
+    warnings: list[str]
+    processor_seconds: float
+
+
+def transfers(*, base: int = 0) -> list[Trial]:
+    """Sets of the development pool whose effect holds for other designs: of each kind one flat, one domed."""
+    found: dict[tuple[str, str], Trial] = {}
+    for trial in development(base=base):
+        if len(trial.effects) == 1 and effect(trial.kind).transferable:
+            found.setdefault((trial.kind, trial.design), trial)
+    return list(found.values())
+
+
+def other(design: Design) -> Design:
+    """Design that a lab might try next: LEDs higher and more tilted."""
+    changed = design.replace(
+        {
+            "name": f"{design.name}, LEDs higher and more tilted",
+            "leds.height_mm": design.leds.height_mm + HIGHER_MM,
+            "leds.tilt_deg": design.leds.tilt_deg + MORE_TILT_DEG,
+        }
+    )
+    changed.require_feasible()
+    return changed
+
+
+def run_transfers(
+    trials: Iterable[Trial], folder: Path, *, progress: Progress | None = None
+) -> list[Transferred]:
+    """Run trials, or take them from the folder where they were run before.
+
+    Parameters
+    ----------
+    trials : iterable of Trial
+        The sets.
+    folder : Path
+        Where sets, models and outcomes lie; an interrupted run goes on there.
+    """
+    trials = list(trials)
+    found = []
+    for number, trial in enumerate(trials):
+        if progress is not None:
+            progress(trial.name, number, len(trials))
+        path = folder / "transfers" / f"{trial.name}-{trial.seed}.json"
+        if not path.is_file():
+            write_json(path, asdict(_one(trial, folder)))
+        found.append(Transferred(**json.loads(path.read_text(encoding="utf-8"))))
+    return found
+
+
+def _one(trial: Trial, folder: Path) -> Transferred:
+    begun = os.times()
+    design = preset(trial.design)
+    (diagnosed,) = run([trial], folder)
+    written = model_path(trial, folder)
+    found = load_model(written) if written.is_file() else SensorModel.of(design)
+    changed = other(design)
+    corrected = found.transferable().on(changed)
+    second = set_path(trial, folder).with_name(f"{written.parent.name}-other")
+    if not second.exists():
+        plant(
+            changed,
+            effects=diagnosed.truth["effects"],
+            out=second,
+            seed=OTHER_SEED + trial.seed,
+            kit_seed=trial.kit_seed,
+            columns=COLUMNS,
+        )
+    renders = Renders(folder / "renders" / f"{trial.design}-other", SAMPLES, SEED)
+    before, after = predicted(load_measurement(second), [SensorModel.of(changed), corrected], renders)
+    levels = before.mean, after.mean, float(before.floor.mean())
+    ended = os.times()
+    carried = [applied.name for applied in corrected.effects]
+    named = [applied.name for applied in found.effects]
+    return Transferred(
+        trial=asdict(trial),
+        truth=diagnosed.truth["effects"],
+        verdict=diagnosed.verdict,
+        named=named,
+        carried=carried,
+        left=[name for name in named if name not in carried],
+        before=levels[0],
+        after=levels[1],
+        floor=levels[2],
+        removed=removed(*levels),
+        warnings=list(corrected.warnings()),
+        processor_seconds=ended.user + ended.system - begun.user - begun.system,
+    )
+
+
+def predicted(measurement: Measurement, models: Sequence[SensorModel], renders: Renders) -> list[Judged]:
+    """Judge how well models predict a measurement, gains and poses registered, nothing else fitted.
+
+    Gains are fitted on frames of the untouched gel and the select presses, the final presses are judged, all
+    models in the noise that goes with the first; what a finer mesh explains counts for none, as in a
+    diagnosis.
+    """
+    found: list[Judged] = []
+    noises: list[Noise] = []
+    for model in models:
+        seen = observe(measurement, model.effective_design(), columns=COLUMNS)
+        seen = replace(seen, shots=tuple(shot for shot in seen.shots if shot.use != "train"))
+        registered, final = seen.of("dark", "background", "select"), seen.of("final")
+        fitter = Fitter(fill(renders, model, seen.shots, ()))
+        state = fitter.start(registered)
+        if noises:
+            fitter.noises = noises
+        else:
+            fitter.measure(fitter.fit(state, (), registered).state)
+            noises = fitter.noises
+        found.append(judge(fitter, fitter.fit(state, (), registered).state, final))
+    return found
+
+
+def removed(before: float, after: float, floor: float) -> float | None:
+    """Share of the gap over the floor that is gone."""
+    return None if before <= floor else (before - after) / (before - floor)
+
+
+def summary(outcomes: Sequence[Transferred], *, seed: int = 0) -> dict[str, Any]:
+    """Median share of the gap removed, its 95 % interval (bootstrap over sets), and a row for each set."""
+    shares = np.array([o.removed for o in outcomes if o.removed is not None])
+    found: dict[str, Any] = {"sets": len(outcomes), "without_gap": len(outcomes) - len(shares)}
+    if len(shares):
+        drawn = np.random.default_rng(seed).choice(shares, (RESAMPLES, len(shares)))
+        low, high = np.quantile(np.median(drawn, axis=1), (0.025, 0.975))
+        found |= {"median": float(np.median(shares)), "low": float(low), "high": float(high)}
+    rows = [
+        {
+            "set": o.trial["name"],
+            "design": o.trial["design"],
+            "verdict": o.verdict,
+            **{name: getattr(o, name) for name in ("named", "left", "before", "after", "floor", "removed")},
+        }
+        for o in outcomes
+    ]
+    return found | {"rows": rows}

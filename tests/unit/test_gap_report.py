@@ -1,0 +1,206 @@
+"""What a diagnosis says: fields as documented, words that fit the verdict, honest intervals, the page."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from designlab.design import preset
+from designlab.effects import SensorModel
+from designlab.gap.intervals import of_amplitudes, of_deviation
+from designlab.gap.result import Advice, Candidate, Control, Found, GapReport, Level, Value, Where
+from designlab.gap.words import places
+from designlab.report import gap_report
+from designlab.report.gap_figures import gap_bars, interval_bar
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "gap.md"
+SETS = 2000
+
+VALUE = Value(0.31, 0.2, 0.4, "1", 0.0, 0.25, (0.0, 0.9))
+FOUND = Found("vignetting", {"corner_loss": VALUE}, 0.88, ("vignetting",), "corners are darker", True)
+CORNERS = Where("corners of the picture", "R", "background", 0.4, 0.05, 6.0, -4.2)
+REST = Where("rest of the gel", "R", "background", 0.6, 0.7, 0.6, 1.0)
+REPORT = GapReport(
+    verdict="named",
+    effects=(FOUND,),
+    where=(CORNERS, REST),
+    gap={
+        "train": Level(9.0, 1.2, 1.0),
+        "select": Level(8.0, 1.3, 1.0),
+        "final": Level(8.0, 1.7, 1.0),
+    },
+    next_measurement=Advice("a flat field", 4.0, 10.0),
+    updated=SensorModel.of(preset("gelsight-2020-flat")),
+    model=Path("out/model.toml"),
+    candidates=(
+        Candidate(1, "numerical", "fitted with every candidate", parameters={"numerical.amount": 0.2}),
+        Candidate(1, "banding", "screened out", evidence=0.3),
+        Candidate(1, "vignetting", "passed", 0.9, 0.05, 1.0, {"vignetting.corner_loss": 0.31}, 55.0, 2.5),
+        Candidate(
+            1, "led_profile", "at the bound of red", 0.2, 0.1, 0.5, {"led_profile.red": 9.0}, 12.0, 7.5
+        ),
+    ),
+    notes=("the noise is assumed",),
+    provenance={
+        "measurement": "a <b>",
+        "model": "0" * 64,
+        "seed": 1,
+        "samples": 256,
+        "noise": "repeats",
+        "frames": {"dark": [], "background": ["b.exr"], "train": ["t.exr"], "select": [], "final": ["f.exr"]},
+        "rendered": 3,
+        "seconds": 12.5,
+        "version": "1",
+    },
+    pictures={},
+    control=Control("albedo_field", 0.12, 5),
+    limits=("products only",),
+)
+
+
+def paths(value: object, inside: str = "") -> set[str]:
+    """Names of all fields, `[]` for the entries of a list, `*` for keys that are not fields."""
+    free = ("effects[].parameters", "gap", "candidates[].parameters", "pictures")
+    if isinstance(value, dict):
+        found = set()
+        for key, entry in value.items():
+            name = "*" if inside in free else key
+            found |= paths(entry, f"{inside}.{name}" if inside else name)
+        return found or {f"{inside}.*" if inside in free else inside}
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        return set().union(*(paths(entry, f"{inside}[]") for entry in value))
+    return {inside}
+
+
+def test_every_field_that_is_written_is_documented_and_the_other_way_round() -> None:
+    text = DOCUMENT.read_text(encoding="utf-8")
+    table = text[text.index("## report.json") :]
+    documented = set(re.findall(r"^\| `([^`]+)`", table, re.MULTILINE))
+    pictures = replace(REPORT, pictures={Path("where.png"): "where"})
+    assert documented == paths(pictures.to_json())
+
+
+@pytest.mark.parametrize(
+    ("changes", "said", "unsaid"),
+    [
+        ({}, ["The model lacks vignetting (corners are darker).", "90 % of the gap is gone", "0.88"], "or"),
+        (
+            {"verdict": "partial"},
+            ["Part of the gap is explained", "better but not right"],
+            "The model lacks one",
+        ),
+        (
+            {
+                "verdict": "ambiguous",
+                "effects": (replace(FOUND, coherence_set=("vignetting", "albedo_field")),),
+            },
+            ["do not tell apart: vignetting or albedo_field", "The updated model holds vignetting"],
+            "unexplained",
+        ),
+        (
+            {"verdict": "unexplained", "effects": (), "control": None},
+            ["real but unexplained", "8 times its floor", "Nothing was added"],
+            "lacks",
+        ),
+        (
+            {"verdict": "at_floor", "effects": (), "control": None},
+            ["agree", "Nothing was added", "not excluded"],
+            "lacks",
+        ),
+    ],
+)
+def test_the_verdict_is_said_in_plain_words(changes, said, unsaid) -> None:
+    text = " ".join(replace(REPORT, **changes).statement)
+    for words in said:
+        assert words in text
+    assert not re.search(rf"\b{unsaid}\b", text)
+
+
+def test_a_region_stands_out_by_its_own_excess_and_an_even_one_does_not() -> None:
+    assert "corners of the picture (on the untouched gel, channel R), 40 % of the excess on 5 %" in places(
+        (CORNERS, REST)
+    )
+    even = [
+        Where(region, "B", "press", share, share, 1.0, 3.0)
+        for region, share in (("rest of the gel", 0.7), ("corners of the picture", 0.3))
+    ]
+    assert places(even) == (
+        "Where: 100 % of the excess is in channel B; 100 % in presses. "
+        "No region stands out: it is spread over the picture."
+    )
+
+
+@pytest.mark.parametrize("count", [4, 12, 30])
+def test_intervals_of_drawn_strengths_hold_as_often_as_they_say(count) -> None:
+    random = np.random.default_rng(count)
+    draws = 0.02 * random.standard_normal((SETS, count))
+    draws -= draws.mean(axis=1, keepdims=True)  # gains of the LED groups take the mean
+    held = [low <= 0.02 <= high for low, high in map(of_deviation, draws)]
+    assert abs(np.mean(held) - 0.95) < 3 * np.sqrt(0.95 * 0.05 / SETS)
+
+
+def test_an_error_of_the_draws_widens_the_interval_upwards_alone() -> None:
+    draws = np.array([0.02, -0.01, 0.015, -0.025])
+    sharp, blurred = of_deviation(draws), of_deviation(draws, 1e-4)
+    assert blurred[0] == sharp[0]
+    assert blurred[1] > sharp[1]
+
+
+@pytest.mark.parametrize("count", [5, 20])
+def test_intervals_of_an_amplitude_hold_as_often_as_they_say(count) -> None:
+    random = np.random.default_rng(count)
+    phase = random.uniform(0, 2 * np.pi, (SETS, count))
+    sigma = 0.002
+    waves = 0.015 * np.stack([np.sin(phase), np.cos(phase)], axis=-1)
+    waves += sigma * random.standard_normal(waves.shape)
+    held = [low <= 0.015 <= high for low, high in (of_amplitudes(w, 2 * sigma**2) for w in waves)]
+    assert np.mean(held) > 0.93
+
+
+def test_the_page_shows_what_was_found_tried_and_not_known(tmp_path) -> None:
+    unknown = replace(VALUE, low=None, high=None)
+    report = replace(
+        REPORT, effects=(replace(FOUND, parameters={"corner_loss": VALUE, "other": unknown}),)
+    ).to_json()
+    text = gap_report(report, tmp_path / "page.html").read_text(encoding="utf-8")
+    shown = " ".join(re.sub(r"<(script|style)>.*?</\1>|<[^>]+>", " ", text, flags=re.DOTALL).split())
+    for words in (
+        "measurement a &lt;b&gt;",
+        "named The model lacks vignetting",
+        "corners of the picture R untouched gel 40 5 6 times darker, by 4.2 sd in the mean",
+        "vignetting corner loss 0.31 0.2 to 0.4",
+        "not known",
+        "0 to 0.9 0.88 none the design",
+        "albedo_field , fitted in the same way, takes away 12 % of the gap",
+        "vignetting accepted corner_loss 0.31 55 0.900 ± 0.050 100 % 2.5",
+        "led_profile at the bound of red red 9 12 0.20 ± 0.10 50 % 7.5",
+        "Screened out before fitting, with their evidence by linear approximation: banding 0.3",
+        "numerical : fitted with every candidate (amount 0.2)",
+        "A flat field (about 10 min): there they differ by 4 standard deviations",
+        "final 8 1.7 1 90",
+        "products only",
+    ):
+        assert words in shown, words
+    assert "<b>" not in text.partition("<title>")[2].partition("</main>")[0].replace("</b>", "")
+
+
+def test_bars_of_the_gap_begin_at_the_floor() -> None:
+    drawn = gap_bars({"final": {"before": 100.0, "after": 1.0, "floor": 1.0}}, {"final": "final"})
+    before, after = (float(width) for width in re.findall(r'<rect x="\d+" y="\d+" width="([\d.]+)"', drawn))
+    assert after < 2
+    halfway = gap_bars({"final": {"before": 100.0, "after": 10.0, "floor": 1.0}}, {"final": "final"})
+    long, half = (float(width) for width in re.findall(r'<rect x="\d+" y="\d+" width="([\d.]+)"', halfway))
+    assert long == before
+    assert half == pytest.approx(long / 2, abs=0.1)  # logarithmic
+
+
+def test_the_drawing_of_a_value_keeps_order_and_shows_a_bound_that_is_near() -> None:
+    drawn = interval_bar(vars(VALUE) | {"bounds": list(VALUE.bounds)})
+    value = float(re.search(r'<circle cx="([\d.]+)"', drawn)[1])
+    *_, interval = re.findall(r'<line x1="([\d.]+)" y1="11.0" x2="([\d.]+)"', drawn)
+    assert float(interval[0]) < value < float(interval[1])
+    assert drawn.count("<path") == 2  # 0 and 0.9 lie within what is drawn
+    far = interval_bar(vars(VALUE) | {"bounds": [-50.0, 50.0]})
+    assert "<path" not in far
