@@ -218,7 +218,7 @@ class TestPresses:
         said = examined(wrong, renders, trust=("probe",))
         assert any(reserve.why.startswith("trusted although probe") for reserve in said.reserves)
 
-    @pytest.mark.slow
+    @pytest.mark.full
     def test_places_counted_downwards_are_named(self, whole, renders, tmp_path):
         wrong = changed(
             whole,
@@ -228,7 +228,7 @@ class TestPresses:
         with pytest.raises(MeasurementError, match=r"place: press-01.exr.* with \[x, -y\]"):
             examined(wrong, renders)
 
-    @pytest.mark.slow
+    @pytest.mark.full
     def test_a_press_of_another_sensor_is_named(self, whole, renders, tmp_path):
         dome = preset("gelsight-2020-dome")
         other = planted(tmp_path / "dome", design=dome, presses=PRESSES[:1])
