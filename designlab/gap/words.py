@@ -9,6 +9,7 @@ from designlab.measurement.shots import Observations
 SPREAD = 1.5  # times the mean of its channel and frames, from which a region stands out
 MOST_PLACES = 3
 ONE_CHANNEL = 0.6
+MOSTLY = 0.85  # share of the gap; less is called partial by itself
 FRAMES = {"press": "in presses", "background": "on the untouched gel", "dark": "with the LEDs off"}
 SEEN = 0.05  # of the excess: less is not worth a sentence
 CALIBRATED = "a share of the evidence limited by the number of presses, not a calibrated frequency"
@@ -22,6 +23,8 @@ def statement(report: GapReport) -> tuple[str, ...]:
     """The verdict in sentences: what is missing, how sure, how much of the gap is gone, what to do."""
     final = report.gap["final"]
     said = [_missing(report), *_how_sure(report)]
+    if report.reserves:
+        said.append(f"With reserve: {'; '.join(report.reserves)}.")
     if report.effects:
         said.append(_gone(final, report.control, report.effects))
     if report.verdict != "at_floor" and report.where:
@@ -40,6 +43,8 @@ def _missing(report: GapReport) -> str:
             " or ".join(effect.coherence_set) for effect in report.effects if len(effect.coherence_set) > 1
         )
         return f"The model lacks one of several effects that these frames do not tell apart: {choices}."
+    if report.verdict == "partial" and report.reserves and _mostly(report.gap["select"]):
+        return f"The model seems to lack {effects}; the frames bear no more than that."
     if report.verdict == "partial":
         return f"Part of the gap is explained: the model lacks {effects}. The rest is above the floor."
     if report.verdict == "at_floor":
@@ -54,6 +59,11 @@ def _missing(report: GapReport) -> str:
         "of it "
         "away on presses it was not fitted to."
     )
+
+
+def _mostly(level: Level) -> bool:
+    """Whether so little is left that it is the frames, not the rest, that a verdict is weakened for."""
+    return level.removed is not None and level.removed > MOSTLY
 
 
 def _called(effect: Found) -> str:

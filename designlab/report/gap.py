@@ -21,6 +21,7 @@ from designlab.report.page import (
 from designlab.store import write_atomic
 
 MOST_PLACES = 12
+MOST_FILES = 4  # of a comparison of frames
 STANDS_OUT = 1.5  # times the mean of its channel and frames
 
 _COLOURS = {"named": "#2f855a", "at_floor": "#2f855a", "unexplained": "#c53030"}
@@ -94,6 +95,7 @@ def gap_report(
         Section("Measured, simulated, left over", tuple(shown.values())),
         Section("What to measure next", _next(report)),
         Section("What this cannot know", (_list(report["limits"]),) if report.get("limits") else ()),
+        Section("What was checked before", _checks(report.get("checks", ()))),
         Section("Every candidate tried", _candidates(report)),
         Section("Notes", tuple(paragraph(note) for note in report.get("notes", ()))),
         Section("How it was made", (_made(made),) if made else ()),
@@ -319,6 +321,30 @@ def _fitted(candidate: Mapping[str, Any]) -> str:
 def _amount(candidate: Mapping[str, Any]) -> str:
     found = _fitted(candidate)
     return f" ({found})" if found else ""
+
+
+def _checks(checks: Sequence[Mapping[str, Any]]) -> tuple[Html, ...]:
+    """Comparisons of frames with each other, without any fit; one that fails is evidence of an effect."""
+    if not checks:
+        return ()
+    words = {True: "holds", False: "fails", None: "not possible"}
+    rows = [
+        {
+            "name": each["name"],
+            "passed": words[each["passed"]],
+            "figure": each["figure"],
+            "files": ", ".join(each["files"][:MOST_FILES])
+            + (" ..." if len(each["files"]) > MOST_FILES else ""),
+        }
+        for each in checks
+    ]
+    columns = [
+        Column("name", "comparison"),
+        Column("passed", "outcome"),
+        Column("figure", "figure"),
+        Column("files", "frames"),
+    ]
+    return (table(rows, columns, caption="A comparison that fails is evidence of an effect, not a fault."),)
 
 
 def _list(lines: Sequence[str]) -> Html:

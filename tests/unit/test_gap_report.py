@@ -12,6 +12,7 @@ from designlab.effects import SensorModel
 from designlab.gap.intervals import of_amplitudes, of_deviation
 from designlab.gap.result import Advice, Candidate, Control, Found, GapReport, Level, Value, Where
 from designlab.gap.words import places
+from designlab.measurement.invariants import Check
 from designlab.report import gap_report
 from designlab.report.gap_figures import gap_bars, interval_bar
 
@@ -49,6 +50,7 @@ REPORT = GapReport(
         "seed": 1,
         "samples": 256,
         "noise": "repeats",
+        "floor": "measured",
         "frames": {"dark": [], "background": ["b.exr"], "train": ["t.exr"], "select": [], "final": ["f.exr"]},
         "rendered": 3,
         "seconds": 12.5,
@@ -57,6 +59,10 @@ REPORT = GapReport(
     pictures={},
     control=Control("albedo_field", 0.12, 5),
     limits=("products only",),
+    checks=(
+        Check("repeats", True, "levels spread by 0.1%", ("b.exr", "c.exr")),
+        Check("dark", None, "no frame with the LEDs off"),
+    ),
 )
 
 
@@ -86,6 +92,11 @@ def test_every_field_that_is_written_is_documented_and_the_other_way_round() -> 
     ("changes", "said", "unsaid"),
     [
         ({}, ["The model lacks vignetting (corners are darker).", "90 % of the gap is gone", "0.88"], "or"),
+        (
+            {"verdict": "partial", "reserves": ("the noise floor is unknown",)},
+            ["seems to lack vignetting", "With reserve: the noise floor is unknown."],
+            "Part",
+        ),
         (
             {"verdict": "partial"},
             ["Part of the gap is explained", "better but not right"],
