@@ -347,6 +347,11 @@ def _checks(checks: Sequence[Mapping[str, Any]]) -> tuple[Html, ...]:
     return (table(rows, columns, caption="A comparison that fails is evidence of an effect, not a fault."),)
 
 
+def _few(files: Sequence[str]) -> str:
+    more = len(files) - MOST_FILES
+    return ", ".join(files[:MOST_FILES]) + (f" and {more} more" if more > 0 else "")
+
+
 def _list(lines: Sequence[str]) -> Html:
     return Html(f"<ul>{''.join(f'<li>{html.escape(line)}</li>' for line in lines)}</ul>")
 

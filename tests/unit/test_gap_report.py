@@ -192,6 +192,7 @@ def test_the_page_shows_what_was_found_tried_and_not_known(tmp_path) -> None:
         "A flat field (about 10 min): there they differ by 4 standard deviations",
         "final 8 1.7 1 90",
         "products only",
+        "repeats holds levels spread by 0.1% b.exr, c.exr dark not possible no frame with the LEDs off",
     ):
         assert words in shown, words
     assert "<b>" not in text.partition("<title>")[2].partition("</main>")[0].replace("</b>", "")
