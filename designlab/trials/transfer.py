@@ -21,7 +21,7 @@ from designlab.gap.observe import observe
 from designlab.measurement import Measurement, load_measurement
 from designlab.plant import plant
 from designlab.store import write_json
-from designlab.trials.pool import Trial, development
+from designlab.trials.pool import AIR, Trial, development
 from designlab.trials.runner import COLUMNS, SEED, model_path, run, set_path
 
 HIGHER_MM = 3.0
@@ -62,12 +62,15 @@ class Transferred:
 
 
 def transfers(*, base: int = 0) -> list[Trial]:
-    """Sets of the development pool whose effect holds for other designs: of each kind one flat, one domed."""
-    found: dict[tuple[str, str], Trial] = {}
-    for trial in development(base=base):
-        if len(trial.effects) == 1 and effect(trial.kind).transferable:
-            found.setdefault((trial.kind, trial.design), trial)
-    return list(found.values())
+    """Sets of the development pool whose effect holds for other designs.
+
+    LEDs that sit on a core cannot be moved as `other` does, so those of a core are left out.
+    """
+    return [
+        trial
+        for trial in development(base=base)
+        if len(trial.effects) == 1 and effect(trial.kind).transferable and trial.design in AIR
+    ]
 
 
 def other(design: Design) -> Design:
