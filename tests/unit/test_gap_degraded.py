@@ -13,7 +13,7 @@ from designlab.effects import SensorModel
 from designlab.gap.basis import Renders
 from designlab.gap.checks import Examined, Reserve, check_frames, examine, weakened
 from designlab.gap.observe import observe
-from designlab.gap.result import Found, GapReport
+from designlab.gap.result import Advice, Found, GapReport, Level
 from designlab.images import to_srgb
 from designlab.measurement import MeasurementError, check, load_measurement, write_measurement
 from designlab.measurement.invariants import corners, invariants
@@ -263,8 +263,8 @@ def report(verdict="named", name="vignetting", coherence=None) -> GapReport:
         verdict=verdict,
         effects=() if nothing else (found,),
         where=(),
-        gap={},
-        next_measurement="",
+        gap={split: Level(8.0, 1.7, 1.0) for split in ("train", "select", "final")},
+        next_measurement=Advice(""),
         updated=MODEL,
         model=Path("model.toml"),
         candidates=(),
