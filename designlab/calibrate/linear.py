@@ -42,19 +42,35 @@ def transfer_and_floor(
     transfer, floor : array, shapes (3, groups) and (3,)
         A group that was never on gets zero.
     """
-    groups = len(lits[0])
-    transfer, floor = np.zeros((3, groups)), np.zeros(3)
+    shots = zip(bases, lits, signals, sigmas, valids, strict=True)
+    return solved(*_added([normal_equations(*shot) for shot in shots]))
+
+
+def normal_equations(
+    basis: Array, lit: Array, signal: Array, sigma: Array, valid: Mask
+) -> tuple[Array, Array]:
+    """Matrices (3, groups + 1, groups + 1) and right sides (3, groups + 1) of one shot, which add up."""
+    groups = len(lit)
+    matrix, right = np.zeros((3, groups + 1, groups + 1)), np.zeros((3, groups + 1))
     for channel in range(3):
-        matrix, right = np.zeros((groups + 1, groups + 1)), np.zeros(groups + 1)
-        for basis, lit, signal, sigma, valid in zip(bases, lits, signals, sigmas, valids, strict=True):
-            used = valid[..., channel]
-            weight = 1.0 / sigma[..., channel][used]
-            columns = np.vstack([lit[:, None] * basis[:, used] * weight, weight])
-            matrix += columns @ columns.T
-            right += columns @ (signal[..., channel][used] * weight)
-        found = _nonnegative(matrix, right)
-        transfer[channel], floor[channel] = found[:-1], found[-1]
-    return transfer, floor
+        used = valid[..., channel]
+        weight = 1.0 / sigma[..., channel][used]
+        columns = np.vstack([lit[:, None] * basis[:, used] * weight, weight])
+        matrix[channel] = columns @ columns.T
+        right[channel] = columns @ (signal[..., channel][used] * weight)
+    return matrix, right
+
+
+def solved(matrix: Array, right: Array) -> tuple[Array, Array]:
+    """Transfer and floor from summed normal equations."""
+    found = np.stack([_nonnegative(*each) for each in zip(matrix, right, strict=True)])
+    return found[:, :-1], found[:, -1]
+
+
+def _added(equations: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Sums over shots, in their order."""
+    matrices, rights = zip(*equations, strict=True)
+    return np.sum(matrices, axis=0), np.sum(rights, axis=0)
 
 
 def _nonnegative(matrix: Array, right: Array) -> Array:

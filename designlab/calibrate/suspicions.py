@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.calibrate.linear import predicted, transfer_and_floor
+from designlab.calibrate.linear import normal_equations, predicted, solved, transfer_and_floor
 from designlab.calibrate.problem import MODEL_ERROR, Problem
 from designlab.design import CHANNELS
 from designlab.measurement import Measurement
@@ -186,13 +186,8 @@ def _of_all(
 def _of_single(pictures: Sequence[Picture], black: Array, response: str) -> tuple[Suspicion, ...]:
     """Faults of single pictures, with the light that the others tell."""
     found: list[Suspicion] = []
-    for number, picture in enumerate(pictures):
-        others = [other for place, other in enumerate(pictures) if place != number]
-        seen = sum((other.lit > 0).astype(int) for other in others)
-        if not others or (np.asarray(seen) < 1)[picture.lit > 0].any():
-            continue
-        light = fitted_light(others, Fault(), black)
-        if light.misfit > MOST_MISFIT_ALONE:
+    for picture, light in zip(pictures, lights_of_others(pictures), strict=True):
+        if light is None or light.misfit > MOST_MISFIT_ALONE:
             continue
         declared = misfit(picture, light)
         orders = [Fault(order=order) for order in itertools.permutations(ORDER)]
@@ -229,8 +224,29 @@ def fitted_light(pictures: Sequence[Picture], fault: Fault, black: Array) -> Lig
         [p.valid for p in undone],
     )
     fit = Light(0.0, transfer, floor)
-    squares = [misfit(p, fit) ** 2 * p.valid.sum() for p in undone]
-    return fit._replace(misfit=float(np.sqrt(np.sum(squares) / sum(p.valid.sum() for p in undone))))
+    return fit._replace(misfit=_of_several(undone, fit))
+
+
+def _of_several(pictures: Sequence[Picture], light: Light) -> float:
+    """Root mean square of what light leaves of several pictures, over their standard deviations."""
+    squares = [misfit(p, light) ** 2 * p.valid.sum() for p in pictures if p.valid.any()]
+    return float(np.sqrt(np.sum(squares) / sum(p.valid.sum() for p in pictures)))
+
+
+def lights_of_others(pictures: Sequence[Picture]) -> list[Light | None]:
+    """For every picture the light that all others tell; None where they do not show one of its groups."""
+    equations = [normal_equations(p.basis, p.lit, p.signal, p.sigma, p.valid) for p in pictures]
+    matrix, right = (np.sum([each[part] for each in equations], axis=0) for part in (0, 1))
+    shown = np.sum([p.lit > 0 for p in pictures], axis=0)
+    found: list[Light | None] = []
+    for number, picture in enumerate(pictures):
+        if len(pictures) < 2 or (shown[picture.lit > 0] < 2).any():
+            found.append(None)
+            continue
+        light = Light(0.0, *solved(matrix - equations[number][0], right - equations[number][1]))
+        others = [p for place, p in enumerate(pictures) if place != number]
+        found.append(light._replace(misfit=_of_several(others, light)))
+    return found
 
 
 def misfit(picture: Picture, light: Light) -> float:

@@ -6,13 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.calibrate.suspicions import Fault, Picture, faults, fitted_light, misfit, picture
+from designlab.calibrate.suspicions import Picture, faults, lights_of_others, misfit, picture
 from designlab.design import Design
 from designlab.effects import SensorModel
 from designlab.gap.basis import Renders
 from designlab.gap.presses import odd_presses
 from designlab.gap.result import Found, GapReport
 from designlab.measurement import Measurement, MeasurementError, check, refuse
+from designlab.measurement.damage import FULL_SCALE
 from designlab.measurement.invariants import Check, invariants
 from designlab.measurement.shots import Observations, Shot
 from designlab.measurement.suspicion import Suspicion
@@ -135,7 +136,7 @@ def examine(
     design = model.effective_design()
     transfer = design.mixing_matrix * np.array([group.flux_mw for group in design.leds.groups])
     found: list[Suspicion] = list(faults(pictures, seen.black_level, transfer, measurement.response))
-    compared = _with_others(pictures, seen.black_level)
+    compared = _with_others(pictures)
     if not found:
         found += odd_presses(above, pictures, compared, seen.black_level, model, renders)
     said = refuse(measurement, found, trust)
@@ -144,7 +145,7 @@ def examine(
     return Examined(
         checks=(*invariants(measurement, design), agree),
         notes=tuple(note for note in notes),
-        reserves=tuple(_reserves(seen, [note for note in notes if note.startswith(DOUBTED)])),
+        reserves=tuple(_reserves(measurement, seen, [note for note in notes if note.startswith(DOUBTED)])),
         alike=_alike(seen),
     )
 
@@ -159,17 +160,15 @@ def _misfits(shots: Sequence[Shot], compared: Sequence[float]) -> str:
     return f"misses, in units of noise and 1 % of the mean: {', '.join(parts)}"
 
 
-def _with_others(pictures: Sequence[Picture], black: Array) -> list[float]:
+def _with_others(pictures: Sequence[Picture]) -> list[float]:
     """Misfit of every picture with the light that the others tell."""
-    found = []
-    for number, one in enumerate(pictures):
-        others = [other for place, other in enumerate(pictures) if place != number and other.valid.any()]
-        told = others and one.valid.any()
-        found.append(misfit(one, fitted_light(others, Fault(), black)) if told else 0.0)
-    return found
+    return [
+        0.0 if light is None or not one.valid.any() else misfit(one, light)
+        for one, light in zip(pictures, lights_of_others(pictures), strict=True)
+    ]
 
 
-def _reserves(seen: Observations, doubted: Sequence[str]) -> Iterable[Reserve]:
+def _reserves(measurement: Measurement, seen: Observations, doubted: Sequence[str]) -> Iterable[Reserve]:
     """What weakens the verdict."""
     if not seen.repeats:
         why = (
@@ -183,9 +182,8 @@ def _reserves(seen: Observations, doubted: Sequence[str]) -> Iterable[Reserve]:
             "camera's stated one"
         )
         yield Reserve(why, NO_DARK, name_stands=True)
-    # Channels of which nothing is used are dark and cut at zero, not saturated.
-    used = [shot.valid[..., shot.valid.any(axis=(0, 1))] for shot in seen.shots if shot.lit.any()]
-    saturated = max((1 - float(valid.mean()) for valid in used if valid.size), default=0.0)
+    lit = [frame for frame in measurement.frames if frame.lit]
+    saturated = max(float((measurement.image(frame) >= FULL_SCALE).mean()) for frame in lit)
     if saturated > SATURATED:
         why = (
             f"up to {saturated:.1%} of the values of a frame are saturated: the brightest places say nothing"

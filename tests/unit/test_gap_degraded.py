@@ -1,0 +1,382 @@
+"""Sets with a fault or a lack: refused by name, or answered with less confidence; never fitted in silence."""
+
+import functools
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from designlab import cli
+from designlab.design import preset
+from designlab.effects import SensorModel
+from designlab.gap.basis import Renders
+from designlab.gap.checks import Examined, Reserve, check_frames, examine, weakened
+from designlab.gap.observe import observe
+from designlab.gap.result import Advice, Found, GapReport, Level
+from designlab.images import to_srgb
+from designlab.measurement import MeasurementError, check, load_measurement, write_measurement
+from designlab.measurement.invariants import corners, invariants
+from designlab.plant import plant
+from designlab.plant.effects import draw
+from designlab.plant.rig import Rig
+
+DESIGN = preset("gelsight-2020-flat")
+MODEL = SensorModel.of(DESIGN)
+COLUMNS, SAMPLES, SEED = 32, 8, 2
+LIFTED = {"R": -0.006, "G": -0.009, "B": 0.011}
+PLACES = ((-4.0, -3.0), (4.0, -2.0), (0.0, 3.0), (-3.0, 2.0))
+PRESSES = [
+    {"probe": "sphere:5", "depth_mm": depth, "centre_mm": place, "yaw_deg": 0.0}
+    for place in PLACES
+    for depth in (0.3, 0.6)
+]
+
+
+def planted(folder, effects=None, *, design=DESIGN, **options):
+    options = {"kit": "small", "presses": PRESSES, "columns": COLUMNS, "unlisted": False} | options
+    return load_measurement(plant(design, effects=effects or {}, out=folder, seed=SEED, **options))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A set without a fault and without a hidden effect."""
+    return planted(tmp_path_factory.mktemp("whole") / "m")
+
+
+@pytest.fixture(scope="module")
+def hour(tmp_path_factory):
+    """Sets with exposures, repeats and a turned gel that hide an effect of three usual sizes."""
+
+    @functools.cache
+    def make(effect):
+        values = LIFTED if effect == "black_level" else draw(effect, Rig.of(DESIGN), strength=3.0, seed=1)
+        return planted(
+            tmp_path_factory.mktemp(effect) / "m", {effect: values}, kit="hour", presses=PRESSES[:1]
+        )
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def renders(tmp_path_factory):
+    return Renders(tmp_path_factory.mktemp("renders"), SAMPLES, 1)
+
+
+def changed(measurement, folder, *, files=None, pictures=None, frames=None, drop=(), **fields):
+    """Write a set anew: pictures changed, fields of frames changed, frames left out."""
+    kept, images = [], {}
+    for frame in measurement.frames:
+        if frame.file in drop:
+            continue
+        image = measurement.image(frame)
+        if pictures is not None and (files is None or frame.file in files):
+            image = np.ascontiguousarray(pictures(image)).astype(np.float32)
+        images[frame.file] = image
+        if frames is not None and (files is None or frame.file in files):
+            frame = frame.model_copy(update=frames(frame))
+        kept.append(frame)
+    return load_measurement(
+        write_measurement(measurement.model_copy(update={"frames": tuple(kept), **fields}), images, folder)
+    )
+
+
+def names(measurement):
+    return [(each.name, each.files) for each in check(measurement) if each.strong]
+
+
+def examined(measurement, renders, **options) -> Examined:
+    seen = observe(measurement, DESIGN, columns=COLUMNS)
+    return examine(measurement, MODEL, seen, renders, **options)
+
+
+class TestFrames:
+    """What shows without any simulation."""
+
+    @pytest.mark.parametrize("effect", ["black_level", "response_curve", "exposure_drift", "banding"])
+    def test_what_an_effect_of_the_catalogue_does_is_no_fault(self, hour, effect):
+        assert all(note.startswith("not_additive") for note in check_frames(hour(effect), MODEL))
+
+    def test_a_blank_picture_and_half_a_picture_are_named(self, whole, tmp_path):
+        for number, spoil in enumerate(
+            (lambda image: np.full_like(image, 0.3), lambda image: np.where(half(image), 0.5, image))
+        ):
+            wrong = changed(whole, tmp_path / str(number), files={"press-03.exr"}, pictures=spoil)
+            assert ("damaged", ("press-03.exr",)) in names(wrong)
+
+    def test_a_copy_under_another_name_is_named(self, whole, tmp_path):
+        first = whole.image(next(f for f in whole.frames if f.file == "background-0.exr"))
+        wrong = changed(whole, tmp_path / "m", files={"background-1.exr"}, pictures=lambda image: first)
+        assert names(wrong) == [("copied", ("background-0.exr", "background-1.exr"))]
+
+    def test_a_repeat_of_something_else_is_named(self, whole, tmp_path):
+        wrong = changed(
+            whole, tmp_path / "m", files={"background-1.exr"}, pictures=lambda image: image[:, ::-1]
+        )
+        assert names(wrong) == [("odd", ("background-1.exr",))]
+
+    def test_printed_markers_are_named(self, tmp_path):
+        (found,) = check(planted(tmp_path / "m", outside={"printed_markers": 1.0}, columns=96, presses=[]))
+        assert (found.name, found.strong) == ("markers", True)
+        # Dots of 0.5 mm every 2 mm on a gel of 18 mm by 14 mm, those at the edge not counted.
+        assert 30 <= int(found.evidence.split()[0]) <= 80
+
+    def test_saturated_pictures_are_named(self, whole, tmp_path):
+        wrong = changed(whole, tmp_path / "m", pictures=lambda image: np.minimum(12 * image, 1))
+        assert "saturated" in [name for name, _ in names(wrong)]
+
+    def test_a_response_that_is_not_known_stops(self, whole):
+        unknown = whole.model_copy(update={"response": "unknown"})
+        with pytest.raises(MeasurementError, match=r"field response: must be known.*remedy: "):
+            check_frames(unknown, MODEL)
+
+    def test_the_model_of_another_sensor_stops(self, whole):
+        dome = SensorModel.of(preset("gelsight-2020-dome"))
+        with pytest.raises(MeasurementError, match=r"field sensor: .* not the same sensor: gel flat"):
+            check_frames(whole, dome)
+        nearly = DESIGN.replace({"leds.height_mm": DESIGN.leds.height_mm + 1})
+        check_frames(whole, SensorModel.of(nearly))
+
+
+def half(image):
+    return (np.arange(image.shape[0]) > image.shape[0] / 2)[:, None, None]
+
+
+class TestInvariants:
+    """Each tells the effects apart that it is there for."""
+
+    def passed(self, measurement):
+        return {each.name: each.passed for each in invariants(measurement, DESIGN)}
+
+    def test_all_hold_in_a_set_without_a_fault(self, whole):
+        passed = self.passed(whole)
+        assert passed.pop("exposure ladder") is None
+        assert passed.pop("turned gel") is None
+        assert set(passed.values()) == {True}
+
+    def test_frames_that_are_missing_are_said_to_be(self, whole, tmp_path):
+        few = changed(
+            whole,
+            tmp_path / "m",
+            drop={"dark.exr", "background-red.exr", "background-1.exr", "background-2.exr"},
+        )
+        passed = self.passed(few)
+        assert [passed[name] for name in ("superposition", "repeats", "dark")] == [None, None, None]
+
+    @pytest.mark.parametrize(
+        ("effect", "fails"),
+        [
+            ("exposure_drift", "repeats"),
+            ("banding", "repeats"),
+            ("albedo_field", "turned gel"),
+            ("black_level", "exposure ladder"),
+        ],
+    )
+    def test_each_fails_for_its_effect(self, hour, effect, fails):
+        failed = [name for name, held in self.passed(hour(effect)).items() if held is False]
+        assert fails in failed
+
+    def test_a_press_that_is_not_where_it_is_said_to_be_shows_beside_it(self, whole, tmp_path):
+        wrong = changed(
+            whole, tmp_path / "m", files={"press-02.exr"}, frames=lambda f: {"centre_mm": (5.0, 4.0)}
+        )
+        assert self.passed(wrong)["press over background"] is False
+
+    def test_a_flat_field_shows_what_the_lens_loses_in_the_corners(self, tmp_path):
+        loss = 0.3
+        hidden = {"vignetting": {"corner_loss": loss}}
+        found = {}
+        for name, effects in (("plain", {}), ("dim", hidden)):
+            measurement = planted(tmp_path / name, effects, presses=[], flat_field=True)
+            frame = next(f for f in measurement.frames if f.kind == "flat_field")
+            found[name] = corners(np.asarray(measurement.linear(frame), dtype=float))
+        assert found["dim"] < found["plain"]
+        assert any(each.name == "flat field" for each in invariants(measurement, DESIGN))
+
+
+class TestPresses:
+    """What shows against the model as given."""
+
+    def test_a_set_without_a_fault_passes(self, whole, renders):
+        found = examined(whole, renders)
+        assert all(each.passed is not False for each in found.checks)
+        assert (found.notes, found.reserves, found.alike) == ((), (), ())
+
+    def test_srgb_declared_linear_is_named(self, whole, renders, tmp_path):
+        """Nothing but the model tells: the groups light different channels, and there is no ladder."""
+        wrong = changed(whole, tmp_path / "m", pictures=lambda image: to_srgb(np.maximum(image, 0)))
+        with pytest.raises(MeasurementError, match=r"nonlinear: .*sRGB-encoded.*--trust nonlinear"):
+            examined(wrong, renders)
+
+    @pytest.mark.slow
+    def test_another_probe_or_size_is_named(self, whole, renders, tmp_path):
+        wrong = changed(
+            whole, tmp_path / "m", frames=lambda f: {"probe": "sphere:2.5"} if f.kind == "press" else {}
+        )
+        with pytest.raises(MeasurementError, match=r'probe: press-01.exr.*probe = "sphere:5"'):
+            examined(wrong, renders)
+        said = examined(wrong, renders, trust=("probe",))
+        assert any(reserve.why.startswith("trusted although probe") for reserve in said.reserves)
+
+    @pytest.mark.full
+    def test_places_counted_downwards_are_named(self, whole, renders, tmp_path):
+        wrong = changed(
+            whole,
+            tmp_path / "m",
+            frames=lambda f: {"centre_mm": (f.centre_mm[0], -f.centre_mm[1])} if f.kind == "press" else {},
+        )
+        with pytest.raises(MeasurementError, match=r"place: press-01.exr.* with \[x, -y\]"):
+            examined(wrong, renders)
+
+    @pytest.mark.full
+    def test_a_press_of_another_sensor_is_named(self, whole, renders, tmp_path):
+        dome = preset("gelsight-2020-dome")
+        other = planted(tmp_path / "dome", design=dome, presses=PRESSES[:1])
+        press = other.image(next(f for f in other.frames if f.kind == "press"))
+        from designlab.images import resize_area
+
+        def alien(image):
+            return resize_area(press, *image.shape[:2])
+
+        wrong = changed(whole, tmp_path / "m", files={"press-04.exr"}, pictures=alien)
+        with pytest.raises(MeasurementError, match=r"odd: press-04\.exr: .*another sensor.*--trust odd"):
+            examined(wrong, renders)
+
+    @pytest.mark.parametrize(
+        ("drop", "why"),
+        [
+            ({"dark.exr"}, "no frame without light"),
+            ({"background-1.exr", "background-2.exr"}, "the noise floor is unknown"),
+            ({f"press-{n:02d}.exr" for n in (2, 4, 6, 8)}, "4 presses, 1 of them to choose by"),
+        ],
+    )
+    def test_what_is_missing_weakens(self, whole, renders, tmp_path, drop, why):
+        found = examined(changed(whole, tmp_path / "m", drop=drop), renders)
+        assert [reserve.why.startswith(why) for reserve in found.reserves] == [True]
+        assert found.reserves[0].confidence < 1
+
+
+def report(verdict="named", name="vignetting", coherence=None) -> GapReport:
+    found = Found(name, {}, 0.9, coherence or (name,))
+    nothing = verdict in ("at_floor", "unexplained")
+    return GapReport(
+        verdict=verdict,
+        effects=() if nothing else (found,),
+        where=(),
+        gap={split: Level(8.0, 1.7, 1.0) for split in ("train", "select", "final")},
+        next_measurement=Advice(""),
+        updated=MODEL,
+        model=Path("model.toml"),
+        candidates=(),
+        notes=(),
+        provenance={},
+    )
+
+
+class TestVerdict:
+    TRIED = ("vignetting", "black_level", "veiling_glare", "colour_mixing")
+
+    def said(self, before, reserves=(), alike=()):
+        return weakened(before, Examined((), (), tuple(reserves), tuple(alike)), self.TRIED)
+
+    def test_nothing_is_taken_from_a_whole_set(self):
+        assert self.said(report()) == report()
+
+    def test_an_unknown_floor_or_few_presses_leave_a_partial_explanation(self):
+        said = self.said(report(), [Reserve("the floor is unknown", 0.5)])
+        assert (said.verdict, said.effects[0].confidence) == ("partial", 0.5)
+        assert "verdict lowered from named to partial" in said.notes
+        assert said.to_json()["reserves"] == ["the floor is unknown"]
+
+    def test_without_a_dark_frame_a_floor_is_not_told_from_stray_light(self):
+        no_dark = [Reserve("no frame without light", 0.7, name_stands=True)]
+        floors = ("black_level", "veiling_glare")
+        said = self.said(report(name="black_level"), no_dark, floors)
+        assert (said.verdict, said.effects[0].coherence_set) == ("ambiguous", floors)
+        assert said.effects[0].confidence == 0.5
+        other = self.said(report(), no_dark, floors)
+        assert (other.verdict, other.effects[0].confidence) == ("named", 0.7)
+
+    @pytest.mark.parametrize("verdict", ["at_floor", "unexplained", "partial"])
+    def test_other_verdicts_stay_with_their_reserve_said(self, verdict):
+        said = self.said(report(verdict), [Reserve("the floor is unknown", 0.5)])
+        assert said.verdict == verdict
+        assert "the floor is unknown" in said.notes
+
+
+class TestCommand:
+    """Wrong input ends with one line and exit status 2, and leaves nothing behind."""
+
+    def refused(self, capsys, *words, status=2):
+        assert cli.main(["gap", "diagnose", *map(str, words), "--json"]) == status
+        answer = json.loads(capsys.readouterr().out)
+        assert answer["exit_status"] == status
+        assert "defect" not in answer["error"]
+        return answer["error"]
+
+    def test_missing_folder_model_and_design(self, whole, capsys, tmp_path):
+        out = tmp_path / "out"
+        model = ("--model", DESIGN.name, "--out", out)
+        assert "no measurement there" in self.refused(capsys, tmp_path / "none", *model)
+        assert "nothing-like-it" in self.refused(
+            capsys, whole.folder, "--model", "nothing-like-it", "--out", out
+        )
+        assert "--model" in self.refused(capsys, whole.folder, "--out", out)
+        assert "--seed" in self.refused(capsys, whole.folder, *model, "--seed", "-1")
+        assert "trust: one of" in self.refused(capsys, whole.folder, *model, "--trust", "everything")
+        dome = ("--model", "gelsight-2020-dome", "--out", out)
+        assert "not the same sensor" in self.refused(capsys, whole.folder, *dome)
+        assert not out.exists()
+
+    def test_folders_that_cannot_take_results(self, whole, capsys, tmp_path):
+        (tmp_path / "file").write_text("text")
+        model = ("--model", DESIGN.name)
+        assert "is a file" in self.refused(capsys, whole.folder, *model, "--out", tmp_path / "file")
+        (tmp_path / "mine").mkdir()
+        (tmp_path / "mine" / "thesis.txt").write_text("text")
+        assert "must be absent, empty or of an earlier run" in self.refused(
+            capsys, whole.folder, *model, "--out", tmp_path / "mine"
+        )
+
+    def test_presses_at_too_few_places(self, whole, capsys, tmp_path):
+        for number, places in enumerate((PLACES[:1], PLACES[:2])):
+            drop = {f.file for f in whole.frames if f.kind == "press" and f.centre_mm not in places}
+            few = changed(whole, tmp_path / str(number), drop=drop)
+            said = self.refused(capsys, few.folder, "--model", DESIGN.name, "--out", tmp_path / "out")
+            assert "presses at 3 places or more" in said
+
+    @pytest.mark.parametrize("spoil", ["cut", "size", "probe", "nan"])
+    def test_a_frame_that_cannot_be_read(self, whole, capsys, tmp_path, spoil):
+        folder = changed(whole, tmp_path / "m").folder
+        file, text = folder / "press-03.exr", (folder / "measurement.toml").read_text()
+        if spoil == "cut":
+            file.write_bytes(file.read_bytes()[:1000])
+        elif spoil == "size":
+            from designlab.images import read_image, write_image
+
+            write_image(file, read_image(file)[:-3])
+        elif spoil == "nan":
+            import tifffile
+
+            file.rename(folder / "press-03.tif")
+            image = np.array(whole.image(whole.frames[0]))
+            image[0, 0] = np.nan
+            tifffile.imwrite(folder / "press-03.tif", image, photometric="rgb")
+            (folder / "measurement.toml").write_text(text.replace("press-03.exr", "press-03.tif"))
+        else:
+            (folder / "measurement.toml").write_text(text.replace("sphere:5", "spere:5"))
+        said = self.refused(capsys, folder, "--model", DESIGN.name, "--out", tmp_path / "out")
+        expected = {"cut": "damaged", "size": "agree in size", "probe": "unknown 'spere'", "nan": "finite"}
+        assert expected[spoil] in said
+        assert "frame " in said
+
+    def test_ctrl_c_says_how_to_go_on(self, whole, capsys, tmp_path, monkeypatch):
+        def interrupt(*words, **more):
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr("designlab.gap.diagnose", interrupt)
+        words = (whole.folder, "--model", DESIGN.name, "--out", tmp_path / "out")
+        said = self.refused(capsys, *words, status=130)
+        assert said == (
+            "interrupted; the pictures rendered so far are kept; run the same command again to go on"
+        )
