@@ -111,6 +111,8 @@ class Effect:
     """Whether it changes a design only in how light already traced is combined."""
     warps: ClassVar[bool] = False
     """Whether it changes a design only in which point of the membrane each pixel sees."""
+    curved: ClassVar[bool] = False
+    """Whether it changes a signal otherwise than in proportion, so that a pixel's noise changes its mean."""
 
     @property
     def rendered(self) -> bool:

@@ -165,6 +165,7 @@ class ResponseCurve(Effect):
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "the camera's answer to light is curved"
     transferable: ClassVar[bool] = True  # set in the camera's processing
+    curved: ClassVar[bool] = True
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """An exponent: 1 +- 0.08 for raw data, 0.4 to 0.5 for pictures meant for eyes."""

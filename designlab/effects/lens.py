@@ -32,7 +32,7 @@ class LensDistortion(Effect):
             Parameter(
                 "radial", "1", 0.0, 0.02, -0.1, 0.2, "relative displacement at the full picture's corner"
             ),
-            Parameter("magnification", "1", 0.0, 0.02, -0.1, 0.2, "relative enlargement"),
+            Parameter("magnification", "1", 0.0, 0.02, -0.4, 0.6, "relative enlargement"),
         )
 
     def on_design(self, design: Design, values: Values) -> Design:

@@ -5,7 +5,7 @@ combined from these: a quadratic through three pictures for each pose coordinate
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ class Change:
     """Change of light with one coordinate t: t * first + t^2 * second, going on straight beyond `reach`.
 
     Both have shape (groups, rows, columns), or (rows, columns) where the light of `group` alone changes.
-    Where `product`, t is the coordinate of a shape times that of what it is the shape of.
+    Where `product`, t is the coordinate of a shape, and the change is per coordinate of what it shapes.
     """
 
     first: Single
@@ -40,12 +40,12 @@ class Change:
     reach: float = 1.0
     product: bool = False
 
-    def added(self, light: Single, t: float) -> None:
-        """Add the change at t to light (groups, rows, columns)."""
+    def added(self, light: Single, t: float, times: float = 1.0) -> None:
+        """Add the change at t, so many times, to light (groups, rows, columns)."""
         target = light if self.group is None else light[self.group]
-        target += np.float32(t) * self.first
+        target += np.float32(times * t) * self.first
         end = min(abs(t), self.reach)
-        target += np.float32(end * (2 * abs(t) - end)) * self.second
+        target += np.float32(times * end * (2 * abs(t) - end)) * self.second
 
     def slope(self, shape: tuple[int, ...], t: float) -> Single:
         """Derivative at t, (groups, rows, columns)."""
@@ -119,6 +119,7 @@ def fill(
     effects: Sequence[str],
     *,
     origin: Mapping[str, Values] | None = None,
+    finer: bool = True,
 ) -> Bank:
     """Render everything that a diagnosis with some effects needs.
 
@@ -130,17 +131,19 @@ def fill(
         Effects that may be fitted.
     origin : mapping of effect to values, optional
         Values of rendered effects about which the pictures are taken; their null when absent.
+    finer : bool
+        Whether to render what a finer mesh changes; nothing is taken for it otherwise.
     """
     origin = {} if origin is None else origin
     keys = [(shot.press, shot.view) for shot in shots]
     presses = list(dict.fromkeys(keys))
-    settings = list(effects), origin, str(renders.folder), renders.samples, renders.seed
+    settings = list(effects), origin, str(renders.folder), renders.samples, renders.seed, finer
     key = digest(model.digest, presses, *settings)
     if key not in _filled:
         # Measurements of one sensor by one plan share their pictures.
         if len(_filled) >= FILLED_KEPT:
             _filled.pop(next(iter(_filled)))
-        _filled[key] = _fill(renders, model, presses, effects, origin)
+        _filled[key] = _fill(renders, model, presses, effects, origin, finer)
     return Bank(model, shots, _filled[key], tuple(presses.index(k) for k in keys), origin)
 
 
@@ -153,6 +156,7 @@ def _fill(
     presses: Sequence[tuple[Press | None, View]],
     effects: Sequence[str],
     origin: Mapping[str, Values],
+    finer: bool,
 ) -> tuple["Picture", ...]:
     chosen = [
         step
@@ -165,7 +169,7 @@ def _fill(
     touched = sum(press is not None for press, _ in presses)
     renders.begin("pictures", len(presses) * (2 + 2 * len(chosen)) + touched * 2 * len(POSE))
     # One model after the other: what its light is shaded from is large and not kept for long.
-    variants: tuple[Variant, Variant] = ("value", "fine")
+    variants: tuple[Variant, ...] = ("value", "fine") if finer else ("value",)
     for variant in variants:
         for press, view in presses:
             renders.basis(model, press, view, variant=variant)
@@ -179,7 +183,7 @@ def _fill(
                 if press is not None or _acts_untouched(step.effect):
                     renders.basis(varied, press, view)
     lamp = _Lamp(renders, given)
-    return tuple(_picture(lamp, model, press, view, chosen) for press, view in presses)
+    return tuple(_picture(lamp, model, press, view, chosen, finer) for press, view in presses)
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,12 +210,12 @@ def _with(model: SensorModel, name: str, values: Values) -> SensorModel:
 
 
 def _picture(
-    lamp: _Lamp, model: SensorModel, press: Press | None, view: View, chosen: Sequence[Step]
+    lamp: _Lamp, model: SensorModel, press: Press | None, view: View, chosen: Sequence[Step], finer: bool
 ) -> Picture:
     here = lamp.light(model, press, view)
     simulator = lamp.renders.simulator(model, view)
     seen = simulator.rays.hit(simulator.surface(press))
-    numerical = lamp.light(model, press, view, variant="fine") - here
+    numerical = lamp.light(model, press, view, variant="fine") - here if finer else np.zeros_like(here)
     changes: dict[tuple[str, str], Change] = {}
     for step in chosen:
         sees = press is not None or _acts_untouched(step.effect)
@@ -222,8 +226,8 @@ def _picture(
             group = model.design.group_names.index(p.group) if p.group else None
             ends = [(low, step.reached[0][number]), (high, step.reached[1][number])]
             if step.product:
-                first = (high - low) / np.float32(ends[1][1] - ends[0][1])
-                changes[step.effect, p.name] = Change(first, np.zeros_like(first), product=True)
+                usual = lamp.light(_with(model, step.effect, step.usual), press, view) if sees else here
+                changes[step.effect, p.name] = replace(_quadratic(usual, ends, group), product=True)
             else:
                 changes[step.effect, p.name] = _quadratic(here, ends, group)
     pose: tuple[Change, ...] = ()

@@ -183,7 +183,9 @@ def _reserves(seen: Observations, doubted: Sequence[str]) -> Iterable[Reserve]:
             "camera's stated one"
         )
         yield Reserve(why, NO_DARK, name_stands=True)
-    saturated = max((1 - float(shot.valid.mean()) for shot in seen.shots if shot.lit.any()), default=0.0)
+    # Channels of which nothing is used are dark and cut at zero, not saturated.
+    used = [shot.valid[..., shot.valid.any(axis=(0, 1))] for shot in seen.shots if shot.lit.any()]
+    saturated = max((1 - float(valid.mean()) for valid in used if valid.size), default=0.0)
     if saturated > SATURATED:
         why = (
             f"up to {saturated:.1%} of the values of a frame are saturated: the brightest places say nothing"

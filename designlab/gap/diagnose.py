@@ -11,6 +11,7 @@ from designlab.effects import CATALOGUE, SensorModel, effect
 from designlab.gap.advise import advise
 from designlab.gap.bank import fill
 from designlab.gap.basis import Progress, Renders
+from designlab.gap.blocks import is_single
 from designlab.gap.checks import check_frames, examine, weakened
 from designlab.gap.control import control
 from designlab.gap.fit import Fit, Fitter
@@ -21,6 +22,7 @@ from designlab.gap.pictures import draw
 from designlab.gap.result import Found, GapReport, Level, Verdict
 from designlab.gap.run import begin_run, end_run
 from designlab.gap.search import Search
+from designlab.gap.single import diagnose_single
 from designlab.gap.update import updated
 from designlab.gap.where import geometry, where
 from designlab.gap.words import limits
@@ -111,6 +113,18 @@ def diagnose(
     begin_run(out, measurement, model, seed, resume=resume)
     source = Renders(folder, samples, seed, progress)
     examined = examine(measurement, model, seen, source, noted, trust)
+    if is_single(seen):
+        return diagnose_single(
+            seen,
+            measurement,
+            model,
+            names=names,
+            source=source,
+            examined=examined,
+            out=out,
+            pictures=pictures,
+            page=page,
+        )
     bank = fill(source, model, seen.shots, names)
     fitter = Fitter(bank)
     train, select, final = seen.of("dark", "background", "train"), seen.of("select"), seen.of("final")
@@ -121,12 +135,12 @@ def diagnose(
     verdict = _verdict(search, before, after)
     last = fitter
     if verdict in ("unexplained", "at_floor"):
-        best, after = fitter.fit(start, (), train), before
+        best, after = replace(best, state=before.state), before
     elif recentre:
         last, best = _recentred(source, fitter, best, train)
         after = judge(last, best.state, select)
     source.begin("report", 1)
-    stands = (fitter, start), (last, best.state)
+    stands = (fitter, before.state), (last, best.state)
     ends = [judge(own, state, final) for own, state in stands]
     fitted = [judge(own, state, seen.of("train")) for own, state in stands]
     gap = {
@@ -163,7 +177,7 @@ def diagnose(
         provenance=_provenance(seen, measurement, model, source, begun),
         control=control(
             fitter,
-            start,
+            before.state,
             named=[w.name for w in winners],
             as_good={name for w in winners for name in w.coherence_set},
             evidence=search.screened[0],

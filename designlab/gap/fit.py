@@ -263,6 +263,8 @@ class Fitter:
         """Names of parameters of an effect that ended at a bound which is not their null."""
         values, found = state.values[name], []
         for p in self.forward.parameters[name]:
+            if p.shape:
+                continue  # its pictures are of its usual value, from which its bounds may be far
             room = AT_BOUND * (p.high - p.low)
             if (values[p.name] - p.low < room and not p.one_sided) or p.high - values[p.name] < room:
                 found.append(p.name)

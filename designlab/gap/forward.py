@@ -24,6 +24,8 @@ DEPTH = POSE.index("depth_mm")
 DEEPER = "depth_offset"
 WARPS_KEPT = 64
 BANDS_KEPT = 16
+DEVIATES = np.linspace(-5.0, 5.0, 101)  # of the noise of one pixel
+LEVELS = 400  # of a sampled curve
 WarpKey = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
 """Values of the effects that decide where pixels look."""
 
@@ -137,8 +139,8 @@ class Forward:
         picture = self.bank.of(number)
         light = picture.light + np.float32(state.numerical) * picture.numerical
         for name, values in state.values.items():
-            for change, t in self._changes(picture, name, values):
-                change.added(light, t)
+            for change, t, times in self._changes(picture, name, values):
+                change.added(light, t, times)
         for change, t in zip(picture.pose, self._pose(state, number), strict=False):
             if t:
                 change.added(light, t)
@@ -146,15 +148,15 @@ class Forward:
 
     def _changes(
         self, picture: Picture, name: str, values: Mapping[str, float]
-    ) -> list[tuple[Change, float]]:
-        """Changes of a picture by an effect that was rendered, and the coordinate of each."""
+    ) -> list[tuple[Change, float, float]]:
+        """Changes of a picture by an effect that was rendered, with coordinates and how often each acts."""
         found = []
         coordinates = self.coordinates(name, values)
         main = next(iter(coordinates[p.name] for p in self.parameters[name] if not p.shape), 0.0)
         for p in self.parameters[name]:
             change, t = picture.changes.get((name, p.name)), coordinates[p.name]
             if change is not None and t:
-                found.append((change, t * main if change.product else t))
+                found.append((change, t, main if change.product else 1.0))
         return found
 
     def coordinates(self, name: str, values: Mapping[str, float]) -> dict[str, float]:
@@ -257,8 +259,26 @@ class Forward:
         return clipped(reported, self.shot(number).clip_sigma)
 
     def _reported(self, state: State, mixed: Array) -> Array:
-        """Signal of the camera for mixed light, (..., 3)."""
+        """Signal of the camera for mixed light, (..., 3): what its pixels report in the mean.
+
+        Every pixel of the sensor has its noise before it answers by a curve, frames are means of pixels.
+        """
         lifted = np.asarray(mixed + self.design.camera.black_level)
+        if not any(e.curved and e.name in state.values for e in CATALOGUE):
+            return self._answered(state, lifted)
+        # Even steps of the root: a curve may be steep at zero.
+        low, high = min(float(lifted.min()), 0.0), float(lifted.max())
+        levels = low + (high - low) * np.linspace(0.0, 1.0, LEVELS) ** 2
+        sigma = self.design.camera.noise_sigma(levels)
+        weights = np.exp(-(DEVIATES**2) / 2)
+        values = np.maximum(levels[:, None] + sigma[:, None] * DEVIATES, 0.0)
+        answers = self._answered(state, np.repeat(values[..., None], 3, axis=-1))
+        curves = np.tensordot(weights / weights.sum(), answers, axes=(0, 1))
+        means = [np.interp(lifted[..., c], levels, curves[:, c]) for c in range(3)]
+        return np.stack(means, axis=-1)
+
+    def _answered(self, state: State, lifted: Array) -> Array:
+        """Signal after the effects on it."""
         signal = np.asarray(self.bank.model.on_signal(lifted), dtype=float)
         for e in CATALOGUE:
             if e.name in state.values:
@@ -368,12 +388,12 @@ class Forward:
         at = self.coordinates(unknown.effect, values)
         main = next(at[q.name] for q in self.parameters[unknown.effect] if not q.shape)
         if change.product:
-            return np.float32(main) * change.slope(shape, 0.0) / np.float32(p.sd)
+            return np.float32(main) * change.slope(shape, at[p.name]) / np.float32(p.sd)
         slope = change.slope(shape, at[p.name])
         for q in self.parameters[unknown.effect]:
             cross = picture.changes.get((unknown.effect, q.name))
             if cross is not None and cross.product and not p.shape:
-                slope = slope + np.float32(at[q.name]) * cross.first
+                cross.added(slope, at[q.name])
         return slope / np.float32(p.sd)
 
     def _difference(self, state: State, number: int, unknown: Unknown, light: Single, here: Array) -> Array:

@@ -89,7 +89,7 @@ def of_deviation(draws: Array, error: float = 0.0) -> Ends:
     --------
     >>> low, high = of_deviation(np.array([-1.0, 1.0] * 50))
     >>> round(low, 2), round(high, 2)
-    (0.88, 1.16)
+    (0.88, 1.17)
     """
     from scipy.stats import chi2
 
@@ -104,7 +104,8 @@ def of_deviation(draws: Array, error: float = 0.0) -> Ends:
 def of_amplitudes(draws: Array, error: float = 0.0) -> Ends:
     """Ends for the amplitude of waves that differ in phase alone, from sine and cosine of each, (n, 2).
 
-    The spread between waves tells more than the errors stated, `error` the mean of their sum of squares.
+    The spread between waves tells more than the errors stated. `error` is the mean of their sum of squares,
+    by which estimates that their prior has drawn to zero fall short.
     """
     from scipy.stats import t
 
@@ -112,7 +113,7 @@ def of_amplitudes(draws: Array, error: float = 0.0) -> Ends:
     amplitude = float(np.sqrt(powers.mean()))
     spread = float(powers.std(ddof=1)) / (2 * amplitude)
     away = float(t.ppf(1 - TAIL, len(draws) - 1)) * np.sqrt((spread**2 + error / 2) / len(draws))
-    return max(amplitude - away, 0.0), amplitude + away
+    return max(amplitude - away, 0.0), float(np.sqrt(powers.mean() + error)) + away
 
 
 def _of_period(fitter: Fitter, fit: Fit, train: Sequence[int]) -> Ends:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from designlab.design import Design
+from designlab.gap.blocks import is_single
 from designlab.measurement import Measurement, MeasurementError
 from designlab.measurement.shots import Observations, Shot
 from designlab.measurement.shots import observe as gathered
@@ -22,7 +23,8 @@ def observe(measurement: Measurement, design: Design, *, columns: int) -> Observ
         As there, or if a background or presses for training, selection and final numbers are missing.
     """
     seen = gathered(measurement, design, columns=columns, apart=True)
-    _require_enough(measurement, seen.shots)
+    if not is_single(seen):
+        _require_enough(measurement, seen.shots)
     return replace(seen, shots=tuple(_without_cut(shot) for shot in seen.shots))
 
 

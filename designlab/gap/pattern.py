@@ -63,16 +63,21 @@ def _common(fitter: Fitter, state: State, shots: Sequence[int]) -> tuple[Array, 
     """Coefficients of what shots have in common relative to their light, and variances without a pattern."""
     shape = fitter.bank.shots[shots[0]].signal.shape
     power = spectrum((shape[0], shape[1]))[..., None]
-    weight, right = np.zeros(shape), np.zeros(shape)
+    weight, right, shared = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     for number in shots:
         shot, noise = fitter.bank.shots[number], fitter.noises[number]
         if shot.signal.shape != shape or not shot.lit.any():
             continue
-        left = np.where(shot.valid, (shot.signal - fitter.forward.predict(state, number)) / noise.sigma, 0.0)
+        predicted = fitter.forward.predict(state, number)
+        left = np.where(shot.valid, (shot.signal - predicted) / noise.sigma, 0.0)
+        # A pattern is relative to the light however dark it is; smooth errors are granted more.
+        light = np.where(shot.valid, (predicted - fitter.forward.black) / noise.sigma, 0.0)
+        level = np.sqrt((light**2).mean(axis=(0, 1)))
         diagonal = 1.0 + (SHOT_BUDGET * noise.level) ** 2 * power
-        weight += noise.level**2 / diagonal
-        right += noise.level * transformed(left) / diagonal
-    return right / weight, 1.0 / weight + SMOOTH_BUDGET**2 * power
+        weight += level**2 / diagonal
+        right += level * transformed(left) / diagonal
+        shared += level * noise.level / diagonal
+    return right / weight, 1.0 / weight + (SMOOTH_BUDGET * shared / weight) ** 2 * power
 
 
 def _evidence(mean: Array, smooth: Array, rms: float) -> float:

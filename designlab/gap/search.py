@@ -19,8 +19,8 @@ MOST_EFFECTS = 4
 FITTED = 6  # candidates of a round that are fitted to the end
 DECISIVE = 10.0  # logarithm of the Bayes factor from which an effect counts as seen
 AS_GOOD = 3.0  # difference of such logarithms within which effects are not told apart
+AS_GOOD_SHARE = 0.05  # likewise, of the whole: to no better than that an effect itself is known to be right
 OVERLAP = 0.95  # share of a signature from which another effect can stand for it
-NULL_ENVELOPE = 1.1  # mean squared residual over the floor below which nothing is looked for at all
 ENVELOPE = 1.3  # mean squared residual over the floor below which no further effect is looked for
 RIVAL = "numerical"
 PERIODS = np.geomspace(40.0, 2000.0, 120)  # rows of the full sensor
@@ -90,8 +90,6 @@ class Search:
         best = self.fitter.fit(state, (), self.train)
         first = now = judge(self.fitter, best.state, self.select)
         self.gap = first.gap
-        if now.mean < NULL_ENVELOPE * float(now.floor.mean()):
-            return best, first, now
         for number in range(1, MOST_EFFECTS + 1):
             attempt = self._round(number, best, now)
             if attempt is None:
@@ -125,13 +123,15 @@ class Search:
                 passed.append(attempt)
         if not passed:
             return None
-        best = max(passed, key=lambda attempt: attempt.evidence)
+        most_likely = max(passed, key=lambda attempt: attempt.evidence)
+        nearly = max(AS_GOOD, AS_GOOD_SHARE * most_likely.evidence)
+        equal = [a for a in passed if most_likely.evidence - a.evidence <= nearly]
+        # Of effects that explain as much, the simplest: another has parameters for what nobody has listed.
+        best = min(equal, key=lambda a: (len(self.fitter.forward.parameters[a.name]), -a.evidence))
         alike = self._alike(best, base, [a.name for a in passed])
-        equal = sorted(
-            (a for a in passed if best.evidence - a.evidence <= AS_GOOD or a.name in alike),
-            key=lambda a: -a.evidence,
-        )
-        share = 1.0 / float(np.exp([a.evidence - best.evidence for a in equal]).sum())
+        equal += [a for a in passed if a.name in alike and a not in equal]
+        equal.sort(key=lambda a: (a is not best, -a.evidence))
+        share = 1.0 / len(equal)
         shots = len(now.per_shot)
         # Few presses cannot make anything certain (rule of succession).
         most = (round(best.gain.improved * shots) + 1) / (shots + 2)

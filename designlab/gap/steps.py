@@ -10,6 +10,7 @@ from designlab.effects import Effect, Parameter
 Values = Mapping[str, float]
 
 NEAR_SD = 0.5  # steps about values that a fit has found
+SHAPE_SD = 1.5  # steps of shapes, which are known least
 LEAST_SD = 0.1  # steps shorter than this, at a bound, are taken to the other side
 
 
@@ -27,6 +28,8 @@ class Step:
         The two values of the effect.
     reached : tuple of tuple of float
         For each end, how far each parameter is moved, in prior standard deviations.
+    usual : values
+        The values between the two.
     product : bool
         Whether the change is of a shape, by a standard deviation of what it is the shape of.
     """
@@ -35,6 +38,7 @@ class Step:
     parameters: tuple[Parameter, ...]
     ends: tuple[Values, Values]
     reached: tuple[tuple[float, ...], tuple[float, ...]]
+    usual: Values
     product: bool = False
 
 
@@ -59,7 +63,7 @@ def steps(effect: Effect, parameters: Sequence[Parameter], origin: Values | None
         raised = {**null, main.name: main.null + main.sd}
         for p in parameters:
             if p.shape:
-                yield _step(effect.name, (p,), raised, [_ways(p, p.null, 1.0)], product=True)
+                yield _step(effect.name, (p,), raised, [_ways(p, p.null, SHAPE_SD)], product=True)
 
 
 def _step(
@@ -75,7 +79,7 @@ def _step(
         for end in (0, 1)
     )
     reached = tuple(way[0] for way in ways), tuple(way[1] for way in ways)
-    return Step(effect, moved, (low, high), reached, product)
+    return Step(effect, moved, (low, high), reached, here, product)
 
 
 def _ways(p: Parameter, here: float, far: float) -> tuple[float, float]:

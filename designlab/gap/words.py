@@ -22,11 +22,16 @@ def statement(report: GapReport) -> tuple[str, ...]:
     """The verdict in sentences: what is missing, how sure, how much of the gap is gone, what to do."""
     final = report.gap["final"]
     said = [_missing(report), *_how_sure(report)]
+    if report.reserves and report.verdict != "partial":
+        said.append(f"With reserve: {'; '.join(report.reserves)}.")
     if report.effects:
         said.append(_gone(final, report.control, report.effects))
     if report.verdict != "at_floor" and report.where:
         said.append(places(report.where))
     said.extend(_to_do(report))
+    if "blocks" in report.provenance:
+        said = [text.replace("final presses", "final blocks of the picture") for text in said]
+        said.append("n = 1: one picture of one press. What was found is consistent with it, not validated.")
     return tuple(said)
 
 
@@ -40,6 +45,11 @@ def _missing(report: GapReport) -> str:
             " or ".join(effect.coherence_set) for effect in report.effects if len(effect.coherence_set) > 1
         )
         return f"The model lacks one of several effects that these frames do not tell apart: {choices}."
+    if report.verdict == "partial" and report.reserves:
+        return (
+            f"The model seems to lack {effects}, but this measurement does not bear a name without reserve: "
+            f"{'; '.join(report.reserves)}."
+        )
     if report.verdict == "partial":
         return f"Part of the gap is explained: the model lacks {effects}. The rest is above the floor."
     if report.verdict == "at_floor":
@@ -50,7 +60,7 @@ def _missing(report: GapReport) -> str:
         )
     return (
         "The gap is real but unexplained: the squared residual on the final presses is "
-        f"{final.before / final.floor:.3g} times its floor, and no effect of the catalogue takes enough "
+        f"{number(final.before / final.floor)} times its floor, and no effect of the catalogue takes enough "
         "of it "
         "away on presses it was not fitted to."
     )
@@ -75,8 +85,7 @@ def _gone(final: Level, control: Control | None, effects: Sequence[Found]) -> st
         return "On the final presses, which decided nothing, there was no gap to begin with."
     said = (
         f"On the final presses, which decided nothing, {percent(removed)} of the gap is gone: squared "
-        "residual "
-        f"{final.before:.3g} before, {final.after:.3g} after, floor {final.floor:.3g}."
+        f"residual {number(final.before)} before, {number(final.after)} after, floor {number(final.floor)}."
     )
     if control is not None:
         own = sum(len(effect.parameters) for effect in effects)
@@ -117,7 +126,7 @@ def _kind(region: str) -> str:
     return (
         "slopes of the imprint"
         if region.startswith("slope of the imprint")
-        else re.sub(r"the \S+ LEDs", "the LEDs that a channel sees", region)
+        else re.sub(r"the \S+ LEDs", "the channel's own LEDs", region)
     )
 
 
@@ -126,8 +135,10 @@ def _place(own: Sequence[Where]) -> str:
     share, area = sum(p.share for p in own), sum(p.area for p in own)
     only = len(own) == 1 or most >= ONE_CHANNEL * share
     named = f", channel {channel}" if only else ", all channels"
+    region = next(p.region for p in own if p.channel == channel) if only else own[0].region
+    shown = region if only and len({p.region for p in own if p.channel == channel}) == 1 else _kind(region)
     return (
-        f"{_kind(own[0].region)} ({FRAMES[own[0].frames]}{named}), {percent(share)} of the excess on "
+        f"{shown} ({FRAMES[own[0].frames]}{named}), {percent(share)} of the excess on "
         f"{percent(area)} of the values"
     )
 
@@ -153,13 +164,15 @@ def _to_do(report: GapReport) -> list[str]:
             "Nothing was added to the model. Look at the pictures of what is left; usual causes that the "
             f"catalogue does not hold are {OUTSIDE}."
         ]
+    if report.verdict == "partial" and report.reserves:
+        return ["Take the frames that are missing before you rely on the name."]
     if report.verdict == "partial":
         return ["The updated model is better but not right; look at what is left before designing with it."]
     if report.verdict == "ambiguous":
         return [
-            f"The updated model holds {' and '.join(effect.name for effect in report.effects)}. It "
-            "predicts this "
-            "sensor; for another design take the measurement below first, since the candidates differ there."
+            f"The updated model holds {' and '.join(effect.name for effect in report.effects)}. It predicts "
+            "this sensor; for another design take the measurement below first, since the candidates differ "
+            "there."
         ]
     if report.verdict == "at_floor":
         return [
@@ -228,7 +241,18 @@ def percent(share: float) -> str:
     return f"{100 * share:.1f} %" if fine else f"{100 * share:.0f} %"
 
 
-def count(number: int, noun: str) -> str:
+def number(value: float) -> str:
+    """Write a number with three digits, without a power of ten.
+
+    Examples
+    --------
+    >>> number(1.2345), number(15321.0)
+    ('1.23', '15300')
+    """
+    return f"{float(f'{value:.3g}'):.10g}"
+
+
+def count(things: int, noun: str) -> str:
     """Write a number of things.
 
     Examples
@@ -237,4 +261,4 @@ def count(number: int, noun: str) -> str:
     ('1 press', '2 presses', '3 parameters')
     """
     plural = f"{noun}es" if noun.endswith("s") else f"{noun}s"
-    return f"{number} {noun if number == 1 else plural}"
+    return f"{things} {noun if things == 1 else plural}"

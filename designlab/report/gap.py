@@ -95,6 +95,7 @@ def gap_report(
         Section("What to measure next", _next(report)),
         Section("What this cannot know", (_list(report["limits"]),) if report.get("limits") else ()),
         Section("Every candidate tried", _candidates(report)),
+        Section("Checks of the measurement", _checks(report.get("checks", ()))),
         Section("Notes", tuple(paragraph(note) for note in report.get("notes", ()))),
         Section("How it was made", (_made(made),) if made else ()),
         *sections,
@@ -153,7 +154,7 @@ def _times(place: Mapping[str, Any]) -> str:
 def _sign(mean_z: float) -> str:
     if abs(mean_z) < 0.5:
         return "brighter here, darker there"
-    return f"{'brighter' if mean_z > 0 else 'darker'}, by {rounded(round(abs(mean_z), 1))} sd in the mean"
+    return f"{'brighter' if mean_z > 0 else 'darker'}, mean {rounded(round(abs(mean_z), 1))} sd"
 
 
 def _gap(gap: Mapping[str, Mapping[str, float]], control: Mapping[str, Any] | None) -> tuple[Html, ...]:
@@ -207,7 +208,7 @@ def _effects(effects: Sequence[Mapping[str, Any]]) -> tuple[Html, ...]:
             rows.append(
                 {
                     "effect": effect["name"] if first else "",
-                    "parameter": label(name, p.get("unit", "")),
+                    "parameter": label(name, "" if p.get("unit") == "1" else p.get("unit", "")),
                     "value": p["value"],
                     "interval": _interval(p),
                     "bounds": _unbroken(f"{p['bounds'][0]:g} to {p['bounds'][1]:g}") if "bounds" in p else "",
@@ -246,8 +247,9 @@ def _unbroken(text: str) -> Html:
 def _next(report: Mapping[str, Any]) -> tuple[Html, ...]:
     if not report.get("next_measurement"):
         return (paragraph("Nothing is missing that would change the verdict."),)
-    blocks = [paragraph(f"{report['next_measurement'][:1].upper()}{report['next_measurement'][1:]}.")]
     more = report.get("next") or {}
+    text = more.get("text") or report["next_measurement"]
+    blocks = [paragraph(f"{text[:1].upper()}{text[1:]}.")]
     found = {}
     if more.get("separation_sd") is not None:
         found["the candidates would differ by"] = (
@@ -262,7 +264,8 @@ def _candidates(report: Mapping[str, Any]) -> tuple[Html, ...]:
     """Every candidate that was tried, round by round, with what became of it."""
     candidates = report.get("candidates", ())
     if not candidates:
-        return ()
+        none = "None: simulation and measurement agree to within the floor before any effect is added."
+        return (paragraph(none),) if report["verdict"] == "at_floor" else ()
     named = {effect["name"] for effect in report.get("effects", ())}
     columns = [
         Column("name", "candidate"),
@@ -321,6 +324,26 @@ def _amount(candidate: Mapping[str, Any]) -> str:
     return f" ({found})" if found else ""
 
 
+def _checks(checks: Sequence[Mapping[str, Any]]) -> tuple[Html, ...]:
+    if not checks:
+        return ()
+    words = {
+        True: "holds",
+        False: Html('<strong style="color: #c53030">fails</strong>'),
+        None: "no frames for it",
+    }
+    rows = [
+        {"name": check["name"], "passed": words[check["passed"]], "figure": check["figure"]}
+        for check in checks
+    ]
+    columns = [
+        Column("name", "comparison of frames, without a model"),
+        Column("passed", ""),
+        Column("figure", "found"),
+    ]
+    return (table(rows, columns),)
+
+
 def _list(lines: Sequence[str]) -> Html:
     return Html(f"<ul>{''.join(f'<li>{html.escape(line)}</li>' for line in lines)}</ul>")
 
@@ -331,6 +354,7 @@ def _made(made: Mapping[str, Any]) -> Html:
         {
             "frames": ", ".join(f"{number} {use}" for use, number in frames.items()),
             "noise": made.get("noise", ""),
+            "floor": made.get("floor", ""),
             "pictures rendered": made.get("rendered", ""),
             "samples per pixel": made.get("samples", ""),
             "time": f"{made['seconds']:g} s" if "seconds" in made else "",

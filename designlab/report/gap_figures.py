@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from designlab.report.page import COLOURS, Html
+from designlab.report.page import COLOURS, Html, rounded
 
 BEFORE, AFTER = COLOURS[1], COLOURS[0]
 SOFT, LINE, INK, BAND = "#5b6575", "#dde1e7", "#1c2330", "#e3ebf4"
@@ -60,7 +60,7 @@ def gap_bars(gap: Mapping[str, Mapping[str, float]], titles: Mapping[str, str]) 
             y = top + k * (BAR + 2)
             long = max(x(times[split][name]) - LEFT, 1.5)
             parts.append(f'<rect x="{LEFT}" y="{y}" width="{long:.1f}" height="{BAR}" fill="{colour}"/>')
-            parts.append(_text(LEFT + long + 6, y + BAR - 3, f"{level[name]:.3g} {name}", size=12))
+            parts.append(_text(LEFT + long + 6, y + BAR - 3, f"{rounded(level[name])} {name}", size=12))
     described = "; ".join(
         f"{titles.get(split, split)}: {level['before']:.3g} before, {level['after']:.3g} after, "
         f"floor {level['floor']:.3g}"

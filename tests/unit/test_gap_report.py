@@ -3,15 +3,20 @@
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from designlab.design import preset
 from designlab.effects import SensorModel
+from designlab.gap.basis import Renders
+from designlab.gap.diagnose import _provenance
 from designlab.gap.intervals import of_amplitudes, of_deviation
 from designlab.gap.result import Advice, Candidate, Control, Found, GapReport, Level, Value, Where
 from designlab.gap.words import places
+from designlab.measurement.invariants import Check
+from designlab.measurement.shots import Observations
 from designlab.report import gap_report
 from designlab.report.gap_figures import gap_bars, interval_bar
 
@@ -49,6 +54,7 @@ REPORT = GapReport(
         "seed": 1,
         "samples": 256,
         "noise": "repeats",
+        "floor": "measured",
         "frames": {"dark": [], "background": ["b.exr"], "train": ["t.exr"], "select": [], "final": ["f.exr"]},
         "rendered": 3,
         "seconds": 12.5,
@@ -57,6 +63,7 @@ REPORT = GapReport(
     pictures={},
     control=Control("albedo_field", 0.12, 5),
     limits=("products only",),
+    checks=(Check("repeats", False, "1.3 % apart", ("a.exr", "b.exr")),),
 )
 
 
@@ -82,6 +89,15 @@ def test_every_field_that_is_written_is_documented_and_the_other_way_round() -> 
     assert documented == paths(pictures.to_json())
 
 
+def test_the_fields_of_the_provenance_are_those_that_a_diagnosis_writes(tmp_path) -> None:
+    seen = Observations((), np.zeros(3), "repeats", True, True, ())
+    measurement = SimpleNamespace(name="mine")  # of a measurement only its name is written
+    model = SensorModel.of(preset("gelsight-2020-flat"))
+    written = _provenance(seen, measurement, model, Renders(tmp_path, 256, 1), 0.0)  # type: ignore[arg-type]
+    assert written.keys() == REPORT.provenance.keys()
+    assert written["frames"].keys() == REPORT.provenance["frames"].keys()
+
+
 @pytest.mark.parametrize(
     ("changes", "said", "unsaid"),
     [
@@ -98,6 +114,11 @@ def test_every_field_that_is_written_is_documented_and_the_other_way_round() -> 
             },
             ["do not tell apart: vignetting or albedo_field", "The updated model holds vignetting"],
             "unexplained",
+        ),
+        (
+            {"verdict": "partial", "reserves": ("no frame was repeated",)},
+            ["seems to lack vignetting", "does not bear a name without reserve: no frame was repeated."],
+            "The rest",
         ),
         (
             {"verdict": "unexplained", "effects": (), "control": None},
@@ -162,25 +183,27 @@ def test_intervals_of_an_amplitude_hold_as_often_as_they_say(count) -> None:
 def test_the_page_shows_what_was_found_tried_and_not_known(tmp_path) -> None:
     unknown = replace(VALUE, low=None, high=None)
     report = replace(
-        REPORT, effects=(replace(FOUND, parameters={"corner_loss": VALUE, "other": unknown}),)
+        REPORT, effects=(replace(FOUND, parameters={"corner_loss": VALUE, "red_1": unknown}),)
     ).to_json()
     text = gap_report(report, tmp_path / "page.html").read_text(encoding="utf-8")
     shown = " ".join(re.sub(r"<(script|style)>.*?</\1>|<[^>]+>", " ", text, flags=re.DOTALL).split())
     for words in (
         "measurement a &lt;b&gt;",
         "named The model lacks vignetting",
-        "corners of the picture R untouched gel 40 5 6 times darker, by 4.2 sd in the mean",
+        "corners of the picture R untouched gel 40 5 6 times darker, mean 4.2 sd",
         "vignetting corner loss 0.31 0.2 to 0.4",
-        "not known",
+        "red 1 0.31 not known",
         "0 to 0.9 0.88 none the design",
         "albedo_field , fitted in the same way, takes away 12 % of the gap",
         "vignetting accepted corner_loss 0.31 55 0.900 ± 0.050 100 % 2.5",
         "led_profile at the bound of red red 9 12 0.20 ± 0.10 50 % 7.5",
         "Screened out before fitting, with their evidence by linear approximation: banding 0.3",
         "numerical : fitted with every candidate (amount 0.2)",
-        "A flat field (about 10 min): there they differ by 4 standard deviations",
+        "A flat field. the candidates would differ by 4 standard deviations (predicted)",
+        "time in the lab about 10 min",
         "final 8 1.7 1 90",
         "products only",
+        "repeats fails 1.3 % apart",
     ):
         assert words in shown, words
     assert "<b>" not in text.partition("<title>")[2].partition("</main>")[0].replace("</b>", "")

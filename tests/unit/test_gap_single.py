@@ -1,0 +1,140 @@
+"""A single press without a background: blocks of one picture against sets by the independent generator."""
+
+import json
+
+import numpy as np
+import pytest
+
+from designlab import metrics
+from designlab.design import preset
+from designlab.gap.blocks import FINAL, SELECT, TRAIN, block_numbers, block_uses, grain
+from designlab.gap.diagnose import diagnose
+from designlab.gap.structure import structure
+from designlab.measurement import load_measurement, write_measurement
+from designlab.plant import answer_path, plant
+
+DESIGN = preset("gelsight-2020-flat")
+PRESS = {"probe": "triangle:5", "depth_mm": 0.5, "centre_mm": (0.5, -0.5), "yaw_deg": 20.0}
+COLUMNS = 48
+CATALOGUE = ["lens_distortion", "colour_mixing", "vignetting", "black_level", "response_curve"]
+MIXED = {
+    "R_from_green": 0.2,
+    "R_from_blue": 0.0,
+    "G_from_red": 0.1,
+    "G_from_blue": 0.15,
+    "B_from_red": 0.0,
+    "B_from_green": -0.1,
+}
+
+
+def alone(folder, effects):
+    """Plant a set and keep its press, at its true pose: one picture without background, dark or repeat."""
+    out = folder / "set"
+    plant(DESIGN, effects=effects, out=out, seed=3, presses=[PRESS], columns=COLUMNS, kit="small")
+    whole = load_measurement(out)
+    (frame,) = (f for f in whole.frames if f.kind == "press")
+    (true,) = json.loads(answer_path(out).read_text(encoding="utf-8"))["presses"]
+    shown = frame.model_copy(update={**true, "centre_mm": tuple(true["centre_mm"])})
+    one = whole.model_copy(update={"frames": (shown,)})
+    return load_measurement(write_measurement(one, {frame.file: whole.image(frame)}, folder / "one"))
+
+
+@pytest.fixture(scope="module")
+def reports(tmp_path_factory):
+    """Diagnoses of a picture with mixed colours and of one with nothing hidden, on shared renders."""
+    folder = tmp_path_factory.mktemp("single")
+    found = {}
+    for name, effects in (("mixed", {"colour_mixing": MIXED}), ("nothing", {})):
+        (folder / name).mkdir()
+        found[name] = diagnose(
+            alone(folder / name, effects),
+            DESIGN,
+            out=folder / name / "out",
+            seed=0,
+            catalogue=CATALOGUE,
+            samples=64,
+            columns=COLUMNS,
+            renders=folder / "renders",
+        )
+    return found
+
+
+@pytest.mark.llvm
+class TestPlanted:
+    def test_mixed_colours_are_found_from_other_blocks(self, reports):
+        report = reports["mixed"]
+        named = {effect.name: effect for effect in report.effects}
+        assert "colour_mixing" in named
+        values = report.updated.effects[
+            [a.name for a in report.updated.effects].index("colour_mixing")
+        ].values
+        for pair, true in MIXED.items():
+            assert values[pair] == pytest.approx(true, abs=0.05), pair
+        for split in ("select", "final"):
+            level = report.gap[split]
+            assert level.after - level.floor < 0.15 * (level.before - level.floor), split
+
+    def test_one_picture_names_nothing_for_certain(self, reports):
+        report = reports["mixed"]
+        assert report.verdict in ("partial", "ambiguous")
+        assert all(effect.confidence <= 2 / 3 for effect in report.effects)
+        assert any(note.startswith("n = 1") and "consistent with" in note for note in report.notes)
+        assert any("floor is unknown" in note for note in report.notes)
+        assert "untouched gel" in report.next_measurement
+
+    def test_nothing_hidden_nothing_named(self, reports):
+        assert reports["nothing"].verdict == "at_floor"
+        assert not reports["nothing"].effects
+        assert not reports["nothing"].updated.effects
+
+    def test_report_and_model_are_written_with_figures_of_blocks_not_fitted_to(self, reports):
+        report = reports["mixed"]
+        data = json.loads((report.model.parent / "report.json").read_text(encoding="utf-8"))
+        figures = data["provenance"]["blocks"]["structure"]
+        given, corrected = (
+            figures[name]["other blocks"]["structure_corr"] for name in ("given", "corrected")
+        )
+        assert corrected > max(given, 0.97)
+        assert all(path.is_file() for path in report.pictures)
+        outcomes = {c["name"]: c["outcome"] for c in data["candidates"]}
+        assert set(CATALOGUE) <= set(outcomes) | {"lens_distortion"}
+
+
+class TestBlocks:
+    def test_neighbouring_blocks_serve_different_uses(self):
+        uses = block_uses(120, 150)
+        row, column = block_numbers(120, 150)
+        fitted = uses == TRAIN
+        np.testing.assert_array_equal(fitted, (row + column) % 2 == 0)
+        assert np.mean(uses == SELECT) == pytest.approx(0.25, abs=0.02)
+        assert np.mean(uses == FINAL) == pytest.approx(0.25, abs=0.02)
+
+    def test_other_parity_is_the_complement(self):
+        assert ((block_uses(60, 60) == TRAIN) != (block_uses(60, 60, parity=1) == TRAIN)).all()
+
+    def test_a_coarse_picture_has_the_blocks_of_a_fine_one(self):
+        fine, coarse = block_uses(600, 600), block_uses(150, 150)
+        np.testing.assert_array_equal(fine, np.kron(coarse, np.ones((4, 4), dtype=int)))
+
+    def test_grain_is_the_noise_of_a_smooth_picture_with_an_edge(self):
+        step = np.where(np.arange(300) < 150, 1.0, 2.0)
+        level = (np.linspace(0.2, 0.4, 300) * step)[None, :, None]
+        noise = np.random.default_rng(0).normal(0.0, 0.02, (200, 300, 3))
+        np.testing.assert_allclose(grain(level * (1 + noise)), 0.02, rtol=0.03)
+
+
+class TestStructure:
+    def test_over_the_whole_picture_it_is_that_of_compare(self):
+        random = np.random.default_rng(1)
+        real = random.uniform(0.2, 0.8, (40, 60, 3))
+        simulated = real + random.normal(0, 0.1, real.shape)
+        ours = structure(simulated, real, np.ones((40, 60), dtype=bool))
+        theirs = metrics.compare(simulated, real)
+        for name in ("structure_corr", "structure_snr_db", "snr_db"):
+            assert ours[name] == pytest.approx(theirs[name], rel=1e-9), name
+
+    def test_values_outside_do_not_count(self):
+        random = np.random.default_rng(2)
+        real, mask = random.uniform(0.2, 0.8, (40, 60, 3)), random.uniform(size=(40, 60)) < 0.5
+        simulated = np.where(mask[..., None], real + random.normal(0, 0.1, real.shape), 1e3)
+        assert structure(simulated, real, mask)["structure_corr"] > 0.5
