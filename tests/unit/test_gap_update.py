@@ -1,0 +1,85 @@
+"""What of a fit goes into the new model."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from designlab.camera import View
+from designlab.design import preset
+from designlab.effects import effect
+from designlab.gap.evidence import System
+from designlab.gap.fit import Fit
+from designlab.gap.forward import State, Unknown
+from designlab.gap.intervals import values
+from designlab.gap.update import covariance, domain
+from designlab.measurement.shots import Shot
+from designlab.press import Press
+from geometries.probes import sphere, triangle
+
+DESIGN = preset("gelsight-2020-flat")
+BLUR_UM, OFFSET = 90.0, 0.01
+
+
+def fitted() -> tuple[SimpleNamespace, Fit]:
+    """A fit of a blur and a black level beside a gain, with made-up information."""
+    unknowns = (
+        Unknown("point_spread", "sigma_um", 75.0),
+        *(Unknown("black_level", channel, 0.015) for channel in "RGB"),
+        Unknown("gain", "red", 0.3),
+        Unknown("pose", "x", 0.05, 4),
+    )
+    random = np.random.default_rng(1).standard_normal((6, 9))
+    gram = 40 * random @ random.T
+    system = System(unknowns, gram, np.zeros(6), 0.0, np.zeros(6))
+    levels = {"R": OFFSET, "G": 0.0, "B": 0.0}
+    state = State(np.ones(3), values={"point_spread": {"sigma_um": BLUR_UM}, "black_level": levels})
+    parameters = {name: effect(name).parameters(DESIGN) for name in state.values}
+    return SimpleNamespace(forward=SimpleNamespace(parameters=parameters)), Fit(state, system, 0.0)
+
+
+def test_the_covariance_is_that_of_all_unknowns_fitted_together() -> None:
+    fitter, best = fitted()
+    found = covariance(fitter, best)
+    assert found is not None
+    assert found.parameters == ("point_spread.sigma_um", *(f"black_level.{c}" for c in "RGB"))
+    whole = np.linalg.inv(best.system.gram + np.eye(6))[:4, :4]
+    unit = np.array([75.0**2, 0.015, 0.015, 0.015])  # of a blur its square is what is fitted
+    assert np.array(found.matrix) == pytest.approx(whole * np.outer(unit, unit))
+
+
+def test_the_intervals_are_those_of_the_covariance() -> None:
+    fitter, best = fitted()
+    found = covariance(fitter, best)
+    assert found is not None
+    sd = np.sqrt(np.diag(np.array(found.matrix)))
+    blur = values(fitter, best, "point_spread", ())["sigma_um"]
+    assert blur.value == BLUR_UM
+    assert blur.high**2 == pytest.approx(BLUR_UM**2 + 1.96 * sd[0])
+    assert blur.low**2 == pytest.approx(max(BLUR_UM**2 - 1.96 * sd[0], 0.0))
+    red = values(fitter, best, "black_level", ())["R"]
+    assert (red.low, red.high) == pytest.approx((OFFSET - 1.96 * sd[1], OFFSET + 1.96 * sd[1]))
+
+
+def test_a_fit_of_gains_alone_has_none() -> None:
+    fitter, best = fitted()
+    assert covariance(fitter, Fit(State(np.ones(3)), best.system, 0.0)) is None
+
+
+def shot(press: Press | None, exposure: float) -> Shot:
+    view = View(0.0, 0.0, 8.0, 6.0, 8, 6)
+    picture = np.zeros((6, 8, 3))
+    lit = np.full(3, exposure)
+    return Shot(("f",), "train", press, np.zeros(4), lit, view, picture, picture, picture > -1, np.zeros(3))
+
+
+def test_the_domain_spans_what_was_fitted() -> None:
+    presses = [
+        Press(probe=sphere(diameter_mm=4), depth_mm=0.4, centre_mm=(-3.0, 1.0)),
+        Press(probe=triangle(side_mm=5), depth_mm=0.9, centre_mm=(2.0, -2.0)),
+    ]
+    found = domain([shot(None, 0.25), shot(None, 0.0), *(shot(press, 1.0) for press in presses)])
+    assert found.depth_mm == (0.4, 0.9)
+    assert (found.x_mm, found.y_mm) == ((-3.0, 2.0), (-2.0, 1.0))
+    assert found.probes == ("sphere", "triangle")
+    assert found.exposure == (0.25, 1.0)
