@@ -108,7 +108,8 @@ class FrameSearch:
             # From the stated pose too: a wrong scale may have driven it far off.
             starts = [self._fitted(stand, (SCALE,)) for stand in (given, stated)]
             now = self._settled(min(starts, key=lambda stand: stand.fit.objective), (SCALE,))
-        self.gap = max(float(self.blocks(now).mean()) - self.floor(now), 1e-9)
+        # Near the floor shares of the gap would be shares of next to nothing.
+        self.gap = max(float(self.blocks(now).mean()) - self.floor(now), self.floor(now))
         open_ = [name for name in self.names if name not in UNSEEN and name != SCALE]
         for name in UNSEEN:
             if name in self.names:
