@@ -51,12 +51,13 @@ class Stand:
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """A candidate, fitted, and its misfit on the blocks that judge."""
+    """A candidate, fitted, its misfit on the blocks that judge, and its evidence by linear approximation."""
 
     name: str
     fit: Fit
     blocks: Array
     gain: Gain
+    evidence: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +188,7 @@ class FrameSearch:
             fit = fitter.fit(base.state, (*base.state.values, name), (TRAIN,))
             seconds = time.perf_counter() - begun
             after = self.blocks(Stand(fitter, fit))
-            attempt = Attempt(name, fit, after, self._gain(before, after))
+            attempt = Attempt(name, fit, after, self._gain(before, after), screened[name])
             reason = self._refused(fitter, attempt)
             self._note(number, attempt, reason or "passed", seconds)
             if not reason:
@@ -202,7 +203,8 @@ class FrameSearch:
         """Fall of the misfit as a share of the gap; its error from the spread between blocks."""
         falls = (before - after) / self.gap
         error = float(falls.std(ddof=1) / np.sqrt(len(falls)))
-        return Gain(float(falls.mean()), error, float((falls > 0).mean()))
+        value = float(falls.mean())
+        return Gain(value, error, float((falls > 0).mean()), value)
 
     def _refused(self, fitter: FrameFitter, attempt: Attempt) -> str:
         """Why a candidate does not pass; empty if it does."""
@@ -253,7 +255,8 @@ class FrameSearch:
                 g.se,
                 g.improved,
                 named,
-                seconds=round(seconds, 2),
+                attempt.evidence,
+                round(seconds, 2),
             )
         )
 
