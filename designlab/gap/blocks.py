@@ -75,10 +75,10 @@ def in_blocks(seen: Observations, *, parity: int = 0) -> Observations:
 
 
 def grain(signal: Array) -> Array:
-    """Relative fluctuation between neighbouring values of each channel, (3,); edges do not count."""
-    both = signal[:, 1:] + signal[:, :-1]
-    steps = 2 * np.abs(np.diff(signal, axis=1)) / np.maximum(both, np.finfo(float).tiny)
-    return np.asarray(NORMAL_MAD * np.median(steps, axis=(0, 1)) / np.sqrt(2))
+    """Relative fluctuation of neighbouring values of each channel, (3,); slopes and edges do not count."""
+    bends = signal[:, 2:] - 2 * signal[:, 1:-1] + signal[:, :-2]
+    relative = np.abs(bends) / np.maximum(signal[:, 1:-1], np.finfo(float).tiny)
+    return np.asarray(NORMAL_MAD * np.median(relative, axis=(0, 1)) / np.sqrt(6))
 
 
 class FrameFitter(Fitter):

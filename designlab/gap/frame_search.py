@@ -51,12 +51,13 @@ class Stand:
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """A candidate, fitted, and its misfit on the blocks that judge."""
+    """A candidate, fitted, its misfit on the blocks that judge, and its evidence by linear approximation."""
 
     name: str
     fit: Fit
     blocks: Array
     gain: Gain
+    evidence: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +109,8 @@ class FrameSearch:
             # From the stated pose too: a wrong scale may have driven it far off.
             starts = [self._fitted(stand, (SCALE,)) for stand in (given, stated)]
             now = self._settled(min(starts, key=lambda stand: stand.fit.objective), (SCALE,))
-        self.gap = max(float(self.blocks(now).mean()) - self.floor(now), 1e-9)
+        # Near the floor shares of the gap would be shares of next to nothing.
+        self.gap = max(float(self.blocks(now).mean()) - self.floor(now), self.floor(now))
         open_ = [name for name in self.names if name not in UNSEEN and name != SCALE]
         for name in UNSEEN:
             if name in self.names:
@@ -186,7 +188,7 @@ class FrameSearch:
             fit = fitter.fit(base.state, (*base.state.values, name), (TRAIN,))
             seconds = time.perf_counter() - begun
             after = self.blocks(Stand(fitter, fit))
-            attempt = Attempt(name, fit, after, self._gain(before, after))
+            attempt = Attempt(name, fit, after, self._gain(before, after), screened[name])
             reason = self._refused(fitter, attempt)
             self._note(number, attempt, reason or "passed", seconds)
             if not reason:
@@ -253,7 +255,8 @@ class FrameSearch:
                 g.se,
                 g.improved,
                 named,
-                seconds=round(seconds, 2),
+                attempt.evidence,
+                round(seconds, 2),
             )
         )
 
