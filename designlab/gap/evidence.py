@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 # Neighbouring values share the small errors that no noise model lists, so that their number says too much:
 # the likelihood is raised to the power of one over this (coarsened posterior, Miller and Dunson 2019).
-ALIKE = 64.0
+ALIKE = 32.0
 
 
 @dataclass(frozen=True, eq=False)

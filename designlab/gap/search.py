@@ -10,7 +10,7 @@ from designlab.effects import effect
 from designlab.gap.evidence import System, log_evidence
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter
 from designlab.gap.forward import State, coordinate
-from designlab.gap.judge import LEAST_IMPROVED, LEAST_SHARE, Gain, Judged, gain, judge
+from designlab.gap.judge import LEAST_IMPROVED, LEAST_SHARE, Gain, Judged, gain, judge, squared
 from designlab.gap.overlap import Overlaps, overlaps
 from designlab.gap.pattern import found_pattern
 from designlab.gap.result import Candidate
@@ -118,7 +118,7 @@ class Search:
             attempts.append((self._attempt(name, base, now), time.perf_counter() - begun))
         passed = []
         for attempt, seconds in attempts:
-            reason = self._refused(attempt)
+            reason = self._refused(attempt, base.state)
             self._note(number, attempt, reason or "passed", seconds)
             if not reason:
                 passed.append(attempt)
@@ -168,7 +168,7 @@ class Search:
             evidence = 0.5 * (without.objective - best.objective) - self._occam(best, winner.name)
             evidence += 0.5 * float((judged.objective - now.objective).sum())
             attempt = Attempt(winner.name, best, now, gain(judged, now, self.gap), evidence)
-            if reason := self._refused(attempt):
+            if reason := self._refused(attempt, without.state):
                 self._note(number, attempt, f"dropped: {reason}")
                 self.winners.remove(winner)
                 best, now = without, judged
@@ -258,7 +258,20 @@ class Search:
         before = self._reached[name]
         return replace(base.with_values(name, before.values[name]), poses=before.poses)
 
-    def _refused(self, attempt: Attempt) -> str:
+    def _untouched_worse(self, attempt: Attempt, base: State) -> float:
+        """Rise of the squared residual of the untouched gel, as a share of it or of the floor.
+
+        No effect may explain presses by what the gel does not show without them.
+        """
+        taken = self.fitter.bank.shots
+        shots = [n for n in self.train if taken[n].press is None and taken[n].valid.any()]
+        before, after = (
+            np.mean([squared(self.fitter, state, n) for n in shots], axis=0)
+            for state in (base, attempt.fit.state)
+        )
+        return float((after[0] - before[0]) / max(before))
+
+    def _refused(self, attempt: Attempt, base: State) -> str:
         """Why a candidate does not pass; empty if it does."""
         # Draws of shots differ by their nature: the spread of their gains is no error.
         drawn = attempt.name in DRAWN_SD
@@ -274,6 +287,8 @@ class Search:
         # Some draws of a single shot are small: not every one can gain.
         if not drawn and attempt.gain.improved < LEAST_IMPROVED:
             return f"only {attempt.gain.improved:.0%} of the held-out presses improve"
+        if (worse := self._untouched_worse(attempt, base)) > LEAST_SHARE:
+            return f"adds {worse:.1%} to the residual of the untouched gel"
         if bound := self.fitter.at_bound(attempt.fit.state, attempt.name):
             return f"at the bound of {', '.join(bound)}"
         if far := self.fitter.beyond_prior(attempt.fit.state, attempt.name):
