@@ -2,7 +2,8 @@
 
 The order of the work: `observe` (what was measured), `bank` (pictures of the model and how they change),
 `forward` (what a state predicts), `noise` (how far a perfect model may miss), `evidence` and `fit` (effects,
-gains and poses together), `judge` (held-out presses), `search` (the race), `diagnose` (all of it).
+gains and poses together), `judge` (held-out presses), `search` (the race), `diagnose` (all of it), `update`
+(the better model), `words` and `pictures` (what people see). `single_press` diagnoses one picture alone.
 """
 
 from designlab.gap.diagnose import diagnose

@@ -11,7 +11,6 @@ from designlab.effects import CATALOGUE, SensorModel, effect
 from designlab.gap.advise import advise
 from designlab.gap.bank import fill
 from designlab.gap.basis import Progress, Renders
-from designlab.gap.blocks import is_single
 from designlab.gap.checks import check_frames, examine, weakened
 from designlab.gap.control import control
 from designlab.gap.fit import Fit, Fitter
@@ -22,7 +21,8 @@ from designlab.gap.pictures import draw
 from designlab.gap.result import Found, GapReport, Level, Overlap, Verdict
 from designlab.gap.run import begin_run, end_run
 from designlab.gap.search import Search
-from designlab.gap.single import diagnose_single
+from designlab.gap.single_press.blocks import is_single
+from designlab.gap.single_press.diagnose import diagnose_single
 from designlab.gap.update import updated
 from designlab.gap.where import geometry, where
 from designlab.gap.words import limits

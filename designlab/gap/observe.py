@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from designlab.design import Design
-from designlab.gap.blocks import is_single
+from designlab.gap.single_press.blocks import is_single
 from designlab.measurement import Measurement, MeasurementError
 from designlab.measurement.shots import Observations, Shot
 from designlab.measurement.shots import observe as gathered

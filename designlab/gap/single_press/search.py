@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from designlab.effects import SensorModel, effect
 from designlab.gap.bank import Picture
 from designlab.gap.basis import Renders
-from designlab.gap.blocks import SCALE, SELECT, TRAIN, FrameFitter, block_numbers, centred
 from designlab.gap.fit import Fit
 from designlab.gap.forward import State
 from designlab.gap.judge import LEAST_SHARE, Gain
 from designlab.gap.result import Candidate
 from designlab.gap.search import DECISIVE, ENVELOPE, Search
+from designlab.gap.single_press.blocks import SCALE, SELECT, TRAIN, FrameFitter, block_numbers, centred
 from designlab.measurement.shots import POSE, Shot
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.design import CHANNELS
-from designlab.gap.blocks import TRAIN, Uses
+from designlab.gap.single_press.blocks import TRAIN, Uses
 from designlab.store import write_atomic
 
 Array = NDArray[np.float64]

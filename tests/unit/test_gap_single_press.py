@@ -7,9 +7,9 @@ import pytest
 
 from designlab import metrics
 from designlab.design import preset
-from designlab.gap.blocks import FINAL, SELECT, TRAIN, block_numbers, block_uses, grain
 from designlab.gap.diagnose import diagnose
-from designlab.gap.structure import structure
+from designlab.gap.single_press.blocks import FINAL, SELECT, TRAIN, block_numbers, block_uses, grain
+from designlab.gap.single_press.structure import structure
 from designlab.measurement import load_measurement, write_measurement
 from designlab.plant import answer_path, plant
 

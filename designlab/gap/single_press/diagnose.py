@@ -19,14 +19,14 @@ from designlab.camera import View
 from designlab.effects import SensorModel, effect
 from designlab.gap.bank import moved
 from designlab.gap.basis import Renders
-from designlab.gap.blocks import FINAL, SCALE, TRAIN, USES, Uses, block_uses, in_blocks
 from designlab.gap.checks import Examined, weakened
-from designlab.gap.frame_picture import draw
-from designlab.gap.frame_search import FrameSearch, Stand
 from designlab.gap.intervals import values
 from designlab.gap.result import Advice, Found, GapReport, Level, Verdict
 from designlab.gap.run import end_run
-from designlab.gap.structure import rendered, structure
+from designlab.gap.single_press.blocks import FINAL, SCALE, TRAIN, USES, Uses, block_uses, in_blocks
+from designlab.gap.single_press.picture import draw
+from designlab.gap.single_press.search import FrameSearch, Stand
+from designlab.gap.single_press.structure import rendered, structure
 from designlab.gap.update import updated
 from designlab.gap.where import where
 from designlab.gap.words import limits
