@@ -42,9 +42,9 @@ def found_pattern(fitter: Fitter, state: State, shots: Sequence[int]) -> Pattern
         lambda power: -_evidence(mean, smooth, np.exp(power)), bounds=np.log(ends), method="bounded"
     )
     rms = float(np.exp(found.x))
-    values = idctn(mean * rms**2 / (smooth + rms**2), axes=(0, 1), norm="ortho")
+    values = _estimated(fitter, state, shots, rms)
     # Scanning strengths takes no more than this from the evidence.
-    return Pattern(np.asarray(values / rms), rms, float(-found.fun / ALIKE - np.log(len(STRENGTHS))))
+    return Pattern(values / rms, rms, float(-found.fun / ALIKE - np.log(len(STRENGTHS))))
 
 
 def strengths_as_good(
@@ -78,6 +78,28 @@ def _common(fitter: Fitter, state: State, shots: Sequence[int]) -> tuple[Array, 
         right += level * transformed(left) / diagonal
         shared += level * noise.level / diagonal
     return right / weight, 1.0 / weight + (SMOOTH_BUDGET * shared / weight) ** 2 * power
+
+
+def _estimated(fitter: Fitter, state: State, shots: Sequence[int], rms: float) -> Array:
+    """Pattern of a known strength, pixel by pixel: bright pixels of bright shots tell most of it.
+
+    What smooth errors may have brought about is taken out of the residuals before.
+    """
+    shape = fitter.bank.shots[shots[0]].signal.shape
+    power = spectrum((shape[0], shape[1]))[..., None]
+    weight, right = np.full(shape, rms**-2), np.zeros(shape)
+    for number in shots:
+        shot, noise = fitter.bank.shots[number], fitter.noises[number]
+        if shot.signal.shape != shape or not shot.lit.any():
+            continue
+        predicted = fitter.forward.predict(state, number)
+        left = np.where(shot.valid, (shot.signal - predicted) / noise.sigma, 0.0)
+        light = np.where(shot.valid, (predicted - fitter.forward.black) / noise.sigma, 0.0)
+        granted = np.hypot(SMOOTH_BUDGET, SHOT_BUDGET) * noise.level
+        rough = idctn(transformed(left) / (1.0 + granted**2 * power), axes=(0, 1), norm="ortho")
+        weight += light**2
+        right += light * rough
+    return np.asarray(right / weight)
 
 
 def _evidence(mean: Array, smooth: Array, rms: float) -> float:
