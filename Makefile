@@ -20,10 +20,10 @@ test: $(INSTALLED)
 	@echo "== lint-imports"
 	@$(BIN)/lint-imports --no-logo
 	@echo "== pytest"
-	@$(BIN)/python -m pytest -n 2
+	@$(BIN)/python -m pytest -n 2 --dist loadfile
 
 test-full: $(INSTALLED)
-	$(BIN)/python -m pytest -n 2 -m full
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m full
 
 $(INSTALLED): pyproject.toml constraints.txt scripts/install.sh scripts/ensure-llvm.sh
 	@scripts/install.sh
