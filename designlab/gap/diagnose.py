@@ -217,7 +217,10 @@ def _recentred(source: Renders, fitter: Fitter, best: Fit, train: Sequence[int])
         return fitter, best
     near = Fitter(fill(source, bank.model, bank.shots, list(origin), origin=origin))
     near.noises = fitter.noises
-    return near, near.fit(best.state, [n for n in found if n != "fixed_pattern"], train)
+    near.alike = 1.0  # which effect it is has been decided: priors need not hold its values back any more
+    sharp = near.fit(best.state, [n for n in found if n != "fixed_pattern"], train)
+    near.alike = fitter.alike
+    return near, replace(sharp, system=near.system(sharp.state, train, sharp.system.unknowns))
 
 
 def _names(model: SensorModel, catalogue: Sequence[str] | None) -> list[str]:

@@ -97,12 +97,14 @@ def system(
     unknowns: Sequence[Unknown],
     noises: Sequence[Noise],
     now: Array,
+    *,
+    alike: float = ALIKE,
 ) -> System:
     """Set up the normal equations of unknowns over shots at a state.
 
     Values are whitened by their noise, transformed by cosines, in which smooth errors are independent, and
     weighed by the inverse of the covariance: of each coefficient it is 1 + a on the diagonal and the smooth
-    error common to all shots beyond (Sherman and Morrison 1950). All is divided by `ALIKE`.
+    error common to all shots beyond (Sherman and Morrison 1950). All is divided by `alike`.
     """
     size = len(unknowns)
     gram, right, misfit = np.zeros((size, size)), np.zeros(size), 0.0
@@ -138,7 +140,7 @@ def system(
         gram -= part[:-1, :-1]
         right -= part[:-1, -1]
         misfit -= float(part[-1, -1])
-    return System(tuple(unknowns), gram / ALIKE, right / ALIKE, misfit / ALIKE, now)
+    return System(tuple(unknowns), gram / alike, right / alike, misfit / alike, now)
 
 
 def log_evidence(information: Array, right: Array) -> float:

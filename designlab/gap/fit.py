@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from designlab.design import DesignError
 from designlab.effects import effect
 from designlab.gap.bank import Bank
-from designlab.gap.evidence import System, system
+from designlab.gap.evidence import ALIKE, System, system
 from designlab.gap.forward import Forward, State, Unknown, coordinate, value_at
 from designlab.gap.noise import Noise, noise
 from designlab.measurement.shots import POSE
@@ -46,12 +46,20 @@ class Fitter:
     ----------
     bank : Bank
         Pictures and shots.
+
+    Attributes
+    ----------
+    noises : list of Noise
+        Of each shot, see `measure`.
+    alike : float
+        Neighbouring values that count as one, see `evidence.ALIKE`.
     """
 
     def __init__(self, bank: Bank) -> None:
         self.bank = bank
         self.forward = Forward(bank)
         self.noises: list[Noise] = []
+        self.alike = ALIKE
 
     def start(self, shots: Sequence[int]) -> State:
         """Gains by linear least squares, by brightness: a wrong model must not let dark values decide.
@@ -134,7 +142,7 @@ class Fitter:
     def system(self, state: State, shots: Sequence[int], unknowns: Sequence[Unknown]) -> System:
         """Normal equations at a state."""
         now = np.array([self._now(state, u) for u in unknowns])
-        return system(self.forward, state, shots, unknowns, self.noises, now)
+        return system(self.forward, state, shots, unknowns, self.noises, now, alike=self.alike)
 
     def _now(self, state: State, u: Unknown) -> float:
         """Where an unknown is, in prior standard deviations from its null."""

@@ -128,7 +128,7 @@ class TestDesigns:
 
     def test_models_of_another_format_or_edited_by_hand(self, refused, tmp_path):
         text = SensorModel(design=preset(FLAT)).dumps()
-        later = written(tmp_path / "later.toml", text.replace("format = 1", "format = 2"))
+        later = written(tmp_path / "later.toml", text.replace("format = 2", "format = 3"))
         status, line = refused("evaluate", later)
         assert status == 2
         assert "field format" in line

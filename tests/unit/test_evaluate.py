@@ -129,6 +129,7 @@ def test_json_is_complete_and_strict(score, folder):
         "groups",
         "worst",
         "presses",
+        "warnings",
     }
     assert set(content) == names
     assert content["design"] == "gelsight-2020-flat"

@@ -59,6 +59,12 @@ REPORT = GapReport(
         "rendered": 3,
         "seconds": 12.5,
         "version": "1",
+        "blocks": {
+            "parity": 0,
+            "structure": {
+                "select": {"given": {"snr_db": 1.0, "structure_corr": 0.5, "structure_snr_db": 0.1}}
+            },
+        },
     },
     pictures={},
     control=Control("albedo_field", 0.12, 5),
