@@ -32,6 +32,8 @@ from designlab.measurement.shots import Observations
 SAMPLES = 256
 COLUMNS = 160
 OVERLAPPING = 0.5  # share of an effect's signature from which a pair is reported
+RECENTRINGS = 3  # times that pictures are rendered anew about what was found
+SETTLED_SD = 0.25  # prior standard deviations that values may still move by then
 UNEXPLAINED_ABOVE = 0.5  # leftover share of the gap from which nothing is named
 PARTIAL_ABOVE = 0.15
 AT_FLOOR = 3.0  # mean squared residual over the floor below which there is no gap to explain
@@ -210,17 +212,31 @@ def diagnose(
 
 
 def _recentred(source: Renders, fitter: Fitter, best: Fit, train: Sequence[int]) -> tuple[Fitter, Fit]:
-    """Fit the effects found once more, about pictures rendered at their values."""
-    bank, found = fitter.bank, best.state.values
-    origin = {name: values for name, values in found.items() if effect(name).rendered}
-    if not origin:
+    """Fit the effects found again about pictures rendered at their values, until these stay."""
+    bank, names = fitter.bank, list(best.state.values)
+    rendered = [name for name in names if effect(name).rendered]
+    near, now = fitter, best
+    for _ in range(RECENTRINGS if rendered else 0):
+        origin = {name: now.state.values[name] for name in rendered}
+        near = Fitter(fill(source, bank.model, bank.shots, rendered, origin=origin))
+        near.noises = fitter.noises
+        near.alike = 1.0  # which effect it is has been decided: priors need not hold its values back any more
+        before, now = now, near.fit(now.state, [n for n in names if n != "fixed_pattern"], train)
+        near.alike = fitter.alike
+        if _moved(near, before, now, rendered) < SETTLED_SD:
+            break
+    if near is fitter:
         return fitter, best
-    near = Fitter(fill(source, bank.model, bank.shots, list(origin), origin=origin))
-    near.noises = fitter.noises
-    near.alike = 1.0  # which effect it is has been decided: priors need not hold its values back any more
-    sharp = near.fit(best.state, [n for n in found if n != "fixed_pattern"], train)
-    near.alike = fitter.alike
-    return near, replace(sharp, system=near.system(sharp.state, train, sharp.system.unknowns))
+    return near, replace(now, system=near.system(now.state, train, now.system.unknowns))
+
+
+def _moved(fitter: Fitter, before: Fit, after: Fit, names: Sequence[str]) -> float:
+    """Furthest way of a parameter from one fit to another, in prior standard deviations."""
+    return max(
+        abs(after.state.values[name][p.name] - before.state.values[name][p.name]) / p.sd
+        for name in names
+        for p in fitter.forward.parameters[name]
+    )
 
 
 def _names(model: SensorModel, catalogue: Sequence[str] | None) -> list[str]:
