@@ -1,6 +1,6 @@
 """A fine pattern that all shots carry: how strong it is, and what speaks for it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 from designlab.gap.evidence import ALIKE
 from designlab.gap.fit import Fitter
 from designlab.gap.forward import State
-from designlab.gap.noise import SHOT_BUDGET, SMOOTH_BUDGET, spectrum, transformed
+from designlab.gap.noise import SHOT_BUDGET, SMOOTH_BUDGET, Noise, spectrum, transformed
 
 Array = NDArray[np.float64]
 
@@ -59,19 +59,25 @@ def strengths_as_good(
     return float(np.exp(good[0] - step)), float(np.exp(good[-1] + step))
 
 
-def _common(fitter: Fitter, state: State, shots: Sequence[int]) -> tuple[Array, Array]:
-    """Coefficients of what shots have in common relative to their light, and variances without a pattern."""
+def _residuals(fitter: Fitter, state: State, shots: Sequence[int]) -> Iterator[tuple[Noise, Array, Array]]:
+    """Noise of each lit shot of one size, what is left of it, and its light, both in units of the noise."""
     shape = fitter.bank.shots[shots[0]].signal.shape
-    power = spectrum((shape[0], shape[1]))[..., None]
-    weight, right, shared = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     for number in shots:
         shot, noise = fitter.bank.shots[number], fitter.noises[number]
         if shot.signal.shape != shape or not shot.lit.any():
             continue
         predicted = fitter.forward.predict(state, number)
         left = np.where(shot.valid, (shot.signal - predicted) / noise.sigma, 0.0)
+        yield noise, left, np.where(shot.valid, (predicted - fitter.forward.black) / noise.sigma, 0.0)
+
+
+def _common(fitter: Fitter, state: State, shots: Sequence[int]) -> tuple[Array, Array]:
+    """Coefficients of what shots have in common relative to their light, and variances without a pattern."""
+    shape = fitter.bank.shots[shots[0]].signal.shape
+    power = spectrum((shape[0], shape[1]))[..., None]
+    weight, right, shared = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    for noise, left, light in _residuals(fitter, state, shots):
         # A pattern is relative to the light however dark it is; smooth errors are granted more.
-        light = np.where(shot.valid, (predicted - fitter.forward.black) / noise.sigma, 0.0)
         level = np.sqrt((light**2).mean(axis=(0, 1)))
         diagonal = 1.0 + (SHOT_BUDGET * noise.level) ** 2 * power
         weight += level**2 / diagonal
@@ -88,13 +94,7 @@ def _estimated(fitter: Fitter, state: State, shots: Sequence[int], rms: float) -
     shape = fitter.bank.shots[shots[0]].signal.shape
     power = spectrum((shape[0], shape[1]))[..., None]
     weight, right = np.full(shape, rms**-2), np.zeros(shape)
-    for number in shots:
-        shot, noise = fitter.bank.shots[number], fitter.noises[number]
-        if shot.signal.shape != shape or not shot.lit.any():
-            continue
-        predicted = fitter.forward.predict(state, number)
-        left = np.where(shot.valid, (shot.signal - predicted) / noise.sigma, 0.0)
-        light = np.where(shot.valid, (predicted - fitter.forward.black) / noise.sigma, 0.0)
+    for noise, left, light in _residuals(fitter, state, shots):
         granted = np.hypot(SMOOTH_BUDGET, SHOT_BUDGET) * noise.level
         rough = idctn(transformed(left) / (1.0 + granted**2 * power), axes=(0, 1), norm="ortho")
         weight += light**2
