@@ -27,7 +27,7 @@ CASES = {
     "contact_kernel": ({"length_ratio": 1.4}, 0.08),
     "response_curve": ({"exponent": 1.1}, 0.02),
 }
-RENDERED = ("contact_kernel",)  # of the effects that cost pictures about the values found, one is enough
+RENDERED = ("led_position",)  # of the effects that cost pictures about the values found, one is enough
 
 pytestmark = pytest.mark.slow
 
