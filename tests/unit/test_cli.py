@@ -206,7 +206,7 @@ class TestFailures:
             # a run in the background may have inherited the order to ignore it
             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         )
-        time.sleep(4)
+        time.sleep(6)
         process.send_signal(signal.SIGINT)
         stdout, stderr = process.communicate(timeout=120)
         assert process.returncode == 130
