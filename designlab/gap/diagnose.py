@@ -86,8 +86,8 @@ def diagnose(
     pictures : bool
         Whether to draw what is left.
     recentre : bool
-        Whether effects on the light are rendered anew at the values found and fitted once more: pictures
-        combined from afar leave out what several parameters do together.
+        Whether effects on the light are rendered anew at the values found and fitted again, until values
+        stay: pictures combined from afar leave out what several parameters do together.
     trust : sequence of str
         Names of suspicions, see `designlab.measurement.suspicion`, that are known and right as they are.
     page : callable, optional

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from designlab.gap.basis import Renders
 from designlab.measurement.shots import Shot
 from designlab.measurement.suspicion import Suspicion
 from designlab.press import Press
-from geometries.probes import Probe
+from geometries.probes import Probe, parse
 
 Array = NDArray[np.float64]
 Turn = tuple[tuple[int, int], tuple[int, int]]
@@ -132,12 +133,12 @@ def _other_press(
     stated = left(lambda press: press)
     tried: dict[str, tuple[str, float]] = {}
     for probe in _other_probes(first.probe):
-        tried[probe.text] = "probe", left(lambda press, p=probe: press.model_copy(update={"probe": p}))  # type: ignore[misc]
+        tried[probe.text] = "probe", left(_with(probe=probe))
     for name, signs in TURNS.items():
-        tried[name] = "place", left(lambda press, turn=signs: _placed(press, turn))  # type: ignore[misc]
+        tried[name] = "place", left(partial(_placed, turn=signs))
     for place in places:
         text = f"[{place[0]:g}, {place[1]:g}], the place of another press"
-        tried[text] = "place", left(lambda press, p=place: press.model_copy(update={"centre_mm": p}))  # type: ignore[misc]
+        tried[text] = "place", left(_with(centre_mm=place))
     text, (kind, best) = min(tried.items(), key=lambda item: item[1][1])
     if BETTER * best > stated:
         return None
@@ -164,6 +165,11 @@ def _other_press(
     )
 
 
+def _with(**fields: object) -> Callable[[Press], Press]:
+    """Change of a press that gives it other fields."""
+    return lambda press: press.model_copy(update=fields)
+
+
 def _placed(press: Press, turn: Turn) -> Press:
     x, y = press.centre_mm
     (a, b), (c, d) = turn
@@ -176,4 +182,4 @@ def _other_probes(stated: Probe) -> Iterable[Probe]:
         yield stated.model_copy(update={"size_mm": stated.size_mm * factor})
     for kind in OTHER_KINDS:
         if kind != stated.kind:
-            yield Probe(kind=kind, size_mm=stated.size_mm)  # type: ignore[arg-type]
+            yield parse(f"{kind}:{stated.size_mm!r}")

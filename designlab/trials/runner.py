@@ -47,15 +47,26 @@ def run(trials: Iterable[Trial], folder: Path, *, progress: Progress | None = No
     folder : Path
         Where sets, reports and outcomes lie; an interrupted run goes on there.
     """
+    found = kept(trials, folder / "outcomes", lambda trial: asdict(_one(trial, folder)), progress)
+    return [Outcome(**one) for one in found]
+
+
+def kept(
+    trials: Iterable[Trial],
+    folder: Path,
+    run_one: Callable[[Trial], dict[str, Any]],
+    progress: Progress | None,
+) -> list[dict[str, Any]]:
+    """Run trials whose record is not in a folder yet; the records of all."""
     trials = list(trials)
     found = []
     for number, trial in enumerate(trials):
         if progress is not None:
             progress(trial.name, number, len(trials))
-        path = folder / "outcomes" / f"{trial.name}-{trial.seed}.json"
+        path = folder / f"{trial.name}-{trial.seed}.json"
         if not path.is_file():
-            write_json(path, asdict(_one(trial, folder)))
-        found.append(Outcome(**json.loads(path.read_text(encoding="utf-8"))))
+            write_json(path, run_one(trial))
+        found.append(json.loads(path.read_text(encoding="utf-8")))
     return found
 
 

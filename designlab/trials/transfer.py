@@ -1,8 +1,7 @@
 """Trials of the corrected model on another design: what was learnt on one sensor predicts the next."""
 
-import json
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,15 +19,13 @@ from designlab.gap.noise import Noise
 from designlab.gap.observe import observe
 from designlab.measurement import Measurement, load_measurement
 from designlab.plant import plant
-from designlab.store import write_json
 from designlab.trials.pool import AIR, Trial, development
-from designlab.trials.runner import COLUMNS, SEED, model_path, run, set_path
+from designlab.trials.runner import COLUMNS, SEED, Progress, kept, model_path, run, set_path
 
 HIGHER_MM = 3.0
 MORE_TILT_DEG = 15.0
 OTHER_SEED = 1_000_000  # of the other sensor: other errors of poses and gains, other noise
 RESAMPLES = 10_000
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)
@@ -98,16 +95,8 @@ def run_transfers(
     folder : Path
         Where sets, models and outcomes lie; an interrupted run goes on there.
     """
-    trials = list(trials)
-    found = []
-    for number, trial in enumerate(trials):
-        if progress is not None:
-            progress(trial.name, number, len(trials))
-        path = folder / "transfers" / f"{trial.name}-{trial.seed}.json"
-        if not path.is_file():
-            write_json(path, asdict(_one(trial, folder)))
-        found.append(Transferred(**json.loads(path.read_text(encoding="utf-8"))))
-    return found
+    found = kept(trials, folder / "transfers", lambda trial: asdict(_one(trial, folder)), progress)
+    return [Transferred(**one) for one in found]
 
 
 def _one(trial: Trial, folder: Path) -> Transferred:
