@@ -19,7 +19,7 @@ from designlab.gap.judge import Judged, judge
 from designlab.gap.observe import observe
 from designlab.gap.pictures import draw
 from designlab.gap.result import Found, GapReport, Level, Overlap, Verdict
-from designlab.gap.run import begin_run, end_run
+from designlab.gap.run import begin_run, end_run, provenance
 from designlab.gap.search import Search
 from designlab.gap.single_press.blocks import is_single
 from designlab.gap.single_press.diagnose import diagnose_single
@@ -281,20 +281,11 @@ def _notes(seen: Observations, measurement: Measurement, model: SensorModel) -> 
 def _provenance(
     seen: Observations, measurement: Measurement, model: SensorModel, renders: Renders, begun: float
 ) -> dict[str, object]:
-    from designlab import __version__
-
-    return {
-        "measurement": measurement.name,
-        "model": model.digest,
-        "seed": renders.seed,
-        "samples": renders.samples,
-        "noise": seen.noise_source,
-        "floor": "measured" if seen.repeats else "assumed",
+    return provenance(measurement, seen, model, renders) | {
         "frames": {
             use: [file for shot in seen.shots if shot.use == use for file in shot.files]
             for use in ("dark", "background", "train", "select", "final")
         },
         "rendered": renders.rendered,
         "seconds": round(time.perf_counter() - begun, 1),
-        "version": __version__,
     }

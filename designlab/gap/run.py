@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from designlab.effects import SensorModel
+from designlab.gap.basis import Renders
 from designlab.gap.result import GapReport
 from designlab.measurement import Measurement
+from designlab.measurement.shots import Observations
 from designlab.store import digest, remove_partial, write_json
 
 RUN, REPORT = "run.json", "report.json"
@@ -67,6 +69,23 @@ def end_run(
         page(report)
     write_json(out / REPORT, report.to_json())
     return report
+
+
+def provenance(
+    measurement: Measurement, seen: Observations, model: SensorModel, renders: Renders
+) -> dict[str, Any]:
+    """What every report says of how it was made; frames, pictures rendered and seconds come on top."""
+    from designlab import __version__
+
+    return {
+        "measurement": measurement.name,
+        "model": model.digest,
+        "seed": renders.seed,
+        "samples": renders.samples,
+        "noise": seen.noise_source,
+        "floor": "measured" if seen.repeats else "assumed",
+        "version": __version__,
+    }
 
 
 def frames_digest(measurement: Measurement) -> str:

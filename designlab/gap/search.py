@@ -1,7 +1,7 @@
 """The race: effects are fitted on some shots and judged on others; the best joins the model."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -303,21 +303,32 @@ class Search:
 
     def _note(self, number: int, attempt: Attempt, outcome: str, seconds: float | None = None) -> None:
         values = attempt.fit.state.values.get(attempt.name, {})
-        g = attempt.gain
-        named = {f"{attempt.name}.{p}": float(v) for p, v in values.items()}
         self.tried.append(
-            Candidate(
-                number,
-                attempt.name,
-                outcome,
-                g.value,
-                g.se,
-                g.improved,
-                named,
-                attempt.evidence,
-                None if seconds is None else round(seconds, 2),
-            )
+            fitted(number, attempt.name, outcome, attempt.gain, values, attempt.evidence, seconds)
         )
+
+
+def fitted(
+    number: int,
+    name: str,
+    outcome: str,
+    gain: Gain,
+    values: Mapping[str, float],
+    evidence: float,
+    seconds: float | None,
+) -> Candidate:
+    """Record of a candidate that was fitted to the end."""
+    return Candidate(
+        number,
+        name,
+        outcome,
+        gain.value,
+        gain.se,
+        gain.improved,
+        {f"{name}.{p}": float(v) for p, v in values.items()},
+        evidence,
+        None if seconds is None else round(seconds, 2),
+    )
 
 
 def _share_gone(share: float) -> str:

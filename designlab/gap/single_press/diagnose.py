@@ -22,7 +22,7 @@ from designlab.gap.basis import Renders
 from designlab.gap.checks import Examined, weakened
 from designlab.gap.intervals import values
 from designlab.gap.result import Advice, Found, GapReport, Level, Verdict
-from designlab.gap.run import end_run
+from designlab.gap.run import end_run, provenance
 from designlab.gap.single_press.blocks import FINAL, SCALE, TRAIN, USES, Uses, block_uses, in_blocks
 from designlab.gap.single_press.picture import draw
 from designlab.gap.single_press.search import FrameSearch, Stand
@@ -261,21 +261,8 @@ def _registered(best: Stand) -> list[str]:
 def _provenance(
     seen: Observations, measurement: Measurement, model: SensorModel, source: Renders, parity: int
 ) -> dict[str, Any]:
-    from designlab import __version__
-
-    return {
-        "measurement": measurement.name,
-        "model": model.digest,
-        "seed": source.seed,
-        "samples": source.samples,
-        "noise": seen.noise_source,
-        "frames": {
-            "dark": [],
-            "background": [],
-            **{use: list(seen.shots[TRAIN].files) for use in USES},
-        },
+    files = list(seen.shots[TRAIN].files)
+    return provenance(measurement, seen, model, source) | {
+        "frames": {"dark": [], "background": [], **{use: files for use in USES}},
         "blocks": {"parity": parity},
-        "rendered": source.rendered,
-        "seconds": 0.0,
-        "version": __version__,
     }

@@ -19,7 +19,7 @@ from designlab.gap.fit import Fit
 from designlab.gap.forward import State
 from designlab.gap.judge import LEAST_SHARE, Gain
 from designlab.gap.result import Candidate
-from designlab.gap.search import DECISIVE, ENVELOPE, Search
+from designlab.gap.search import DECISIVE, ENVELOPE, Search, fitted
 from designlab.gap.single_press.blocks import SCALE, SELECT, TRAIN, FrameFitter, block_numbers, centred
 from designlab.measurement.shots import POSE, Shot
 
@@ -244,20 +244,9 @@ class FrameSearch:
         return self.blocks(Stand(now.fitter, fit))
 
     def _note(self, number: int, attempt: Attempt, outcome: str, seconds: float) -> None:
-        values, g = attempt.fit.state.values[attempt.name], attempt.gain
-        named = {f"{attempt.name}.{p}": float(v) for p, v in values.items()}
+        values = attempt.fit.state.values[attempt.name]
         self.tried.append(
-            Candidate(
-                number,
-                attempt.name,
-                outcome,
-                g.value,
-                g.se,
-                g.improved,
-                named,
-                attempt.evidence,
-                round(seconds, 2),
-            )
+            fitted(number, attempt.name, outcome, attempt.gain, values, attempt.evidence, seconds)
         )
 
 
