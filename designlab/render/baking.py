@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import RBFInterpolator
 from scipy.ndimage import binary_erosion
 from scipy.signal import savgol_filter
 
+from designlab.render import gather
 from designlab.render import photons as tracing
 from designlab.render.lightfield import (
     AZIMUTHS,
@@ -28,8 +30,11 @@ Single = NDArray[np.float32]
 STEEPEST_COSINE = 0.02  # light more grazing than this weighs as if it came at this angle
 PILOT_SHARE = 0.2  # of the photons, traced beforehand to learn where on the LEDs others are best started
 AGAIN_SHARE = 0.25  # of the photons, traced on for light that returns to the membrane, dim and smooth
+AGAIN_IN_AIR = 0.5  # likewise, where their landings tell directions only
 MOST_LANDINGS = 2**20  # photons whose landings are kept, of a field and group
 SMOOTH_CELLS, SMOOTH_DEGREE = 13, 2  # of the polynomial fitted to light that returns, 4.5 mm wide
+GATHERED_SHARE = 1 / 256  # of the photons, whose matte reflections in air shine on every point
+LATTICE_MM = 2.0  # between the points that they shine on
 HALF_FILLED = 0.5  # cells on the membrane's edge count as this full at least
 AREA_MARGIN_MM, BESIDE_AREA = 1.0, 0.1  # light further from the sensing area than this is worth less
 
@@ -61,9 +66,12 @@ def bake(
     )
     return [
         LightField(
-            first=_field([first for first, _, _ in lots], filled) if scene.refracts else None,
-            again=_smooth(_field([again for _, again, _ in lots], filled), filled[1] > HALF_FILLED),
-            landings=tuple(landings for _, _, landings in lots) if scene.refracts else (),
+            first=_field([first for first, *_ in lots], filled) if scene.refracts else None,
+            again=_with(
+                _smooth(_field([again for _, again, _, _ in lots], filled), filled[1] > HALF_FILLED),
+                [gathered for *_, gathered in lots],
+            ),
+            landings=tuple(landings for _, _, landings, _ in lots) if scene.refracts else (),
         )
         for lots in zip(*groups, strict=True)
     ]
@@ -71,15 +79,18 @@ def bake(
 
 def _baked(
     scene: Scene, group: int, area_mm: tuple[float, float], photons: int, seeds: Sequence[int]
-) -> list[tuple["_Tables", "_Tables", Single]]:
-    """Light of one group that arrives first, all that arrives later, and the photons that arrive first."""
+) -> list[tuple["_Tables", "_Tables", Single, Array | None]]:
+    """Light of one group that arrives first, all that arrives later, and the photons that arrive first.
+
+    In air the irradiance by matte reflections is gathered and comes last; what arrives later lacks it then.
+    """
     import drjit as dr
 
     corners = scene.membrane.vertices.min(axis=0), scene.membrane.vertices.max(axis=0)
     tables = [(_Tables(*corners), _Tables(*corners), _Lot()) for _ in seeds]
     # Behind glass the first light comes after two surfaces; in air it is integrated, not traced.
     if scene.path_length <= (3 if scene.refracts else 2):
-        return [(first, again, lot.landings()) for first, again, lot in tables]
+        return [(first, again, lot.landings(), None) for first, again, lot in tables]
     loaded = tracing.load(scene, group)
     pilot = min(tracing.PILOT, max(1, round(PILOT_SHARE * photons * len(seeds))))
 
@@ -101,11 +112,12 @@ def _baked(
     guides = tracing.learn(
         scene, group=group, seed=seeds[0], worth=[worth_again, worth_first], loaded=loaded, photons=pilot
     )
-    share = AGAIN_SHARE if scene.refracts else 1.0
-    for seed, (first, again, lot) in zip(seeds, tables, strict=True):
+    share = AGAIN_SHARE if scene.refracts else AGAIN_IN_AIR
+    gathered: list[Array | None] = [None] * len(seeds)
+    for number, (seed, (first, again, lot)) in enumerate(zip(seeds, tables, strict=True)):
 
         def later(arrival: tracing.Arrival, active: Any, *, again: "_Tables" = again) -> None:
-            again.add(arrival, active & is_again(arrival))
+            again.add(arrival, active & is_again(arrival), lands=scene.refracts | ~arrival.matte)
 
         def at_first(
             arrival: tracing.Arrival, active: Any, *, first: "_Tables" = first, lot: "_Lot" = lot
@@ -117,7 +129,11 @@ def _baked(
         tracing.trace(
             scene, group=group, photons=count, seed=seed, record=later, loaded=loaded, guide=guides[0]
         )
-        if scene.refracts:
+        if not scene.refracts:
+            gathered[number] = _gathered(
+                scene, again, group, max(1, round(GATHERED_SHARE * photons)), seed, loaded, guides[0]
+            )
+        else:
             count = max(1, photons - count)
             lot.prepare(count)
             # Numbers of its own: what both passes have in common would count twice.
@@ -132,7 +148,27 @@ def _baked(
                 guide=guides[1],
                 once=True,
             )
-    return [(first, again, lot.landings()) for first, again, lot in tables]
+    return [
+        (first, again, lot.landings(), light)
+        for (first, again, lot), light in zip(tables, gathered, strict=True)
+    ]
+
+
+def _gathered(
+    scene: Scene, tables: "_Tables", group: int, photons: int, seed: int, loaded: Any, guide: tracing.Guide
+) -> Array:
+    """Irradiance of fine cells by matte reflections, from a lattice of points by thin-plate splines."""
+    rows, columns = tables.fine
+    x, y = (tables.low[k] + FINE_CELL_MM * np.arange(n) for k, n in ((0, columns), (1, rows)))
+    axes = (np.arange(a[0] + LATTICE_MM / 2, a[-1], LATTICE_MM) for a in (x, y))
+    at_x, at_y = (axis.ravel() for axis in np.meshgrid(*axes))
+    there = on_membrane(scene, at_x, at_y)
+    at_x, at_y = at_x[there], at_y[there]
+    found = gather.irradiance(
+        scene, at_x, at_y, group=group, photons_traced=photons, seed=seed, loaded=loaded, guide=guide
+    )
+    cells = np.stack([axis.ravel() for axis in np.meshgrid(x, y)], axis=-1)
+    return np.asarray(RBFInterpolator(np.stack([at_x, at_y], axis=-1), found)(cells)).reshape(rows, columns)
 
 
 class _Tables:
@@ -147,8 +183,8 @@ class _Tables:
         self._power = dr.zeros(mi.Float, self.coarse[0] * self.coarse[1] * SLANTS * AZIMUTHS)
         self._light = dr.zeros(mi.Float, self.fine[0] * self.fine[1])
 
-    def add(self, arrival: tracing.Arrival, active: Any) -> None:
-        """Add photons that arrive."""
+    def add(self, arrival: tracing.Arrival, active: Any, *, lands: Any = True) -> None:
+        """Add photons that arrive; to the irradiance only those that count as landing."""
         import drjit as dr
         import mitsuba as mi
 
@@ -163,7 +199,7 @@ class _Tables:
         shared = arrival.power * dr.abs(normal.z)
         dr.scatter_add(self._power, shared / cosine, mi.UInt32(index), active & inside & (slant < SLANTS))
         cell, inside = _cell(position, self.low, FINE_CELL_MM, self.fine)
-        dr.scatter_add(self._light, shared, mi.UInt32(cell), active & inside)
+        dr.scatter_add(self._light, shared, mi.UInt32(cell), active & inside & lands)
 
     @property
     def power(self) -> Single:
@@ -184,6 +220,12 @@ def _field(tables: Sequence[_Tables], filled: tuple[Single, Single]) -> Field:
     irradiance = np.stack([t.irradiance for t in tables]) / fine
     low = tables[0].low
     return Field(power, irradiance, float(low[0]), float(low[1]))
+
+
+def _with(field: Field, gathered: Sequence[Array | None]) -> Field:
+    """Add gathered irradiance of every group."""
+    added = [0.0 * field.irradiance[0] if one is None else one for one in gathered]
+    return replace(field, irradiance=(field.irradiance + np.array(added)).astype(np.float32))
 
 
 def _smooth(field: Field, filled: NDArray[np.bool_]) -> Field:

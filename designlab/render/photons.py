@@ -40,6 +40,8 @@ class Arrival:
         Whether the photon was at the membrane before.
     number
         Of the photon among all that are traced.
+    matte
+        Whether the surface met last sent it on as a Lambertian one does.
     """
 
     at: Any
@@ -49,6 +51,22 @@ class Arrival:
     start: Any
     returned: Any
     number: Any
+    matte: Any
+
+
+@dataclass(frozen=True, eq=False)
+class Reflection:
+    """Photons on the point of leaving a surface for another that counts.
+
+    Mitsuba's surface interaction, power (mW) as of an `Arrival`, surfaces met before, number of the photon,
+    and whether the surface sends them on as a Lambertian one does.
+    """
+
+    at: Any
+    power: Any
+    bounces: Any
+    number: Any
+    matte: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +80,7 @@ class Scattering:
 
 Record = Callable[[Arrival, Any], None]
 Scattered = Callable[[Scattering, Any], None]
+Reflected = Callable[[Reflection, Any], None]
 Worth = Callable[[Arrival, Any], Any]
 """Importance of each arrival, zero where it does not count."""
 
@@ -89,6 +108,7 @@ def trace(
     guide: Guide | None = None,
     scattered: Scattered | None = None,
     housing: Record | None = None,
+    reflected: Reflected | None = None,
     once: bool = False,
 ) -> None:
     """Trace photons of one LED group that emits 1 mW and hand every arrival at the membrane to `record`.
@@ -114,6 +134,8 @@ def trace(
         Called likewise with a `Scattering` wherever haze scatters photons.
     housing : callable, optional
         Called likewise with photons that arrive at the inside of the housing.
+    reflected : callable, optional
+        Called likewise with a `Reflection` wherever a surface sends photons on.
     once : bool
         Photons end at the membrane.
     """
@@ -127,7 +149,7 @@ def trace(
     for batch in range(batches):
         starts = Starts(batch * size, size, seeds, len(lights), guide)
         lot = size * batches, _seed(seed, group, batch)
-        _batch(loaded, scene, group, lights, starts, *lot, record, scattered, housing, once)
+        _batch(loaded, scene, group, lights, starts, *lot, record, scattered, housing, reflected, once)
         dr.eval()
     dr.sync_thread()
 
@@ -239,6 +261,7 @@ def _batch(
     record: Record,
     see: Scattered | None,
     housing: Record | None,
+    leaves: Reflected | None,
     once: bool,
 ) -> None:
     import drjit as dr
@@ -261,7 +284,7 @@ def _batch(
     def going(active: Any, *_: Any) -> Any:
         return active
 
-    def step(active: Any, ray: Any, power: Any, depth: Any, returned: Any, sampler: Any) -> Any:
+    def step(active: Any, ray: Any, power: Any, depth: Any, returned: Any, matte: Any, sampler: Any) -> Any:
         si = loaded.ray_intersect(ray, active)
         active = active & si.is_valid()
         scattered = mi.Mask(False)
@@ -271,13 +294,11 @@ def _batch(
             if see is not None:
                 see(Scattering(ray.o, before, power), scattered)
         arrives = active & ~scattered & (si.shape == membrane) & (dr.dot(si.sh_frame.n, ray.d) < 0)
-        record(Arrival(si, -ray.d, power, depth, cell, returned, number), arrives)
+        arrival = Arrival(si, -ray.d, power, depth, cell, returned, number, matte)
+        record(arrival, arrives)
         if housing is not None:
             for shape in around:
-                housing(
-                    Arrival(si, -ray.d, power, depth, cell, returned, number),
-                    active & ~scattered & (si.shape == shape),
-                )
+                housing(arrival, active & ~scattered & (si.shape == shape))
         if once:
             active = active & ~arrives
         returned = returned | arrives
@@ -286,13 +307,17 @@ def _batch(
         sample, reflected = bsdf.sample(context, si, sampler.next_1d(meets), sampler.next_2d(meets), meets)
         power = dr.select(scattered, power, power * reflected.x)
         ray = dr.select(scattered, ray, si.spawn_ray(si.to_world(sample.wo)))
+        met = depth
         depth = depth + 1
         active = active & (power > 0) & (depth < longest)
+        matte = mi.has_flag(sample.sampled_type, mi.BSDFFlags.DiffuseReflection) & ~scattered
+        if leaves is not None:
+            leaves(Reflection(si, power, met, number, matte), active & ~scattered)
         # Russian roulette: the faint ones live on with their chance, and those that do are brighter for it.
         chance = dr.minimum(power / (weight * (FAINT_ONCE if once else FAINT)), 1.0)
         active = active & (sampler.next_1d(active) < chance)
         power = power / dr.maximum(chance, 1e-12)
-        return active, ray, power, depth, returned, sampler
+        return active, ray, power, depth, returned, matte, sampler
 
     dr.while_loop(
         (
@@ -301,11 +326,12 @@ def _batch(
             mi.Float(weight) + dr.zeros(mi.Float, size),
             dr.zeros(mi.UInt32, size),
             dr.full(mi.Bool, False, size),
+            dr.full(mi.Bool, False, size),
             sampler,
         ),
         going,
         step,
-        labels=("active", "ray", "power", "depth", "returned", "sampler"),
+        labels=("active", "ray", "power", "depth", "returned", "matte", "sampler"),
     )
 
 
