@@ -34,7 +34,7 @@ AGAIN_IN_AIR = 0.5  # likewise, where their landings tell directions only
 MOST_LANDINGS = 2**20  # photons whose landings are kept, of a field and group
 SMOOTH_CELLS, SMOOTH_DEGREE = 13, 2  # of the polynomial fitted to light that returns, 4.5 mm wide
 GATHERED_SHARE = 1 / 256  # of the photons, whose matte reflections in air shine on every point
-LATTICE_MM = 2.0  # between the points that they shine on
+LATTICE_MM = 2.5  # between the points that they shine on
 HALF_FILLED = 0.5  # cells on the membrane's edge count as this full at least
 AREA_MARGIN_MM, BESIDE_AREA = 1.0, 0.1  # light further from the sensing area than this is worth less
 
@@ -167,6 +167,8 @@ def _gathered(
     found = gather.irradiance(
         scene, at_x, at_y, group=group, photons_traced=photons, seed=seed, loaded=loaded, guide=guide
     )
+    known = np.isfinite(found)
+    at_x, at_y, found = at_x[known], at_y[known], found[known]
     cells = np.stack([axis.ravel() for axis in np.meshgrid(x, y)], axis=-1)
     return np.asarray(RBFInterpolator(np.stack([at_x, at_y], axis=-1), found)(cells)).reshape(rows, columns)
 

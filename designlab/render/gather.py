@@ -32,6 +32,8 @@ def irradiance(
 ) -> Array:
     """Irradiance of the membrane by matte reflections of one LED group that emits 1 mW, in mW/mm2.
 
+    Where a point is none of the membrane it is not a number: a ray down may slip through between two faces.
+
     Parameters
     ----------
     scene : Scene
@@ -50,7 +52,7 @@ def irradiance(
 
     place, normal, power = _sources(scene, group, photons_traced, seed, loaded, guide)
     points, facing = _on_membrane(scene, x, y)
-    total, count = np.zeros(len(x)), power.size
+    total, count = np.where(np.isnan(points[:, 0]), np.nan, 0.0), power.size
     if not count:
         return total
     place, normal = place + OFF_MM * normal, np.ascontiguousarray(normal)
@@ -73,7 +75,7 @@ def irradiance(
         ray = mi.Ray3f(origin, across)
         ray.maxt = held(1.0)
         value = dr.select(loaded.ray_test(ray, cosines > 0), 0.0, value)
-        total[some] = np.asarray(dr.block_sum(value, count))
+        total[some] += np.asarray(dr.block_sum(value, count))
     return total
 
 
@@ -110,11 +112,12 @@ def _sources(
 
 
 def _on_membrane(scene: Scene, x: Array, y: Array) -> tuple[Array, Array]:
-    """Points just above the membrane at x and y (mm), and its normals there, (n, 3) each."""
+    """Points just above the membrane at x and y (mm), and its normals there, (n, 3) each; NaN where none is."""
     import mitsuba as mi
 
     above = float(scene.membrane.vertices[:, 2].max()) + 1.0
     origin = mi.Point3f(x.astype(np.float32), y.astype(np.float32), above)
     hit = bridge.load_shapes([scene.membrane]).ray_intersect(mi.Ray3f(origin, mi.Vector3f(0, 0, -1)))
     normal = np.array(hit.sh_frame.n).T
-    return np.array(hit.p).T + OFF_MM * normal, normal
+    points = np.where(np.array(hit.is_valid())[:, None], np.array(hit.p).T, np.nan)
+    return points + OFF_MM * normal, normal

@@ -99,7 +99,10 @@ def contents(out):
 
 
 def assert_alike(one, other):
-    """Same but for the rounding of sums, the order of which threads decide."""
+    """Same but for the rounding of sums, the order of which threads decide.
+
+    Fits end where a step changes little, so their values agree to that, not to the last digits of the sums.
+    """
     if isinstance(one, dict):
         assert one.keys() == other.keys()
         for key in one:
@@ -109,7 +112,7 @@ def assert_alike(one, other):
         for mine, theirs in zip(one, other, strict=True):
             assert_alike(mine, theirs)
     elif isinstance(one, float):
-        assert one == pytest.approx(other, rel=1e-4, abs=1e-6)
+        assert one == pytest.approx(other, rel=1e-3, abs=1e-6)
     else:
         assert one == other
 

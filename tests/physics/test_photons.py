@@ -12,7 +12,7 @@ from designlab import store
 from designlab.camera import Camera
 from designlab.design import preset
 from designlab.press import Press, indent
-from designlab.render import baking, bridge, path, photons
+from designlab.render import baking, bridge, gather, path, photons
 from designlab.render.window import transmission
 from designlab.scene import Dielectric, Diffuse, Light, Medium, Scene, build
 from designlab.simulate import Simulator
@@ -333,6 +333,17 @@ def test_one_field_serves_every_view(monkeypatch):
     for view in (view_of(short, 16, 12), view_of(short, 24, 18)._replace(width_px=200.0, height_px=150.0)):
         Simulator(short, view=view, samples=2, seed=1).frame(press)
     assert baked == [(2, 3)]  # its two halves
+
+
+def test_a_point_beside_the_membrane_gathers_no_number():
+    design = preset("gelsight-2020-flat")
+    surface = indent(design.elastomer, design.contact, None, area_mm=(4.0, 4.0), pitch_mm=1.0)
+    scene = build(design, surface, design.view(8))
+    loaded = photons.load(scene, 0)
+    settings = {"group": 0, "photons_traced": 1000, "seed": 1, "loaded": loaded, "guide": None}
+    found = gather.irradiance(scene, np.array([0.3, 99.0]), np.array([0.4, 0.0]), **settings)
+    assert found[0] > 0
+    assert np.isnan(found[1])
 
 
 @pytest.mark.parametrize("specular", [0.0, 0.4])
