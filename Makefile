@@ -20,7 +20,7 @@ test: $(INSTALLED)
 	@echo "== lint-imports"
 	@$(BIN)/lint-imports --no-logo
 	@echo "== pytest"
-	@$(BIN)/python -m pytest -n 2 --dist loadfile
+	@$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 test-full: $(INSTALLED)
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m full

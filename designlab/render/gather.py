@@ -112,7 +112,7 @@ def _sources(
 
 
 def _on_membrane(scene: Scene, x: Array, y: Array) -> tuple[Array, Array]:
-    """Points just above the membrane at x and y (mm), and its normals there, (n, 3) each; NaN where none is."""
+    """Points just above the membrane at x and y (mm), and its normals there, (n, 3) each; NaN where none."""
     import mitsuba as mi
 
     above = float(scene.membrane.vertices[:, 2].max()) + 1.0
