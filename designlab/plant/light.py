@@ -19,6 +19,8 @@ BOARD_SPACING_MM = 2.4
 COARSE_MM = 1.2  # patches of the whole membrane
 FINE_PATCHES = 40  # patches along each side of the box around an indentation
 FINE_MARGIN_MM = 0.8
+BETWEEN_PITCH_MM = 0.12  # of the horizon that tells which patches see each other
+STEPS, GRAZING_MM = 24, 2e-3  # along the way between two patches; what rises less above it does not count
 CHUNK = 400_000  # pairs of points and cells handled at once, small enough for the processor's cache
 
 
@@ -46,9 +48,9 @@ class Lighting:
 
     Paths run from an emitter over boards and membrane to the membrane point that the camera sees;
     `path_length` of the rig counts their segments, the last one to the camera included. Left out: LED bodies
-    that stand in each other's light; bumps that stand in the way of light from membrane to membrane (1 to 2 %
-    of the radiance beside a bump on a dome; nothing beside a convex one on a flat gel), and the change of the
-    boards' own light by an indentation. Bumps do shade the light of emitters and boards.
+    that stand in each other's light, walls of an indentation in a flat gel that stand between two others, and
+    the change of the boards' own light by an indentation. Bumps shade the light of emitters and boards, and
+    on a dome that of the membrane beyond them.
 
     Parameters
     ----------
@@ -189,6 +191,8 @@ class Pressed:
         curved = rig.elastomer.radius_mm is not None or self.surface.height_mm is not None
         if curved and lighting._bounces:
             exchange = form_factors(patches, patches)
+            if rig.elastomer.radius_mm is not None and self.surface.height_mm is not None:
+                exchange *= self._past_the_bump(patches, exchange)
             power = np.concatenate([lighting._order_power(order) for order in range(lighting._bounces)])
             albedo = reflectances(rig, self.surface, x, y)
             for arriving in self.from_cells(x, y, power).reshape(lighting._bounces, *total.shape):
@@ -199,6 +203,33 @@ class Pressed:
         if grid is None:
             return coarse_field, None, None
         return coarse_field, total[:, coarse_count:].reshape(-1, grid.rows, grid.columns), grid
+
+    def _past_the_bump(self, patches: Patches, exchange: Array) -> Array:
+        """Whether each receiver sees each sender past the indentation, (receivers, senders).
+
+        The horizon tells which it sees for certain. Of the others some stand before the indentation, not
+        behind it: where they exchange light, the way between the two is walked.
+        """
+        x, y, z = patches.centre.T
+        flat, number = np.zeros((len(x), 3)), np.zeros(len(x), dtype=int)
+        cells = Cells(number, patches.centre, patches.normal, flat, patches.area, np.ones(len(x)), number)
+        horizon = Horizon(self.surface, cells, pitch_mm=BETWEEN_PITCH_MM)
+        seen = np.ones((len(x), len(x)))
+        near = np.flatnonzero(horizon.window.contains(x, y))
+        for part in _parts(len(near), len(x)):
+            some = near[part]
+            seen[some] = horizon.visible_share(x[some], y[some], z[some], cells)
+        doubtful = (np.maximum(seen, seen.T) < 1) & (exchange > 0)
+        receivers, senders = np.nonzero(np.triu(doubtful))
+        seen = np.ones_like(seen)
+        share = (np.arange(STEPS) + 0.5) / STEPS
+        for part in _parts(len(receivers), STEPS):
+            here, there = patches.centre[receivers[part]], patches.centre[senders[part]]
+            way = here[:, None] + share[:, None] * (there - here)[:, None]
+            over = self.surface.z(way[..., 0], way[..., 1]) - way[..., 2]
+            clear = over.max(axis=1) < GRAZING_MM
+            seen[receivers[part], senders[part]] = seen[senders[part], receivers[part]] = clear
+        return seen
 
 
 def irradiance(points: Array, normals: Array, sources: Cells, power: Array) -> Array:
