@@ -143,6 +143,35 @@ def test_ball_shades_itself_and_the_floor_as_tangents_tell():
     assert share[0] == 1.0
 
 
+def test_patches_of_a_dome_see_each_other_where_nothing_rises_above_the_way_between_them():
+    rig, random = Rig.of(DOME), np.random.default_rng(0)
+    pressed = surface.indented(
+        rig.elastomer,
+        Indenter(probes.parse("triangle:4"), 0.6, (2.0, 1.0), 20.0),
+        kernel_length_mm=rig.kernel_length_mm,
+        kernel_m=rig.kernel_m,
+    )
+    lighting = light.Lighting(rig)
+    box = pressed.bump.grown(light.FINE_MARGIN_MM)
+    coarse = light.coarse_patches(rig, pressed, lighting._coarse, without=box)
+    patches = light.Patches(
+        *map(np.concatenate, zip(coarse, light.fine_patches(rig, pressed, box)[0], strict=True))
+    )
+    exchange = light.form_factors(patches, patches)
+    seen = lighting.pressed(pressed)._past_the_bump(patches, exchange)
+    # Pairs as often as light goes from one to the other; every way is walked in steps of some 20 um.
+    pairs = random.choice(exchange.size, 300, p=(exchange / exchange.sum()).ravel())
+    clear = []
+    for a, b in zip(*np.unravel_index(pairs, exchange.shape), strict=True):
+        way = patches.centre[a] + np.linspace(0, 1, 1000)[1:-1, None] * (
+            patches.centre[b] - patches.centre[a]
+        )
+        clear.append((pressed.z(way[:, 0], way[:, 1]) - way[:, 2]).max() < light.GRAZING_MM)
+    found = seen.ravel()[pairs]
+    assert 0.02 < 1 - np.mean(clear) < 0.3
+    assert np.abs(found - clear).mean() < 0.015
+
+
 def test_transfer_function_of_a_flat_kernel_is_that_of_a_disc():
     # With a large m the kernel is constant up to 6 lengths: 2 J1(k R) / (k R).
     k, radius = np.array([0.5, 3.0, 12.0, 40.0]), 6 * 0.05
