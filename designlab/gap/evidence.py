@@ -133,7 +133,9 @@ def system(
         total[..., [*used, size]] += coefficients * bright[..., None].astype(np.float32)
         weight[key] = weight.get(key, np.zeros((*key, 3))) + own.level * bright
     for key, (total,) in common.items():
-        budget = SMOOTH_BUDGET**2 * spectrum((key[0], key[1]))[..., None]
+        power = spectrum((key[0], key[1]))
+        power[0, 0] = 0.0  # the mean of all is what gains are fitted for
+        budget = SMOOTH_BUDGET**2 * power[..., None]
         share = np.sqrt(budget / (1.0 + budget * weight[key])).astype(np.float32)
         shared = (total * share[..., None]).reshape(-1, size + 1)
         part = np.asarray(shared.T @ shared, dtype=float)
