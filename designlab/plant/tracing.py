@@ -27,6 +27,7 @@ GAP_MM = 0.02  # of air, where the gel has come off
 COLATITUDES, AZIMUTHS = 36, 108  # cells of equal solid angle over the upper half-space
 R2 = (0.7548776662466927, 0.5698402909980532)
 LEAST_PER_MM = 1e-6
+MOST_LOST = 1e-5  # share of paths whose radiance is no number
 CAMERA_SEGMENTS = 3  # of a path, from the membrane through interface and window to the camera
 
 
@@ -178,6 +179,11 @@ class Tracer:
             medium = {} if stuff is None else {"medium": mi.MediumPtr(stuff)}
             spectrum, _, _ = self._integrator.sample(self._scene, sampler, rays(part), **medium)
             found[:, part] = np.asarray(spectrum).reshape(CHANNELS, count)[: self._channels]
+        # In haze the engine divides zero by zero once in millions of paths; such a path brings nothing.
+        lost = ~np.isfinite(found)
+        if lost.mean() > MOST_LOST:
+            raise RuntimeError(f"{lost.mean():.2%} of the paths within the gel end without a number")
+        found[lost] = 0.0
         return found
 
     def _wall(self, shape: Shape, glass: Glass, groups: tuple[int, ...]) -> "mitsuba.Mesh":
