@@ -42,11 +42,12 @@ def noises(level: float) -> list[Noise]:
     return [Noise(sigma, sigma, sigma, np.full(3, level * (1 + n))) for n in range(2)]
 
 
-def smooth_covariance() -> np.ndarray:
+def smooth_covariance(*, with_mean: bool = True) -> np.ndarray:
     """Covariance over the pixels of a picture of the smooth error of unit variance, (pixels, pixels)."""
     across, down = (dct(np.eye(n), axis=0, norm="ortho") for n in (COLUMNS, ROWS))
-    transform = np.kron(down, across)
-    return transform.T @ np.diag(spectrum((ROWS, COLUMNS)).ravel()) @ transform
+    transform, power = np.kron(down, across), spectrum((ROWS, COLUMNS)).ravel()
+    power[0] *= with_mean
+    return transform.T @ np.diag(power) @ transform
 
 
 def test_smooth_errors_have_unit_variance_and_are_alike_next_to_each_other() -> None:
@@ -63,7 +64,7 @@ def test_normal_equations_are_those_of_the_dense_covariance() -> None:
     for channel in range(3):
         levels = [noise.level[channel] for noise in own]
         apart = [np.eye(ROWS * COLUMNS) + (SHOT_BUDGET * level) ** 2 * smooth for level in levels]
-        shared = SMOOTH_BUDGET**2 * np.kron(np.outer(levels, levels), smooth)
+        shared = SMOOTH_BUDGET**2 * np.kron(np.outer(levels, levels), smooth_covariance(with_mean=False))
         zero = np.zeros_like(smooth)
         inverse = np.linalg.inv(np.block([[apart[0], zero], [zero, apart[1]]]) + shared)
         scale = (known.valid[..., channel] / 0.5).reshape(2, -1)
