@@ -192,7 +192,10 @@ class Pressed:
         if curved and lighting._bounces:
             exchange = form_factors(patches, patches)
             if rig.elastomer.radius_mm is not None and self.surface.height_mm is not None:
-                exchange *= self._past_the_bump(patches, exchange)
+                places, place = _representatives(coarse_count)
+                some = Patches(*(part[places] for part in patches))
+                seen = self._past_the_bump(some, exchange[np.ix_(places, places)])
+                exchange *= seen[np.ix_(place, place)]
             power = np.concatenate([lighting._order_power(order) for order in range(lighting._bounces)])
             albedo = reflectances(rig, self.surface, x, y)
             for arriving in self.from_cells(x, y, power).reshape(lighting._bounces, *total.shape):
@@ -230,6 +233,13 @@ class Pressed:
             clear = over.max(axis=1) < GRAZING_MM
             seen[receivers[part], senders[part]] = seen[senders[part], receivers[part]] = clear
         return seen
+
+
+def _representatives(coarse: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Coarse patches and every fourth of the fine ones behind them; which of these stands for each patch."""
+    row, column = np.indices((FINE_PATCHES, FINE_PATCHES)) // 2 * 2
+    fine = coarse + (row * FINE_PATCHES + column).ravel()
+    return np.unique(np.concatenate([np.arange(coarse), fine]), return_inverse=True)
 
 
 def irradiance(points: Array, normals: Array, sources: Cells, power: Array) -> Array:
