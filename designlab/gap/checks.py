@@ -191,8 +191,9 @@ def _reserves(measurement: Measurement, seen: Observations, doubted: Sequence[st
         yield Reserve(why, CUT, name_stands=True)
     presses, select = len(seen.of("train", "select", "final")), len(seen.of("select"))
     if presses < LEAST_PRESSES or select < LEAST_SELECT:
+        taken = "1 press" if presses == 1 else f"{presses} presses"
         why = (
-            f"{presses} presses, {select} of them to choose by: fewer than the {LEAST_PRESSES} and "
+            f"{taken}, {select or 'none'} of them to choose by: fewer than the {LEAST_PRESSES} and "
             f"{LEAST_SELECT} that a name takes"
         )
         yield Reserve(why, WEAK)
