@@ -20,6 +20,7 @@ FITTED = 6  # candidates of a round that are fitted to the end
 DECISIVE = 10.0  # logarithm of the Bayes factor from which an effect counts as seen
 AS_GOOD = 3.0  # difference of such logarithms within which effects are not told apart
 AS_GOOD_SHARE = 0.05  # likewise, of the whole: to no better than that an effect itself is known to be right
+SURE_SE = 1.5  # standard errors that a gain must exceed: presses differ in how much they show of an effect
 OVERLAP = 0.95  # share of a signature from which another effect can stand for it
 ENVELOPE = 1.3  # mean squared residual over the floor below which no further effect is looked for
 RIVAL = "numerical"
@@ -275,7 +276,7 @@ class Search:
         """Why a candidate does not pass; empty if it does."""
         # Draws of shots differ by their nature: the spread of their gains is no error.
         drawn = attempt.name in DRAWN_SD
-        least = LEAST_SHARE if drawn else max(2 * attempt.gain.se, LEAST_SHARE)
+        least = LEAST_SHARE if drawn else max(SURE_SE * attempt.gain.se, LEAST_SHARE)
         if attempt.evidence < DECISIVE:
             return f"evidence {attempt.evidence:.3g}, below {DECISIVE:g}"
         if attempt.gain.value < least:
