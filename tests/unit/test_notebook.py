@@ -18,6 +18,7 @@ SWEPT = "tilts_deg = range(0, 80, 20)"
 SHORT = "tilts_deg = [10, 40]"
 STORY = ROOT / "notebooks" / "corrected_model.ipynb"
 SWEEPS = [path for path in NOTEBOOKS if path != STORY]
+NAMES = [path.name for path in [*SWEEPS, TEMPLATE]]
 SMALLER = {
     "columns, samples, seed = 64, 128, 3": "columns, samples, seed = 24, 32, 3",
     'tried = ["led_profile", "led_position", "vignetting", "albedo_field", "colour_mixing", "black_level"]': (
@@ -52,7 +53,9 @@ def executed(path: Path, changes: dict[str, str], folder: Path) -> list:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", [*SWEEPS, TEMPLATE], ids=lambda path: path.name)
+@pytest.mark.parametrize(
+    "path", [*(pytest.param(path, marks=pytest.mark.full) for path in SWEEPS), TEMPLATE], ids=NAMES
+)
 def test_a_notebook_runs_to_its_end(path, tmp_path, monkeypatch):
     """Every cell runs, with fewer values swept; the last pictures are there and not empty."""
     monkeypatch.setenv("MPLBACKEND", "module://matplotlib_inline.backend_inline")

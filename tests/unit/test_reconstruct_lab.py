@@ -293,6 +293,7 @@ def test_real_contact_circles_are_found(measured_dir):
 
 @pytest.mark.measured
 @pytest.mark.slow
+@pytest.mark.full
 def test_real_presses_of_known_depth(measured_dir):
     """The default method, calibrated on real balls; figures in docs/validation.md."""
     import importlib.util
