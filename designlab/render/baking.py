@@ -67,7 +67,7 @@ def bake(
     return [
         LightField(
             first=_field([first for first, *_ in lots], filled) if scene.refracts else None,
-            again=_with(
+            again=_with_gathered(
                 _smooth(_field([again for _, again, _, _ in lots], filled), filled[1] > HALF_FILLED),
                 [gathered for *_, gathered in lots],
             ),
@@ -224,7 +224,7 @@ def _field(tables: Sequence[_Tables], filled: tuple[Single, Single]) -> Field:
     return Field(power, irradiance, float(low[0]), float(low[1]))
 
 
-def _with(field: Field, gathered: Sequence[Array | None]) -> Field:
+def _with_gathered(field: Field, gathered: Sequence[Array | None]) -> Field:
     """Add gathered irradiance of every group."""
     added = [0.0 * field.irradiance[0] if one is None else one for one in gathered]
     return replace(field, irradiance=(field.irradiance + np.array(added)).astype(np.float32))
