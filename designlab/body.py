@@ -1,6 +1,7 @@
 """What light meets besides the membrane: LED boards, gelcore, gel, and the housing's inside."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -63,7 +64,10 @@ def core_and_gel(design: Design) -> Iterator[Shape]:
         outward = side.mean(axis=0) * (1.0, 1.0, 0.0) * (-1.0 if painted else 1.0)
         faces = oriented(side, np.array([[0, 1, 2], [0, 2, 3]]), outward)
         rough = core.ground_roughness if core.side_finish == "ground" and not lit else 0.0
-        yield Shape(f"core-side-{number}", side, faces, paint if painted else Dielectric(inner, air, rough))
+        # A round core is turned, not cut into flats: light is bent by its curve.
+        normals = side * (1.0, 1.0, 0.0) / np.hypot(*side.T[:2])[:, None] if core.shape == "dome" else None
+        matter = paint if painted else Dielectric(inner, air, rough)
+        yield Shape(f"core-side-{number}", side, faces, matter, None if painted else normals)
     yield sheet("window", [top * 0.0, top], [window_z, window_z], Dielectric(inner, air))
     # The gel's rim is cut soft silicone against the housing, taken as black.
     rim = elastomer.polygon(gel, segments=72) * 0.999999
@@ -77,6 +81,16 @@ def core_and_gel(design: Design) -> Iterator[Shape]:
 
 def _interface(design: Design, outline: FloatArray) -> Iterator[Shape]:
     """Boundary of gel and core; where they have come apart, that of each with the air between them."""
+    radius_mm = design.elastomer.radius_mm
+    for shape in _interface_faces(design, outline):
+        if radius_mm is None:
+            yield shape
+            continue
+        normals = (0.0, 0.0, radius_mm) - shape.vertices
+        yield replace(shape, normals=normals / np.linalg.norm(normals, axis=1)[:, None])
+
+
+def _interface_faces(design: Design, outline: FloatArray) -> Iterator[Shape]:
     inner, soft, air = _media(design)
     centre, radius = np.asarray(design.optics.gap_centre_mm), design.optics.gap_radius_mm
     if not radius:

@@ -17,7 +17,7 @@ from designlab.scene import Scene
 from designlab.viewing import Rays
 
 if TYPE_CHECKING:
-    from designlab.render.lightfield import LightField
+    from designlab.render.lightfield import Field
     from designlab.render.shading import Shader
 
 Estimator = Literal["fast", "corrected", "reference", "path"]
@@ -47,7 +47,7 @@ FAST_BIAS = Bias(mean=0.004, block=0.05)
 
 Thing = TypeVar("Thing")
 KEPT_IN_MEMORY = 4  # designs' light fields and shaders, some 100 MB each
-LIGHTFIELD_VERSION = 7  # raise when a change of the light field makes cached ones wrong
+LIGHTFIELD_VERSION = 8  # raise when a change of the light field makes cached ones wrong
 PHOTONS_PER_SAMPLE = 24_000  # lets one effort setting rule photons and the path tracer's samples
 
 
@@ -101,7 +101,7 @@ def trace(
 
 _writer = ThreadPoolExecutor(1, thread_name_prefix="light-field-cache")
 _written: "dict[str, Future[None]]" = {}
-_fields: dict[str, "list[LightField]"] = {}
+_fields: dict[str, "list[Field]"] = {}
 _shaders: dict[str, "Shader"] = {}
 _strays: dict[str, NDArray[np.float32]] = {}
 
@@ -145,7 +145,7 @@ def shader(
     return _shaders[key]
 
 
-def _light_field(scene: Scene, area_mm: tuple[float, float], samples: int, seed: int) -> "list[LightField]":
+def _light_field(scene: Scene, area_mm: tuple[float, float], samples: int, seed: int) -> "list[Field]":
     """Bake both halves of a light field, or take them from memory or from the cache on disk."""
     from designlab.render import baking, lightfield
 
