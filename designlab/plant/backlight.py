@@ -25,11 +25,11 @@ MARGIN_MM = 1.0  # of the field around the sensing area
 LEVELS = (0.0, 0.4, 0.8)  # heights above the membrane, as shares of the gel's thickness
 ABOVE_MM = 3e-3  # nodes of the lowest level lie this far above the membrane
 EDGES = ("nearest", "nearest", "nearest", "nearest", "wrap")  # of levels, rows, columns, cells
-CLEAR_PATHS = 8  # paths a cell on average, in bundles
-LOWEST = 4.0  # paths of the lowest level over those of the others: most of a membrane is not pressed
+CLEAR_PATHS = 28  # paths a cell, were all of them worth any; in bundles
+LOWEST = 8.0  # paths of the lowest level over those of the others: most of a membrane is not pressed
 BUNDLES = (1, 4, 16, 64, 256, 1024)
 SLOW_MM, DEGREE = 2.0, 6  # nodes and fit of light that was spread
-SPREAD_PATHS, GLOW_PATHS = 20, 4  # paths a cell, the first on average
+SPREAD_PATHS, GLOW_PATHS = 15, 5  # paths a cell on average
 GLOW_MM = 2.5  # grid of the membrane's own light
 ORDERS = 3  # of light from membrane to membrane; each is a tenth of the one before or less
 KEPT = 4
@@ -41,17 +41,18 @@ class Worth(NamedTuple):
     """How paths are spread over cells.
 
     `ahead` paths a cell go ahead; a cell's variance is taken over `windows` of neighbours, and it gets paths
-    by this `power` of its standard deviation.
+    by this `power` of its standard deviation. All paths go by the power `few` of the share of cells worth any.
     """
 
     ahead: int
     windows: tuple[tuple[int, ...], ...]
     power: float
+    few: float
 
 
 # Evenly spread draws err by about 1 / n: the sum of squares is least for n as the 2/3rd power.
-EVEN = Worth(1, ((0, 1, 1, 3, 3), (0, 3, 3, 3, 3)), 2 / 3)
-CHANCE = Worth(2, ((1, 3, 3, 3, 3),), 1.0)
+EVEN = Worth(1, ((0, 1, 1, 3, 3), (0, 3, 3, 3, 3)), 2 / 3, 0.5)
+CHANCE = Worth(2, ((1, 3, 3, 3, 3),), 1.0, 0.0)
 
 
 class Stencil(NamedTuple):
@@ -208,9 +209,7 @@ def _spread(rig: Rig, groups: tuple[int, ...], leds: Tracer) -> Trace:
     unspread = Tracer(rig, groups, spreading=False, far=False)
     boards = Tracer(rig, groups, spreading=False)
 
-    def traced(
-        nodes: Array, index: NDArray[np.uint32], *, paths: int, seed: int
-    ) -> NDArray[np.float32]:
+    def traced(nodes: Array, index: NDArray[np.uint32], *, paths: int, seed: int) -> NDArray[np.float32]:
         found = leds.spread(nodes, index, paths=paths, seed=seed)
         found -= unspread.spread(nodes, index, paths=paths, seed=seed)
         return found + boards.spread(nodes, index, paths=paths, seed=seed)
@@ -272,7 +271,7 @@ def _even(trace: Trace, nodes: Array, paths: int, seed: int) -> NDArray[np.float
 def _where_worth(
     trace: Trace, nodes: Array, grid: tuple[int, int, int], paths: int, kind: Worth, seed: int
 ) -> NDArray[np.float32]:
-    """Radiance at nodes by cell, shape (groups, nodes, cells), from `paths` paths a cell on average.
+    """Radiance at nodes by cell, shape (groups, nodes, cells), from `paths` paths a cell on average, or fewer (see `Worth`).
 
     A few more paths a cell go ahead and say where they are worth most. They are not counted: where they met
     light by chance it would be too bright, and nothing but they would be there where they missed it.
@@ -297,7 +296,7 @@ def _where_worth(
     worth = (np.sqrt(variance) * rise) ** kind.power
     worth[0] *= LOWEST
     worth = worth.ravel()
-    worth *= paths / max(float(worth.mean()), 1e-30)
+    worth *= paths * float((worth > 0).mean()) ** kind.few / max(float(worth.mean()), 1e-30)
     found = np.zeros((len(ahead), len(index)), dtype=np.float32)
     ends = [0.0, *(np.sqrt(a * b) for a, b in pairwise(BUNDLES)), np.inf]
     for number, (bundle, (low, high)) in enumerate(zip(BUNDLES, pairwise(ends), strict=True)):

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 BLACK, SIDE, INTERFACE, GAP_ABOVE, GAP_BELOW, SPREADS = range(6)  # what a ray meets
 GEL, CORE, AIR, GAP = range(4)  # what a ray passes
-FAINTEST = 1e-5  # share of a ray's worth below which it is given up
+FAINTEST = 1e-4  # share of a ray's worth below which it is given up
 LAST_DRAW = 1.0 - 1e-6  # what is rounded up to one would never be drawn
 BEFORE_MM = 5e-3  # what spreads light is looked at from this near
 
@@ -26,8 +26,8 @@ class Stuff(NamedTuple):
 
     gel_index: float
     core_index: float
-    gel_per_mm: tuple[float, float, float]
-    core_per_mm: tuple[float, float, float]
+    gel_per_mm: tuple[float, ...]
+    core_per_mm: tuple[float, ...]
 
 
 class Followed(NamedTuple):
@@ -79,7 +79,9 @@ class Follower:
             table[number] = kinds.get(name, BLACK)
         self._kinds = mi.UInt32(table)
 
-    def follow(self, ray: Any, draw: Any, passing: Any = GEL, segment: Any = 0, active: Any = True) -> Followed:
+    def follow(
+        self, ray: Any, draw: Any, passing: Any = GEL, segment: Any = 0, active: Any = True
+    ) -> Followed:
         """Follow rays that start within gel, core or air.
 
         Parameters
@@ -176,7 +178,7 @@ class Follower:
         turned = met.spawn_ray(ray.d - 2.0 * dr.dot(ray.d, met.sh_frame.n) * met.sh_frame.n)
         passed = (1.0 - mirrored) * dr.square(index / other)
 
-        # At a clear side, what is in the air outside ends that part of the light; the other stays in the core.
+        # At a clear side, the part in the air ends at what stands there; the other stays in the core.
         aside = dr.select(leaves, beyond, turned)
         share_aside = share_here * dr.select(leaves, passed, mirrored)
         goes = (leaves | enters) & (dr.max(share_aside) > FAINTEST) & (segment + 1 < self._longest)
@@ -184,7 +186,9 @@ class Follower:
         goes &= stands.is_valid()
         direct = direct + dr.select(goes, share_aside * self._shines(stands, goes), 0.0)
         segment = segment + 1
-        offer(goes & (self._kind(stands, goes) == SPREADS), _before(stands, aside), share_aside, mi.UInt32(AIR))
+        offer(
+            goes & (self._kind(stands, goes) == SPREADS), _before(stands, aside), share_aside, mi.UInt32(AIR)
+        )
 
         back, back_of_gap = leaves | (within & (kind == INTERFACE)), within & (kind == GAP_ABOVE)
         factor = dr.select(back, mirrored, 0.0)
@@ -248,7 +252,7 @@ def slab_transmission(cosine: Any, index: Any, stuff: Stuff) -> Any:
 
 
 def refracted(direction: Any, normal: Any, ratio: Any) -> Any:
-    """Unit vectors beyond a boundary, Snell's law in Heckbert's form; `ratio` of the indices here and there."""
+    """Unit vectors beyond a boundary, Snell's law in Heckbert's form; `ratio` is index over index beyond."""
     import drjit as dr
 
     cosine = -dr.dot(direction, normal)

@@ -1,8 +1,8 @@
 """Light that ground sides, paint and boards spread, backwards, with clear light between them.
 
-Of the directions in which a surface spreads light, half are drawn as it spreads it and half towards the boards
-of the LEDs and their images in the window, wherever those seem to stand. Either alone would do; a direction
-counts by the chance of both (Veach and Guibas 1995, balance heuristic).
+Of the directions in which a surface spreads light, half are drawn as it spreads it and half towards the
+boards of the LEDs and their images in window and gel, roughly where they seem to stand. The first alone would
+do; a direction counts by the chance of both (Veach and Guibas 1995, balance heuristic).
 """
 
 from typing import TYPE_CHECKING, Any, NamedTuple

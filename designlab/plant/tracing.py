@@ -14,6 +14,7 @@ from designlab.matter import Dielectric, Diffuse, Shape
 from designlab.plant.beams import Face
 from designlab.plant.clear import (
     BLACK,
+    CORE,
     GAP_ABOVE,
     GAP_BELOW,
     GEL,
@@ -156,7 +157,9 @@ class Tracer:
             o, d = (np.ascontiguousarray(a[part].T, dtype=np.float32) for a in (origin, direction))
             return mi.RayDifferential3f(mi.Point3f(*o), mi.Vector3f(*d))
 
-        return self._traced(rays, len(origin), seed, 1, lambda *at: self._by_chance(*at, within))
+        return self._traced(
+            rays, len(origin), seed, 1, lambda sampler, ray: self._by_chance(sampler, ray, within)
+        )
 
     def cells(self, nodes: Array, index: NDArray[np.uint32], *, paths: int, seed: int) -> NDArray[np.float32]:
         """Mean radiance that arrives at nodes within cells of direction, shape (groups, n).
@@ -177,7 +180,9 @@ class Tracer:
         """Part of `cells` that has met mirrors and clear boundaries only, nothing but directions drawn."""
         return self._mean(nodes, index, paths, seed, lambda _, ray: self._follower.follow(ray, 0.5).direct)
 
-    def spread(self, nodes: Array, index: NDArray[np.uint32], *, paths: int, seed: int) -> NDArray[np.float32]:
+    def spread(
+        self, nodes: Array, index: NDArray[np.uint32], *, paths: int, seed: int
+    ) -> NDArray[np.float32]:
         """All of `cells` but `clear`: light that something has spread."""
         return self._mean(nodes, index, paths, seed, self._beyond)
 
@@ -223,17 +228,17 @@ class Tracer:
         if self.far:
             return self._spreader.seen(ray, sampler)
         found = self._follower.follow(ray, sampler.next_1d())
-        core, gel = (mi.MediumPtr(self._media[name]) for name in ("core", "gel"))
-        medium = dr.select(found.passing == GEL, gel, core)
-        seen = dr.max(found.worth) > 0
-        onward = mi.RayDifferential3f(found.ray)
-        light, _, _ = self._onward.sample(self._scene, sampler, onward, medium=medium, active=seen)
-        return dr.select(seen, found.worth * mi.Color3f(light), 0.0)
+        onward, seen = mi.RayDifferential3f(found.ray), dr.max(found.worth) > 0
+        total = mi.Color3f(0.0)
+        for name, passed in (("core", CORE), ("gel", GEL)):
+            mine = seen & (found.passing == passed)
+            medium = {} if self._media[name] is None else {"medium": self._media[name]}
+            light, _, _ = self._onward.sample(self._scene, sampler, onward, active=mine, **medium)
+            total += dr.select(mine, found.worth * mi.Color3f(light), 0.0)
+        return total
 
-    def _traced(
-        self, rays: Any, size: int, seed: int, together: int, look: Look
-    ) -> NDArray[np.float32]:
-        """What `look` finds along each ray, `together` neighbours sharing the dimensions of their draws evenly."""
+    def _traced(self, rays: Any, size: int, seed: int, together: int, look: Look) -> NDArray[np.float32]:
+        """What `look` finds along each ray; `together` neighbours share what is drawn evenly."""
         import mitsuba as mi
 
         found = np.empty((self._channels, size), dtype=np.float32)
@@ -331,7 +336,9 @@ def _activate() -> None:
 def _extinction(glass: Glass, groups: tuple[int, ...]) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Extinction (1/mm) of gel and core in every colour channel."""
     lost = glass.gel_absorption_per_mm, glass.core_absorption_per_mm + glass.scattering_per_mm
-    gel, core = (tuple(float(v) for v in np.pad(per_mm[list(groups)], (0, CHANNELS - len(groups)))) for per_mm in lost)
+    gel, core = (
+        tuple(float(v) for v in np.pad(per_mm[list(groups)], (0, CHANNELS - len(groups)))) for per_mm in lost
+    )
     return gel, core
 
 
@@ -426,7 +433,7 @@ def _leds(rig: Rig, glass: Glass, groups: tuple[int, ...], *, lit: bool) -> dict
 
 
 def _targets(rig: Rig, glass: Glass, groups: tuple[int, ...]) -> list[Target]:
-    """Boards of some groups, and their images in the window."""
+    """Boards of some groups, and their images in the window and in the boundary of gel and core."""
     boards, found = rig.boards, []
     for number, group in enumerate(boards.group):
         if group in groups:
@@ -440,5 +447,5 @@ def _targets(rig: Rig, glass: Glass, groups: tuple[int, ...]) -> list[Target]:
     above = [Target(window + over * t.centre, over * t.across, over * t.down) for t in found]
     below = [Target(interface + over * t.centre, over * t.across, over * t.down) for t in found]
     if glass.interface_radius_mm is not None:  # in a hollow mirror they are seen lower and larger
-        below = [Target(t.centre - 3.0 * abs(t.down[2]) * UP, t.across, 3.5 * t.down) for t in below]
+        below = [Target(t.centre - 5.5 * abs(t.down[2]) * UP, t.across, 4.0 * t.down) for t in below]
     return found + above + below
