@@ -41,7 +41,8 @@ class Worth(NamedTuple):
     """How paths are spread over cells.
 
     `ahead` paths a cell go ahead; a cell's variance is taken over `windows` of neighbours, and it gets paths
-    by this `power` of its standard deviation. All paths go by the power `few` of the share of cells worth any.
+    by this `power` of its standard deviation. All paths go by the power `few` of the share of
+    cells that are worth any.
     """
 
     ahead: int
@@ -271,7 +272,7 @@ def _even(trace: Trace, nodes: Array, paths: int, seed: int) -> NDArray[np.float
 def _where_worth(
     trace: Trace, nodes: Array, grid: tuple[int, int, int], paths: int, kind: Worth, seed: int
 ) -> NDArray[np.float32]:
-    """Radiance at nodes by cell, shape (groups, nodes, cells), from `paths` paths a cell on average, or fewer (see `Worth`).
+    """Radiance at nodes by cell, shape (groups, nodes, cells), from `paths` paths a cell or fewer.
 
     A few more paths a cell go ahead and say where they are worth most. They are not counted: where they met
     light by chance it would be too bright, and nothing but they would be there where they missed it.
