@@ -1,7 +1,8 @@
-"""Radiance along given rays within the gel, by the stock path tracers of the rendering engine.
+"""Light along given rays within the gel, in a scene of the rendering engine.
 
-The only place where the generator meets the engine: its own scene, the engine's unchanged integrators,
-started at the membrane. Up to three LED groups share a scene, one in each colour channel.
+The generator's own scene, the engine's unchanged integrators, started at the membrane; and in their place
+`clear` and `spreading`, which leave less to chance. Up to three LED groups share a scene, one in each colour
+channel.
 """
 
 from collections.abc import Callable
