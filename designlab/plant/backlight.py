@@ -2,6 +2,7 @@
 
 import hashlib
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -17,21 +18,42 @@ from designlab.plant.tracing import AZIMUTHS, CHANNELS, COLATITUDES, Glow, Trace
 from geometries import elastomer
 
 Array = NDArray[np.float64]
+Trace = Callable[..., NDArray[np.float32]]  # such as the methods of a tracer
 
 PITCH_MM, GAP_PITCH_MM = 1.0, 0.7  # of the nodes; the shade of a gap between core and gel has sharp edges
 MARGIN_MM = 1.0  # of the field around the sensing area
 LEVELS = (0.0, 0.4, 0.8)  # heights above the membrane, as shares of the gel's thickness
 ABOVE_MM = 3e-3  # nodes of the lowest level lie this far above the membrane
 EDGES = ("nearest", "nearest", "nearest", "nearest", "wrap")  # of levels, rows, columns, cells
-CRISP_PATHS = 8  # paths a cell on average, in bundles
-BUNDLES = (1, 4, 16, 64, 256)
+CLEAR_PATHS = 28  # paths a cell, were all of them worth any; in bundles
+LOWEST = 8.0  # paths of the lowest level over those of the others: most of a membrane is not pressed
+BUNDLES = (1, 4, 16, 64, 256, 1024)
 SLOW_MM, DEGREE = 2.0, 6  # nodes and fit of light that was spread
-SPREAD_PATHS, GLOW_PATHS = 16, 4  # paths a cell
+SPREAD_PATHS, GLOW_PATHS = 15, 5  # paths a cell on average
 GLOW_MM = 2.5  # grid of the membrane's own light
 ORDERS = 3  # of light from membrane to membrane; each is a tenth of the one before or less
 KEPT = 4
 
 _fields: "OrderedDict[str, LightField]" = OrderedDict()
+
+
+class Worth(NamedTuple):
+    """How paths are spread over cells.
+
+    `ahead` paths a cell go ahead; a cell's variance is taken over `windows` of neighbours, and it gets paths
+    by this `power` of its standard deviation. All paths go by the power `few` of the share of
+    cells that are worth any.
+    """
+
+    ahead: int
+    windows: tuple[tuple[int, ...], ...]
+    power: float
+    few: float
+
+
+# Evenly spread draws err by about 1 / n: the sum of squares is least for n as the 2/3rd power.
+EVEN = Worth(1, ((0, 1, 1, 3, 3), (0, 3, 3, 3, 3)), 2 / 3, 0.5)
+CHANCE = Worth(2, ((1, 3, 3, 3, 3),), 1.0, 0.0)
 
 
 class Stencil(NamedTuple):
@@ -129,16 +151,16 @@ def _axes(rig: Rig, pitch_mm: float) -> list[Array]:
 def _field(
     rig: Rig, groups: tuple[int, ...], axes: tuple[Array, Array, Array], seed: int
 ) -> tuple[NDArray[np.float32], Array]:
-    """Radiance of some groups at nodes by cell: crisp light from the LEDs, and spread light; and the glow.
+    """Radiance of some groups at nodes by cell: clear light from the LEDs, and spread light; and the glow.
 
-    Crisp is what met mirrors and clear boundaries only, or a board. Spread light, off ground sides, paint,
-    haze and the membrane, varies slowly from place to place: it is traced at fewer nodes and fitted by
+    Clear is what met mirrors and clear boundaries only. Spread light, off boards, ground sides, paint, haze
+    and the membrane, varies slowly from place to place: it is traced at fewer nodes and fitted by
     polynomials. The membrane's own light is found on a coarse grid over the whole gel: what the LEDs send,
     and the share of its glow that comes back. The glow is then traced as an emitter, so that few paths do.
     """
     x, y, height = axes
     whole = rig if rig.glass is None else replace(rig, glass=replace(rig.glass, gap=None))
-    leds, crisp = Tracer(whole, groups), Tracer(whole, groups, spreading=False)
+    leds = Tracer(whole, groups)
     outline = np.abs(elastomer.polygon(rig.elastomer)).max(axis=0)
     counts = [2 * int(np.ceil(reach / GLOW_MM)) + 1 for reach in outline]
     whole_x, whole_y = (GLOW_MM * (np.arange(float(count)) - count // 2) for count in counts)
@@ -154,14 +176,16 @@ def _field(
     def glow(irradiance: Array) -> Array:
         return (albedo / np.pi * irradiance).reshape(len(groups), *counts[::-1])
 
-    arriving = [(_even(leds, coarse, 4, seed) * cosine).sum(axis=2)]
+    arriving = [(_even(leds.cells, coarse, 4, seed) * cosine).sum(axis=2)]
     for order in range(1, ORDERS):
-        arriving.append((_even(glowing(arriving[-1]), coarse, 2, seed + order) * cosine).sum(axis=2))
+        arriving.append((_even(glowing(arriving[-1]).cells, coarse, 2, seed + order) * cosine).sum(axis=2))
     slow_x, slow_y = _axes(rig, SLOW_MM)
     ends = height[[0, -1]]
     nodes = _nodes(rig, slow_x, slow_y, ends)
-    spread = _even(leds, nodes, SPREAD_PATHS, seed + 11) - _even(crisp, nodes, SPREAD_PATHS, seed + 11)
-    spread += _even(glowing(np.sum(arriving, axis=0)), nodes, GLOW_PATHS, seed + 12)
+    slow = len(ends), len(slow_y), len(slow_x)
+    spread = _where_worth(_spread(whole, groups, leds), nodes, slow, SPREAD_PATHS, CHANCE, seed + 11)
+    glows = glowing(np.sum(arriving, axis=0)).cells
+    spread += _where_worth(glows, nodes, slow, GLOW_PATHS, CHANCE, seed + 12)
     onto = _polynomials(x, y) @ np.linalg.pinv(_polynomials(slow_x, slow_y))
     spread = spread.reshape(len(groups) * len(ends), slow_x.size * slow_y.size, -1)
     low, high = np.moveaxis(
@@ -170,11 +194,28 @@ def _field(
     rise = ((height - ends[0]) / (ends[1] - ends[0])).astype(np.float32)
     found = np.stack([(1 - share) * low + share * high for share in rise], axis=1)
     nodes, grid = _nodes(rig, x, y, height), (len(height), len(y), len(x))
+    clear = leds
     if rig.glass is not None and rig.glass.gap is not None:
         _part(found, rig, groups, nodes)
-        crisp = Tracer(rig, groups, spreading=False)
-    found += _where_worth(crisp, nodes, grid, seed + 13).reshape(found.shape)
+        clear = Tracer(rig, groups)
+    found += _where_worth(clear.clear, nodes, grid, CLEAR_PATHS, EVEN, seed + 13).reshape(found.shape)
     return found, glow(np.sum(arriving, axis=0))
+
+
+def _spread(rig: Rig, groups: tuple[int, ...], leds: Tracer) -> Trace:
+    """Trace light of LEDs that something has spread."""
+    if leds.far:
+        return leds.spread
+    # In haze all light is traced, and what is not spread is taken off with the same random numbers.
+    unspread = Tracer(rig, groups, spreading=False, far=False)
+    boards = Tracer(rig, groups, spreading=False)
+
+    def traced(nodes: Array, index: NDArray[np.uint32], *, paths: int, seed: int) -> NDArray[np.float32]:
+        found = leds.spread(nodes, index, paths=paths, seed=seed)
+        found -= unspread.spread(nodes, index, paths=paths, seed=seed)
+        return found + boards.spread(nodes, index, paths=paths, seed=seed)
+
+    return traced
 
 
 def _part(spread: NDArray[np.float32], rig: Rig, groups: tuple[int, ...], nodes: Array) -> None:
@@ -221,18 +262,20 @@ def _nodes(rig: Rig, x: Array, y: Array, height: Array) -> Array:
     return np.column_stack([column, row, base_z(rig.elastomer.radius_mm, column, row) + level + ABOVE_MM])
 
 
-def _even(tracer: Tracer, nodes: Array, paths: int, seed: int) -> NDArray[np.float32]:
+def _even(trace: Trace, nodes: Array, paths: int, seed: int) -> NDArray[np.float32]:
     """Radiance at nodes by cell, shape (groups, nodes, cells), from as many paths in every cell."""
     shape = len(nodes), COLATITUDES * AZIMUTHS
     index = np.arange(shape[0] * shape[1], dtype=np.uint32)
-    return tracer.cells(nodes, index, paths=paths, seed=seed).reshape(-1, *shape)
+    return trace(nodes, index, paths=paths, seed=seed).reshape(-1, *shape)
 
 
-def _where_worth(tracer: Tracer, nodes: Array, grid: tuple[int, int, int], seed: int) -> NDArray[np.float32]:
-    """Radiance at nodes by cell, shape (groups, nodes, cells), from `CRISP_PATHS` paths a cell on average.
+def _where_worth(
+    trace: Trace, nodes: Array, grid: tuple[int, int, int], paths: int, kind: Worth, seed: int
+) -> NDArray[np.float32]:
+    """Radiance at nodes by cell, shape (groups, nodes, cells), from `paths` paths a cell or fewer.
 
-    One more path a cell goes ahead and says where they are worth most. It is not counted: where it met light
-    by chance it would be too bright, and nothing but it would be there where it missed it.
+    A few more paths a cell go ahead and say where they are worth most. They are not counted: where they met
+    light by chance it would be too bright, and nothing but they would be there where they missed it.
 
     Parameters
     ----------
@@ -243,22 +286,24 @@ def _where_worth(tracer: Tracer, nodes: Array, grid: tuple[int, int, int], seed:
     index = np.arange(np.prod(shape), dtype=np.uint32)
     rise = directions()[0][:, 2].astype(np.float32).reshape(shape[3:])
     variance = np.zeros(shape, dtype=np.float32)
-    ahead = tracer.cells(nodes, index, paths=1, seed=seed)
-    for values in ahead.reshape(len(ahead), *shape):
-        whole = max(float((values * rise).mean()) ** 2, 1e-30)
-        # Neighbours tell what one path cannot: an edge runs through them, or some light is mirrored faintly.
-        for window in ((0, 1, 1, 3, 3), (0, 3, 3, 3, 3)):
-            mean, second = (uniform_filter(a, window, mode=EDGES) for a in (values, values**2))
-            variance += np.maximum(second - mean**2, 0.0) / whole
-    # Evenly spread draws err by about 1 / n: the sum of squares is least for n as the 2/3rd power.
-    worth = (np.sqrt(variance) * rise).ravel() ** (2 / 3)
-    worth *= CRISP_PATHS / max(float(worth.mean()), 1e-30)
+    for number in range(kind.ahead):
+        ahead = trace(nodes, index, paths=1, seed=seed + 100 * number)
+        for values in ahead.reshape(len(ahead), *shape):
+            whole = max(float((values * rise).mean()) ** 2, 1e-30)
+            # Neighbours tell what one path cannot: an edge runs through them, or light is met by chance.
+            for window in kind.windows:
+                mean, second = (uniform_filter(a, window, mode=EDGES) for a in (values, values**2))
+                variance += np.maximum(second - mean**2, 0.0) / whole
+    worth = (np.sqrt(variance) * rise) ** kind.power
+    worth[0] *= LOWEST
+    worth = worth.ravel()
+    worth *= paths * float((worth > 0).mean()) ** kind.few / max(float(worth.mean()), 1e-30)
     found = np.zeros((len(ahead), len(index)), dtype=np.float32)
     ends = [0.0, *(np.sqrt(a * b) for a, b in pairwise(BUNDLES)), np.inf]
-    for number, (paths, (low, high)) in enumerate(zip(BUNDLES, pairwise(ends), strict=True)):
+    for number, (bundle, (low, high)) in enumerate(zip(BUNDLES, pairwise(ends), strict=True)):
         chosen = index[(worth >= low) & (worth < high)]
         if len(chosen):
-            found[:, chosen] = tracer.cells(nodes, chosen, paths=paths, seed=seed + 1 + number)
+            found[:, chosen] = trace(nodes, chosen, paths=bundle, seed=seed + 1 + number)
     return found.reshape(len(found), len(nodes), -1)
 
 

@@ -1,9 +1,11 @@
-"""Radiance along given rays within the gel, by the stock path tracers of the rendering engine.
+"""Light along given rays within the gel, in a scene of the rendering engine.
 
-The only place where the generator meets the engine: its own scene, the engine's unchanged integrators,
-started at the membrane. Up to three LED groups share a scene, one in each colour channel.
+The generator's own scene, the engine's unchanged integrators, started at the membrane; and in their place
+`clear` and `spreading`, which leave less to chance. Up to three LED groups share a scene, one in each colour
+channel.
 """
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -11,23 +13,39 @@ from numpy.typing import NDArray
 
 from designlab.matter import Dielectric, Diffuse, Shape
 from designlab.plant.beams import Face
+from designlab.plant.clear import (
+    BLACK,
+    CORE,
+    GAP_ABOVE,
+    GAP_BELOW,
+    GEL,
+    INTERFACE,
+    SIDE,
+    SPREADS,
+    Follower,
+    Stuff,
+)
 from designlab.plant.glass import Disc, Glass, interface_z
 from designlab.plant.meshes import SEGMENTS, Mesh, joining_mm, membrane, package, sheet
 from designlab.plant.rig import Rig
+from designlab.plant.spreading import LARGER, Spreader, Target
 
 if TYPE_CHECKING:
     import mitsuba
 
 Array = NDArray[np.float64]
+Look = Callable[[Any, Any], Any]  # what a sampler and rays make of a scene
 
 CHANNELS = 3
 WAVEFRONT = 4_000_000  # rays traced at once; bounds memory
 FACE_MM = 1e-3  # emitting faces stand this far before their board
 GAP_MM = 0.02  # of air, where the gel has come off
 COLATITUDES, AZIMUTHS = 36, 108  # cells of equal solid angle over the upper half-space
+UP = np.array([0.0, 0.0, 1.0])
 R2 = (0.7548776662466927, 0.5698402909980532)
 LEAST_PER_MM = 1e-6
 MOST_LOST = 1e-5  # share of paths whose radiance is no number
+BETWEEN = {"interface": INTERFACE, "gap-above": GAP_ABOVE, "gap-below": GAP_BELOW}  # gel and core
 CAMERA_SEGMENTS = 3  # of a path, from the membrane through interface and window to the camera
 
 
@@ -67,12 +85,21 @@ class Tracer:
 
     spreading : bool
         Without it all that spreads light is black but for boards: ground and painted sides, housing, haze.
+    far : bool
+        Whether `clear` and `spread` follow rays beyond the boundary of gel and core. Where haze spreads light
+        they cannot: there `spread` is all light, from that boundary on.
 
     The membrane itself is always black.
     """
 
     def __init__(
-        self, rig: Rig, groups: tuple[int, ...], *, glow: "Glow | None" = None, spreading: bool = True
+        self,
+        rig: Rig,
+        groups: tuple[int, ...],
+        *,
+        glow: "Glow | None" = None,
+        spreading: bool = True,
+        far: bool = True,
     ) -> None:
         glass = rig.glass
         if glass is None:
@@ -94,11 +121,22 @@ class Tracer:
         for shape in glass.walls:
             content[shape.name] = self._wall(shape, glass, groups)
         content |= self._interface(glass)
-        content |= _leds(rig, glass, groups, lit=glow is None)
-        self._scene = mi.load_dict(content)
+        leds = _leds(rig, glass, groups, lit=glow is None)
+        self._scene = mi.load_dict(content | leds)
         kind = "path" if glass.clear else "volpath"
         depth = max(rig.path_length - CAMERA_SEGMENTS, 1)
         self._integrator = mi.load_dict({"type": kind, "max_depth": depth, "rr_depth": 1000})
+        # From the core on: the way through the gel is one segment.
+        self._onward = mi.load_dict({"type": kind, "max_depth": max(depth - 1, 1), "rr_depth": 1000})
+        self.far = far and not (spreading and glass.scattering_per_mm)
+        self._follower = Follower(
+            self._scene,
+            {shape.name: self._kind(shape) for shape in glass.walls} | BETWEEN | dict.fromkeys(leds, SPREADS),
+            Stuff(glass.gel_index, glass.core_index, *_extinction(glass, groups)),
+            longest=depth,
+            far=self.far,
+        )
+        self._spreader = Spreader(self._scene, self._follower, _targets(rig, glass, groups))
 
     def radiance(
         self, origin: Array, direction: Array, *, seed: int, within: str = "gel"
@@ -120,7 +158,9 @@ class Tracer:
             o, d = (np.ascontiguousarray(a[part].T, dtype=np.float32) for a in (origin, direction))
             return mi.RayDifferential3f(mi.Point3f(*o), mi.Vector3f(*d))
 
-        return self._traced(rays, len(origin), seed, 1, within)
+        return self._traced(
+            rays, len(origin), seed, 1, lambda sampler, ray: self._by_chance(sampler, ray, within)
+        )
 
     def cells(self, nodes: Array, index: NDArray[np.uint32], *, paths: int, seed: int) -> NDArray[np.float32]:
         """Mean radiance that arrives at nodes within cells of direction, shape (groups, n).
@@ -135,6 +175,21 @@ class Tracer:
             Paths for each of them. They share what is drawn at every boundary evenly (multi-jittered), and
             within the cell their first directions follow the additive recurrence R2 (Roberts 2018).
         """
+        return self._mean(nodes, index, paths, seed, self._by_chance)
+
+    def clear(self, nodes: Array, index: NDArray[np.uint32], *, paths: int, seed: int) -> NDArray[np.float32]:
+        """Part of `cells` that has met mirrors and clear boundaries only, nothing but directions drawn."""
+        return self._mean(nodes, index, paths, seed, lambda _, ray: self._follower.follow(ray, 0.5).direct)
+
+    def spread(
+        self, nodes: Array, index: NDArray[np.uint32], *, paths: int, seed: int
+    ) -> NDArray[np.float32]:
+        """All of `cells` but `clear`: light that something has spread."""
+        return self._mean(nodes, index, paths, seed, self._beyond)
+
+    def _mean(
+        self, nodes: Array, index: NDArray[np.uint32], paths: int, seed: int, look: Look
+    ) -> NDArray[np.float32]:
         import drjit as dr
         import mitsuba as mi
 
@@ -155,13 +210,36 @@ class Tracer:
             origin = mi.Point3f(*(dr.gather(mi.Float, axis, node) for axis in place))
             return mi.RayDifferential3f(origin, mi.Vector3f(level * dr.cos(turn), level * dr.sin(turn), rise))
 
-        found = self._traced(rays, len(index) * paths, seed, paths)
+        found = self._traced(rays, len(index) * paths, seed, paths, look)
         return np.asarray(found.reshape(len(found), len(index), paths).mean(axis=2))
 
-    def _traced(
-        self, rays: Any, size: int, seed: int, together: int, within: str = "gel"
-    ) -> NDArray[np.float32]:
-        """One path along each ray, `together` neighbours sharing the dimensions of their draws evenly."""
+    def _by_chance(self, sampler: Any, ray: Any, within: str = "gel") -> Any:
+        """One path of the engine along every ray."""
+        import mitsuba as mi
+
+        stuff = self._media[within]
+        medium = {} if stuff is None else {"medium": mi.MediumPtr(stuff)}
+        return self._integrator.sample(self._scene, sampler, ray, **medium)[0]
+
+    def _beyond(self, sampler: Any, ray: Any) -> Any:
+        """What each ray sees of things that spread light; in haze by one path of the engine."""
+        import drjit as dr
+        import mitsuba as mi
+
+        if self.far:
+            return self._spreader.seen(ray, sampler)
+        found = self._follower.follow(ray, sampler.next_1d())
+        onward, seen = mi.RayDifferential3f(found.ray), dr.max(found.worth) > 0
+        total = mi.Color3f(0.0)
+        for name, passed in (("core", CORE), ("gel", GEL)):
+            mine = seen & (found.passing == passed)
+            medium = {} if self._media[name] is None else {"medium": self._media[name]}
+            light, _, _ = self._onward.sample(self._scene, sampler, onward, active=mine, **medium)
+            total += dr.select(mine, found.worth * mi.Color3f(light), 0.0)
+        return total
+
+    def _traced(self, rays: Any, size: int, seed: int, together: int, look: Look) -> NDArray[np.float32]:
+        """What `look` finds along each ray; `together` neighbours share what is drawn evenly."""
         import mitsuba as mi
 
         found = np.empty((self._channels, size), dtype=np.float32)
@@ -175,9 +253,7 @@ class Tracer:
             sampler = mi.load_dict(kind)
             sampler.set_samples_per_wavefront(together)
             sampler.seed(int(np.random.SeedSequence([seed, number]).generate_state(1)[0]), count)
-            stuff = self._media[within]
-            medium = {} if stuff is None else {"medium": mi.MediumPtr(stuff)}
-            spectrum, _, _ = self._integrator.sample(self._scene, sampler, rays(part), **medium)
+            spectrum = look(sampler, rays(part))
             found[:, part] = np.asarray(spectrum).reshape(CHANNELS, count)[: self._channels]
         # In haze the engine divides zero by zero once in millions of paths; such a path brings nothing.
         lost = ~np.isfinite(found)
@@ -185,6 +261,14 @@ class Tracer:
             raise RuntimeError(f"{lost.mean():.2%} of the paths within the gel end without a number")
         found[lost] = 0.0
         return found
+
+    def _kind(self, shape: Shape) -> int:
+        """What a wall is to clear light."""
+        rough = isinstance(shape.material, Dielectric) and shape.material.roughness
+        if isinstance(shape.material, Dielectric) and not rough:
+            return SIDE
+        bright = rough or (isinstance(shape.material, Diffuse) and any(shape.material.reflectance))
+        return SPREADS if self._spreading and bright else BLACK
 
     def _wall(self, shape: Shape, glass: Glass, groups: tuple[int, ...]) -> "mitsuba.Mesh":
         mesh = Mesh(shape.vertices, shape.faces.astype(np.int64), shape.normals)
@@ -248,6 +332,15 @@ def _activate() -> None:
             "optics.light_path: measurements behind glass need LLVM 17 or newer, or CUDA "
             "(see `designlab doctor`)"
         )
+
+
+def _extinction(glass: Glass, groups: tuple[int, ...]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Extinction (1/mm) of gel and core in every colour channel."""
+    lost = glass.gel_absorption_per_mm, glass.core_absorption_per_mm + glass.scattering_per_mm
+    gel, core = (
+        tuple(float(v) for v in np.pad(per_mm[list(groups)], (0, CHANNELS - len(groups)))) for per_mm in lost
+    )
+    return gel, core
 
 
 def _rgb(values: Array) -> dict[str, Any]:
@@ -338,3 +431,22 @@ def _leds(rig: Rig, glass: Glass, groups: tuple[int, ...], *, lit: bool) -> dict
                 radiance=radiance,
             ).entry(paint)
     return content
+
+
+def _targets(rig: Rig, glass: Glass, groups: tuple[int, ...]) -> list[Target]:
+    """Boards of some groups, and their images in the window and in the boundary of gel and core."""
+    boards, found = rig.boards, []
+    for number, group in enumerate(boards.group):
+        if group in groups:
+            way_mm = joining_mm(boards, number, glass) if glass.bonded else 0.0
+            centre = boards.centre[number] + way_mm * boards.normal[number]
+            across = LARGER * boards.half[number, 0] * boards.across[number]
+            down = LARGER * boards.half[number, 1] * boards.down[number]
+            found.append(Target(centre, across, down))
+    over = np.array([1.0, 1.0, -1.0])
+    window, interface = (np.array([0.0, 0.0, 2 * z]) for z in (glass.window_mm, glass.thickness_mm))
+    above = [Target(window + over * t.centre, over * t.across, over * t.down) for t in found]
+    below = [Target(interface + over * t.centre, over * t.across, over * t.down) for t in found]
+    if glass.interface_radius_mm is not None:  # in a hollow mirror they are seen lower and larger
+        below = [Target(t.centre - 5.5 * abs(t.down[2]) * UP, t.across, 4.0 * t.down) for t in below]
+    return found + above + below

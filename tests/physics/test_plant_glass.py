@@ -201,6 +201,45 @@ def test_narrow_and_tilted_beams_have_their_intensity(exponent):
     assert found == pytest.approx(expected, rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("design", "effect", "tolerance"),
+    [
+        (FLAT, {}, 0.015),
+        (DOME, {}, 0.05),
+        (FLAT, {"absorption": {"red_per_mm": 0.02}}, 0.015),
+        (FLAT, {"core_scatter": {"per_mm": 0.01}}, 0.03),
+        (FLAT, {"delamination": {"x_mm": 3.0, "y_mm": 2.0, "radius_mm": 4.0}}, 0.015),
+    ],
+    ids=["plane", "dome", "absorbing", "hazy", "gap"],
+)
+@pytest.mark.llvm
+def test_clear_and_spread_light_are_all_that_the_engine_finds_by_chance(design, effect, tolerance):
+    rig, _ = effects.apply(Rig.of(design), effect)
+    tracer, nodes = Tracer(rig, (0, 1, 2)), np.array([[2.0, 1.0, 0.1], [-5.0, 3.0, 0.5]])
+    towards, _ = directions()
+    index = np.arange(len(nodes) * len(towards), dtype=np.uint32)
+
+    def received(trace, paths):
+        found = trace(nodes, index, paths=paths, seed=1).reshape(3, len(nodes), -1)
+        return (found * towards[:, 2]).sum(axis=(1, 2))
+
+    parts = received(tracer.spread, 64)
+    if tracer.far:
+        parts = parts + received(tracer.clear, 64)
+    assert parts == pytest.approx(received(tracer.cells, 1024), rel=tolerance)
+
+
+@pytest.mark.llvm
+def test_clear_light_leaves_nothing_to_chance_but_directions():
+    """Two seeds agree where the engine's choice between mirrored and refracted light alone makes 1 %."""
+    tracer, towards = Tracer(Rig.of(FLAT), (0, 1, 2)), directions()[0]
+    index = np.arange(len(towards), dtype=np.uint32)
+    found = [
+        (tracer.clear(NODE[None], index, paths=256, seed=seed) * towards[:, 2]).sum(axis=1) for seed in (1, 2)
+    ]
+    assert found[0] == pytest.approx(found[1], rel=4e-3)
+
+
 def test_moved_bonded_leds_stay_joined_to_the_core():
     rig, _ = effects.apply(Rig.of(FLAT), {"led_position": {"height_mm": 0.7, "tangential_mm": 0.3}})
     boards = rig.boards
@@ -231,7 +270,7 @@ def test_gap_between_gel_and_core_reflects_flat_light_totally():
 
 @pytest.mark.llvm
 def test_indices_of_one_are_light_in_air(monkeypatch):
-    quick(monkeypatch, CRISP_PATHS=12, SPREAD_PATHS=1, GLOW_PATHS=1, PITCH_MM=2.0, LEVELS=(0.0, 0.5))
+    quick(monkeypatch, CLEAR_PATHS=12, SPREAD_PATHS=1, GLOW_PATHS=1, PITCH_MM=2.0, LEVELS=(0.0, 0.5))
     design = FLAT.replace(
         BLACK | {"optics.gelcore_index": 1.0, "optics.elastomer_index": 1.0, "sensing_area_mm": (6.0, 4.0)}
     )
