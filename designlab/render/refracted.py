@@ -151,10 +151,8 @@ class _Face:
         along, down = ((2 * np.arange(n) + 1) / n - 1 for n in self.counts)
         down, along = (axis.ravel()[:, None] for axis in np.meshgrid(down, along, indexing="ij"))
         light = self.light
-        place = (
-            np.array(light.centre_mm)
-        place = place + self.half[0] * along * light.across + self.half[1] * down * light.down
-        )
+        aside = self.half[0] * along * light.across + self.half[1] * down * light.down
+        place = np.array(light.centre_mm) + aside
         return np.column_stack([place, np.full(len(place), self.half[1] / self.counts[1])])
 
 
