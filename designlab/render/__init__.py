@@ -48,6 +48,7 @@ FAST_BIAS = Bias(mean=0.004, block=0.05)
 Thing = TypeVar("Thing")
 KEPT_IN_MEMORY = 4  # designs' light fields and shaders, some 100 MB each
 LIGHTFIELD_VERSION = 8  # raise when a change of the light field makes cached ones wrong
+FINE = 128  # samples from which on light behind glass is looked at more closely where it changes sharply
 PHOTONS_PER_SAMPLE = 24_000  # lets one effort setting rule photons and the path tracer's samples
 
 
@@ -141,7 +142,7 @@ def shader(
         halves = _light_field(undeformed, area_mm, samples, seed)
         field = mean(halves if half is None else halves[half : half + 1])
         stray = partial(_stray, photons=samples * PHOTONS_PER_SAMPLE // 2, seed=seed, half=half)
-        _remember(_shaders, key, Shader(field, undeformed, untouched, stray))
+        _remember(_shaders, key, Shader(field, undeformed, untouched, stray, fine=samples >= FINE))
     return _shaders[key]
 
 

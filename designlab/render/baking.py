@@ -29,8 +29,7 @@ Single = NDArray[np.float32]
 STEEPEST_COSINE = 0.02  # light more grazing than this weighs as if it came at this angle
 PILOT_SHARE = 0.2  # of the photons, traced beforehand to learn where on the LEDs others are best started
 SHARE_IN_AIR = 0.5  # of the photons that effort stands for: there their landings tell directions only
-SMOOTH_DEGREE = 2  # of the polynomial fitted to light that does not come straight
-SMOOTH_CELLS, SMOOTH_IN_AIR = 21, 13  # over which it is fitted: 7.3 mm, in air 4.5 mm
+SMOOTH_CELLS, SMOOTH_DEGREE = 13, 2  # of the polynomial fitted to light that comes not straight, 4.5 mm wide
 GATHERED_SHARE = 1 / 256  # of the photons, whose matte reflections in air shine on every point
 LATTICE_MM = 2.5  # between the points that they shine on
 HALF_FILLED = 0.5  # cells on the membrane's edge count as this full at least
@@ -64,7 +63,6 @@ def bake(scene: Scene, *, area_mm: tuple[float, float], photons: int, seeds: Seq
             _smooth(
                 _field([landed for landed, _ in lots], filled),
                 filled[1] > HALF_FILLED,
-                SMOOTH_CELLS if scene.refracts else SMOOTH_IN_AIR,
             ),
             [gathered for _, gathered in lots],
         )
@@ -186,18 +184,18 @@ def _with_gathered(field: Field, gathered: Sequence[Array | None]) -> Field:
     return replace(field, irradiance=(field.irradiance + np.array(added)).astype(np.float32))
 
 
-def _smooth(field: Field, filled: NDArray[np.bool_], cells: int) -> Field:
+def _smooth(field: Field, filled: NDArray[np.bool_]) -> Field:
     """Take noise out of light that was reflected on its way, which varies over millimetres only.
 
     Each cell gets the value of the quadratic polynomial fitted to the cells around it (Savitzky and Golay
     1964), where all of them lie on the membrane.
     """
-    if min(filled.shape) < cells:
+    if min(filled.shape) < SMOOTH_CELLS:
         return field
     fitted = field.irradiance
     for axis in (1, 2):
-        fitted = savgol_filter(fitted, cells, SMOOTH_DEGREE, axis=axis, mode="nearest")
-    inner = binary_erosion(filled, np.ones((cells, cells), dtype=bool))
+        fitted = savgol_filter(fitted, SMOOTH_CELLS, SMOOTH_DEGREE, axis=axis, mode="nearest")
+    inner = binary_erosion(filled, np.ones((SMOOTH_CELLS, SMOOTH_CELLS), dtype=bool))
     return replace(field, irradiance=np.where(inner, fitted, field.irradiance).astype(np.float32))
 
 

@@ -15,6 +15,7 @@ BATCH = 5_000_000  # photons traced at once; bounds memory
 FAINT = 1 / 16  # photons that lost all but this share of their power live on by chance
 FACE_CELLS, DIRECTION_CELLS = 4, 32  # of a guide, along each side of an LED's face and of its directions
 UNGUIDED = 0.2  # share of photons that a guide leaves alone, so that no way is missed
+MIRRORED = 0.5  # share from which on a boundary counts as a mirror
 SITS_MM = 0.5  # an LED this near a side of the core sits on it
 STRAIGHT = 6  # boundaries on a straight way: interface, a side, mirrors, those of a gap of air
 PILOT = 200_000  # photons that a guide is learnt from
@@ -159,8 +160,8 @@ def load(scene: Scene, group: int) -> Any:
 class Mirrors:
     """Boundaries off which light of an LED group goes straight on.
 
-    The window mirrors; the core's sides, and gel and core, do where they let nothing pass. Sides that the
-    group's own LEDs sit on do not count: what they mirror begins beside the image of an LED.
+    The window mirrors; the core's sides, and gel and core, do where less passes than is mirrored. Sides
+    that the group's own LEDs sit on do not count: what they mirror begins beside the image of an LED.
     """
 
     def __init__(self, scene: Scene, group: int, loaded: Any) -> None:
@@ -176,13 +177,13 @@ class Mirrors:
                 kinds[numbers[shape.name]] = 2
         self._kinds = mi.UInt32(kinds)
 
-    def count(self, shape: Any, total: Any) -> Any:
-        """Whether what a shape mirrors goes straight on, and what it lets pass does not."""
+    def count(self, shape: Any, reflected: Any) -> Any:
+        """Whether light goes straight on where a shape mirrors that share of it, not where it passes."""
         import drjit as dr
         import mitsuba as mi
 
         kind = dr.gather(mi.UInt32, self._kinds, dr_index(shape))
-        return (kind == 2) | ((kind == 1) & total)
+        return (kind == 2) | ((kind == 1) & (reflected > MIRRORED))
 
 
 def _sits_on(scene: Scene, group: int, side: Shape) -> bool:
@@ -355,10 +356,11 @@ def _batch(
         depth = depth + 1
         active = active & (power > 0) & (depth < longest)
         matte = mi.has_flag(sample.sampled_type, mi.BSDFFlags.DiffuseReflection) & ~scattered
+        # The engine draws between the two with Fresnel's shares.
         through = mi.has_flag(sample.sampled_type, mi.BSDFFlags.DeltaTransmission)
-        through = through & ~mirrors.count(si.shape, False)
+        through = through & ~mirrors.count(si.shape, 1.0 - sample.pdf)
         mirrored = mi.has_flag(sample.sampled_type, mi.BSDFFlags.DeltaReflection)
-        mirrored = mirrored & mirrors.count(si.shape, sample.pdf >= 1.0)
+        mirrored = mirrored & mirrors.count(si.shape, sample.pdf)
         straight = straight & ~scattered & (through | mirrored) & (depth <= most)
         if leaves is not None:
             leaves(Reflection(si, power, met, number, matte), active & ~scattered)

@@ -5,18 +5,19 @@ the membrane lines of sight are followed in small cells of direction. Where each
 and its neighbours do, tells how much of the cell the face fills: light behind glass has no grain.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
+from scipy.interpolate import make_interp_spline
+from scipy.ndimage import binary_dilation, distance_transform_edt, maximum_filter
 
 from designlab.press import Surface
 from designlab.render.direct import visible
+from designlab.render.emitters import Directions
 from designlab.render.gather import on_membrane
 from designlab.render.nodes import Nodes, Response
 from designlab.render.sight import Last, Sight
@@ -27,14 +28,17 @@ from designlab.scene import Light, Scene
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
-Indices = NDArray[np.int64]
-NODE_MM = 1.0  # between the points that look at the LEDs
+Mask = NDArray[np.bool_]
+NODE_MM = 0.5  # between the points that look at the LEDs
+BENT = 0.1  # of the mean: where the fourth difference of light is more, all points look
 CELLS = (32, 120)  # of slant and azimuth, all around: 3 deg wide
-SPANS = np.radians(94.0), 2 * np.pi  # on a dome light can come from slightly below the apex plane
+# On a dome light can come from slightly below the apex plane.
+SIZES = float(np.radians(94.0)) / CELLS[0], 2 * float(np.pi) / CELLS[1]
 PARTS = 3  # of a cell that an LED may fill in part, along each side
 MARGIN = 0.6  # of the change to the next cells: within it a face may reach into a cell
 STEP = 0.1  # of such a part, between rays whose ends are compared
-LEAST_MM = 1e-6
+JUMP_MM = 10.0  # from cell to cell, on the plane of an LED, over the edge of an image
+LEAST_MM = 1e-4
 PATCH_MM = 1.5  # a face is divided into patches no larger than this
 SLACK_MM = 0.05  # by which a face may lie behind what ends a line of sight
 OFF_MM = 0.01  # of the membrane, where lines of sight start
@@ -117,8 +121,18 @@ class Refracted(Straight):
         return total
 
 
-def refracted(scene: Scene, untouched: Surface) -> list[Refracted]:
-    """Straight light of every LED group behind glass."""
+def refracted(scene: Scene, untouched: Surface, *, fine: bool = True) -> list[Refracted]:
+    """Straight light of every LED group behind glass.
+
+    Parameters
+    ----------
+    scene : Scene
+        The undeformed scene.
+    untouched : Surface
+        The undeformed membrane on the grid that all presses share.
+    fine : bool
+        Whether to look from more points where light changes sharply, which takes up to three times as long.
+    """
     low, high = scene.membrane.vertices.min(axis=0), scene.membrane.vertices.max(axis=0)
     look = _Look(scene, *node_axes(low, high, NODE_MM))
     # Beside the membrane goes on what is on its edge, so that nothing rings there.
@@ -127,7 +141,7 @@ def refracted(scene: Scene, untouched: Surface) -> list[Refracted]:
     for group in range(scene.groups):
         planes = _planes(scene, group)
         places = np.concatenate([face.places for plane in planes for face in plane.faces])
-        found.append(Refracted(untouched, look.at(planes)[:, :, *nearest], places, low[:2]))
+        found.append(Refracted(untouched, look.at(planes, fine=fine)[:, :, *nearest], places, low[:2]))
     return found
 
 
@@ -138,6 +152,31 @@ class _Face:
     light: Light
     centre: tuple[float, float]
     half: tuple[float, float]
+
+    def radiance(self, leaving: Any) -> Any:
+        """Radiance of the face (1/mm2/sr) in directions, when its group emits one unit."""
+        import drjit as dr
+        import mitsuba as mi
+
+        light = self.light
+        axes = (mi.Vector3f(*map(held, axis)) for axis in (light.across, light.down, light.normal))
+        local = mi.Vector3f(*(dr.dot(axis, leaving) for axis in axes))
+        density = Directions(light.profile).density(local) / dr.maximum(local.z, 1e-6)
+        return density * held(light.flux_mw / (4 * light.half_width_mm * light.half_height_mm))
+
+    @property
+    def held_centre(self) -> Any:
+        """Its centre, on the device."""
+        import mitsuba as mi
+
+        return mi.Point2f(*map(held, self.centre))
+
+    @property
+    def held_half(self) -> Any:
+        """Its half sides, on the device."""
+        import mitsuba as mi
+
+        return mi.Point2f(*map(held, self.half))
 
     @cached_property
     def counts(self) -> tuple[int, int]:
@@ -177,30 +216,34 @@ class _Plane:
         """Patches of all faces."""
         return sum(face.counts[0] * face.counts[1] for face in self.faces)
 
-    def near(self, place: Single, margin: Sequence[Single] | Array) -> NDArray[np.bool_]:
-        """Whether places (2, ...) in the plane lie on a face or within margins (mm) beside it."""
-        found = np.zeros(place[0].shape, dtype=bool)
-        for face in self.faces:
-            beside = [
-                np.abs(p - c) <= h + m
-                for p, c, h, m in zip(place, face.centre, face.half, margin, strict=True)
-            ]
-            found |= beside[0] & beside[1]
-        return found
-
-    def meets(self, last: Last) -> tuple[Single, Single]:
-        """Where lines of sight meet the plane's front: mm along and down (2, n), and how far that is (mm).
+    def meets(self, last: Last) -> tuple[Any, Any]:
+        """Where lines of sight meet the plane's front (mm along and down), and how far that is (mm).
 
         Not a number where they do not.
         """
-        first = self.first
-        axes = np.array([first.across, first.down, first.normal], dtype=np.float32)
-        start = axes @ (last.origin - np.array(first.centre_mm, dtype=np.float32)[:, None])
-        going = axes @ last.direction
-        with np.errstate(divide="ignore", invalid="ignore"):
-            length = -start[2] / going[2]
-            length = np.where((going[2] < 0) & (length > 0) & (last.passed > 0), length, np.float32(np.nan))
-            return start[:2] + length * going[:2], length
+        import drjit as dr
+        import mitsuba as mi
+
+        axes = [
+            mi.Vector3f(*map(held, axis)) for axis in (self.first.across, self.first.down, self.first.normal)
+        ]
+        start = last.ray.o - mi.Point3f(*map(held, self.first.centre_mm))
+        away = dr.dot(last.ray.d, axes[2])
+        length = -dr.dot(start, axes[2]) / away
+        length = dr.select((away < 0) & (length > 0) & (last.passed > 0), length, dr.nan)
+        place = start + length * last.ray.d
+        return mi.Point2f(*(dr.dot(place, axis) for axis in axes[:2])), length
+
+    def near(self, place: Any, margin: Any) -> Any:
+        """Whether places in the plane lie on a face or within margins (mm) beside it."""
+        import drjit as dr
+        import mitsuba as mi
+
+        found = mi.Bool(False)
+        for face in self.faces:
+            beside = dr.abs(place - face.held_centre) <= face.held_half + margin
+            found = found | dr.all(beside)
+        return found
 
 
 def _planes(scene: Scene, group: int) -> list[_Plane]:
@@ -237,118 +280,231 @@ class _Look:
     """
 
     def __init__(self, scene: Scene, x: Array, y: Array) -> None:
+        self._scene = scene
         points, normals = on_membrane(scene, *(axis.ravel() for axis in np.meshgrid(x, y)))
         self.there = np.isfinite(points[:, 2]).reshape(len(y), len(x))
-        self._normals = normals[self.there.ravel()]
-        self._points = (points + OFF_MM * normals)[self.there.ravel()]
-        self._scene = scene
+        self._points = (points + OFF_MM * normals).reshape(*self.there.shape, 3)
+        self._normals = normals.reshape(*self.there.shape, 3)
 
-    def at(self, planes: list[_Plane]) -> Single:
-        """Light of the patches of one group as vectors (1/mm2), shape (patches, 3, rows, columns)."""
-        first = planes[0].first
-        sight = Sight(self._scene, first.group, first.inside)
+    def at(self, planes: list[_Plane], *, fine: bool) -> Single:
+        """Light of the patches of one group as vectors (1/mm2), shape (patches, 3, rows, columns).
+
+        Every second node looks first; if `fine`, those between where light does not vary smoothly.
+        """
         light = np.zeros((sum(plane.patches for plane in planes), 3, *self.there.shape), dtype=np.float32)
-        place = np.nonzero(self.there)
-        for start in range(0, len(self._points), AT_ONCE):
-            some = slice(start, start + AT_ONCE)
-            points, normals = self._points[some], self._normals[some]
-            last = self._all_around(sight, points)
-            found = [
-                _summed(sight, plane, points, normals, _chosen(plane, last, len(points))) for plane in planes
-            ]
-            light[:, :, place[0][some], place[1][some]] = np.concatenate(found)
+        sparse = np.zeros_like(self.there)
+        sparse[::2, ::2] = True
+        self._look(planes, sparse, light)
+        light = _between(light)
+        if not fine:
+            return light
+        whole = np.linalg.norm(light.sum(axis=0), axis=0)
+        bend = _bend(whole[::2, ::2]) > BENT * whole.mean()
+        bent = np.zeros_like(sparse)
+        bent[::2, ::2] = bend
+        self._look(planes, binary_dilation(bent, np.ones((3, 3))) & ~sparse, light)
         return light
 
-    def _all_around(self, sight: Sight, points: Array) -> Last:
-        """Lines of sight in all directions."""
-        slant, turn = ((np.arange(n) + 0.5) * span / n for n, span in zip(CELLS, SPANS, strict=True))
-        towards = _towards(slant[:, None], turn[None, :]).reshape(3, 1, -1)
-        start = np.repeat(points.T, towards.shape[2], axis=1)
-        return sight.last(start, np.broadcast_to(towards, (3, len(points), towards.shape[2])).reshape(3, -1))
+    def _look(self, planes: list[_Plane], nodes: Mask, light: Single) -> None:
+        """Fill in the light at nodes, as far as they lie on the membrane."""
+        sight = Sight(self._scene, planes[0].first.group, planes[0].first.inside)
+        row, column = np.nonzero(nodes & self.there)
+        for start in range(0, len(row), AT_ONCE):
+            at = row[start : start + AT_ONCE], column[start : start + AT_ONCE]
+            points, normals = (
+                np.ascontiguousarray(a[at].T, np.float32) for a in (self._points, self._normals)
+            )
+            light[:, :, *at] = _seen(sight, planes, points, normals)
 
 
-def _chosen(plane: _Plane, last: Last, points: int) -> "_Cells":
-    """Cells of direction that a face may fill in part."""
-    place = plane.meets(last)[0].reshape(2, points, *CELLS)
-    margin = [MARGIN * _furthest(p) for p in place]
-    chosen = plane.near(place, margin)
-    return _Cells(np.nonzero(chosen), np.stack([m[chosen] for m in margin]))
+def _between(light: Single) -> Single:
+    """Light at all nodes from that at every second one along both axes, by cubic splines."""
+    for axis in (2, 3):
+        known = np.arange(0, light.shape[axis], 2)
+        spline = make_interp_spline(known, np.take(light, known, axis=axis), axis=axis)
+        light = spline(np.arange(light.shape[axis])).astype(np.float32)
+    return light
 
 
-def _summed(sight: Sight, plane: _Plane, points: Array, normals: Array, cells: "_Cells") -> Array:
-    """Light of every patch of a plane from chosen cells, shape (patches, 3, points)."""
-    of, slant, turn, size = cells.parts()
-    towards = _towards(slant, turn)
-    last = sight.last(points[of].T, towards)
-    place, length = plane.meets(last)
-    clear = (np.einsum("kn,nk->n", towards, normals[of]) > 0) & (length <= last.reach + SLACK_MM)
-    some = np.flatnonzero(clear & plane.near(place, np.repeat(cells.margin, PARTS**2, axis=1) / PARTS))
-    of, slant, turn, towards = of[some], slant[some], turn[some], towards[:, some]
-    last, place, length = last.some(some), place[:, some], length[some]
-    # How place changes across a part: from rays a little aside.
-    aside = [(slant + STEP * size[0], turn), (slant, turn + STEP * size[1])]
-    changes = [
-        np.abs(plane.meets(sight.last(points[of].T, _towards(*way)))[0] - place) / STEP for way in aside
+def _bend(values: Single) -> Single:
+    """Largest fourth difference along either axis, here or beside: 1/43 of it is what cubic splines miss."""
+    found = np.zeros_like(values)
+    for axis in (0, 1):
+        fourth = np.abs(np.diff(values, 4, axis=axis))
+        found = np.maximum(found, np.pad(fourth, [(2, 2) if k == axis else (0, 0) for k in (0, 1)]))
+    return np.asarray(maximum_filter(found, 3))
+
+
+def _seen(sight: Sight, planes: list[_Plane], points: Single, normals: Single) -> Single:
+    """Light of the patches of one group at points, both (3, n), as vectors (patches, 3, n)."""
+    import drjit as dr
+    import mitsuba as mi
+
+    count = points.shape[1]
+    place, normal = mi.Point3f(*points), mi.Normal3f(*normals)
+    index = dr.arange(mi.UInt32, count * CELLS[0] * CELLS[1])
+    point, cell = index // (CELLS[0] * CELLS[1]), index % (CELLS[0] * CELLS[1])
+    angles = [
+        (mi.Float(k) + 0.5) * size for k, size in zip((cell // CELLS[1], cell % CELLS[1]), SIZES, strict=True)
     ]
-    solid = (np.cos(slant - size[0] / 2) - np.cos(slant + size[0] / 2)) * size[1]
-    light = []
+    last = sight.last(dr.gather(mi.Point3f, place, point), _towards(*angles))
+    dr.eval(*last)
+    found = []
+    for plane in planes:
+        met, _ = plane.meets(last)
+        dr.eval(met)
+        furthest = _furthest(met)
+        margin = MARGIN * furthest
+        near = plane.near(met, margin)
+        dr.eval(near, furthest)
+        chosen = dr.compress(_with_beside(near, furthest))
+        light = dr.zeros(mi.Float, plane.patches * 3 * count)
+        if dr.width(chosen):
+            cells = [dr.gather(type(a), a, chosen) for a in (point, *angles, margin / PARTS)]
+            _add(light, sight, plane, place, normal, cells)
+        found.append(np.asarray(light).reshape(plane.patches, 3, count))
+    return np.concatenate(found)
+
+
+def _add(light: Any, sight: Sight, plane: _Plane, place: Any, normal: Any, cells: list[Any]) -> None:
+    """Add the light of a plane's patches from cells: points, slants, azimuths, and margins of parts."""
+    import drjit as dr
+    import mitsuba as mi
+
+    index = dr.arange(mi.UInt32, dr.width(cells[0]) * PARTS**2)
+    point, slant, turn, margin = (dr.gather(type(a), a, index // PARTS**2) for a in cells)
+    sizes = [size / PARTS for size in SIZES]
+    part = index % PARTS**2
+    slant += (mi.Float(part // PARTS) - (PARTS - 1) / 2) * sizes[0]
+    turn += (mi.Float(part % PARTS) - (PARTS - 1) / 2) * sizes[1]
+    origin, facing = dr.gather(mi.Point3f, place, point), dr.gather(mi.Normal3f, normal, point)
+    towards = _towards(slant, turn)
+    last = sight.last(origin, towards)
+    met, length = plane.meets(last)
+    clear = (dr.dot(towards, facing) > 0) & (length <= last.reach + SLACK_MM) & plane.near(met, margin)
+    dr.eval(*last, met, length, clear, point, slant, turn, origin, towards)
+    some = dr.compress(clear)
+    if not dr.width(some):
+        return
+    point, slant, turn, origin, towards, met, length = (
+        dr.gather(type(a), a, some) for a in (point, slant, turn, origin, towards, met, length)
+    )
+    last = Last(*(dr.gather(type(a), a, some) for a in last))
+
+    def change(down: float, aside: float) -> Any:
+        """How place changes across a part, from the ray a little to one or the other side that changes less.
+
+        Beyond the edge of an image the other one may have met something else.
+        """
+        ends = [
+            dr.abs(
+                plane.meets(sight.last(origin, _towards(slant + sign * down, turn + sign * aside)))[0] - met
+            )
+            for sign in (STEP, -STEP)
+        ]
+        return mi.Point2f(*(_less(a, b) / STEP for a, b in zip(*ends, strict=True)))
+
+    changes = change(sizes[0], 0.0), change(0.0, sizes[1])
+    solid = (dr.cos(slant - sizes[0] / 2) - dr.cos(slant + sizes[0] / 2)) * sizes[1]
+    kept, first = solid * sight.kept(last, length), 0
     for face in plane.faces:
-        share = np.ones(len(of))
-        for k, (c, h) in enumerate(zip(face.centre, face.half, strict=True)):
-            a, b = (change[k] for change in changes)
-            share *= _below(c + h - place[k], a, b) - _below(c - h - place[k], a, b)
-        at = np.flatnonzero(np.nan_to_num(share) > 0)
-        value = share[at] * solid[at] * sight.radiance(face.light, last.some(at), length[at])
-        along, down = (
-            np.clip(((place[k, at] - face.centre[k]) / face.half[k] + 1) / 2 * n, 0, n - 1).astype(int)
-            for k, n in enumerate(face.counts)
-        )
-        count = face.counts[0] * face.counts[1]
-        index = (down * face.counts[0] + along) * len(points) + of[at]
-        sums = [np.bincount(index, value * axis[at], count * len(points)) for axis in towards]
-        light.append(np.stack(sums, axis=1).reshape(count, len(points), 3).swapaxes(1, 2))
-    return np.concatenate(light)
+        share = mi.Float(1.0)
+        number = mi.UInt32(0)
+        for k in (1, 0):
+            beside, half = met[k] - face.held_centre[k], face.held_half[k]
+            share *= _below(half - beside, *(c[k] for c in changes)) - _below(
+                -half - beside, *(c[k] for c in changes)
+            )
+            count = held(face.counts[k])
+            at = dr.clip((beside / half + 1) / 2 * mi.Float(count), 0.0, mi.Float(count) - 0.5)
+            number = number * count + mi.UInt32(at)
+        value = dr.select(share > 0, share * kept * face.radiance(-last.ray.d), 0.0)
+        for k in range(3):
+            dr.scatter_add(
+                light, value * towards[k], ((held(first) + number) * 3 + k) * held(dr.width(place)) + point
+            )
+        first += face.counts[0] * face.counts[1]
 
 
-def _towards(slant: Array, turn: Array) -> Array:
-    """Unit vectors (3, ...) from slant and azimuth."""
-    level = np.sin(slant)
-    return np.stack(np.broadcast_arrays(level * np.cos(turn), level * np.sin(turn), np.cos(slant)))
+def _towards(slant: Any, turn: Any) -> Any:
+    """Unit vectors from slant and azimuth."""
+    import drjit as dr
+    import mitsuba as mi
+
+    level = dr.sin(slant)
+    return mi.Vector3f(level * dr.cos(turn), level * dr.sin(turn), dr.cos(slant))
 
 
-class _Cells(NamedTuple):
-    """Cells of direction: points, rows and columns, and margins (mm) about the places of their centres."""
+def _neighbours(count: int) -> list[tuple[Any, Any]]:
+    """Number of each cell's neighbour above, below and to either side, and whether there is one."""
+    import drjit as dr
+    import mitsuba as mi
 
-    at: tuple[Indices, ...]
-    margin: Single
-
-    def parts(self) -> tuple[Indices, Array, Array, tuple[float, float]]:
-        """Point, slant and azimuth of every part of all cells, and the parts' size in both."""
-        of, row, column = self.at
-        i, j = (axis.ravel() for axis in np.indices((PARTS, PARTS)))
-        sizes = SPANS[0] / CELLS[0] / PARTS, SPANS[1] / CELLS[1] / PARTS
-        slant = ((row[:, None] * PARTS + i + 0.5) * sizes[0]).ravel()
-        turn = ((column[:, None] * PARTS + j + 0.5) * sizes[1]).ravel()
-        return np.repeat(of, PARTS**2), np.asarray(slant), np.asarray(turn), sizes
-
-
-def _furthest(place: Single) -> Single:
-    """Most that a coordinate changes from cell to cell, (points, slants, azimuths); endless where unknown."""
-    total = np.zeros_like(place)
-    before, after = np.diff(place, axis=1, prepend=np.nan), np.diff(place, axis=1, append=np.nan)
-    total += np.nan_to_num(np.fmax(np.abs(before), np.abs(after)), nan=np.inf)
-    before, after = place - np.roll(place, 1, axis=2), place - np.roll(place, -1, axis=2)
-    total += np.nan_to_num(np.fmax(np.abs(before), np.abs(after)), nan=np.inf)
-    return total
+    index, (rows, columns) = dr.arange(mi.UInt32, count), CELLS
+    row, column = (index // columns) % rows, index % columns
+    start = index - column
+    return [
+        (dr.select(row > 0, index - columns, index), row > 0),
+        (dr.select(row + 1 < rows, index + columns, index), row + 1 < rows),
+        (start + (column + columns - 1) % columns, mi.Bool(True)),
+        (start + (column + 1) % columns, mi.Bool(True)),
+    ]
 
 
-def _below(edge: Array, a: Array, b: Array) -> Array:
+def _furthest(place: Any) -> Any:
+    """Most that places change from cell to cell; endless where neighbours do not tell."""
+    import drjit as dr
+    import mitsuba as mi
+
+    steps = [
+        dr.select(there, dr.abs(dr.gather(mi.Point2f, place, cell) - place), dr.nan)
+        for cell, there in _neighbours(dr.width(place))
+    ]
+    sums = []
+    for k in (0, 1):
+        total = _more(steps[0][k], steps[1][k]) + _more(steps[2][k], steps[3][k])
+        sums.append(dr.select(dr.isnan(total), dr.inf, total))
+    return mi.Point2f(*sums)
+
+
+def _with_beside(near: Any, furthest: Any) -> Any:
+    """Cells near a face, and those beside them whose centre sees something else, for instance mirrored."""
+    import drjit as dr
+    import mitsuba as mi
+
+    beside = mi.Bool(False)
+    for cell, there in _neighbours(dr.width(near)):
+        beside = beside | (there & dr.gather(mi.Bool, near, cell))
+    return near | (beside & ~dr.all(furthest < JUMP_MM))
+
+
+def _more(a: Any, b: Any) -> Any:
+    """Greater one of two numbers, or the one there is."""
+    import drjit as dr
+
+    return dr.select(dr.isnan(a) | (b > a), b, a)
+
+
+def _less(a: Any, b: Any) -> Any:
+    """Smaller one of two numbers, or the one there is."""
+    import drjit as dr
+
+    return dr.select(dr.isnan(a) | (b < a), b, a)
+
+
+def _below(edge: Any, a: Any, b: Any) -> Any:
     """Share of a cell in which a coordinate lies below an edge, that far from its value at the centre.
 
     Across the cell it changes by a one way and by b the other: it is spread like a sum of two even draws.
     """
-    wide, narrow = np.maximum(np.maximum(a, b), 2 * LEAST_MM), np.maximum(np.minimum(a, b), LEAST_MM)
-    ends = (wide + narrow) / 2, (wide - narrow) / 2
-    outer, inner = (np.maximum(edge + end, 0.0) ** 2 for end in ends)
-    inner_far, outer_far = (np.maximum(edge - end, 0.0) ** 2 for end in ends[::-1])
-    return np.asarray(np.clip((outer - inner - inner_far + outer_far) / (2 * wide * narrow), 0.0, 1.0))
+    import drjit as dr
+
+    wide = dr.maximum(dr.maximum(a, b), 2 * LEAST_MM)
+    narrow = dr.clip(dr.minimum(a, b), LEAST_MM, wide)
+    ramp, flat = (wide + narrow) / 2, (wide - narrow) / 2
+
+    def square(x: Any) -> Any:
+        return dr.square(dr.maximum(x, 0.0))
+
+    total = square(edge + ramp) - square(edge + flat) - square(edge - flat) + square(edge - ramp)
+    return dr.clip(total / (2 * wide * narrow), 0.0, 1.0)

@@ -75,15 +75,23 @@ class Shader:
         The undeformed membrane on the grid that all presses share.
     stray_light : callable
         Gives the stray light that the camera of a scene sees, shape (groups, rows, columns).
+    fine : bool
+        Whether light straight through core and gel is looked at more closely where it changes sharply.
     """
 
     def __init__(
-        self, field: Field, scene: Scene, untouched: Surface, stray_light: Callable[[Scene], Single]
+        self,
+        field: Field,
+        scene: Scene,
+        untouched: Surface,
+        stray_light: Callable[[Scene], Single],
+        *,
+        fine: bool = True,
     ) -> None:
         self._scene, self._untouched, self._stray_light = scene, untouched, stray_light
         groups = range(scene.groups)
         self._straight: Sequence[Straight] = (
-            refracted(scene, untouched)
+            refracted(scene, untouched, fine=fine)
             if scene.refracts
             else [Direct(scene, group, untouched) for group in groups]
         )
