@@ -18,6 +18,7 @@ from designlab.viewing import Rays
 
 if TYPE_CHECKING:
     from designlab.render.lightfield import Field
+    from designlab.render.refracted import Images
     from designlab.render.shading import Shader
 
 Estimator = Literal["fast", "corrected", "reference", "path"]
@@ -142,7 +143,8 @@ def shader(
         halves = _light_field(undeformed, area_mm, samples, seed)
         field = mean(halves if half is None else halves[half : half + 1])
         stray = partial(_stray, photons=samples * PHOTONS_PER_SAMPLE // 2, seed=seed, half=half)
-        _remember(_shaders, key, Shader(field, undeformed, untouched, stray, fine=samples >= FINE))
+        images = _straight_light(undeformed, samples >= FINE) if undeformed.refracts else None
+        _remember(_shaders, key, Shader(field, undeformed, untouched, stray, images=images))
     return _shaders[key]
 
 
@@ -168,6 +170,23 @@ def _light_field(scene: Scene, area_mm: tuple[float, float], samples: int, seed:
             halves = lightfield.unpacked(stored)
         _remember(_fields, key, halves)
     return _fields[key]
+
+
+def _straight_light(scene: Scene, fine: bool) -> "list[Images]":
+    """Look for the LEDs through core and gel, or take what was found from the cache on disk."""
+    from designlab.render import refracted
+
+    key = store.digest("straight light", LIGHTFIELD_VERSION, version("mitsuba"), scene.light_digest, fine)
+    stored = store.read_cache(key)
+    if stored is not None:
+        groups = range(scene.groups)
+        return [refracted.Images(*(stored[f"{group} {k}"] for k in range(3))) for group in groups]
+    found = refracted.images(scene, fine=fine)
+    arrays = {
+        f"{group} {k}": np.asarray(part) for group, own in enumerate(found) for k, part in enumerate(own)
+    }
+    _keep(key, arrays, store.cache_dir() / "arrays")
+    return found
 
 
 def _keep(key: str, arrays: dict[str, NDArray[Any]], folder: Path) -> None:

@@ -404,12 +404,12 @@ class Matter:
         media = [m for b in boundaries.values() for m in (b.inside, b.outside)]
         if all(medium.clear for medium in media):
             return None
-        sides = {shape.name: sides(shape.name, boundaries, scene) for shape in scene.shapes}
+        found = {shape.name: sides(shape.name, boundaries, scene) for shape in scene.shapes}
         numbers = numbers_of(loaded)
         count = max(numbers.values()) + 1
         tables = np.zeros((3, count, 2), dtype=np.float32)
         for name, number in numbers.items():
-            for side, medium in enumerate(sides.get(name, ())):
+            for side, medium in enumerate(found.get(name, ())):
                 if medium is not None:
                     tables[:, number, side] = (
                         medium.absorption_per_mm[group],

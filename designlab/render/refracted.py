@@ -8,7 +8,7 @@ and its neighbours do, tells how much of the cell the face fills: light behind g
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,11 +38,33 @@ PARTS = 3  # of a cell that an LED may fill in part, along each side
 MARGIN = 0.6  # of the change to the next cells: within it a face may reach into a cell
 STEP = 0.1  # of such a part, between rays whose ends are compared
 JUMP_MM = 10.0  # from cell to cell, on the plane of an LED, over the edge of an image
-LEAST_MM = 1e-4
+LEAST_MM, LEAST_SHARE = 1e-4, 0.2
+# A patch is kept once as it appears through boundaries alone, and mirrored by how often and whence it comes.
+SECTORS, ORDERS = 8, 2
+IMAGES = 1 + ORDERS * SECTORS
 PATCH_MM = 1.5  # a face is divided into patches no larger than this
 SLACK_MM = 0.05  # by which a face may lie behind what ends a line of sight
 OFF_MM = 0.01  # of the membrane, where lines of sight start
 AT_ONCE = 300  # points looked from at once; bounds memory
+
+
+class Images(NamedTuple):
+    """Where the faces of one LED group appear to points of the membrane.
+
+    Attributes
+    ----------
+    light : array, shape (images, 4, rows, columns)
+        Light of each image of a patch of the faces as a vector (1/mm2), and its fluence times how far away
+        it appears (1/mm).
+    faces : array, shape (images, 4)
+        Centre of each patch (mm), and half of its extent down the face (mm; softens the edge of shadows).
+    corner_mm : array, shape (2,)
+        x and y of the first point.
+    """
+
+    light: Single
+    faces: Array
+    corner_mm: Array
 
 
 class Refracted(Straight):
@@ -52,25 +74,20 @@ class Refracted(Straight):
     ----------
     untouched : Surface
         The undeformed membrane on the grid that all presses share.
-    light : array, shape (patches, 3, rows, columns)
-        Light of each patch of the faces as a vector (1/mm2).
-    faces : array, shape (patches, 4)
-        Centre of each patch, and half of its extent down the face (mm; softens the edge of shadows).
-    corner_mm : array, shape (2,)
-        x and y of the first node.
+    images : Images
+        Of the faces.
     """
 
-    def __init__(self, untouched: Surface, light: Single, faces: Array, corner_mm: Array) -> None:
-        shines = light.any(axis=(1, 2, 3))
-        self._light, self._faces = light[shines], faces[shines]
-        super().__init__(untouched, light.sum(axis=0), corner_mm, NODE_MM)
+    def __init__(self, untouched: Surface, images: Images) -> None:
+        self._light, self._faces = images.light, images.faces
+        super().__init__(untouched, images.light[:, :3].sum(axis=0), images.corner_mm, NODE_MM)
 
     def arriving(self, points: Array) -> tuple[Array, Array]:
-        """Unit vectors towards the light, shape (points, patches, 3), and their fluence at points (mm)."""
+        """Unit vectors towards the light, shape (points, images, 3), and their fluence at points (mm)."""
         rows, columns = self._light.shape[2:]
         cells = np.rint((points[:, :2] - self._corner) / NODE_MM).astype(int)
         column, row = np.clip(cells, 0, (columns - 1, rows - 1)).T
-        vector = np.moveaxis(self._light[:, :, row, column], 2, 0).astype(float)
+        vector = np.moveaxis(self._light[:, :3, row, column], 2, 0).astype(float)
         fluence = np.linalg.norm(vector, axis=2)
         return vector / np.maximum(fluence, 1e-30)[..., None], fluence
 
@@ -94,23 +111,24 @@ class Refracted(Straight):
 
         def at(k: Any, x: Any, y: Any) -> Any:
             u, v = (x - x_mm) / NODE_MM, (y - y_mm) / NODE_MM
-            return mi.Vector3f(*(bilinear(table, u, v, rows, columns, (3 * k + c) * size) for c in range(3)))
+            found = [bilinear(table, u, v, rows, columns, (4 * k + c) * size) for c in range(4)]
+            return mi.Vector3f(*found[:3]), found[3]
 
         def going(k: Any, _: Any) -> Any:
             return k < number
 
         def step(k: Any, total: Any) -> Any:
             # Light that reaches a lifted point would have met the undeformed membrane further away.
-            way = at(k, nodes.x, nodes.y)
-            sinking = dr.maximum(way.z - nodes.base_p * way.x - nodes.base_q * way.y, 1e-3 * dr.norm(way))
-            across = dr.sqrt(way.x * way.x + way.y * way.y)
-            drift = dr.minimum(
-                nodes.height / dr.maximum(sinking, 1e-30), FURTHEST_MM / dr.maximum(across, 1e-30)
-            )
-            way = at(k, nodes.x - drift * way.x, nodes.y - drift * way.y)
+            way, _ = at(k, nodes.x, nodes.y)
+            towards = way / dr.maximum(dr.norm(way), 1e-30)
+            sinking = dr.maximum(towards.z - nodes.base_p * towards.x - nodes.base_q * towards.y, 1e-3)
+            across = dr.maximum(dr.sqrt(towards.x * towards.x + towards.y * towards.y), 1e-3)
+            drift = dr.minimum(nodes.height / sinking, FURTHEST_MM / across)
+            way, reach = at(k, nodes.x - drift * towards.x, nodes.y - drift * towards.y)
             fluence = dr.norm(way)
-            towards = way / dr.maximum(fluence, 1e-30)
-            value = dr.select(fluence > 0, fluence * response(towards), 0.0)
+            towards, reach = way / dr.maximum(fluence, 1e-30), reach / dr.maximum(fluence, 1e-30)
+            nearer = reach / dr.maximum(reach - drift, LEAST_SHARE * reach + 1e-6)
+            value = dr.select(fluence > 0, fluence * dr.square(nearer) * response(towards), 0.0)
             if horizon is not None:
                 cx, cy, cz, half = (dr.gather(mi.Float, c, k) for c in faces)
                 distance = dr.norm(mi.Vector3f(cx - nodes.x, cy - nodes.y, cz - nodes.z))
@@ -121,15 +139,13 @@ class Refracted(Straight):
         return total
 
 
-def refracted(scene: Scene, untouched: Surface, *, fine: bool = True) -> list[Refracted]:
-    """Straight light of every LED group behind glass.
+def images(scene: Scene, *, fine: bool = True) -> list[Images]:
+    """Look for the LEDs of every group from points all over the membrane.
 
     Parameters
     ----------
     scene : Scene
         The undeformed scene.
-    untouched : Surface
-        The undeformed membrane on the grid that all presses share.
     fine : bool
         Whether to look from more points where light changes sharply, which takes up to three times as long.
     """
@@ -140,8 +156,10 @@ def refracted(scene: Scene, untouched: Surface, *, fine: bool = True) -> list[Re
     found = []
     for group in range(scene.groups):
         planes = _planes(scene, group)
-        places = np.concatenate([face.places for plane in planes for face in plane.faces])
-        found.append(Refracted(untouched, look.at(planes, fine=fine)[:, :, *nearest], places, low[:2]))
+        places = np.concatenate([f.places for plane in planes for _ in range(IMAGES) for f in plane.faces])
+        light = look.at(planes, fine=fine)[:, :, *nearest]
+        shines = light.any(axis=(1, 2, 3))
+        found.append(Images(light[shines], places[shines], low[:2]))
     return found
 
 
@@ -287,18 +305,19 @@ class _Look:
         self._normals = normals.reshape(*self.there.shape, 3)
 
     def at(self, planes: list[_Plane], *, fine: bool) -> Single:
-        """Light of the patches of one group as vectors (1/mm2), shape (patches, 3, rows, columns).
+        """Light of the images of one group's patches as in `Refracted`, shape (images, 4, rows, columns).
 
         Every second node looks first; if `fine`, those between where light does not vary smoothly.
         """
-        light = np.zeros((sum(plane.patches for plane in planes), 3, *self.there.shape), dtype=np.float32)
+        images = IMAGES * sum(plane.patches for plane in planes)
+        light = np.zeros((images, 4, *self.there.shape), dtype=np.float32)
         sparse = np.zeros_like(self.there)
         sparse[::2, ::2] = True
         self._look(planes, sparse, light)
         light = _between(light)
         if not fine:
             return light
-        whole = np.linalg.norm(light.sum(axis=0), axis=0)
+        whole = np.linalg.norm(light[:, :3].sum(axis=0), axis=0)
         bend = _bend(whole[::2, ::2]) > BENT * whole.mean()
         bent = np.zeros_like(sparse)
         bent[::2, ::2] = bend
@@ -336,7 +355,7 @@ def _bend(values: Single) -> Single:
 
 
 def _seen(sight: Sight, planes: list[_Plane], points: Single, normals: Single) -> Single:
-    """Light of the patches of one group at points, both (3, n), as vectors (patches, 3, n)."""
+    """Light of the images of one group's patches at points, both (3, n), shape (images, 4, n)."""
     import drjit as dr
     import mitsuba as mi
 
@@ -358,11 +377,11 @@ def _seen(sight: Sight, planes: list[_Plane], points: Single, normals: Single) -
         near = plane.near(met, margin)
         dr.eval(near, furthest)
         chosen = dr.compress(_with_beside(near, furthest))
-        light = dr.zeros(mi.Float, plane.patches * 3 * count)
+        light = dr.zeros(mi.Float, IMAGES * plane.patches * 4 * count)
         if dr.width(chosen):
             cells = [dr.gather(type(a), a, chosen) for a in (point, *angles, margin / PARTS)]
             _add(light, sight, plane, place, normal, cells)
-        found.append(np.asarray(light).reshape(plane.patches, 3, count))
+        found.append(np.asarray(light).reshape(IMAGES * plane.patches, 4, count))
     return np.concatenate(found)
 
 
@@ -406,6 +425,9 @@ def _add(light: Any, sight: Sight, plane: _Plane, place: Any, normal: Any, cells
 
     changes = change(sizes[0], 0.0), change(0.0, sizes[1])
     solid = (dr.cos(slant - sizes[0] / 2) - dr.cos(slant + sizes[0] / 2)) * sizes[1]
+    sector = mi.UInt32(dr.floor(turn / (2 * dr.pi) * SECTORS)) % SECTORS
+    image = dr.select(last.mirrors == 0, 0, 1 + dr.minimum(last.mirrors - 1, ORDERS - 1) * SECTORS + sector)
+    image *= held(plane.patches)
     kept, first = solid * sight.kept(last, length), 0
     for face in plane.faces:
         share = mi.Float(1.0)
@@ -419,9 +441,11 @@ def _add(light: Any, sight: Sight, plane: _Plane, place: Any, normal: Any, cells
             at = dr.clip((beside / half + 1) / 2 * mi.Float(count), 0.0, mi.Float(count) - 0.5)
             number = number * count + mi.UInt32(at)
         value = dr.select(share > 0, share * kept * face.radiance(-last.ray.d), 0.0)
-        for k in range(3):
+        for k, part in enumerate((*towards, sight.apparent(last, length))):
             dr.scatter_add(
-                light, value * towards[k], ((held(first) + number) * 3 + k) * held(dr.width(place)) + point
+                light,
+                value * part,
+                ((image + held(first) + number) * 4 + k) * held(dr.width(place)) + point,
             )
         first += face.counts[0] * face.counts[1]
 

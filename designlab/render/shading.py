@@ -32,7 +32,7 @@ from designlab.render.eye import Eye
 from designlab.render.lightfield import Field, on_membrane
 from designlab.render.look import look
 from designlab.render.nodes import Choice, Nodes, Response, base_normals, facing, nodes_of
-from designlab.render.refracted import refracted
+from designlab.render.refracted import Images, Refracted
 from designlab.render.straight import Straight
 from designlab.render.tables import held
 from designlab.render.walls import FURTHEST_MM, Around, between_walls, horizon_of
@@ -75,8 +75,8 @@ class Shader:
         The undeformed membrane on the grid that all presses share.
     stray_light : callable
         Gives the stray light that the camera of a scene sees, shape (groups, rows, columns).
-    fine : bool
-        Whether light straight through core and gel is looked at more closely where it changes sharply.
+    images : sequence of Images, optional
+        Of the LEDs of every group, where their light comes through core and gel.
     """
 
     def __init__(
@@ -86,13 +86,13 @@ class Shader:
         untouched: Surface,
         stray_light: Callable[[Scene], Single],
         *,
-        fine: bool = True,
+        images: Sequence[Images] | None = None,
     ) -> None:
         self._scene, self._untouched, self._stray_light = scene, untouched, stray_light
         groups = range(scene.groups)
         self._straight: Sequence[Straight] = (
-            refracted(scene, untouched, fine=fine)
-            if scene.refracts
+            [Refracted(untouched, own) for own in images]
+            if images is not None
             else [Direct(scene, group, untouched) for group in groups]
         )
         self._again = [Binned(field, group, untouched) for group in groups]

@@ -28,12 +28,15 @@ class Last(NamedTuple):
         Share of the light that all boundaries let pass, or mirror.
     way
         Length (mm) of the pieces before within gel and core.
+    mirrors
+        How often it was mirrored.
     """
 
     ray: Any
     reach: Any
     passed: Any
     way: Any
+    mirrors: Any
 
 
 class Sight:
@@ -76,6 +79,7 @@ class Sight:
         self._lost = [held(m.absorption_per_mm[group] + m.scattering_per_mm) for m in (gel, core)]
         self._squared = held((gel.index / (core.index if inside else 1.0)) ** 2)
         self._inside = held(float(inside))
+        self._shrunk = held(gel.index / core.index), held(gel.index / (core.index if inside else 1.0))
 
     def last(self, origin: Any, direction: Any) -> Last:
         """Follow lines of sight from points within the gel."""
@@ -85,7 +89,7 @@ class Sight:
         def going(active: Any, *_: Any) -> Any:
             return active
 
-        def step(active: Any, ray: Any, reach: Any, passed: Any, way: Any, met: Any) -> Any:
+        def step(active: Any, ray: Any, reach: Any, passed: Any, way: Any, mirrors: Any, met: Any) -> Any:
             si = self._loaded.ray_intersect(ray, active)
             shape = dr_index(si.shape)
             index = dr.gather(mi.Float, self._indices, shape, active & si.is_valid())
@@ -102,13 +106,15 @@ class Sight:
             passed *= dr.select(goes_on, dr.select(mirrored, reflected, 1.0 - reflected), 1.0)
             reach = dr.select(active & ~goes_on, si.t, reach)
             ray = dr.select(goes_on, si.spawn_ray(bent), ray)
-            return goes_on, ray, reach, passed, way, met + 1
+            mirrors += dr.select(goes_on & mirrored, mi.UInt32(1), mi.UInt32(0))
+            return goes_on, ray, reach, passed, way, mirrors, met + 1
 
         size = dr.width(direction)
         start = dr.full(mi.Bool, True, size), mi.Ray3f(origin, direction), dr.zeros(mi.Float, size)
-        state = (*start, dr.full(mi.Float, 1.0, size), dr.zeros(mi.Vector2f, size), dr.zeros(mi.UInt32, size))
+        none = dr.zeros(mi.UInt32, size), dr.zeros(mi.UInt32, size)
+        state = (*start, dr.full(mi.Float, 1.0, size), dr.zeros(mi.Vector2f, size), *none)
         _, *found, _ = dr.while_loop(
-            state, going, step, labels=("active", "ray", "reach", "passed", "way", "met")
+            state, going, step, labels=("active", "ray", "reach", "passed", "way", "mirrors", "met")
         )
         return Last(*found)
 
@@ -123,3 +129,11 @@ class Sight:
         gel, core = self._lost
         lost = gel * last.way.x + core * (last.way.y + self._inside * length)
         return last.passed * dr.exp(-lost) * self._squared
+
+    def apparent(self, last: Last, length: Any) -> Any:
+        """How far away a face at some length (mm) of the last piece appears from within the gel (mm).
+
+        Along the axis of a plane boundary; slanting rays make it differ by direction, as little as it counts.
+        """
+        core, end = self._shrunk
+        return last.way.x + core * last.way.y + end * length

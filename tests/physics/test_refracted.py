@@ -11,13 +11,13 @@ pytestmark = pytest.mark.usefixtures("backend")
 
 def straight(design):
     """Straight light of every group, the undeformed scene, and its membrane."""
-    from designlab.render.refracted import refracted
+    from designlab.render.refracted import Refracted, images
     from designlab.scene import build
 
     simulator = Simulator(design, columns=24, samples=16, seed=1)
     untouched = simulator.surface(None)
     scene = build(design, untouched, simulator.view)
-    return refracted(scene, untouched), scene
+    return [Refracted(untouched, own) for own in images(scene)], scene
 
 
 def through_a_plane(design, scene, group, x, y):
