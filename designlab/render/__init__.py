@@ -17,8 +17,7 @@ from designlab.scene import Scene
 from designlab.viewing import Rays
 
 if TYPE_CHECKING:
-    from designlab.render.lightfield import Field
-    from designlab.render.refracted import Images
+    from designlab.render.lightfield import LightField
     from designlab.render.shading import Shader
 
 Estimator = Literal["fast", "corrected", "reference", "path"]
@@ -48,8 +47,7 @@ FAST_BIAS = Bias(mean=0.004, block=0.05)
 
 Thing = TypeVar("Thing")
 KEPT_IN_MEMORY = 4  # designs' light fields and shaders, some 100 MB each
-LIGHTFIELD_VERSION = 8  # raise when a change of the light field makes cached ones wrong
-FINE = 128  # samples from which on light behind glass is looked at more closely where it changes sharply
+LIGHTFIELD_VERSION = 7  # raise when a change of the light field makes cached ones wrong
 PHOTONS_PER_SAMPLE = 24_000  # lets one effort setting rule photons and the path tracer's samples
 
 
@@ -103,7 +101,7 @@ def trace(
 
 _writer = ThreadPoolExecutor(1, thread_name_prefix="light-field-cache")
 _written: "dict[str, Future[None]]" = {}
-_fields: dict[str, "list[Field]"] = {}
+_fields: dict[str, "list[LightField]"] = {}
 _shaders: dict[str, "Shader"] = {}
 _strays: dict[str, NDArray[np.float32]] = {}
 
@@ -143,12 +141,11 @@ def shader(
         halves = _light_field(undeformed, area_mm, samples, seed)
         field = mean(halves if half is None else halves[half : half + 1])
         stray = partial(_stray, photons=samples * PHOTONS_PER_SAMPLE // 2, seed=seed, half=half)
-        images = _straight_light(undeformed, samples >= FINE) if undeformed.refracts else None
-        _remember(_shaders, key, Shader(field, undeformed, untouched, stray, images=images))
+        _remember(_shaders, key, Shader(field, undeformed, untouched, stray))
     return _shaders[key]
 
 
-def _light_field(scene: Scene, area_mm: tuple[float, float], samples: int, seed: int) -> "list[Field]":
+def _light_field(scene: Scene, area_mm: tuple[float, float], samples: int, seed: int) -> "list[LightField]":
     """Bake both halves of a light field, or take them from memory or from the cache on disk."""
     from designlab.render import baking, lightfield
 
@@ -170,23 +167,6 @@ def _light_field(scene: Scene, area_mm: tuple[float, float], samples: int, seed:
             halves = lightfield.unpacked(stored)
         _remember(_fields, key, halves)
     return _fields[key]
-
-
-def _straight_light(scene: Scene, fine: bool) -> "list[Images]":
-    """Look for the LEDs through core and gel, or take what was found from the cache on disk."""
-    from designlab.render import refracted
-
-    key = store.digest("straight light", LIGHTFIELD_VERSION, version("mitsuba"), scene.light_digest, fine)
-    stored = store.read_cache(key)
-    if stored is not None:
-        groups = range(scene.groups)
-        return [refracted.Images(*(stored[f"{group} {k}"] for k in range(3))) for group in groups]
-    found = refracted.images(scene, fine=fine)
-    arrays = {
-        f"{group} {k}": np.asarray(part) for group, own in enumerate(found) for k, part in enumerate(own)
-    }
-    _keep(key, arrays, store.cache_dir() / "arrays")
-    return found
 
 
 def _keep(key: str, arrays: dict[str, NDArray[Any]], folder: Path) -> None:

@@ -19,6 +19,7 @@ from designlab.render.lightfield import (
     SLANTS,
     WIDEST_SLANT_DEG,
     Field,
+    LightField,
     on_membrane,
 )
 from designlab.render.tables import held
@@ -28,18 +29,23 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 STEEPEST_COSINE = 0.02  # light more grazing than this weighs as if it came at this angle
 PILOT_SHARE = 0.2  # of the photons, traced beforehand to learn where on the LEDs others are best started
-SHARE_IN_AIR = 0.5  # of the photons that effort stands for: there their landings tell directions only
-SMOOTH_CELLS, SMOOTH_DEGREE = 13, 2  # of the polynomial fitted to light that comes not straight, 4.5 mm wide
+AGAIN_SHARE = 0.25  # of the photons, traced on for light that returns to the membrane, dim and smooth
+AGAIN_IN_AIR = 0.5  # likewise, where their landings tell directions only
+MOST_LANDINGS = 2**20  # photons whose landings are kept, of a field and group
+SMOOTH_CELLS, SMOOTH_DEGREE = 13, 2  # of the polynomial fitted to light that returns, 4.5 mm wide
 GATHERED_SHARE = 1 / 256  # of the photons, whose matte reflections in air shine on every point
 LATTICE_MM = 2.5  # between the points that they shine on
 HALF_FILLED = 0.5  # cells on the membrane's edge count as this full at least
 AREA_MARGIN_MM, BESIDE_AREA = 1.0, 0.1  # light further from the sensing area than this is worth less
 
 
-def bake(scene: Scene, *, area_mm: tuple[float, float], photons: int, seeds: Sequence[int]) -> list[Field]:
+def bake(
+    scene: Scene, *, area_mm: tuple[float, float], photons: int, seeds: Sequence[int]
+) -> list[LightField]:
     """Trace independent light fields of an undeformed scene, every LED group at unit flux.
 
-    Light that comes straight from the LEDs is left out: it is integrated over their faces, without noise.
+    Where light runs straight from LED to membrane, that direct light is left out: it is integrated over the
+    LED's face, which is exact.
 
     Parameters
     ----------
@@ -53,18 +59,19 @@ def bake(scene: Scene, *, area_mm: tuple[float, float], photons: int, seeds: Seq
         Seed of the random numbers of each field.
     """
     groups = [_baked(scene, group, area_mm, photons, seeds) for group in range(scene.groups)]
-    tables = groups[0][0][0]
+    tables = groups[0][0][1]
     filled = (
         _filled(scene, tables.low, CELL_MM, tables.coarse),
         _filled(scene, tables.low, FINE_CELL_MM, tables.fine),
     )
     return [
-        _with_gathered(
-            _smooth(
-                _field([landed for landed, _ in lots], filled),
-                filled[1] > HALF_FILLED,
+        LightField(
+            first=_field([first for first, *_ in lots], filled) if scene.refracts else None,
+            again=_with_gathered(
+                _smooth(_field([again for _, again, _, _ in lots], filled), filled[1] > HALF_FILLED),
+                [gathered for *_, gathered in lots],
             ),
-            [gathered for _, gathered in lots],
+            landings=tuple(landings for _, _, landings, _ in lots) if scene.refracts else (),
         )
         for lots in zip(*groups, strict=True)
     ]
@@ -72,40 +79,79 @@ def bake(scene: Scene, *, area_mm: tuple[float, float], photons: int, seeds: Seq
 
 def _baked(
     scene: Scene, group: int, area_mm: tuple[float, float], photons: int, seeds: Sequence[int]
-) -> list[tuple["_Tables", Array | None]]:
-    """Light of one group that does not come straight.
+) -> list[tuple["_Tables", "_Tables", Single, Array | None]]:
+    """Light of one group that arrives first, all that arrives later, and the photons that arrive first.
 
-    In air the irradiance by matte reflections is gathered and comes last; the tables lack it then.
+    In air the irradiance by matte reflections is gathered and comes last; what arrives later lacks it then.
     """
     import drjit as dr
 
     corners = scene.membrane.vertices.min(axis=0), scene.membrane.vertices.max(axis=0)
-    tables = [_Tables(*corners) for _ in seeds]
-    gathered: list[Array | None] = [None] * len(seeds)
-    # Behind glass the first light comes after two surfaces.
+    tables = [(_Tables(*corners), _Tables(*corners), _Lot()) for _ in seeds]
+    # Behind glass the first light comes after two surfaces; in air it is integrated, not traced.
     if scene.path_length <= (3 if scene.refracts else 2):
-        return list(zip(tables, gathered, strict=True))
+        return [(first, again, lot.landings(), None) for first, again, lot in tables]
     loaded = tracing.load(scene, group)
     pilot = min(tracing.PILOT, max(1, round(PILOT_SHARE * photons * len(seeds))))
 
-    def worth(arrival: tracing.Arrival, active: Any) -> Any:
+    def is_again(arrival: tracing.Arrival) -> Any:
+        return arrival.returned if scene.refracts else arrival.bounces > 0
+
+    def here(arrival: tracing.Arrival) -> Any:
         across, along = (held(side / 2 + AREA_MARGIN_MM) for side in area_mm)
         inside = (dr.abs(arrival.at.p.x) < across) & (dr.abs(arrival.at.p.y) < along)
-        return dr.select(active & ~arrival.straight, arrival.power * dr.select(inside, 1.0, BESIDE_AREA), 0.0)
+        return arrival.power * dr.select(inside, 1.0, BESIDE_AREA)
+
+    def worth_again(arrival: tracing.Arrival, active: Any) -> Any:
+        return dr.select(active & is_again(arrival), here(arrival), 0.0)
+
+    def worth_first(arrival: tracing.Arrival, active: Any) -> Any:
+        return dr.select(active & ~is_again(arrival), here(arrival), 0.0)
 
     # Fields with a guide in common are independent all the same: it rules their noise, not their mean.
-    (guide,) = tracing.learn(scene, group=group, seed=seeds[0], worth=[worth], loaded=loaded, photons=pilot)
-    for number, (seed, table) in enumerate(zip(seeds, tables, strict=True)):
+    guides = tracing.learn(
+        scene, group=group, seed=seeds[0], worth=[worth_again, worth_first], loaded=loaded, photons=pilot
+    )
+    share = AGAIN_SHARE if scene.refracts else AGAIN_IN_AIR
+    gathered: list[Array | None] = [None] * len(seeds)
+    for number, (seed, (first, again, lot)) in enumerate(zip(seeds, tables, strict=True)):
 
-        def record(arrival: tracing.Arrival, active: Any, *, table: "_Tables" = table) -> None:
-            table.add(arrival, active & ~arrival.straight, lands=scene.refracts | ~arrival.matte)
+        def later(arrival: tracing.Arrival, active: Any, *, again: "_Tables" = again) -> None:
+            again.add(arrival, active & is_again(arrival), lands=scene.refracts | ~arrival.matte)
 
-        count = photons if scene.refracts else max(1, round(SHARE_IN_AIR * photons))
-        tracing.trace(scene, group=group, photons=count, seed=seed, record=record, loaded=loaded, guide=guide)
+        def at_first(
+            arrival: tracing.Arrival, active: Any, *, first: "_Tables" = first, lot: "_Lot" = lot
+        ) -> None:
+            first.add(arrival, active)
+            lot.add(arrival, active)
+
+        count = max(1, round(share * photons))
+        tracing.trace(
+            scene, group=group, photons=count, seed=seed, record=later, loaded=loaded, guide=guides[0]
+        )
         if not scene.refracts:
-            count = max(1, round(GATHERED_SHARE * photons))
-            gathered[number] = _gathered(scene, table, group, count, seed, loaded, guide)
-    return list(zip(tables, gathered, strict=True))
+            gathered[number] = _gathered(
+                scene, again, group, max(1, round(GATHERED_SHARE * photons)), seed, loaded, guides[0]
+            )
+        else:
+            count = max(1, photons - count)
+            lot.prepare(count)
+            # Numbers of its own: what both passes have in common would count twice.
+            own = int(np.random.SeedSequence([seed, 80]).generate_state(1)[0])
+            tracing.trace(
+                scene,
+                group=group,
+                photons=count,
+                seed=own,
+                record=at_first,
+                loaded=loaded,
+                guide=guides[1],
+                once=True,
+            )
+    return [
+        (first, again, lot.landings(), light)
+        for (first, again, lot), light in zip(tables, gathered, strict=True)
+    ]
 
 
 def _gathered(
@@ -197,6 +243,41 @@ def _smooth(field: Field, filled: NDArray[np.bool_]) -> Field:
         fitted = savgol_filter(fitted, SMOOTH_CELLS, SMOOTH_DEGREE, axis=axis, mode="nearest")
     inner = binary_erosion(filled, np.ones((SMOOTH_CELLS, SMOOTH_CELLS), dtype=bool))
     return replace(field, irradiance=np.where(inner, fitted, field.irradiance).astype(np.float32))
+
+
+class _Lot:
+    """Photons as they land: the first ones, when there are too many.
+
+    The start of the sequence they begin at is as even as the whole of it; every second point would not be.
+    """
+
+    def __init__(self) -> None:
+        self._room: Any = None
+        self._columns: list[Any] = []
+
+    def prepare(self, photons: int) -> None:
+        """Make room."""
+        import drjit as dr
+        import mitsuba as mi
+
+        room = min(photons, MOST_LANDINGS)
+        self._room, self._share = held(room), held(photons / room)
+        self._columns = [dr.zeros(mi.Float, room) for _ in range(7)]
+
+    def add(self, arrival: tracing.Arrival, active: Any) -> None:
+        """Keep photons that arrive."""
+        import drjit as dr
+
+        kept = active & (arrival.number < self._room)
+        place, way = arrival.at.p, arrival.towards
+        values = (*place, way.x, way.y, way.z, arrival.power * self._share)
+        for column, value in zip(self._columns, values, strict=True):
+            dr.scatter(column, value, arrival.number, kept)
+
+    def landings(self) -> Single:
+        """Return the photons that were kept, shape (7, photons)."""
+        table = np.array([np.asarray(column) for column in self._columns], dtype=np.float32).reshape(7, -1)
+        return table[:, table[6] > 0]
 
 
 def _cells(low: Array, high: Array, cell_mm: float) -> tuple[int, int]:

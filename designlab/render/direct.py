@@ -1,16 +1,17 @@
 """Light straight from the LEDs through air, integrated over their faces instead of traced."""
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
 
 from designlab.press import Surface
 from designlab.render import bridge
 from designlab.render.emitters import Directions
 from designlab.render.lightfield import AZIMUTHS, CELL_MM
-from designlab.render.nodes import Nodes, Response
-from designlab.render.straight import Straight, node_axes
+from designlab.render.nodes import Nodes, Response, facing, nodes_of
 from designlab.render.tables import held
 from designlab.scene import Light, Scene
 
@@ -22,8 +23,8 @@ LIFTED_MM = 0.02  # starts of shadow rays off the membrane, so that it does not 
 NODE_MM = CELL_MM / 2  # between the points at which what shadows the LEDs is looked for
 
 
-class Direct(Straight):
-    """Light of one LED group that comes straight from its faces through air.
+class Direct:
+    """Light of one LED group that comes straight from its faces.
 
     Parameters
     ----------
@@ -33,13 +34,43 @@ class Direct(Straight):
         LED group.
     untouched : Surface
         The undeformed membrane on the grid that all presses share.
+
+    Attributes
+    ----------
+    irradiance : array, shape (rows, columns)
+        Of the undeformed membrane (1/mm2), shadowed by what stands between it and the LEDs.
     """
 
     def __init__(self, scene: Scene, group: int, untouched: Surface) -> None:
         lights = [light for light in scene.lights if light.group == group]
         self._patches, self._directions = _patches(lights), Directions(lights[0].profile)
-        corner = scene.membrane.vertices.min(axis=0)[:2]
-        super().__init__(untouched, self._vector(scene, group, untouched), corner, NODE_MM)
+        self._untouched = untouched
+        self._corner = scene.membrane.vertices.min(axis=0)
+        self._vectors = self._vector(scene, group)
+        self.irradiance = self.irradiance_at(untouched.x_mm, untouched.y_mm)
+
+    def irradiance_at(self, x: Array, y: Array) -> Single:
+        """Irradiance (1/mm2) of the undeformed membrane on a grid (mm), shape (y, x)."""
+        x, y = np.meshgrid(x, y)
+        vector = self._vector_at(x, y)
+        surface = self._untouched
+        p, q = (surface.sample(np.nan_to_num(slope), x, y) for slope in (surface.base_p, surface.base_q))
+        light = (vector[2] - p * vector[0] - q * vector[1]) / np.sqrt(1 + p**2 + q**2)
+        return np.asarray(np.maximum(light, 0.0), dtype=np.float32)
+
+    @cached_property
+    def vector(self) -> Single:
+        """Light on every grid node, shape (3, rows, columns): its product with a normal is the irradiance."""
+        return self._vector_at(*np.meshgrid(self._untouched.x_mm, self._untouched.y_mm))
+
+    def _vector_at(self, x: Array, y: Array) -> Single:
+        at = [(y - self._corner[1]) / NODE_MM, (x - self._corner[0]) / NODE_MM]
+        return np.array([map_coordinates(v, at, order=3, mode="nearest") for v in self._vectors])
+
+    def at_rest(self, chosen: NDArray[np.bool_]) -> Single:
+        """Irradiance of chosen grid nodes without a press, by the same sum as `light`."""
+        nodes = nodes_of(self._untouched, chosen)
+        return np.asarray(self.light(nodes, None, facing(nodes)))
 
     def arriving(self, points: Array) -> tuple[Array, Array]:
         """Unit vectors towards the light, shape (points, patches, 3), and their fluence at points (mm)."""
@@ -73,13 +104,13 @@ class Direct(Straight):
             towards = way * dr.rsqrt(square)
             value = flux * self._directions.density(_local(axes, -towards)) / square * response(towards)
             if horizon is not None:
-                value = value * visible(horizon, node, way, half)
+                value = value * _visible(horizon, node, way, half)
             return k + 1, total + value
 
         _, total = dr.while_loop((dr.zeros(mi.UInt32, count), dr.zeros(mi.Float, count)), going, step)
         return total
 
-    def _vector(self, scene: Scene, group: int, surface: Surface) -> Single:
+    def _vector(self, scene: Scene, group: int) -> Single:
         """Light on the undeformed membrane as a vector, shape (3, rows, columns), at nodes `NODE_MM` apart.
 
         Its product with a normal is the irradiance. What stands between an LED and the membrane shadows it.
@@ -88,9 +119,12 @@ class Direct(Straight):
         import mitsuba as mi
 
         loaded = bridge.load(scene, group=group, integrator={"type": "path"}, samples=4)
-        low, high = scene.membrane.vertices.min(axis=0), scene.membrane.vertices.max(axis=0)
-        grid_x, grid_y = np.meshgrid(*node_axes(low, high, NODE_MM))
-        rows, columns = grid_x.shape
+        low, high = self._corner, scene.membrane.vertices.max(axis=0)
+        columns, rows = (2 * int(np.ceil((high[k] - low[k]) / (2 * NODE_MM))) + 1 for k in (0, 1))
+        grid_x, grid_y = np.meshgrid(
+            low[0] + NODE_MM * np.arange(columns), low[1] + NODE_MM * np.arange(rows)
+        )
+        surface = self._untouched
         base = (surface.base_mm, surface.base_p, surface.base_q)
         tables = [grid_x, grid_y, *(surface.sample(np.nan_to_num(values), grid_x, grid_y) for values in base)]
         x, y, z, p, q = (mi.Float(values.ravel().astype(np.float32)) for values in tables)
@@ -130,7 +164,7 @@ def _local(axes: Any, direction: Any) -> Any:
     return mi.Vector3f(*(dr.dot(mi.Vector3f(*axes[3 * k : 3 * k + 3]), direction) for k in range(3)))
 
 
-def visible(horizon: Any, node: Any, way: Any, half_mm: Any) -> Any:
+def _visible(horizon: Any, node: Any, way: Any, half_mm: Any) -> Any:
     """Share of a patch above the horizon, which is linear between the azimuths it is known at."""
     import drjit as dr
     import mitsuba as mi
@@ -152,7 +186,7 @@ def _patches(lights: list[Light]) -> Array:
     Shape (patches, 14): centre (mm), unit vectors along the face, down the face and away from it, half of the
     patch's extent down the face (mm; softens the edge of shadows), and share of the group's flux.
     """
-    found = []
+    patches = []
     for light in lights:
         columns, rows = (
             int(np.clip(np.ceil(2 * half / PATCH_MM), 2, MOST_PATCHES))
@@ -163,8 +197,8 @@ def _patches(lights: list[Light]) -> Array:
         for u, width in zip(*np.polynomial.legendre.leggauss(columns), strict=True):
             for v, height in zip(*np.polynomial.legendre.leggauss(rows), strict=True):
                 patch = [light.half_height_mm * height / 2, light.flux_mw * width * height / 4]
-                found.append(np.concatenate([_point(light, u, v), *axes, patch]))
-    return np.array(found)
+                patches.append(np.concatenate([_point(light, u, v), *axes, patch]))
+    return np.array(patches)
 
 
 def _point(light: Light, u: float, v: float) -> Array:

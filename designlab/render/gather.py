@@ -16,7 +16,6 @@ from designlab.scene import Scene
 Array = NDArray[np.float64]
 OFF_MM = 0.01  # from a surface, where rays between two points start and end
 SOFT_MM = 0.5  # sources count as discs of this size, so that none is too bright near by
-ASIDE_MM = 1e-3
 AT_ONCE = 2**22  # pairs of a source and a point; bounds memory
 
 
@@ -33,7 +32,7 @@ def irradiance(
 ) -> Array:
     """Irradiance of the membrane by matte reflections of one LED group that emits 1 mW, in mW/mm2.
 
-    Where a point is none of the membrane it is not a number.
+    Where a point is none of the membrane it is not a number: a ray down may slip through between two faces.
 
     Parameters
     ----------
@@ -52,8 +51,7 @@ def irradiance(
     import mitsuba as mi
 
     place, normal, power = _sources(scene, group, photons_traced, seed, loaded, guide)
-    points, facing = on_membrane(scene, x, y)
-    points = points + OFF_MM * facing
+    points, facing = _on_membrane(scene, x, y)
     total, count = np.where(np.isnan(points[:, 0]), np.nan, 0.0), power.size
     if not count:
         return total
@@ -113,20 +111,13 @@ def _sources(
     return table[:3].T, table[3:6].T, table[6]
 
 
-def on_membrane(scene: Scene, x: Array, y: Array) -> tuple[Array, Array]:
-    """Points of the membrane at x and y (mm), and its normals there, (n, 3) each; NaN where there is none."""
+def _on_membrane(scene: Scene, x: Array, y: Array) -> tuple[Array, Array]:
+    """Points just above the membrane at x and y (mm), and its normals there, (n, 3) each; NaN where none."""
     import mitsuba as mi
 
-    above, loaded = float(scene.membrane.vertices[:, 2].max()) + 1.0, bridge.load_shapes([scene.membrane])
-    points, normals = np.full((2, len(x), 3), np.nan)
-    for aside in (0.0, ASIDE_MM):  # a ray down may slip through between two faces
-        missed = np.flatnonzero(np.isnan(points[:, 2]))
-        if not missed.size:
-            break
-        place = ((column[missed] + aside).astype(np.float32) for column in (x, y))
-        ray = mi.Ray3f(mi.Point3f(*place, above), mi.Vector3f(0, 0, -1))
-        hit = loaded.ray_intersect(ray)
-        there = np.array(hit.is_valid())
-        points[missed[there]] = np.array(hit.p).T[there]
-        normals[missed[there]] = np.array(hit.sh_frame.n).T[there]
-    return points, normals
+    above = float(scene.membrane.vertices[:, 2].max()) + 1.0
+    origin = mi.Point3f(x.astype(np.float32), y.astype(np.float32), above)
+    hit = bridge.load_shapes([scene.membrane]).ray_intersect(mi.Ray3f(origin, mi.Vector3f(0, 0, -1)))
+    normal = np.array(hit.sh_frame.n).T
+    points = np.where(np.array(hit.is_valid())[:, None], np.array(hit.p).T, np.nan)
+    return points + OFF_MM * normal, normal

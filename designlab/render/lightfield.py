@@ -1,4 +1,4 @@
-"""Light that falls on the undeformed membrane, kept by place and direction."""
+"""Light that falls on the undeformed membrane, kept by place and direction, and photon by photon."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -52,7 +52,7 @@ class Bins:
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """Light on the undeformed membrane by place and direction, but for what comes straight from the LEDs.
+    """Light on the undeformed membrane by place and direction.
 
     Attributes
     ----------
@@ -123,32 +123,75 @@ class Field:
         )
 
 
-def mean(fields: Sequence[Field]) -> Field:
+@dataclass(frozen=True, eq=False)
+class LightField:
+    """Light on the undeformed membrane.
+
+    Attributes
+    ----------
+    first : Field or None
+        Light that comes to the membrane for the first time; None where it is integrated over the LEDs'
+        faces instead, which is exact.
+    again : Field
+        Light that was at the membrane before; in air, all that did not come straight from an LED.
+    landings : tuple of array, shape (7, photons)
+        The photons that `first` is the sum of, or some of them, for each group: place on the membrane (mm),
+        unit vector back towards the light, and power (mW, of the 1 mW that the group emits).
+    """
+
+    first: Field | None
+    again: Field
+    landings: tuple[Single, ...]
+
+
+def mean(fields: Sequence[LightField]) -> LightField:
     """Mean of independent light fields of one scene."""
     if len(fields) == 1:
         return fields[0]
-    power, irradiance = (
-        np.asarray(sum(getattr(field, name) for field in fields) / np.float32(len(fields)))
-        for name in ("power", "irradiance")
-    )
-    return Field(power, irradiance, fields[0].x_mm, fields[0].y_mm)
+
+    def of(parts: Sequence[Field]) -> Field:
+        power, irradiance = (
+            np.asarray(sum(getattr(part, name) for part in parts) / np.float32(len(parts)))
+            for name in ("power", "irradiance")
+        )
+        return Field(power, irradiance, parts[0].x_mm, parts[0].y_mm)
+
+    # Together they are photons of one trace, each of which carries less.
+    share = np.array([1] * 6 + [1 / len(fields)], dtype=np.float32)[:, None]
+    lots = zip(*(field.landings for field in fields), strict=True)
+    landings = tuple(share * np.concatenate(lot, axis=1) for lot in lots)
+    first = [field.first for field in fields if field.first is not None]
+    return LightField(of(first) if first else None, of([field.again for field in fields]), landings)
 
 
-def packed(fields: Sequence[Field]) -> dict[str, NDArray[Any]]:
+def packed(fields: Sequence[LightField]) -> dict[str, NDArray[Any]]:
     """Light fields as named arrays."""
     arrays: dict[str, NDArray[Any]] = {}
     for k, field in enumerate(fields):
-        arrays[f"{k} power"], arrays[f"{k} irradiance"] = field.power, field.irradiance
-        arrays[f"{k} corner"] = np.array([field.x_mm, field.y_mm])
+        for name, part in (("first", field.first), ("again", field.again)):
+            if part is not None:
+                arrays[f"{k} {name} power"], arrays[f"{k} {name} irradiance"] = part.power, part.irradiance
+                arrays[f"{k} {name} corner"] = np.array([part.x_mm, part.y_mm])
+        for group, lot in enumerate(field.landings):
+            arrays[f"{k} landings {group}"] = lot
     return arrays
 
 
-def unpacked(arrays: Mapping[str, NDArray[Any]]) -> list[Field]:
+def unpacked(arrays: Mapping[str, NDArray[Any]]) -> list[LightField]:
     """Light fields from the arrays that `packed` made."""
-    fields: list[Field] = []
-    while f"{(k := len(fields))} power" in arrays:
-        x_mm, y_mm = (float(v) for v in arrays[f"{k} corner"])
-        fields.append(Field(arrays[f"{k} power"], arrays[f"{k} irradiance"], x_mm, y_mm))
+
+    def part(name: str) -> Field | None:
+        if f"{name} power" not in arrays:
+            return None
+        x_mm, y_mm = (float(v) for v in arrays[f"{name} corner"])
+        return Field(arrays[f"{name} power"], arrays[f"{name} irradiance"], x_mm, y_mm)
+
+    fields: list[LightField] = []
+    while (again := part(f"{len(fields)} again")) is not None:
+        k, lots = len(fields), list[Single]()
+        while (lot := arrays.get(f"{k} landings {len(lots)}")) is not None:
+            lots.append(lot)
+        fields.append(LightField(part(f"{k} first"), again, tuple(lots)))
     return fields
 
 

@@ -9,15 +9,14 @@ from numpy.typing import NDArray
 
 from designlab.render import bridge, emitters, sobol
 from designlab.render.tables import held
-from designlab.scene import Dielectric, Light, Medium, Scene, Shape
+from designlab.scene import Dielectric, Light, Medium, Scene
 
 BATCH = 5_000_000  # photons traced at once; bounds memory
-FAINT = 1 / 16  # photons that lost all but this share of their power live on by chance
+# Photons that lost all but this share of their power live on by chance: the first light, to which faint ones
+# add little, is traced with less patience.
+FAINT, FAINT_ONCE = 1 / 16, 1 / 4
 FACE_CELLS, DIRECTION_CELLS = 4, 32  # of a guide, along each side of an LED's face and of its directions
 UNGUIDED = 0.2  # share of photons that a guide leaves alone, so that no way is missed
-MIRRORED = 0.5  # share from which on a boundary counts as a mirror
-SITS_MM = 0.5  # an LED this near a side of the core sits on it
-STRAIGHT = 6  # boundaries on a straight way: interface, a side, mirrors, those of a gap of air
 PILOT = 200_000  # photons that a guide is learnt from
 
 
@@ -37,8 +36,8 @@ class Arrival:
         Surfaces met before.
     start
         Cell of the guide that the photon started in.
-    straight
-        Whether the photon came from its LED through clear boundaries, and off `Mirrors`, at most.
+    returned
+        Whether the photon was at the membrane before.
     number
         Of the photon among all that are traced.
     matte
@@ -50,7 +49,7 @@ class Arrival:
     power: Any
     bounces: Any
     start: Any
-    straight: Any
+    returned: Any
     number: Any
     matte: Any
 
@@ -110,6 +109,7 @@ def trace(
     scattered: Scattered | None = None,
     housing: Record | None = None,
     reflected: Reflected | None = None,
+    once: bool = False,
 ) -> None:
     """Trace photons of one LED group that emits 1 mW and hand every arrival at the membrane to `record`.
 
@@ -136,6 +136,8 @@ def trace(
         Called likewise with photons that arrive at the inside of the housing.
     reflected : callable, optional
         Called likewise with a `Reflection` wherever a surface sends photons on.
+    once : bool
+        Photons end at the membrane.
     """
     import drjit as dr
 
@@ -147,7 +149,7 @@ def trace(
     for batch in range(batches):
         starts = Starts(batch * size, size, seeds, len(lights), guide)
         lot = size * batches, _seed(seed, group, batch)
-        _batch(loaded, scene, group, lights, starts, *lot, record, scattered, housing, reflected)
+        _batch(loaded, scene, group, lights, starts, *lot, record, scattered, housing, reflected, once)
         dr.eval()
     dr.sync_thread()
 
@@ -155,55 +157,6 @@ def trace(
 def load(scene: Scene, group: int) -> Any:
     """Load a scene for `trace`."""
     return bridge.load(scene, group=group, integrator={"type": "path"}, samples=4)
-
-
-class Mirrors:
-    """Boundaries off which light of an LED group goes straight on.
-
-    The window mirrors; the core's sides, and gel and core, do where less passes than is mirrored. Sides
-    that the group's own LEDs sit on do not count: what they mirror begins beside the image of an LED.
-    """
-
-    def __init__(self, scene: Scene, group: int, loaded: Any) -> None:
-        import mitsuba as mi
-
-        numbers = numbers_of(loaded)
-        kinds = np.zeros(max(numbers.values()) + 1, dtype=np.uint32)
-        for shape in scene.shapes:
-            layer = shape.name in ("interface", "gap-gel", "gap-core")
-            if layer or (shape.name.startswith("core-side") and not _sits_on(scene, group, shape)):
-                kinds[numbers[shape.name]] = 1
-            if shape.name == "window":
-                kinds[numbers[shape.name]] = 2
-        self._kinds = mi.UInt32(kinds)
-
-    def count(self, shape: Any, reflected: Any) -> Any:
-        """Whether light goes straight on where a shape mirrors that share of it, not where it passes."""
-        import drjit as dr
-        import mitsuba as mi
-
-        kind = dr.gather(mi.UInt32, self._kinds, dr_index(shape))
-        return (kind == 2) | ((kind == 1) & (reflected > MIRRORED))
-
-
-def _sits_on(scene: Scene, group: int, side: Shape) -> bool:
-    """Whether an LED of a group shines from just within a side of the core."""
-    a, b, c = side.vertices[side.faces[0]]
-    outward = np.cross(b - a, c - a) / np.linalg.norm(np.cross(b - a, c - a))
-    own = (light for light in scene.lights if light.group == group and light.inside)
-    return any(abs(outward @ (light.centre_mm - a)) < SITS_MM and outward @ light.normal < 0 for light in own)
-
-
-def numbers_of(loaded: Any) -> dict[str, int]:
-    """Numbers of a loaded scene's shapes in Dr.Jit's registry."""
-    import mitsuba as mi
-
-    return {shape.id(): int(np.asarray(dr_index(mi.ShapePtr(shape)))[0]) for shape in loaded.shapes()}
-
-
-def straight_boundaries(scene: Scene) -> int:
-    """Most boundaries that light meets on a way that counts as straight."""
-    return max(min(STRAIGHT, scene.path_length - (3 if scene.refracts else 1) - 1), 0)
 
 
 class Starts:
@@ -309,6 +262,7 @@ def _batch(
     see: Scattered | None,
     housing: Record | None,
     leaves: Reflected | None,
+    once: bool,
 ) -> None:
     import drjit as dr
     import mitsuba as mi
@@ -322,17 +276,15 @@ def _batch(
     ray = emitters.photons(lights, starts, size)
     membrane = mi.ShapePtr(next(shape for shape in loaded.shapes() if shape.id() == "membrane"))
     around = [mi.ShapePtr(shape) for shape in loaded.shapes() if shape.id().startswith("housing")]
-    matter = Matter.of(scene, group, loaded)
+    matter = _Matter.of(scene, group, loaded)
     context = mi.BSDFContext(mi.TransportMode.Importance)
     # The way from membrane to camera crosses the interface and the window: three segments.
     longest = scene.path_length - (3 if scene.refracts else 1)
-    most = held(straight_boundaries(scene))
-    mirrors = Mirrors(scene, group, loaded)
 
     def going(active: Any, *_: Any) -> Any:
         return active
 
-    def step(active: Any, ray: Any, power: Any, depth: Any, straight: Any, matte: Any, sampler: Any) -> Any:
+    def step(active: Any, ray: Any, power: Any, depth: Any, returned: Any, matte: Any, sampler: Any) -> Any:
         si = loaded.ray_intersect(ray, active)
         active = active & si.is_valid()
         scattered = mi.Mask(False)
@@ -342,11 +294,14 @@ def _batch(
             if see is not None:
                 see(Scattering(ray.o, before, power), scattered)
         arrives = active & ~scattered & (si.shape == membrane) & (dr.dot(si.sh_frame.n, ray.d) < 0)
-        arrival = Arrival(si, -ray.d, power, depth, cell, straight, number, matte)
+        arrival = Arrival(si, -ray.d, power, depth, cell, returned, number, matte)
         record(arrival, arrives)
         if housing is not None:
             for shape in around:
                 housing(arrival, active & ~scattered & (si.shape == shape))
+        if once:
+            active = active & ~arrives
+        returned = returned | arrives
         bsdf = si.bsdf()
         meets = active & ~scattered
         sample, reflected = bsdf.sample(context, si, sampler.next_1d(meets), sampler.next_2d(meets), meets)
@@ -356,19 +311,13 @@ def _batch(
         depth = depth + 1
         active = active & (power > 0) & (depth < longest)
         matte = mi.has_flag(sample.sampled_type, mi.BSDFFlags.DiffuseReflection) & ~scattered
-        # The engine draws between the two with Fresnel's shares.
-        through = mi.has_flag(sample.sampled_type, mi.BSDFFlags.DeltaTransmission)
-        through = through & ~mirrors.count(si.shape, 1.0 - sample.pdf)
-        mirrored = mi.has_flag(sample.sampled_type, mi.BSDFFlags.DeltaReflection)
-        mirrored = mirrored & mirrors.count(si.shape, sample.pdf)
-        straight = straight & ~scattered & (through | mirrored) & (depth <= most)
         if leaves is not None:
             leaves(Reflection(si, power, met, number, matte), active & ~scattered)
         # Russian roulette: the faint ones live on with their chance, and those that do are brighter for it.
-        chance = dr.minimum(power / (weight * FAINT), 1.0)
+        chance = dr.minimum(power / (weight * (FAINT_ONCE if once else FAINT)), 1.0)
         active = active & (sampler.next_1d(active) < chance)
         power = power / dr.maximum(chance, 1e-12)
-        return active, ray, power, depth, straight, matte, sampler
+        return active, ray, power, depth, returned, matte, sampler
 
     dr.while_loop(
         (
@@ -376,18 +325,18 @@ def _batch(
             ray,
             mi.Float(weight) + dr.zeros(mi.Float, size),
             dr.zeros(mi.UInt32, size),
-            dr.full(mi.Bool, True, size),
+            dr.full(mi.Bool, False, size),
             dr.full(mi.Bool, False, size),
             sampler,
         ),
         going,
         step,
-        labels=("active", "ray", "power", "depth", "straight", "matte", "sampler"),
+        labels=("active", "ray", "power", "depth", "returned", "matte", "sampler"),
     )
 
 
 @dataclass(frozen=True, eq=False)
-class Matter:
+class _Matter:
     """What absorbs or scatters light between two surfaces, found from the side of the surface it meets."""
 
     shapes: int
@@ -396,7 +345,7 @@ class Matter:
     anisotropy: Any
 
     @staticmethod
-    def of(scene: Scene, group: int, loaded: Any) -> "Matter | None":
+    def of(scene: Scene, group: int, loaded: Any) -> "_Matter | None":
         """Tables by shape and side; None where all is clear."""
         import mitsuba as mi
 
@@ -404,29 +353,19 @@ class Matter:
         media = [m for b in boundaries.values() for m in (b.inside, b.outside)]
         if all(medium.clear for medium in media):
             return None
-        found = {shape.name: sides(shape.name, boundaries, scene) for shape in scene.shapes}
-        numbers = numbers_of(loaded)
+        sides = {shape.name: _sides(shape.name, boundaries, scene) for shape in scene.shapes}
+        numbers = {shape.id(): int(np.asarray(dr_index(mi.ShapePtr(shape)))[0]) for shape in loaded.shapes()}
         count = max(numbers.values()) + 1
         tables = np.zeros((3, count, 2), dtype=np.float32)
         for name, number in numbers.items():
-            for side, medium in enumerate(found.get(name, ())):
+            for side, medium in enumerate(sides.get(name, ())):
                 if medium is not None:
                     tables[:, number, side] = (
                         medium.absorption_per_mm[group],
                         medium.scattering_per_mm,
                         medium.anisotropy,
                     )
-        return Matter(count, *(mi.Float(table.ravel()) for table in tables))
-
-    def passed(self, si: Any, ray: Any, active: Any) -> Any:
-        """Share of light that comes straight to a surface."""
-        import drjit as dr
-        import mitsuba as mi
-
-        behind = dr.dot(si.n, ray.d) > 0
-        index = 2 * dr_index(si.shape) + dr.select(behind, mi.UInt32(1), mi.UInt32(0))
-        lost = sum(dr.gather(mi.Float, table, index, active) for table in (self.absorption, self.scattering))
-        return dr.exp(-lost * si.t)
+        return _Matter(count, *(mi.Float(table.ravel()) for table in tables))
 
     def cross(self, si: Any, ray: Any, power: Any, sampler: Any, active: Any) -> Any:
         """Power left at the surface, or a new ray where the photon is scattered before it."""
@@ -459,7 +398,7 @@ def dr_index(pointer: Any) -> Any:
     return dr.reinterpret_array(mi.UInt32, pointer)
 
 
-def sides(name: str, boundaries: dict[str, Dielectric], scene: Scene) -> tuple[Medium | None, Medium | None]:
+def _sides(name: str, boundaries: dict[str, Dielectric], scene: Scene) -> tuple[Medium | None, Medium | None]:
     """Media on the side that a shape's normal points to, and on the other one."""
     if name in boundaries:
         return boundaries[name].outside, boundaries[name].inside

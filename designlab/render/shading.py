@@ -6,8 +6,8 @@ So the light that falls on the undeformed membrane is traced once, and each pres
 - far from the indentation the picture is that of the untouched gel, kept free of grain;
 - near it, it changes by the difference of two sums over direction bins, with and without the press: with the
   foreshortening of the deformed normal, the parallax of the lifted point, the horizon of the indentation;
-- light that goes straight from an LED, through air or through core and gel, is integrated over the LED's face
-  instead of bins;
+- light on its first way behind glass takes its averages from photons instead, see `landings`;
+- light that goes straight from an LED through air is integrated over the LED's face instead of bins;
 - light that one wall of the indentation throws on another, or the gel around on it, is gathered along the
   horizon, one bounce of it.
 
@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import gaussian_filter, map_coordinates
 
 from designlab.camera import View
 from designlab.coating import coating_brdf
@@ -29,11 +29,10 @@ from designlab.press import Surface
 from designlab.render.binned import Binned
 from designlab.render.direct import Direct
 from designlab.render.eye import Eye
-from designlab.render.lightfield import Field, on_membrane
+from designlab.render.landings import FirstLight
+from designlab.render.lightfield import LightField, on_membrane
 from designlab.render.look import look
 from designlab.render.nodes import Choice, Nodes, Response, base_normals, facing, nodes_of
-from designlab.render.refracted import Images, Refracted
-from designlab.render.straight import Straight
 from designlab.render.tables import held
 from designlab.render.walls import FURTHEST_MM, Around, between_walls, horizon_of
 from designlab.render.window import transmission
@@ -49,6 +48,10 @@ AROUND_MM = 0.5  # between the points of the membrane beyond the grid
 LATTICE_MM = 2.0  # between the points at which the most grazing light is looked for
 SMALL_SLOPE = 0.02  # by which the gel is tilted to see how the lobe answers
 LOBE_STRIDE = 10  # of the nodes at which the untouched gel's lobe is summed
+KERNEL_MM = 0.2  # standard deviation of the kernel over which photons correct the sums
+PASSES = 3  # of the correction: each takes what the kernel of the one before has left at sharp edges
+KERNEL_REACH = 4.0  # standard deviations after which it ends
+LEAST_SHARE = 0.02  # of the mean irradiance: where less is left than that, ratios mean nothing
 MOST_GAIN = 1.5  # from a sum over direction bins to the irradiance of the untouched gel
 
 
@@ -67,35 +70,27 @@ class Shader:
 
     Parameters
     ----------
-    field : Field
-        Light on the undeformed membrane, without what comes straight from the LEDs.
+    field : LightField
+        Light on the undeformed membrane, without what comes straight from the LEDs through air.
     scene : Scene
         The undeformed scene.
     untouched : Surface
         The undeformed membrane on the grid that all presses share.
     stray_light : callable
         Gives the stray light that the camera of a scene sees, shape (groups, rows, columns).
-    images : sequence of Images, optional
-        Of the LEDs of every group, where their light comes through core and gel.
     """
 
     def __init__(
-        self,
-        field: Field,
-        scene: Scene,
-        untouched: Surface,
-        stray_light: Callable[[Scene], Single],
-        *,
-        images: Sequence[Images] | None = None,
+        self, field: LightField, scene: Scene, untouched: Surface, stray_light: Callable[[Scene], Single]
     ) -> None:
         self._scene, self._untouched, self._stray_light = scene, untouched, stray_light
         groups = range(scene.groups)
-        self._straight: Sequence[Straight] = (
-            [Refracted(untouched, own) for own in images]
-            if images is not None
-            else [Direct(scene, group, untouched) for group in groups]
-        )
-        self._again = [Binned(field, group, untouched) for group in groups]
+        self._straight: list[Binned | Direct] = [
+            Binned(field.first, group, untouched) if field.first else Direct(scene, group, untouched)
+            for group in groups
+        ]
+        self._again = [Binned(field.again, group, untouched, fine=field.first is None) for group in groups]
+        self._landings = field.landings
         # A wide lens also sees what lies beside the gel: its black rim.
         self._there = on_membrane(scene, *np.meshgrid(untouched.x_mm, untouched.y_mm))
         self._light_around: tuple[Single, float, float] | None = None
@@ -133,9 +128,10 @@ class Shader:
         lobe = self._mirrored(scene, rays) if specular else np.float32(0)
         if pressed is not None:
             sums = [(np.asarray(straight), np.asarray(again)) for straight, again in pressed.sums]
+            landed = [first.change(surface) for first in self._first]
             if following is not None:
                 self._under_way = self._begun(following)
-            light += np.array([self._change(g, pressed.choice, sums[g]) for g in groups])
+            light += np.array([self._change(g, surface, pressed.choice, sums[g], landed) for g in groups])
             light = np.maximum(light, 0.0)
             if scene.path_length > (4 if scene.refracts else 2):
                 between = between_walls(surface, pressed.nodes, albedo / np.pi * light, self._around(albedo))
@@ -194,6 +190,10 @@ class Shader:
         return np.asarray((high - low) / (2 * SMALL_SLOPE), dtype=np.float32)
 
     @cached_property
+    def _first(self) -> list[FirstLight]:
+        return [FirstLight(landings, self._untouched) for landings in self._landings]
+
+    @cached_property
     def _reach(self) -> float:
         """Length of shadows for a height of one."""
         return max([SHADOW_REACH, *map(self._shadow_reach, range(self._scene.groups))])
@@ -230,16 +230,47 @@ class Shader:
         dr.eval(sums)
         return _UnderWay(surface, choice, nodes, horizon, sums)
 
-    def _change(self, group: int, choice: Choice, sums: tuple[Single, Single]) -> Single:
+    def _change(
+        self,
+        group: int,
+        surface: Surface,
+        choice: Choice,
+        sums: tuple[Single, Single],
+        landed: Sequence[Single],
+    ) -> Single:
         """By how much a press changes the irradiance of every grid node, but for light from wall to wall."""
         changes = []
-        parts: tuple[Straight | Binned, ...] = self._straight[group], self._again[group]
-        for part, pressed in zip(parts, sums, strict=True):
+        for part, pressed in zip((self._straight[group], self._again[group]), sums, strict=True):
             own = part.at_rest(choice.nodes)
             # Where light ends sharply the sum, from cells that are wider, may be far from the irradiance.
             gain = np.clip(part.irradiance[choice.nodes] / np.maximum(own, 1e-30), 0.0, MOST_GAIN)
             changes.append(choice.spread((pressed - own) * gain, 0.0))
-        return changes[0] + changes[1]
+        straight, again = changes
+        if landed:
+            straight = self._corrected(group, surface.pitch_mm, straight, landed[group])
+        return straight + again
+
+    def _corrected(self, group: int, pitch_mm: float, change: Single, landed: Single) -> Single:
+        """Change of straight light whose mean over a kernel is that of photons, its detail that of the sums.
+
+        The sums over direction bins know neither the edges of beams nor the horizon between two azimuths.
+        """
+        rest = self._there * self._straight[group].irradiance
+        if not rest.any():
+            return change
+        sigma_px, least = KERNEL_MM / pitch_mm, LEAST_SHARE * float(rest.mean())
+        found = np.zeros_like(change)
+        part = _window((change != 0) | (landed != 0), round((PASSES + 1) * KERNEL_REACH * sigma_px))
+        rest, change, landed = rest[part], change[part], landed[part]
+        light = np.maximum(rest + change, 0.0)
+        wanted = gaussian_filter(rest + landed, sigma_px, truncate=KERNEL_REACH)
+        for _ in range(PASSES):
+            mean = gaussian_filter(light, sigma_px, truncate=KERNEL_REACH)
+            # Less light than in the sums dims them, which leaves dark what both call dark; more is added.
+            dimmed = np.minimum((np.maximum(wanted, 0.0) + least) / (mean + least), 1.0)
+            light = light * dimmed + np.maximum(wanted - mean, 0.0)
+        found[part] = light - rest
+        return found
 
     def _light(self, group: int, nodes: Nodes, horizon: Any | None, response: Response) -> Any:
         """Sum over all light at membrane nodes, each direction weighted with its `response`."""
@@ -314,6 +345,15 @@ class Shader:
             untouched = self._light(group, before, None, at_rest)
             found.append(choice.spread(np.asarray(after - untouched), 0.0))
         return np.array(found)
+
+
+def _window(mask: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
+    """Rows and columns that hold the mask and a margin around it."""
+    filled = [np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0)]
+    rows, columns = (
+        slice(max(at[0] - margin, 0), at[-1] + margin + 1) if at.size else slice(0) for at in filled
+    )
+    return rows, columns
 
 
 def _lobe(nodes: Nodes, scene: Scene, rays: Rays) -> Response:
