@@ -48,11 +48,13 @@ class Immersed:
     ----------
     rig : Rig
         A sensor with glass.
+    seed : int
+        Seed of the light field.
     """
 
-    def __init__(self, rig: Rig) -> None:
+    def __init__(self, rig: Rig, *, seed: int = 1) -> None:
         self.rig = rig
-        self.field = light_field(rig)
+        self.field = light_field(rig, seed=seed)
         self.coarse = coarse_grid(rig)
         towards, share = directions()
         self._share = float(share[0])

@@ -27,7 +27,7 @@ CASES = {
     "contact_kernel": ({"length_ratio": 1.4}, 0.08),
     "response_curve": ({"exponent": 1.1}, 0.02),
 }
-RENDERED = ("led_position",)  # of the effects that cost pictures about the values found, one is enough
+QUICK = ("colour_mixing",)  # the others run with the full tests
 
 pytestmark = pytest.mark.slow
 
@@ -56,7 +56,7 @@ def diagnosed(folder: Path, effects, **options) -> GapReport:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.full if name in RENDERED else ()) for name in CASES]
+    "name", [pytest.param(name, marks=() if name in QUICK else pytest.mark.full) for name in CASES]
 )
 def test_hidden_effect_is_named_and_its_gap_closed(tmp_path, renders, name) -> None:
     values, tolerance = CASES[name]
