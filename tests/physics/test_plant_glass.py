@@ -288,7 +288,7 @@ def test_even_sky_lights_a_flank_by_its_slope(monkeypatch):
     cells = len(directions()[0])
     axis = np.linspace(-9.0, 9.0, 7)
     even = LightField(axis, axis, np.array([0.0, 1.0]), np.ones((3, 2, 7, 7, cells), np.float32), axis)
-    monkeypatch.setattr(immersed, "light_field", lambda rig: even)
+    monkeypatch.setattr(immersed, "light_field", lambda rig, seed: even)
     light = Immersed(rig)
     ball = Indenter(probes.parse("sphere:6"), 0.8, (0.0, 0.0))
     surface = indented(rig.elastomer, ball, kernel_length_mm=0.0, kernel_m=200.0)
