@@ -1,7 +1,7 @@
 """Random error of light behind glass on the untouched gel: generator and fast estimator, two seeds each.
 
 Printed for each LED group is the scatter over the picture of the ratio of two pictures, in percent, pixel by
-pixel and after a Gaussian blur of 3 pixels; and the processor time of each picture.
+pixel and after a Gaussian blur of 3 pixels; and the processor time of each picture, if none is in the cache.
 
     python benchmarks/behind_glass.py gelsight-2020-flat-core
 """

@@ -91,6 +91,7 @@ def _interface(design: Design, outline: FloatArray) -> Iterator[Shape]:
 
 
 def _interface_faces(design: Design, outline: FloatArray) -> Iterator[Shape]:
+    """Their faces, flat ones."""
     inner, soft, air = _media(design)
     centre, radius = np.asarray(design.optics.gap_centre_mm), design.optics.gap_radius_mm
     if not radius:

@@ -42,6 +42,10 @@ FACE_MM = 1e-3  # emitting faces stand this far before their board
 GAP_MM = 0.02  # of air, where the gel has come off
 COLATITUDES, AZIMUTHS = 36, 108  # cells of equal solid angle over the upper half-space
 UP = np.array([0.0, 0.0, 1.0])
+LOWER, TALLER = (
+    5.5,
+    4.0,
+)  # image of a board in a hollow interface, in its half height; rules noise, not the mean
 R2 = (0.7548776662466927, 0.5698402909980532)
 LEAST_PER_MM = 1e-6
 MOST_LOST = 1e-5  # share of paths whose radiance is no number
@@ -448,5 +452,5 @@ def _targets(rig: Rig, glass: Glass, groups: tuple[int, ...]) -> list[Target]:
     above = [Target(window + over * t.centre, over * t.across, over * t.down) for t in found]
     below = [Target(interface + over * t.centre, over * t.across, over * t.down) for t in found]
     if glass.interface_radius_mm is not None:  # in a hollow mirror they are seen lower and larger
-        below = [Target(t.centre - 5.5 * abs(t.down[2]) * UP, t.across, 4.0 * t.down) for t in below]
+        below = [Target(t.centre - LOWER * abs(t.down[2]) * UP, t.across, TALLER * t.down) for t in below]
     return found + above + below

@@ -231,7 +231,6 @@ def test_clear_and_spread_light_are_all_that_the_engine_finds_by_chance(design, 
 
 @pytest.mark.llvm
 def test_clear_light_leaves_nothing_to_chance_but_directions():
-    """Two seeds agree where the engine's choice between mirrored and refracted light alone makes 1 %."""
     tracer, towards = Tracer(Rig.of(FLAT), (0, 1, 2)), directions()[0]
     index = np.arange(len(towards), dtype=np.uint32)
     found = [

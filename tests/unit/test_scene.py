@@ -8,6 +8,7 @@ import pytest
 from designlab.design import preset
 from designlab.press import Press, indent
 from designlab.scene import Dielectric, Diffuse, Medium, build
+from geometries import elastomer
 from geometries.probes import parse
 
 FLAT, CORE, DOME = preset("gelsight-2020-flat"), preset("default"), preset("gelsight-2020-dome")
@@ -262,3 +263,23 @@ def test_the_camera_does_not_belong_to_what_light_depends_on():
     assert scene_of(CORE.replace(camera), columns=20).light_digest == scene.light_digest
     assert scene_of(CORE.replace({"leds.tilt_deg": 1.0})).light_digest != scene.light_digest
     assert scene_of(CORE, BALL).light_digest != scene.light_digest
+
+
+def test_round_sides_and_a_domes_interface_have_the_normals_of_their_curve():
+    scene = scene_of(DOMED_CORE)
+    sides = [s for s in scene.shapes if s.name.startswith("core-side")]
+    for side in sides:
+        across = side.vertices[:, :2] / np.hypot(*side.vertices[:, :2].T)[:, None]
+        np.testing.assert_allclose(side.normals[:, :2], across, atol=1e-12)
+        np.testing.assert_allclose(side.normals[:, 2], 0.0, atol=1e-12)
+    interface = next(s for s in scene.shapes if s.name == "interface")
+    inside = interface.vertices[np.hypot(*interface.vertices[:, :2].T) < 10.0]
+    step, slopes = 1e-5, []
+    for shift in np.eye(2) * step:
+        ends = [elastomer.interface_mm(DOMED_CORE.elastomer, *(inside[:, :2] + s * shift).T) for s in (1, -1)]
+        slopes.append((ends[0] - ends[1]) / (2 * step))
+    expected = np.column_stack([-slopes[0], -slopes[1], np.ones(len(inside))])
+    expected /= np.linalg.norm(expected, axis=1)[:, None]
+    found = interface.normals[np.hypot(*interface.vertices[:, :2].T) < 10.0]
+    np.testing.assert_allclose(found, expected, atol=1e-7)
+    assert all(s.normals is None for s in scene_of(CORE).shapes if s.name.startswith("core-side"))
