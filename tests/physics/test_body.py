@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scenes import box, far_camera, rectangle_light, sheet_at, view_of
 
+from designlab.body import core_and_gel
 from designlab.design import preset
 from designlab.press import indent
 from designlab.render import path
@@ -311,3 +312,26 @@ def test_absorption_markers_and_gloss_come_out_alike_however_a_picture_is_made(c
     assert spread < 0.02 * runs.mean()
     # the fast way has a bias of its own of up to a percent
     assert abs(found - runs.mean()) < 2 * spread + 0.01 * runs.mean()
+
+
+def test_a_round_side_focuses_like_the_curve_it_is_turned_to():
+    """Level light near the axis meets n R / (n - 1) behind the side; behind a flat facet it would not."""
+    import mitsuba as mi
+
+    from designlab.render import bridge
+
+    design = preset("gelsight-2020-dome-core")
+    sides = [s for s in core_and_gel(design) if s.name.startswith("core-side")]
+    radius, index = design.gelcore.width_mm / 2, design.optics.core_index
+    aside, far = np.array([0.2, 0.35, 0.5], dtype=np.float32), np.full(3, 30.0, dtype=np.float32)
+    level = np.full(3, max(s.vertices[:, 2].max() for s in sides) - 3.0, dtype=np.float32)
+    hit = bridge.load_shapes(sides).ray_intersect(
+        mi.Ray3f(mi.Point3f(aside, far, level), mi.Vector3f(0.0, -1.0, 0.0))
+    )
+    assert np.array(hit.is_valid()).all()
+    place, normal = np.array(hit.p).T, np.array(hit.sh_frame.n).T
+    cosine = normal[:, 1]
+    beyond = np.sqrt(1 - (1 - cosine**2) / index**2)
+    bent = np.array([0.0, -1.0, 0.0]) / index + (cosine / index - beyond)[:, None] * normal
+    crosses = -place[:, 0] / bent[:, 0] * -bent[:, 1]
+    np.testing.assert_allclose(crosses, index * radius / (index - 1), rtol=0.02)
