@@ -114,7 +114,10 @@ def separation(fitter: Fitter, action: Action, first: State, second: State) -> f
     shot = replace(action.shot, signal=signal, valid=np.ones(signal.shape, dtype=bool))
     bank = replace(bank, shots=(*bank.shots, shot), place=(*bank.place, place))
     taken = Fitter(bank)
-    taken.noises = [*fitter.noises, noise(shot, signal, shown.untouched(first, number), shown.black)]
+    taken.noises = [
+        *fitter.noises,
+        noise(shot, signal, shown.untouched(first, number), shown.black, fitter.noises[action.like].grain),
+    ]
     unknowns = taken.unknowns(second, (), [number])
     found = system(taken.forward, second, [number], unknowns, taken.noises, np.zeros(len(unknowns)))
     _, fallen = found.step(*taken.bounds(unknowns))

@@ -23,6 +23,7 @@ Single = NDArray[np.float32]
 
 POSE_STEP = (0.05, 0.05, 0.03, 1.0)  # x, y, depth (mm) and yaw (deg): steps of the differences
 LEAST_DEPTH_MM = 0.01
+REPEATS = 8  # pictures of the given model with other random numbers each, where light comes through a core
 FILLED_KEPT = 2
 
 
@@ -62,7 +63,7 @@ class Picture:
     Attributes
     ----------
     light : array, shape (groups, rows, columns)
-        Radiance of every LED group at unit flux.
+        Radiance of every LED group at unit flux, its random error that of the mean of all repeats.
     seen_mm : tuple of arrays, shape (rows, columns)
         Membrane point every pixel sees.
     numerical : array, shape (groups, rows, columns)
@@ -73,6 +74,9 @@ class Picture:
         By steps `POSE_STEP` of x, y, depth and yaw; empty without a press.
     changes : mapping of (effect, parameter) to Change
         By prior standard deviations from where the bank stands.
+    spread : array, shape (repeats, groups, rows, columns), or None
+        Deviations of the repeats from their mean; None where the picture's random error is below what every
+        simulation is granted.
     """
 
     light: Single
@@ -81,6 +85,7 @@ class Picture:
     pitch_mm: tuple[float, float]
     pose: tuple[Change, ...] = ()
     changes: Mapping[tuple[str, str], Change] = field(default_factory=dict)
+    spread: Single | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +172,9 @@ def _fill(
     for name, values in origin.items():
         model = _with(model, name, values)
     touched = sum(press is not None for press, _ in presses)
-    renders.begin("pictures", len(presses) * (2 + 2 * len(chosen)) + touched * 2 * len(POSE))
+    repeats = _repeats(given)
+    each = 1 + repeats + 2 * len(chosen)
+    renders.begin("pictures", len(presses) * each + touched * 2 * len(POSE))
     # One model after the other: what its light is shaded from is large and not kept for long.
     variants: tuple[Variant, ...] = ("value", "fine") if finer else ("value",)
     for variant in variants:
@@ -176,6 +183,9 @@ def _fill(
             if press is not None and variant == "value":
                 for _, there in _around(press):
                     renders.basis(model, there, view)
+    for repeat in range(1, repeats):
+        for press, view in presses:
+            renders.basis(given, press, view, repeat=repeat)
     for step in chosen:
         for end in step.ends:
             varied = _with(model, step.effect, end)
@@ -234,7 +244,25 @@ def _picture(
     if press is not None:
         around = [(lamp.light(model, there, view), s) for s, there in _around(press)]
         pose = tuple(_quadratic(here, around[2 * axis : 2 * axis + 2], None) for axis in range(len(POSE)))
-    return Picture(here, seen, numerical, simulator.rays.pitch_mm, pose, changes)
+    spread = _spread(lamp, press, view)
+    if spread is not None:
+        # What the first picture has by chance is nearly the same wherever the model stands.
+        here = here - spread[0]
+    return Picture(here, seen, numerical, simulator.rays.pitch_mm, pose, changes, spread)
+
+
+def _repeats(given: SensorModel) -> int:
+    """Pictures of the given model with other random numbers, the first one counted."""
+    return REPEATS if given.effective_design().optics.light_path == "core" else 1
+
+
+def _spread(lamp: _Lamp, press: Press | None, view: View) -> Single | None:
+    """Deviations of repeated pictures of the given model from their mean."""
+    numbers = range(_repeats(lamp.given))
+    if len(numbers) == 1:
+        return None
+    pictures = np.stack([lamp.renders.basis(lamp.given, press, view, repeat=k) for k in numbers])
+    return np.asarray(pictures - pictures.mean(axis=0))
 
 
 def _acts_untouched(name: str) -> bool:

@@ -26,6 +26,7 @@ Variant = Literal["value", "fine"]
 
 SIMULATORS_KEPT = 4
 FINER = 2.0  # pitch of the membrane mesh over that of the fine variant
+NEXT_SEED = 1000  # between the seeds of repeated pictures: light transport counts on from a seed
 
 
 @dataclass
@@ -62,11 +63,17 @@ class Renders:
         self._tell()
 
     def basis(
-        self, model: SensorModel, press: Press | None, view: View, *, variant: Variant = "value"
+        self,
+        model: SensorModel,
+        press: Press | None,
+        view: View,
+        *,
+        variant: Variant = "value",
+        repeat: int = 0,
     ) -> Basis:
         """Radiance of every LED group at unit flux, shape (groups, rows, columns).
 
-        All pictures share their random numbers, so that differences have little noise.
+        All pictures of one `repeat` share their random numbers, so that differences have little noise.
 
         Parameters
         ----------
@@ -78,34 +85,43 @@ class Renders:
             The part of the camera's sensor.
         variant : str
             Which picture, see `Variant`.
+        repeat : int
+            The same picture with other random numbers for every number.
         """
         finer = FINER if variant == "fine" else 1.0
-        settings = (list(view), self.samples, self.seed, finer)
+        settings = (list(view), self.samples, self._seed(repeat), finer)
         key = digest(_transport(model, press), press, _mesh_content(press), *settings, _versions())
         if key not in self._kept:
             stored = read_cache(key, folder=self.folder)
-            self._kept[key] = stored["basis"] if stored else self._render(model, press, view, variant)
+            self._kept[key] = stored["basis"] if stored else self._render(model, press, view, variant, repeat)
             if not stored:
                 write_cache(key, {"basis": self._kept[key]}, folder=self.folder)
             self._asked += 1
             self._tell()
         return self._kept[key]
 
-    def simulator(self, model: SensorModel, view: View, *, variant: Variant = "value") -> Simulator:
+    def simulator(
+        self, model: SensorModel, view: View, *, variant: Variant = "value", repeat: int = 0
+    ) -> Simulator:
         """Simulator of a model."""
-        key = digest(_transport(model, None), model.effective_design().contact, list(view), variant)
+        key = digest(_transport(model, None), model.effective_design().contact, list(view), variant, repeat)
         if key not in self._simulators:
             if len(self._simulators) >= SIMULATORS_KEPT:
                 self._simulators.clear()
-            simulator = Simulator(model, view=view, samples=self.samples, seed=self.seed)
+            simulator = Simulator(model, view=view, samples=self.samples, seed=self._seed(repeat))
             if variant == "fine":
                 simulator.pitch_mm /= FINER
             self._simulators[key] = simulator
         return self._simulators[key]
 
-    def _render(self, model: SensorModel, press: Press | None, view: View, variant: Variant) -> Basis:
+    def _render(
+        self, model: SensorModel, press: Press | None, view: View, variant: Variant, repeat: int
+    ) -> Basis:
         self.rendered += 1
-        return self.simulator(model, view, variant=variant).frame(press).basis
+        return self.simulator(model, view, variant=variant, repeat=repeat).frame(press).basis
+
+    def _seed(self, repeat: int) -> int:
+        return self.seed + NEXT_SEED * repeat
 
     def _tell(self) -> None:
         if self.progress is not None:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.gap.forward import Forward, State, Unknown
-from designlab.gap.noise import SHOT_BUDGET, SMOOTH_BUDGET, Noise, spectrum, transformed
+from designlab.gap.noise import Noise, transformed
 
 Array = NDArray[np.float64]
 
@@ -103,13 +103,14 @@ def system(
     """Set up the normal equations of unknowns over shots at a state.
 
     Values are whitened by their noise, transformed by cosines, in which smooth errors are independent, and
-    weighed by the inverse of the covariance: of each coefficient it is 1 + a on the diagonal and the smooth
-    error common to all shots beyond (Sherman and Morrison 1950). All is divided by `alike`.
+    weighed by the inverse of the covariance: of each coefficient it is what a shot has alone on the diagonal
+    and what all have in common beyond (Sherman and Morrison 1950). All is divided by `alike`.
     """
     size = len(unknowns)
     gram, right, misfit = np.zeros((size, size)), np.zeros(size), 0.0
     common: dict[tuple[int, ...], list[NDArray[np.float32]]] = {}
     weight: dict[tuple[int, ...], Array] = {}
+    budget: dict[tuple[int, ...], Array] = {}
     for number in shots:
         shot, own = forward.shot(number), noises[number]
         used = [k for k, u in enumerate(unknowns) if u.shot in (-1, number)]
@@ -119,8 +120,7 @@ def system(
         columns *= scale[..., None].astype(np.float32)
         both = np.concatenate([columns, (residual * scale)[..., None].astype(np.float32)], axis=-1)
         coefficients = transformed(both)
-        power = spectrum(shot.signal.shape[:2])[..., None]
-        diagonal = 1.0 + (SHOT_BUDGET * own.level) ** 2 * power
+        diagonal = own.alone()
         rows = (coefficients / np.sqrt(diagonal)[..., None].astype(np.float32)).reshape(-1, len(used) + 1)
         part = np.asarray(rows.T @ rows, dtype=float)
         gram[np.ix_(used, used)] += part[:-1, :-1]
@@ -132,11 +132,9 @@ def system(
         total = common.setdefault(key, [np.zeros((*key, 3, size + 1), dtype=np.float32)])[0]
         total[..., [*used, size]] += coefficients * bright[..., None].astype(np.float32)
         weight[key] = weight.get(key, np.zeros((*key, 3))) + own.level * bright
+        budget[key] = own.common(mean=False)  # the mean of all is what gains are fitted for
     for key, (total,) in common.items():
-        power = spectrum((key[0], key[1]))
-        power[0, 0] = 0.0  # the mean of all is what gains are fitted for
-        budget = SMOOTH_BUDGET**2 * power[..., None]
-        share = np.sqrt(budget / (1.0 + budget * weight[key])).astype(np.float32)
+        share = np.sqrt(budget[key] / (1.0 + budget[key] * weight[key])).astype(np.float32)
         shared = (total * share[..., None]).reshape(-1, size + 1)
         part = np.asarray(shared.T @ shared, dtype=float)
         gram -= part[:-1, :-1]

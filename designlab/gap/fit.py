@@ -11,6 +11,7 @@ from designlab.effects import effect
 from designlab.gap.bank import Bank
 from designlab.gap.evidence import ALIKE, System, system
 from designlab.gap.forward import Forward, State, Unknown, coordinate, value_at
+from designlab.gap.grain import grains
 from designlab.gap.noise import Noise, noise
 from designlab.measurement.shots import POSE
 
@@ -99,8 +100,9 @@ class Fitter:
     def measure(self, state: State) -> None:
         """Set the noise of all shots by what a state predicts."""
         forward, black = self.forward, self.forward.black
+        chance = grains(forward, state)
         self.noises = [
-            noise(shot, forward.predict(state, n), forward.untouched(state, n), black)
+            noise(shot, forward.predict(state, n), forward.untouched(state, n), black, chance[n])
             for n, shot in enumerate(self.bank.shots)
         ]
 

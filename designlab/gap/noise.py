@@ -3,7 +3,8 @@
 The granted error has four parts. Three are white, shares of the signal, of its curvature and of what a press
 changes: they belong to the standard deviation of every value. The fourth is smooth over the picture and the
 same in all frames, as that of a light source known to a limited accuracy is; fits count it as covariance, so
-that small effects of large pictures are not taken for certain.
+that small effects of large pictures are not taken for certain. Behind a core light is counted in photons, and
+its grain comes on top: it is measured, and mostly the same in all frames, see `designlab.gap.grain`.
 """
 
 from dataclasses import dataclass
@@ -26,6 +27,26 @@ SHOT_BUDGET = 0.001  # smooth error of each frame, relative
 SMOOTH_LENGTH = 0.15  # of smooth errors, over the picture's width
 EDGE_WIDTH_PX = 0.7
 DARK_LIGHT = 0.03  # of full scale: below, smooth errors are absolute
+LEAST_VARIANCE = 0.02  # of a coefficient: what is estimated may not make it certain
+
+
+@dataclass(frozen=True, eq=False)
+class Grain:
+    """Random error of the simulation's picture of a shot.
+
+    Attributes
+    ----------
+    sigma : array, shape (rows, columns, 3)
+        Standard deviation, in the unit of the signal.
+    shared : array, shape (3,)
+        Relative variance that all shots have in common.
+    power : array, shape (rows, columns)
+        Power in the coefficients of a cosine transform, one in the mean.
+    """
+
+    sigma: Array
+    shared: Array
+    power: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,26 +63,53 @@ class Noise:
         Of camera and smooth errors: what a model that is right is expected to miss by.
     level : array, shape (3,)
         Root mean square of signal over sigma, what smooth relative errors are multiples of.
+    grain : Grain or None
+        Random error of the simulation, part of sigma; None where it is below what is granted anyway.
     """
 
     sigma: Array
     camera: Array
     granted: Array
     level: Array
+    grain: Grain | None = None
+
+    def alone(self) -> Array:
+        """Variance of coefficients, in units of sigma, that no other shot shares, (rows, columns, 3)."""
+        power = spectrum(self.sigma.shape[:2])[..., None]
+        found = 1.0 + (SHOT_BUDGET * self.level) ** 2 * power
+        if self.grain is None:
+            return found
+        share = ((self.grain.sigma / self.sigma) ** 2).mean(axis=(0, 1))
+        own = np.maximum(share - self.grain.shared * self.level**2, 0.0)
+        return np.asarray(np.maximum(found - share + own * self.grain.power[..., None], LEAST_VARIANCE))
+
+    def common(self, *, mean: bool = True) -> Array:
+        """Variance of coefficients, relative to the light, that all shots share, (rows, columns, 3).
+
+        Without `mean` the mean of the picture, which gains are fitted for, is left out of smooth errors.
+        """
+        power = spectrum(self.sigma.shape[:2])
+        if not mean:
+            power[0, 0] = 0.0
+        found = SMOOTH_BUDGET**2 * np.repeat(power[..., None], 3, axis=-1)
+        return found if self.grain is None else found + self.grain.shared * self.grain.power[..., None]
 
 
-def noise(shot: Shot, predicted: Array, untouched: Array, black: Array | float) -> Noise:
+def noise(
+    shot: Shot, predicted: Array, untouched: Array, black: Array | float, grain: Grain | None = None
+) -> Noise:
     """Noise of a shot about a prediction, and about that of the untouched gel (rows, columns, 3)."""
     light = predicted - black
     curvature = np.stack([gaussian_laplace(light[..., c], EDGE_WIDTH_PX) for c in range(3)], axis=-1)
     budget = np.hypot(SIGNAL_BUDGET * light, EDGE_BUDGET * curvature)
     budget = np.hypot(budget, CONTACT_BUDGET * (predicted - untouched))
     camera = np.sqrt(shot.variance)
-    sigma = np.hypot(camera, budget)
+    chance = 0.0 if grain is None else grain.sigma
+    sigma = np.hypot(np.hypot(camera, budget), chance)
     lit = np.hypot(light, DARK_LIGHT)
     level = np.sqrt(np.where(shot.valid, (lit / sigma) ** 2, 0.0).mean(axis=(0, 1)))
-    granted = np.hypot(camera, np.hypot(SMOOTH_BUDGET, SHOT_BUDGET) * lit)
-    return Noise(sigma, camera, granted, level)
+    granted = np.hypot(np.hypot(camera, np.hypot(SMOOTH_BUDGET, SHOT_BUDGET) * lit), chance)
+    return Noise(sigma, camera, granted, level, grain)
 
 
 def spectrum(shape: tuple[int, int]) -> Array:

@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 from designlab.gap.evidence import ALIKE
 from designlab.gap.fit import Fitter
 from designlab.gap.forward import State
-from designlab.gap.noise import SHOT_BUDGET, SMOOTH_BUDGET, Noise, spectrum, transformed
+from designlab.gap.noise import Noise, transformed
 
 Array = NDArray[np.float64]
 
@@ -74,29 +74,28 @@ def _residuals(fitter: Fitter, state: State, shots: Sequence[int]) -> Iterator[t
 def _common(fitter: Fitter, state: State, shots: Sequence[int]) -> tuple[Array, Array]:
     """Coefficients of what shots have in common relative to their light, and variances without a pattern."""
     shape = fitter.bank.shots[shots[0]].signal.shape
-    power = spectrum((shape[0], shape[1]))[..., None]
     weight, right, shared = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    granted: Array | float = 0.0
     for noise, left, light in _residuals(fitter, state, shots):
         # A pattern is relative to the light however dark it is; smooth errors are granted more.
         level = np.sqrt((light**2).mean(axis=(0, 1)))
-        diagonal = 1.0 + (SHOT_BUDGET * noise.level) ** 2 * power
+        diagonal, granted = noise.alone(), noise.common()
         weight += level**2 / diagonal
         right += level * transformed(left) / diagonal
         shared += level * noise.level / diagonal
-    return right / weight, 1.0 / weight + (SMOOTH_BUDGET * shared / weight) ** 2 * power
+    return right / weight, 1.0 / weight + granted * (shared / weight) ** 2
 
 
 def _estimated(fitter: Fitter, state: State, shots: Sequence[int], rms: float) -> Array:
     """Pattern of a known strength, pixel by pixel: bright pixels of bright shots tell most of it.
 
-    What smooth errors may have brought about is taken out of the residuals before.
+    What errors granted to the simulation may have brought about is taken out of the residuals before.
     """
     shape = fitter.bank.shots[shots[0]].signal.shape
-    power = spectrum((shape[0], shape[1]))[..., None]
     weight, right = np.full(shape, rms**-2), np.zeros(shape)
     for noise, left, light in _residuals(fitter, state, shots):
-        granted = np.hypot(SMOOTH_BUDGET, SHOT_BUDGET) * noise.level
-        rough = idctn(transformed(left) / (1.0 + granted**2 * power), axes=(0, 1), norm="ortho")
+        variance = noise.alone() + noise.common() * noise.level**2
+        rough = idctn(transformed(left) / variance, axes=(0, 1), norm="ortho")
         weight += light**2
         right += light * rough
     return np.asarray(right / weight)

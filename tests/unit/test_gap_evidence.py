@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 
 from designlab.gap.evidence import ALIKE, System, log_evidence, system
 from designlab.gap.forward import Unknown
-from designlab.gap.noise import SHOT_BUDGET, SMOOTH_BUDGET, Noise, spectrum
+from designlab.gap.noise import SHOT_BUDGET, SMOOTH_BUDGET, Grain, Noise, spectrum
 from designlab.gap.overlap import overlaps
 
 ROWS, COLUMNS = 5, 6
@@ -37,17 +37,23 @@ class Known:
         return self.derivatives[number][..., [UNKNOWNS.index(u) for u in unknowns]].astype(np.float32)
 
 
-def noises(level: float) -> list[Noise]:
+def noises(level: float, grain: Grain | None = None) -> list[Noise]:
     sigma = np.full(SHAPE, 0.5)  # of every value
-    return [Noise(sigma, sigma, sigma, np.full(3, level * (1 + n))) for n in range(2)]
+    return [Noise(sigma, sigma, sigma, np.full(3, level * (1 + n)), grain) for n in range(2)]
+
+
+def correlation(power: np.ndarray) -> np.ndarray:
+    """Covariance over the pixels of a picture whose cosine coefficients have some power, (pixels, pixels)."""
+    across, down = (dct(np.eye(n), axis=0, norm="ortho") for n in (COLUMNS, ROWS))
+    transform = np.kron(down, across)
+    return transform.T @ np.diag(power.ravel()) @ transform
 
 
 def smooth_covariance(*, with_mean: bool = True) -> np.ndarray:
     """Covariance over the pixels of a picture of the smooth error of unit variance, (pixels, pixels)."""
-    across, down = (dct(np.eye(n), axis=0, norm="ortho") for n in (COLUMNS, ROWS))
-    transform, power = np.kron(down, across), spectrum((ROWS, COLUMNS)).ravel()
-    power[0] *= with_mean
-    return transform.T @ np.diag(power) @ transform
+    power = spectrum((ROWS, COLUMNS))
+    power[0, 0] *= with_mean
+    return correlation(power)
 
 
 def test_smooth_errors_have_unit_variance_and_are_alike_next_to_each_other() -> None:
@@ -56,15 +62,31 @@ def test_smooth_errors_have_unit_variance_and_are_alike_next_to_each_other() -> 
     assert covariance[14, 15] > 0.2  # neighbours in a row
 
 
-def test_normal_equations_are_those_of_the_dense_covariance() -> None:
-    known, own = Known(3), noises(200.0)
+def coarse() -> np.ndarray:
+    """Power that falls with frequency, one in the mean."""
+    power = 1.0 / (1.0 + np.add.outer(np.arange(ROWS) ** 2, np.arange(COLUMNS) ** 2))
+    return np.asarray(power / power.mean())
+
+
+@pytest.mark.parametrize("grainy", [0.0, 0.9])
+def test_normal_equations_are_those_of_the_dense_covariance(grainy: float) -> None:
+    # Of the variance of every value `grainy` is grain; 0.1 and, where twice as bright, 0.4 are shared.
+    power, relative = coarse(), 0.1 / 200.0**2
+    grain = Grain(np.full(SHAPE, 0.5 * np.sqrt(grainy)), np.full(3, relative), power) if grainy else None
+    known, own = Known(3), noises(200.0, grain)
     found = system(known, None, [0, 1], UNKNOWNS, own, np.zeros(3))  # type: ignore[arg-type]
-    smooth = smooth_covariance()
+    smooth, rough = smooth_covariance(), correlation(power)
     gram, right, misfit = np.zeros((3, 3)), np.zeros(3), 0.0
     for channel in range(3):
         levels = [noise.level[channel] for noise in own]
-        apart = [np.eye(ROWS * COLUMNS) + (SHOT_BUDGET * level) ** 2 * smooth for level in levels]
+        apart = [
+            (1 - grainy) * np.eye(ROWS * COLUMNS) + (SHOT_BUDGET * level) ** 2 * smooth for level in levels
+        ]
         shared = SMOOTH_BUDGET**2 * np.kron(np.outer(levels, levels), smooth_covariance(with_mean=False))
+        if grainy:
+            for k, level in enumerate(levels):
+                apart[k] += (grainy - relative * level**2) * rough
+            shared += relative * np.kron(np.outer(levels, levels), rough)
         zero = np.zeros_like(smooth)
         inverse = np.linalg.inv(np.block([[apart[0], zero], [zero, apart[1]]]) + shared)
         scale = (known.valid[..., channel] / 0.5).reshape(2, -1)

@@ -12,8 +12,10 @@ from designlab.gap.basis import Renders
 from designlab.gap.control import control
 from designlab.gap.fit import Fitter
 from designlab.gap.forward import Forward, State, bands
+from designlab.gap.grain import grains
 from designlab.gap.intervals import values
 from designlab.gap.judge import gain, judge
+from designlab.gap.noise import DARK_LIGHT
 from designlab.gap.pattern import found_pattern
 from designlab.gap.search import PERIODS, Search, _with_strength
 from designlab.gap.where import geometry, regions, where
@@ -291,3 +293,62 @@ def test_pixels_answer_by_a_curve_before_their_noise_is_averaged(bank) -> None:
     without_noise = (level + camera.black_level) ** 0.85
     np.testing.assert_allclose(predicted, reported, rtol=0.01)
     assert abs(without_noise[0] / reported[0] - 1) > 0.05
+
+
+SHARED, OWN = 0.012, 0.006  # relative grain of all pictures alike, and of each press alone
+REPEATS = 8
+
+
+@pytest.fixture(scope="module")
+def grainy(bank) -> Bank:
+    """The bank with pictures of light counted in photons; what is measured has no grain."""
+    random = np.random.default_rng(5)
+
+    def white() -> np.ndarray:
+        return random.standard_normal((REPEATS, *bank.pictures[0].light.shape)) * np.sqrt(REPEATS)
+
+    pictures, shared = [], white()
+    for picture in bank.pictures:
+        chance = SHARED * shared + (OWN * white() if picture.pose else 0.0)
+        mean = chance.mean(axis=0)
+        pictures.append(
+            replace(picture, light=picture.light * (1 + mean), spread=picture.light * (chance - mean))
+        )
+    return replace(bank, pictures=tuple(pictures))
+
+
+def test_grain_of_the_mean_of_repeats_is_told_from_their_spread(grainy) -> None:
+    forward, state = Forward(grainy), State(GAINS)
+    for number, expected in enumerate([SHARED, *[np.hypot(SHARED, OWN)] * 4]):
+        found = grains(forward, state)[number]
+        assert found is not None
+        light = forward.predict(state, number)
+        ratio = np.sqrt((found.sigma**2).mean() / (light**2).mean())
+        assert ratio == pytest.approx(expected, rel=0.08)
+        # Errors are relative to the light, but where it is dark.
+        expected_shared = SHARED**2 * (light**2 / (light**2 + DARK_LIGHT**2)).mean(axis=(0, 1))
+        np.testing.assert_allclose(found.shared, expected_shared, rtol=0.1)
+        assert found.power.mean() == pytest.approx(1.0)
+        assert found.power[:8, :8].mean() == pytest.approx(1.0, rel=0.2)  # it is white
+
+
+def test_pictures_taken_once_have_no_grain_to_tell(bank) -> None:
+    assert grains(Forward(bank), State(GAINS)) == [None] * len(bank.shots)
+
+
+def test_grain_of_the_simulation_is_no_pattern_of_the_sensor(grainy) -> None:
+    train = [0, 1, 2]
+    blind = Fitter(replace(grainy, pictures=tuple(replace(p, spread=None) for p in grainy.pictures)))
+    assert found_pattern(blind, blind.fit(blind.start(train), (), train).state, train).evidence > 10
+    fitter = Fitter(grainy)
+    start = fitter.fit(fitter.start(train), (), train).state
+    assert found_pattern(fitter, start, train).evidence < 0
+    left = judge(fitter, start, [3, 4])
+    assert left.mean < 1.3 * left.floor.mean()
+
+
+def test_an_effect_is_found_through_grain(grainy) -> None:
+    fitter, train = seeing(grainy, applied("vignetting")), [0, 1, 2]
+    fit = fitter.fit(fitter.start(train), ["vignetting"], train)
+    found = values(fitter, fit, "vignetting", train)["corner_loss"]
+    assert 0.2 < found.low < 0.5 < found.high < 0.8
