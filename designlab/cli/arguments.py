@@ -251,9 +251,7 @@ def _add_study(add: Any) -> None:
     _out(status, "folder of the results, where `run` had one", required=False)
     report.add_argument("--results", metavar="DIR", help="folder of the results, where `run` had --out")
     report.add_argument("-o", "--output", metavar="FILE", help="page to write (default: report.html there)")
-    run.add_argument(
-        "--workers", type=_whole(1, 256), default=1, metavar="N", help="processes at once (default: 1)"
-    )
+    _workers(run)
     run.add_argument(
         "--trials", type=_whole(1, 100_000), metavar="N", help="designs in all, instead of the study's own"
     )
@@ -334,6 +332,10 @@ def _add_gap(add: Any) -> None:
         help="see how much better the corrected models predict another design: LEDs 3 mm higher, 15 deg more "
         "tilted, with the same hidden effect",
     )
+    _workers(benchmark)
+    benchmark.add_argument(
+        "--dask", metavar="ADDRESS", help="Dask scheduler whose workers run the sets, tcp://host:8786"
+    )
     _out(benchmark, "folder of sets, reports and scores; the same command again goes on where it ended")
 
 
@@ -360,6 +362,12 @@ def _design(command: argparse.ArgumentParser) -> None:
 
 def _model(command: argparse.ArgumentParser, name: str) -> None:
     command.add_argument(name, metavar="DESIGN", help=MODEL_HELP)
+
+
+def _workers(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--workers", type=_whole(1, 256), default=1, metavar="N", help="processes at once (default: 1)"
+    )
 
 
 def _out(command: argparse.ArgumentParser, text: str, *, required: bool = True) -> None:

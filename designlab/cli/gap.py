@@ -9,7 +9,7 @@ from designlab.cli.shared import bar, results_folder, table
 
 if TYPE_CHECKING:
     from designlab.gap import GapReport
-    from designlab.trials import Trial
+    from designlab.trials import Crew, Trial
 
 
 def plant(args: Namespace) -> Result:
@@ -114,7 +114,7 @@ def benchmark(args: Namespace) -> Result:
     import re
 
     from designlab.store import write_json
-    from designlab.trials import development, run, score, transfers
+    from designlab.trials import Crew, development, run, score, transfers
 
     try:
         wanted = re.compile(args.only)
@@ -125,10 +125,11 @@ def benchmark(args: Namespace) -> Result:
     if not trials:
         raise ValueError(f"--only: no set's name matches {args.only!r}")
     results_folder(args.out)
+    crew = Crew(args.workers, args.dask)
     if args.transfer:
-        return _transferred(trials, Path(args.out))
+        return _transferred(trials, Path(args.out), crew)
     with bar("set") as progress:
-        found = score(run(trials, Path(args.out), progress=progress))
+        found = score(run(trials, Path(args.out), progress=progress, crew=crew))
     write_json(Path(args.out) / "score.json", found)
     rows = [
         (
@@ -145,14 +146,14 @@ def benchmark(args: Namespace) -> Result:
     return Result(found, "\n".join([text, *parts]))
 
 
-def _transferred(trials: "list[Trial]", folder: Path) -> Result:
+def _transferred(trials: "list[Trial]", folder: Path, crew: "Crew") -> Result:
     """Put what was learnt on each set's design on another one, and say how much better that is predicted."""
     from designlab.store import write_json
     from designlab.trials import run_transfers
     from designlab.trials.transfer import summary
 
     with bar("set") as progress:
-        found = summary(run_transfers(trials, folder, progress=progress))
+        found = summary(run_transfers(trials, folder, progress=progress, crew=crew))
     write_json(folder / "transfer.json", found)
     rows = [
         (

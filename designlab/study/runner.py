@@ -3,17 +3,16 @@
 import contextlib
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from designlab.interrupts import Interrupts
 from designlab.study.definition import Study
 from designlab.study.folder import opened
-from designlab.study.interrupts import Interrupts
 from designlab.study.results import Results, load_results
-from designlab.study.search import Evaluator, Search, Submit
+from designlab.study.search import Evaluator, Search
+from designlab.workers import submitter
 
 if TYPE_CHECKING:
     from designlab.design import Design
@@ -103,7 +102,7 @@ def _run(
 ) -> None:
     for deaths in range(1, _DEATHS + 1):
         try:
-            with _submitter(workers, interrupts) as submit:
+            with submitter(workers, interrupts) as submit:
                 search.run(total, workers=workers, submit=submit, interrupts=interrupts, on_progress=update)
                 return
         except BrokenProcessPool as error:
@@ -115,53 +114,6 @@ def _run(
         except BaseException:
             search.recover(interrupted=True)
             raise
-
-
-@contextlib.contextmanager
-def _submitter(workers: int, interrupts: Interrupts) -> Iterator[Submit]:
-    """Give the function that starts an evaluation: here and now, or in one of several processes."""
-    if workers == 1:
-        yield _evaluator_here(interrupts)
-        return
-    import multiprocessing
-
-    context = multiprocessing.get_context("spawn")  # a forked copy of a renderer with threads would hang
-    receiver, sender = context.Pipe(duplex=False)
-    with ProcessPoolExecutor(workers, context, initializer=_start_worker, initargs=(receiver,)) as pool:
-        try:
-            yield pool.submit
-        except BaseException:
-            sender.close()
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-def _evaluator_here(interrupts: Interrupts) -> Submit:
-    def submit(function: Callable[..., dict[str, Any]], /, *arguments: Any) -> Future[dict[str, Any]]:
-        future: Future[dict[str, Any]] = Future()
-        try:
-            with interrupts.allowed():
-                future.set_result(function(*arguments))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-    return submit
-
-
-def _start_worker(receiver: "Connection[Any, Any]") -> None:
-    """Prepare a worker: Ctrl-C is for the parent alone, and the worker leaves with its parent, at once."""
-    import os
-    import signal
-    import threading
-
-    def leave_with_parent() -> None:
-        with contextlib.suppress(EOFError, OSError):
-            receiver.recv()
-        os._exit(1)
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=leave_with_parent, daemon=True).start()
 
 
 @contextlib.contextmanager

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import numpy as np
 
 from designlab.design import Design, DesignError, InfeasibleDesign, dumps
+from designlab.interrupts import Interrupts
 from designlab.store import atomic_folder, write_atomic, write_json
 from designlab.study.definition import Parameter, Study, StudyError
 from designlab.study.folder import read_trial, trial_folder
-from designlab.study.interrupts import Interrupts
+from designlab.workers import Submit
 
 if TYPE_CHECKING:
     import optuna
@@ -33,13 +34,6 @@ class Evaluator(Protocol):
 
     def __call__(self, design: Any, /, *, fidelity: str, seed: int) -> Any:
         """Return the score of a feasible design, or of the sensor model it makes with the study's effects."""
-
-
-class Submit(Protocol):
-    """Where evaluations are carried out."""
-
-    def __call__(self, function: Callable[..., dict[str, Any]], /, *arguments: Any) -> Future[dict[str, Any]]:
-        """Start one evaluation."""
 
 
 class Task(NamedTuple):

@@ -1,8 +1,18 @@
 """Trials of the gap workflow: measurement sets with known answers, diagnosed blind, and the score of that."""
 
 from designlab.trials.pool import Trial, development
-from designlab.trials.runner import Outcome, run
+from designlab.trials.runner import Crew, Outcome, run
 from designlab.trials.score import score
 from designlab.trials.transfer import Transferred, run_transfers, transfers
 
-__all__ = ["Outcome", "Transferred", "Trial", "development", "run", "run_transfers", "score", "transfers"]
+__all__ = [
+    "Crew",
+    "Outcome",
+    "Transferred",
+    "Trial",
+    "development",
+    "run",
+    "run_transfers",
+    "score",
+    "transfers",
+]

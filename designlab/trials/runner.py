@@ -2,22 +2,25 @@
 
 import json
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from designlab.design import preset
 from designlab.gap import diagnose
+from designlab.interrupts import Interrupts
 from designlab.measurement import MeasurementError, load_measurement
 from designlab.plant import plant, unseal
 from designlab.plant.effects import draw
 from designlab.plant.rig import Rig
 from designlab.store import write_json
 from designlab.trials.pool import Trial
+from designlab.workers import completed, submitter
 
 COLUMNS = 96
 SEED = 1
+MOST_CALLS = 1000  # in flight on a cluster
 Progress = Callable[[str, int, int], None]
 
 
@@ -37,7 +40,20 @@ class Outcome:
     processor_seconds: float
 
 
-def run(trials: Iterable[Trial], folder: Path, *, progress: Progress | None = None) -> list[Outcome]:
+@dataclass(frozen=True)
+class Crew:
+    """Who runs trials: processes of this machine, or the workers of a Dask scheduler at an address."""
+
+    workers: int = 1
+    dask: str | None = None
+
+
+ALONE = Crew()
+
+
+def run(
+    trials: Iterable[Trial], folder: Path, *, progress: Progress | None = None, crew: Crew = ALONE
+) -> list[Outcome]:
     """Run trials, or take them from the folder where they were run before.
 
     Parameters
@@ -46,28 +62,53 @@ def run(trials: Iterable[Trial], folder: Path, *, progress: Progress | None = No
         The sets.
     folder : Path
         Where sets, reports and outcomes lie; an interrupted run goes on there.
+    crew : Crew
+        Who runs them.
     """
-    found = kept(trials, folder / "outcomes", lambda trial: asdict(_one(trial, folder)), progress)
-    return [Outcome(**one) for one in found]
+    return [Outcome(**one) for one in kept(trials, folder, "outcomes", _one, progress, crew)]
 
 
 def kept(
     trials: Iterable[Trial],
     folder: Path,
-    run_one: Callable[[Trial], dict[str, Any]],
+    records: str,
+    run_one: Callable[[Trial, Path], Any],
     progress: Progress | None,
+    crew: Crew,
 ) -> list[dict[str, Any]]:
-    """Run trials whose record is not in a folder yet; the records of all."""
+    """Run trials whose record is not in a folder yet; the records of all, in their order.
+
+    Parameters
+    ----------
+    records : str
+        Where within `folder` records are kept.
+    run_one : callable
+        Function of a module, called with a trial and the folder; its dataclass becomes the record.
+    """
     trials = list(trials)
-    found = []
-    for number, trial in enumerate(trials):
+    paths = [folder / records / f"{trial.name}-{trial.seed}.json" for trial in trials]
+    missing = [n for n, path in enumerate(paths) if not path.is_file()]
+    at_once = MOST_CALLS if crew.dask is not None else crew.workers
+
+    def tell(what: str) -> None:
         if progress is not None:
-            progress(trial.name, number, len(trials))
-        path = folder / f"{trial.name}-{trial.seed}.json"
-        if not path.is_file():
-            write_json(path, run_one(trial))
-        found.append(json.loads(path.read_text(encoding="utf-8")))
-    return found
+            progress(what, sum(path.is_file() for path in paths), len(paths))
+
+    with Interrupts() as interrupts, submitter(crew.workers, interrupts, dask=crew.dask) as submit:
+        for wave in _waves([(n, trials[n]) for n in missing]):
+            tell(wave[0][1].name)
+            calls = [(run_one, trial, folder) for _, trial in wave]
+            for place, found in completed(submit, calls, at_once=at_once, interrupts=interrupts):
+                write_json(paths[wave[place][0]], asdict(found))
+                tell(wave[min(place + at_once, len(wave) - 1)][1].name)
+    return [json.loads(path.read_text(encoding="utf-8")) for path in paths]
+
+
+def _waves(trials: Sequence[tuple[int, Trial]]) -> Iterator[list[tuple[int, Trial]]]:
+    """One set of each design before all others: it renders the pictures that they share."""
+    first = {trial.design: number for number, trial in reversed(trials)}
+    ahead = [one for one in trials if first[one[1].design] == one[0]]
+    yield from filter(None, (ahead, [one for one in trials if one not in ahead]))
 
 
 def set_path(trial: Trial, folder: Path) -> Path:

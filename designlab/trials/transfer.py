@@ -20,7 +20,7 @@ from designlab.gap.observe import observe
 from designlab.measurement import Measurement, load_measurement
 from designlab.plant import plant
 from designlab.trials.pool import AIR, Trial, development
-from designlab.trials.runner import COLUMNS, SEED, Progress, kept, model_path, run, set_path
+from designlab.trials.runner import ALONE, COLUMNS, SEED, Crew, Progress, kept, model_path, run, set_path
 
 HIGHER_MM = 3.0
 MORE_TILT_DEG = 15.0
@@ -84,7 +84,7 @@ def other(design: Design) -> Design:
 
 
 def run_transfers(
-    trials: Iterable[Trial], folder: Path, *, progress: Progress | None = None
+    trials: Iterable[Trial], folder: Path, *, progress: Progress | None = None, crew: Crew = ALONE
 ) -> list[Transferred]:
     """Run trials, or take them from the folder where they were run before.
 
@@ -94,9 +94,10 @@ def run_transfers(
         The sets.
     folder : Path
         Where sets, models and outcomes lie; an interrupted run goes on there.
+    crew : Crew
+        Who runs them.
     """
-    found = kept(trials, folder / "transfers", lambda trial: asdict(_one(trial, folder)), progress)
-    return [Transferred(**one) for one in found]
+    return [Transferred(**one) for one in kept(trials, folder, "transfers", _one, progress, crew)]
 
 
 def _one(trial: Trial, folder: Path) -> Transferred:

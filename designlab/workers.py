@@ -1,0 +1,136 @@
+"""Where calls are run: in this process, in several of this machine, or on a Dask cluster."""
+
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from multiprocessing.connection import Connection
+from typing import Any
+
+from designlab.interrupts import Interrupts
+
+Submit = Callable[..., "Future[Any]"]
+"""Starts a call, ``submit(function, *arguments)``, and returns its future."""
+
+
+@contextlib.contextmanager
+def submitter(workers: int, interrupts: Interrupts, *, dask: str | None = None) -> Iterator[Submit]:
+    """Give the function that starts calls.
+
+    Parameters
+    ----------
+    workers : int
+        Processes of this machine; with one, calls are run here and now.
+    interrupts : Interrupts
+        Let through while a call runs here.
+    dask : str, optional
+        Address of a Dask scheduler, ``tcp://host:8786``, whose workers run the calls instead. They need
+        designlab and the same paths.
+
+    Raises
+    ------
+    ValueError
+        If Dask is not installed.
+    OSError
+        If no scheduler answers.
+    """
+    if dask is not None:
+        with _cluster(dask) as submit:
+            yield submit
+    elif workers == 1:
+        yield _here(interrupts)
+    else:
+        with _processes(workers) as submit:
+            yield submit
+
+
+def completed(
+    submit: Submit,
+    calls: Sequence[tuple[Any, ...]],
+    *,
+    at_once: int,
+    interrupts: Interrupts,
+) -> Iterator[tuple[int, Any]]:
+    """Run calls, ``(function, *arguments)`` each, and give number and result of each as it ends.
+
+    What a call raises is raised here.
+    """
+    waiting = list(enumerate(calls))[::-1]
+    running: dict[Future[Any], int] = {}
+    while waiting or running:
+        while waiting and len(running) < at_once:
+            interrupts.check()
+            number, call = waiting.pop()
+            running[submit(*call)] = number
+        with interrupts.allowed():
+            finished = wait(running, return_when=FIRST_COMPLETED).done
+        for future in finished:
+            yield running.pop(future), future.result()
+
+
+def _here(interrupts: Interrupts) -> Submit:
+    def submit(function: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":
+        future: Future[Any] = Future()
+        try:
+            with interrupts.allowed():
+                future.set_result(function(*arguments))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+    return submit
+
+
+@contextlib.contextmanager
+def _processes(workers: int) -> Iterator[Submit]:
+    import multiprocessing
+
+    context = multiprocessing.get_context("spawn")  # a forked copy of a renderer with threads would hang
+    receiver, sender = context.Pipe(duplex=False)
+    given = receiver, context.Value("i", 0), workers
+    with ProcessPoolExecutor(workers, context, initializer=_start_worker, initargs=given) as pool:
+        try:
+            yield pool.submit
+        except BaseException:
+            sender.close()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+@contextlib.contextmanager
+def _cluster(address: str) -> Iterator[Submit]:
+    try:
+        from distributed import Client
+    except ImportError:
+        raise ValueError("--dask: needs Dask: pip install 'designlab[dask]'") from None
+    with Client(address, timeout="10s", set_as_default=False) as client:
+        executor = client.get_executor(pure=False, retries=2)
+        try:
+            yield executor.submit
+        except BaseException:
+            executor.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _start_worker(receiver: "Connection[Any, Any]", started: Any, workers: int) -> None:
+    """Prepare a worker: Ctrl-C is for the parent alone, and the worker leaves with its parent, at once.
+
+    Each has its own share of the cores: threads of several renderers on one core get in each other's way.
+    """
+    import os
+    import signal
+    import threading
+
+    with started.get_lock():
+        number = started.value
+        started.value += 1
+    if hasattr(os, "sched_setaffinity"):
+        cores = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, cores[number::workers] or [cores[number % len(cores)]])
+
+    def leave_with_parent() -> None:
+        with contextlib.suppress(EOFError, OSError):
+            receiver.recv()
+        os._exit(1)
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=leave_with_parent, daemon=True).start()

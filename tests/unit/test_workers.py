@@ -1,0 +1,59 @@
+"""Calls in this process, in several, and on a Dask cluster give the same."""
+
+import math
+import os
+import time
+
+import pytest
+
+from designlab.interrupts import Interrupts
+from designlab.workers import completed, submitter
+
+
+def results(workers: int, calls: list[tuple], *, dask: str | None = None) -> dict[int, object]:
+    with Interrupts() as interrupts, submitter(workers, interrupts, dask=dask) as submit:
+        return dict(completed(submit, calls, at_once=workers, interrupts=interrupts))
+
+
+CALLS = [(math.factorial, n) for n in range(7)]
+EXPECTED = {n: math.factorial(n) for n in range(7)}
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_every_call_is_run_once(workers) -> None:
+    assert results(workers, CALLS) == EXPECTED
+
+
+def test_processes_are_others_and_run_at_once() -> None:
+    # Each call takes long enough for the other process to get the next one.
+    calls = [(time.sleep, 0.3), (os.getpid,), (time.sleep, 0.3), (os.getpid,)]
+    found = results(2, calls)
+    assert os.getpid() not in {found[1], found[3]}
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_what_a_call_raises_is_raised(workers) -> None:
+    with pytest.raises(ValueError, match="factorial"):
+        results(workers, [*CALLS, (math.factorial, -1)])
+
+
+def test_results_before_a_failure_are_given() -> None:
+    with Interrupts() as interrupts, submitter(1, interrupts) as submit:
+        found = completed(
+            submit, [(math.factorial, 3), (math.factorial, -1)], at_once=1, interrupts=interrupts
+        )
+        assert next(found) == (0, 6)
+        with pytest.raises(ValueError, match="factorial"):
+            next(found)
+
+
+def test_a_dask_cluster_runs_calls() -> None:
+    distributed = pytest.importorskip("distributed", reason="Dask is an extra")
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        assert results(7, CALLS, dask=cluster.scheduler_address) == EXPECTED
+
+
+def test_a_scheduler_that_does_not_answer_is_an_error_and_not_a_wait() -> None:
+    pytest.importorskip("distributed", reason="Dask is an extra")
+    with pytest.raises(OSError, match=r"127\.0\.0\.1:9"):
+        results(1, CALLS, dask="tcp://127.0.0.1:9")
