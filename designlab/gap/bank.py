@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from designlab.camera import View
 from designlab.effects import AppliedEffect, SensorModel, effect
 from designlab.gap.basis import Renders, Variant
+from designlab.gap.chance import without_grain
 from designlab.gap.steps import Step, Values, steps
 from designlab.measurement.shots import POSE, Shot
 from designlab.press import Press
@@ -23,7 +24,7 @@ Single = NDArray[np.float32]
 
 POSE_STEP = (0.05, 0.05, 0.03, 1.0)  # x, y, depth (mm) and yaw (deg): steps of the differences
 LEAST_DEPTH_MM = 0.01
-REPEATS = 8  # pictures of the given model with other random numbers each, where light comes through a core
+REPEATS = 8  # further pictures of the given model where light comes through a core, each with its own chance
 FILLED_KEPT = 2
 
 
@@ -63,7 +64,7 @@ class Picture:
     Attributes
     ----------
     light : array, shape (groups, rows, columns)
-        Radiance of every LED group at unit flux, its random error that of the mean of all repeats.
+        Radiance of every LED group at unit flux; of repeats their mean.
     seen_mm : tuple of arrays, shape (rows, columns)
         Membrane point every pixel sees.
     numerical : array, shape (groups, rows, columns)
@@ -173,7 +174,7 @@ def _fill(
         model = _with(model, name, values)
     touched = sum(press is not None for press, _ in presses)
     repeats = _repeats(given)
-    each = 1 + repeats + 2 * len(chosen)
+    each = 2 + repeats + 2 * len(chosen)
     renders.begin("pictures", len(presses) * each + touched * 2 * len(POSE))
     # One model after the other: what its light is shaded from is large and not kept for long.
     variants: tuple[Variant, ...] = ("value", "fine") if finer else ("value",)
@@ -183,7 +184,7 @@ def _fill(
             if press is not None and variant == "value":
                 for _, there in _around(press):
                     renders.basis(model, there, view)
-    for repeat in range(1, repeats):
+    for repeat in range(1, 1 + repeats):
         for press, view in presses:
             renders.basis(given, press, view, repeat=repeat)
     for step in chosen:
@@ -244,25 +245,47 @@ def _picture(
     if press is not None:
         around = [(lamp.light(model, there, view), s) for s, there in _around(press)]
         pose = tuple(_quadratic(here, around[2 * axis : 2 * axis + 2], None) for axis in range(len(POSE)))
-    spread = _spread(lamp, press, view)
-    if spread is not None:
-        # What the first picture has by chance is nearly the same wherever the model stands.
-        here = here - spread[0]
-    return Picture(here, seen, numerical, simulator.rays.pitch_mm, pose, changes, spread)
+    repeated = _repeated(lamp, press, view)
+    if repeated is None:
+        return Picture(here, seen, numerical, simulator.rays.pitch_mm, pose, changes)
+    mean = repeated.mean(axis=0)
+    spread = repeated - mean
+    changes = {
+        key: _without_grain(change, mean, spread) if _traced_anew(key[0]) else change
+        for key, change in changes.items()
+    }
+    # What the picture has by chance is nearly the same wherever the model stands. It is no part of the mean:
+    # changes share its chance, and must not find it in what is left.
+    light = here + mean - lamp.light(lamp.given, press, view)
+    return Picture(light, seen, numerical, simulator.rays.pitch_mm, pose, changes, spread)
 
 
 def _repeats(given: SensorModel) -> int:
-    """Pictures of the given model with other random numbers, the first one counted."""
-    return REPEATS if given.effective_design().optics.light_path == "core" else 1
+    """How often the pictures of the given model are rendered with other random numbers."""
+    return REPEATS if given.effective_design().optics.light_path == "core" else 0
 
 
-def _spread(lamp: _Lamp, press: Press | None, view: View) -> Single | None:
-    """Deviations of repeated pictures of the given model from their mean."""
-    numbers = range(_repeats(lamp.given))
-    if len(numbers) == 1:
+def _repeated(lamp: _Lamp, press: Press | None, view: View) -> Single | None:
+    """Pictures of the given model with other random numbers, (repeats, groups, rows, columns)."""
+    numbers = range(1, 1 + _repeats(lamp.given))
+    if not numbers:
         return None
-    pictures = np.stack([lamp.renders.basis(lamp.given, press, view, repeat=k) for k in numbers])
-    return np.asarray(pictures - pictures.mean(axis=0))
+    return np.stack([lamp.renders.basis(lamp.given, press, view, repeat=k) for k in numbers])
+
+
+def _traced_anew(name: str) -> bool:
+    """Whether an effect sends photons elsewhere, so that chance does not cancel in its changes."""
+    return effect(name).stage in ("emission", "transport")
+
+
+def _without_grain(change: Change, light: Single, spread: Single) -> Change:
+    groups = slice(None) if change.group is None else [change.group]
+
+    def clean(image: Single) -> Single:
+        found = without_grain(image.reshape(-1, *light.shape[1:]), light[groups], spread[:, groups])
+        return np.ascontiguousarray(found.reshape(image.shape))
+
+    return replace(change, first=clean(change.first), second=clean(change.second))
 
 
 def _acts_untouched(name: str) -> bool:

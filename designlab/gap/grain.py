@@ -8,16 +8,15 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import dctn
 from scipy.ndimage import gaussian_filter
 
+from designlab.gap.chance import bands, by_band, coefficients
 from designlab.gap.forward import Forward, State
 from designlab.gap.noise import DARK_LIGHT, Grain
 
 Array = NDArray[np.float64]
 
 SMOOTHING_PX = 3.0  # few repeats tell a variance only over a neighbourhood
-FREQUENCIES = 12  # bands in which the power of the error is averaged
 
 
 def grains(forward: Forward, state: State) -> list[Grain | None]:
@@ -65,13 +64,9 @@ def _light(forward: Forward, state: State, number: int) -> Array:
 def _power(relative: Iterable[Array]) -> Array:
     """Power over the coefficients of a cosine transform, one in the mean, equal in all directions."""
     squares = np.mean(
-        [(dctn(chance, axes=(1, 2), norm="ortho") ** 2).sum(axis=(0, 3)) for chance in relative], axis=0
+        [(coefficients(np.moveaxis(each, -1, 0)) ** 2).sum(axis=(0, 1)) for each in relative], axis=0
     )
-    rows, columns = squares.shape
-    frequency = np.hypot(np.arange(rows)[:, None] / rows, np.arange(columns) / columns)
-    band = np.minimum((frequency * FREQUENCIES).astype(int), FREQUENCIES - 1)
-    mean = np.bincount(band.ravel(), squares.ravel()) / np.maximum(np.bincount(band.ravel()), 1)
-    power = mean[band]
+    power = by_band(squares)[bands((squares.shape[0], squares.shape[1]))]
     return np.asarray(power / power.mean())
 
 
