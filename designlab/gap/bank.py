@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from designlab.camera import View
 from designlab.effects import AppliedEffect, SensorModel, effect
 from designlab.gap.basis import Renders, Variant
-from designlab.gap.chance import without_grain
+from designlab.gap.chance import Calm, calm, without_grain
 from designlab.gap.steps import Step, Values, steps
 from designlab.measurement.shots import POSE, Shot
 from designlab.press import Press
@@ -64,7 +64,7 @@ class Picture:
     Attributes
     ----------
     light : array, shape (groups, rows, columns)
-        Radiance of every LED group at unit flux; of repeats their mean.
+        Radiance of every LED group at unit flux; of repeats their mean, chance taken away as far as known.
     seen_mm : tuple of arrays, shape (rows, columns)
         Membrane point every pixel sees.
     numerical : array, shape (groups, rows, columns)
@@ -76,8 +76,8 @@ class Picture:
     changes : mapping of (effect, parameter) to Change
         By prior standard deviations from where the bank stands.
     spread : array, shape (repeats, groups, rows, columns), or None
-        Deviations of the repeats from their mean; None where the picture's random error is below what every
-        simulation is granted.
+        Deviations of the repeats from their mean, without what is known to be chance; None where a picture's
+        random error is below what every simulation is granted.
     """
 
     light: Single
@@ -203,6 +203,7 @@ class _Lamp:
 
     renders: Renders
     given: SensorModel
+    _calm: dict[View, Calm] = field(default_factory=dict)
 
     def light(
         self, model: SensorModel, press: Press | None, view: View, *, variant: Variant = "value"
@@ -214,6 +215,21 @@ class _Lamp:
             for m in (model, self.given)
         )
         return np.asarray(found * (ours / theirs).astype(np.float32)[:, None, None])
+
+    def repeated(self, press: Press | None, view: View) -> Single | None:
+        """Pictures of the given model with other random numbers, (repeats, groups, rows, columns)."""
+        numbers = range(1, 1 + _repeats(self.given))
+        if not numbers:
+            return None
+        return np.stack([self.renders.basis(self.given, press, view, repeat=k) for k in numbers])
+
+    def calm(self, view: View) -> Calm:
+        """What the untouched gel's pictures of the given model have by chance; they are repeated."""
+        if view not in self._calm:
+            untouched = self.repeated(None, view)
+            assert untouched is not None
+            self._calm[view] = calm(untouched)
+        return self._calm[view]
 
 
 def _with(model: SensorModel, name: str, values: Values) -> SensorModel:
@@ -245,19 +261,27 @@ def _picture(
     if press is not None:
         around = [(lamp.light(model, there, view), s) for s, there in _around(press)]
         pose = tuple(_quadratic(here, around[2 * axis : 2 * axis + 2], None) for axis in range(len(POSE)))
-    repeated = _repeated(lamp, press, view)
+    repeated = lamp.repeated(press, view)
     if repeated is None:
         return Picture(here, seen, numerical, simulator.rays.pitch_mm, pose, changes)
+    # What the first picture has by chance is nearly the same wherever the model stands. It is no part of the
+    # mean of the others: changes share its chance, and must not find it in what is left.
     mean = repeated.mean(axis=0)
     spread = repeated - mean
+    still = lamp.calm(view)
     changes = {
-        key: _without_grain(change, mean, spread) if _traced_anew(key[0]) else change
+        key: _without_grain(change, mean, spread) if _traced_anew(key[0]) else _times(change, still.factor)
         for key, change in changes.items()
     }
-    # What the picture has by chance is nearly the same wherever the model stands. It is no part of the mean:
-    # changes share its chance, and must not find it in what is left.
-    light = here + mean - lamp.light(lamp.given, press, view)
-    return Picture(light, seen, numerical, simulator.rays.pitch_mm, pose, changes, spread)
+    return Picture(
+        light=still.factor * (here + mean - lamp.light(lamp.given, press, view)),
+        seen_mm=seen,
+        numerical=still.factor * numerical,
+        pitch_mm=simulator.rays.pitch_mm,
+        pose=tuple(_times(change, still.factor) for change in pose),
+        changes=changes,
+        spread=spread - mean * still.taken,
+    )
 
 
 def _repeats(given: SensorModel) -> int:
@@ -265,17 +289,14 @@ def _repeats(given: SensorModel) -> int:
     return REPEATS if given.effective_design().optics.light_path == "core" else 0
 
 
-def _repeated(lamp: _Lamp, press: Press | None, view: View) -> Single | None:
-    """Pictures of the given model with other random numbers, (repeats, groups, rows, columns)."""
-    numbers = range(1, 1 + _repeats(lamp.given))
-    if not numbers:
-        return None
-    return np.stack([lamp.renders.basis(lamp.given, press, view, repeat=k) for k in numbers])
-
-
 def _traced_anew(name: str) -> bool:
     """Whether an effect sends photons elsewhere, so that chance does not cancel in its changes."""
     return effect(name).stage in ("emission", "transport")
+
+
+def _times(change: Change, factor: Single) -> Change:
+    own = factor if change.group is None else factor[change.group]
+    return replace(change, first=change.first * own, second=change.second * own)
 
 
 def _without_grain(change: Change, light: Single, spread: Single) -> Change:

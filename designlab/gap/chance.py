@@ -1,13 +1,17 @@
 """What chance leaves in pictures of light that is counted in photons, by spatial frequency."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dctn, idctn
+from scipy.ndimage import gaussian_filter
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-BANDS = 12  # of frequency, in which powers are averaged
+BANDS = 24  # of frequency, in which powers are averaged
+BROAD = 0.08  # of the picture's width: what is wider is no structure
 
 
 def coefficients(images: NDArray[np.floating]) -> Array:
@@ -26,6 +30,48 @@ def by_band(squares: Array) -> Array:
     """Mean over each band of squared coefficients (rows, columns), (bands,)."""
     band = bands((squares.shape[0], squares.shape[1])).ravel()
     return np.asarray(np.bincount(band, squares.ravel(), BANDS) / np.bincount(band, minlength=BANDS))
+
+
+@dataclass(frozen=True, eq=False)
+class Calm:
+    """What the picture of the untouched gel has by chance, relative to its light; all pictures share it.
+
+    Attributes
+    ----------
+    factor : array, shape (groups, rows, columns)
+        That takes it from any picture of the sensor.
+    taken : array, shape (repeats, groups, rows, columns)
+        Part of the relative deviation of every repeat that is taken away so.
+    """
+
+    factor: Single
+    taken: Single
+
+
+def calm(repeated: Single) -> Calm:
+    """Tell the structure of light from chance by frequency (Wiener 1949).
+
+    Parameters
+    ----------
+    repeated : array, shape (repeats, groups, rows, columns)
+        Pictures of the untouched gel with other random numbers.
+    """
+    mean = repeated.mean(axis=0)
+    repeats, groups, *shape = repeated.shape
+    band = bands((shape[0], shape[1]))
+    factor, taken = np.empty_like(mean), np.empty_like(repeated)
+    for group in range(groups):
+        broad = gaussian_filter(mean[group], BROAD * shape[1])
+        structure = coefficients(mean[group] / broad - 1.0)
+        spread = coefficients((repeated[:, group] - mean[group]) / broad)
+        chance = by_band((spread**2).sum(axis=0)) / (repeats * (repeats - 1))
+        kept = np.clip(1.0 - chance / np.maximum(by_band(structure**2), 1e-300), 0.0, 1.0)
+        found = broad * (1.0 + idctn(kept[band] * structure, norm="ortho"))
+        factor[group] = found / mean[group]
+        # The root: structure that is lost errs as well, and both together have this variance.
+        lost = idctn((1.0 - np.sqrt(kept[band])) * spread, axes=(-2, -1), norm="ortho")
+        taken[:, group] = broad / mean[group] * lost
+    return Calm(factor, taken)
 
 
 def without_grain(images: Single, light: Single, spread: Single) -> Single:
