@@ -5,13 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dctn, idctn
-from scipy.ndimage import gaussian_filter
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 BANDS = 24  # of frequency, in which powers are averaged
-BROAD = 0.08  # of the picture's width: what is wider is no structure
+DEGREE, DEGREE_OF_CHANGE = 6, 3  # of polynomials that follow light without its structure, and its changes
 
 
 def coefficients(images: NDArray[np.floating]) -> Array:
@@ -61,7 +60,7 @@ def calm(repeated: Single) -> Calm:
     band = bands((shape[0], shape[1]))
     factor, taken = np.empty_like(mean), np.empty_like(repeated)
     for group in range(groups):
-        broad = gaussian_filter(mean[group], BROAD * shape[1])
+        broad = _broad(mean[group])
         structure = coefficients(mean[group] / broad - 1.0)
         spread = coefficients((repeated[:, group] - mean[group]) / broad)
         chance = by_band((spread**2).sum(axis=0)) / (repeats * (repeats - 1))
@@ -72,6 +71,19 @@ def calm(repeated: Single) -> Calm:
         lost = idctn((1.0 - np.sqrt(kept[band])) * spread, axes=(-2, -1), norm="ortho")
         taken[:, group] = broad / mean[group] * lost
     return Calm(factor, taken)
+
+
+def _broad(image: Single) -> Array:
+    """Light without its structure: a polynomial in both coordinates through its logarithm."""
+    return np.exp(_polynomial(np.log(np.maximum(image, 1e-3 * image.max())), DEGREE))
+
+
+def _polynomial(image: NDArray[np.floating], degree: int) -> Array:
+    """Least-squares polynomial in both coordinates: a cosine transform takes slopes at borders for edges."""
+    down, across = (
+        np.linalg.qr(np.polynomial.legendre.legvander(np.linspace(-1, 1, n), degree))[0] for n in image.shape
+    )
+    return np.asarray(down @ (down.T @ image @ across) @ across.T)
 
 
 def without_grain(images: Single, light: Single, spread: Single) -> Single:
@@ -92,11 +104,12 @@ def without_grain(images: Single, light: Single, spread: Single) -> Single:
     found = np.empty_like(images)
     band = bands((images.shape[1], images.shape[2]))
     for group, image in enumerate(images):
-        scale = light[group] + 1e-3 * light[group].max()
-        change = coefficients(image / scale)
+        scale = _broad(light[group])
+        broad = _polynomial(image / scale, DEGREE_OF_CHANGE)
+        change = coefficients(image / scale - broad)
         chance = by_band((coefficients(spread[:, group] / scale) ** 2).mean(axis=0))
         power = by_band(change**2)
-        left = (power / chance)[BANDS // 2 :].min()
+        left = np.median((power / chance)[BANDS // 2 :])
         kept = np.clip(1.0 - left * chance / np.maximum(power, 1e-300), 0.0, 1.0)
-        found[group] = scale * idctn(kept[band] * change, norm="ortho")
+        found[group] = scale * (broad + idctn(kept[band] * change, norm="ortho"))
     return found

@@ -49,6 +49,7 @@ LOWER, TALLER = (
 R2 = (0.7548776662466927, 0.5698402909980532)
 LEAST_PER_MM = 1e-6
 MOST_LOST = 1e-5  # share of paths whose radiance is no number
+LEAST_ALBEDO = 1e-7  # of what only absorbs: the engine divides by a throughput of zero
 BETWEEN = {"interface": INTERFACE, "gap-above": GAP_ABOVE, "gap-below": GAP_BELOW}  # gel and core
 CAMERA_SEGMENTS = 3  # of a path, from the membrane through interface and window to the camera
 
@@ -369,7 +370,7 @@ def _medium(
     content: dict[str, Any] = {
         "type": "homogeneous",
         "sigma_t": _rgb(extinction),
-        "albedo": _rgb(spreading * scattering / extinction),
+        "albedo": _rgb(np.maximum(spreading * scattering / extinction, LEAST_ALBEDO)),
     }
     if scattering:
         content["phase"] = {"type": "hg", "g": float(anisotropy)}
