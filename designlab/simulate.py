@@ -116,6 +116,9 @@ class Simulator:
         Effort of the unbiased part of the estimator "corrected".
     pitch_mm : float, optional
         Distance of points of the membrane; two pixels, from 0.025 to 0.05 mm, when absent.
+    like : Design or SensorModel, optional
+        Sensor with as many LEDs for which starts of photons are chosen. Pictures of sensors that differ
+        little share their random numbers so, and their difference has little noise.
     """
 
     def __init__(
@@ -129,7 +132,9 @@ class Simulator:
         estimator: Estimator = "fast",
         traced_samples: int = 256,
         pitch_mm: float | None = None,
+        like: Design | SensorModel | None = None,
     ) -> None:
+        self.like = None if like is None else SensorModel.of(like)
         self.model = SensorModel.of(model)
         self.design = self.model.effective_design()
         self.view = view or self.design.view(columns)
@@ -166,14 +171,18 @@ class Simulator:
     @cached_property
     def _undeformed(self) -> Scene:
         """Lay out the scene that light fields are traced in: one for every view of the sensor."""
-        flat = indent(
-            self.design.elastomer,
-            self.design.contact,
-            None,
-            area_mm=self.design.sensing_area_mm,
-            pitch_mm=UNDEFORMED_PITCH_MM,
-        )
-        return self.scene(flat)
+        return self._flat(self.model)
+
+    @cached_property
+    def _undeformed_like(self) -> Scene | None:
+        """The same of the sensor that this one shares its random numbers with."""
+        return None if self.like is None else self._flat(self.like)
+
+    def _flat(self, model: SensorModel) -> Scene:
+        design = model.effective_design()
+        area_mm = design.sensing_area_mm
+        flat = indent(design.elastomer, design.contact, None, area_mm=area_mm, pitch_mm=UNDEFORMED_PITCH_MM)
+        return model.on_scene(build(design, flat, self.view))
 
     @cached_property
     def _untouched(self) -> Surface:
@@ -296,6 +305,7 @@ class Simulator:
             samples=self.samples,
             seed=self.seed,
             half=half,
+            like=self._undeformed_like,
         )
 
     @property

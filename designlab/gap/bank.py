@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from designlab.camera import View
 from designlab.effects import AppliedEffect, SensorModel, effect
 from designlab.gap.basis import Renders, Variant
-from designlab.gap.chance import Calm, calm, without_grain
+from designlab.gap.chance import Calm, calm, share_of, without_grain
 from designlab.gap.steps import Step, Values, steps
 from designlab.measurement.shots import POSE, Shot
 from designlab.press import Press
@@ -177,13 +177,14 @@ def _fill(
     each = 2 + repeats + 2 * len(chosen)
     renders.begin("pictures", len(presses) * each + touched * 2 * len(POSE))
     # One model after the other: what its light is shaded from is large and not kept for long.
+    lamp = _Lamp(renders, given)
     variants: tuple[Variant, ...] = ("value", "fine") if finer else ("value",)
     for variant in variants:
         for press, view in presses:
-            renders.basis(model, press, view, variant=variant)
+            lamp.light(model, press, view, variant=variant)
             if press is not None and variant == "value":
                 for _, there in _around(press):
-                    renders.basis(model, there, view)
+                    lamp.light(model, there, view)
     for repeat in range(1, 1 + repeats):
         for press, view in presses:
             renders.basis(given, press, view, repeat=repeat)
@@ -192,8 +193,7 @@ def _fill(
             varied = _with(model, step.effect, end)
             for press, view in presses:
                 if press is not None or _acts_untouched(step.effect):
-                    renders.basis(varied, press, view)
-    lamp = _Lamp(renders, given)
+                    lamp.light(varied, press, view)
     return tuple(_picture(lamp, model, press, view, chosen, finer) for press, view in presses)
 
 
@@ -209,7 +209,8 @@ class _Lamp:
         self, model: SensorModel, press: Press | None, view: View, *, variant: Variant = "value"
     ) -> Single:
         """Light per unit flux of the model as given, (groups, rows, columns)."""
-        found = self.renders.basis(model, press, view, variant=variant)
+        like = self.given if _repeats(self.given) else None
+        found = self.renders.basis(model, press, view, variant=variant, like=like)
         ours, theirs = (
             np.array([group.flux_mw for group in m.effective_design().leds.groups])
             for m in (model, self.given)
@@ -264,21 +265,21 @@ def _picture(
     repeated = lamp.repeated(press, view)
     if repeated is None:
         return Picture(here, seen, numerical, simulator.rays.pitch_mm, pose, changes)
-    # What the first picture has by chance is nearly the same wherever the model stands. It is no part of the
-    # mean of the others: changes share its chance, and must not find it in what is left.
     mean = repeated.mean(axis=0)
     spread = repeated - mean
     still = lamp.calm(view)
+    drawn, quiet = lamp.light(lamp.given, press, view), still.factor * mean
+    own = (1.0 + share_of(quiet - drawn, drawn)).astype(np.float32)
     changes = {
-        key: _without_grain(change, mean, spread) if _traced_anew(key[0]) else _times(change, still.factor)
+        key: _without_grain(change, drawn, quiet, spread) if _traced_anew(key[0]) else _times(change, own)
         for key, change in changes.items()
     }
     return Picture(
-        light=still.factor * (here + mean - lamp.light(lamp.given, press, view)),
+        light=own * here,
         seen_mm=seen,
-        numerical=still.factor * numerical,
+        numerical=own * numerical,
         pitch_mm=simulator.rays.pitch_mm,
-        pose=tuple(_times(change, still.factor) for change in pose),
+        pose=tuple(_times(change, own) for change in pose),
         changes=changes,
         spread=spread - mean * still.taken,
     )
@@ -299,12 +300,12 @@ def _times(change: Change, factor: Single) -> Change:
     return replace(change, first=change.first * own, second=change.second * own)
 
 
-def _without_grain(change: Change, light: Single, spread: Single) -> Change:
+def _without_grain(change: Change, drawn: Single, quiet: Single, spread: Single) -> Change:
     groups = slice(None) if change.group is None else [change.group]
 
     def clean(image: Single) -> Single:
-        found = without_grain(image.reshape(-1, *light.shape[1:]), light[groups], spread[:, groups])
-        return np.ascontiguousarray(found.reshape(image.shape))
+        stack = image.reshape(-1, *quiet.shape[1:])
+        return without_grain(stack, drawn[groups], quiet[groups], spread[:, groups]).reshape(image.shape)
 
     return replace(change, first=clean(change.first), second=clean(change.second))
 

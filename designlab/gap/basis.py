@@ -70,6 +70,7 @@ class Renders:
         *,
         variant: Variant = "value",
         repeat: int = 0,
+        like: SensorModel | None = None,
     ) -> Basis:
         """Radiance of every LED group at unit flux, shape (groups, rows, columns).
 
@@ -87,13 +88,19 @@ class Renders:
             Which picture, see `Variant`.
         repeat : int
             The same picture with other random numbers for every number.
+        like : SensorModel, optional
+            Whose photons it shares, see `designlab.simulate.Simulator`.
         """
+        like = None if like is None or like.digest == model.digest else like
         finer = FINER if variant == "fine" else 1.0
         settings = (list(view), self.samples, self._seed(repeat), finer)
-        key = digest(_transport(model, press), press, _mesh_content(press), *settings, _versions())
+        shared = [] if like is None else [_transport(like, None)]
+        key = digest(_transport(model, press), press, _mesh_content(press), *settings, _versions(), *shared)
         if key not in self._kept:
             stored = read_cache(key, folder=self.folder)
-            self._kept[key] = stored["basis"] if stored else self._render(model, press, view, variant, repeat)
+            self._kept[key] = (
+                stored["basis"] if stored else self._render(model, press, view, variant, repeat, like)
+            )
             if not stored:
                 write_cache(key, {"basis": self._kept[key]}, folder=self.folder)
             self._asked += 1
@@ -101,24 +108,39 @@ class Renders:
         return self._kept[key]
 
     def simulator(
-        self, model: SensorModel, view: View, *, variant: Variant = "value", repeat: int = 0
+        self,
+        model: SensorModel,
+        view: View,
+        *,
+        variant: Variant = "value",
+        repeat: int = 0,
+        like: SensorModel | None = None,
     ) -> Simulator:
         """Simulator of a model."""
-        key = digest(_transport(model, None), model.effective_design().contact, list(view), variant, repeat)
+        shared = [] if like is None else [_transport(like, None)]
+        contact = model.effective_design().contact
+        key = digest(_transport(model, None), contact, list(view), variant, repeat, *shared)
         if key not in self._simulators:
             if len(self._simulators) >= SIMULATORS_KEPT:
                 self._simulators.clear()
-            simulator = Simulator(model, view=view, samples=self.samples, seed=self._seed(repeat))
+            seed = self._seed(repeat)
+            simulator = Simulator(model, view=view, samples=self.samples, seed=seed, like=like)
             if variant == "fine":
                 simulator.pitch_mm /= FINER
             self._simulators[key] = simulator
         return self._simulators[key]
 
     def _render(
-        self, model: SensorModel, press: Press | None, view: View, variant: Variant, repeat: int
+        self,
+        model: SensorModel,
+        press: Press | None,
+        view: View,
+        variant: Variant,
+        repeat: int,
+        like: SensorModel | None,
     ) -> Basis:
         self.rendered += 1
-        return self.simulator(model, view, variant=variant, repeat=repeat).frame(press).basis
+        return self.simulator(model, view, variant=variant, repeat=repeat, like=like).frame(press).basis
 
     def _seed(self, repeat: int) -> int:
         return self.seed + NEXT_SEED * repeat

@@ -10,6 +10,7 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 BANDS = 24  # of frequency, in which powers are averaged
+LEAST_LIGHT = 1e-3  # of the brightest: what is darker counts as this
 DEGREE, DEGREE_OF_CHANGE = 6, 3  # of polynomials that follow light without its structure, and its changes
 
 
@@ -75,7 +76,7 @@ def calm(repeated: Single) -> Calm:
 
 def _broad(image: Single) -> Array:
     """Light without its structure: a polynomial in both coordinates through its logarithm."""
-    return np.exp(_polynomial(np.log(np.maximum(image, 1e-3 * image.max())), DEGREE))
+    return np.exp(_polynomial(np.log(np.maximum(image, LEAST_LIGHT * image.max())), DEGREE))
 
 
 def _polynomial(image: NDArray[np.floating], degree: int) -> Array:
@@ -86,30 +87,38 @@ def _polynomial(image: NDArray[np.floating], degree: int) -> Array:
     return np.asarray(down @ (down.T @ image @ across) @ across.T)
 
 
-def without_grain(images: Single, light: Single, spread: Single) -> Single:
-    """Take from changes of pictures what the chance of two pictures leaves in their difference.
+def without_grain(change: Single, drawn: Single, light: Single, spread: Single) -> Single:
+    """Take from the change of a picture what chance leaves of it.
 
-    Optimal linear filter by frequency (Wiener 1949), relative to the light. How much chance is left is told
-    by the finer half of the frequencies, where light that goes other ways changes least.
+    The picture's own chance is in change and picture alike and cancels in their ratio. Where photons go other
+    ways there is more: it is filtered by frequency (Wiener 1949). How much that is, the finer half of the
+    frequencies tells, where light that goes other ways changes least.
 
     Parameters
     ----------
-    images : array, shape (groups, rows, columns)
-        The changes.
+    change : array, shape (groups, rows, columns)
+        Difference of two pictures with the same random numbers.
+    drawn : array, shape (groups, rows, columns)
+        The picture that it is a change of.
     light : array, shape (groups, rows, columns)
-        What they are changes of.
+        The same with as little chance as is known, what the change is put on.
     spread : array, shape (repeats, groups, rows, columns)
         Deviations of repeated pictures from their mean.
     """
-    found = np.empty_like(images)
-    band = bands((images.shape[1], images.shape[2]))
-    for group, image in enumerate(images):
-        scale = _broad(light[group])
-        broad = _polynomial(image / scale, DEGREE_OF_CHANGE)
-        change = coefficients(image / scale - broad)
-        chance = by_band((coefficients(spread[:, group] / scale) ** 2).mean(axis=0))
-        power = by_band(change**2)
+    found = np.empty_like(change)
+    band = bands((change.shape[1], change.shape[2]))
+    for group, image in enumerate(share_of(change, drawn)):
+        broad = _polynomial(image, DEGREE_OF_CHANGE)
+        rest = coefficients(image - broad)
+        chance = by_band((coefficients(share_of(spread[:, group], light[group])) ** 2).mean(axis=0))
+        power = by_band(rest**2)
         left = np.median((power / chance)[BANDS // 2 :])
         kept = np.clip(1.0 - left * chance / np.maximum(power, 1e-300), 0.0, 1.0)
-        found[group] = scale * (broad + idctn(kept[band] * change, norm="ortho"))
+        found[group] = light[group] * (broad + idctn(kept[band] * rest, norm="ortho"))
     return found
+
+
+def share_of(images: Single, light: Single) -> Array:
+    """Images relative to light, where that is not dark."""
+    least = LEAST_LIGHT * light.max(axis=(-2, -1), keepdims=True)
+    return np.asarray(images / np.maximum(light, least), dtype=float)

@@ -114,6 +114,7 @@ def shader(
     samples: int,
     seed: int,
     half: int | None = None,
+    like: Scene | None = None,
 ) -> "Shader":
     """What shades every press of a design, from its light field: baked, or taken from memory or the disk.
 
@@ -131,27 +132,34 @@ def shader(
         Same seeds, same numbers, on one back end.
     half : int, optional
         Of the two independent halves of a light field, use this one only; shows its random error.
+    like : Scene, optional
+        Undeformed scene with as many LEDs whose light field shares its random numbers, see `baking.bake`.
     """
     from designlab.render.lightfield import mean
     from designlab.render.shading import Shader
 
     grid = [untouched.x_mm, untouched.y_mm]
-    key = store.digest("shader", undeformed.light_digest, area_mm, samples, seed, half, *grid)
+    if like is not None and like.light_digest == undeformed.light_digest:
+        like = None
+    alike = [] if like is None else [like.light_digest]
+    key = store.digest("shader", undeformed.light_digest, area_mm, samples, seed, half, *grid, *alike)
     if key not in _shaders:
-        halves = _light_field(undeformed, area_mm, samples, seed)
+        halves = _light_field(undeformed, area_mm, samples, seed, like)
         field = mean(halves if half is None else halves[half : half + 1])
         stray = partial(_stray, photons=samples * PHOTONS_PER_SAMPLE // 2, seed=seed, half=half)
         _remember(_shaders, key, Shader(field, undeformed, untouched, stray))
     return _shaders[key]
 
 
-def _light_field(scene: Scene, area_mm: tuple[float, float], samples: int, seed: int) -> "list[LightField]":
+def _light_field(
+    scene: Scene, area_mm: tuple[float, float], samples: int, seed: int, like: Scene | None
+) -> "list[LightField]":
     """Bake both halves of a light field, or take them from memory or from the cache on disk."""
     from designlab.render import baking, lightfield
 
-    key = store.digest(
-        "light field", LIGHTFIELD_VERSION, version("mitsuba"), scene.light_digest, area_mm, samples, seed
-    )
+    programs = LIGHTFIELD_VERSION, version("mitsuba")
+    alike = [] if like is None else [like.light_digest]
+    key = store.digest("light field", *programs, scene.light_digest, area_mm, samples, seed, *alike)
     if key not in _fields:
         if key in _written:  # forgotten meanwhile, but perhaps not on the disk yet
             _written.pop(key).result()
@@ -159,7 +167,7 @@ def _light_field(scene: Scene, area_mm: tuple[float, float], samples: int, seed:
         if stored is None:
             photons = max(1, samples * PHOTONS_PER_SAMPLE // 2)
             seeds = (2 * seed, 2 * seed + 1)
-            halves = baking.bake(scene, area_mm=area_mm, photons=photons, seeds=seeds)
+            halves = baking.bake(scene, area_mm=area_mm, photons=photons, seeds=seeds, like=like)
             # Presses are shaded meanwhile; the interpreter waits for it before it ends.
             folder = store.cache_dir() / "arrays"
             _remember(_written, key, _writer.submit(_keep, key, lightfield.packed(halves), folder))

@@ -40,7 +40,12 @@ AREA_MARGIN_MM, BESIDE_AREA = 1.0, 0.1  # light further from the sensing area th
 
 
 def bake(
-    scene: Scene, *, area_mm: tuple[float, float], photons: int, seeds: Sequence[int]
+    scene: Scene,
+    *,
+    area_mm: tuple[float, float],
+    photons: int,
+    seeds: Sequence[int],
+    like: Scene | None = None,
 ) -> list[LightField]:
     """Trace independent light fields of an undeformed scene, every LED group at unit flux.
 
@@ -57,8 +62,11 @@ def bake(
         Photons of each field and LED group.
     seeds : sequence of int
         Seed of the random numbers of each field.
+    like : Scene, optional
+        Scene with as many LEDs, the scene itself when absent, for which starts of photons are chosen: light
+        fields chosen alike share their random numbers, so that their difference has little noise.
     """
-    groups = [_baked(scene, group, area_mm, photons, seeds) for group in range(scene.groups)]
+    groups = [_baked(scene, group, area_mm, photons, seeds, like) for group in range(scene.groups)]
     tables = groups[0][0][1]
     filled = (
         _filled(scene, tables.low, CELL_MM, tables.coarse),
@@ -78,7 +86,12 @@ def bake(
 
 
 def _baked(
-    scene: Scene, group: int, area_mm: tuple[float, float], photons: int, seeds: Sequence[int]
+    scene: Scene,
+    group: int,
+    area_mm: tuple[float, float],
+    photons: int,
+    seeds: Sequence[int],
+    like: Scene | None,
 ) -> list[tuple["_Tables", "_Tables", Single, Array | None]]:
     """Light of one group that arrives first, all that arrives later, and the photons that arrive first.
 
@@ -110,7 +123,12 @@ def _baked(
 
     # Fields with a guide in common are independent all the same: it rules their noise, not their mean.
     guides = tracing.learn(
-        scene, group=group, seed=seeds[0], worth=[worth_again, worth_first], loaded=loaded, photons=pilot
+        like or scene,
+        group=group,
+        seed=seeds[0],
+        worth=[worth_again, worth_first],
+        loaded=loaded if like is None else tracing.load(like, group),
+        photons=pilot,
     )
     share = AGAIN_SHARE if scene.refracts else AGAIN_IN_AIR
     gathered: list[Array | None] = [None] * len(seeds)

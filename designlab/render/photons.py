@@ -271,8 +271,10 @@ def _batch(
     cell, weight = starts.cell, starts.weight * held(flux_mw / total)
     size = dr.width(cell)
     number = starts.number
-    sampler = mi.load_dict({"type": "independent"})
+    # What matter does has numbers of its own: a clear scene and a hazy one share all others.
+    sampler, within = mi.load_dict({"type": "independent"}), mi.load_dict({"type": "independent"})
     sampler.seed(seed, size)
+    within.seed(_other(seed), size)
     ray = emitters.photons(lights, starts, size)
     membrane = mi.ShapePtr(next(shape for shape in loaded.shapes() if shape.id() == "membrane"))
     around = [mi.ShapePtr(shape) for shape in loaded.shapes() if shape.id().startswith("housing")]
@@ -284,13 +286,15 @@ def _batch(
     def going(active: Any, *_: Any) -> Any:
         return active
 
-    def step(active: Any, ray: Any, power: Any, depth: Any, returned: Any, matte: Any, sampler: Any) -> Any:
+    def step(
+        active: Any, ray: Any, power: Any, depth: Any, returned: Any, matte: Any, sampler: Any, within: Any
+    ) -> Any:
         si = loaded.ray_intersect(ray, active)
         active = active & si.is_valid()
         scattered = mi.Mask(False)
         if matter is not None:
             before = ray.d
-            power, ray, scattered = matter.cross(si, ray, power, sampler, active)
+            power, ray, scattered = matter.cross(si, ray, power, within, active)
             if see is not None:
                 see(Scattering(ray.o, before, power), scattered)
         arrives = active & ~scattered & (si.shape == membrane) & (dr.dot(si.sh_frame.n, ray.d) < 0)
@@ -317,7 +321,7 @@ def _batch(
         chance = dr.minimum(power / (weight * (FAINT_ONCE if once else FAINT)), 1.0)
         active = active & (sampler.next_1d(active) < chance)
         power = power / dr.maximum(chance, 1e-12)
-        return active, ray, power, depth, returned, matte, sampler
+        return active, ray, power, depth, returned, matte, sampler, within
 
     dr.while_loop(
         (
@@ -328,10 +332,11 @@ def _batch(
             dr.full(mi.Bool, False, size),
             dr.full(mi.Bool, False, size),
             sampler,
+            within,
         ),
         going,
         step,
-        labels=("active", "ray", "power", "depth", "returned", "matte", "sampler"),
+        labels=("active", "ray", "power", "depth", "returned", "matte", "sampler", "within"),
     )
 
 
@@ -417,6 +422,10 @@ def _henyey_greenstein(uniform: Any, g: Any) -> Any:
     safe = dr.select(dr.abs(g) < 1e-3, 1e-3, g)
     ratio = (1 - safe * safe) / (1 - safe + 2 * safe * uniform)
     return dr.clip((1 + safe * safe - ratio * ratio) / (2 * safe), -1.0, 1.0)
+
+
+def _other(seed: int) -> int:
+    return int(np.random.SeedSequence([seed, 76]).generate_state(1)[0])
 
 
 def _seed(seed: int, group: int, batch: int) -> int:

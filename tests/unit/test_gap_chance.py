@@ -54,23 +54,26 @@ def test_what_is_left_of_chance_is_as_large_as_said(beam) -> None:
     assert said == pytest.approx(relative_error(still.factor[0] * mean[0], light), rel=0.25)
 
 
+def freed(change: np.ndarray, drawn: np.ndarray, light: np.ndarray) -> np.ndarray:
+    pictures = repeated(light)
+    spread = pictures - pictures.mean(axis=0)
+    return without_grain(change, drawn, light[None].astype(np.float32), spread)
+
+
 def test_a_change_is_freed_from_the_chance_of_two_pictures() -> None:
     truth = 0.05 * np.sin(3 * X) * np.cos(2 * Y)
     before, after = repeated(BROAD, 2)[0], repeated(BROAD * (1 + truth), 3)[0]
-    pictures = repeated(BROAD)
-    mean = pictures.mean(axis=0)
-    found = without_grain(after - before, mean, pictures - mean)[0] / BROAD
+    found = freed(after - before, before, BROAD)[0] / BROAD
     error = np.sqrt(((found - truth) ** 2).mean())
     assert error < 0.3 * np.sqrt((((after - before)[0] / BROAD - truth) ** 2).mean())
     assert np.corrcoef(found.ravel(), truth.ravel())[0, 1] > 0.9
 
 
-def test_a_change_without_chance_stays() -> None:
-    change = (BROAD * 0.02 * np.sin(3 * X))[None].astype(np.float32)
-    pictures = repeated(BROAD)
-    mean = pictures.mean(axis=0)
-    found = without_grain(change, mean, pictures - mean)
-    assert np.sqrt(((found - change) ** 2).mean()) < 0.01 * np.sqrt((change**2).mean())
+def test_chance_that_a_change_shares_with_its_picture_cancels() -> None:
+    before = repeated(BROAD, 2)[0]
+    weakened = -0.1 * (1 + 0.3 * X)
+    found = freed((weakened * before).astype(np.float32), before, BROAD)[0] / BROAD
+    assert np.sqrt(((found - weakened) ** 2).mean()) < 0.1 * 0.1 * CHANCE + 0.01 * CHANCE / np.sqrt(REPEATS)
 
 
 def test_bands_share_out_all_coefficients() -> None:
@@ -78,3 +81,11 @@ def test_bands_share_out_all_coefficients() -> None:
     band = bands(SHAPE)
     assert by_band(squares)[band].sum() == pytest.approx(squares.sum())
     np.testing.assert_allclose(by_band(squares)[4:12], 1.0, atol=0.25)
+
+
+def test_a_change_keeps_the_contact_that_the_light_has() -> None:
+    contact = 1 + 0.6 * X * (np.hypot(X + 0.2, Y - 0.1) < 0.3)
+    before = repeated(BROAD * contact, 2)[0]
+    weakened = -0.1 * (1 + 0.3 * X)
+    found = freed((weakened * before).astype(np.float32), before, BROAD * contact)[0] / (BROAD * contact)
+    assert np.sqrt(((found - weakened) ** 2).mean()) < 0.2 * CHANCE * 0.1
