@@ -194,12 +194,17 @@ def _field(
     rise = ((height - ends[0]) / (ends[1] - ends[0])).astype(np.float32)
     found = np.stack([(1 - share) * low + share * high for share in rise], axis=1)
     nodes, grid = _nodes(rig, x, y, height), (len(height), len(y), len(x))
-    clear = leds
     if rig.glass is not None and rig.glass.gap is not None:
         _part(found, rig, groups, nodes)
-        clear = Tracer(rig, groups)
-    found += _where_worth(clear.clear, nodes, grid, CLEAR_PATHS, EVEN, seed + 13).reshape(found.shape)
+    clear = _clear(rig, groups)
+    found += _where_worth(clear, nodes, grid, CLEAR_PATHS, EVEN, seed + 13).reshape(found.shape)
     return found, glow(np.sum(arriving, axis=0))
+
+
+def _clear(rig: Rig, groups: tuple[int, ...]) -> Trace:
+    """Trace light of LEDs that nothing has spread, dimmed by what haze takes from it."""
+    leds = Tracer(rig, groups)
+    return leds.clear if leds.far else Tracer(rig, groups, spreading=False).clear
 
 
 def _spread(rig: Rig, groups: tuple[int, ...], leds: Tracer) -> Trace:

@@ -7,7 +7,7 @@ import pytest
 
 from designlab.design import preset
 from designlab.plant import backlight, effects, immersed
-from designlab.plant.backlight import LightField, directions
+from designlab.plant.backlight import LightField, _clear, _spread, directions
 from designlab.plant.glass import Disc, look, reflectance, slab_transmission
 from designlab.plant.immersed import Immersed
 from designlab.plant.light import Lighting
@@ -223,9 +223,7 @@ def test_clear_and_spread_light_are_all_that_the_engine_finds_by_chance(design, 
         found = trace(nodes, index, paths=paths, seed=1).reshape(3, len(nodes), -1)
         return (found * towards[:, 2]).sum(axis=(1, 2))
 
-    parts = received(tracer.spread, 64)
-    if tracer.far:
-        parts = parts + received(tracer.clear, 64)
+    parts = received(_spread(rig, (0, 1, 2), tracer), 64) + received(_clear(rig, (0, 1, 2)), 64)
     assert parts == pytest.approx(received(tracer.cells, 1024), rel=tolerance)
 
 
