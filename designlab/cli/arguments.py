@@ -324,6 +324,13 @@ def _add_gap(add: Any) -> None:
         "--only", default="", metavar="REGEX", help="sets whose name matches (default: the whole pool)"
     )
     benchmark.add_argument(
+        "--pool",
+        choices=("development", "power"),
+        default="development",
+        help="development: sets without and with one effect, and outside the catalogue; power: each effect "
+        "at rising strengths, for the smallest that is named (default: development)",
+    )
+    benchmark.add_argument(
         "--base", type=_whole(0, 2**31 - 1), default=0, metavar="N", help="start of the seeds (default: 0)"
     )
     benchmark.add_argument(

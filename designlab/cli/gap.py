@@ -2,7 +2,7 @@
 
 from argparse import Namespace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from designlab.cli.console import Result
 from designlab.cli.shared import bar, results_folder, table
@@ -114,13 +114,15 @@ def benchmark(args: Namespace) -> Result:
     import re
 
     from designlab.store import write_json
-    from designlab.trials import Crew, development, run, score, transfers
+    from designlab.trials import Crew, development, power, run, score, transfers
 
     try:
         wanted = re.compile(args.only)
     except re.error as error:
         raise ValueError(f"--only: must be a regular expression, got {args.only!r}: {error}") from None
-    pool = transfers if args.transfer else development
+    if args.transfer and args.pool != "development":
+        raise ValueError("--transfer: is for --pool development")
+    pool = power if args.pool == "power" else transfers if args.transfer else development
     trials = [trial for trial in pool(base=args.base) if wanted.search(trial.name)]
     if not trials:
         raise ValueError(f"--only: no set's name matches {args.only!r}")
@@ -141,9 +143,24 @@ def benchmark(args: Namespace) -> Result:
         )
         for row in found["rows"]
     ]
-    parts = [f"{part}: {found[part]}" for part in ("nothing", "single", "outside")]
     text = table(("set", "design", "verdict", "named", "gap removed"), rows)
+    if args.pool == "power":
+        return Result(found, "\n".join([text, _limits(found["limits"])]))
+    parts = [f"{part}: {found[part]}" for part in ("nothing", "single", "outside")]
     return Result(found, "\n".join([text, *parts]))
+
+
+def _limits(limits: dict[str, Any]) -> str:
+    """Table of detection limits, smallest first."""
+    rows = [
+        (kind, f"{limit['strength']:.2g}", *(_end(limit[end]) for end in ("low", "high")))
+        for kind, limit in sorted(limits.items(), key=lambda item: item[1]["strength"])
+    ]
+    return table(("effect", "named in half of the sets at (prior sd)", "low", "high"), rows)
+
+
+def _end(value: float | None) -> str:
+    return "open" if value is None else f"{value:.2g}"
 
 
 def _transferred(trials: "list[Trial]", folder: Path, crew: "Crew") -> Result:

@@ -1,6 +1,6 @@
 """Trials of the gap workflow: measurement sets with known answers, diagnosed blind, and the score of that."""
 
-from designlab.trials.pool import Trial, development
+from designlab.trials.pool import Trial, development, power
 from designlab.trials.runner import Crew, Outcome, run
 from designlab.trials.score import score
 from designlab.trials.transfer import Transferred, run_transfers, transfers
@@ -11,6 +11,7 @@ __all__ = [
     "Transferred",
     "Trial",
     "development",
+    "power",
     "run",
     "run_transfers",
     "score",

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 AIR = ("gelsight-2020-flat", "gelsight-2020-dome")
 CORE = ("gelsight-2020-flat-core", "gelsight-2020-dome-core")
 OF_CORE = ("gelcore_index", "absorption", "core_scatter")
+STRENGTHS = (0.125, 0.25, 0.5, 1.0, 2.0)  # of power curves, in prior standard deviations
+MORE_KINDS = ("interreflection", "translucency", "depth_offset", "point_spread", "veiling_glare")
 KINDS = (
     "black_level",
     "colour_mixing",
@@ -27,11 +29,15 @@ KINDS = (
 )
 OUTSIDE = ("printed_markers", "debris", "second_contact", "lens_ghost", "wrong_object", "jpeg_blocks")
 KIT_SEED = 1
+POWER_SEED = 10_000
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One set: a design, the effects hidden in it by strength, kinds outside the catalogue, and its seed."""
+    """One set: a design, the effects hidden in it by strength, kinds outside the catalogue, and its seed.
+
+    Effects named in `without` are left out of the catalogue that the diagnosis has.
+    """
 
     name: str
     design: str
@@ -39,11 +45,30 @@ class Trial:
     effects: Mapping[str, float] = field(default_factory=dict)
     outside: Mapping[str, float] = field(default_factory=dict)
     kit_seed: int = KIT_SEED
+    without: tuple[str, ...] = ()
 
     @property
     def kind(self) -> str:
         """What is hidden, in one word."""
         return "+".join([*self.effects, *self.outside]) or "nothing"
+
+
+def power(*, base: int = 0) -> list[Trial]:
+    """Sets of each kind of effect at rising strengths on both designs, for detection limits.
+
+    Parameters
+    ----------
+    base : int
+        Start of the seeds; another base gives other sets of the same kinds.
+    """
+    found = []
+    for number, kind in enumerate([*KINDS, *MORE_KINDS]):
+        for k, design in enumerate(AIR):
+            for step, strength in enumerate(STRENGTHS):
+                seed = base + POWER_SEED + 100 * number + 10 * k + step
+                name = f"power-{kind}-{'flat' if k == 0 else 'dome'}-{strength:g}"
+                found.append(Trial(name, design, seed, {kind: strength}))
+    return found
 
 
 def development(*, base: int = 0) -> list[Trial]:

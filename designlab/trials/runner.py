@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from designlab.design import preset
+from designlab.effects import CATALOGUE
 from designlab.gap import diagnose
 from designlab.interrupts import Interrupts
 from designlab.measurement import MeasurementError, load_measurement
@@ -152,6 +153,7 @@ def _one(trial: Trial, folder: Path) -> Outcome:
             out=model_path(trial, folder).parent,
             seed=SEED,
             columns=COLUMNS,
+            catalogue=[e.name for e in CATALOGUE if e.name not in trial.without] if trial.without else None,
             renders=folder / "renders" / trial.design,
             pictures=False,
             recentre=False,

@@ -1,10 +1,12 @@
 """What a pool of trials shows: names right and wrong, sets, gap removed, intervals."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
+from designlab.trials.power import limits
 from designlab.trials.runner import Outcome
 
 CLASSES: tuple[frozenset[str], ...] = (frozenset({"lens_distortion", "camera_pose"}),)
@@ -20,7 +22,8 @@ def score(outcomes: Iterable[Outcome]) -> dict[str, Any]:
     Returns
     -------
     dict
-        `nothing`, `single` and `outside`: numbers of sets and of those named; `rows`: one for each set.
+        `nothing`, `single` and `outside`: numbers of sets and of those named; `limits`: see `power.Limit`, of
+        effects planted at several strengths; `rows`: one for each set.
     """
     outcomes = list(outcomes)
     nothing = [o for o in outcomes if not o.trial["effects"] and not o.trial["outside"]]
@@ -39,6 +42,7 @@ def score(outcomes: Iterable[Outcome]) -> dict[str, Any]:
             "intervals_hold": float(np.mean(held)) if held else None,
         },
         "outside": {"sets": len(outside), "named": sum(_names(o) for o in outside)},
+        "limits": {kind: asdict(limit) for kind, limit in limits(_by_strength(single)).items()},
         "rows": [
             {
                 "set": o.trial["name"],
@@ -53,6 +57,15 @@ def score(outcomes: Iterable[Outcome]) -> dict[str, Any]:
             for o in outcomes
         ],
     }
+
+
+def _by_strength(single: Iterable[Outcome]) -> dict[str, list[tuple[float, bool]]]:
+    """Strength of each set and whether it was named right, of kinds planted at several strengths."""
+    found: dict[str, list[tuple[float, bool]]] = {}
+    for o in single:
+        ((kind, strength),) = o.trial["effects"].items()
+        found.setdefault(kind, []).append((strength, _first_right(o)))
+    return {kind: sets for kind, sets in found.items() if len({strength for strength, _ in sets}) > 1}
 
 
 def same(one: str, other: str) -> bool:

@@ -2,14 +2,17 @@
 
 from dataclasses import asdict
 
+import numpy as np
 import pytest
+from scipy.special import expit
 
 from designlab.design import preset
 from designlab.effects import effect
 from designlab.plant import effects as planted
 from designlab.plant.beyond import outside_kinds
 from designlab.trials import Outcome, Transferred, Trial, development, score, transfers
-from designlab.trials.pool import AIR
+from designlab.trials.pool import AIR, STRENGTHS, power
+from designlab.trials.power import limits
 from designlab.trials.transfer import HIGHER_MM, MORE_TILT_DEG, other, removed, summary
 
 POOL = development()
@@ -91,6 +94,41 @@ def test_the_other_design_can_be_built_and_takes_every_effect(name: str) -> None
     for trial in transfers():
         if trial.design == name:
             assert effect(trial.kind).parameters(changed) == effect(trial.kind).parameters(design)
+
+
+def test_sets_of_the_power_curves_can_be_planted() -> None:
+    pool, known = power(), set(planted.names())
+    assert len({t.kind for t in pool}) >= 20
+    assert {t.kind for t in pool} <= known
+    assert len({t.name for t in pool}) == len({t.seed for t in pool}) == len(pool)
+    assert not {t.seed for t in pool} & {t.seed for t in POOL}
+
+
+def test_detection_limits_are_those_that_sets_were_drawn_with() -> None:
+    random = np.random.default_rng(3)
+    truth = {f"kind-{k}": s for k, s in enumerate(np.geomspace(0.2, 1.4, 12))}
+    held, errors = [], []
+    for _ in range(10):
+        named = {
+            kind: [(s, random.random() < expit(4.0 * np.log(s / limit))) for s in STRENGTHS * 2]
+            for kind, limit in truth.items()
+        }
+        for kind, found in limits(named).items():
+            errors.append(np.log(found.strength / truth[kind]))
+            held.append((found.low or 0.0) <= truth[kind] <= (found.high or np.inf))
+    assert np.mean(held) >= 0.88
+    assert abs(np.mean(errors)) < 0.1
+    assert np.std(errors) < 0.5
+
+
+def test_a_limit_is_open_where_all_sets_or_none_are_named() -> None:
+    found = limits({"seen": [(s, True) for s in STRENGTHS], "unseen": [(s, False) for s in STRENGTHS]})
+    assert found["seen"].low is None
+    assert found["seen"].high is not None
+    assert found["seen"].high < 1.0
+    assert found["unseen"].high is None
+    assert found["unseen"].low is not None
+    assert found["unseen"].low > 1.0
 
 
 def transferred(before: float, after: float, floor: float) -> Transferred:
