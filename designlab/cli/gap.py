@@ -146,8 +146,29 @@ def benchmark(args: Namespace) -> Result:
     text = table(("set", "design", "verdict", "named", "gap removed"), rows)
     if args.pool == "power":
         return Result(found, "\n".join([text, _limits(found["limits"])]))
-    parts = [f"{part}: {found[part]}" for part in ("nothing", "single", "outside")]
-    return Result(found, "\n".join([text, *parts]))
+    return Result(found, "\n".join([text, *_rates(found)]))
+
+
+def _rates(found: dict[str, Any]) -> list[str]:
+    """Lines that say how often names were right."""
+    single = found["single"]
+    said = {
+        "nothing hidden, a name given": found["nothing"]["rate"],
+        "one effect hidden, right name first": single["right_first"],
+        "one effect hidden, in the reported set": single["truth_in_set"],
+        "outside the catalogue, a name given": found["outside"]["rate"],
+        "intervals that hold the truth": single["intervals_hold"],
+    }
+    lines = [
+        f"{what}: {r['share']:.0%} of {r['sets']} ({r['low']:.0%} to {r['high']:.0%})"
+        for what, r in said.items()
+        if r is not None
+    ]
+    if single["gap_removed_median"] is not None:
+        lines.append(
+            f"gap removed on presses used for nothing else, median: {single['gap_removed_median']:.0%}"
+        )
+    return lines
 
 
 def _limits(limits: dict[str, Any]) -> str:

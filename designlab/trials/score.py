@@ -22,7 +22,9 @@ def score(outcomes: Iterable[Outcome]) -> dict[str, Any]:
     Returns
     -------
     dict
-        `nothing`, `single` and `outside`: numbers of sets and of those named; `limits`: see `power.Limit`, of
+        `nothing`, `single` and `outside`: numbers of sets and of those named, rates with their 95 % interval;
+        `confusion`: for each thing hidden, how often which name came first, or which verdict where none
+        did; `limits`: see `power.Limit`, of
         effects planted at several strengths; `rows`: one for each set.
     """
     outcomes = list(outcomes)
@@ -31,17 +33,22 @@ def score(outcomes: Iterable[Outcome]) -> dict[str, Any]:
     outside = [o for o in outcomes if o.trial["outside"]]
     right = [_first_right(o) for o in single]
     removed = [share for o in single if (share := gap_removed(o)) is not None]
+    sizes = [len(names) for o in single for names in o.sets[:1]]
     held = [inside for o in single for inside in _inside(o)]
     return {
-        "nothing": {"sets": len(nothing), "named": sum(bool(o.named) for o in nothing)},
+        "nothing": {"sets": len(nothing), "named": sum(bool(o.named) for o in nothing)}
+        | {"rate": rate(bool(o.named) for o in nothing)},
         "single": {
             "sets": len(single),
-            "right_first": float(np.mean(right)) if right else None,
-            "truth_in_set": float(np.mean([_in_set(o) for o in single])) if single else None,
+            "right_first": rate(right),
+            "truth_in_set": rate(_in_set(o) for o in single),
+            "set_size_mean": float(np.mean(sizes)) if sizes else None,
             "gap_removed_median": float(np.median(removed)) if removed else None,
-            "intervals_hold": float(np.mean(held)) if held else None,
+            "intervals_hold": rate(held),
         },
-        "outside": {"sets": len(outside), "named": sum(_names(o) for o in outside)},
+        "outside": {"sets": len(outside), "named": sum(_names(o) for o in outside)}
+        | {"rate": rate(_names(o) for o in outside)},
+        "confusion": _confusion(outcomes),
         "limits": {kind: asdict(limit) for kind, limit in limits(_by_strength(single)).items()},
         "rows": [
             {
@@ -66,6 +73,33 @@ def _by_strength(single: Iterable[Outcome]) -> dict[str, list[tuple[float, bool]
         ((kind, strength),) = o.trial["effects"].items()
         found.setdefault(kind, []).append((strength, _first_right(o)))
     return {kind: sets for kind, sets in found.items() if len({strength for strength, _ in sets}) > 1}
+
+
+def rate(events: Iterable[bool]) -> dict[str, float] | None:
+    """Share of sets of which something holds, with its 95 % interval (Clopper and Pearson 1934)."""
+    from scipy.stats import binomtest
+
+    counted = list(events)
+    if not counted:
+        return None
+    interval = binomtest(sum(counted), len(counted)).proportion_ci(0.95, method="exact")
+    return {
+        "share": sum(counted) / len(counted),
+        "low": float(interval.low),
+        "high": float(interval.high),
+        "sets": len(counted),
+    }
+
+
+def _confusion(outcomes: Iterable[Outcome]) -> dict[str, dict[str, int]]:
+    """How often each first name, or verdict without one, came of what was hidden."""
+    found: dict[str, dict[str, int]] = {}
+    for o in outcomes:
+        hidden = "+".join([*o.trial["effects"], *o.trial["outside"]]) or "nothing"
+        said = o.named[0] if o.named else o.verdict.split(":")[0]
+        row = found.setdefault(hidden, {})
+        row[said] = row.get(said, 0) + 1
+    return found
 
 
 def same(one: str, other: str) -> bool:

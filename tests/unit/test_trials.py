@@ -13,6 +13,7 @@ from designlab.plant.beyond import outside_kinds
 from designlab.trials import Outcome, Transferred, Trial, development, score, transfers
 from designlab.trials.pool import AIR, STRENGTHS, power
 from designlab.trials.power import limits
+from designlab.trials.score import rate
 from designlab.trials.transfer import HIGHER_MM, MORE_TILT_DEG, other, removed, summary
 
 POOL = development()
@@ -69,10 +70,13 @@ def test_names_sets_gaps_and_intervals_are_counted() -> None:
             outcome(strange, verdict="named", sets=[["banding"]]),
         ]
     )
-    assert found["nothing"] == {"sets": 2, "named": 1}
-    assert found["outside"] == {"sets": 2, "named": 1}
+    for part in ("nothing", "outside"):
+        assert (found[part]["sets"], found[part]["named"], found[part]["rate"]["share"]) == (2, 1, 0.5)
     single = found["single"]
-    assert (single["right_first"], single["truth_in_set"], single["intervals_hold"]) == (0.5, 1.0, 1.0)
+    assert [single[k]["share"] for k in ("right_first", "truth_in_set", "intervals_hold")] == [0.5, 1.0, 1.0]
+    assert single["set_size_mean"] == 1.5
+    assert found["confusion"]["nothing"] == {"at_floor": 1, "banding": 1}
+    assert found["confusion"]["vignetting"] == {"vignetting": 1, "albedo_field": 1}
     assert single["gap_removed_median"] == pytest.approx((0.9 + 0.4) / 2)
 
 
@@ -94,6 +98,16 @@ def test_the_other_design_can_be_built_and_takes_every_effect(name: str) -> None
     for trial in transfers():
         if trial.design == name:
             assert effect(trial.kind).parameters(changed) == effect(trial.kind).parameters(design)
+
+
+def test_intervals_of_rates_are_those_of_tables() -> None:
+    # 0 of 10 and 5 of 10: Clopper and Pearson's table.
+    none, half = rate([False] * 10), rate([True] * 5 + [False] * 5)
+    assert none is not None
+    assert half is not None
+    assert (none["low"], none["high"]) == pytest.approx((0.0, 0.3085), abs=1e-4)
+    assert (half["low"], half["high"]) == pytest.approx((0.1871, 0.8129), abs=1e-4)
+    assert rate([]) is None
 
 
 def test_sets_of_the_power_curves_can_be_planted() -> None:
