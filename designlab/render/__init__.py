@@ -47,7 +47,7 @@ FAST_BIAS = Bias(mean=0.004, block=0.05)
 
 Thing = TypeVar("Thing")
 KEPT_IN_MEMORY = 4  # designs' light fields and shaders, some 100 MB each
-LIGHTFIELD_VERSION = 7  # raise when a change of the light field makes cached ones wrong
+LIGHTFIELD_VERSION = 8  # raise when a change of the light field makes cached ones wrong
 PHOTONS_PER_SAMPLE = 24_000  # lets one effort setting rule photons and the path tracer's samples
 
 

@@ -130,10 +130,11 @@ class LightField:
     Attributes
     ----------
     first : Field or None
-        Light that comes to the membrane for the first time; None where it is integrated over the LEDs'
-        faces instead, which is exact.
+        Light that comes to the membrane for the first time, scattered by no haze; None where it is integrated
+        over the LEDs' faces instead, which is exact.
     again : Field
-        Light that was at the membrane before; in air, all that did not come straight from an LED.
+        Light that was at the membrane before, or that haze has scattered; in air, all that did not come
+        straight from an LED.
     landings : tuple of array, shape (7, photons)
         The photons that `first` is the sum of, or some of them, for each group: place on the membrane (mm),
         unit vector back towards the light, and power (mW, of the 1 mW that the group emits).

@@ -37,7 +37,7 @@ class Arrival:
     start
         Cell of the guide that the photon started in.
     returned
-        Whether the photon was at the membrane before.
+        Whether the photon was at the membrane before, or haze has scattered it.
     number
         Of the photon among all that are traced.
     matte
@@ -137,7 +137,8 @@ def trace(
     reflected : callable, optional
         Called likewise with a `Reflection` wherever a surface sends photons on.
     once : bool
-        Photons end at the membrane.
+        Light on its first way only: photons end at the membrane, and haze dims them all instead of
+        scattering some.
     """
     import drjit as dr
 
@@ -294,7 +295,10 @@ def _batch(
         scattered = mi.Mask(False)
         if matter is not None:
             before = ray.d
-            power, ray, scattered = matter.cross(si, ray, power, within, active)
+            if once:
+                power = matter.dim(si, ray, power, active)
+            else:
+                power, ray, scattered = matter.cross(si, ray, power, within, active)
             if see is not None:
                 see(Scattering(ray.o, before, power), scattered)
         arrives = active & ~scattered & (si.shape == membrane) & (dr.dot(si.sh_frame.n, ray.d) < 0)
@@ -305,7 +309,7 @@ def _batch(
                 housing(arrival, active & ~scattered & (si.shape == shape))
         if once:
             active = active & ~arrives
-        returned = returned | arrives
+        returned = returned | arrives | scattered
         bsdf = si.bsdf()
         meets = active & ~scattered
         sample, reflected = bsdf.sample(context, si, sampler.next_1d(meets), sampler.next_2d(meets), meets)
@@ -372,17 +376,29 @@ class _Matter:
                     )
         return _Matter(count, *(mi.Float(table.ravel()) for table in tables))
 
-    def cross(self, si: Any, ray: Any, power: Any, sampler: Any, active: Any) -> Any:
-        """Power left at the surface, or a new ray where the photon is scattered before it."""
+    def dim(self, si: Any, ray: Any, power: Any, active: Any) -> Any:
+        """Power left at the surface of what has been neither absorbed nor scattered."""
+        import drjit as dr
+
+        absorption, scattering, _ = self._at(si, ray, active)
+        return dr.select(active, power * dr.exp(-(absorption + scattering) * si.t), power)
+
+    def _at(self, si: Any, ray: Any, active: Any) -> Any:
+        """Absorption, scattering and anisotropy of what a ray has crossed to a surface."""
         import drjit as dr
         import mitsuba as mi
 
         behind = dr.dot(si.n, ray.d) > 0
         index = 2 * dr_index(si.shape) + dr.select(behind, mi.UInt32(1), mi.UInt32(0))
-        absorption, scattering, g = (
-            dr.gather(mi.Float, table, index, active)
-            for table in (self.absorption, self.scattering, self.anisotropy)
-        )
+        tables = self.absorption, self.scattering, self.anisotropy
+        return [dr.gather(mi.Float, table, index, active) for table in tables]
+
+    def cross(self, si: Any, ray: Any, power: Any, sampler: Any, active: Any) -> Any:
+        """Power left at the surface, or a new ray where the photon is scattered before it."""
+        import drjit as dr
+        import mitsuba as mi
+
+        absorption, scattering, g = self._at(si, ray, active)
         free = -dr.log(1.0 - sampler.next_1d(active)) / dr.maximum(scattering, 1e-12)
         scattered = active & (scattering > 0) & (free < si.t)
         travelled = dr.minimum(free, si.t)
