@@ -15,6 +15,7 @@ from designlab.design import Design
 from designlab.effects.base import Effect
 from designlab.effects.model import SensorModel, effect
 from designlab.press import Press
+from designlab.render import LIGHTFIELD_VERSION
 from designlab.simulate import Simulator
 from designlab.store import digest, read_cache, write_cache
 
@@ -182,4 +183,5 @@ def _mesh_content(press: Press | None) -> bytes | None:
 
 @cache
 def _versions() -> list[str]:
-    return [importlib.metadata.version(package) for package in ("designlab", "mitsuba")]
+    programs = [importlib.metadata.version(package) for package in ("designlab", "mitsuba")]
+    return [*programs, str(LIGHTFIELD_VERSION)]

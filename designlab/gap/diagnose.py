@@ -2,9 +2,11 @@
 
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from designlab.design import Design
 from designlab.effects import CATALOGUE, SensorModel, effect
@@ -176,7 +178,7 @@ def diagnose(
         updated=model,
         model=out / "model.toml",
         candidates=tuple(search.tried),
-        notes=_notes(seen, measurement, model),
+        notes=(*_notes(seen, measurement, model), *_chance(fitter)),
         provenance=_provenance(seen, measurement, model, source, begun),
         control=control(
             fitter,
@@ -276,6 +278,20 @@ def _notes(seen: Observations, measurement: Measurement, model: SensorModel) -> 
             f"the measurement names the sensor {measurement.sensor!r}, which is not the design of the model"
         )
     return tuple(notes)
+
+
+def _chance(fitter: Fitter) -> Iterator[str]:
+    """Note what chance leaves of light that is counted in photons."""
+    shares = [
+        float(np.sqrt((own.grain.sigma**2).mean() / (shot.signal**2).mean()))
+        for shot, own in zip(fitter.bank.shots, fitter.noises, strict=True)
+        if own.grain is not None and shot.lit.all()
+    ]
+    if shares:
+        yield (
+            "light behind the core is counted in photons; what chance leaves of it, "
+            f"{np.median(shares):.1%} of the light, is part of the floor"
+        )
 
 
 def _provenance(

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from closed_forms import block_means, direct_radiance
 from scenes import box
+from scipy.ndimage import gaussian_filter
 
 from designlab import store
 from designlab.camera import Camera
@@ -301,6 +302,28 @@ def test_haze_veils_the_picture_as_the_path_tracer_says():
         assert (np.abs(found - mean) < 0.01 * mean + 3 * error).all()
     clear = Simulator(CORE, view=view, samples=16, seed=1).frame(None).basis.mean(axis=(1, 2))
     assert (np.abs(mean / clear - 1) > 0.01).any()  # else there is nothing to see
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "least"),
+    [("optics.gelcore_absorption_per_mm", (0.005,) * 3, 8.0), ("optics.board_reflectance", (0.3,) * 3, 3.0)],
+)
+def test_sensors_that_differ_little_share_their_random_numbers(field, value, least):
+    view, other = view_of(CORE, 48, 36), CORE.replace({field: value})
+
+    def basis(design, like=None):
+        return Simulator(design, view=view, samples=16, seed=1, like=like).frame(None).basis
+
+    def grain(ratio):
+        return (ratio / gaussian_filter(ratio, (0, 2, 2))).std(axis=(1, 2))
+
+    plain = basis(CORE)
+    alone, alike = grain(basis(other) / plain), grain(basis(other, CORE) / plain)
+    assert (alike < alone / least).all()
+    # What they share rules the noise, not the mean.
+    np.testing.assert_allclose(
+        basis(other, CORE).mean(axis=(1, 2)), basis(other).mean(axis=(1, 2)), rtol=0.01
+    )
 
 
 def test_halves_are_independent_and_average_to_the_whole():
