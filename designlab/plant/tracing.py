@@ -48,7 +48,7 @@ LOWER, TALLER = (
 )  # image of a board in a hollow interface, in its half height; rules noise, not the mean
 R2 = (0.7548776662466927, 0.5698402909980532)
 LEAST_PER_MM = 1e-6
-MOST_LOST = 1e-5  # share of paths whose radiance is no number
+MOST_LOST = 1e-4  # share of paths whose radiance is no number
 LEAST_ALBEDO = 1e-7  # of what only absorbs: the engine divides by a throughput of zero
 BETWEEN = {"interface": INTERFACE, "gap-above": GAP_ABOVE, "gap-below": GAP_BELOW}  # gel and core
 CAMERA_SEGMENTS = 3  # of a path, from the membrane through interface and window to the camera
@@ -263,7 +263,7 @@ class Tracer:
         # In haze the engine divides zero by zero once in millions of paths; such a path brings nothing.
         lost = ~np.isfinite(found)
         if lost.mean() > MOST_LOST:
-            raise RuntimeError(f"{lost.mean():.2%} of the paths within the gel end without a number")
+            raise RuntimeError(f"{lost.mean():.2g} of the paths within the gel end without a number")
         found[lost] = 0.0
         return found
 
