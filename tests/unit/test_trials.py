@@ -1,6 +1,7 @@
 """Pools of planted sets, and what their scores count."""
 
 from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,9 +11,10 @@ from designlab.design import preset
 from designlab.effects import effect
 from designlab.plant import effects as planted
 from designlab.plant.beyond import outside_kinds
-from designlab.trials import Outcome, Transferred, Trial, development, score, transfers
+from designlab.trials import Crew, Outcome, Transferred, Trial, development, score, transfers
 from designlab.trials.pool import AIR, STRENGTHS, power
 from designlab.trials.power import limits
+from designlab.trials.runner import kept
 from designlab.trials.score import rate
 from designlab.trials.transfer import HIGHER_MM, MORE_TILT_DEG, other, removed, summary
 
@@ -55,6 +57,32 @@ def test_every_set_can_be_planted() -> None:
         assert preset(trial.design).name == trial.design
         assert set(trial.effects) <= known
         assert set(trial.outside) <= set(outside_kinds())
+
+
+def test_one_set_of_each_design_comes_first_and_what_is_there_is_not_run_again(tmp_path) -> None:
+    trials = [Trial(f"t{k}", design, k) for k, design in enumerate("aabab")]
+    ran: list[str] = []
+
+    def fails_at(name: str):
+        def one(trial: Trial, folder: Path) -> Trial:
+            ran.append(trial.name)
+            if trial.name == name:
+                raise RuntimeError(name)
+            return trial
+
+        return one
+
+    with pytest.raises(RuntimeError, match="t3"):
+        kept(trials, tmp_path, "records", fails_at("t3"), None, Crew())
+    assert ran == ["t0", "t2", "t1", "t3"]
+    told: list[tuple[int, int]] = []
+    found = kept(
+        trials, tmp_path, "records", fails_at(""), lambda _, done, total: told.append((done, total)), Crew()
+    )
+    assert ran[4:] == ["t3", "t4"]
+    assert [one["name"] for one in found] == [trial.name for trial in trials]
+    assert told[0] == (3, 5)
+    assert told[-1] == (5, 5)
 
 
 def test_names_sets_gaps_and_intervals_are_counted() -> None:
