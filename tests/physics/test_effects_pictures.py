@@ -219,6 +219,8 @@ def test_the_generator_makes_the_same_change_behind_glass(name, behind_glass):
 
 @pytest.mark.full
 @pytest.mark.llvm
-@pytest.mark.xfail(reason="the pattern of what haze throws into the camera differs by a tenth, its level by 2 %")
+@pytest.mark.xfail(
+    reason="the pattern of what haze throws into the camera differs by a tenth, its level by 2 %"
+)
 def test_the_generator_makes_the_same_haze(behind_glass):
     assert_generator_agrees(behind_glass, "core_scatter", grain_px=2.0)
