@@ -20,16 +20,20 @@ def coefficients(images: NDArray[np.floating]) -> Array:
 
 
 def bands(shape: tuple[int, int]) -> NDArray[np.int64]:
-    """Number of the band of each coefficient, (rows, columns): equal frequency in all directions."""
+    """Number of the band of each coefficient, (rows, columns): equal frequency in all directions.
+
+    Small pictures have fewer: none is empty.
+    """
     rows, columns = shape
+    count = min(BANDS, max(shape))
     frequency = np.hypot(np.arange(rows)[:, None] / rows, np.arange(columns) / columns)
-    return np.minimum((frequency * BANDS).astype(np.int64), BANDS - 1)
+    return np.minimum((frequency * count + 1e-9).astype(np.int64), count - 1)
 
 
 def by_band(squares: Array) -> Array:
     """Mean over each band of squared coefficients (rows, columns), (bands,)."""
     band = bands((squares.shape[0], squares.shape[1])).ravel()
-    return np.asarray(np.bincount(band, squares.ravel(), BANDS) / np.bincount(band, minlength=BANDS))
+    return np.asarray(np.bincount(band, squares.ravel()) / np.bincount(band))
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,15 +66,16 @@ def calm(repeated: Single) -> Calm:
     factor, taken = np.empty_like(mean), np.empty_like(repeated)
     for group in range(groups):
         broad = _broad(mean[group])
-        structure = coefficients(mean[group] / broad - 1.0)
+        light = np.maximum(mean[group], LEAST_LIGHT * mean[group].max())
+        structure = coefficients(light / broad - 1.0)
         spread = coefficients((repeated[:, group] - mean[group]) / broad)
         chance = by_band((spread**2).sum(axis=0)) / (repeats * (repeats - 1))
         kept = np.clip(1.0 - chance / np.maximum(by_band(structure**2), 1e-300), 0.0, 1.0)
         found = broad * (1.0 + idctn(kept[band] * structure, norm="ortho"))
-        factor[group] = found / mean[group]
+        factor[group] = found / light
         # The root: structure that is lost errs as well, and both together have this variance.
         lost = idctn((1.0 - np.sqrt(kept[band])) * spread, axes=(-2, -1), norm="ortho")
-        taken[:, group] = broad / mean[group] * lost
+        taken[:, group] = broad / light * lost
     return Calm(factor, taken)
 
 
@@ -112,7 +117,7 @@ def without_grain(change: Single, drawn: Single, light: Single, spread: Single) 
         rest = coefficients(image - broad)
         chance = by_band((coefficients(share_of(spread[:, group], light[group])) ** 2).mean(axis=0))
         power = by_band(rest**2)
-        left = np.median((power / chance)[BANDS // 2 :])
+        left = np.median((power / np.maximum(chance, 1e-300))[len(power) // 2 :])
         kept = np.clip(1.0 - left * chance / np.maximum(power, 1e-300), 0.0, 1.0)
         found[group] = light[group] * (broad + idctn(kept[band] * rest, norm="ortho"))
     return found

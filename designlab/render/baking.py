@@ -65,7 +65,16 @@ def bake(
     like : Scene, optional
         Scene with as many LEDs, the scene itself when absent, for which starts of photons are chosen: light
         fields chosen alike share their random numbers, so that their difference has little noise.
+
+    Raises
+    ------
+    ValueError
+        If the groups of `like` have other numbers of LEDs.
     """
+    if like is not None and [light.group for light in like.lights] != [light.group for light in scene.lights]:
+        raise ValueError(
+            f"like: must have as many LEDs in every group, got {len(like.lights)} and {len(scene.lights)}"
+        )
     groups = [_baked(scene, group, area_mm, photons, seeds, like) for group in range(scene.groups)]
     tables = groups[0][0][1]
     filled = (

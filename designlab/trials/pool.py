@@ -34,10 +34,7 @@ POWER_SEED = 10_000
 
 @dataclass(frozen=True)
 class Trial:
-    """One set: a design, the effects hidden in it by strength, kinds outside the catalogue, and its seed.
-
-    Effects named in `without` are left out of the catalogue that the diagnosis has.
-    """
+    """One set: a design, the effects hidden in it by strength, kinds outside the catalogue, and its seed."""
 
     name: str
     design: str
@@ -45,7 +42,6 @@ class Trial:
     effects: Mapping[str, float] = field(default_factory=dict)
     outside: Mapping[str, float] = field(default_factory=dict)
     kit_seed: int = KIT_SEED
-    without: tuple[str, ...] = ()
 
     @property
     def kind(self) -> str:

@@ -39,7 +39,8 @@ def limits(named: Mapping[str, Iterable[tuple[float, bool]]]) -> dict[str, Limit
     Returns
     -------
     dict
-        Limit of each kind: greatest likelihood, interval by its profile (slope fitted along).
+        Limit of each kind: greatest likelihood, and where it falls by as much as in one case of twenty by
+        chance, the slope held.
     """
     kinds = list(named)
     sets = {kind: np.array(list(named[kind]), dtype=float).reshape(-1, 2) for kind in kinds}

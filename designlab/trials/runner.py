@@ -3,12 +3,12 @@
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from designlab.design import preset
-from designlab.effects import CATALOGUE
 from designlab.gap import diagnose
 from designlab.interrupts import Interrupts
 from designlab.measurement import MeasurementError, load_measurement
@@ -95,13 +95,19 @@ def kept(
         if progress is not None:
             progress(what, sum(path.is_file() for path in paths), len(paths))
 
-    with Interrupts() as interrupts, submitter(crew.workers, interrupts, dask=crew.dask) as submit:
-        for wave in _waves([(n, trials[n]) for n in missing]):
-            tell(wave[0][1].name)
-            calls = [(run_one, trial, folder) for _, trial in wave]
-            for place, found in completed(submit, calls, at_once=at_once, interrupts=interrupts):
-                write_json(paths[wave[place][0]], asdict(found))
-                tell(wave[min(place + at_once, len(wave) - 1)][1].name)
+    try:
+        with Interrupts() as interrupts, submitter(crew.workers, interrupts, dask=crew.dask) as submit:
+            for wave in _waves([(n, trials[n]) for n in missing]):
+                tell(wave[0][1].name)
+                calls = [(run_one, trial, folder) for _, trial in wave]
+                for place, found in completed(submit, calls, at_once=at_once, interrupts=interrupts):
+                    write_json(paths[wave[place][0]], asdict(found))
+                    tell(wave[min(place + at_once, len(wave) - 1)][1].name)
+    except BrokenProcessPool as error:
+        raise RuntimeError(
+            f"a worker process died, perhaps for lack of memory with {crew.workers} workers; sets that are "
+            "finished are kept: the same command goes on"
+        ) from error
     return [json.loads(path.read_text(encoding="utf-8")) for path in paths]
 
 
@@ -153,7 +159,6 @@ def _one(trial: Trial, folder: Path) -> Outcome:
             out=model_path(trial, folder).parent,
             seed=SEED,
             columns=COLUMNS,
-            catalogue=[e.name for e in CATALOGUE if e.name not in trial.without] if trial.without else None,
             renders=folder / "renders" / trial.design,
             pictures=False,
             recentre=False,

@@ -24,8 +24,7 @@ def score(outcomes: Iterable[Outcome]) -> dict[str, Any]:
     dict
         `nothing`, `single` and `outside`: numbers of sets and of those named, rates with their 95 % interval;
         `confusion`: for each thing hidden, how often which name came first, or which verdict where none
-        did; `limits`: see `power.Limit`, of
-        effects planted at several strengths; `rows`: one for each set.
+        did; `limits`: see `power.Limit`, of effects planted at several strengths; `rows`: one for each set.
     """
     outcomes = list(outcomes)
     nothing = [o for o in outcomes if not o.trial["effects"] and not o.trial["outside"]]

@@ -326,6 +326,12 @@ def test_sensors_that_differ_little_share_their_random_numbers(field, value, lea
     )
 
 
+def test_sensors_with_other_numbers_of_leds_share_nothing():
+    simulator = Simulator(CORE, view=view_of(CORE, 16, 12), samples=4, seed=1, like=preset("default"))
+    with pytest.raises(ValueError, match="like: must have as many LEDs"):
+        simulator.frame(None)
+
+
 def test_halves_are_independent_and_average_to_the_whole():
     short = CORE.replace({"optics.path_length": 8})
     whole, first, second = picture(short), picture(short, half=0), picture(short, half=1)

@@ -76,6 +76,21 @@ def test_chance_that_a_change_shares_with_its_picture_cancels() -> None:
     assert np.sqrt(((found - weakened) ** 2).mean()) < 0.1 * 0.1 * CHANCE + 0.01 * CHANCE / np.sqrt(REPEATS)
 
 
+@pytest.mark.parametrize("shape", [(6, 8), (24, 32), SHAPE])
+def test_no_band_is_empty(shape) -> None:
+    assert set(bands(shape).ravel()) == set(range(bands(shape).max() + 1))
+
+
+def test_dark_places_stay_finite() -> None:
+    light = BROAD * (X < 0.6)  # beyond is no membrane
+    pictures = repeated(light)
+    found = calm(pictures)
+    assert np.isfinite(found.factor).all()
+    assert np.isfinite(found.taken).all()
+    mean = pictures.mean(axis=0)
+    assert np.isfinite(without_grain(mean, mean, found.factor * mean, pictures - mean)).all()
+
+
 def test_bands_share_out_all_coefficients() -> None:
     squares = coefficients(np.random.default_rng(0).standard_normal(SHAPE)) ** 2
     band = bands(SHAPE)
