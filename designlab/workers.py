@@ -29,7 +29,7 @@ def submitter(workers: int, interrupts: Interrupts, *, dask: str | None = None) 
     Raises
     ------
     ValueError
-        If Dask is not installed.
+        If Dask is not installed, or the address is none.
     OSError
         If no scheduler answers.
     """
@@ -102,7 +102,13 @@ def _cluster(address: str) -> Iterator[Submit]:
         from distributed import Client
     except ImportError:
         raise ValueError("--dask: needs Dask: pip install 'designlab[dask]'") from None
-    with Client(address, timeout="10s", set_as_default=False) as client:
+    try:
+        client = Client(address, timeout="10s", set_as_default=False)
+    except ValueError as error:
+        raise ValueError(
+            f"--dask: must be an address such as tcp://host:8786, got {address!r}: {error}"
+        ) from None
+    with client:
         executor = client.get_executor(pure=False, retries=2)
         try:
             yield executor.submit

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from designlab.trials.power import limits
+from designlab.trials.detection import limits
 from designlab.trials.runner import Outcome
 
 CLASSES: tuple[frozenset[str], ...] = (frozenset({"lens_distortion", "camera_pose"}),)
@@ -24,7 +24,8 @@ def score(outcomes: Iterable[Outcome]) -> dict[str, Any]:
     dict
         `nothing`, `single` and `outside`: numbers of sets and of those named, rates with their 95 % interval;
         `confusion`: for each thing hidden, how often which name came first, or which verdict where none
-        did; `limits`: see `power.Limit`, of effects planted at several strengths; `rows`: one for each set.
+        did; `limits`: see `detection.Limit`, of effects planted at several strengths; `rows`: one for each
+        set.
     """
     outcomes = list(outcomes)
     nothing = [o for o in outcomes if not o.trial["effects"] and not o.trial["outside"]]

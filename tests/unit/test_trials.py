@@ -1,5 +1,6 @@
 """Pools of planted sets, and what their scores count."""
 
+import json
 from dataclasses import asdict
 from pathlib import Path
 
@@ -7,13 +8,15 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
+from designlab import cli
 from designlab.design import preset
 from designlab.effects import effect
 from designlab.plant import effects as planted
 from designlab.plant.beyond import outside_kinds
-from designlab.trials import Crew, Outcome, Transferred, Trial, development, score, transfers
-from designlab.trials.pool import AIR, STRENGTHS, power
-from designlab.trials.power import limits
+from designlab.store import write_json
+from designlab.trials import Crew, Outcome, Transferred, Trial, development, power, score, transfers
+from designlab.trials.detection import limits
+from designlab.trials.pool import AIR, STRENGTHS
 from designlab.trials.runner import kept
 from designlab.trials.score import rate
 from designlab.trials.transfer import HIGHER_MM, MORE_TILT_DEG, other, removed, summary
@@ -171,6 +174,40 @@ def test_a_limit_is_open_where_all_sets_or_none_are_named() -> None:
     assert found["unseen"].high is None
     assert found["unseen"].low is not None
     assert found["unseen"].low > 1.0
+
+
+@pytest.mark.parametrize(
+    ("words", "rule"),
+    [
+        (["--pool", "power", "--only", "nosuch"], "no set's name matches 'nosuch'"),
+        (["--pool", "power", "--transfer"], "--transfer: is for --pool development"),
+        (["--only", "("], "must be a regular expression"),
+        (["--workers", "0"], "must lie between 1 and 256"),
+        (["--only", "nothing-00", "--dask", "nonsense://x"], "nonsense"),
+    ],
+)
+def test_wrong_settings_of_a_benchmark_are_one_line(words, rule, tmp_path, capsys) -> None:
+    assert cli.main(["gap", "benchmark", *words, "--out", str(tmp_path / "out")]) in (1, 2)
+    error = capsys.readouterr().err
+    assert rule in error
+    assert error.count("designlab: ") == 1
+    assert "defect" not in error
+
+
+def test_a_finished_pool_is_scored_from_its_records(tmp_path, capsys) -> None:
+    for trial in power():
+        if trial.name.startswith("power-vignetting"):
+            (strength,) = trial.effects.values()
+            seen = [["vignetting"]] if strength >= 0.5 else []
+            record = outcome(trial, verdict="named" if seen else "at_floor", sets=seen)
+            write_json(tmp_path / "outcomes" / f"{trial.name}-{trial.seed}.json", asdict(record))
+    words = ["gap", "benchmark", "--pool", "power", "--only", "vignetting", "--out", str(tmp_path)]
+    assert cli.main(words) == 0
+    table = capsys.readouterr().out
+    assert "power-vignetting-dome-0.25" in table
+    limit = json.loads((tmp_path / "score.json").read_text())["limits"]["vignetting"]
+    assert 0.25 < limit["strength"] < 0.5
+    assert limit["low"] < limit["strength"] < limit["high"]
 
 
 def transferred(before: float, after: float, floor: float) -> Transferred:
