@@ -1,6 +1,7 @@
 """Where calls are run: in this process, in several of this machine, or on a Dask cluster."""
 
 import contextlib
+import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from multiprocessing.connection import Connection
@@ -88,8 +89,16 @@ def _processes(workers: int) -> Iterator[Submit]:
     receiver, sender = context.Pipe(duplex=False)
     given = receiver, context.Value("i", 0), workers
     with ProcessPoolExecutor(workers, context, initializer=_start_worker, initargs=given) as pool:
+
+        def submit(function: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":
+            # The pool notices the death of those workers only that ran when it was last woken, which is
+            # before the worker of this call starts: a second call wakes it once more.
+            future = pool.submit(function, *arguments)
+            pool.submit(os.getpid)
+            return future
+
         try:
-            yield pool.submit
+            yield submit
         except BaseException:
             sender.close()
             pool.shutdown(wait=False, cancel_futures=True)
@@ -122,7 +131,6 @@ def _start_worker(receiver: "Connection[Any, Any]", started: Any, workers: int) 
 
     Each has its own share of the cores: threads of several renderers on one core get in each other's way.
     """
-    import os
     import signal
     import threading
 

@@ -2,7 +2,9 @@
 
 import math
 import os
+import signal
 import time
+from concurrent.futures.process import BrokenProcessPool
 
 import pytest
 
@@ -35,6 +37,18 @@ def test_processes_are_others_and_run_at_once() -> None:
 def test_what_a_call_raises_is_raised(workers) -> None:
     with pytest.raises(ValueError, match="factorial"):
         results(workers, [*CALLS, (math.factorial, -1)])
+
+
+def test_the_death_of_any_worker_is_noticed_while_the_others_go_on() -> None:
+    begun = time.monotonic()
+    with pytest.raises(BrokenProcessPool):
+        results(2, [(time.sleep, 60), (_die_after, 1.0)])
+    assert time.monotonic() - begun < 30
+
+
+def _die_after(seconds: float) -> None:
+    time.sleep(seconds)
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def test_results_before_a_failure_are_given() -> None:
