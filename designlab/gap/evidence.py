@@ -132,7 +132,7 @@ def system(
         total = common.setdefault(key, [np.zeros((*key, 3, size + 1), dtype=np.float32)])[0]
         total[..., [*used, size]] += coefficients * bright[..., None].astype(np.float32)
         weight[key] = weight.get(key, np.zeros((*key, 3))) + own.level * bright
-        budget[key] = own.common(mean=False)  # the mean of all is what gains are fitted for
+        budget[key] = own.common(mean=False, alike=alike)  # the mean of all is what gains are fitted for
     for key, (total,) in common.items():
         share = np.sqrt(budget[key] / (1.0 + budget[key] * weight[key])).astype(np.float32)
         shared = (total * share[..., None]).reshape(-1, size + 1)

@@ -24,6 +24,7 @@ EDGE_BUDGET = 0.03
 CONTACT_BUDGET = 0.02  # share of what a press changes: neither probe nor contact model are better known
 SMOOTH_BUDGET = 0.005  # smooth error common to all frames, relative: what no catalogue lists, too
 SHOT_BUDGET = 0.001  # smooth error of each frame, relative
+SMOOTH_ALIKE = 2.0  # like `evidence.ALIKE`: their covariance has counted already how much values err alike
 SMOOTH_LENGTH = 0.15  # of smooth errors, over the picture's width
 EDGE_WIDTH_PX = 0.7
 DARK_LIGHT = 0.03  # of full scale: below, smooth errors are absolute
@@ -83,15 +84,17 @@ class Noise:
         own = np.maximum(share - self.grain.shared * self.level**2, 0.0)
         return np.asarray(np.maximum(found - share + own * self.grain.power[..., None], LEAST_VARIANCE))
 
-    def common(self, *, mean: bool = True) -> Array:
+    def common(self, *, mean: bool = True, alike: float = SMOOTH_ALIKE) -> Array:
         """Variance of coefficients, relative to the light, that all shots share, (rows, columns, 3).
 
         Without `mean` the mean of the picture, which gains are fitted for, is left out of smooth errors.
+        Of a misfit that is divided by `alike` they get a share that leaves them divided by `SMOOTH_ALIKE`.
         """
         power = spectrum(self.sigma.shape[:2])
         if not mean:
             power[0, 0] = 0.0
-        found = SMOOTH_BUDGET**2 * np.repeat(power[..., None], 3, axis=-1)
+        variance = SMOOTH_BUDGET**2 * min(1.0, SMOOTH_ALIKE / alike)
+        found = variance * np.repeat(power[..., None], 3, axis=-1)
         return found if self.grain is None else found + self.grain.shared * self.grain.power[..., None]
 
 

@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal
 
 from designlab.gap.evidence import ALIKE, System, log_evidence, system
 from designlab.gap.forward import Unknown
-from designlab.gap.noise import SHOT_BUDGET, SMOOTH_BUDGET, Grain, Noise, spectrum
+from designlab.gap.noise import SHOT_BUDGET, SMOOTH_ALIKE, SMOOTH_BUDGET, Grain, Noise, spectrum
 from designlab.gap.overlap import overlaps
 
 ROWS, COLUMNS = 5, 6
@@ -68,13 +68,15 @@ def coarse() -> np.ndarray:
     return np.asarray(power / power.mean())
 
 
-@pytest.mark.parametrize("grainy", [0.0, 0.9])
-def test_normal_equations_are_those_of_the_dense_covariance(grainy: float) -> None:
+@pytest.mark.parametrize(("grainy", "alike"), [(0.0, ALIKE), (0.9, ALIKE), (0.0, 1.0)])
+def test_normal_equations_are_those_of_the_dense_covariance(grainy: float, alike: float) -> None:
     # Of the variance of every value `grainy` is grain; 0.1 and, where twice as bright, 0.4 are shared.
     power, relative = coarse(), 0.1 / 200.0**2
     grain = Grain(np.full(SHAPE, 0.5 * np.sqrt(grainy)), np.full(3, relative), power) if grainy else None
     known, own = Known(3), noises(200.0, grain)
-    found = system(known, None, [0, 1], UNKNOWNS, own, np.zeros(3))  # type: ignore[arg-type]
+    found = system(known, None, [0, 1], UNKNOWNS, own, np.zeros(3), alike=alike)  # type: ignore[arg-type]
+    # Of a misfit divided by `alike`, smooth errors are to weigh as if divided by no more than `SMOOTH_ALIKE`.
+    granted = SMOOTH_BUDGET**2 * min(SMOOTH_ALIKE / alike, 1.0)
     smooth, rough = smooth_covariance(), correlation(power)
     gram, right, misfit = np.zeros((3, 3)), np.zeros(3), 0.0
     for channel in range(3):
@@ -82,7 +84,7 @@ def test_normal_equations_are_those_of_the_dense_covariance(grainy: float) -> No
         apart = [
             (1 - grainy) * np.eye(ROWS * COLUMNS) + (SHOT_BUDGET * level) ** 2 * smooth for level in levels
         ]
-        shared = SMOOTH_BUDGET**2 * np.kron(np.outer(levels, levels), smooth_covariance(with_mean=False))
+        shared = granted * np.kron(np.outer(levels, levels), smooth_covariance(with_mean=False))
         if grainy:
             for k, level in enumerate(levels):
                 apart[k] += (grainy - relative * level**2) * rough
@@ -97,9 +99,9 @@ def test_normal_equations_are_those_of_the_dense_covariance(grainy: float) -> No
         gram += rows.T @ inverse @ rows
         right += rows.T @ inverse @ left
         misfit += left @ inverse @ left
-    np.testing.assert_allclose(ALIKE * found.gram, gram, rtol=2e-4, atol=2e-4 * np.abs(gram).max())
-    np.testing.assert_allclose(ALIKE * found.right, right, atol=2e-4 * np.abs(gram).max())
-    assert ALIKE * found.misfit == pytest.approx(misfit, rel=1e-4)
+    np.testing.assert_allclose(alike * found.gram, gram, rtol=2e-4, atol=2e-4 * np.abs(gram).max())
+    np.testing.assert_allclose(alike * found.right, right, atol=2e-4 * np.abs(gram).max())
+    assert alike * found.misfit == pytest.approx(misfit, rel=1e-4)
 
 
 def test_evidence_is_the_ratio_of_marginal_likelihoods() -> None:
