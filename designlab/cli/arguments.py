@@ -325,10 +325,20 @@ def _add_gap(add: Any) -> None:
     )
     benchmark.add_argument(
         "--pool",
-        choices=("development", "power"),
+        choices=("development", "power", "calibration", "test"),
         default="development",
         help="development: sets without and with one effect, and outside the catalogue; power: each effect "
-        "at rising strengths, for the smallest that is named (default: development)",
+        "at rising strengths, for the smallest that is named; calibration: the families of the test, for the "
+        "stated confidence; test: the sealed sets (default: development)",
+    )
+    benchmark.add_argument(
+        "--frozen",
+        metavar="COMMIT",
+        help="commit that froze the thresholds, from which --pool test takes its seeds; the code must be "
+        "as it was there",
+    )
+    benchmark.add_argument(
+        "--shard", metavar="K/N", help="the k-th of n parts of the pool, 1/4 to 4/4 (default: all)"
     )
     benchmark.add_argument(
         "--base", type=_whole(0, 2**31 - 1), default=0, metavar="N", help="start of the seeds (default: 0)"

@@ -111,27 +111,17 @@ def diagnose(args: Namespace) -> Result:
 
 def benchmark(args: Namespace) -> Result:
     """Diagnose a pool of generated sets and score the diagnoses."""
-    import re
-
     from designlab.store import write_json
-    from designlab.trials import Crew, development, power, run, score, transfers
+    from designlab.trials import Crew, run, score
 
-    try:
-        wanted = re.compile(args.only)
-    except re.error as error:
-        raise ValueError(f"--only: must be a regular expression, got {args.only!r}: {error}") from None
-    if args.transfer and args.pool != "development":
-        raise ValueError("--transfer: is for --pool development")
-    pool = power if args.pool == "power" else transfers if args.transfer else development
-    trials = [trial for trial in pool(base=args.base) if wanted.search(trial.name)]
-    if not trials:
-        raise ValueError(f"--only: no set's name matches {args.only!r}")
+    trials = _trials(args)
     results_folder(args.out)
     crew = Crew(args.workers, args.dask)
     if args.transfer:
         return _transferred(trials, Path(args.out), crew)
     with bar("set") as progress:
-        found = score(run(trials, Path(args.out), progress=progress, crew=crew))
+        outcomes = run(trials, Path(args.out), progress=progress, crew=crew)
+    found = score(outcomes)
     write_json(Path(args.out) / "score.json", found)
     rows = [
         (
@@ -149,14 +139,60 @@ def benchmark(args: Namespace) -> Result:
     return Result(found, "\n".join([text, *_rates(found)]))
 
 
+def _trials(args: Namespace) -> "list[Trial]":
+    """Sets that the arguments ask for."""
+    import re
+
+    from designlab.trials import calibration, development, power, sealed, transfers
+    from designlab.trials.frozen import frozen
+
+    try:
+        wanted = re.compile(args.only)
+    except re.error as error:
+        raise ValueError(f"--only: must be a regular expression, got {args.only!r}: {error}") from None
+    if args.transfer and args.pool != "development":
+        raise ValueError("--transfer: is for --pool development")
+    if (args.pool == "test") != (args.frozen is not None):
+        raise ValueError(
+            "--frozen: the commit that froze the thresholds goes with --pool test, and only there"
+        )
+    if args.base and args.pool not in ("development", "power"):
+        raise ValueError(f"--base: --pool {args.pool} has seeds of its own")
+    if args.pool == "test":
+        pool = sealed(frozen(args.frozen))
+    elif args.pool == "calibration":
+        pool = calibration()
+    elif args.pool == "power":
+        pool = power(base=args.base)
+    else:
+        pool = (transfers if args.transfer else development)(base=args.base)
+    trials = [trial for trial in _shard(pool, args.shard) if wanted.search(trial.name)]
+    if not trials:
+        raise ValueError(f"--only: no set's name matches {args.only!r}")
+    return trials
+
+
+def _shard(pool: "list[Trial]", text: str | None) -> "list[Trial]":
+    """Part k of n; each holds sets of all families."""
+    if text is None:
+        return pool
+    part, slash, parts = text.partition("/")
+    if not slash or not (part.isdigit() and parts.isdigit()) or not 1 <= int(part) <= int(parts):
+        raise ValueError(f"--shard: must be K/N with K from 1 to N, got {text!r}")
+    return pool[int(part) - 1 :: int(parts)]
+
+
 def _rates(found: dict[str, Any]) -> list[str]:
-    """Lines that say how often names were right."""
-    single = found["single"]
+    """Lines that say how often names were right, and what was gained."""
+    single, pair = found["single"], found["pair"]
     said = {
-        "nothing hidden, a name given": found["nothing"]["rate"],
+        "nothing hidden, a name given": found["nothing"]["named"],
         "one effect hidden, right name first": single["right_first"],
         "one effect hidden, in the reported set": single["truth_in_set"],
-        "outside the catalogue, a name given": found["outside"]["rate"],
+        "two effects hidden, both named": pair["all_named"],
+        "outside the catalogue, named": found["outside"]["named"],
+        "outside the catalogue, unexplained or partial": found["outside"]["unexplained_or_partial"],
+        "left out of the catalogue, another named": found["left_out"]["named"],
         "intervals that hold the truth": single["intervals_hold"],
     }
     lines = [
@@ -164,9 +200,20 @@ def _rates(found: dict[str, Any]) -> list[str]:
         for what, r in said.items()
         if r is not None
     ]
-    if single["gap_removed_median"] is not None:
+    medians = {
+        "gap removed on presses used for nothing else": "gap_removed_median",
+        "the same by a wrong effect of that size": "control_removed_median",
+        "error of values, over their distance from null": "value_error_median",
+    }
+    for family, of in (("one effect", single), ("two effects", pair)):
+        lines += [
+            f"{family}, {what}, median: {of[key]:.0%}" for what, key in medians.items() if of[key] is not None
+        ]
+    if single["set_size_mean"] is not None:
+        lines.append(f"one effect, names in a set, mean: {single['set_size_mean']:.2f}")
+    if found["confidence"] is not None:
         lines.append(
-            f"gap removed on presses used for nothing else, median: {single['gap_removed_median']:.0%}"
+            f"confidence of {found['confidence']['names']} names off by {found['confidence']['error']:.2f}"
         )
     return lines
 

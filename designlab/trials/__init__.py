@@ -1,5 +1,6 @@
 """Trials of the gap workflow: measurement sets with known answers, diagnosed blind, and the score of that."""
 
+from designlab.trials.blind import calibration, sealed
 from designlab.trials.pool import Trial, development, power
 from designlab.trials.runner import Crew, Outcome, run
 from designlab.trials.score import score
@@ -10,10 +11,12 @@ __all__ = [
     "Outcome",
     "Transferred",
     "Trial",
+    "calibration",
     "development",
     "power",
     "run",
     "run_transfers",
     "score",
+    "sealed",
     "transfers",
 ]

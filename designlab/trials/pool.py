@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 AIR = ("gelsight-2020-flat", "gelsight-2020-dome")
 CORE = ("gelsight-2020-flat-core", "gelsight-2020-dome-core")
 OF_CORE = ("gelcore_index", "absorption", "core_scatter")
-STRENGTHS = (0.125, 0.25, 0.5, 1.0, 2.0)  # of power curves, in prior standard deviations
+STRENGTHS = (0.0625, 0.125, 0.25, 0.5, 1.0, 2.0)  # of power curves, in prior standard deviations
 MORE_KINDS = ("interreflection", "translucency", "depth_offset", "point_spread", "veiling_glare")
 KINDS = (
     "black_level",
@@ -34,7 +34,10 @@ POWER_SEED = 10_000
 
 @dataclass(frozen=True)
 class Trial:
-    """One set: a design, the effects hidden in it by strength, kinds outside the catalogue, and its seed."""
+    """One set: a design, the effects hidden in it by strength, kinds outside the catalogue, and its seed.
+
+    `without` names effects that are taken out of the catalogue before the set is diagnosed.
+    """
 
     name: str
     design: str
@@ -42,6 +45,7 @@ class Trial:
     effects: Mapping[str, float] = field(default_factory=dict)
     outside: Mapping[str, float] = field(default_factory=dict)
     kit_seed: int = KIT_SEED
+    without: tuple[str, ...] = ()
 
     @property
     def kind(self) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from designlab.design import preset
+from designlab.effects import CATALOGUE
 from designlab.gap import diagnose
 from designlab.interrupts import Interrupts
 from designlab.measurement import MeasurementError, load_measurement
@@ -27,7 +28,15 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a trial gave: the set, its truth, and what of the report is scored."""
+    """What a trial gave: the set, its truth, and what of the report is scored.
+
+    Attributes
+    ----------
+    sets, confidence : list
+        Of each effect named: those that do as well, and how sure the report is.
+    control : float or None
+        Share of the gap that a wrong effect of the same size takes away.
+    """
 
     trial: dict[str, Any]
     truth: dict[str, Any]
@@ -35,6 +44,8 @@ class Outcome:
     named: list[str]
     sets: list[list[str]]
     parameters: dict[str, Any]
+    confidence: list[float]
+    control: float | None
     gap: dict[str, Any]
     candidates: list[dict[str, Any]]
     seconds: float
@@ -160,11 +171,18 @@ def _one(trial: Trial, folder: Path) -> Outcome:
             seed=SEED,
             columns=COLUMNS,
             renders=folder / "renders" / trial.design,
+            catalogue=[each.name for each in CATALOGUE if each.name not in trial.without],
             pictures=False,
             recentre=False,
         ).to_json()
     except MeasurementError as error:
-        report = {"verdict": f"refused: {error}", "effects": [], "gap": {}, "candidates": []}
+        report = {
+            "verdict": f"refused: {error}",
+            "effects": [],
+            "gap": {},
+            "control": None,
+            "candidates": [],
+        }
     ended = os.times()
     return Outcome(
         trial=asdict(trial),
@@ -173,6 +191,8 @@ def _one(trial: Trial, folder: Path) -> Outcome:
         named=[effect["name"] for effect in report["effects"]],
         sets=[effect["coherence_set"] for effect in report["effects"]],
         parameters={effect["name"]: effect["parameters"] for effect in report["effects"]},
+        confidence=[effect["confidence"] for effect in report["effects"]],
+        control=None if report["control"] is None else report["control"]["removed"],
         gap=report["gap"],
         candidates=report["candidates"],
         seconds=ended.elapsed - begun.elapsed,

@@ -1,11 +1,13 @@
-"""What a pool of trials shows: names right and wrong, sets, gap removed, intervals."""
+"""What a pool of trials shows: names right and wrong, sets, gap removed, values and their intervals."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
+from designlab.design import preset
+from designlab.effects import effect
 from designlab.trials.detection import limits
 from designlab.trials.runner import Outcome
 
@@ -14,6 +16,8 @@ CLASSES: tuple[frozenset[str], ...] = (frozenset({"lens_distortion", "camera_pos
 
 A camera brought nearer magnifies: on both presets it brings about 99.5 % of what a wrong lens does.
 """
+WITHOUT_RESERVE = ("named", "ambiguous")
+BINS = 5  # of equal mass, for the error of the confidence
 
 
 def score(outcomes: Iterable[Outcome]) -> dict[str, Any]:
@@ -22,32 +26,20 @@ def score(outcomes: Iterable[Outcome]) -> dict[str, Any]:
     Returns
     -------
     dict
-        `nothing`, `single` and `outside`: numbers of sets and of those named, rates with their 95 % interval;
-        `confusion`: for each thing hidden, how often which name came first, or which verdict where none
-        did; `limits`: see `detection.Limit`, of effects planted at several strengths; `rows`: one for each
-        set.
+        `nothing`, `single`, `pair`, `outside` and `left_out` (sets whose effect was taken out of the
+        catalogue): numbers of sets, rates with their 95 % interval, medians; `confidence`: how it agrees
+        with how often names are right; `confusion`: for each thing hidden, how often which name came first,
+        or which verdict where none did; `limits`: see `detection.Limit`, of effects planted at several
+        strengths; `rows`: one for each set.
     """
     outcomes = list(outcomes)
-    nothing = [o for o in outcomes if not o.trial["effects"] and not o.trial["outside"]]
-    single = [o for o in outcomes if len(o.trial["effects"]) == 1]
-    outside = [o for o in outcomes if o.trial["outside"]]
-    right = [_first_right(o) for o in single]
-    removed = [share for o in single if (share := gap_removed(o)) is not None]
-    sizes = [len(names) for o in single for names in o.sets[:1]]
-    held = [inside for o in single for inside in _inside(o)]
-    return {
-        "nothing": {"sets": len(nothing), "named": sum(bool(o.named) for o in nothing)}
-        | {"rate": rate(bool(o.named) for o in nothing)},
-        "single": {
-            "sets": len(single),
-            "right_first": rate(right),
-            "truth_in_set": rate(_in_set(o) for o in single),
-            "set_size_mean": float(np.mean(sizes)) if sizes else None,
-            "gap_removed_median": float(np.median(removed)) if removed else None,
-            "intervals_hold": rate(held),
-        },
-        "outside": {"sets": len(outside), "named": sum(_names(o) for o in outside)}
-        | {"rate": rate(_names(o) for o in outside)},
+    by_family: dict[str, list[Outcome]] = {}
+    for o in outcomes:
+        by_family.setdefault(family(o), []).append(o)
+    single = by_family.get("single", [])
+    found = {name: _FAMILIES[name](by_family.get(name, [])) for name in _FAMILIES}
+    return found | {
+        "confidence": reliability(sure(outcomes)),
         "confusion": _confusion(outcomes),
         "limits": {kind: asdict(limit) for kind, limit in limits(_by_strength(single)).items()},
         "rows": [
@@ -64,6 +56,97 @@ def score(outcomes: Iterable[Outcome]) -> dict[str, Any]:
             for o in outcomes
         ],
     }
+
+
+def family(o: Outcome) -> str:
+    """Which part of a pool a set belongs to."""
+    if o.trial["outside"]:
+        return "outside"
+    if o.trial.get("without"):
+        return "left_out"
+    return {0: "nothing", 1: "single"}.get(len(o.trial["effects"]), "pair")
+
+
+def _nothing(sets: Sequence[Outcome]) -> dict[str, Any]:
+    return {"sets": len(sets), "named": rate(bool(o.named) for o in sets)}
+
+
+def _hidden(sets: Sequence[Outcome]) -> dict[str, Any]:
+    """Of sets whose effects are in the catalogue."""
+    removed = [share for o in sets if (share := gap_removed(o)) is not None]
+    controls = [o.control for o in sets if o.control is not None]
+    errors = [error for o in sets for error in value_errors(o)]
+    sizes = [len(names) for o in sets for names in o.sets[:1]]
+    return {
+        "sets": len(sets),
+        "right_first": rate(_first_right(o) for o in sets),
+        "all_named": rate(_all_named(o) for o in sets),
+        "truth_in_set": rate(_in_set(o) for o in sets),
+        "set_size_mean": float(np.mean(sizes)) if sizes else None,
+        "gap_removed_median": float(np.median(removed)) if removed else None,
+        "control_removed_median": float(np.median(controls)) if controls else None,
+        "value_error_median": float(np.median(errors)) if errors else None,
+        "intervals_hold": rate(inside for o in sets for inside in _inside(o)),
+    }
+
+
+def _foreign(sets: Sequence[Outcome]) -> dict[str, Any]:
+    """Of sets whose cause is not in the catalogue: any name without reserve is wrong."""
+    return {
+        "sets": len(sets),
+        "named": rate(o.verdict == "named" for o in sets),
+        "named_or_ambiguous": rate(o.verdict in WITHOUT_RESERVE for o in sets),
+        "unexplained_or_partial": rate(o.verdict in ("unexplained", "partial") for o in sets),
+    }
+
+
+_FAMILIES: dict[str, Callable[[Sequence[Outcome]], dict[str, Any]]] = {
+    "nothing": _nothing,
+    "single": _hidden,
+    "pair": _hidden,
+    "outside": _foreign,
+    "left_out": _foreign,
+}
+
+
+def sure(outcomes: Iterable[Outcome]) -> list[tuple[float, bool]]:
+    """Confidence of every name given without reserve, and whether it was right."""
+    return [
+        (confidence, any(same(name, truth) for truth in o.trial["effects"]))
+        for o in outcomes
+        if o.verdict in WITHOUT_RESERVE
+        for name, confidence in zip(o.named, o.confidence, strict=True)
+    ]
+
+
+def reliability(said: Sequence[tuple[float, bool]]) -> dict[str, Any] | None:
+    """How confidence agrees with how often it is right, in bins of equal mass.
+
+    Returns
+    -------
+    dict or None
+        `bins`: mean confidence, share right and number of each; `error`: mean distance of the two, by number
+        (expected calibration error).
+
+    Examples
+    --------
+    >>> reliability([(0.5, True), (0.5, False)] * 10)["error"]
+    0.0
+    """
+    if len(said) < BINS:
+        return None
+    ordered = np.array(sorted(said), dtype=float)
+    # Equal values stay together: their order says nothing.
+    values = ordered[:, 0]
+    edges = sorted(
+        {int(np.searchsorted(values, values[k])) for k in range(0, len(values), -(-len(values) // BINS))}
+    )
+    bins = [
+        {"confidence": float(part[:, 0].mean()), "right": float(part[:, 1].mean()), "names": len(part)}
+        for part in np.split(ordered, [edge for edge in edges if edge > 0])
+    ]
+    error = sum(b["names"] * abs(b["confidence"] - b["right"]) for b in bins) / len(ordered)
+    return {"error": error, "names": len(ordered), "bins": bins}
 
 
 def _by_strength(single: Iterable[Outcome]) -> dict[str, list[tuple[float, bool]]]:
@@ -96,6 +179,8 @@ def _confusion(outcomes: Iterable[Outcome]) -> dict[str, dict[str, int]]:
     found: dict[str, dict[str, int]] = {}
     for o in outcomes:
         hidden = "+".join([*o.trial["effects"], *o.trial["outside"]]) or "nothing"
+        if o.trial.get("without"):
+            hidden += ", not in the catalogue"
         said = o.named[0] if o.named else o.verdict.split(":")[0]
         row = found.setdefault(hidden, {})
         row[said] = row.get(said, 0) + 1
@@ -108,18 +193,16 @@ def same(one: str, other: str) -> bool:
 
 
 def _first_right(o: Outcome) -> bool:
-    truth = next(iter(o.trial["effects"]))
-    return bool(o.named) and same(o.named[0], truth)
+    return bool(o.named) and any(same(o.named[0], truth) for truth in o.trial["effects"])
+
+
+def _all_named(o: Outcome) -> bool:
+    return all(any(same(name, truth) for name in o.named) for truth in o.trial["effects"])
 
 
 def _in_set(o: Outcome) -> bool:
-    truth = next(iter(o.trial["effects"]))
-    return any(same(name, truth) for names in o.sets for name in names)
-
-
-def _names(o: Outcome) -> bool:
-    """Whether a set outside the catalogue was given a name without reserve."""
-    return o.verdict in ("named", "ambiguous")
+    """Whether each hidden effect is in one of the reported sets."""
+    return all(any(same(name, truth) for names in o.sets for name in names) for truth in o.trial["effects"])
 
 
 def gap_removed(o: Outcome) -> float | None:
@@ -130,11 +213,29 @@ def gap_removed(o: Outcome) -> float | None:
     return float((level["before"] - level["after"]) / (level["before"] - level["floor"]))
 
 
+def value_errors(o: Outcome) -> list[float]:
+    """Distance of the values of each right name from the truth, over the truth's from null.
+
+    In prior standard deviations; parameters that only shape an effect do not count.
+    """
+    design, found = preset(o.trial["design"]), []
+    for name, truth in o.truth["effects"].items():
+        values = o.parameters.get(name)
+        if not values:
+            continue
+        counted = [p.name for p in effect(name).parameters(design) if not p.shape]
+        away = [(values[p]["value"] - truth[p]) / values[p]["sd"] for p in counted]
+        size = [(truth[p] - values[p]["null"]) / values[p]["sd"] for p in counted]
+        if np.linalg.norm(size) > 0:
+            found.append(float(np.linalg.norm(away) / np.linalg.norm(size)))
+    return found
+
+
 def _inside(o: Outcome) -> Sequence[bool]:
-    """Whether each stated interval of the right effect holds the truth."""
-    truth = next(iter(o.trial["effects"]))
-    found = o.parameters.get(truth, {})
-    values = o.truth["effects"][truth]
+    """Whether each stated interval of the right effects holds the truth."""
     return [
-        v["low"] <= values[p] <= v["high"] for p, v in found.items() if p in values and v["low"] is not None
+        v["low"] <= truth[p] <= v["high"]
+        for name, truth in o.truth["effects"].items()
+        for p, v in o.parameters.get(name, {}).items()
+        if p in truth and v["low"] is not None
     ]

@@ -18,19 +18,29 @@ from designlab.trials import Crew, Outcome, Transferred, Trial, development, pow
 from designlab.trials.detection import limits
 from designlab.trials.pool import AIR, STRENGTHS
 from designlab.trials.runner import kept
-from designlab.trials.score import rate
+from designlab.trials.score import rate, reliability
 from designlab.trials.transfer import HIGHER_MM, MORE_TILT_DEG, other, removed, summary
 
 POOL = development()
 
 
 def outcome(
-    trial: Trial, *, verdict: str, sets: list[list[str]], after: float = 2.0, **truth: float
+    trial: Trial,
+    *,
+    verdict: str,
+    sets: list[list[str]],
+    after: float = 2.0,
+    confidence: float = 0.8,
+    **truth: float,
 ) -> Outcome:
     effects = {name: dict(truth) for name in trial.effects}
     found = {
-        names[0]: {p: {"value": v, "low": v - 0.1, "high": v + 0.1} for p, v in truth.items()}
+        names[0]: {
+            p: {"value": 1.1 * v, "low": v - 0.1, "high": v + 0.1, "sd": 0.125, "null": 0.0}
+            for p, v in truth.items()
+        }
         for names in sets
+        if names[0] in effects
     }
     return Outcome(
         trial=asdict(trial),
@@ -39,6 +49,8 @@ def outcome(
         named=[names[0] for names in sets],
         sets=sets,
         parameters=found,
+        confidence=[confidence] * len(sets),
+        control=0.1,
         gap={"final": {"before": 11.0, "after": after, "floor": 1.0}},
         candidates=[],
         seconds=1.0,
@@ -89,8 +101,11 @@ def test_one_set_of_each_design_comes_first_and_what_is_there_is_not_run_again(t
 
 
 def test_names_sets_gaps_and_intervals_are_counted() -> None:
-    nothing, wrong = Trial("n", "d", 1), Trial("w", "d", 2, {"vignetting": 1.0})
-    right, strange = Trial("r", "d", 3, {"vignetting": 1.0}), Trial("s", "d", 4, outside={"debris": 1.0})
+    nothing, wrong = Trial("n", AIR[0], 1), Trial("w", AIR[0], 2, {"vignetting": 1.0})
+    right = Trial("r", AIR[0], 3, {"vignetting": 1.0})
+    strange = Trial("s", AIR[0], 4, outside={"debris": 1.0})
+    both = Trial("b", AIR[0], 5, {"vignetting": 1.0, "banding": 1.0})
+    lacking = Trial("l", AIR[0], 6, {"vignetting": 3.0}, without=("vignetting",))
     found = score(
         [
             outcome(nothing, verdict="at_floor", sets=[]),
@@ -99,16 +114,43 @@ def test_names_sets_gaps_and_intervals_are_counted() -> None:
             outcome(wrong, verdict="ambiguous", sets=[["albedo_field", "vignetting"]], after=7.0),
             outcome(strange, verdict="partial", sets=[["banding"]]),
             outcome(strange, verdict="named", sets=[["banding"]]),
+            outcome(both, verdict="named", sets=[["banding"], ["vignetting"]]),
+            outcome(both, verdict="partial", sets=[["banding"]]),
+            outcome(lacking, verdict="unexplained", sets=[]),
+            outcome(lacking, verdict="ambiguous", sets=[["albedo_field", "led_profile"]]),
         ]
     )
     for part in ("nothing", "outside"):
-        assert (found[part]["sets"], found[part]["named"], found[part]["rate"]["share"]) == (2, 1, 0.5)
+        assert (found[part]["sets"], found[part]["named"]["share"]) == (2, 0.5)
+    assert [found["pair"][k]["share"] for k in ("right_first", "all_named")] == [1.0, 0.5]
+    left_out = found["left_out"]
+    assert [left_out[k]["share"] for k in ("named", "named_or_ambiguous", "unexplained_or_partial")] == [
+        0.0,
+        0.5,
+        0.5,
+    ]
     single = found["single"]
     assert [single[k]["share"] for k in ("right_first", "truth_in_set", "intervals_hold")] == [0.5, 1.0, 1.0]
     assert single["set_size_mean"] == 1.5
     assert found["confusion"]["nothing"] == {"at_floor": 1, "banding": 1}
+    assert single["value_error_median"] == pytest.approx(0.1)
+    assert single["control_removed_median"] == 0.1
+    assert found["confusion"]["vignetting, not in the catalogue"] == {"unexplained": 1, "albedo_field": 1}
     assert found["confusion"]["vignetting"] == {"vignetting": 1, "albedo_field": 1}
     assert single["gap_removed_median"] == pytest.approx((0.9 + 0.4) / 2)
+
+
+def test_confidence_is_compared_with_how_often_names_are_right() -> None:
+    # Of names that are said to be 90 % sure 6 of 10 are right, of those said to be 50 % sure half.
+    said = [(0.9, k < 6) for k in range(10)] + [(0.5, k < 5) for k in range(10)]
+    found = reliability(said)
+    assert found is not None
+    assert [(b["confidence"], b["right"], b["names"]) for b in found["bins"]] == [
+        (pytest.approx(0.5), 0.5, 10),
+        (pytest.approx(0.9), 0.6, 10),
+    ]
+    assert found["error"] == pytest.approx((10 * 0.0 + 10 * 0.3) / 20)
+    assert reliability([(0.9, True)]) is None
 
 
 def test_transfers_are_of_effects_that_hold_for_other_designs() -> None:

@@ -1,0 +1,129 @@
+"""Pools that are scored without being looked at: one calibrates stated confidence, one tests, once.
+
+Seeds of the test pool come from the commit that froze the thresholds, so that nobody can have seen its sets.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterator
+from functools import cache
+from importlib.resources import files
+from itertools import combinations, count, islice
+
+import numpy as np
+
+from designlab.effects import CATALOGUE
+from designlab.plant.beyond import outside_kinds
+from designlab.trials.pool import AIR, KINDS, KIT_SEED, MORE_KINDS, Trial
+from designlab.trials.score import same
+
+NAMED_KINDS = (*KINDS, *MORE_KINDS)
+OVER_LIMIT = 2.0  # strength of single effects, over the strength of which half are named
+PAIR_STRENGTH = 1.0  # prior standard deviations, each; more where that is below `OVER_LIMIT`
+STRONG = 3.0  # prior standard deviations of effects that the catalogue lacks
+CALIBRATION_SEED = 50_000
+CALIBRATION = {"nothing": 30, "single": 66, "pair": 20, "outside": 16, "left_out": 18}
+TEST = {"nothing": 120, "single": 160, "pair": 40, "outside": 60, "left_out": 60}
+
+CONFOUNDED = (
+    ("veiling_glare", "black_level"),
+    ("black_level", "colour_mixing"),
+    ("response_curve", "colour_mixing"),
+    ("led_profile", "vignetting"),
+    ("led_profile", "led_position"),
+    ("led_spread", "led_tilt"),
+    ("albedo_field", "led_profile"),
+    ("point_spread", "contact_kernel"),
+    ("contact_kernel", "contact_profile"),
+    ("interreflection", "veiling_glare"),
+)
+"""Pairs of which one does much of what the other does."""
+
+
+def calibration() -> list[Trial]:
+    """Pool on which confidence is calibrated: the families of the test pool, fewer of each, other seeds."""
+    return _pool("calibration", CALIBRATION, CALIBRATION_SEED, KIT_SEED)
+
+
+def sealed(commit: str) -> list[Trial]:
+    """Pool of the test.
+
+    Parameters
+    ----------
+    commit : str
+        Full hash of the commit that froze the thresholds.
+    """
+    number = int.from_bytes(hashlib.sha256(commit.encode()).digest()[:6])
+    return _pool("test", TEST, 1_000_000 + number % 10**12, 1_000 + number % 10**6)
+
+
+@cache
+def limits() -> dict[str, float]:
+    """Strength at which half of the sets are named right, by kind: the last result of the power curves.
+
+    Prior standard deviations; ``limits.json`` is the part `limits` of the score of the pool of power curves.
+    """
+    text = files("designlab.trials").joinpath("limits.json").read_text(encoding="utf-8")
+    return {kind: float(limit["strength"]) for kind, limit in json.loads(text).items()}
+
+
+def strength(kind: str) -> float:
+    """Strength of a single effect in these pools (prior standard deviations)."""
+    return float(min(OVER_LIMIT * limits()[kind], OVER_LIMIT))
+
+
+def pairs() -> Iterator[tuple[str, str]]:
+    """Pairs of effects that can be told apart: every second one from the list of the most confounded."""
+    alike = [pair for pair in CONFOUNDED if not same(*pair)]
+    listed = {frozenset(pair) for pair in alike}
+    others = [
+        pair for pair in combinations(NAMED_KINDS, 2) if not same(*pair) and frozenset(pair) not in listed
+    ]
+    order = np.random.default_rng(0).permutation(len(others))
+    for number in count():
+        yield others[order[number % len(others)]]
+        yield alike[number % len(alike)]
+
+
+def classes() -> dict[str, tuple[str, ...]]:
+    """Effects that act on designs in air, by the stage at which they act."""
+    found: dict[str, tuple[str, ...]] = {}
+    for each in CATALOGUE:
+        if each.name in NAMED_KINDS:
+            found[each.stage] = (*found.get(each.stage, ()), each.name)
+    return found
+
+
+def _pool(name: str, sizes: dict[str, int], first: int, kit_seed: int) -> list[Trial]:
+    seeds = count(first)
+
+    def trial(family: str, number: int, design: int, **hidden: object) -> Trial:
+        return Trial(
+            f"{name}-{family}-{number:03d}",
+            AIR[design % 2],
+            next(seeds),
+            kit_seed=kit_seed,
+            **hidden,  # type: ignore[arg-type]
+        )
+
+    found = [trial("nothing", k, k) for k in range(sizes["nothing"])]
+    for k in range(sizes["single"]):
+        turn, place = divmod(k, len(NAMED_KINDS))
+        kind = NAMED_KINDS[place]
+        found.append(trial("single", k, turn + place, effects={kind: strength(kind)}))
+    for k, pair in enumerate(islice(pairs(), sizes["pair"])):
+        hidden = {kind: max(PAIR_STRENGTH, strength(kind)) for kind in pair}
+        found.append(trial("pair", k, k // 2, effects=hidden))
+    kinds = outside_kinds()
+    for k in range(sizes["outside"]):
+        turn, place = divmod(k, len(kinds))
+        found.append(trial("outside", k, turn + place, outside={kinds[place]: 1.0}))
+    stages = list(classes().values())
+    for k in range(sizes["left_out"]):
+        turn, place = divmod(k, len(stages))
+        kind = stages[place][turn % len(stages[place])]
+        missing = {*stages[place], *(name for name in NAMED_KINDS if same(name, kind))}
+        found.append(
+            trial("left_out", k, turn + place, effects={kind: STRONG}, without=tuple(sorted(missing)))
+        )
+    return found
