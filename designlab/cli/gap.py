@@ -221,10 +221,10 @@ def _rates(found: dict[str, Any]) -> list[str]:
 def _limits(limits: dict[str, Any]) -> str:
     """Table of detection limits, smallest first."""
     rows = [
-        (kind, f"{limit['strength']:.2g}", *(_end(limit[end]) for end in ("low", "high")))
+        (kind, f"{limit['strength']:.2g}", *(_end(limit[end]) for end in ("low", "high")), limit["in_units"])
         for kind, limit in sorted(limits.items(), key=lambda item: item[1]["strength"])
     ]
-    return table(("effect", "named in half of the sets at (prior sd)", "low", "high"), rows)
+    return table(("effect", "named in half of the sets at (prior sd)", "low", "high", "in units"), rows)
 
 
 def _end(value: float | None) -> str:

@@ -9,6 +9,9 @@ from scipy.optimize import brentq, minimize
 from scipy.special import log_expit
 from scipy.stats import chi2
 
+from designlab.design import Design
+from designlab.effects import effect
+
 Array = NDArray[np.float64]
 
 LOW, HIGH = 1 / 32, 32.0  # prior standard deviations between which limits are looked for
@@ -20,7 +23,8 @@ SLOPE_SPREAD = 2.0
 class Limit:
     """Strength of which half of the sets are named right (prior standard deviations), its 95 % interval.
 
-    An end is None where the sets do not bound it: all or none of them were named.
+    An end is None where the sets do not bound it: all or none of them were named. The strength lies within
+    those that were tried.
     """
 
     strength: float
@@ -57,6 +61,25 @@ def limits(named: Mapping[str, Iterable[tuple[float, bool]]]) -> dict[str, Limit
     return {kind: _limit(sets[kind], float(best[k]), slope) for k, kind in enumerate(kinds)}
 
 
+def in_units(kind: str, strength: float, design: Design) -> str:
+    """A strength in the units of an effect's parameters: what each, changed alone, is away from null.
+
+    Examples
+    --------
+    >>> from designlab.design import preset
+    >>> in_units("led_position", 0.5, preset("gelsight-2020-flat"))
+    '0.25 mm (radial_mm, height_mm, tangential_mm)'
+    """
+    found: dict[tuple[float, str], list[str]] = {}
+    for p in effect(kind).parameters(design):
+        if not p.shape:
+            found.setdefault((p.sd, p.unit), []).append(p.name)
+    return "; ".join(
+        f"{strength * sd:.2g}{'' if unit == '1' else ' ' + unit} ({', '.join(names)})"
+        for (sd, unit), names in found.items()
+    )
+
+
 def _middle(sets: Array) -> float:
     """Logarithm of a strength between those found and those missed."""
     found, missed = sets[sets[:, 1] > 0, 0], sets[sets[:, 1] == 0, 0]
@@ -83,4 +106,5 @@ def _limit(sets: Array, best: float, slope: float) -> Limit:
     ends: list[float | None] = []
     for end in (np.log(LOW), np.log(HIGH)):
         ends.append(float(np.exp(brentq(below, end, best))) if below(end) < 0 else None)
-    return Limit(float(np.exp(best)), ends[0], ends[1])
+    strength = float(np.clip(np.exp(best), sets[:, 0].min(), sets[:, 0].max()))
+    return Limit(strength, ends[0], ends[1])

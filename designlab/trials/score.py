@@ -8,7 +8,8 @@ import numpy as np
 
 from designlab.design import preset
 from designlab.effects import effect
-from designlab.trials.detection import limits
+from designlab.trials.detection import in_units, limits
+from designlab.trials.pool import AIR
 from designlab.trials.runner import Outcome
 
 CLASSES: tuple[frozenset[str], ...] = (frozenset({"lens_distortion", "camera_pose"}),)
@@ -41,7 +42,10 @@ def score(outcomes: Iterable[Outcome]) -> dict[str, Any]:
     return found | {
         "confidence": reliability(sure(outcomes)),
         "confusion": _confusion(outcomes),
-        "limits": {kind: asdict(limit) for kind, limit in limits(_by_strength(single)).items()},
+        "limits": {
+            kind: asdict(limit) | {"in_units": in_units(kind, limit.strength, preset(AIR[0]))}
+            for kind, limit in limits(_by_strength(single)).items()
+        },
         "rows": [
             {
                 "set": o.trial["name"],
