@@ -113,6 +113,7 @@ def benchmark(args: Namespace) -> Result:
     """Diagnose a pool of generated sets and score the diagnoses."""
     from designlab.store import write_json
     from designlab.trials import Crew, run, score
+    from designlab.trials.calibrate import systematic
 
     trials = _trials(args)
     results_folder(args.out)
@@ -123,6 +124,10 @@ def benchmark(args: Namespace) -> Result:
         outcomes = run(trials, Path(args.out), progress=progress, crew=crew)
     found = score(outcomes)
     write_json(Path(args.out) / "score.json", found)
+    if args.pool == "power":
+        write_json(Path(args.out) / "limits.json", found["limits"])
+    if args.pool == "calibration":
+        write_json(Path(args.out) / "calibration.json", {"systematic": systematic(outcomes)})
     rows = [
         (
             row["set"],
@@ -191,7 +196,7 @@ def _rates(found: dict[str, Any]) -> list[str]:
         "one effect hidden, in the reported set": single["truth_in_set"],
         "two effects hidden, both named": pair["all_named"],
         "outside the catalogue, named": found["outside"]["named"],
-        "outside the catalogue, unexplained or partial": found["outside"]["unexplained_or_partial"],
+        "outside the catalogue, unexplained, partial or refused": found["outside"]["abstained"],
         "left out of the catalogue, another named": found["left_out"]["named"],
         "intervals that hold the truth": single["intervals_hold"],
     }

@@ -1,4 +1,7 @@
-"""Values of a fitted effect with 95 % intervals, also of what is drawn anew for every picture."""
+"""Values of a fitted effect with 95 % intervals, also of what is drawn anew for every picture.
+
+What the fit itself says of the error is joined by what no catalogue lists, see `designlab.gap.calibrated`.
+"""
 
 from collections.abc import Sequence
 
@@ -6,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.effects import Parameter
+from designlab.gap.calibrated import systematic
 from designlab.gap.evidence import ALIKE
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter
 from designlab.gap.forward import State, Unknown, coordinate, value_at
@@ -43,11 +47,19 @@ def values(fitter: Fitter, fit: Fit, name: str, train: Sequence[int]) -> dict[st
     found = {}
     for p in fitter.forward.parameters[name]:
         value = fit.state.values[name][p.name]
-        low, high = ends.get(p.name, (None, None))
-        if low is not None and high is not None:
-            low, high = _within(p, min(low, value)), _within(p, max(high, value))
-        found[p.name] = Value(value, low, high, p.unit, p.null, p.sd, (p.low, p.high))
+        if p.name in ends:
+            found[p.name] = _value(name, p, value, *ends[p.name])
+        else:
+            found[p.name] = Value(value, None, None, p.unit, p.null, p.sd, (p.low, p.high), None)
     return found
+
+
+def _value(name: str, p: Parameter, value: float, low: float, high: float) -> Value:
+    low, high = min(low, value), max(high, value)
+    fit_sd = (high - low) / (2 * NORMAL)
+    away = NORMAL * p.sd * systematic(name, p.name, shape=p.shape)
+    low, high = value - np.hypot(value - low, away), value + np.hypot(high - value, away)
+    return Value(value, _within(p, low), _within(p, high), p.unit, p.null, p.sd, (p.low, p.high), fit_sd)
 
 
 def _of_parameters(fitter: Fitter, fit: Fit, name: str) -> dict[str, Ends]:

@@ -19,6 +19,7 @@ class Value:
     """A fitted parameter with the ends of its 95 % interval, None where they are not known.
 
     `null` is where the effect does nothing, `sd` how large it usually is, `bounds` what it cannot exceed.
+    `fit_sd` is the error by the fit alone, which does not know of what no catalogue lists.
     """
 
     value: float
@@ -28,6 +29,7 @@ class Value:
     null: float
     sd: float
     bounds: tuple[float, float]
+    fit_sd: float | None = None
 
 
 @dataclass(frozen=True)

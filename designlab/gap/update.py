@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from designlab.effects import AppliedEffect, Parameter, SensorModel
 from designlab.effects.known import Covariance, Domain, Provenance
+from designlab.gap.calibrated import systematic
 from designlab.gap.fit import Fit, Fitter
 from designlab.gap.result import GapReport, Value
 from designlab.gap.run import frames_digest
@@ -90,8 +91,9 @@ def updated(
 def covariance(fitter: Fitter, best: Fit) -> Covariance | None:
     """Joint covariance of all fitted parameters, gains and poses fitted along; None if none was fitted.
 
-    It is statistical: noise and the errors granted to the simulation. The fit knows parameters in prior
-    standard deviations, squared ones by their square.
+    Noise and the errors granted to the simulation, and on the diagonal what no catalogue lists, see
+    `designlab.gap.calibrated`. The fit knows parameters in prior standard deviations, squared ones by their
+    square.
     """
     known: dict[str, dict[str, Parameter]] = {
         name: {p.name: p for p in fitter.forward.parameters[name]} for name in best.state.values
@@ -104,7 +106,12 @@ def covariance(fitter: Fitter, best: Fit) -> Covariance | None:
     matrix = np.linalg.inv(information + np.eye(len(places)))
     fitted = [known[unknowns[k].effect][unknowns[k].name] for k in places]
     unit = np.array([p.sd**2 if p.squared else p.sd for p in fitted])
-    matrix = (matrix + matrix.T) / 2 * np.outer(unit, unit)
+    values = [best.state.values[unknowns[k].effect][p.name] for k, p in zip(places, fitted, strict=True)]
+    unlisted = [
+        p.sd * systematic(unknowns[k].effect, p.name, shape=p.shape) * (2 * value if p.squared else 1.0)
+        for k, p, value in zip(places, fitted, values, strict=True)
+    ]
+    matrix = (matrix + matrix.T) / 2 * np.outer(unit, unit) + np.diag(np.square(unlisted))
     return Covariance(
         parameters=tuple(f"{unknowns[k].effect}.{unknowns[k].name}" for k in places),
         matrix=tuple(tuple(float(v) for v in row) for row in matrix),

@@ -100,8 +100,13 @@ def _foreign(sets: Sequence[Outcome]) -> dict[str, Any]:
         "sets": len(sets),
         "named": rate(o.verdict == "named" for o in sets),
         "named_or_ambiguous": rate(o.verdict in WITHOUT_RESERVE for o in sets),
-        "unexplained_or_partial": rate(o.verdict in ("unexplained", "partial") for o in sets),
+        "abstained": rate(_abstained(o) for o in sets),
     }
+
+
+def _abstained(o: Outcome) -> bool:
+    """Whether a report says that it does not know all: unexplained, partial, or refused by name."""
+    return o.verdict.split(":")[0] in ("unexplained", "partial", "refused")
 
 
 _FAMILIES: dict[str, Callable[[Sequence[Outcome]], dict[str, Any]]] = {

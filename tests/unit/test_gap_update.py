@@ -38,7 +38,18 @@ def fitted() -> tuple[SimpleNamespace, Fit]:
     return SimpleNamespace(forward=SimpleNamespace(parameters=parameters)), Fit(state, system, 0.0)
 
 
-def test_the_covariance_is_that_of_all_unknowns_fitted_together() -> None:
+@pytest.fixture
+def unlisted(monkeypatch) -> dict[str, float]:
+    """What the unlisted does to values (prior standard deviations): nothing, unless a test says so."""
+    known: dict[str, float] = {}
+    for module in ("update", "intervals"):
+        monkeypatch.setattr(
+            f"designlab.gap.{module}.systematic", lambda name, parameter, *, shape: known.get(name, 0.0)
+        )
+    return known
+
+
+def test_the_covariance_is_that_of_all_unknowns_fitted_together(unlisted) -> None:
     fitter, best = fitted()
     found = covariance(fitter, best)
     assert found is not None
@@ -48,7 +59,7 @@ def test_the_covariance_is_that_of_all_unknowns_fitted_together() -> None:
     assert np.array(found.matrix) == pytest.approx(whole * np.outer(unit, unit))
 
 
-def test_the_intervals_are_those_of_the_covariance() -> None:
+def test_the_intervals_are_those_of_the_covariance(unlisted) -> None:
     fitter, best = fitted()
     found = covariance(fitter, best)
     assert found is not None
@@ -59,6 +70,19 @@ def test_the_intervals_are_those_of_the_covariance() -> None:
     assert blur.low**2 == pytest.approx(max(BLUR_UM**2 - 1.96 * sd[0], 0.0))
     red = values(fitter, best, "black_level", ())["R"]
     assert (red.low, red.high) == pytest.approx((OFFSET - 1.96 * sd[1], OFFSET + 1.96 * sd[1]))
+
+
+def test_what_no_catalogue_lists_widens_intervals_and_covariance(unlisted) -> None:
+    fitter, best = fitted()
+    before = np.array(covariance(fitter, best).matrix)  # type: ignore[union-attr]
+    fit = values(fitter, best, "black_level", ())["R"]
+    unlisted.update(black_level=0.2, point_spread=0.1)
+    after = np.array(covariance(fitter, best).matrix)  # type: ignore[union-attr]
+    # Of 0.015 a fifth; of the square of a blur 2 BLUR_UM times a tenth of 75 um.
+    assert np.sqrt(np.diag(after - before)) == pytest.approx([15 * BLUR_UM, *3 * [0.003]])
+    found = values(fitter, best, "black_level", ())["R"]
+    assert (found.value, found.fit_sd) == (fit.value, fit.fit_sd)
+    assert found.high - found.value == pytest.approx(1.96 * np.hypot(fit.fit_sd, 0.003))
 
 
 def test_a_fit_of_gains_alone_has_none() -> None:

@@ -1,7 +1,7 @@
 """Pools of planted sets, and what their scores count."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from designlab.plant import effects as planted
 from designlab.plant.beyond import outside_kinds
 from designlab.store import write_json
 from designlab.trials import Crew, Outcome, Transferred, Trial, development, power, score, transfers
+from designlab.trials.calibrate import spread, systematic
 from designlab.trials.detection import limits
 from designlab.trials.pool import AIR, STRENGTHS
 from designlab.trials.runner import kept
@@ -36,7 +37,7 @@ def outcome(
     effects = {name: dict(truth) for name in trial.effects}
     found = {
         names[0]: {
-            p: {"value": 1.1 * v, "low": v - 0.1, "high": v + 0.1, "sd": 0.125, "null": 0.0}
+            p: {"value": 1.1 * v, "low": v - 0.1, "high": v + 0.1, "sd": 0.125, "null": 0.0, "fit_sd": 0.0}
             for p, v in truth.items()
         }
         for names in sets
@@ -124,7 +125,7 @@ def test_names_sets_gaps_and_intervals_are_counted() -> None:
         assert (found[part]["sets"], found[part]["named"]["share"]) == (2, 0.5)
     assert [found["pair"][k]["share"] for k in ("right_first", "all_named")] == [1.0, 0.5]
     left_out = found["left_out"]
-    assert [left_out[k]["share"] for k in ("named", "named_or_ambiguous", "unexplained_or_partial")] == [
+    assert [left_out[k]["share"] for k in ("named", "named_or_ambiguous", "abstained")] == [
         0.0,
         0.5,
         0.5,
@@ -151,6 +152,30 @@ def test_confidence_is_compared_with_how_often_names_are_right() -> None:
     ]
     assert found["error"] == pytest.approx((10 * 0.0 + 10 * 0.3) / 20)
     assert reliability([(0.9, True)]) is None
+
+
+def test_the_error_that_fits_do_not_know_is_found_again() -> None:
+    random = np.random.default_rng(5)
+    stated = random.uniform(0.0, 0.2, 2000)
+    errors = random.normal(0.0, np.hypot(0.3, stated))
+    assert spread(list(zip(errors, stated, strict=True))) == pytest.approx(0.3, rel=0.05)
+    assert spread([(0.1, 0.5)] * 5) == 0.0
+
+
+def test_values_of_named_effects_tell_what_is_unlisted() -> None:
+    # `outcome` finds values a tenth too large: 0.02 and 0.06 of a corner loss, whose prior spread is 0.25.
+    trial = Trial("v", AIR[0], 3, {"vignetting": 1.0})
+    sets = [
+        replace(
+            outcome(trial, verdict="named", sets=[["vignetting"]], corner_loss=loss),
+            trial={**asdict(trial), "name": f"v{k}"},
+        )
+        for k, loss in enumerate((0.2, 0.2, 0.6))
+    ]
+    expected = np.sqrt(np.mean(np.square([0.02, 0.02, 0.06]))) / 0.25
+    # Two of Student's degrees of freedom: 4.303 against 1.960.
+    assert systematic(sets) == {"vignetting": pytest.approx(expected * 4.3027 / 1.96, rel=1e-3)}
+    assert systematic(sets[:2]) == {}
 
 
 def test_transfers_are_of_effects_that_hold_for_other_designs() -> None:

@@ -1,0 +1,41 @@
+"""What generated sets with known answers have taught about diagnoses: how far their values can be trusted.
+
+A fit knows noise and the errors that are granted to the simulation. What no catalogue lists pulls values too,
+in the same way in all frames, and by how much only sets with known answers tell.
+"""
+
+import json
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
+
+FILE = "calibration.json"
+"""Written by ``designlab gap benchmark --pool calibration``."""
+
+
+def systematic(effect: str, parameter: str, *, shape: bool) -> float:
+    """Standard deviation of what the unlisted does to a fitted value, in prior standard deviations.
+
+    Parameters
+    ----------
+    effect, parameter : str
+        Names; an effect that was never seen has the median of all.
+    shape : bool
+        Whether the parameter only says how another acts: such have values of their own, all others of an
+        effect share one.
+    """
+    known = _calibration()["systematic"]
+    if shape and f"{effect}.{parameter}" in known:
+        return known[f"{effect}.{parameter}"]
+    if effect in known:
+        return known[effect]
+    ordered = sorted(known.values())
+    return ordered[len(ordered) // 2]
+
+
+@cache
+def _calibration() -> Mapping[str, dict[str, float]]:
+    content: Mapping[str, dict[str, float]] = json.loads(
+        files("designlab.gap").joinpath(FILE).read_text(encoding="utf-8")
+    )
+    return content
