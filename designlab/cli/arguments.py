@@ -349,6 +349,18 @@ def _add_gap(add: Any) -> None:
         help="see how much better the corrected models predict another design: LEDs 3 mm higher, 15 deg more "
         "tilted, with the same hidden effect",
     )
+    benchmark.add_argument(
+        "--kit",
+        choices=("hour", "no_dark", "no_groups", "plain"),
+        default="hour",
+        help="frames that are used of each set: all; all but the dark frame; all but those of single LED "
+        "groups; without these, other exposures and the turned gel (default: hour)",
+    )
+    benchmark.add_argument(
+        "--further",
+        action="store_true",
+        help="take the frame that each ambiguous report asks for, and see whether it settles the matter",
+    )
     _workers(benchmark)
     benchmark.add_argument(
         "--dask", metavar="ADDRESS", help="Dask scheduler whose workers run the sets, tcp://host:8786"

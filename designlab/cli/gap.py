@@ -120,6 +120,8 @@ def benchmark(args: Namespace) -> Result:
     crew = Crew(args.workers, args.dask)
     if args.transfer:
         return _transferred(trials, Path(args.out), crew)
+    if args.further:
+        return _further(trials, Path(args.out), crew)
     with bar("set") as progress:
         outcomes = run(trials, Path(args.out), progress=progress, crew=crew)
     found = score(outcomes)
@@ -147,6 +149,7 @@ def benchmark(args: Namespace) -> Result:
 def _trials(args: Namespace) -> "list[Trial]":
     """Sets that the arguments ask for."""
     import re
+    from dataclasses import replace
 
     from designlab.trials import calibration, development, power, sealed, transfers
     from designlab.trials.frozen import frozen
@@ -155,8 +158,10 @@ def _trials(args: Namespace) -> "list[Trial]":
         wanted = re.compile(args.only)
     except re.error as error:
         raise ValueError(f"--only: must be a regular expression, got {args.only!r}: {error}") from None
-    if args.transfer and args.pool != "development":
-        raise ValueError("--transfer: is for --pool development")
+    if args.transfer and (args.pool != "development" or args.kit != "hour"):
+        raise ValueError("--transfer: is for --pool development and --kit hour")
+    if args.transfer and args.further:
+        raise ValueError("--further: cannot be asked for together with --transfer")
     if (args.pool == "test") != (args.frozen is not None):
         raise ValueError(
             "--frozen: the commit that froze the thresholds goes with --pool test, and only there"
@@ -174,7 +179,7 @@ def _trials(args: Namespace) -> "list[Trial]":
     trials = [trial for trial in _shard(pool, args.shard) if wanted.search(trial.name)]
     if not trials:
         raise ValueError(f"--only: no set's name matches {args.only!r}")
-    return trials
+    return [replace(trial, kit=args.kit) for trial in trials]
 
 
 def _shard(pool: "list[Trial]", text: str | None) -> "list[Trial]":
@@ -264,6 +269,36 @@ def _transferred(trials: "list[Trial]", folder: Path, crew: "Crew") -> Result:
         )
     if found["without_gap"]:
         lines.append(f"{found['without_gap']} sets are predicted to the floor without a correction")
+    return Result(found, "\n".join(lines))
+
+
+def _further(trials: "list[Trial]", folder: Path, crew: "Crew") -> Result:
+    """Take the frames that ambiguous reports ask for."""
+    from designlab.store import write_json
+    from designlab.trials.further import run_further, summary
+
+    with bar("set") as progress:
+        found = summary(run_further(trials, folder, progress=progress, crew=crew))
+    write_json(folder / "further.json", found)
+    rows = [
+        (
+            row["set"],
+            "+".join(row["hidden"]),
+            "; ".join(", ".join(names) for names in row["sets"]),
+            row["verdict"],
+            "; ".join(", ".join(names) for names in row["sets_after"]) or "-",
+        )
+        for row in found["rows"]
+    ]
+    lines = [table(("set", "hidden", "told apart no further", "with that frame", "names"), rows)]
+    r = found["resolved"]
+    if r is None:
+        lines.append(f"none of {len(trials)} sets is ambiguous and asks for a frame")
+    else:
+        lines.append(
+            f"ambiguous sets of which the right name alone is left: {r['share']:.0%} of {r['sets']} "
+            f"({r['low']:.0%} to {r['high']:.0%})"
+        )
     return Result(found, "\n".join(lines))
 
 

@@ -1,7 +1,9 @@
 """What to measure next."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +23,13 @@ FEW_HELD_OUT = 4
 
 @dataclass(frozen=True, eq=False)
 class Action:
-    """A frame that could be taken: in words, as a shot with the picture of another, and minutes of work."""
+    """A frame that could be taken: in words, in fields, as a shot with the picture of another; minutes."""
 
     text: str
     shot: Shot
     like: int
     minutes: float
+    frame: Mapping[str, Any]
 
 
 def advise(fitter: Fitter, seen: Observations, search: Search, verdict: Verdict) -> Advice:
@@ -64,13 +67,12 @@ def advise(fitter: Fitter, seen: Observations, search: Search, verdict: Verdict)
 def _separating(fitter: Fitter, seen: Observations, search: Search) -> Advice:
     """The frame on which the effects of the last coherence set differ most for its time."""
     pairs = list(combinations(search.alternatives.values(), 2))
-    worth = {}
+    worth = []
     for action in _actions(fitter, seen):
         least = min(separation(fitter, action, *pair) for pair in pairs)
-        worth[action.text] = (least / np.sqrt(action.minutes), least, action.minutes)
-    best = max(worth, key=lambda text: worth[text][0])
-    _, apart, minutes = worth[best]
-    return Advice(best, apart, minutes)
+        worth.append((least / np.sqrt(action.minutes), least, action))
+    _, apart, best = max(worth, key=lambda each: each[0])
+    return Advice(best.text, apart, best.minutes, best.frame)
 
 
 def _actions(fitter: Fitter, seen: Observations) -> list[Action]:
@@ -81,26 +83,47 @@ def _actions(fitter: Fitter, seen: Observations) -> list[Action]:
     background = shots[untouched]
     everything = np.ones(len(names))
 
-    def frame(text: str, minutes: float, **changes: object) -> Action:
-        return Action(text, replace(background, **changes), untouched, minutes)  # type: ignore[arg-type]
+    def bare(text: str, minutes: float, fields: Mapping[str, Any], **changes: object) -> Action:
+        shot = replace(background, **changes)  # type: ignore[arg-type]
+        return Action(text, shot, untouched, minutes, {"kind": "background", **fields})
 
     found = [
-        frame(f"a background with the {name} LEDs alone", 1.0, lit=np.eye(len(names))[group])
+        bare(
+            f"a background with the {name} LEDs alone",
+            1.0,
+            {"leds": [name]},
+            lit=np.eye(len(names))[group],
+        )
         for group, name in enumerate(names)
     ]
-    found.append(frame("a frame with the LEDs off", 0.5, lit=0 * everything))
-    found.append(frame("a background at a quarter of the exposure", 0.5, lit=everything / 4))
+    found.append(bare("a frame with the LEDs off", 0.5, {"kind": "dark", "leds": []}, lit=0 * everything))
     found.append(
-        frame("a background with the gel turned by 180 deg", 10.0, lit=everything, gel_rotation_deg=180.0)
+        bare("a background at a quarter of the exposure", 0.5, {"exposure": 0.25}, lit=everything / 4)
+    )
+    found.append(
+        bare(
+            "a background with the gel turned by 180 deg",
+            10.0,
+            {"gel_rotation_deg": 180.0},
+            lit=everything,
+            gel_rotation_deg=180.0,
+        )
     )
     pressed = [n for n in lit if shots[n].press is not None]
     deepest = max(pressed, key=lambda n: shots[n].press.depth_mm if shots[n].press else 0.0)  # type: ignore[union-attr]
     press = shots[deepest].press
     assert press is not None
+    fields = {
+        "kind": "press",
+        "probe": press.probe.text,
+        "depth_mm": press.depth_mm,
+        "centre_mm": list(press.centre_mm),
+        "yaw_deg": press.yaw_deg,
+    }
     for group, name in enumerate(names):
         shot = replace(shots[deepest], lit=np.eye(len(names))[group])
         text = f"{press.probe.text} pressed {press.depth_mm:g} mm deep with the {name} LEDs alone"
-        found.append(Action(text, shot, deepest, 2.0))
+        found.append(Action(text, shot, deepest, 2.0, {**fields, "leds": [name]}))
     return found
 
 

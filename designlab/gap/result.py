@@ -138,11 +138,15 @@ class Control:
 
 @dataclass(frozen=True)
 class Advice:
-    """What to measure next, how far it would separate what is not told apart (sd), and minutes in the lab."""
+    """What to measure next, how far it would separate what is not told apart (sd), and minutes in the lab.
+
+    `frame` is the frame in the fields of a measurement file, without its file; None where several would do.
+    """
 
     text: str
     separation_sd: float | None = None
     minutes: float | None = None
+    frame: Mapping[str, Any] | None = None
 
     def __str__(self) -> str:
         words = [self.text]

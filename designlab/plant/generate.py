@@ -15,7 +15,7 @@ from designlab.design import Design, dumps, preset, preset_names
 from designlab.images import write_image
 from designlab.plant.beyond import add_outside, add_unlisted
 from designlab.plant.effects import apply
-from designlab.plant.kit import PLACES, shots, stated_presses, true_press
+from designlab.plant.kit import PLACES, further_shot, shots, stated_presses, true_press
 from designlab.plant.rig import Rig
 from designlab.plant.shoot import Shooting
 from designlab.store import atomic_folder, write_atomic
@@ -38,6 +38,7 @@ def plant(
     kit: Literal["hour", "small"] = "hour",
     kit_seed: int | None = None,
     flat_field: bool = False,
+    further: Sequence[Mapping[str, Any]] = (),
     outside: Mapping[str, float] | None = None,
     unlisted: bool | Mapping[str, float] = True,
     progress: Callable[[int, int], None] | None = None,
@@ -76,6 +77,9 @@ def plant(
         Seed of the stated places, that of `seed` when absent; sets that share it share their places.
     flat_field : bool
         Whether to add a frame of uniform light straight into the camera, which shows lens and sensor only.
+    further : sequence of mappings
+        Frames taken after those of the kit, in the fields of a measurement file: ``kind``, ``leds``,
+        ``exposure``, ``gel_rotation_deg``, and those of a press.
     outside : mapping, optional
         Departures that no catalogue lists, kind to strength, see `designlab.plant.beyond.outside_kinds`.
     unlisted : bool or mapping
@@ -122,6 +126,7 @@ def plant(
     stated = stated_presses(design, kit, random_place) if presses is None else [dict(p) for p in presses]
     true = [true_press(rig, press, random_pose) for press in stated]
     taken = shots(rig, kit, stated, true, flat_field=flat_field)
+    taken += [further_shot(rig, frame, number, random_pose) for number, frame in enumerate(further, start=1)]
     shooting = Shooting(rig, view, gain=gain, random=random_frames)
     frames, images = [], {}
     for number, shot in enumerate(taken):

@@ -26,6 +26,7 @@ PLACES = {
 BACKGROUNDS = {"hour": 5, "small": 3}  # of the untouched gel, in between
 LADDER = (0.25, 0.5)  # exposures besides 1
 TURN_DEG = 180.0
+FURTHER = "further"  # begins the file names of frames taken after those of a kit
 OTHER_KIND = {"sphere": "cone", "triangle": "star", "star": "triangle", "cone": "sphere"}
 """What is pressed instead of a probe where the object is wrong; a ball for all others."""
 
@@ -160,3 +161,33 @@ def shots(
         turned = background(f"turned-{TURN_DEG:g}", gel_rotation_deg=TURN_DEG)
         found.append(turned._replace(gel_deg=TURN_DEG))
     return found
+
+
+def further_shot(rig: Rig, frame: Mapping[str, Any], number: int, random: np.random.Generator) -> Shot:
+    """Frame that is taken after those of a kit.
+
+    Parameters
+    ----------
+    frame : mapping
+        Fields of a measurement file: kind (background, dark or press), leds, exposure, gel_rotation_deg, and
+        those of a press.
+
+    Raises
+    ------
+    ValueError
+        If a field cannot be used.
+    """
+    fields = dict(frame)
+    kind = fields.get("kind")
+    if kind not in ("background", "dark", "press"):
+        raise ValueError(f"frames: kind: background, dark or press, got {kind!r}")
+    names = fields.get("leds", rig.group_names)
+    if unknown := [name for name in names if name not in rig.group_names]:
+        raise ValueError(f"frames: leds: no group {unknown[0]!r}; there are {', '.join(rig.group_names)}")
+    lit = np.array([float(name in names and kind != "dark") for name in rig.group_names])
+    exposure = float(fields.pop("exposure", 1.0))
+    metadata = {"file": f"{FURTHER}-{number:02d}.exr", **fields}
+    gel_deg = float(fields.get("gel_rotation_deg", 0.0))
+    if kind != "press":
+        return Shot(metadata, None, lit, exposure, gel_deg)
+    return Shot({**metadata, "sigma": SIGMA}, true_press(rig, fields, random), lit, exposure, gel_deg)

@@ -2,6 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
+
+from designlab.measurement import Measurement
+from designlab.measurement.frames import Frame
+from designlab.plant.kit import FURTHER
 
 AIR = ("gelsight-2020-flat", "gelsight-2020-dome")
 CORE = ("gelsight-2020-flat-core", "gelsight-2020-dome-core")
@@ -29,6 +34,9 @@ KINDS = (
 )
 OUTSIDE = ("printed_markers", "debris", "second_contact", "lens_ghost", "wrong_object", "jpeg_blocks")
 KIT_SEED = 1
+KITS = ("hour", "no_dark", "no_groups", "plain")
+"""hour: all frames; no_dark, no_groups: without the dark frame, without those of single LED groups;
+plain: without these, other exposures and the turned gel."""
 POWER_SEED = 10_000
 
 
@@ -36,7 +44,8 @@ POWER_SEED = 10_000
 class Trial:
     """One set: a design, the effects hidden in it by strength, kinds outside the catalogue, and its seed.
 
-    `without` names effects that are taken out of the catalogue before the set is diagnosed.
+    `without` names effects that are taken out of the catalogue before the set is diagnosed, `kit` the frames
+    that are used of it (see `KITS`), `further` are frames taken besides.
     """
 
     name: str
@@ -46,11 +55,41 @@ class Trial:
     outside: Mapping[str, float] = field(default_factory=dict)
     kit_seed: int = KIT_SEED
     without: tuple[str, ...] = ()
+    kit: str = "hour"
+    further: tuple[Mapping[str, Any], ...] = ()
+
+    @property
+    def label(self) -> str:
+        """What tells it from all others."""
+        kit = "" if self.kit == "hour" else f"-{self.kit}"
+        return f"{self.set_label}{kit}"
+
+    @property
+    def set_label(self) -> str:
+        """What tells its set from all others; kits share sets."""
+        return f"{self.name}-{self.seed}" + ("-further" if self.further else "")
 
     @property
     def kind(self) -> str:
         """What is hidden, in one word."""
         return "+".join([*self.effects, *self.outside]) or "nothing"
+
+
+def frames_of(measurement: Measurement, kit: str) -> Measurement:
+    """Measurement with the frames that a kit has."""
+
+    def kept(frame: Frame) -> bool:
+        if frame.file.startswith(FURTHER) or kit == "hour":
+            return True
+        dark = frame.kind == "dark"
+        single = frame.kind == "background" and frame.leds is not None and len(frame.leds) == 1
+        other = frame.exposure not in (None, 1.0) or frame.gel_rotation_deg not in (None, 0.0)
+        dropped = {"no_dark": dark, "no_groups": single, "plain": dark or single or other}
+        return not dropped[kit]
+
+    return measurement.model_copy(
+        update={"frames": tuple(frame for frame in measurement.frames if kept(frame))}
+    )
 
 
 def power(*, base: int = 0) -> list[Trial]:

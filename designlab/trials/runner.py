@@ -17,7 +17,7 @@ from designlab.plant import plant, unseal
 from designlab.plant.effects import draw
 from designlab.plant.rig import Rig
 from designlab.store import write_json
-from designlab.trials.pool import Trial
+from designlab.trials.pool import Trial, frames_of
 from designlab.workers import completed, submitter
 
 COLUMNS = 96
@@ -36,6 +36,8 @@ class Outcome:
         Of each effect named: those that do as well, and how sure the report is.
     control : float or None
         Share of the gap that a wrong effect of the same size takes away.
+    next_frame : dict or None
+        Frame that would tell apart what this measurement does not.
     """
 
     trial: dict[str, Any]
@@ -46,6 +48,7 @@ class Outcome:
     parameters: dict[str, Any]
     confidence: list[float]
     control: float | None
+    next_frame: dict[str, Any] | None
     gap: dict[str, Any]
     candidates: list[dict[str, Any]]
     seconds: float
@@ -98,7 +101,7 @@ def kept(
         Function of a module, called with a trial and the folder; its dataclass becomes the record.
     """
     trials = list(trials)
-    paths = [folder / records / f"{trial.name}-{trial.seed}.json" for trial in trials]
+    paths = [folder / records / f"{trial.label}.json" for trial in trials]
     missing = [n for n, path in enumerate(paths) if not path.is_file()]
     at_once = MOST_CALLS if crew.dask is not None else crew.workers
 
@@ -131,12 +134,12 @@ def _waves(trials: Sequence[tuple[int, Trial]]) -> Iterator[list[tuple[int, Tria
 
 def set_path(trial: Trial, folder: Path) -> Path:
     """Where the set of a trial lies."""
-    return folder / "sets" / f"{trial.name}-{trial.seed}"
+    return folder / "sets" / trial.set_label
 
 
 def model_path(trial: Trial, folder: Path) -> Path:
     """Where the model lies that the diagnosis of a trial found."""
-    return folder / "reports" / f"{trial.name}-{trial.seed}" / "model.toml"
+    return folder / "reports" / trial.label / "model.toml"
 
 
 def _planted(trial: Trial, folder: Path) -> Path:
@@ -156,6 +159,7 @@ def _planted(trial: Trial, folder: Path) -> Path:
         out=measurement,
         seed=trial.seed,
         kit_seed=trial.kit_seed,
+        further=trial.further,
         columns=COLUMNS,
     )
 
@@ -165,7 +169,7 @@ def _one(trial: Trial, folder: Path) -> Outcome:
     begun = os.times()
     try:
         report = diagnose(
-            load_measurement(measurement),
+            frames_of(load_measurement(measurement), trial.kit),
             design,
             out=model_path(trial, folder).parent,
             seed=SEED,
@@ -181,6 +185,7 @@ def _one(trial: Trial, folder: Path) -> Outcome:
             "effects": [],
             "gap": {},
             "control": None,
+            "next": {"frame": None},
             "candidates": [],
         }
     ended = os.times()
@@ -193,6 +198,7 @@ def _one(trial: Trial, folder: Path) -> Outcome:
         parameters={effect["name"]: effect["parameters"] for effect in report["effects"]},
         confidence=[effect["confidence"] for effect in report["effects"]],
         control=None if report["control"] is None else report["control"]["removed"],
+        next_frame=report["next"]["frame"],
         gap=report["gap"],
         candidates=report["candidates"],
         seconds=ended.elapsed - begun.elapsed,

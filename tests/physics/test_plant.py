@@ -426,6 +426,28 @@ def test_single_groups_add_up_to_all_and_dark_is_dark(null):
     assert not picture(null, "dark.exr").any()
 
 
+def test_further_frames_leave_those_of_the_kit_as_they_are(null, tmp_path):
+    frames = [
+        {"kind": "background", "leds": ["green"], "exposure": 0.5},
+        {"kind": "press", **BALL, "leds": ["red"]},
+        {"kind": "dark", "leds": []},
+        {"kind": "background", "gel_rotation_deg": 180.0},
+    ]
+    found = load_measurement(made(tmp_path / "set", {}, further=frames))
+    kit = [frame.file for frame in null.frames]
+    assert [frame.file for frame in found.frames][: len(kit)] == kit
+    for file in kit:
+        np.testing.assert_array_equal(picture(found, file), picture(null, file))
+    green, press, dark, _ = (picture(found, f"further-{n:02d}.exr") for n in range(1, 5))
+    np.testing.assert_allclose(green, 0.5 * picture(null, "background-green.exr"), rtol=1e-5)
+    assert not dark.any()
+    assert press[..., 0].max() > 5 * press[..., 1:].max()
+    assert found.frames[-1].gel_rotation_deg == 180.0
+    for wrong, words in (({"kind": "light_probe"}, "kind"), ({"kind": "dark", "leds": ["white"]}, "white")):
+        with pytest.raises(ValueError, match=words):
+            made(tmp_path / "other", {}, further=[wrong])
+
+
 def test_colour_mixing_shows_in_single_group_frames(null, tmp_path):
     found = load_measurement(made(tmp_path / "set", {"colour_mixing": {"G_from_red": 0.25}}))
     red = picture(found, "background-red.exr")

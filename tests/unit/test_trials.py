@@ -11,13 +11,15 @@ from scipy.special import expit
 from designlab import cli
 from designlab.design import preset
 from designlab.effects import effect
+from designlab.measurement import Measurement
+from designlab.measurement.frames import Frame
 from designlab.plant import effects as planted
 from designlab.plant.beyond import outside_kinds
 from designlab.store import write_json
-from designlab.trials import Crew, Outcome, Transferred, Trial, development, power, score, transfers
+from designlab.trials import Crew, Outcome, Transferred, Trial, development, further, power, score, transfers
 from designlab.trials.calibrate import spread, systematic
 from designlab.trials.detection import limits
-from designlab.trials.pool import AIR, STRENGTHS
+from designlab.trials.pool import AIR, KITS, STRENGTHS, frames_of
 from designlab.trials.runner import kept
 from designlab.trials.score import rate, reliability
 from designlab.trials.transfer import HIGHER_MM, MORE_TILT_DEG, other, removed, summary
@@ -52,6 +54,7 @@ def outcome(
         parameters=found,
         confidence=[confidence] * len(sets),
         control=0.1,
+        next_frame=None,
         gap={"final": {"before": 11.0, "after": after, "floor": 1.0}},
         candidates=[],
         seconds=1.0,
@@ -176,6 +179,43 @@ def test_values_of_named_effects_tell_what_is_unlisted() -> None:
     # Two of Student's degrees of freedom: 4.303 against 1.960.
     assert systematic(sets) == {"vignetting": pytest.approx(expected * 4.3027 / 1.96, rel=1e-3)}
     assert systematic(sets[:2]) == {}
+
+
+def test_kits_have_fewer_frames_of_the_same_set() -> None:
+    frames = [
+        Frame(file="dark.exr", kind="dark"),
+        Frame(file="red.exr", kind="background", leds=("red",)),
+        Frame(file="all.exr", kind="background"),
+        Frame(file="short.exr", kind="background", exposure=0.5),
+        Frame(file="turned.exr", kind="background", gel_rotation_deg=180.0),
+        Frame(file="press.exr", kind="press", probe="sphere:4"),
+        Frame(file="further-01.exr", kind="dark"),
+    ]
+    measurement = Measurement(frames=tuple(frames))
+    kept = {kit: [frame.file.split(".")[0] for frame in frames_of(measurement, kit).frames] for kit in KITS}
+    assert kept["hour"] == [frame.file.split(".")[0] for frame in frames]
+    assert kept["no_dark"] == kept["hour"][1:]
+    assert kept["no_groups"] == ["dark", *kept["hour"][2:]]
+    assert kept["plain"] == ["all", "press", "further-01"]
+    hour, plain = Trial("t", "d", 1), Trial("t", "d", 1, kit="plain")
+    assert hour.set_label == plain.set_label
+    assert hour.label != plain.label
+    assert replace(hour, further=({"kind": "dark"},)).set_label != hour.set_label
+
+
+def test_ambiguous_sets_are_settled_when_the_right_name_alone_is_left() -> None:
+    trial = Trial("a", AIR[0], 1, {"vignetting": 1.0})
+    before = outcome(trial, verdict="ambiguous", sets=[["albedo_field", "vignetting"]])
+    ends = [
+        outcome(trial, verdict="named", sets=[["vignetting"]]),
+        outcome(trial, verdict="ambiguous", sets=[["vignetting", "albedo_field"]]),
+        outcome(trial, verdict="named", sets=[["albedo_field"]]),
+        outcome(trial, verdict="unexplained", sets=[]),
+    ]
+    found = further.summary([(before, after) for after in ends])
+    assert [row["resolved"] for row in found["rows"]] == [True, False, False, False]
+    assert (found["resolved"]["share"], found["sets"]) == (0.25, 4)
+    assert further.summary([])["resolved"] is None
 
 
 def test_transfers_are_of_effects_that_hold_for_other_designs() -> None:
