@@ -325,11 +325,12 @@ def _add_gap(add: Any) -> None:
     )
     benchmark.add_argument(
         "--pool",
-        choices=("development", "power", "calibration", "test"),
+        choices=("quick", "development", "power", "calibration", "test"),
         default="development",
-        help="development: sets without and with one effect, and outside the catalogue; power: each effect "
-        "at rising strengths, for the smallest that is named; calibration: the families of the test, for the "
-        "stated confidence; test: the sealed sets (default: development)",
+        help="quick: six small sets, to see that all works; development: sets without and with one effect, "
+        "and outside the catalogue; power: each effect at rising strengths, for the smallest that is named; "
+        "calibration: the families of the test, for the errors of fitted values; test: the sealed sets "
+        "(default: development)",
     )
     benchmark.add_argument(
         "--frozen",
@@ -359,7 +360,7 @@ def _add_gap(add: Any) -> None:
     benchmark.add_argument(
         "--further",
         action="store_true",
-        help="take the frame that each ambiguous report asks for, and see whether it settles the matter",
+        help="take the frames that each ambiguous report asks for, and see whether they settle the matter",
     )
     _workers(benchmark)
     benchmark.add_argument(

@@ -113,7 +113,7 @@ def benchmark(args: Namespace) -> Result:
     """Diagnose a pool of generated sets and score the diagnoses."""
     from designlab.store import write_json
     from designlab.trials import Crew, run, score
-    from designlab.trials.calibrate import systematic
+    from designlab.trials.learn import unlisted_sd
 
     trials = _trials(args)
     results_folder(args.out)
@@ -126,10 +126,11 @@ def benchmark(args: Namespace) -> Result:
         outcomes = run(trials, Path(args.out), progress=progress, crew=crew)
     found = score(outcomes)
     write_json(Path(args.out) / "score.json", found)
-    if args.pool == "power":
-        write_json(Path(args.out) / "limits.json", found["limits"])
-    if args.pool == "calibration":
-        write_json(Path(args.out) / "calibration.json", {"systematic": systematic(outcomes)})
+    if not args.only and args.shard is None:  # part of a pool is not to be learnt from
+        if args.pool == "power":
+            write_json(Path(args.out) / "limits.json", found["limits"])
+        if args.pool in ("power", "calibration"):
+            write_json(Path(args.out) / "learnt.json", {"unlisted_sd": unlisted_sd(outcomes)})
     rows = [
         (
             row["set"],
@@ -151,7 +152,7 @@ def _trials(args: Namespace) -> "list[Trial]":
     import re
     from dataclasses import replace
 
-    from designlab.trials import calibration, development, power, sealed, transfers
+    from designlab.trials import calibration, development, power, quick, sealed, transfers
     from designlab.trials.frozen import frozen
 
     try:
@@ -170,26 +171,31 @@ def _trials(args: Namespace) -> "list[Trial]":
         raise ValueError(f"--base: --pool {args.pool} has seeds of its own")
     if args.pool == "test":
         pool = sealed(frozen(args.frozen))
-    elif args.pool == "calibration":
-        pool = calibration()
+    elif args.pool in ("quick", "calibration"):
+        pool = {"quick": quick, "calibration": calibration}[args.pool]()
     elif args.pool == "power":
         pool = power(base=args.base)
     else:
         pool = (transfers if args.transfer else development)(base=args.base)
     trials = [trial for trial in _shard(pool, args.shard) if wanted.search(trial.name)]
     if not trials:
-        raise ValueError(f"--only: no set's name matches {args.only!r}")
+        raise ValueError(f"--only: no set's name matches {args.only!r}, of {len(pool)} in the pool")
     return [replace(trial, kit=args.kit) for trial in trials]
 
 
 def _shard(pool: "list[Trial]", text: str | None) -> "list[Trial]":
-    """Part k of n; each holds sets of all families."""
+    """Part k of n, in an order by chance that is always the same: each part holds sets of all families."""
+    import numpy as np
+
     if text is None:
         return pool
     part, slash, parts = text.partition("/")
     if not slash or not (part.isdigit() and parts.isdigit()) or not 1 <= int(part) <= int(parts):
         raise ValueError(f"--shard: must be K/N with K from 1 to N, got {text!r}")
-    return pool[int(part) - 1 :: int(parts)]
+    if int(parts) > len(pool):
+        raise ValueError(f"--shard: the pool has {len(pool)} sets, got {text!r}")
+    order = np.random.default_rng(0).permutation(len(pool))
+    return [pool[number] for number in sorted(order[int(part) - 1 :: int(parts)])]
 
 
 def _rates(found: dict[str, Any]) -> list[str]:
@@ -200,9 +206,10 @@ def _rates(found: dict[str, Any]) -> list[str]:
         "one effect hidden, right name first": single["right_first"],
         "one effect hidden, in the reported set": single["truth_in_set"],
         "two effects hidden, both named": pair["all_named"],
-        "outside the catalogue, named": found["outside"]["named"],
+        "outside the catalogue, a name without reserve": found["outside"]["named_or_ambiguous"],
         "outside the catalogue, unexplained, partial or refused": found["outside"]["abstained"],
         "left out of the catalogue, another named": found["left_out"]["named"],
+        "left out of the catalogue, ambiguous or another named": found["left_out"]["named_or_ambiguous"],
         "intervals that hold the truth": single["intervals_hold"],
     }
     lines = [
@@ -273,7 +280,7 @@ def _transferred(trials: "list[Trial]", folder: Path, crew: "Crew") -> Result:
 
 
 def _further(trials: "list[Trial]", folder: Path, crew: "Crew") -> Result:
-    """Take the frames that ambiguous reports ask for."""
+    """Take the frames that ambiguous reports ask for, and see what is left of each set of names."""
     from designlab.store import write_json
     from designlab.trials.further import run_further, summary
 
@@ -290,10 +297,10 @@ def _further(trials: "list[Trial]", folder: Path, crew: "Crew") -> Result:
         )
         for row in found["rows"]
     ]
-    lines = [table(("set", "hidden", "told apart no further", "with that frame", "names"), rows)]
+    lines = [table(("set", "hidden", "told apart no further", "with the frames asked for", "names"), rows)]
     r = found["resolved"]
     if r is None:
-        lines.append(f"none of {len(trials)} sets is ambiguous and asks for a frame")
+        lines.append(f"none of {len(trials)} sets is ambiguous")
     else:
         lines.append(
             f"ambiguous sets of which the right name alone is left: {r['share']:.0%} of {r['sets']} "

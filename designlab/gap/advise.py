@@ -19,6 +19,7 @@ from designlab.measurement.shots import Observations, Shot
 Array = NDArray[np.float64]
 
 FEW_HELD_OUT = 4
+DARK = {"kind": "dark", "leds": []}
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,14 +41,18 @@ def advise(fitter: Fitter, seen: Observations, search: Search, verdict: Verdict)
         return Advice("repeat the background twice: the noise floor is only assumed so far", minutes=1.0)
     if not seen.dark:
         return Advice(
-            "one frame with the LEDs off: without it an additive floor hides in other effects", minutes=0.5
+            "one frame with the LEDs off: without it an additive floor hides in other effects",
+            minutes=0.5,
+            frames=(DARK,),
         )
     single = {int(np.argmax(s.lit)) for s in seen.shots if s.press is None and (s.lit > 0).sum() == 1}
-    missing = len(seen.shots[0].lit) - len(single)
+    names = fitter.forward.design.group_names
+    missing = [name for group, name in enumerate(names) if group not in single]
     if verdict in ("unexplained", "partial") and missing:
         return Advice(
             "one background for each LED group alone: it separates effects of light from those of the camera",
-            minutes=float(missing),
+            minutes=float(len(missing)),
+            frames=tuple({"kind": "background", "leds": [name]} for name in missing),
         )
     if verdict == "unexplained":
         return Advice(
@@ -72,7 +77,7 @@ def _separating(fitter: Fitter, seen: Observations, search: Search) -> Advice:
         least = min(separation(fitter, action, *pair) for pair in pairs)
         worth.append((least / np.sqrt(action.minutes), least, action))
     _, apart, best = max(worth, key=lambda each: each[0])
-    return Advice(best.text, apart, best.minutes, best.frame)
+    return Advice(best.text, apart, best.minutes, (best.frame,))
 
 
 def _actions(fitter: Fitter, seen: Observations) -> list[Action]:
@@ -96,7 +101,7 @@ def _actions(fitter: Fitter, seen: Observations) -> list[Action]:
         )
         for group, name in enumerate(names)
     ]
-    found.append(bare("a frame with the LEDs off", 0.5, {"kind": "dark", "leds": []}, lit=0 * everything))
+    found.append(bare("a frame with the LEDs off", 0.5, DARK, lit=0 * everything))
     found.append(
         bare("a background at a quarter of the exposure", 0.5, {"exposure": 0.25}, lit=everything / 4)
     )
@@ -109,7 +114,8 @@ def _actions(fitter: Fitter, seen: Observations) -> list[Action]:
             gel_rotation_deg=180.0,
         )
     )
-    pressed = [n for n in lit if shots[n].press is not None]
+    # Places keep their use: a frame at one that judges would decide nothing.
+    pressed = [n for n in lit if shots[n].press is not None and shots[n].use == "train"]
     deepest = max(pressed, key=lambda n: shots[n].press.depth_mm if shots[n].press else 0.0)  # type: ignore[union-attr]
     press = shots[deepest].press
     assert press is not None

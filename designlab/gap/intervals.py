@@ -1,6 +1,6 @@
 """Values of a fitted effect with 95 % intervals, also of what is drawn anew for every picture.
 
-What the fit itself says of the error is joined by what no catalogue lists, see `designlab.gap.calibrated`.
+What the fit itself says of the error is joined by what no catalogue lists, see `designlab.gap.learnt`.
 """
 
 from collections.abc import Sequence
@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.effects import Parameter
-from designlab.gap.calibrated import systematic
 from designlab.gap.evidence import ALIKE
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter
-from designlab.gap.forward import State, Unknown, coordinate, value_at
+from designlab.gap.forward import State, Unknown, coordinate
+from designlab.gap.learnt import unlisted_sd
 from designlab.gap.pattern import strengths_as_good
 from designlab.gap.result import Value
 from designlab.gap.search import PERIODS
@@ -57,7 +57,7 @@ def values(fitter: Fitter, fit: Fit, name: str, train: Sequence[int]) -> dict[st
 def _value(name: str, p: Parameter, value: float, low: float, high: float) -> Value:
     low, high = min(low, value), max(high, value)
     fit_sd = (high - low) / (2 * NORMAL)
-    away = NORMAL * p.sd * systematic(name, p.name, shape=p.shape)
+    away = NORMAL * p.sd * unlisted_sd(name, p.name, shape=p.shape)
     low, high = value - np.hypot(value - low, away), value + np.hypot(high - value, away)
     return Value(value, _within(p, low), _within(p, high), p.unit, p.null, p.sd, (p.low, p.high), fit_sd)
 
@@ -70,8 +70,13 @@ def _of_parameters(fitter: Fitter, fit: Fit, name: str) -> dict[str, Ends]:
     for unknown, deviation in deviations.items():
         p = parameters[unknown.name]
         t = coordinate(p, fit.state.values[name][p.name])
-        found[p.name] = value_at(p, t - NORMAL * deviation), value_at(p, t + NORMAL * deviation)
+        found[p.name] = _beyond_bounds(p, t - NORMAL * deviation), _beyond_bounds(p, t + NORMAL * deviation)
     return found
+
+
+def _beyond_bounds(p: Parameter, t: float) -> float:
+    """Value at a coordinate, whatever its bounds: ends are cut when the error is known."""
+    return p.null + p.sd * (float(np.sqrt(max(t, 0.0))) if p.squared else t)
 
 
 def _of_draws(fitter: Fitter, fit: Fit, name: str, train: Sequence[int]) -> dict[str, Ends]:

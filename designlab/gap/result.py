@@ -140,13 +140,14 @@ class Control:
 class Advice:
     """What to measure next, how far it would separate what is not told apart (sd), and minutes in the lab.
 
-    `frame` is the frame in the fields of a measurement file, without its file; None where several would do.
+    `frames` are the frames in the fields of a measurement file, without their files; empty where words say
+    more.
     """
 
     text: str
     separation_sd: float | None = None
     minutes: float | None = None
-    frame: Mapping[str, Any] | None = None
+    frames: tuple[Mapping[str, Any], ...] = ()
 
     def __str__(self) -> str:
         words = [self.text]

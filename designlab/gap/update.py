@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from designlab.effects import AppliedEffect, Parameter, SensorModel
 from designlab.effects.known import Covariance, Domain, Provenance
-from designlab.gap.calibrated import systematic
 from designlab.gap.fit import Fit, Fitter
+from designlab.gap.learnt import unlisted_sd
 from designlab.gap.result import GapReport, Value
 from designlab.gap.run import frames_digest
 from designlab.measurement import Measurement
@@ -91,9 +91,9 @@ def updated(
 def covariance(fitter: Fitter, best: Fit) -> Covariance | None:
     """Joint covariance of all fitted parameters, gains and poses fitted along; None if none was fitted.
 
-    Noise and the errors granted to the simulation, and on the diagonal what no catalogue lists, see
-    `designlab.gap.calibrated`. The fit knows parameters in prior standard deviations, squared ones by their
-    square.
+    Noise and the errors granted to the simulation, scaled to hold what no catalogue lists as well, see
+    `designlab.gap.learnt`: that pulls values along what the frames tell least, so correlations stay. The fit
+    knows parameters in prior standard deviations, squared ones by their square.
     """
     known: dict[str, dict[str, Parameter]] = {
         name: {p.name: p for p in fitter.forward.parameters[name]} for name in best.state.values
@@ -107,15 +107,23 @@ def covariance(fitter: Fitter, best: Fit) -> Covariance | None:
     fitted = [known[unknowns[k].effect][unknowns[k].name] for k in places]
     unit = np.array([p.sd**2 if p.squared else p.sd for p in fitted])
     values = [best.state.values[unknowns[k].effect][p.name] for k, p in zip(places, fitted, strict=True)]
+    matrix = (matrix + matrix.T) / 2 * np.outer(unit, unit)
     unlisted = [
-        p.sd * systematic(unknowns[k].effect, p.name, shape=p.shape) * (2 * value if p.squared else 1.0)
+        _unlisted_variance(unknowns[k].effect, p, value)
         for k, p, value in zip(places, fitted, values, strict=True)
     ]
-    matrix = (matrix + matrix.T) / 2 * np.outer(unit, unit) + np.diag(np.square(unlisted))
+    wider = np.sqrt(1 + np.array(unlisted) / np.diag(matrix))
+    matrix = matrix * np.outer(wider, wider)
     return Covariance(
         parameters=tuple(f"{unknowns[k].effect}.{unknowns[k].name}" for k in places),
         matrix=tuple(tuple(float(v) for v in row) for row in matrix),
     )
+
+
+def _unlisted_variance(name: str, p: Parameter, value: float) -> float:
+    """Variance of a value by what no catalogue lists; of a squared parameter that of its square."""
+    variance = (p.sd * unlisted_sd(name, p.name, shape=p.shape)) ** 2
+    return 4 * value**2 * variance + 2 * variance**2 if p.squared else variance
 
 
 def domain(shots: list[Shot]) -> Domain:

@@ -216,7 +216,7 @@ def limits(seen: Observations, effects: Sequence[Found]) -> tuple[str, ...]:
         )
     if effects:
         found.append(
-            "Intervals hold if the catalogue does: an effect outside it shifts values by more than they say."
+            "Intervals hold small departures that no catalogue lists; large ones shift values by more."
         )
     return tuple(found)
 

@@ -126,7 +126,8 @@ def plant(
     stated = stated_presses(design, kit, random_place) if presses is None else [dict(p) for p in presses]
     true = [true_press(rig, press, random_pose) for press in stated]
     taken = shots(rig, kit, stated, true, flat_field=flat_field)
-    taken += [further_shot(rig, frame, number, random_pose) for number, frame in enumerate(further, start=1)]
+    later = [further_shot(rig, frame, number, random_pose) for number, frame in enumerate(further, start=1)]
+    taken += later
     shooting = Shooting(rig, view, gain=gain, random=random_frames)
     frames, images = [], {}
     for number, shot in enumerate(taken):
@@ -146,7 +147,8 @@ def plant(
         "gain": dict(zip(rig.group_names, gain.tolist(), strict=True)),
         "exposure": shooting.exposure,
         "presses": [
-            {"depth_mm": p.depth_mm, "centre_mm": list(p.centre_mm), "yaw_deg": p.yaw_deg} for p in true
+            {"depth_mm": p.depth_mm, "centre_mm": list(p.centre_mm), "yaw_deg": p.yaw_deg}
+            for p in [*true, *(shot.indenter for shot in later if shot.indenter is not None)]
         ],
         **shooting.hidden(),
         "salt": secrets.token_hex(16),

@@ -1,7 +1,7 @@
 """Trials of the gap workflow: measurement sets with known answers, diagnosed blind, and the score of that."""
 
 from designlab.trials.blind import calibration, sealed
-from designlab.trials.pool import Trial, development, power
+from designlab.trials.pool import Trial, development, power, quick
 from designlab.trials.runner import Crew, Outcome, run
 from designlab.trials.score import score
 from designlab.trials.transfer import Transferred, run_transfers, transfers
@@ -14,6 +14,7 @@ __all__ = [
     "calibration",
     "development",
     "power",
+    "quick",
     "run",
     "run_transfers",
     "score",

@@ -1,4 +1,4 @@
-"""Pools that are scored without being looked at: one calibrates stated confidence, one tests, once.
+"""Pools that are scored without being looked at: one teaches what diagnoses are wrong by, one tests, once.
 
 Seeds of the test pool come from the commit that froze the thresholds, so that nobody can have seen its sets.
 """
@@ -18,9 +18,9 @@ from designlab.trials.pool import AIR, KINDS, KIT_SEED, MORE_KINDS, Trial
 from designlab.trials.score import same
 
 NAMED_KINDS = (*KINDS, *MORE_KINDS)
-OVER_LIMIT = 2.0  # strength of single effects, over the strength of which half are named
+OVER_LIMIT = 2.0  # strength of single effects, over that of which half are named
+STRONG = 3.0  # prior standard deviations of effects that the catalogue lacks, and the most of all others
 PAIR_STRENGTH = 1.0  # prior standard deviations, each; more where that is below `OVER_LIMIT`
-STRONG = 3.0  # prior standard deviations of effects that the catalogue lacks
 CALIBRATION_SEED = 50_000
 CALIBRATION = {"nothing": 30, "single": 66, "pair": 20, "outside": 16, "left_out": 18}
 TEST = {"nothing": 120, "single": 160, "pair": 40, "outside": 60, "left_out": 60}
@@ -41,7 +41,7 @@ CONFOUNDED = (
 
 
 def calibration() -> list[Trial]:
-    """Pool on which confidence is calibrated: the families of the test pool, fewer of each, other seeds."""
+    """Pool to learn from: the families of the test pool, fewer of each, other seeds."""
     return _pool("calibration", CALIBRATION, CALIBRATION_SEED, KIT_SEED)
 
 
@@ -58,7 +58,7 @@ def sealed(commit: str) -> list[Trial]:
 
 
 @cache
-def limits() -> dict[str, float]:
+def detection_limits() -> dict[str, float]:
     """Strength at which half of the sets are named right, by kind: the last result of the power curves.
 
     Prior standard deviations; ``limits.json`` is the part `limits` of the score of the pool of power curves.
@@ -69,7 +69,7 @@ def limits() -> dict[str, float]:
 
 def strength(kind: str) -> float:
     """Strength of a single effect in these pools (prior standard deviations)."""
-    return float(min(OVER_LIMIT * limits()[kind], OVER_LIMIT))
+    return float(min(OVER_LIMIT * detection_limits()[kind], STRONG))
 
 
 def pairs() -> Iterator[tuple[str, str]]:
@@ -113,7 +113,8 @@ def _pool(name: str, sizes: dict[str, int], first: int, kit_seed: int) -> list[T
         found.append(trial("single", k, turn + place, effects={kind: strength(kind)}))
     for k, pair in enumerate(islice(pairs(), sizes["pair"])):
         hidden = {kind: max(PAIR_STRENGTH, strength(kind)) for kind in pair}
-        found.append(trial("pair", k, k // 2, effects=hidden))
+        turn, place = divmod(k // 2, len(CONFOUNDED))
+        found.append(trial("pair", k, turn + place, effects=hidden))
     kinds = outside_kinds()
     for k in range(sizes["outside"]):
         turn, place = divmod(k, len(kinds))
@@ -121,9 +122,9 @@ def _pool(name: str, sizes: dict[str, int], first: int, kit_seed: int) -> list[T
     stages = list(classes().values())
     for k in range(sizes["left_out"]):
         turn, place = divmod(k, len(stages))
-        kind = stages[place][turn % len(stages[place])]
+        round_, number = divmod(turn, len(stages[place]))
+        kind = stages[place][number]
         missing = {*stages[place], *(name for name in NAMED_KINDS if same(name, kind))}
-        found.append(
-            trial("left_out", k, turn + place, effects={kind: STRONG}, without=tuple(sorted(missing)))
-        )
+        without = tuple(sorted(missing))
+        found.append(trial("left_out", k, round_ + number + place, effects={kind: STRONG}, without=without))
     return found

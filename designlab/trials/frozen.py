@@ -1,5 +1,6 @@
 """The commit that froze the thresholds: what runs must be what was frozen."""
 
+import re
 import subprocess
 from pathlib import Path
 
@@ -13,22 +14,28 @@ def frozen(commit: str, *, root: Path = ROOT) -> str:
     Parameters
     ----------
     commit : str
-        The commit, in any form that git knows.
+        Its hash, 7 digits or more.
     root : Path
         The working tree.
 
     Raises
     ------
     ValueError
-        If this is no git checkout, the commit is unknown, or the code has changed since.
+        If `root` is no git checkout, the commit is unknown, or the code has changed since.
     """
-    full = _git(root, "rev-parse", "--verify", "--end-of-options", f"{commit}^{{commit}}")
+    top = _git(root, "rev-parse", "--show-toplevel")
+    if top is None or Path(top) != root.resolve():
+        raise ValueError(f"--frozen: needs a git checkout of designlab, {root} is none")
+    # Names such as HEAD move, and with them the seeds.
+    number = re.fullmatch("[0-9a-f]{7,40}", commit)
+    full = _git(root, "rev-parse", "--verify", f"{commit}^{{commit}}") if number else None
     if full is None:
-        raise ValueError(f"--frozen: must be a commit of this checkout, got {commit!r}")
+        raise ValueError(f"--frozen: must be the hash of a commit of this checkout, got {commit!r}")
     changed = _git(root, "diff", "--name-only", full, "--", *CODE)
     new = _git(root, "ls-files", "--others", "--exclude-standard", "--", *CODE)
-    files = [*(changed or "").split("\n"), *(new or "").split("\n")]
-    different = [file for file in files if file]
+    if changed is None or new is None:
+        raise ValueError(f"--frozen: git cannot compare this checkout with {commit}")
+    different = [*changed.split(), *new.split()]
     if different:
         raise ValueError(
             f"--frozen: the code is not what {commit} froze: {len(different)} files differ, "

@@ -1,4 +1,4 @@
-"""Whether the frame that a report asks for tells apart what the measurement did not."""
+"""Whether the frames that a report asks for tell apart what the measurement did not."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -13,21 +13,21 @@ from designlab.trials.score import rate, same
 def run_further(
     trials: Iterable[Trial], folder: Path, *, progress: Progress | None = None, crew: Crew = ALONE
 ) -> list[tuple[Outcome, Outcome]]:
-    """Run trials, and those that are ambiguous once more with the frame that their report asks for.
+    """Run trials, and those that are ambiguous once more with the frames that their reports ask for.
 
     Returns
     -------
     list of (Outcome, Outcome)
-        Of each ambiguous set without and with that frame.
+        Of each ambiguous set without and with these frames; the same where a report asks for none.
     """
     trials = list(trials)
     before = run(trials, folder, progress=progress, crew=crew)
     asked = [
         (trial, outcome)
         for trial, outcome in zip(trials, before, strict=True)
-        if outcome.verdict == "ambiguous" and outcome.next_frame is not None
+        if outcome.verdict == "ambiguous"
     ]
-    again = [replace(trial, further=(outcome.next_frame,)) for trial, outcome in asked if outcome.next_frame]
+    again = [replace(trial, further=tuple(outcome.next_frames)) for trial, outcome in asked]
     after = run(again, folder, progress=progress, crew=crew)
     return [(outcome, then) for (_, outcome), then in zip(asked, after, strict=True)]
 
@@ -42,7 +42,7 @@ def summary(pairs: Sequence[tuple[Outcome, Outcome]]) -> dict[str, Any]:
                 "set": before.trial["name"],
                 "hidden": [*before.trial["effects"], *before.trial["outside"]],
                 "sets": before.sets,
-                "frame": before.next_frame,
+                "frames": before.next_frames,
                 "verdict": after.verdict,
                 "sets_after": after.sets,
                 "resolved": resolved(after),

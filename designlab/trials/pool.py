@@ -2,11 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 from designlab.measurement import Measurement
 from designlab.measurement.frames import Frame
 from designlab.plant.kit import FURTHER
+from designlab.store import digest
 
 AIR = ("gelsight-2020-flat", "gelsight-2020-dome")
 CORE = ("gelsight-2020-flat-core", "gelsight-2020-dome-core")
@@ -38,6 +39,7 @@ KITS = ("hour", "no_dark", "no_groups", "plain")
 """hour: all frames; no_dark, no_groups: without the dark frame, without those of single LED groups;
 plain: without these, other exposures and the turned gel."""
 POWER_SEED = 10_000
+QUICK_SEED = 90_000
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,8 @@ class Trial:
     """One set: a design, the effects hidden in it by strength, kinds outside the catalogue, and its seed.
 
     `without` names effects that are taken out of the catalogue before the set is diagnosed, `kit` the frames
-    that are used of it (see `KITS`), `further` are frames taken besides.
+    that are used of it (see `KITS`), `further` are frames taken besides, `size` is small for pools that only
+    show that all works.
     """
 
     name: str
@@ -57,6 +60,7 @@ class Trial:
     without: tuple[str, ...] = ()
     kit: str = "hour"
     further: tuple[Mapping[str, Any], ...] = ()
+    size: Literal["full", "small"] = "full"
 
     @property
     def label(self) -> str:
@@ -67,7 +71,9 @@ class Trial:
     @property
     def set_label(self) -> str:
         """What tells its set from all others; kits share sets."""
-        return f"{self.name}-{self.seed}" + ("-further" if self.further else "")
+        small = "-small" if self.size == "small" else ""
+        further = f"-further-{digest(list(self.further))[:8]}" if self.further else ""
+        return f"{self.name}-{self.seed}{small}{further}"
 
     @property
     def kind(self) -> str:
@@ -129,3 +135,18 @@ def development(*, base: int = 0) -> list[Trial]:
             seed = base + 500 + 10 * number + k
             found.append(Trial(f"{kind}-{k}", AIR[(number + k) % 2], seed, outside={kind: 1.0}))
     return found
+
+
+def quick() -> list[Trial]:
+    """A few small sets with what must not fail: names of plain effects, and none where none belongs."""
+    single = ("black_level", "colour_mixing", "vignetting")
+    sets: list[tuple[str, dict[str, Any]]] = [("nothing", {})]
+    sets += [(kind, {"effects": {kind: 1.0}}) for kind in single]
+    sets += [
+        ("debris", {"outside": {"debris": 1.0}}),
+        ("left-out", {"effects": {"colour_mixing": 2.0}, "without": ("colour_mixing",)}),
+    ]
+    return [
+        Trial(f"quick-{name}", AIR[0], QUICK_SEED + number, size="small", **hidden)
+        for number, (name, hidden) in enumerate(sets)
+    ]

@@ -2,15 +2,16 @@
 
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 from designlab.design import preset
 from designlab.effects import CATALOGUE
 from designlab.gap import diagnose
+from designlab.gap.diagnose import SAMPLES
 from designlab.interrupts import Interrupts
 from designlab.measurement import MeasurementError, load_measurement
 from designlab.plant import plant, unseal
@@ -21,7 +22,9 @@ from designlab.trials.pool import Trial, frames_of
 from designlab.workers import completed, submitter
 
 COLUMNS = 96
+SMALL_COLUMNS, SMALL_SAMPLES = 48, 64
 SEED = 1
+NOT_PLANTED = ("kit", "without")  # fields of a trial that its set does not depend on
 MOST_CALLS = 1000  # in flight on a cluster
 Progress = Callable[[str, int, int], None]
 
@@ -36,8 +39,8 @@ class Outcome:
         Of each effect named: those that do as well, and how sure the report is.
     control : float or None
         Share of the gap that a wrong effect of the same size takes away.
-    next_frame : dict or None
-        Frame that would tell apart what this measurement does not.
+    next_frames : list of dict
+        Frames that would tell apart what this measurement does not.
     """
 
     trial: dict[str, Any]
@@ -48,7 +51,7 @@ class Outcome:
     parameters: dict[str, Any]
     confidence: list[float]
     control: float | None
-    next_frame: dict[str, Any] | None
+    next_frames: list[dict[str, Any]]
     gap: dict[str, Any]
     candidates: list[dict[str, Any]]
     seconds: float
@@ -79,8 +82,18 @@ def run(
         Where sets, reports and outcomes lie; an interrupted run goes on there.
     crew : Crew
         Who runs them.
+
+    Raises
+    ------
+    ValueError
+        If the folder holds sets or outcomes of other trials, or of another version.
     """
-    return [Outcome(**one) for one in kept(trials, folder, "outcomes", _one, progress, crew)]
+    records = kept(trials, folder, "outcomes", _one, progress, crew)
+    known = {field.name for field in fields(Outcome)}
+    for record in records:
+        if record.keys() != known:
+            raise ValueError(f"{folder}: outcomes there are of another version; begin in another folder")
+    return [Outcome(**record) for record in records]
 
 
 def kept(
@@ -98,11 +111,15 @@ def kept(
     records : str
         Where within `folder` records are kept.
     run_one : callable
-        Function of a module, called with a trial and the folder; its dataclass becomes the record.
+        Function of a module, called with a trial and the folder; its dataclass, which holds the trial as
+        `trial`, becomes the record.
     """
     trials = list(trials)
     paths = [folder / records / f"{trial.label}.json" for trial in trials]
     missing = [n for n, path in enumerate(paths) if not path.is_file()]
+    for n, path in enumerate(paths):
+        if n not in missing:
+            _check_same(path, asdict(trials[n]), json.loads(path.read_text(encoding="utf-8"))["trial"])
     at_once = MOST_CALLS if crew.dask is not None else crew.workers
 
     def tell(what: str) -> None:
@@ -125,6 +142,12 @@ def kept(
     return [json.loads(path.read_text(encoding="utf-8")) for path in paths]
 
 
+def _check_same(path: Path, ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> None:
+    """Refuse what a folder holds of a trial that has changed since."""
+    if json.loads(json.dumps(ours)) != theirs:
+        raise ValueError(f"{path}: is of a set that was defined otherwise; begin in another folder")
+
+
 def _waves(trials: Sequence[tuple[int, Trial]]) -> Iterator[list[tuple[int, Trial]]]:
     """One set of each design before all others: it renders the pictures that they share."""
     first = {trial.design: number for number, trial in reversed(trials)}
@@ -145,13 +168,16 @@ def model_path(trial: Trial, folder: Path) -> Path:
 def _planted(trial: Trial, folder: Path) -> Path:
     """Generate the set of a trial, unless it is there."""
     design, measurement = preset(trial.design), set_path(trial, folder)
+    planted = {name: value for name, value in asdict(trial).items() if name not in NOT_PLANTED}
+    definition = measurement.with_name(f"{measurement.name}.trial.json")
     if measurement.exists():
+        _check_same(definition, planted, json.loads(definition.read_text(encoding="utf-8")))
         return measurement
+    write_json(definition, planted)
     rig = Rig.of(design)
     effects = {
         name: draw(name, rig, strength=strength, seed=trial.seed) for name, strength in trial.effects.items()
     }
-    measurement.parent.mkdir(parents=True, exist_ok=True)
     return plant(
         design,
         effects=effects,
@@ -160,8 +186,15 @@ def _planted(trial: Trial, folder: Path) -> Path:
         seed=trial.seed,
         kit_seed=trial.kit_seed,
         further=trial.further,
-        columns=COLUMNS,
+        columns=COLUMNS if trial.size == "full" else SMALL_COLUMNS,
+        kit="hour" if trial.size == "full" else "small",
     )
+
+
+def _catalogue(trial: Trial) -> list[str]:
+    """Effects to try; of small sets those alone that take no pictures of their own."""
+    tried = [each for each in CATALOGUE if trial.size == "full" or not each.rendered]
+    return [each.name for each in tried if each.name not in trial.without]
 
 
 def _one(trial: Trial, folder: Path) -> Outcome:
@@ -174,8 +207,9 @@ def _one(trial: Trial, folder: Path) -> Outcome:
             out=model_path(trial, folder).parent,
             seed=SEED,
             columns=COLUMNS,
+            samples=SAMPLES if trial.size == "full" else SMALL_SAMPLES,
             renders=folder / "renders" / trial.design,
-            catalogue=[each.name for each in CATALOGUE if each.name not in trial.without],
+            catalogue=_catalogue(trial),
             pictures=False,
             recentre=False,
         ).to_json()
@@ -185,7 +219,7 @@ def _one(trial: Trial, folder: Path) -> Outcome:
             "effects": [],
             "gap": {},
             "control": None,
-            "next": {"frame": None},
+            "next": {"frames": []},
             "candidates": [],
         }
     ended = os.times()
@@ -198,7 +232,7 @@ def _one(trial: Trial, folder: Path) -> Outcome:
         parameters={effect["name"]: effect["parameters"] for effect in report["effects"]},
         confidence=[effect["confidence"] for effect in report["effects"]],
         control=None if report["control"] is None else report["control"]["removed"],
-        next_frame=report["next"]["frame"],
+        next_frames=list(report["next"]["frames"]),
         gap=report["gap"],
         candidates=report["candidates"],
         seconds=ended.elapsed - begun.elapsed,

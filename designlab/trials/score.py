@@ -84,7 +84,7 @@ def _hidden(sets: Sequence[Outcome]) -> dict[str, Any]:
     return {
         "sets": len(sets),
         "right_first": rate(_first_right(o) for o in sets),
-        "all_named": rate(_all_named(o) for o in sets),
+        "all_named": rate(all_named(o) for o in sets),
         "truth_in_set": rate(_in_set(o) for o in sets),
         "set_size_mean": float(np.mean(sizes)) if sizes else None,
         "gap_removed_median": float(np.median(removed)) if removed else None,
@@ -205,7 +205,8 @@ def _first_right(o: Outcome) -> bool:
     return bool(o.named) and any(same(o.named[0], truth) for truth in o.trial["effects"])
 
 
-def _all_named(o: Outcome) -> bool:
+def all_named(o: Outcome) -> bool:
+    """Whether every hidden effect was named."""
     return all(any(same(name, truth) for name in o.named) for truth in o.trial["effects"])
 
 

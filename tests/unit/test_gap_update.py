@@ -44,7 +44,7 @@ def unlisted(monkeypatch) -> dict[str, float]:
     known: dict[str, float] = {}
     for module in ("update", "intervals"):
         monkeypatch.setattr(
-            f"designlab.gap.{module}.systematic", lambda name, parameter, *, shape: known.get(name, 0.0)
+            f"designlab.gap.{module}.unlisted_sd", lambda name, parameter, *, shape: known.get(name, 0.0)
         )
     return known
 
@@ -78,8 +78,12 @@ def test_what_no_catalogue_lists_widens_intervals_and_covariance(unlisted) -> No
     fit = values(fitter, best, "black_level", ())["R"]
     unlisted.update(black_level=0.2, point_spread=0.1)
     after = np.array(covariance(fitter, best).matrix)  # type: ignore[union-attr]
-    # Of 0.015 a fifth; of the square of a blur 2 BLUR_UM times a tenth of 75 um.
-    assert np.sqrt(np.diag(after - before)) == pytest.approx([15 * BLUR_UM, *3 * [0.003]])
+    # Of 0.015 a fifth. Of a blur v its square varies, with an error e of a tenth of 75 um, as (v + e)^2 does.
+    errors = np.random.default_rng(3).normal(0.0, 7.5, 1_000_000)
+    square = np.var((BLUR_UM + errors) ** 2)
+    assert np.diag(after - before) == pytest.approx([square, *3 * [0.003**2]], rel=0.01)
+    apart = [matrix / np.sqrt(np.outer(np.diag(matrix), np.diag(matrix))) for matrix in (before, after)]
+    assert apart[1] == pytest.approx(apart[0])
     found = values(fitter, best, "black_level", ())["R"]
     assert (found.value, found.fit_sd) == (fit.value, fit.fit_sd)
     assert found.high - found.value == pytest.approx(1.96 * np.hypot(fit.fit_sd, 0.003))

@@ -1,7 +1,7 @@
 """Pools of planted sets, and what their scores count."""
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +16,20 @@ from designlab.measurement.frames import Frame
 from designlab.plant import effects as planted
 from designlab.plant.beyond import outside_kinds
 from designlab.store import write_json
-from designlab.trials import Crew, Outcome, Transferred, Trial, development, further, power, score, transfers
-from designlab.trials.calibrate import spread, systematic
-from designlab.trials.detection import limits
+from designlab.trials import (
+    Crew,
+    Outcome,
+    Transferred,
+    Trial,
+    development,
+    further,
+    power,
+    run,
+    score,
+    transfers,
+)
+from designlab.trials.detection import in_units, limits
+from designlab.trials.learn import spread, unlisted_sd
 from designlab.trials.pool import AIR, KITS, STRENGTHS, frames_of
 from designlab.trials.runner import kept
 from designlab.trials.score import rate, reliability
@@ -54,7 +65,7 @@ def outcome(
         parameters=found,
         confidence=[confidence] * len(sets),
         control=0.1,
-        next_frame=None,
+        next_frames=[],
         gap={"final": {"before": 11.0, "after": after, "floor": 1.0}},
         candidates=[],
         seconds=1.0,
@@ -79,15 +90,19 @@ def test_every_set_can_be_planted() -> None:
 
 
 def test_one_set_of_each_design_comes_first_and_what_is_there_is_not_run_again(tmp_path) -> None:
+    @dataclass(frozen=True)
+    class Record:
+        trial: dict
+
     trials = [Trial(f"t{k}", design, k) for k, design in enumerate("aabab")]
     ran: list[str] = []
 
     def fails_at(name: str):
-        def one(trial: Trial, folder: Path) -> Trial:
+        def one(trial: Trial, folder: Path) -> Record:
             ran.append(trial.name)
             if trial.name == name:
                 raise RuntimeError(name)
-            return trial
+            return Record(asdict(trial))
 
         return one
 
@@ -99,9 +114,26 @@ def test_one_set_of_each_design_comes_first_and_what_is_there_is_not_run_again(t
         trials, tmp_path, "records", fails_at(""), lambda _, done, total: told.append((done, total)), Crew()
     )
     assert ran[4:] == ["t3", "t4"]
-    assert [one["name"] for one in found] == [trial.name for trial in trials]
+    assert [one["trial"]["name"] for one in found] == [trial.name for trial in trials]
     assert told[0] == (3, 5)
     assert told[-1] == (5, 5)
+    stronger = [*trials[:4], replace(trials[4], effects={"vignetting": 1.0})]
+    with pytest.raises(ValueError, match=r"t4-4\.json: is of a set that was defined otherwise"):
+        kept(stronger, tmp_path, "records", fails_at(""), None, Crew())
+
+
+def test_records_of_another_version_are_named(tmp_path) -> None:
+    trial = Trial("t", AIR[0], 1)
+    write_json(tmp_path / "outcomes" / "t-1.json", {"trial": asdict(trial), "verdict": "named"})
+    with pytest.raises(ValueError, match="another version"):
+        run([trial], tmp_path)
+
+
+def test_strengths_are_told_in_the_units_of_their_parameters() -> None:
+    design = preset(AIR[0])
+    position = "0.25 mm (radial_mm, height_mm, tangential_mm)"
+    assert in_units("led_position", 0.5, design) == position
+    assert in_units("contact_profile", 0.5, design) == "0.1 (tail_share)"  # its length only shapes it
 
 
 def test_names_sets_gaps_and_intervals_are_counted() -> None:
@@ -162,7 +194,22 @@ def test_the_error_that_fits_do_not_know_is_found_again() -> None:
     stated = random.uniform(0.0, 0.2, 2000)
     errors = random.normal(0.0, np.hypot(0.3, stated))
     assert spread(list(zip(errors, stated, strict=True))) == pytest.approx(0.3, rel=0.05)
-    assert spread([(0.1, 0.5)] * 5) == 0.0
+    # One value that is hit precisely does not outweigh one that is missed by ten stated errors.
+    assert spread([(0.0, 0.001), (1.0, 0.1)]) > 0.3
+    # What stated errors explain leaves what is usual; that is less the more sets there are.
+    few, many = (spread([(e, 0.05) for e in random.normal(0, 0.05, n)]) for n in (3, 3000))
+    assert many < few < 0.2
+    assert many < 0.03
+
+
+def test_intervals_with_what_was_learnt_hold_as_often_as_they_say() -> None:
+    random, held = np.random.default_rng(7), []
+    for _ in range(400):
+        true = abs(0.05 * random.standard_cauchy())
+        true = min(true, 2.0)
+        learnt = spread([(e, 0.02) for e in random.normal(0, np.hypot(true, 0.02), 6)])
+        held.append(abs(random.normal(0, np.hypot(true, 0.02))) < 1.96 * np.hypot(learnt, 0.02))
+    assert 0.92 < np.mean(held) < 0.99
 
 
 def test_values_of_named_effects_tell_what_is_unlisted() -> None:
@@ -175,10 +222,11 @@ def test_values_of_named_effects_tell_what_is_unlisted() -> None:
         )
         for k, loss in enumerate((0.2, 0.2, 0.6))
     ]
-    expected = np.sqrt(np.mean(np.square([0.02, 0.02, 0.06]))) / 0.25
-    # Two of Student's degrees of freedom: 4.303 against 1.960.
-    assert systematic(sets) == {"vignetting": pytest.approx(expected * 4.3027 / 1.96, rel=1e-3)}
-    assert systematic(sets[:2]) == {}
+    found = unlisted_sd(sets)
+    assert found == {"vignetting": pytest.approx(spread([(0.08, 0.0), (0.08, 0.0), (0.24, 0.0)]), abs=1e-4)}
+    assert unlisted_sd(sets[:2]) == {}
+    both = replace(sets[0], trial={**asdict(trial), "effects": {"vignetting": 1.0, "banding": 1.0}})
+    assert unlisted_sd([*sets[:2], both]) == {}  # where one was missed the other's value may stand for it
 
 
 def test_kits_have_fewer_frames_of_the_same_set() -> None:

@@ -9,11 +9,11 @@ from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
 
-FILE = "calibration.json"
-"""Written by ``designlab gap benchmark --pool calibration``."""
+FILE = "learnt.json"
+"""Written by ``designlab gap benchmark`` for whole pools, power or calibration."""
 
 
-def systematic(effect: str, parameter: str, *, shape: bool) -> float:
+def unlisted_sd(effect: str, parameter: str, *, shape: bool) -> float:
     """Standard deviation of what the unlisted does to a fitted value, in prior standard deviations.
 
     Parameters
@@ -24,7 +24,7 @@ def systematic(effect: str, parameter: str, *, shape: bool) -> float:
         Whether the parameter only says how another acts: such have values of their own, all others of an
         effect share one.
     """
-    known = _calibration()["systematic"]
+    known = _learnt()["unlisted_sd"]
     if shape and f"{effect}.{parameter}" in known:
         return known[f"{effect}.{parameter}"]
     if effect in known:
@@ -34,7 +34,7 @@ def systematic(effect: str, parameter: str, *, shape: bool) -> float:
 
 
 @cache
-def _calibration() -> Mapping[str, dict[str, float]]:
+def _learnt() -> Mapping[str, dict[str, float]]:
     content: Mapping[str, dict[str, float]] = json.loads(
         files("designlab.gap").joinpath(FILE).read_text(encoding="utf-8")
     )
