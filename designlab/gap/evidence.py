@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.gap.forward import Forward, State, Unknown
-from designlab.gap.noise import Noise, transformed
+from designlab.gap.noise import SMOOTH_ALIKE, Noise, transformed
 
 Array = NDArray[np.float64]
 
@@ -99,13 +99,16 @@ def system(
     now: Array,
     *,
     alike: float = ALIKE,
+    smooth_alike: float = SMOOTH_ALIKE,
 ) -> System:
     """Set up the normal equations of unknowns over shots at a state.
 
     Values are whitened by their noise, transformed by cosines, in which smooth errors are independent, and
     weighed by the inverse of the covariance: of each coefficient it is what a shot has alone on the diagonal
-    and what all have in common beyond (Sherman and Morrison 1950). All is divided by `alike`.
+    and what all have in common beyond (Sherman and Morrison 1950). All is divided by `alike`, but smooth
+    errors count as if divided by `smooth_alike`.
     """
+    share = min(1.0, smooth_alike / alike)
     size = len(unknowns)
     gram, right, misfit = np.zeros((size, size)), np.zeros(size), 0.0
     common: dict[tuple[int, ...], list[NDArray[np.float32]]] = {}
@@ -132,10 +135,10 @@ def system(
         total = common.setdefault(key, [np.zeros((*key, 3, size + 1), dtype=np.float32)])[0]
         total[..., [*used, size]] += coefficients * bright[..., None].astype(np.float32)
         weight[key] = weight.get(key, np.zeros((*key, 3))) + own.level * bright
-        budget[key] = own.common(mean=False, alike=alike)  # the mean of all is what gains are fitted for
+        budget[key] = own.common(mean=False, share=share)  # the mean of all is what gains are fitted for
     for key, (total,) in common.items():
-        share = np.sqrt(budget[key] / (1.0 + budget[key] * weight[key])).astype(np.float32)
-        shared = (total * share[..., None]).reshape(-1, size + 1)
+        root = np.sqrt(budget[key] / (1.0 + budget[key] * weight[key])).astype(np.float32)
+        shared = (total * root[..., None]).reshape(-1, size + 1)
         part = np.asarray(shared.T @ shared, dtype=float)
         gram -= part[:-1, :-1]
         right -= part[:-1, -1]

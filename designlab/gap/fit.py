@@ -12,7 +12,7 @@ from designlab.gap.bank import Bank
 from designlab.gap.evidence import ALIKE, System, system
 from designlab.gap.forward import Forward, State, Unknown, coordinate, value_at
 from designlab.gap.grain import grains
-from designlab.gap.noise import Noise, noise
+from designlab.gap.noise import SMOOTH_ALIKE, Noise, noise
 from designlab.measurement.shots import POSE
 
 Array = NDArray[np.float64]
@@ -52,8 +52,8 @@ class Fitter:
     ----------
     noises : list of Noise
         Of each shot, see `measure`.
-    alike : float
-        Neighbouring values that count as one, see `evidence.ALIKE`.
+    alike, smooth_alike : float
+        Neighbouring values that count as one, see `evidence.ALIKE`, and the same for smooth errors.
     """
 
     def __init__(self, bank: Bank) -> None:
@@ -61,6 +61,7 @@ class Fitter:
         self.forward = Forward(bank)
         self.noises: list[Noise] = []
         self.alike = ALIKE
+        self.smooth_alike = SMOOTH_ALIKE
 
     def start(self, shots: Sequence[int]) -> State:
         """Gains by linear least squares, by brightness: a wrong model must not let dark values decide.
@@ -144,7 +145,16 @@ class Fitter:
     def system(self, state: State, shots: Sequence[int], unknowns: Sequence[Unknown]) -> System:
         """Normal equations at a state."""
         now = np.array([self._now(state, u) for u in unknowns])
-        return system(self.forward, state, shots, unknowns, self.noises, now, alike=self.alike)
+        return system(
+            self.forward,
+            state,
+            shots,
+            unknowns,
+            self.noises,
+            now,
+            alike=self.alike,
+            smooth_alike=self.smooth_alike,
+        )
 
     def _now(self, state: State, u: Unknown) -> float:
         """Where an unknown is, in prior standard deviations from its null."""

@@ -84,17 +84,16 @@ class Noise:
         own = np.maximum(share - self.grain.shared * self.level**2, 0.0)
         return np.asarray(np.maximum(found - share + own * self.grain.power[..., None], LEAST_VARIANCE))
 
-    def common(self, *, mean: bool = True, alike: float = SMOOTH_ALIKE) -> Array:
+    def common(self, *, mean: bool = True, share: float = 1.0) -> Array:
         """Variance of coefficients, relative to the light, that all shots share, (rows, columns, 3).
 
         Without `mean` the mean of the picture, which gains are fitted for, is left out of smooth errors.
-        Of a misfit that is divided by `alike` they get a share that leaves them divided by `SMOOTH_ALIKE`.
+        Of their variance `share` counts.
         """
         power = spectrum(self.sigma.shape[:2])
         if not mean:
             power[0, 0] = 0.0
-        variance = SMOOTH_BUDGET**2 * min(1.0, SMOOTH_ALIKE / alike)
-        found = variance * np.repeat(power[..., None], 3, axis=-1)
+        found = share * SMOOTH_BUDGET**2 * np.repeat(power[..., None], 3, axis=-1)
         return found if self.grain is None else found + self.grain.shared * self.grain.power[..., None]
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from designlab.effects import SensorModel, effect
 from designlab.gap.bank import POSE_STEP, Bank, Picture, fill, moved
 from designlab.gap.basis import Renders
+from designlab.gap.evidence import ALIKE
 from designlab.gap.fit import Fitter
 from designlab.gap.forward import State, Unknown
 from designlab.gap.steps import NEAR_SD
@@ -95,6 +96,9 @@ class FrameFitter(Fitter):
     def __init__(self, bank: Bank, away: Array) -> None:
         super().__init__(bank)
         self.away = away
+        # The light of one real picture is off by much more than what simulations are granted; where it is
+        # smooth, a wrong scale would make up for it.
+        self.smooth_alike = ALIKE
         self.forward.parameters[SCALE] = tuple(
             replace(p, sd=SCALE_SD) if p.name == MAGNIFICATION else p for p in self.forward.parameters[SCALE]
         )
