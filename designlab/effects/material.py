@@ -96,6 +96,7 @@ class Translucency(Effect):
                 0.0,
                 min(0.4, max(room, 0.01)),
                 "added transmittance of the coating",
+                squared=True,  # light goes through it to the object and back
             ),
             Parameter(
                 "object", "1", 0.5, 0.25, 0.0, 1.0, "diffuse reflectance of the pressed object", shape=True

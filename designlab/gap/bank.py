@@ -74,7 +74,7 @@ class Picture:
     pose : tuple of Change
         By steps `POSE_STEP` of x, y, depth and yaw; empty without a press.
     changes : mapping of (effect, parameter) to Change
-        By prior standard deviations from where the bank stands.
+        By coordinates from where the bank stands.
     spread : array, shape (repeats, groups, rows, columns), or None
         Deviations of the repeats from their mean, without what is known to be chance; None where a picture's
         random error is below what every simulation is granted.

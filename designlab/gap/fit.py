@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from designlab.design import DesignError
 from designlab.effects import effect
 from designlab.gap.bank import Bank
+from designlab.gap.coordinates import coordinate, value_at
 from designlab.gap.evidence import ALIKE, System, system
-from designlab.gap.forward import Forward, State, Unknown, coordinate, value_at
+from designlab.gap.forward import Forward, State, Unknown
 from designlab.gap.grain import grains
 from designlab.gap.noise import SMOOTH_ALIKE, Noise, noise
 from designlab.measurement.shots import POSE

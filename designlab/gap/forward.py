@@ -12,6 +12,7 @@ from designlab.design import Design, DesignError
 from designlab.effects import CATALOGUE, AppliedEffect, Effect, Parameter, SensorModel, Sight, effect
 from designlab.effects.camera import mixed
 from designlab.gap.bank import POSE_STEP, Bank, Change, Picture
+from designlab.gap.coordinates import coordinate, value_at
 from designlab.gap.warp import ORDER, Warp
 from designlab.measurement.shots import POSE, Shot
 
@@ -160,9 +161,12 @@ class Forward:
         return found
 
     def coordinates(self, name: str, values: Mapping[str, float]) -> dict[str, float]:
-        """Values as distances from where the bank stands, in prior standard deviations."""
+        """Coordinates of values from where the bank stands."""
         origin = self.bank.origin.get(name, {})
-        return {p.name: (values[p.name] - origin.get(p.name, p.null)) / p.sd for p in self.parameters[name]}
+        return {
+            p.name: coordinate(p, values[p.name]) - coordinate(p, origin.get(p.name, p.null))
+            for p in self.parameters[name]
+        }
 
     def _pose(self, state: State, number: int) -> Array:
         """Pose in steps of the bank; a common offset of the depth is part of it."""
@@ -425,18 +429,6 @@ def _pattern(state: State) -> Array | float:
     if state.pattern is None or "fixed_pattern" not in state.values:
         return 1.0
     return 1.0 + state.values["fixed_pattern"]["rms"] * state.pattern
-
-
-def coordinate(p: Parameter, value: float) -> float:
-    """Distance of a value from null in prior standard deviations; of a squared parameter its square."""
-    t = (value - p.null) / p.sd
-    return t * t if p.squared else t
-
-
-def value_at(p: Parameter, t: float) -> float:
-    """Value of a parameter at a coordinate, within its bounds."""
-    away = np.sqrt(max(t, 0.0)) if p.squared else t
-    return float(np.clip(p.null + away * p.sd, p.low, p.high))
 
 
 def bands(shot: Shot, period_rows: float) -> Array:

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.effects import Parameter
+from designlab.gap.coordinates import coordinate
 from designlab.gap.evidence import ALIKE
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter
-from designlab.gap.forward import State, Unknown, coordinate
+from designlab.gap.forward import State, Unknown
 from designlab.gap.learnt import unlisted_sd
 from designlab.gap.pattern import strengths_as_good
 from designlab.gap.result import Value

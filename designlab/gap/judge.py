@@ -9,11 +9,14 @@ from numpy.typing import NDArray
 from designlab.gap.evidence import ALIKE
 from designlab.gap.fit import Fitter
 from designlab.gap.forward import State
+from designlab.measurement.shots import POSE
 
 Array = NDArray[np.float64]
 
 LEAST_SHARE = 0.03  # of the initial gap: smaller gains are significant all the same, but say nothing
 LEAST_IMPROVED = 0.8  # of the held-out presses
+POSES_OFF = 3.0  # mean square of departures from stated poses, in their errors, that chance hardly makes
+POSES_SETTLED = 0.5  # share of it that may be left where an effect puts poses right
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +35,8 @@ class Judged:
         Penalised misfit of each, smooth errors counted as covariance.
     least : array, shape (shots,)
         What noise of the camera leaves of that.
+    poses : array, shape (4,)
+        Mean squares of departures of the presses from their stated poses, in stated errors.
     """
 
     state: State
@@ -39,6 +44,7 @@ class Judged:
     floor: Array
     objective: Array
     least: Array
+    poses: Array
 
     @property
     def gap(self) -> float:
@@ -57,13 +63,15 @@ class Gain:
 
     Smooth errors are counted as covariance here: a fall that they could bring about counts little. `squares`
     is the share of the plain squared residual over camera noise that is gone: an effect may not move error
-    from where it counts to where it is granted.
+    from where it counts to where it is granted. `settles_poses` tells whether poses that stood off what was
+    stated by more than its errors do so no longer: what poses take up leaves no residual.
     """
 
     value: float
     se: float
     improved: float
     squares: float
+    settles_poses: bool = False
 
 
 def judge(fitter: Fitter, state: State, shots: Sequence[int]) -> Judged:
@@ -78,8 +86,23 @@ def judge(fitter: Fitter, state: State, shots: Sequence[int]) -> Judged:
         floor.append(noise)
         shot, own = fitter.bank.shots[number], fitter.noises[number]
         least.append(float(((own.camera / own.sigma) ** 2)[shot.valid].sum()) / ALIKE)
-    sums = [np.array(values) for values in (per_shot, floor, objective, least)]
-    return Judged(state, *sums)
+    return Judged(
+        state,
+        np.array(per_shot),
+        np.array(floor),
+        np.array(objective),
+        np.array(least),
+        _departures(fitter, state, shots),
+    )
+
+
+def _departures(fitter: Fitter, state: State, shots: Sequence[int]) -> Array:
+    """Mean squares of departures from stated poses by x, y, depth and yaw, in stated errors."""
+    sigma = np.array([fitter.bank.shots[n].pose_sigma for n in shots]).reshape(-1, len(POSE))
+    away = np.array([state.pose(n) for n in shots]).reshape(-1, len(POSE))
+    known = sigma > 0
+    squares = np.where(known, (away / np.where(known, sigma, 1.0)) ** 2, 0.0)
+    return np.asarray(squares.sum(axis=0) / np.maximum(known.sum(axis=0), 1))
 
 
 def squared(fitter: Fitter, state: State, number: int) -> tuple[float, float]:
@@ -95,4 +118,7 @@ def gain(base: Judged, other: Judged, gap: float) -> Gain:
     falls = (base.objective - other.objective) / gap
     se = float(falls.std(ddof=1) / np.sqrt(len(falls))) if len(falls) > 1 else 0.0
     squares = 1.0 - other.mean / base.mean
-    return Gain(float(falls.mean()), se, float((falls > 0).mean()), squares)
+    worst = int(np.argmax(base.poses))
+    off, left = float(base.poses[worst]), float(other.poses.max())
+    settles = off > POSES_OFF and left < POSES_SETTLED * off
+    return Gain(float(falls.mean()), se, float((falls > 0).mean()), squares, settles)

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from designlab.effects import effect
+from designlab.gap.coordinates import coordinate
 from designlab.gap.evidence import System, log_evidence
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter
-from designlab.gap.forward import State, coordinate
+from designlab.gap.forward import State
 from designlab.gap.judge import LEAST_IMPROVED, LEAST_SHARE, Gain, Judged, gain, judge, squared
 from designlab.gap.overlap import Overlaps, overlaps
 from designlab.gap.pattern import found_pattern
@@ -281,7 +282,8 @@ class Search:
             return f"evidence {attempt.evidence:.3g}, below {DECISIVE:g}"
         if attempt.gain.value < least:
             return f"{_share_gone(attempt.gain.value)} of the gap, less than {least:.1%}"
-        if attempt.gain.squares < LEAST_SHARE:
+        settles = attempt.gain.settles_poses and attempt.gain.squares > -LEAST_SHARE
+        if attempt.gain.squares < LEAST_SHARE and not settles:
             return (
                 f"takes {attempt.gain.squares:.1%} of the squared residual away, less than {LEAST_SHARE:.1%}"
             )

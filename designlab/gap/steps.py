@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from designlab.effects import Effect, Parameter
+from designlab.gap.coordinates import coordinate
 
 Values = Mapping[str, float]
 
@@ -27,7 +28,7 @@ class Step:
     ends : tuple of values
         The two values of the effect.
     reached : tuple of tuple of float
-        For each end, how far each parameter is moved, in prior standard deviations.
+        For each end, how far the coordinate of each parameter is moved.
     usual : values
         The values between the two.
     product : bool
@@ -78,8 +79,10 @@ def _step(
         {**here, **{p.name: here[p.name] + way[end] * p.sd for p, way in zip(moved, ways, strict=True)}}
         for end in (0, 1)
     )
-    reached = tuple(way[0] for way in ways), tuple(way[1] for way in ways)
-    return Step(effect, moved, (low, high), reached, here, product)
+    before, after = (
+        tuple(coordinate(p, end[p.name]) - coordinate(p, here[p.name]) for p in moved) for end in (low, high)
+    )
+    return Step(effect, moved, (low, high), (before, after), here, product)
 
 
 def _ways(p: Parameter, here: float, far: float) -> tuple[float, float]:

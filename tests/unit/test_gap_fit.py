@@ -31,10 +31,13 @@ VIEW = DESIGN.view(40)
 GAINS = np.array([1.07, 0.95, 1.02])
 NOISE = 0.003  # of the camera, relative
 SAMPLES, SEED = 64, 1
-NAMES = ("led_position", "albedo_field", "contact_kernel", "vignetting", "colour_mixing")
+NAMES = ("led_position", "albedo_field", "translucency", "contact_kernel", "depth_offset")
+NAMES += ("vignetting", "colour_mixing")
 VALUES = {
     "led_position": {"radial_mm": 0.3, "height_mm": -0.3, "tangential_mm": 0.2},
+    "translucency": {"transmittance": 0.17, "object": 0.5},
     "contact_kernel": {"length_ratio": 1.4},
+    "depth_offset": {"offset_mm": -0.08},
     "vignetting": {"corner_loss": 0.5},
     "albedo_field": {"x": 0.03, "y": -0.02, "xx": 0.02, "xy": 0.01, "yy": -0.03},
 }
@@ -152,7 +155,9 @@ def test_poses_and_gains_are_found_without_any_effect(bank) -> None:
         np.testing.assert_allclose(found.pose(number)[:3], ERRORS[number - 1][:3], atol=0.004)
 
 
-@pytest.mark.parametrize("name", ["contact_kernel", "vignetting", "albedo_field"])
+@pytest.mark.parametrize(
+    "name", ["contact_kernel", "depth_offset", "translucency", "vignetting", "albedo_field"]
+)
 def test_the_effect_that_is_there_is_named_with_its_values(bank, name) -> None:
     fitter = seeing(bank, applied(name))
     train, select = [0, 1, 2], [3]
