@@ -22,7 +22,7 @@ from designlab.trials.pool import Trial, frames_of
 from designlab.workers import completed, submitter
 
 COLUMNS = 96
-SMALL_COLUMNS, SMALL_SAMPLES = 48, 64
+SMALL_COLUMNS, SMALL_SAMPLES = 32, 64
 SEED = 1
 NOT_PLANTED = ("kit", "without")  # fields of a trial that its set does not depend on
 MOST_CALLS = 1000  # in flight on a cluster

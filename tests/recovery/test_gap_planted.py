@@ -37,7 +37,7 @@ def renders(tmp_path_factory) -> Path:
     return tmp_path_factory.mktemp("renders")
 
 
-def diagnosed(folder: Path, effects, **options) -> GapReport:
+def diagnosed(folder: Path, effects, *, columns: int = 64, **options) -> GapReport:
     measurement = folder / "measurement"
     if not measurement.exists():
         plant(
@@ -47,10 +47,10 @@ def diagnosed(folder: Path, effects, **options) -> GapReport:
             seed=SEED,
             kit_seed=1,
             kit="small",
-            columns=64,
+            columns=columns,
             unlisted=False,
         )
-    options = {"catalogue": TRIED, "columns": 64, "samples": 64} | options
+    options = {"catalogue": TRIED, "columns": columns, "samples": columns} | options
     return diagnose(load_measurement(measurement), DESIGN, out=folder / "report", seed=SEED, **options)
 
 
@@ -79,7 +79,7 @@ def test_an_interrupted_diagnosis_goes_on_where_it_stopped(tmp_path) -> None:
         if (stage, done) == ("pictures", 12):
             raise Stop
 
-    few = {"catalogue": ("contact_kernel", "black_level")}
+    few = {"catalogue": ("contact_kernel", "black_level"), "columns": 32}
     with pytest.raises(Stop):
         diagnosed(tmp_path, {"black_level": {"G": 0.02}}, progress=interrupt, **few)
     out = tmp_path / "report"
