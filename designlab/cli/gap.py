@@ -135,7 +135,7 @@ def benchmark(args: Namespace) -> Result:
         (
             row["set"],
             row["design"],
-            row["verdict"],
+            row["verdict"].split(":")[0],
             ", ".join(row["named"]) or "-",
             "-" if row["gap_removed"] is None else f"{row['gap_removed']:.0%}",
         )
