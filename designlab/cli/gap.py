@@ -154,6 +154,7 @@ def _trials(args: Namespace) -> "list[Trial]":
 
     from designlab.trials import calibration, development, power, quick, sealed, transfers
     from designlab.trials.frozen import frozen
+    from designlab.trials.pool import shard
 
     try:
         wanted = re.compile(args.only)
@@ -177,25 +178,10 @@ def _trials(args: Namespace) -> "list[Trial]":
         pool = power(base=args.base)
     else:
         pool = (transfers if args.transfer else development)(base=args.base)
-    trials = [trial for trial in _shard(pool, args.shard) if wanted.search(trial.name)]
+    trials = [trial for trial in shard(pool, args.shard) if wanted.search(trial.name)]
     if not trials:
         raise ValueError(f"--only: no set's name matches {args.only!r}, of {len(pool)} in the pool")
     return [replace(trial, kit=args.kit) for trial in trials]
-
-
-def _shard(pool: "list[Trial]", text: str | None) -> "list[Trial]":
-    """Part k of n, in an order by chance that is always the same: each part holds sets of all families."""
-    import numpy as np
-
-    if text is None:
-        return pool
-    part, slash, parts = text.partition("/")
-    if not slash or not (part.isdigit() and parts.isdigit()) or not 1 <= int(part) <= int(parts):
-        raise ValueError(f"--shard: must be K/N with K from 1 to N, got {text!r}")
-    if int(parts) > len(pool):
-        raise ValueError(f"--shard: the pool has {len(pool)} sets, got {text!r}")
-    order = np.random.default_rng(0).permutation(len(pool))
-    return [pool[number] for number in sorted(order[int(part) - 1 :: int(parts)])]
 
 
 def _rates(found: dict[str, Any]) -> list[str]:

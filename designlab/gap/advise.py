@@ -88,8 +88,8 @@ def _actions(fitter: Fitter, seen: Observations) -> list[Action]:
     background = shots[untouched]
     everything = np.ones(len(names))
 
-    def bare(text: str, minutes: float, fields: Mapping[str, Any], **changes: object) -> Action:
-        shot = replace(background, **changes)  # type: ignore[arg-type]
+    def bare(text: str, minutes: float, fields: Mapping[str, Any], **changes: Any) -> Action:
+        shot = replace(background, **changes)
         return Action(text, shot, untouched, minutes, {"kind": "background", **fields})
 
     found = [

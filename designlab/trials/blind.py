@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from functools import cache
 from importlib.resources import files
 from itertools import combinations, count, islice
+from typing import Any
 
 import numpy as np
 
@@ -97,13 +98,13 @@ def classes() -> dict[str, tuple[str, ...]]:
 def _pool(name: str, sizes: dict[str, int], first: int, kit_seed: int) -> list[Trial]:
     seeds = count(first)
 
-    def trial(family: str, number: int, design: int, **hidden: object) -> Trial:
+    def trial(family: str, number: int, design: int, **hidden: Any) -> Trial:
         return Trial(
             f"{name}-{family}-{number:03d}",
             AIR[design % 2],
             next(seeds),
             kit_seed=kit_seed,
-            **hidden,  # type: ignore[arg-type]
+            **hidden,
         )
 
     found = [trial("nothing", k, k) for k in range(sizes["nothing"])]

@@ -1,8 +1,10 @@
 """Which sets a pool holds: designs, what is hidden in each, seeds."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
+
+import numpy as np
 
 from designlab.measurement import Measurement
 from designlab.measurement.frames import Frame
@@ -96,6 +98,30 @@ def frames_of(measurement: Measurement, kit: str) -> Measurement:
     return measurement.model_copy(
         update={"frames": tuple(frame for frame in measurement.frames if kept(frame))}
     )
+
+
+def shard(pool: Sequence[Trial], text: str | None) -> list[Trial]:
+    """Part of a pool, in an order by chance that is always the same: each part holds sets of all families.
+
+    Parameters
+    ----------
+    text : str, optional
+        ``k/n`` for the k-th of n parts; the whole pool when absent.
+
+    Raises
+    ------
+    ValueError
+        If `text` names no part.
+    """
+    if text is None:
+        return list(pool)
+    part, slash, parts = text.partition("/")
+    if not slash or not (part.isdigit() and parts.isdigit()) or not 1 <= int(part) <= int(parts):
+        raise ValueError(f"--shard: must be K/N with K from 1 to N, got {text!r}")
+    if int(parts) > len(pool):
+        raise ValueError(f"--shard: the pool has {len(pool)} sets, got {text!r}")
+    order = np.random.default_rng(0).permutation(len(pool))
+    return [pool[number] for number in sorted(order[int(part) - 1 :: int(parts)])]
 
 
 def power(*, base: int = 0) -> list[Trial]:

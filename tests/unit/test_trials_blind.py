@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from designlab import cli
-from designlab.cli.gap import _shard
 from designlab.design import preset
 from designlab.effects import effect
 from designlab.gap.learnt import unlisted_sd
@@ -16,7 +15,7 @@ from designlab.plant.beyond import outside_kinds
 from designlab.trials import calibration, development, power, sealed
 from designlab.trials.blind import CONFOUNDED, NAMED_KINDS, OVER_LIMIT, STRONG, TEST, detection_limits
 from designlab.trials.frozen import frozen
-from designlab.trials.pool import AIR, Trial
+from designlab.trials.pool import AIR, Trial, shard
 from designlab.trials.score import same
 
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
@@ -79,11 +78,11 @@ def test_no_two_pools_share_a_set() -> None:
 
 
 def test_shards_are_parts_of_one_pool_with_sets_of_all_families() -> None:
-    parts = [_shard(POOL, f"{k}/4") for k in range(1, 5)]
+    parts = [shard(POOL, f"{k}/4") for k in range(1, 5)]
     assert sorted(trial.seed for part in parts for trial in part) == sorted(trial.seed for trial in POOL)
     assert all({family(trial) for trial in part} == set(TEST) for part in parts)
-    assert _shard(POOL, None) == POOL
-    assert len({strength for t in _shard(power(), "1/6") for strength in t.effects.values()}) == 6
+    assert shard(POOL, None) == POOL
+    assert len({strength for t in shard(power(), "1/6") for strength in t.effects.values()}) == 6
 
 
 def test_what_was_learnt_covers_the_catalogue_in_the_package() -> None:
