@@ -122,6 +122,17 @@ def test_one_set_of_each_design_comes_first_and_what_is_there_is_not_run_again(t
         kept(stronger, tmp_path, "records", fails_at(""), None, Crew())
 
 
+@pytest.mark.parametrize(
+    ("text", "words"), [('{"trial": ', "cannot be read"), ("[]", "no record"), ("{}", "otherwise")]
+)
+def test_a_damaged_record_is_named(tmp_path, text, words) -> None:
+    path = tmp_path / "outcomes" / "t-1.json"
+    path.parent.mkdir()
+    path.write_text(text)
+    with pytest.raises(ValueError, match=rf"t-1\.json: .*{words}"):
+        run([Trial("t", AIR[0], 1)], tmp_path)
+
+
 def test_records_of_another_version_are_named(tmp_path) -> None:
     trial = Trial("t", AIR[0], 1)
     write_json(tmp_path / "outcomes" / "t-1.json", {"trial": asdict(trial), "verdict": "named"})
