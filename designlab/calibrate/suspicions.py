@@ -93,8 +93,11 @@ class Picture:
 
     @property
     def sigma(self) -> Array:
-        """Noise, and what the simulation is not trusted with."""
-        level = np.abs(self.signal.mean(axis=(0, 1)))
+        """Noise, and what the simulation is not trusted with: a share of the brightest channel.
+
+        A dim channel holds as much again of what filters let through of the others.
+        """
+        level = np.abs(self.signal.mean(axis=(0, 1))).max()
         return np.asarray(np.sqrt(self.variance + (MODEL_ERROR * level) ** 2) + 1e-12)
 
 
@@ -190,8 +193,7 @@ def _of_single(pictures: Sequence[Picture], black: Array, response: str) -> tupl
         if light is None or light.misfit > MOST_MISFIT_ALONE:
             continue
         declared = misfit(picture, light)
-        orders = [Fault(order=order) for order in itertools.permutations(ORDER)]
-        candidates = [*_shared([picture], response), *orders]
+        candidates = [*_shared([picture], response), *_orders(picture)]
         tried = {
             fault: misfit(picture.without(fault, black), light) for fault in candidates if fault.parts == 1
         }
@@ -211,6 +213,14 @@ def _shared(pictures: Sequence[Picture], response: str) -> Iterator[Fault]:
     turns = list(TURNS) if all(picture.square for picture in pictures) else list(TURNS)[:4]
     for turn, curve in itertools.product(turns, (None, *other_curves(response))):
         yield Fault(turn, curve)
+
+
+def _orders(picture: Picture) -> Iterator[Fault]:
+    """Orders of channels that one picture tells: dim channels hold what a model leaves out of bright ones."""
+    brightest = int(np.argmax(picture.signal.mean(axis=(0, 1))))
+    for order in itertools.permutations(ORDER):
+        if order[brightest] != brightest:
+            yield Fault(order=order)
 
 
 def fitted_light(pictures: Sequence[Picture], fault: Fault, black: Array) -> Light:

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 STRENGTHS = np.geomspace(3e-4, 0.1, 26)  # relative
 FINE = 600  # strengths of a range
+COARSEST = 0.4  # of the finest frequency: a wavy gel leaves coarser patterns too, no finer ones
 
 
 class Pattern(NamedTuple):
@@ -32,7 +33,7 @@ def found_pattern(fitter: Fitter, state: State, shots: Sequence[int]) -> Pattern
 
     In the coefficients of a cosine transform, what all shots have in common is noise, the smooth error that
     is granted, and the pattern, which alone is as strong in fine coefficients as in coarse ones. The strength
-    is the one with the most evidence.
+    is the one with the most evidence; what speaks for a pattern at all are its fine coefficients.
     """
     mean, smooth = _common(fitter, state, shots)
     evidence = [_evidence(mean, smooth, rms) for rms in STRENGTHS]
@@ -43,8 +44,10 @@ def found_pattern(fitter: Fitter, state: State, shots: Sequence[int]) -> Pattern
     )
     rms = float(np.exp(found.x))
     values = _estimated(fitter, state, shots, rms)
+    fine = _frequencies(mean.shape[:2]) >= COARSEST
     # Scanning strengths takes no more than this from the evidence.
-    return Pattern(values / rms, rms, float(-found.fun / ALIKE - np.log(len(STRENGTHS))))
+    sure = _evidence(mean[fine], smooth[fine], rms) / ALIKE - np.log(len(STRENGTHS))
+    return Pattern(values / rms, rms, float(sure))
 
 
 def strengths_as_good(
@@ -105,3 +108,9 @@ def _evidence(mean: Array, smooth: Array, rms: float) -> float:
     """Logarithm of the Bayes factor of a pattern of some strength against none."""
     gained = 0.5 * mean**2 * (1 / smooth - 1 / (smooth + rms**2)) - 0.5 * np.log1p(rms**2 / smooth)
     return float(gained.sum())
+
+
+def _frequencies(shape: tuple[int, ...]) -> Array:
+    """Spatial frequencies of a cosine transform (rows, columns), over that of one step a pixel."""
+    rows, columns = (np.arange(count) / count for count in shape)
+    return np.hypot(rows[:, None], columns)

@@ -23,7 +23,7 @@ AS_GOOD = 3.0  # difference of such logarithms within which effects are not told
 AS_GOOD_SHARE = 0.05  # likewise, of the whole: to no better than that an effect itself is known to be right
 SURE_SE = 1.5  # standard errors that a gain must exceed: presses differ in how much they show of an effect
 OVERLAP = 0.95  # share of a signature from which another effect can stand for it
-ENVELOPE = 1.3  # mean squared residual over the floor below which no further effect is looked for
+LEAST_OF_FIRST = 0.005  # of the first gap that later effects must close: models of earlier ones err as much
 RIVAL = "numerical"
 PERIODS = np.geomspace(40.0, 2000.0, 120)  # rows of the full sensor
 
@@ -33,10 +33,11 @@ class Attempt:
     """One candidate, fitted and judged.
 
     `evidence` is the logarithm of the Bayes factor against the model without it, on the shots fitted to and
-    on held-out ones together.
+    on held-out ones together; `left` is the gap it began from.
     """
 
     name: str
+    left: float
     fit: Fit
     judged: Judged
     gain: Gain
@@ -98,8 +99,6 @@ class Search:
             if attempt is None:
                 break
             best, now = self._pruned(number, attempt.fit, attempt.judged)
-            if now.mean < ENVELOPE * float(now.floor.mean()):
-                break
         return best, first, now
 
     def _round(self, number: int, base: Fit, now: Judged) -> Attempt | None:
@@ -169,7 +168,7 @@ class Search:
             judged = judge(self.fitter, without.state, self.select)
             evidence = 0.5 * (without.objective - best.objective) - self._occam(best, winner.name)
             evidence += 0.5 * float((judged.objective - now.objective).sum())
-            attempt = Attempt(winner.name, best, now, gain(judged, now, self.gap), evidence)
+            attempt = Attempt(winner.name, judged.gap, best, now, gain(judged, now, self.gap), evidence)
             if reason := self._refused(attempt, without.state):
                 self._note(number, attempt, f"dropped: {reason}")
                 self.winners.remove(winner)
@@ -241,7 +240,7 @@ class Search:
             self._reached[name] = found.state
         judged = judge(fitter, found.state, self.select)
         evidence += 0.5 * float((now.objective - judged.objective).sum())
-        return Attempt(name, found, judged, gain(now, judged, self.gap), evidence)
+        return Attempt(name, now.gap, found, judged, gain(now, judged, self.gap), evidence)
 
     def _occam(self, found: Fit, name: str) -> float:
         """Half the logarithm of how much narrower the fit has made an effect's parameters."""
@@ -275,13 +274,18 @@ class Search:
 
     def _refused(self, attempt: Attempt, base: State) -> str:
         """Why a candidate does not pass; empty if it does."""
-        # Draws of shots differ by their nature: the spread of their gains is no error.
-        drawn = attempt.name in DRAWN_SD
-        least = LEAST_SHARE if drawn else max(SURE_SE * attempt.gain.se, LEAST_SHARE)
         if attempt.evidence < DECISIVE:
             return f"evidence {attempt.evidence:.3g}, below {DECISIVE:g}"
+        least = max(LEAST_SHARE * attempt.left / self.gap, LEAST_OF_FIRST)
         if attempt.gain.value < least:
             return f"{_share_gone(attempt.gain.value)} of the gap, less than {least:.1%}"
+        # Draws of shots differ by their nature: the spread of their gains is no error.
+        drawn = attempt.name in DRAWN_SD
+        if not drawn and attempt.gain.errors < SURE_SE:
+            return (
+                f"{_share_gone(attempt.gain.value)} of the gap, {attempt.gain.errors:.1f} times what differs "
+                f"between presses, less than {SURE_SE:g}"
+            )
         settles = attempt.gain.settles_poses and attempt.gain.squares > -LEAST_SHARE
         if attempt.gain.squares < LEAST_SHARE and not settles:
             return (

@@ -17,15 +17,16 @@ from designlab.gap.bank import Picture
 from designlab.gap.basis import Renders
 from designlab.gap.fit import Fit
 from designlab.gap.forward import State
-from designlab.gap.judge import LEAST_SHARE, Gain
+from designlab.gap.judge import LEAST_SHARE, Gain, over, standard_error
 from designlab.gap.result import Candidate
-from designlab.gap.search import DECISIVE, ENVELOPE, Search, fitted
+from designlab.gap.search import DECISIVE, Search, fitted
 from designlab.gap.single_press.blocks import SCALE, SELECT, TRAIN, FrameFitter, block_numbers, centred
 from designlab.measurement.shots import POSE, Shot
 
 Array = NDArray[np.float64]
 
 MOST_EFFECTS = 6  # beside the scale
+ENVELOPE = 1.3  # mean squared residual over the floor below which no further effect is looked for
 FITTED = 8  # candidates of a round that are fitted to the end
 SETTLING = 4  # times that pictures are rendered anew about what was found
 UNSEEN = {
@@ -202,9 +203,9 @@ class FrameSearch:
     def _gain(self, before: Array, after: Array) -> Gain:
         """Fall of the misfit as a share of the gap; its error from the spread between blocks."""
         falls = (before - after) / self.gap
-        error = float(falls.std(ddof=1) / np.sqrt(len(falls)))
+        error = standard_error(falls)
         squares = 1.0 - float(after.mean() / before.mean())
-        return Gain(float(falls.mean()), error, float((falls > 0).mean()), squares)
+        return Gain(float(falls.mean()), error, float((falls > 0).mean()), squares, over(falls.mean(), error))
 
     def _refused(self, fitter: FrameFitter, attempt: Attempt) -> str:
         """Why a candidate does not pass; empty if it does."""
