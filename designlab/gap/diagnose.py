@@ -18,6 +18,7 @@ from designlab.gap.control import control
 from designlab.gap.fit import Fit, Fitter
 from designlab.gap.intervals import values
 from designlab.gap.judge import Judged, judge
+from designlab.gap.learnt import left_of_nothing
 from designlab.gap.observe import observe
 from designlab.gap.pictures import draw
 from designlab.gap.result import Found, GapReport, Level, Overlap, Verdict
@@ -38,7 +39,8 @@ RECENTRINGS = 3  # times that pictures are rendered anew about what was found
 SETTLED_SD = 0.25  # prior standard deviations that values may still move by then
 UNEXPLAINED_ABOVE = 0.5  # leftover share of the gap from which nothing is named
 PARTIAL_ABOVE = 0.15
-AT_FLOOR = 3.0  # mean squared residual over the floor below which there is no gap to explain
+AT_FLOOR = 1.3  # mean squared residual over the floor below which there is no gap to explain
+NEAR = 0.8  # likewise, below which names leave nothing to explain; sets that hide nothing are below it
 
 
 def diagnose(
@@ -249,17 +251,26 @@ def _names(model: SensorModel, catalogue: Sequence[str] | None) -> list[str]:
 
 
 def _verdict(search: Search, before: Judged, after: Judged) -> Verdict:
-    """Judge by the select presses alone."""
-    excess, left = (float((judged.per_shot - judged.floor).mean()) for judged in (before, after))
-    near = after.mean < AT_FLOOR * float(after.floor.mean())
+    """Judge by the select presses alone.
+
+    The floor is what the simulation may be wrong by. What sets that hide nothing leave is less: names that
+    leave more than that have not explained all.
+    """
+    floor = float(after.floor.mean())
     if not search.winners:
-        return "at_floor" if near else "unexplained"
-    share = max(left, 0.0) / max(excess, 1e-12)
-    if share > UNEXPLAINED_ABOVE and not near:
+        return "at_floor" if after.mean < AT_FLOOR * floor else "unexplained"
+    if _left(before.mean, after.mean, floor) > UNEXPLAINED_ABOVE:
         return "unexplained"
     if any(len(winner.coherence_set) > 1 for winner in search.winners):
         return "ambiguous"
-    return "partial" if share > PARTIAL_ABOVE and not near else "named"
+    near = after.mean < NEAR * floor
+    whole = near or _left(before.mean, after.mean, left_of_nothing() * floor) <= PARTIAL_ABOVE
+    return "named" if whole else "partial"
+
+
+def _left(before: float, after: float, level: float) -> float:
+    """Share of the excess over a level that is left."""
+    return max(after - level, 0.0) / max(before - level, 1e-12)
 
 
 def _overlaps(search: Search) -> tuple[Overlap, ...]:

@@ -64,16 +64,17 @@ class Gain:
     Smooth errors are counted as covariance here: a fall that they could bring about counts little. `squares`
     is the share of the plain squared residual over camera noise that is gone: an effect may not move error
     from where it counts to where it is granted. `settles_poses` tells whether poses that stood off what was
-    stated by more than its errors do so no longer: what poses take up leaves no residual. `errors` is the
-    fall over its own error by the spread between shots, of shares of the first gap or of the own gap of each
-    shot, whichever is larger: where few shots show most of an effect, the first spread is no error.
+    stated by more than its errors do so no longer: what poses take up leaves no residual. `own` is the mean
+    of what each shot gains as a share of its own gap, `own_se` its error: where few shots show most of an
+    effect, the spread of the other shares is no error.
     """
 
     value: float
     se: float
     improved: float
     squares: float
-    errors: float
+    own: float
+    own_se: float
     settles_poses: bool = False
 
 
@@ -120,20 +121,21 @@ def gain(base: Judged, other: Judged, gap: float) -> Gain:
     """Compare two states by the spread between held-out shots; one alone shows none."""
     falls = (base.objective - other.objective) / gap
     own = (base.objective - other.objective) / np.maximum(base.objective - base.least, 1.0)
-    se = standard_error(falls)
-    errors = max(over(falls.mean(), se), over(own.mean(), standard_error(own)))
     squares = 1.0 - other.mean / base.mean
     worst = int(np.argmax(base.poses))
     off, left = float(base.poses[worst]), float(other.poses.max())
     settles = off > POSES_OFF and left < POSES_SETTLED * off
-    return Gain(float(falls.mean()), se, float((falls > 0).mean()), squares, errors, settles)
+    return Gain(
+        float(falls.mean()),
+        standard_error(falls),
+        float((falls > 0).mean()),
+        squares,
+        float(own.mean()),
+        standard_error(own),
+        settles,
+    )
 
 
 def standard_error(values: Array) -> float:
     """Error of the mean of several values by their spread; none of a single one."""
     return float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
-
-
-def over(value: float, error: float) -> float:
-    """How many of its errors a value is; infinitely many without one."""
-    return float(value / error) if error > 0 else float(np.copysign(np.inf, value))

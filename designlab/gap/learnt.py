@@ -8,6 +8,7 @@ import json
 from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
+from typing import Any
 
 FILE = "learnt.json"
 """Written by ``designlab gap benchmark`` for whole pools, power or calibration."""
@@ -24,7 +25,7 @@ def unlisted_sd(effect: str, parameter: str, *, shape: bool) -> float:
         Whether the parameter only says how another acts: such have values of their own, all others of an
         effect share one.
     """
-    known = _learnt()["unlisted_sd"]
+    known: dict[str, float] = _learnt()["unlisted_sd"]
     if shape and f"{effect}.{parameter}" in known:
         return known[f"{effect}.{parameter}"]
     if effect in known:
@@ -33,9 +34,12 @@ def unlisted_sd(effect: str, parameter: str, *, shape: bool) -> float:
     return ordered[len(ordered) // 2]
 
 
+def left_of_nothing() -> float:
+    """Mean squared residual over the floor that is usual of sets in which nothing is hidden."""
+    return float(_learnt()["left_of_nothing"])
+
+
 @cache
-def _learnt() -> Mapping[str, dict[str, float]]:
-    content: Mapping[str, dict[str, float]] = json.loads(
-        files("designlab.gap").joinpath(FILE).read_text(encoding="utf-8")
-    )
+def _learnt() -> Mapping[str, Any]:
+    content: Mapping[str, Any] = json.loads(files("designlab.gap").joinpath(FILE).read_text(encoding="utf-8"))
     return content

@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 STRENGTHS = np.geomspace(3e-4, 0.1, 26)  # relative
 FINE = 600  # strengths of a range
+FEW = 0.01  # of the coefficients
 COARSEST = 0.4  # of the finest frequency: a wavy gel leaves coarser patterns too, no finer ones
 
 
@@ -60,6 +61,13 @@ def strengths_as_good(
     good = powers[evidence >= evidence.max() - within]
     step = powers[1] - powers[0]
     return float(np.exp(good[0] - step)), float(np.exp(good[-1] + step))
+
+
+def in_few_waves(values: Array) -> float:
+    """Share of a pattern's fine energy that few waves hold: 0.09 of white noise, nearly all of a moire."""
+    fine = transformed(values)[_frequencies(values.shape[:2]) >= COARSEST]
+    energy = np.sort(fine.ravel() ** 2)
+    return float(energy[-max(1, round(FEW * energy.size)) :].sum() / energy.sum())
 
 
 def _residuals(fitter: Fitter, state: State, shots: Sequence[int]) -> Iterator[tuple[Noise, Array, Array]]:

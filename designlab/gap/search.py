@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from designlab.effects import effect
 from designlab.gap.coordinates import coordinate
@@ -13,17 +14,22 @@ from designlab.gap.fit import DRAWN_SD, Fit, Fitter
 from designlab.gap.forward import State
 from designlab.gap.judge import LEAST_IMPROVED, LEAST_SHARE, Gain, Judged, gain, judge, squared
 from designlab.gap.overlap import Overlaps, overlaps
-from designlab.gap.pattern import found_pattern
+from designlab.gap.pattern import found_pattern, in_few_waves
 from designlab.gap.result import Candidate
+
+Array = NDArray[np.float64]
 
 MOST_EFFECTS = 4
 FITTED = 6  # candidates of a round that are fitted to the end
 DECISIVE = 10.0  # logarithm of the Bayes factor from which an effect counts as seen
 AS_GOOD = 3.0  # difference of such logarithms within which effects are not told apart
 AS_GOOD_SHARE = 0.05  # likewise, of the whole: to no better than that an effect itself is known to be right
-SURE_SE = 1.5  # standard errors that a gain must exceed: presses differ in how much they show of an effect
+LEAST_OWN = 0.1  # of the own gap of a press, in the mean, where few presses show most of an effect
+SURE_SE = 1.5  # standard errors that a gain must be beyond: presses differ in how much they show of an effect
 OVERLAP = 0.95  # share of a signature from which another effect can stand for it
-LEAST_OF_FIRST = 0.005  # of the first gap that later effects must close: models of earlier ones err as much
+LEAST_OF_FIRST = 0.005  # of the first gap that any later effect must close
+MODEL_ERROR = 0.15  # share of what a found effect does that its own model may miss, and another make up for
+MOST_IN_WAVES = 0.25  # of the energy of a fixed pattern in its strongest waves
 RIVAL = "numerical"
 PERIODS = np.geomspace(40.0, 2000.0, 120)  # rows of the full sensor
 
@@ -46,11 +52,12 @@ class Attempt:
 
 @dataclass(frozen=True, eq=False)
 class Winner:
-    """An effect that was accepted, with the effects that do as well."""
+    """An effect that was accepted, with the effects that do as well and the share of the gap it closed."""
 
     name: str
     confidence: float
     coherence_set: tuple[str, ...]
+    gain: float
 
 
 @dataclass
@@ -82,6 +89,7 @@ class Search:
     screened: list[dict[str, float]] = field(default_factory=list)
     _steps: int = 0
     _reached: dict[str, State] = field(default_factory=dict)
+    _imitated: dict[str, float] = field(default_factory=dict)
 
     def run(self, state: State) -> tuple[Fit, Judged, Judged]:
         """Add effects until none passes.
@@ -129,7 +137,8 @@ class Search:
         nearly = max(AS_GOOD, AS_GOOD_SHARE * most_likely.evidence)
         equal = [a for a in passed if most_likely.evidence - a.evidence <= nearly]
         # Of effects that explain as much, the simplest: another has parameters for what nobody has listed.
-        best = min(equal, key=lambda a: (len(self.fitter.forward.parameters[a.name]), -a.evidence))
+        as_much = [a for a in equal if not self._closes_more(most_likely, a)]
+        best = min(as_much, key=lambda a: (len(self.fitter.forward.parameters[a.name]), -a.evidence))
         alike = self._alike(best, base, [a.name for a in passed])
         equal += [a for a in passed if a.name in alike and a not in equal]
         equal.sort(key=lambda a: (a is not best, -a.evidence))
@@ -137,10 +146,16 @@ class Search:
         shots = len(now.per_shot)
         # Few presses cannot make anything certain (rule of succession).
         most = (round(best.gain.improved * shots) + 1) / (shots + 2)
-        self.winners.append(Winner(best.name, min(share, most), tuple(a.name for a in equal)))
+        alike_ones = tuple(a.name for a in equal)
+        self.winners.append(Winner(best.name, min(share, most), alike_ones, best.gain.value))
         if len(equal) > 1:
             self.alternatives = {a.name: a.fit.state for a in equal}
         return best
+
+    def _closes_more(self, one: Attempt, other: Attempt) -> bool:
+        """Whether one candidate closes more of the gap than another, press by press."""
+        more = gain(other.judged, one.judged, self.gap)
+        return more.value >= LEAST_SHARE and more.value > SURE_SE * more.se
 
     def _alike(self, best: Attempt, base: Fit, passed: Sequence[str]) -> set[str]:
         """Effects that bring about nearly all of what the best one was found to do.
@@ -153,10 +168,7 @@ class Search:
         held = [name for name in base.state.values if name != "fixed_pattern"]
         unknowns = self.fitter.unknowns(base.state, [*held, *linear], self.train)
         found = self.fitter.system(base.state, self.train, unknowns)
-        values = best.fit.state.values[best.name]
-        parameters = self.fitter.forward.parameters[best.name]
-        step = np.array([coordinate(p, values[p.name]) for p in parameters])
-        table = overlaps(found, linear, {best.name: step})
+        table = overlaps(found, linear, {best.name: self._step(best.fit.state, best.name)})
         return {name for name in linear if table.get((best.name, name), 0.0) >= OVERLAP}
 
     def _pruned(self, number: int, best: Fit, now: Judged) -> tuple[Fit, Judged]:
@@ -188,12 +200,27 @@ class Search:
         whole = self.fitter.system(state, self.train, unknowns)
         if not self.overlaps:
             self.overlaps = overlaps(whole, linear)
+        self._imitated = self._imitating(whole, state, linear)
         found = {name: _linear_evidence(whole, name, linear) for name in linear}
         if "banding" in names:
             found["banding"] -= float(np.log(len(PERIODS)))
         if "fixed_pattern" in names:
             found["fixed_pattern"] = found_pattern(self.fitter, base.state, self.train).evidence
         return found
+
+    def _imitating(self, whole: System, state: State, names: Sequence[str]) -> dict[str, float]:
+        """Share of the gap that each candidate may close by putting right what found effects miss by."""
+        gains = {w.name: w.gain for w in self.winners if w.name in state.values and w.name != "fixed_pattern"}
+        table = overlaps(whole, [*gains, *names], {name: self._step(state, name) for name in gains})
+        return {
+            name: MODEL_ERROR * sum(gain * table.get((other, name), 0.0) for other, gain in gains.items())
+            for name in names
+        }
+
+    def _step(self, state: State, name: str) -> Array:
+        """How far the parameters of an effect lie from null, in prior standard deviations."""
+        values = state.values[name]
+        return np.array([coordinate(p, values[p.name]) for p in self.fitter.forward.parameters[name]])
 
     def _with_period(self, state: State) -> State:
         """Give banding the period of which the training shots hold most."""
@@ -276,16 +303,18 @@ class Search:
         """Why a candidate does not pass; empty if it does."""
         if attempt.evidence < DECISIVE:
             return f"evidence {attempt.evidence:.3g}, below {DECISIVE:g}"
-        least = max(LEAST_SHARE * attempt.left / self.gap, LEAST_OF_FIRST)
+        least = max(
+            LEAST_SHARE * attempt.left / self.gap, LEAST_OF_FIRST, self._imitated.get(attempt.name, 0.0)
+        )
         if attempt.gain.value < least:
             return f"{_share_gone(attempt.gain.value)} of the gap, less than {least:.1%}"
         # Draws of shots differ by their nature: the spread of their gains is no error.
         drawn = attempt.name in DRAWN_SD
-        if not drawn and attempt.gain.errors < SURE_SE:
-            return (
-                f"{_share_gone(attempt.gain.value)} of the gap, {attempt.gain.errors:.1f} times what differs "
-                f"between presses, less than {SURE_SE:g}"
-            )
+        sure = attempt.gain.value - SURE_SE * attempt.gain.se >= least
+        sure_own = attempt.gain.own - SURE_SE * attempt.gain.own_se >= LEAST_OWN
+        if not (drawn or sure or sure_own):
+            share, se = attempt.gain.value, attempt.gain.se
+            return f"closes {share:.1%} of the gap, give or take {se:.1%}: {least:.1%} are not sure"
         settles = attempt.gain.settles_poses and attempt.gain.squares > -LEAST_SHARE
         if attempt.gain.squares < LEAST_SHARE and not settles:
             return (
@@ -298,6 +327,9 @@ class Search:
             return f"adds {worse:.1%} to the residual of the untouched gel"
         if bound := self.fitter.at_bound(attempt.fit.state, attempt.name):
             return f"at the bound of {', '.join(bound)}"
+        pattern = attempt.fit.state.pattern if attempt.name == "fixed_pattern" else None
+        if pattern is not None and (share := in_few_waves(pattern)) > MOST_IN_WAVES:
+            return f"{share:.0%} of it lie in few waves, which no sensor's own pattern does"
         if far := self.fitter.beyond_prior(attempt.fit.state, attempt.name):
             return f"beyond what is likely of {', '.join(far)}"
         return ""

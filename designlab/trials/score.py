@@ -9,7 +9,6 @@ import numpy as np
 from designlab.design import preset
 from designlab.effects import effect
 from designlab.trials.detection import in_units, limits
-from designlab.trials.pool import AIR
 from designlab.trials.runner import Outcome
 
 CLASSES: tuple[frozenset[str], ...] = (frozenset({"lens_distortion", "camera_pose"}),)
@@ -42,10 +41,7 @@ def score(outcomes: Iterable[Outcome]) -> dict[str, Any]:
     return found | {
         "confidence": reliability(sure(outcomes)),
         "confusion": _confusion(outcomes),
-        "limits": {
-            kind: asdict(limit) | {"in_units": in_units(kind, limit.strength, preset(AIR[0]))}
-            for kind, limit in limits(_by_strength(single)).items()
-        },
+        "limits": _limits(single),
         "rows": [
             {
                 "set": o.trial["name"],
@@ -158,13 +154,19 @@ def reliability(said: Sequence[tuple[float, bool]]) -> dict[str, Any] | None:
     return {"error": error, "names": len(ordered), "bins": bins}
 
 
-def _by_strength(single: Iterable[Outcome]) -> dict[str, list[tuple[float, bool]]]:
-    """Strength of each set and whether it was named right, of kinds planted at several strengths."""
-    found: dict[str, list[tuple[float, bool]]] = {}
+def _limits(single: Iterable[Outcome]) -> dict[str, dict[str, Any]]:
+    """Detection limit of each kind, on the design where it is larger."""
+    sets: dict[tuple[str, str], list[tuple[float, bool]]] = {}
     for o in single:
         ((kind, strength),) = o.trial["effects"].items()
-        found.setdefault(kind, []).append((strength, _first_right(o)))
-    return {kind: sets for kind, sets in found.items() if len({strength for strength, _ in sets}) > 1}
+        sets.setdefault((kind, o.trial["design"]), []).append((strength, _first_right(o)))
+    sets = {place: tried for place, tried in sets.items() if len({strength for strength, _ in tried}) > 1}
+    found: dict[str, dict[str, Any]] = {}
+    for (kind, design), limit in limits(sets).items():
+        if kind not in found or limit.strength > found[kind]["strength"]:
+            units = in_units(kind, limit.strength, preset(design))
+            found[kind] = asdict(limit) | {"design": design, "in_units": units}
+    return found
 
 
 def rate(events: Iterable[bool]) -> dict[str, float] | None:

@@ -17,7 +17,7 @@ from designlab.gap.bank import Picture
 from designlab.gap.basis import Renders
 from designlab.gap.fit import Fit
 from designlab.gap.forward import State
-from designlab.gap.judge import LEAST_SHARE, Gain, over, standard_error
+from designlab.gap.judge import LEAST_SHARE, Gain, standard_error
 from designlab.gap.result import Candidate
 from designlab.gap.search import DECISIVE, Search, fitted
 from designlab.gap.single_press.blocks import SCALE, SELECT, TRAIN, FrameFitter, block_numbers, centred
@@ -205,7 +205,8 @@ class FrameSearch:
         falls = (before - after) / self.gap
         error = standard_error(falls)
         squares = 1.0 - float(after.mean() / before.mean())
-        return Gain(float(falls.mean()), error, float((falls > 0).mean()), squares, over(falls.mean(), error))
+        value = float(falls.mean())
+        return Gain(value, error, float((falls > 0).mean()), squares, value, error)
 
     def _refused(self, fitter: FrameFitter, attempt: Attempt) -> str:
         """Why a candidate does not pass; empty if it does."""
