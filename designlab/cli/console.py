@@ -10,6 +10,7 @@ import sys
 import traceback
 from collections.abc import Iterator, Sequence
 from importlib import import_module
+from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
@@ -20,6 +21,8 @@ DEBUG_VARIABLE = "DESIGNLAB_DEBUG"
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
+_PACKAGE = Path(__file__).parents[1]
+_FILE = re.compile(r'^ *File "([^"]+)"', re.MULTILINE)
 _OWN_PACKAGES = ("designlab", "geometries")
 _TEMPORARY = re.compile(r"\.([^/]+)\.[0-9a-f]{8,32}\.partial")
 
@@ -99,7 +102,7 @@ def _judge(error: Exception) -> tuple[int, str]:
         return FAILED, f"the package {error.name} is missing; `designlab doctor` says how to get it"
     if isinstance(error, RuntimeError) and _is_ours(error):
         return FAILED, _one_line(error)
-    where = _innermost(error.__traceback__)
+    where = _raised_in(error)
     return FAILED, (
         f"a defect of designlab: {type(error).__name__}: {_one_line(error)} ({where}). "
         "Please report it with what `--debug` prints"
@@ -109,11 +112,20 @@ def _judge(error: Exception) -> tuple[int, str]:
 def _is_ours(error: Exception) -> bool:
     """Whether one of our modules raised an exception on purpose, rather than a library in its depths."""
     own_type = type(error).__module__.partition(".")[0] in _OWN_PACKAGES
-    return own_type or _innermost(error.__traceback__).partition(".")[0] in _OWN_PACKAGES
+    return own_type or _raised_in(error).partition(".")[0] in _OWN_PACKAGES
+
+
+def _raised_in(error: Exception) -> str:
+    """Name of the module where an exception was raised, in this process or in a worker."""
+    # A worker's exception brings its traceback along as a text, the last file of which raised it.
+    files = _FILE.findall(str(error.__cause__)) if type(error.__cause__).__name__ == "_RemoteTraceback" else []
+    if files and Path(files[-1]).is_relative_to(_PACKAGE):
+        return ".".join(Path(files[-1]).with_suffix("").relative_to(_PACKAGE.parent).parts)
+    return _innermost(error.__traceback__)
 
 
 def _innermost(trace: TracebackType | None) -> str:
-    """Name of the module where an exception was raised."""
+    """Name of the module of the last frame of a traceback."""
     while trace is not None and trace.tb_next is not None:
         trace = trace.tb_next
     return str(trace.tb_frame.f_globals.get("__name__", "?")) if trace is not None else "?"

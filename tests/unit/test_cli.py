@@ -1,6 +1,7 @@
 """The command line: results, exit statuses, clean stdout, quick start."""
 
 import json
+import multiprocessing
 import os
 import re
 import signal
@@ -8,6 +9,7 @@ import subprocess
 import sys
 import time
 import tomllib
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,7 @@ from designlab.design import dumps, load, preset, preset_names
 from designlab.images import read_image, write_image
 from designlab.measurement import load_measurement
 from designlab.study import load_study
+from designlab.trials.pool import shard
 
 PROGRAM = Path(sys.executable).with_name("designlab")
 COMMANDS = (
@@ -184,6 +187,23 @@ class TestFailures:
 
     def test_a_value_error_of_a_library_is_a_defect_and_not_bad_input(self, run, monkeypatch):
         monkeypatch.setattr(designs, "presets", lambda args: np.linalg.inv(np.ones((2, 3))))
+        status, _, err = run("presets")
+        assert status == 1
+        assert "a defect of designlab: LinAlgError" in err
+
+    def test_a_users_error_met_by_a_worker_is_no_defect(self, run, monkeypatch):
+        """Its traceback stays behind in the worker; a library's error there is a defect as anywhere."""
+
+        def failing(args):
+            with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+                pool.submit(*call).result()
+
+        monkeypatch.setattr(designs, "presets", failing)
+        call = (shard, [], "nonsense")
+        status, _, err = run("presets")
+        assert status == 2
+        assert err.startswith("designlab: --shard: must be K/N")
+        call = (np.linalg.inv, np.ones((2, 3)))
         status, _, err = run("presets")
         assert status == 1
         assert "a defect of designlab: LinAlgError" in err
