@@ -118,7 +118,9 @@ def _is_ours(error: Exception) -> bool:
 def _raised_in(error: Exception) -> str:
     """Name of the module where an exception was raised, in this process or in a worker."""
     # A worker's exception brings its traceback along as a text, the last file of which raised it.
-    files = _FILE.findall(str(error.__cause__)) if type(error.__cause__).__name__ == "_RemoteTraceback" else []
+    files = (
+        _FILE.findall(str(error.__cause__)) if type(error.__cause__).__name__ == "_RemoteTraceback" else []
+    )
     if files and Path(files[-1]).is_relative_to(_PACKAGE):
         return ".".join(Path(files[-1]).with_suffix("").relative_to(_PACKAGE.parent).parts)
     return _innermost(error.__traceback__)

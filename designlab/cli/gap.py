@@ -113,7 +113,7 @@ def benchmark(args: Namespace) -> Result:
     """Diagnose a pool of generated sets and score the diagnoses."""
     from designlab.store import write_json
     from designlab.trials import Crew, run, score
-    from designlab.trials.learn import unlisted_sd
+    from designlab.trials.learn import learnt
 
     trials = _trials(args)
     results_folder(args.out)
@@ -130,7 +130,7 @@ def benchmark(args: Namespace) -> Result:
         if args.pool == "power":
             write_json(Path(args.out) / "limits.json", found["limits"])
         if args.pool in ("power", "calibration"):
-            write_json(Path(args.out) / "learnt.json", {"unlisted_sd": unlisted_sd(outcomes)})
+            write_json(Path(args.out) / "learnt.json", learnt(args.pool, outcomes))
     rows = [
         (
             row["set"],

@@ -1,7 +1,9 @@
 """The control of a diagnosis: what a wrong effect of the same size takes away of the gap."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from designlab.gap.fit import DRAWN_SD, Fitter
 from designlab.gap.forward import State
@@ -18,7 +20,8 @@ def control(
     *,
     named: Collection[str],
     as_good: Collection[str],
-    evidence: Mapping[str, float],
+    tried: Collection[str],
+    seed: int,
     train: Sequence[int],
     final: Sequence[int],
     before: Judged,
@@ -26,7 +29,7 @@ def control(
     """Fit a wrong effect as the right one was fitted, and judge it on the presses that decide nothing.
 
     Of the effects tried that do not do as well as those named, it is the one whose number of parameters is
-    nearest to theirs; of several, the one that looked best before anything was fitted.
+    nearest to theirs; of several, one by chance.
 
     Parameters
     ----------
@@ -34,8 +37,10 @@ def control(
         Of the model as given, fitted to the training shots.
     named, as_good : collection of str
         Effects that were named, and all that do as well.
-    evidence : mapping of str to float
-        Of every effect tried, by linear approximation.
+    tried : collection of str
+        All effects that were tried.
+    seed : int
+        Of the choice among several.
     before : Judged
         The final presses with the model as given.
 
@@ -44,12 +49,14 @@ def control(
     Control or None
         None where no effect is left to compare with.
     """
-    sizes = {name: len(fitter.forward.parameters[name]) for name in evidence if name not in NOT_COUNTED}
+    sizes = {name: len(fitter.forward.parameters[name]) for name in tried if name not in NOT_COUNTED}
     wanted = sum(len(fitter.forward.parameters[name]) for name in named)
     wrong = [name for name in sizes if name not in as_good and name not in named]
     if not wrong:
         return None
-    name = min(wrong, key=lambda name: (abs(sizes[name] - wanted), -evidence[name]))
+    nearest = min(abs(sizes[name] - wanted) for name in wrong)
+    close = sorted(name for name in wrong if abs(sizes[name] - wanted) == nearest)
+    name = close[int(np.random.default_rng([seed, wanted]).integers(len(close)))]
     found = fitter.fit(replace(start, poses={}), [name], train)
     after = judge(fitter, found.state, final)
     level = Level(before.mean, after.mean, float(before.floor.mean()))

@@ -14,6 +14,7 @@ from designlab.gap.advise import advise
 from designlab.gap.bank import fill
 from designlab.gap.basis import Progress, Renders
 from designlab.gap.checks import check_frames, examine, weakened
+from designlab.gap.confidence import confidence
 from designlab.gap.control import control
 from designlab.gap.fit import Fit, Fitter
 from designlab.gap.intervals import values
@@ -35,10 +36,12 @@ from designlab.measurement.shots import Observations
 SAMPLES = 256
 COLUMNS = 160
 OVERLAPPING = 0.5  # share of an effect's signature from which a pair is reported
+USUAL_SELECT = 6  # presses to choose by of the sets that confidence was learnt from
 RECENTRINGS = 3  # times that pictures are rendered anew about what was found
 SETTLED_SD = 0.25  # prior standard deviations that values may still move by then
 UNEXPLAINED_ABOVE = 0.5  # leftover share of the gap from which nothing is named
-PARTIAL_ABOVE = 0.15
+PARTIAL_ABOVE = 0.15  # leftover share from which an explanation is partial
+PARTIAL_ABOVE_FLOOR = 0.03  # likewise, where what is left is more than the simulation may be wrong by
 AT_FLOOR = 1.3  # mean squared residual over the floor below which there is no gap to explain
 NEAR = 0.8  # likewise, below which names leave nothing to explain; sets that hide nothing are below it
 
@@ -164,7 +167,7 @@ def diagnose(
         Found(
             w.name,
             found[w.name],
-            w.confidence,
+            0.0,
             w.coherence_set,
             effect(w.name).summary,
             effect(w.name).transferable,
@@ -187,7 +190,8 @@ def diagnose(
             before.state,
             named=[w.name for w in winners],
             as_good={name for w in winners for name in w.coherence_set},
-            evidence=search.screened[0],
+            tried=search.screened[0],
+            seed=seed,
             train=train,
             final=final,
             before=ends[0],
@@ -197,7 +201,7 @@ def diagnose(
         limits=limits(seen, effects),
         overlaps=_overlaps(search),
     )
-    report = weakened(report, examined, names)
+    report = weakened(_sure(report, len(select)), examined, names)
     better = updated(last, best, measurement, seen, report, found, seed=seed, samples=samples)
     report = replace(report, updated=better)
 
@@ -213,6 +217,18 @@ def diagnose(
         return replace(report, pictures=drawn)
 
     return end_run(out, finished, page)
+
+
+def _sure(report: GapReport, presses: int) -> GapReport:
+    """Say how sure each name is."""
+    content = report.to_json()
+    # Few presses cannot make anything certain (rule of succession), whatever many have taught.
+    most = (presses + 1) / (presses + 2) if presses < USUAL_SELECT else 1.0
+    effects = (
+        replace(found, confidence=min(confidence(content, place), most))
+        for place, found in enumerate(report.effects)
+    )
+    return replace(report, effects=tuple(effects))
 
 
 def _recentred(source: Renders, fitter: Fitter, best: Fit, train: Sequence[int]) -> tuple[Fitter, Fit]:
@@ -263,9 +279,10 @@ def _verdict(search: Search, before: Judged, after: Judged) -> Verdict:
         return "unexplained"
     if any(len(winner.coherence_set) > 1 for winner in search.winners):
         return "ambiguous"
-    near = after.mean < NEAR * floor
-    whole = near or _left(before.mean, after.mean, left_of_nothing() * floor) <= PARTIAL_ABOVE
-    return "named" if whole else "partial"
+    if after.mean < NEAR * floor:
+        return "named"
+    most = PARTIAL_ABOVE if after.mean < floor else PARTIAL_ABOVE_FLOOR
+    return "named" if _left(before.mean, after.mean, left_of_nothing() * floor) <= most else "partial"
 
 
 def _left(before: float, after: float, level: float) -> float:

@@ -1,4 +1,4 @@
-"""What generated sets with known answers have taught about diagnoses: how far their values can be trusted.
+"""What generated sets with known answers have taught about diagnoses: how far to trust values and names.
 
 A fit knows noise and the errors that are granted to the simulation. What no catalogue lists pulls values too,
 in the same way in all frames, and by how much only sets with known answers tell.
@@ -25,21 +25,28 @@ def unlisted_sd(effect: str, parameter: str, *, shape: bool) -> float:
         Whether the parameter only says how another acts: such have values of their own, all others of an
         effect share one.
     """
-    known: dict[str, float] = _learnt()["unlisted_sd"]
-    if shape and f"{effect}.{parameter}" in known:
-        return known[f"{effect}.{parameter}"]
-    if effect in known:
-        return known[effect]
-    ordered = sorted(known.values())
+    spreads: dict[str, float] = known()["unlisted_sd"]
+    if shape and f"{effect}.{parameter}" in spreads:
+        return spreads[f"{effect}.{parameter}"]
+    if effect in spreads:
+        return spreads[effect]
+    ordered = sorted(spreads.values())
     return ordered[len(ordered) // 2]
 
 
 def left_of_nothing() -> float:
     """Mean squared residual over the floor that is usual of sets in which nothing is hidden."""
-    return float(_learnt()["left_of_nothing"])
+    return float(known()["left_of_nothing"])
+
+
+def shares_right() -> tuple[dict[str, float], list[float], list[float]]:
+    """Weights of the signs of a name, and along their weighted sum the share of names that were right."""
+    found = known()["confidence"]
+    return found["weights"], found["scores"], found["right"]
 
 
 @cache
-def _learnt() -> Mapping[str, Any]:
+def known() -> Mapping[str, Any]:
+    """All of it, by the names of what is learnt."""
     content: Mapping[str, Any] = json.loads(files("designlab.gap").joinpath(FILE).read_text(encoding="utf-8"))
     return content

@@ -39,8 +39,9 @@ class Found:
     Attributes
     ----------
     confidence : float
-        Share of the effect in the evidence of those that do as well, limited by the number of held-out
-        presses; not calibrated.
+        Share of right names among those that looked like it on generated sets with known answers, see
+        `designlab.gap.confidence`, limited by what weakens the verdict. Of a single picture: one over the
+        number of effects that do as well, limited likewise; not calibrated.
     coherence_set : tuple of str
         Effects that explain these frames as well, itself included.
     summary : str

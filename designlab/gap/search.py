@@ -55,7 +55,6 @@ class Winner:
     """An effect that was accepted, with the effects that do as well and the share of the gap it closed."""
 
     name: str
-    confidence: float
     coherence_set: tuple[str, ...]
     gain: float
 
@@ -142,12 +141,7 @@ class Search:
         alike = self._alike(best, base, [a.name for a in passed])
         equal += [a for a in passed if a.name in alike and a not in equal]
         equal.sort(key=lambda a: (a is not best, -a.evidence))
-        share = 1.0 / len(equal)
-        shots = len(now.per_shot)
-        # Few presses cannot make anything certain (rule of succession).
-        most = (round(best.gain.improved * shots) + 1) / (shots + 2)
-        alike_ones = tuple(a.name for a in equal)
-        self.winners.append(Winner(best.name, min(share, most), alike_ones, best.gain.value))
+        self.winners.append(Winner(best.name, tuple(a.name for a in equal), best.gain.value))
         if len(equal) > 1:
             self.alternatives = {a.name: a.fit.state for a in equal}
         return best

@@ -12,7 +12,8 @@ ONE_CHANNEL = 0.6
 FRAMES = {"press": "in presses", "background": "on the untouched gel", "dark": "with the LEDs off"}
 EVEN_Z = 0.5  # mean in standard deviations below which a region is neither brighter nor darker
 SEEN = 0.05  # of the excess: less is not worth a sentence
-CALIBRATED = "a share of the evidence limited by the number of presses, not a calibrated frequency"
+CALIBRATED = "the share of right names among those that looked like it on generated sets with known answers"
+ONE_PICTURE = "of one picture; nothing is known of how often such names are right"
 OUTSIDE = (
     "dirt or a hair on the gel, a second contact, marks printed on it, a reflection of an LED in the lens, "
     "another object than stated, pictures that were compressed"
@@ -76,7 +77,8 @@ def _how_sure(report: GapReport) -> list[str]:
     for effect in report.effects:
         others = [name for name in effect.coherence_set if name != effect.name]
         alone = f"{', '.join(others)} would do as well" if others else "no other effect tried does as well"
-        said.append(f"Confidence in {effect.name}: {effect.confidence:.2f} ({CALIBRATED}); {alone}.")
+        meaning = ONE_PICTURE if "blocks" in report.provenance else CALIBRATED
+        said.append(f"Confidence in {effect.name}: {effect.confidence:.2f} ({meaning}); {alone}.")
     return said
 
 

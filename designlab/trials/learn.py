@@ -1,17 +1,26 @@
-"""What a pool with known answers teaches: by how much the unlisted pulls fitted values."""
+"""What a pool with known answers teaches: what the unlisted does to values, and how often names are right."""
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression, minimize
+from scipy.special import log_expit
 
 from designlab.design import preset
 from designlab.effects import effect
+from designlab.gap.confidence import SIGNS, signs
+from designlab.gap.learnt import known
 from designlab.trials.runner import Outcome
-from designlab.trials.score import all_named
+from designlab.trials.score import BINS, all_named, family, same
+
+Array = NDArray[np.float64]
 
 GRID = np.geomspace(1e-3, 3.0, 400)  # prior standard deviations
 USUAL = 0.05  # likewise: scale of the half-Cauchy prior
 FEWEST = 3  # sets that tell an effect's error
+WEIGHT_SD = 2.0  # of the logarithm of odds, what a sign may usually count from one end to the other
 
 
 def unlisted_sd(outcomes: Iterable[Outcome]) -> dict[str, float]:
@@ -40,6 +49,76 @@ def unlisted_sd(outcomes: Iterable[Outcome]) -> dict[str, float]:
         for key, sets in sorted(found.items())
         if len(sets) >= FEWEST
     }
+
+
+def learnt(pool: str, outcomes: Iterable[Outcome]) -> dict[str, Any]:
+    """What is known with what a pool teaches in its place, as `designlab.gap.learnt` reads it.
+
+    Parameters
+    ----------
+    pool : str
+        power, whose many sets of each kind show what the unlisted does to values; or calibration, whose sets
+        of all families show how often names are right.
+    outcomes : iterable of Outcome
+        Of the whole pool.
+    """
+    outcomes = list(outcomes)
+    if pool == "power":
+        return {**known(), "unlisted_sd": unlisted_sd(outcomes)}
+    return {**known(), "left_of_nothing": left_of_nothing(outcomes), "confidence": shares_right(outcomes)}
+
+
+def left_of_nothing(outcomes: Iterable[Outcome]) -> float:
+    """Squared residual over the floor in the median of sets that hide nothing.
+
+    Raises
+    ------
+    ValueError
+        If there is no such set.
+    """
+    levels = [o.gap["select"] for o in outcomes if family(o) == "nothing" and o.gap]
+    if not levels:
+        raise ValueError("pool: no set that hides nothing, so that nothing tells what such leave")
+    return round(float(np.median([level["before"] / level["floor"] for level in levels])), 3)
+
+
+def shares_right(outcomes: Iterable[Outcome]) -> dict[str, Any]:
+    """Weights of the signs of a name (logistic regression), and the share of right names along their sum.
+
+    A sign counts in the direction that is known of it or not at all. The sums are cut into bins of equal
+    mass; the shares of right names in them, one right and one wrong name added to each bin, are made to rise
+    (isotonic regression).
+    """
+    seen, right = named(outcomes)
+    direction = np.array(list(SIGNS.values()), dtype=float)
+    scale = np.maximum(np.ptp(seen, axis=0), 1e-9)
+
+    def lost(weights: Array) -> float:
+        odds = weights[0] + (seen / scale) @ weights[1:]
+        prior = 0.5 * float((weights[1:] ** 2).sum()) / WEIGHT_SD**2
+        return prior - float(log_expit(np.where(right, odds, -odds)).sum())
+
+    bounds = [(None, None), *((0.0, None) if sign > 0 else (None, 0.0) for sign in direction)]
+    best = minimize(lost, np.zeros(len(bounds)), bounds=bounds, method="L-BFGS-B").x[1:] / scale
+    total = seen @ best
+    parts = np.array_split(np.argsort(total, kind="stable"), BINS)
+    share = isotonic_regression([(right[part].sum() + 1) / (len(part) + 2) for part in parts]).x
+    return {
+        "weights": {name: round(float(weight), 4) for name, weight in zip(SIGNS, best, strict=True)},
+        "scores": [round(float(total[part].mean()), 4) for part in parts],
+        "right": [round(float(each), 4) for each in share],
+        "names": len(right),
+    }
+
+
+def named(outcomes: Iterable[Outcome]) -> tuple[Array, NDArray[np.bool_]]:
+    """Signs of every name that was given (names, signs), and whether it was right."""
+    rows = [
+        (signs(name, alike, o.candidates, o.gap["select"]), any(same(name, t) for t in o.trial["effects"]))
+        for o in outcomes
+        for name, alike in zip(o.named, o.sets, strict=True)
+    ]
+    return np.array([row for row, _ in rows]).reshape(-1, len(SIGNS)), np.array([r for _, r in rows], bool)
 
 
 def spread(errors: Sequence[tuple[float, float]]) -> float:

@@ -1,6 +1,6 @@
 """What a pool of trials shows: names right and wrong, sets, gap removed, values and their intervals."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from designlab.design import preset
 from designlab.effects import effect
+from designlab.gap.learnt import left_of_nothing
 from designlab.trials.detection import in_units, limits
 from designlab.trials.runner import Outcome
 
@@ -74,7 +75,7 @@ def _nothing(sets: Sequence[Outcome]) -> dict[str, Any]:
 def _hidden(sets: Sequence[Outcome]) -> dict[str, Any]:
     """Of sets whose effects are in the catalogue."""
     removed = [share for o in sets if (share := gap_removed(o)) is not None]
-    controls = [o.control for o in sets if o.control is not None]
+    controls = [share for o in sets if (share := control_removed(o)) is not None]
     errors = [error for o in sets for error in value_errors(o)]
     sizes = [len(names) for o in sets for names in o.sets[:1]]
     return {
@@ -218,11 +219,24 @@ def _in_set(o: Outcome) -> bool:
 
 
 def gap_removed(o: Outcome) -> float | None:
-    """Share of the excess over the floor that is gone on the final presses."""
+    """Share of the gap that is gone on the final presses: of the excess over what nothing hidden leaves."""
     level = o.gap.get("final")
-    if not level or level["before"] <= level["floor"]:
+    if not level or (excess := _excess(level)) <= 0:
         return None
-    return float((level["before"] - level["after"]) / (level["before"] - level["floor"]))
+    return float((level["before"] - level["after"]) / excess)
+
+
+def control_removed(o: Outcome) -> float | None:
+    """The same of a wrong effect of the same size."""
+    level = o.gap.get("final")
+    if o.control is None or not level or (excess := _excess(level)) <= 0:
+        return None
+    return float(o.control * (level["before"] - level["floor"]) / excess)
+
+
+def _excess(level: Mapping[str, float]) -> float:
+    """Gap of the model as given. The floor is what the simulation may be wrong by, not what it is."""
+    return level["before"] - left_of_nothing() * level["floor"]
 
 
 def value_errors(o: Outcome) -> list[float]:

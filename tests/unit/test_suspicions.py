@@ -127,6 +127,23 @@ def test_a_wrong_model_is_no_fault_of_the_pictures(planted):
         assert Examined(measurement, design.replace(changes)).faults(measurement) == ()
 
 
+def test_the_order_of_channels_is_not_told_by_dim_ones(planted, examined, tmp_path):
+    """One LED group lights one channel; the others hold what any small effect puts there."""
+    measurement = planted(NAMES[0])
+    single = {f.file: f.leds[0] for f in measurement.frames if f.leds is not None and len(f.leds) == 1}
+    file, group = next(iter(single.items()))
+    bright = ["red", "green", "blue"].index(group)
+    dim = [channel for channel in range(3) if channel != bright]
+    order = [0, 1, 2]
+    order[dim[0]], order[dim[1]] = dim[1], dim[0]
+    swapped = spoilt(measurement, tmp_path / "m", lambda image: image[..., order], files={file})
+    assert examined(NAMES[0]).faults(swapped) == ()
+    order = list(np.roll([0, 1, 2], 1))
+    swapped = spoilt(measurement, tmp_path / "n", lambda image: image[..., order], files={file})
+    (found,) = examined(NAMES[0]).faults(swapped)
+    assert (found.name, found.files) == ("channels", (file,))
+
+
 def test_noise_and_other_light_powers_are_no_fault(planted, examined, tmp_path):
     """Channels 30 % brighter and dimmer, noise of 2 % of full scale."""
     rng = np.random.default_rng(5)

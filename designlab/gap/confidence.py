@@ -1,0 +1,77 @@
+"""How often names that look like one are right: learnt from generated sets with known answers.
+
+A name is judged by signs that its report shows; the more speak for it, the larger the share of right names
+among those alike. Weights and shares are learnt by `designlab.trials.learn` and kept with the rest that is.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.gap.learnt import left_of_nothing, shares_right
+
+Array = NDArray[np.float64]
+
+SIGNS = {"left": -1, "set": -1, "margin": 1, "gain": 1, "later": -1}
+"""What is looked at, and whether more of it speaks for a name or against it.
+
+left: logarithm of the squared residual over what sets leave that hide nothing; set: logarithm of the number
+of effects that do as well; margin: logarithm of the evidence over that of the best other effect of the round;
+gain: logarithm of the share of the gap; later: whether another effect was found before.
+"""
+MOST_LEFT, MOST_MARGIN, LEAST_GAIN = 4.0, 3.0, 1e-3
+
+
+def confidence(report: Mapping[str, Any], place: int) -> float:
+    """Share of right names among those that looked like one of a report's.
+
+    Parameters
+    ----------
+    report : mapping
+        As `GapReport.to_json` gives it.
+    place : int
+        Which of its effects.
+    """
+    found = report["effects"][place]
+    weights, scores, right = shares_right()
+    level = report["gap"]["select"]
+    seen = signs(found["name"], found["coherence_set"], report["candidates"], level)
+    total = float(seen @ np.array([weights[name] for name in SIGNS]))
+    return round(float(np.interp(total, scores, right)), 3)
+
+
+def signs(
+    name: str, alike: Sequence[str], candidates: Sequence[Mapping[str, Any]], level: Mapping[str, float]
+) -> Array:
+    """What a report shows for or against one of its names, in the order of `SIGNS`.
+
+    Parameters
+    ----------
+    name : str
+        An effect that was named.
+    alike : sequence of str
+        Effects that do as well, itself included.
+    candidates : sequence of mapping
+        All that were tried.
+    level : mapping
+        Squared residuals of the select presses, `after` and `floor`.
+    """
+    left = np.log(max(level["after"] / (left_of_nothing() * level["floor"]), 1.0))
+    taken = [c for c in candidates if c["name"] == name and c["outcome"] == "passed"][-1]
+    rivals = [
+        c["evidence"]
+        for c in candidates
+        if c["round"] == taken["round"] and c["gain"] is not None and c["name"] not in alike
+    ]
+    margin = np.log((max(taken["evidence"], 0.0) + 1) / (max([0.0, *rivals]) + 1))
+    return np.array(
+        [
+            min(left, MOST_LEFT),
+            np.log(len(alike)),
+            np.clip(margin, -MOST_MARGIN, MOST_MARGIN),
+            np.log(max(taken["gain"], LEAST_GAIN)),
+            float(taken["round"] > 1),
+        ]
+    )
