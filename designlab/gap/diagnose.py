@@ -18,7 +18,7 @@ from designlab.gap.confidence import confidence
 from designlab.gap.control import control
 from designlab.gap.fit import Fit, Fitter
 from designlab.gap.intervals import values
-from designlab.gap.judge import Judged, judge
+from designlab.gap.judge import judge
 from designlab.gap.learnt import left_of_nothing
 from designlab.gap.observe import observe
 from designlab.gap.pictures import draw
@@ -142,7 +142,8 @@ def diagnose(
     fitter.measure(start)
     search = Search(fitter, names, train, select, progress=progress)
     best, before, after = search.run(start)
-    verdict = _verdict(search, before, after)
+    alike = [winner.coherence_set for winner in search.winners]
+    verdict = judged(alike, before.mean, after.mean, float(after.floor.mean()))
     last = fitter
     if verdict in ("unexplained", "at_floor"):
         best, after = replace(best, state=before.state), before
@@ -266,23 +267,29 @@ def _names(model: SensorModel, catalogue: Sequence[str] | None) -> list[str]:
     return [name for name in wanted if name not in present and effect(name).parameters(model.design)]
 
 
-def _verdict(search: Search, before: Judged, after: Judged) -> Verdict:
-    """Judge by the select presses alone.
+def judged(alike: Sequence[Sequence[str]], before: float, after: float, floor: float) -> Verdict:
+    """Verdict by the select presses alone.
 
     The floor is what the simulation may be wrong by. What sets that hide nothing leave is less: names that
     leave more than that have not explained all.
+
+    Parameters
+    ----------
+    alike : sequence of sequence of str
+        Of each effect found, those that do as well.
+    before, after, floor : float
+        Mean squared residuals of the model as given and of the corrected one, and the floor.
     """
-    floor = float(after.floor.mean())
-    if not search.winners:
-        return "at_floor" if after.mean < AT_FLOOR * floor else "unexplained"
-    if _left(before.mean, after.mean, floor) > UNEXPLAINED_ABOVE:
+    if not alike:
+        return "at_floor" if after < AT_FLOOR * floor else "unexplained"
+    if _left(before, after, floor) > UNEXPLAINED_ABOVE:
         return "unexplained"
-    if any(len(winner.coherence_set) > 1 for winner in search.winners):
+    if any(len(names) > 1 for names in alike):
         return "ambiguous"
-    if after.mean < NEAR * floor:
+    if after < NEAR * floor:
         return "named"
-    most = PARTIAL_ABOVE if after.mean < floor else PARTIAL_ABOVE_FLOOR
-    return "named" if _left(before.mean, after.mean, left_of_nothing() * floor) <= most else "partial"
+    most = PARTIAL_ABOVE if after < floor else PARTIAL_ABOVE_FLOOR
+    return "named" if _left(before, after, left_of_nothing() * floor) <= most else "partial"
 
 
 def _left(before: float, after: float, level: float) -> float:

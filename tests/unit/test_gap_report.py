@@ -11,7 +11,7 @@ import pytest
 from designlab.design import preset
 from designlab.effects import SensorModel
 from designlab.gap.basis import Renders
-from designlab.gap.diagnose import _provenance
+from designlab.gap.diagnose import _provenance, judged
 from designlab.gap.intervals import of_amplitudes, of_deviation
 from designlab.gap.result import Advice, Candidate, Control, Found, GapReport, Level, Overlap, Value, Where
 from designlab.gap.words import places
@@ -145,6 +145,31 @@ def test_the_verdict_is_said_in_plain_words(changes, said, unsaid) -> None:
     for words in said:
         assert words in text
     assert not re.search(rf"\b{unsaid}\b", text)
+
+
+ONE, SEVERAL = [("vignetting",)], [("vignetting",), ("led_tilt", "led_profile")]
+
+
+@pytest.mark.parametrize(
+    ("alike", "before", "after", "verdict"),
+    [
+        ([], 1.2, 1.2, "at_floor"),
+        ([], 1.4, 1.4, "unexplained"),
+        (ONE, 1.1, 0.7, "named"),  # no more is left than where nothing is hidden
+        (ONE, 0.75, 0.7, "named"),
+        (ONE, 9.0, 0.9, "named"),
+        (ONE, 1.5, 0.9, "partial"),  # a third of what nothing would not leave
+        (ONE, 90.0, 1.5, "named"),  # an effect of that size is known no better
+        (ONE, 9.0, 1.5, "partial"),  # more than the simulation may be wrong by
+        (ONE, 9.0, 5.5, "unexplained"),
+        (SEVERAL, 9.0, 0.7, "ambiguous"),
+        (SEVERAL, 9.0, 5.5, "unexplained"),
+    ],
+)
+def test_the_verdict_follows_from_what_is_left(alike, before, after, verdict) -> None:
+    """In units of the floor; sets that hide nothing leave 0.5 to 0.7 of it."""
+    assert judged(alike, before, after, 1.0) == verdict
+    assert judged(alike, 7 * before, 7 * after, 7.0) == verdict
 
 
 def test_a_region_stands_out_by_its_own_excess_and_an_even_one_does_not() -> None:
