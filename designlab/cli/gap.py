@@ -111,6 +111,7 @@ def diagnose(args: Namespace) -> Result:
 
 def benchmark(args: Namespace) -> Result:
     """Diagnose a pool of generated sets and score the diagnoses."""
+    from designlab.report import pool_report
     from designlab.store import write_json
     from designlab.trials import Crew, run, score
     from designlab.trials.learn import learnt
@@ -126,6 +127,7 @@ def benchmark(args: Namespace) -> Result:
         outcomes = run(trials, Path(args.out), progress=progress, crew=crew)
     found = score(outcomes)
     write_json(Path(args.out) / "score.json", found)
+    page = pool_report(found, Path(args.out) / "report.html", title=_title(args))
     if not args.only and args.shard is None:  # part of a pool is not to be learnt from
         if args.pool == "power":
             write_json(Path(args.out) / "limits.json", found["limits"])
@@ -142,9 +144,16 @@ def benchmark(args: Namespace) -> Result:
         for row in found["rows"]
     ]
     text = table(("set", "design", "verdict", "named", "gap removed"), rows)
-    if args.pool == "power":
-        return Result(found, "\n".join([text, _limits(found["limits"])]))
-    return Result(found, "\n".join([text, *_rates(found)]))
+    lines = [_limits(found["limits"])] if args.pool == "power" else _rates(found)
+    return Result(found, "\n".join([text, *lines, f"report: {page}"]))
+
+
+def _title(args: Namespace) -> str:
+    """Heading of the page about a pool, or about the part of it that was run."""
+    part = [f"part {args.shard}"] if args.shard else []
+    part += [f"sets that match {args.only}"] if args.only else []
+    part += [f"kit {args.kit}"] if args.kit != "hour" else []
+    return ", ".join([f"Diagnoses of the pool {args.pool}", *part])
 
 
 def _trials(args: Namespace) -> "list[Trial]":

@@ -15,6 +15,7 @@ from designlab.report.page import (
     plotly_figure,
     table,
 )
+from designlab.report.pool import pool_report
 from designlab.report.study import study_report
 
 __all__ = [
@@ -30,6 +31,7 @@ __all__ = [
     "paragraph",
     "picture",
     "plotly_figure",
+    "pool_report",
     "study_report",
     "table",
 ]

@@ -131,8 +131,8 @@ def reliability(said: Sequence[tuple[float, bool]]) -> dict[str, Any] | None:
     Returns
     -------
     dict or None
-        `bins`: mean confidence, share right and number of each; `error`: mean distance of the two, by number
-        (expected calibration error).
+        `bins`: mean confidence, share right with its 95 % interval, and number of each; `error`: mean
+        distance of the two, by number (expected calibration error).
 
     Examples
     --------
@@ -147,10 +147,14 @@ def reliability(said: Sequence[tuple[float, bool]]) -> dict[str, Any] | None:
     edges = sorted(
         {int(np.searchsorted(values, values[k])) for k in range(0, len(values), -(-len(values) // BINS))}
     )
-    bins = [
-        {"confidence": float(part[:, 0].mean()), "right": float(part[:, 1].mean()), "names": len(part)}
-        for part in np.split(ordered, [edge for edge in edges if edge > 0])
-    ]
+    bins = []
+    for part in np.split(ordered, [edge for edge in edges if edge > 0]):
+        right = rate(part[:, 1] > 0)
+        assert right is not None  # no part is empty
+        ends = {"low": right["low"], "high": right["high"]}
+        bins.append(
+            {"confidence": float(part[:, 0].mean()), "right": right["share"], "names": len(part)} | ends
+        )
     error = sum(b["names"] * abs(b["confidence"] - b["right"]) for b in bins) / len(ordered)
     return {"error": error, "names": len(ordered), "bins": bins}
 
@@ -166,7 +170,8 @@ def _limits(single: Iterable[Outcome]) -> dict[str, dict[str, Any]]:
     for (kind, design), limit in limits(sets).items():
         if kind not in found or limit.strength > found[kind]["strength"]:
             units = in_units(kind, limit.strength, preset(design))
-            found[kind] = asdict(limit) | {"design": design, "in_units": units}
+            tried = sorted(sets[kind, design])
+            found[kind] = asdict(limit) | {"design": design, "in_units": units, "tried": tried}
     return found
 
 

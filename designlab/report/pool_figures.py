@@ -1,0 +1,77 @@
+"""Plots about a pool of generated sets: reliability of the confidence, detection limits."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from designlab.report.page import COLOURS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+BLUE, ORANGE, *_, GREY = COLOURS
+FREE = 0.05  # of the confidence: an error up to here is shaded
+
+
+def reliability_plot(path: Path, bins: Sequence[Mapping[str, float]]) -> Path:
+    """Share of right names over stated confidence, with 95 % intervals and the number of names."""
+    figure = _figure(5.0, 4.4)
+    axes = figure.add_subplot()
+    ends = np.array([0.0, 1.0])
+    axes.fill_between(ends, ends - FREE, ends + FREE, color=GREY, alpha=0.15, linewidth=0)
+    axes.plot(ends, ends, color=GREY, linewidth=1, linestyle=":")
+    stated, right = (np.array([b[key] for b in bins]) for key in ("confidence", "right"))
+    low, high = (np.array([b[key] for b in bins]) for key in ("low", "high"))
+    axes.errorbar(stated, right, [right - low, high - right], fmt="o", color=BLUE, capsize=3)
+    for place, (x, y) in enumerate(zip(stated, right, strict=True)):
+        axes.annotate(
+            f"{bins[place]['names']}", (x, y), xytext=(-7, 5), textcoords="offset points", ha="right",
+            fontsize=8.5, color=BLUE,
+        )  # fmt: skip
+    axes.set(xlabel="stated confidence", ylabel="share of names that were right")
+    axes.set(xlim=(0, 1.02), ylim=(0, 1.02), aspect="equal")
+    return _saved(figure, path)
+
+
+def limits_plot(path: Path, limits: Mapping[str, Mapping[str, Any]]) -> Path:
+    """Sets named right or not over strength, and the limits with their 95 % intervals, smallest on top."""
+    kinds = sorted(limits, key=lambda kind: -float(limits[kind]["strength"]))
+    figure = _figure(7.2, 1.2 + 0.27 * len(kinds))
+    axes = figure.add_subplot()
+    tried = [
+        (row, strength, seen) for row, kind in enumerate(kinds) for strength, seen in limits[kind]["tried"]
+    ]
+    for right, face, name in ((True, GREY, "set named right"), (False, "white", "not")):
+        sets = np.array([(strength, row) for row, strength, seen in tried if seen == right]).reshape(-1, 2)
+        axes.plot(*sets.T, "o", color=GREY, markerfacecolor=face, markersize=5, label=name)
+    least, most = (end(strength for _, strength, _ in tried) for end in (min, max))
+    middle = np.array([float(limits[kind]["strength"]) for kind in kinds])
+    low = np.array([limits[kind]["low"] or least / 2 for kind in kinds])
+    high = np.array([limits[kind]["high"] or 2 * most for kind in kinds])
+    rows = np.arange(len(kinds)) - 0.25  # below the marks of the sets
+    away = [np.maximum(middle - low, 0), np.maximum(high - middle, 0)]
+    axes.errorbar(
+        middle, rows, xerr=away, fmt="s", color=BLUE, markersize=5, elinewidth=1, label="half are named right"
+    )
+    axes.set_yticks(range(len(kinds)), [kind.replace("_", " ") for kind in kinds])
+    axes.set_xscale("log", base=2)
+    axes.set_xlim(least / 2, 2 * most)
+    marks = 2.0 ** np.arange(np.ceil(np.log2(least)), np.floor(np.log2(most)) + 1)
+    axes.set_xticks(marks, [f"{mark:g}" if mark >= 1 else f"1/{1 / mark:g}" for mark in marks])
+    axes.set_xlabel("strength (prior standard deviations)")
+    axes.grid(axis="x", color="#dde1e7")
+    figure.legend(loc="outside upper center", ncols=3, frameon=False)
+    return _saved(figure, path)
+
+
+def _figure(width: float, height: float) -> "Figure":
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained", dpi=110)
+
+
+def _saved(figure: "Figure", path: Path) -> Path:
+    figure.savefig(path, format="png")
+    return path
