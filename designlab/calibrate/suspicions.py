@@ -31,6 +31,7 @@ MOST_MISFIT_ALONE = 5.0  # the same of one picture, beside others that the model
 BETTER = 2.0  # factor by which it must be better; models 20 % off in scale stayed below 1.2
 ALIKE = 1.5  # factor within which the explanation with fewer faults is taken
 FAR, NEAR = 0.7, 0.55  # distances of directions in colour space: of other colours, and of the same colour
+DIM = 0.5  # of the brightest channel: crosstalk of usual filters reaches that far
 FAINT = 0.1  # of the brightest: groups below say nothing about colour
 
 ORDER = (0, 1, 2)
@@ -217,9 +218,10 @@ def _shared(pictures: Sequence[Picture], response: str) -> Iterator[Fault]:
 
 def _orders(picture: Picture) -> Iterator[Fault]:
     """Orders of channels that one picture tells: dim channels hold what a model leaves out of bright ones."""
-    brightest = int(np.argmax(picture.signal.mean(axis=(0, 1))))
+    level = picture.signal.mean(axis=(0, 1))
     for order in itertools.permutations(ORDER):
-        if order[brightest] != brightest:
+        moved = [channel for channel in ORDER if order[channel] != channel]
+        if moved and level[moved].max() > DIM * level.max():
             yield Fault(order=order)
 
 

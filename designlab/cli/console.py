@@ -21,7 +21,7 @@ DEBUG_VARIABLE = "DESIGNLAB_DEBUG"
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
-_PACKAGE = Path(__file__).parents[1]
+_ROOT = Path(__file__).parents[2]
 _FILE = re.compile(r'^ *File "([^"]+)"', re.MULTILINE)
 _OWN_PACKAGES = ("designlab", "geometries")
 _TEMPORARY = re.compile(r"\.([^/]+)\.[0-9a-f]{8,32}\.partial")
@@ -121,8 +121,11 @@ def _raised_in(error: Exception) -> str:
     files = (
         _FILE.findall(str(error.__cause__)) if type(error.__cause__).__name__ == "_RemoteTraceback" else []
     )
-    if files and Path(files[-1]).is_relative_to(_PACKAGE):
-        return ".".join(Path(files[-1]).with_suffix("").relative_to(_PACKAGE.parent).parts)
+    for package in _OWN_PACKAGES if files else ():
+        if Path(files[-1]).is_relative_to(_ROOT / package):
+            return ".".join(Path(files[-1]).with_suffix("").relative_to(_ROOT).parts)
+    if files:
+        return Path(files[-1]).stem
     return _innermost(error.__traceback__)
 
 

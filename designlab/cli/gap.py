@@ -128,7 +128,8 @@ def benchmark(args: Namespace) -> Result:
     found = score(outcomes)
     write_json(Path(args.out) / "score.json", found)
     page = pool_report(found, Path(args.out) / "report.html", title=_title(args))
-    if not args.only and args.shard is None:  # part of a pool is not to be learnt from
+    # Part of a pool, or of a kit, is not to be learnt from.
+    if not args.only and args.shard is None and args.kit == "hour":
         if args.pool == "power":
             write_json(Path(args.out) / "limits.json", found["limits"])
         if args.pool in ("power", "calibration"):
@@ -322,11 +323,12 @@ def _summary(report: "GapReport") -> str:
             f"{gap.before:.3g}",
             f"{gap.after:.3g}",
             f"{gap.floor:.3g}",
+            f"{gap.usual:.3g}",
             "-" if gap.removed is None else percent(gap.removed),
         )
         for split, gap in report.gap.items()
     ]
-    lines.append(table(("squared residual / noise", "before", "after", "floor", "gap gone"), levels))
+    lines.append(table(("squared residual / noise", "before", "after", "floor", "usual", "gap gone"), levels))
     if report.next_measurement.text:
         lines.append(f"measure next: {report.next_measurement}")
     return "\n".join([*lines, *(f"note: {note}" for note in report.notes), f"model: {report.model}"])

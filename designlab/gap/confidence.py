@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.gap.learnt import left_of_nothing, shares_right
+from designlab.gap.learnt import shares_right
 
 Array = NDArray[np.float64]
 
@@ -21,6 +21,7 @@ left: logarithm of the squared residual over what sets leave that hide nothing; 
 of effects that do as well; margin: logarithm of the evidence over that of the best other effect of the round;
 gain: logarithm of the share of the gap; later: whether another effect was found before.
 """
+DROPPED = "dropped"  # begins the outcome of effects that later ones made needless
 MOST_LEFT, MOST_MARGIN, LEAST_GAIN = 4.0, 3.0, 1e-3
 
 
@@ -37,13 +38,19 @@ def confidence(report: Mapping[str, Any], place: int) -> float:
     found = report["effects"][place]
     weights, scores, right = shares_right()
     level = report["gap"]["select"]
-    seen = signs(found["name"], found["coherence_set"], report["candidates"], level)
+    seen = signs(
+        found["name"],
+        found["coherence_set"],
+        report["candidates"],
+        left=level["after"] / level["usual"],
+        later=place > 0,
+    )
     total = float(seen @ np.array([weights[name] for name in SIGNS]))
     return round(float(np.interp(total, scores, right)), 3)
 
 
 def signs(
-    name: str, alike: Sequence[str], candidates: Sequence[Mapping[str, Any]], level: Mapping[str, float]
+    name: str, alike: Sequence[str], candidates: Sequence[Mapping[str, Any]], *, left: float, later: bool
 ) -> Array:
     """What a report shows for or against one of its names, in the order of `SIGNS`.
 
@@ -55,23 +62,29 @@ def signs(
         Effects that do as well, itself included.
     candidates : sequence of mapping
         All that were tried.
-    level : mapping
-        Squared residuals of the select presses, `after` and `floor`.
+    left : float
+        Squared residual of the select presses over what is usual where nothing is missing.
+    later : bool
+        Whether another of the effects named was found before.
     """
-    left = np.log(max(level["after"] / (left_of_nothing() * level["floor"]), 1.0))
     taken = [c for c in candidates if c["name"] == name and c["outcome"] == "passed"][-1]
     rivals = [
         c["evidence"]
         for c in candidates
-        if c["round"] == taken["round"] and c["gain"] is not None and c["name"] not in alike
+        if c["round"] == taken["round"] and c["name"] not in alike and _tried(c)
     ]
     margin = np.log((max(taken["evidence"], 0.0) + 1) / (max([0.0, *rivals]) + 1))
     return np.array(
         [
-            min(left, MOST_LEFT),
+            np.clip(np.log(left), 0.0, MOST_LEFT),
             np.log(len(alike)),
             np.clip(margin, -MOST_MARGIN, MOST_MARGIN),
             np.log(max(taken["gain"], LEAST_GAIN)),
-            float(taken["round"] > 1),
+            float(later),
         ]
     )
+
+
+def _tried(candidate: Mapping[str, Any]) -> bool:
+    """Whether a candidate was fitted to be added, not an effect that was dropped again."""
+    return candidate["gain"] is not None and not candidate["outcome"].startswith(DROPPED)

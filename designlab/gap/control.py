@@ -7,8 +7,8 @@ import numpy as np
 
 from designlab.gap.fit import DRAWN_SD, Fitter
 from designlab.gap.forward import State
-from designlab.gap.judge import Judged, judge
-from designlab.gap.result import Control, Level
+from designlab.gap.judge import Judged, judge, level
+from designlab.gap.result import Control
 
 NOT_COUNTED = (*DRAWN_SD, "fixed_pattern")
 """Effects with a number of their own for every picture or pixel: they have no size to compare."""
@@ -40,7 +40,7 @@ def control(
     tried : collection of str
         All effects that were tried.
     seed : int
-        Of the choice among several.
+        Of the choice among several; another for every measurement.
     before : Judged
         The final presses with the model as given.
 
@@ -59,5 +59,5 @@ def control(
     name = close[int(np.random.default_rng([seed, wanted]).integers(len(close)))]
     found = fitter.fit(replace(start, poses={}), [name], train)
     after = judge(fitter, found.state, final)
-    level = Level(before.mean, after.mean, float(before.floor.mean()))
-    return None if level.removed is None else Control(name, level.removed, sizes[name])
+    removed = level(before, after).removed
+    return None if removed is None else Control(name, removed, sizes[name])

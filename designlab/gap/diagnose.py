@@ -18,12 +18,12 @@ from designlab.gap.confidence import confidence
 from designlab.gap.control import control
 from designlab.gap.fit import Fit, Fitter
 from designlab.gap.intervals import values
-from designlab.gap.judge import judge
+from designlab.gap.judge import judge, level
 from designlab.gap.learnt import left_of_nothing
 from designlab.gap.observe import observe
 from designlab.gap.pictures import draw
-from designlab.gap.result import Found, GapReport, Level, Overlap, Verdict
-from designlab.gap.run import begin_run, end_run, provenance
+from designlab.gap.result import Found, GapReport, Overlap, Verdict
+from designlab.gap.run import begin_run, end_run, frames_digest, provenance
 from designlab.gap.search import Search
 from designlab.gap.single_press.blocks import is_single
 from designlab.gap.single_press.diagnose import diagnose_single
@@ -143,7 +143,7 @@ def diagnose(
     search = Search(fitter, names, train, select, progress=progress)
     best, before, after = search.run(start)
     alike = [winner.coherence_set for winner in search.winners]
-    verdict = judged(alike, before.mean, after.mean, float(after.floor.mean()))
+    verdict = verdict_of(alike, before.mean, after.mean, float(after.floor.mean()))
     last = fitter
     if verdict in ("unexplained", "at_floor"):
         best, after = replace(best, state=before.state), before
@@ -155,7 +155,7 @@ def diagnose(
     ends = [judge(own, state, final) for own, state in stands]
     fitted = [judge(own, state, seen.of("train")) for own, state in stands]
     gap = {
-        name: Level(first.mean, last.mean, float(first.floor.mean()))
+        name: level(first, last)
         for name, (first, last) in {
             "train": fitted,
             "select": (before, after),
@@ -192,7 +192,7 @@ def diagnose(
             named=[w.name for w in winners],
             as_good={name for w in winners for name in w.coherence_set},
             tried=search.screened[0],
-            seed=seed,
+            seed=int(frames_digest(measurement)[:8], 16),
             train=train,
             final=final,
             before=ends[0],
@@ -267,7 +267,7 @@ def _names(model: SensorModel, catalogue: Sequence[str] | None) -> list[str]:
     return [name for name in wanted if name not in present and effect(name).parameters(model.design)]
 
 
-def judged(alike: Sequence[Sequence[str]], before: float, after: float, floor: float) -> Verdict:
+def verdict_of(alike: Sequence[Sequence[str]], before: float, after: float, floor: float) -> Verdict:
     """Verdict by the select presses alone.
 
     The floor is what the simulation may be wrong by. What sets that hide nothing leave is less: names that

@@ -9,12 +9,15 @@ from numpy.typing import NDArray
 from designlab.gap.evidence import ALIKE
 from designlab.gap.fit import Fitter
 from designlab.gap.forward import State
+from designlab.gap.learnt import left_of_nothing
+from designlab.gap.result import Level
 from designlab.measurement.shots import POSE
 
 Array = NDArray[np.float64]
 
 LEAST_SHARE = 0.03  # of the initial gap: smaller gains are significant all the same, but say nothing
 LEAST_IMPROVED = 0.8  # of the held-out presses
+LEAST_GAP = 10.0  # misfit of a shot beyond the noise of the camera of which shares can be taken
 POSES_OFF = 3.0  # mean square of departures from stated poses, in their errors, that chance hardly makes
 POSES_SETTLED = 0.5  # share of it that may be left where an effect puts poses right
 
@@ -65,8 +68,8 @@ class Gain:
     is the share of the plain squared residual over camera noise that is gone: an effect may not move error
     from where it counts to where it is granted. `settles_poses` tells whether poses that stood off what was
     stated by more than its errors do so no longer: what poses take up leaves no residual. `own` is the mean
-    of what each shot gains as a share of its own gap, `own_se` its error: where few shots show most of an
-    effect, the spread of the other shares is no error.
+    of what each shot that has a gap gains as a share of its own, `own_se` its error: where few shots show
+    most of an effect, the spread of the other shares is no error.
     """
 
     value: float
@@ -117,10 +120,17 @@ def squared(fitter: Fitter, state: State, number: int) -> tuple[float, float]:
     return float((left[shot.valid] ** 2).mean()), float(granted[shot.valid].mean())
 
 
+def level(before: Judged, after: Judged) -> Level:
+    """Mean squared residuals of two states on the same shots."""
+    floor = float(before.floor.mean())
+    return Level(before.mean, after.mean, floor, left_of_nothing() * floor)
+
+
 def gain(base: Judged, other: Judged, gap: float) -> Gain:
     """Compare two states by the spread between held-out shots; one alone shows none."""
     falls = (base.objective - other.objective) / gap
-    own = (base.objective - other.objective) / np.maximum(base.objective - base.least, 1.0)
+    gaps = base.objective - base.least
+    own = ((base.objective - other.objective) / np.maximum(gaps, 1.0))[gaps > LEAST_GAP]
     squares = 1.0 - other.mean / base.mean
     worst = int(np.argmax(base.poses))
     off, left = float(base.poses[worst]), float(other.poses.max())
@@ -130,7 +140,7 @@ def gain(base: Judged, other: Judged, gap: float) -> Gain:
         standard_error(falls),
         float((falls > 0).mean()),
         squares,
-        float(own.mean()),
+        float(own.mean()) if own.size else 0.0,
         standard_error(own),
         settles,
     )

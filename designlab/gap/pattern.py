@@ -64,7 +64,7 @@ def strengths_as_good(
 
 
 def in_few_waves(values: Array) -> float:
-    """Share of a pattern's fine energy that few waves hold: 0.09 of white noise, nearly all of a moire."""
+    """Share of a pattern's fine energy that few waves hold: 0.09 of white noise, most of a moire."""
     fine = transformed(values)[_frequencies(values.shape[:2]) >= COARSEST]
     energy = np.sort(fine.ravel() ** 2)
     return float(energy[-max(1, round(FEW * energy.size)) :].sum() / energy.sum())

@@ -88,16 +88,21 @@ class Where:
 
 @dataclass(frozen=True)
 class Level:
-    """Mean squared residual in units of the noise: given model, updated model, and the noise floor."""
+    """Mean squared residual in units of the noise: given model, updated model, and the floor.
+
+    The floor is what noise and the errors granted to the simulation may leave, `usual` what is left where
+    nothing is missing.
+    """
 
     before: float
     after: float
     floor: float
+    usual: float
 
     @property
     def removed(self) -> float | None:
-        """Share of the excess over the floor that the update takes away; None where there was none."""
-        excess = self.before - self.floor
+        """Share of the excess over what is usual that the update takes away; None where there was none."""
+        excess = self.before - self.usual
         return (self.before - self.after) / excess if excess > 0 else None
 
 

@@ -149,7 +149,8 @@ class Search:
     def _closes_more(self, one: Attempt, other: Attempt) -> bool:
         """Whether one candidate closes more of the gap than another, press by press."""
         more = gain(other.judged, one.judged, self.gap)
-        return more.value >= LEAST_SHARE and more.value > SURE_SE * more.se
+        least = LEAST_SHARE * one.left / self.gap
+        return more.value >= least and more.value > SURE_SE * more.se
 
     def _alike(self, best: Attempt, base: Fit, passed: Sequence[str]) -> set[str]:
         """Effects that bring about nearly all of what the best one was found to do.
@@ -179,7 +180,18 @@ class Search:
                 self._note(number, attempt, f"dropped: {reason}")
                 self.winners.remove(winner)
                 best, now = without, judged
+                self._inherit(number, winner, best.state)
         return best, now
+
+    def _inherit(self, number: int, dropped: Winner, state: State) -> None:
+        """Count what a dropped effect had closed as closed by the newest, which made it needless."""
+        newest = replace(self.winners[-1], gain=self.winners[-1].gain + dropped.gain)
+        self.winners[-1] = newest
+        own = [c for c in self.tried if c.name in (newest.name, dropped.name) and c.outcome == "passed"]
+        evidence = sum(c.evidence or 0.0 for c in own)
+        values = {f"{newest.name}.{p}": float(v) for p, v in state.values[newest.name].items()}
+        last = replace(own[-1], round=number, gain=newest.gain, evidence=evidence, parameters=values)
+        self.tried.append(replace(last, name=newest.name, seconds=None))
 
     def screen(self, base: Fit) -> dict[str, float]:
         """Logarithm of the Bayes factor of every candidate by linear approximation, on the training shots."""
@@ -205,6 +217,8 @@ class Search:
     def _imitating(self, whole: System, state: State, names: Sequence[str]) -> dict[str, float]:
         """Share of the gap that each candidate may close by putting right what found effects miss by."""
         gains = {w.name: w.gain for w in self.winners if w.name in state.values and w.name != "fixed_pattern"}
+        if not gains:
+            return {}
         table = overlaps(whole, [*gains, *names], {name: self._step(state, name) for name in gains})
         return {
             name: MODEL_ERROR * sum(gain * table.get((other, name), 0.0) for other, gain in gains.items())

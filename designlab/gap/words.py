@@ -12,7 +12,10 @@ ONE_CHANNEL = 0.6
 FRAMES = {"press": "in presses", "background": "on the untouched gel", "dark": "with the LEDs off"}
 EVEN_Z = 0.5  # mean in standard deviations below which a region is neither brighter nor darker
 SEEN = 0.05  # of the excess: less is not worth a sentence
-CALIBRATED = "the share of right names among those that looked like it on generated sets with known answers"
+CALIBRATED = (
+    "the share of right names among those that looked like it on generated sets with known answers, less "
+    "where frames are missing, few or doubtful"
+)
 ONE_PICTURE = "of one picture; nothing is known of how often such names are right"
 OUTSIDE = (
     "dirt or a hair on the gel, a second contact, marks printed on it, a reflection of an LED in the lens, "
@@ -53,7 +56,10 @@ def _missing(report: GapReport) -> str:
             f"{'; '.join(report.reserves)}."
         )
     if report.verdict == "partial":
-        return f"Part of the gap is explained: the model lacks {effects}. The rest is above the floor."
+        return (
+            f"Part of the gap is explained: the model lacks {effects}. The rest is more than is usual where "
+            "nothing is missing."
+        )
     if report.verdict == "at_floor":
         return (
             "Simulation and measurement agree: the squared residual on the final presses is "
@@ -89,7 +95,8 @@ def _gone(final: Level, control: Control | None, effects: Sequence[Found]) -> st
     share = "all" if removed >= 1 else percent(removed)
     said = (
         f"On the final presses, which decided nothing, {share} of the gap is gone: squared "
-        f"residual {number(final.before)} before, {number(final.after)} after, floor {number(final.floor)}."
+        f"residual {number(final.before)} before, {number(final.after)} after, and {number(final.usual)} is "
+        "usual where nothing is missing."
     )
     if control is not None:
         own = sum(len(effect.parameters) for effect in effects)

@@ -37,8 +37,8 @@ _SPLITS = {"train": "fitted to", "select": "chosen by", "final": "final"}
 _GAP = (
     "Mean squared residual in units of the noise. Effects were fitted to the first presses and chosen by the "
     "second; the final presses were used for nothing else. The floor is what noise of the camera and the "
-    "errors "
-    "granted to the simulation leave."
+    "errors granted to the simulation may leave, usual is what is left where nothing is missing. Bars begin "
+    "there."
 )
 _WHERE = (
     "Shares of the excess over the floor with the model as given. A region stands out where a value "
@@ -172,6 +172,7 @@ def _gap(gap: Mapping[str, Mapping[str, float]], control: Mapping[str, Any] | No
         Column("before", "before"),
         Column("after", "after"),
         Column("floor", "floor"),
+        Column("usual", "usual"),
         Column("gone", "gap gone", "%"),
     ]
     blocks = [gap_bars(gap, _SPLITS), paragraph(_GAP, note=True), table(rows, columns)]
@@ -192,7 +193,7 @@ def _gap(gap: Mapping[str, Mapping[str, float]], control: Mapping[str, Any] | No
 
 
 def _gone(level: Mapping[str, float]) -> float | None:
-    excess = level["before"] - level["floor"]
+    excess = level["before"] - level["usual"]
     return round(100 * (level["before"] - level["after"]) / excess, 1) if excess > 0 else None
 
 

@@ -17,17 +17,17 @@ CELL, MARGIN = 190, 8
 
 
 def gap_bars(gap: Mapping[str, Mapping[str, float]], titles: Mapping[str, str]) -> Html:
-    """Squared residuals before and after as bars that begin at the floor, on a logarithmic scale.
+    """Squared residuals before and after as bars that begin at what is usual, on a logarithmic scale.
 
     Parameters
     ----------
     gap : mapping of str to mapping
-        ``before``, ``after`` and ``floor`` of every split.
+        ``before``, ``after`` and ``usual`` of every split.
     titles : mapping of str to str
         What stands beside the bars of a split.
     """
     times = {
-        split: {name: level[name] / level["floor"] for name in ("before", "after")}
+        split: {name: level[name] / level["usual"] for name in ("before", "after")}
         for split, level in gap.items()
     }
     largest = max(2.0, *(value for pair in times.values() for value in pair.values()))
@@ -47,7 +47,7 @@ def gap_bars(gap: Mapping[str, Mapping[str, float]], titles: Mapping[str, str]) 
         _text(
             LEFT + room / 2,
             height - 3,
-            "squared residual over its floor (1 is the floor)",
+            "squared residual over what is usual where nothing is missing",
             anchor="middle",
             colour=SOFT,
             size=12,
@@ -63,7 +63,7 @@ def gap_bars(gap: Mapping[str, Mapping[str, float]], titles: Mapping[str, str]) 
             parts.append(_text(LEFT + long + 6, y + BAR - 3, f"{rounded(level[name])} {name}", size=12))
     described = "; ".join(
         f"{titles.get(split, split)}: {level['before']:.3g} before, {level['after']:.3g} after, "
-        f"floor {level['floor']:.3g}"
+        f"usual {level['usual']:.3g}"
         for split, level in gap.items()
     )
     return Html(f'<figure style="overflow-x:auto">{_svg(WIDTH, height, parts, described)}</figure>')

@@ -16,12 +16,12 @@ _FAMILIES = {
     "left_out": "an effect whose class was taken out of the catalogue",
 }
 _RATES = {
-    "named": "a name given",
+    "named": "a name without reserve",
     "right_first": "the right name first",
     "all_named": "all named",
     "truth_in_set": "all in the reported sets",
     "intervals_hold": "95 % intervals hold the truth",
-    "named_or_ambiguous": "a name given, or several to choose from",
+    "named_or_ambiguous": "a name without reserve, or several to choose from",
     "abstained": "unexplained, partial or refused",
 }
 _MEDIANS = {
@@ -129,6 +129,7 @@ def _counted(said: Mapping[str, int]) -> str:
 _SET_COLUMNS = [
     Column("set", "set"),
     Column("design", "design"),
+    Column("hidden", "hidden"),
     Column("verdict", "verdict"),
     Column("named", "named"),
     Column("alike", "would do as well"),
@@ -142,6 +143,7 @@ def _sets(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         {
             "set": row["set"],
             "design": row["design"],
+            "hidden": ", ".join(row["hidden"]),
             "verdict": row["verdict"].split(":")[0].replace("_", " "),
             "named": ", ".join(row["named"]),
             "alike": "; ".join(", ".join(names[1:]) for names in row["sets"] if len(names) > 1),

@@ -11,7 +11,7 @@ from designlab.report.page import COLOURS
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-BLUE, ORANGE, *_, GREY = COLOURS
+BLUE, GREY = COLOURS[0], COLOURS[-1]
 FREE = 0.05  # of the confidence: an error up to here is shaded
 
 

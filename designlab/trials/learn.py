@@ -13,7 +13,7 @@ from designlab.effects import effect
 from designlab.gap.confidence import SIGNS, signs
 from designlab.gap.learnt import known
 from designlab.trials.runner import Outcome
-from designlab.trials.score import BINS, all_named, family, same
+from designlab.trials.score import BINS, all_named, equal_mass, family, same
 
 Array = NDArray[np.float64]
 
@@ -65,7 +65,8 @@ def learnt(pool: str, outcomes: Iterable[Outcome]) -> dict[str, Any]:
     outcomes = list(outcomes)
     if pool == "power":
         return {**known(), "unlisted_sd": unlisted_sd(outcomes)}
-    return {**known(), "left_of_nothing": left_of_nothing(outcomes), "confidence": shares_right(outcomes)}
+    nothing = left_of_nothing(outcomes)
+    return {**known(), "left_of_nothing": nothing, "confidence": shares_right(outcomes, nothing)}
 
 
 def left_of_nothing(outcomes: Iterable[Outcome]) -> float:
@@ -82,43 +83,62 @@ def left_of_nothing(outcomes: Iterable[Outcome]) -> float:
     return round(float(np.median([level["before"] / level["floor"] for level in levels])), 3)
 
 
-def shares_right(outcomes: Iterable[Outcome]) -> dict[str, Any]:
+def shares_right(outcomes: Iterable[Outcome], nothing: float) -> dict[str, Any]:
     """Weights of the signs of a name (logistic regression), and the share of right names along their sum.
 
     A sign counts in the direction that is known of it or not at all. The sums are cut into bins of equal
     mass; the shares of right names in them, one right and one wrong name added to each bin, are made to rise
     (isotonic regression).
+
+    Parameters
+    ----------
+    outcomes : iterable of Outcome
+        Of all families.
+    nothing : float
+        Squared residual over the floor that is usual where nothing is missing.
+
+    Raises
+    ------
+    ValueError
+        If too few names were given.
     """
-    seen, right = named(outcomes)
+    seen, right = named(outcomes, nothing)
+    if len(right) < FEWEST * BINS:
+        raise ValueError(f"pool: {len(right)} names teach nothing, {FEWEST * BINS} are needed")
     direction = np.array(list(SIGNS.values()), dtype=float)
-    scale = np.maximum(np.ptp(seen, axis=0), 1e-9)
+    span = np.ptp(seen, axis=0)
+    scale = np.where(span > 0, span, 1.0)
+    scaled = (seen - seen.mean(axis=0)) / scale
 
     def lost(weights: Array) -> float:
-        odds = weights[0] + (seen / scale) @ weights[1:]
+        odds = weights[0] + scaled @ weights[1:]
         prior = 0.5 * float((weights[1:] ** 2).sum()) / WEIGHT_SD**2
         return prior - float(log_expit(np.where(right, odds, -odds)).sum())
 
     bounds = [(None, None), *((0.0, None) if sign > 0 else (None, 0.0) for sign in direction)]
     best = minimize(lost, np.zeros(len(bounds)), bounds=bounds, method="L-BFGS-B").x[1:] / scale
     total = seen @ best
-    parts = np.array_split(np.argsort(total, kind="stable"), BINS)
-    share = isotonic_regression([(right[part].sum() + 1) / (len(part) + 2) for part in parts]).x
+    bins = equal_mass(total)
+    share = [(right[part].sum() + 1) / (len(part) + 2) for part in bins]
+    rising = isotonic_regression(share, weights=[len(part) for part in bins]).x
     return {
         "weights": {name: round(float(weight), 4) for name, weight in zip(SIGNS, best, strict=True)},
-        "scores": [round(float(total[part].mean()), 4) for part in parts],
-        "right": [round(float(each), 4) for each in share],
+        "scores": [round(float(total[part].mean()), 4) for part in bins],
+        "right": [round(float(each), 4) for each in rising],
         "names": len(right),
     }
 
 
-def named(outcomes: Iterable[Outcome]) -> tuple[Array, NDArray[np.bool_]]:
+def named(outcomes: Iterable[Outcome], nothing: float) -> tuple[Array, NDArray[np.bool_]]:
     """Signs of every name that was given (names, signs), and whether it was right."""
-    rows = [
-        (signs(name, alike, o.candidates, o.gap["select"]), any(same(name, t) for t in o.trial["effects"]))
-        for o in outcomes
-        for name, alike in zip(o.named, o.sets, strict=True)
-    ]
-    return np.array([row for row, _ in rows]).reshape(-1, len(SIGNS)), np.array([r for _, r in rows], bool)
+    rows, right = [], []
+    for o in outcomes:
+        for place, (name, alike) in enumerate(zip(o.named, o.sets, strict=True)):
+            level = o.gap["select"]
+            left = level["after"] / (nothing * level["floor"])
+            rows.append(signs(name, alike, o.candidates, left=left, later=place > 0))
+            right.append(any(same(name, truth) for truth in o.trial["effects"]))
+    return np.array(rows).reshape(-1, len(SIGNS)), np.array(right, dtype=bool)
 
 
 def spread(errors: Sequence[tuple[float, float]]) -> float:

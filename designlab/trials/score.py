@@ -1,14 +1,14 @@
 """What a pool of trials shows: names right and wrong, sets, gap removed, values and their intervals."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from designlab.design import preset
 from designlab.effects import effect
-from designlab.gap.learnt import left_of_nothing
 from designlab.trials.detection import in_units, limits
 from designlab.trials.runner import Outcome
 
@@ -75,7 +75,7 @@ def _nothing(sets: Sequence[Outcome]) -> dict[str, Any]:
 def _hidden(sets: Sequence[Outcome]) -> dict[str, Any]:
     """Of sets whose effects are in the catalogue."""
     removed = [share for o in sets if (share := gap_removed(o)) is not None]
-    controls = [share for o in sets if (share := control_removed(o)) is not None]
+    controls = [o.control for o in sets if o.control is not None]
     errors = [error for o in sets for error in value_errors(o)]
     sizes = [len(names) for o in sets for names in o.sets[:1]]
     return {
@@ -141,22 +141,28 @@ def reliability(said: Sequence[tuple[float, bool]]) -> dict[str, Any] | None:
     """
     if len(said) < BINS:
         return None
-    ordered = np.array(sorted(said), dtype=float)
-    # Equal values stay together: their order says nothing.
-    values = ordered[:, 0]
-    edges = sorted(
-        {int(np.searchsorted(values, values[k])) for k in range(0, len(values), -(-len(values) // BINS))}
-    )
+    pairs = np.array(said, dtype=float)
     bins = []
-    for part in np.split(ordered, [edge for edge in edges if edge > 0]):
-        right = rate(part[:, 1] > 0)
+    for part in equal_mass(pairs[:, 0]):
+        right = rate((pairs[part, 1] > 0).tolist())
         assert right is not None  # no part is empty
         ends = {"low": right["low"], "high": right["high"]}
-        bins.append(
-            {"confidence": float(part[:, 0].mean()), "right": right["share"], "names": len(part)} | ends
-        )
-    error = sum(b["names"] * abs(b["confidence"] - b["right"]) for b in bins) / len(ordered)
-    return {"error": error, "names": len(ordered), "bins": bins}
+        stated = float(pairs[part, 0].mean())
+        bins.append({"confidence": stated, "right": right["share"], "names": len(part)} | ends)
+    error = sum(b["names"] * abs(b["confidence"] - b["right"]) for b in bins) / len(said)
+    return {"error": float(error), "names": len(said), "bins": bins}
+
+
+def equal_mass(values: NDArray[np.float64]) -> list[NDArray[np.intp]]:
+    """Places of values in up to `BINS` bins of equal mass, in rising order.
+
+    Equal values stay together: their order says nothing.
+    """
+    order = np.argsort(values, kind="stable")
+    ordered = values[order]
+    starts = range(0, len(values), -(-len(values) // BINS))
+    edges = sorted({int(np.searchsorted(ordered, ordered[k])) for k in starts})
+    return np.split(order, [edge for edge in edges if edge > 0])
 
 
 def _limits(single: Iterable[Outcome]) -> dict[str, dict[str, Any]]:
@@ -224,24 +230,9 @@ def _in_set(o: Outcome) -> bool:
 
 
 def gap_removed(o: Outcome) -> float | None:
-    """Share of the gap that is gone on the final presses: of the excess over what nothing hidden leaves."""
+    """Share of the gap that is gone on the final presses."""
     level = o.gap.get("final")
-    if not level or (excess := _excess(level)) <= 0:
-        return None
-    return float((level["before"] - level["after"]) / excess)
-
-
-def control_removed(o: Outcome) -> float | None:
-    """The same of a wrong effect of the same size."""
-    level = o.gap.get("final")
-    if o.control is None or not level or (excess := _excess(level)) <= 0:
-        return None
-    return float(o.control * (level["before"] - level["floor"]) / excess)
-
-
-def _excess(level: Mapping[str, float]) -> float:
-    """Gap of the model as given. The floor is what the simulation may be wrong by, not what it is."""
-    return level["before"] - left_of_nothing() * level["floor"]
+    return None if level is None else level["removed"]
 
 
 def value_errors(o: Outcome) -> list[float]:

@@ -14,9 +14,10 @@ from designlab.gap.bank import fill
 from designlab.gap.basis import Renders
 from designlab.gap.diagnose import SAMPLES
 from designlab.gap.fit import Fitter
-from designlab.gap.judge import Judged, judge
+from designlab.gap.judge import Judged, judge, level
 from designlab.gap.noise import Noise
 from designlab.gap.observe import observe
+from designlab.gap.result import Level
 from designlab.measurement import Measurement, load_measurement
 from designlab.plant import plant
 from designlab.trials.pool import AIR, Trial, development
@@ -120,7 +121,7 @@ def _one(trial: Trial, folder: Path) -> Transferred:
         )
     renders = Renders(folder / "renders" / f"{trial.design}-other", SAMPLES, SEED)
     before, after = predicted(load_measurement(second), [SensorModel.of(changed), corrected], renders)
-    levels = before.mean, after.mean, float(before.floor.mean())
+    gap = level(before, after)
     ended = os.times()
     carried = [applied.name for applied in corrected.effects]
     named = [applied.name for applied in found.effects]
@@ -131,10 +132,10 @@ def _one(trial: Trial, folder: Path) -> Transferred:
         named=named,
         carried=carried,
         left=[name for name in named if name not in carried],
-        before=levels[0],
-        after=levels[1],
-        floor=levels[2],
-        removed=removed(*levels),
+        before=gap.before,
+        after=gap.after,
+        floor=gap.floor,
+        removed=removed(gap),
         warnings=list(corrected.warnings()),
         processor_seconds=ended.user + ended.system - begun.user - begun.system,
     )
@@ -164,9 +165,9 @@ def predicted(measurement: Measurement, models: Sequence[SensorModel], renders: 
     return found
 
 
-def removed(before: float, after: float, floor: float) -> float | None:
-    """Share of the gap over the floor that is gone."""
-    return None if before <= floor else (before - after) / (before - floor)
+def removed(gap: Level) -> float | None:
+    """Share of the gap that is gone; None where there is none over the floor."""
+    return None if gap.before <= gap.floor else gap.removed
 
 
 def summary(outcomes: Sequence[Transferred], *, seed: int = 0) -> dict[str, Any]:

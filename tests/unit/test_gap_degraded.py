@@ -263,7 +263,7 @@ def report(verdict="named", name="vignetting", coherence=None) -> GapReport:
         verdict=verdict,
         effects=() if nothing else (found,),
         where=(),
-        gap={split: Level(8.0, 1.7, 1.0) for split in ("train", "select", "final")},
+        gap={split: Level(8.0, 1.7, 1.0, 1.0) for split in ("train", "select", "final")},
         next_measurement=Advice(""),
         updated=MODEL,
         model=Path("model.toml"),

@@ -11,7 +11,7 @@ import pytest
 from designlab.design import preset
 from designlab.effects import SensorModel
 from designlab.gap.basis import Renders
-from designlab.gap.diagnose import _provenance, judged
+from designlab.gap.diagnose import _provenance, verdict_of
 from designlab.gap.intervals import of_amplitudes, of_deviation
 from designlab.gap.result import Advice, Candidate, Control, Found, GapReport, Level, Overlap, Value, Where
 from designlab.gap.words import places
@@ -32,9 +32,9 @@ REPORT = GapReport(
     effects=(FOUND,),
     where=(CORNERS, REST),
     gap={
-        "train": Level(9.0, 1.2, 1.0),
-        "select": Level(8.0, 1.3, 1.0),
-        "final": Level(8.0, 1.7, 1.0),
+        "train": Level(9.0, 1.2, 1.0, 0.6),
+        "select": Level(8.0, 1.3, 1.0, 0.6),
+        "final": Level(8.0, 1.7, 1.0, 1.0),
     },
     next_measurement=Advice("a flat field", 4.0, 10.0),
     updated=SensorModel.of(preset("gelsight-2020-flat")),
@@ -147,6 +147,15 @@ def test_the_verdict_is_said_in_plain_words(changes, said, unsaid) -> None:
     assert not re.search(rf"\b{unsaid}\b", text)
 
 
+def test_a_gap_below_the_floor_is_told_of_like_any_other() -> None:
+    below = replace(REPORT, gap={split: Level(0.9, 0.62, 1.0, 0.58) for split in REPORT.gap})
+    text = " ".join(below.statement)
+    assert "88 % of the gap is gone: squared residual 0.9 before, 0.62 after, and 0.58 is usual" in text
+    assert "takes away 12 %" in text
+    text = " ".join(replace(below, verdict="partial").statement)
+    assert "The rest is more than is usual where nothing is missing" in text
+
+
 ONE, SEVERAL = [("vignetting",)], [("vignetting",), ("led_tilt", "led_profile")]
 
 
@@ -168,8 +177,8 @@ ONE, SEVERAL = [("vignetting",)], [("vignetting",), ("led_tilt", "led_profile")]
 )
 def test_the_verdict_follows_from_what_is_left(alike, before, after, verdict) -> None:
     """In units of the floor; sets that hide nothing leave 0.5 to 0.7 of it."""
-    assert judged(alike, before, after, 1.0) == verdict
-    assert judged(alike, 7 * before, 7 * after, 7.0) == verdict
+    assert verdict_of(alike, before, after, 1.0) == verdict
+    assert verdict_of(alike, 7 * before, 7 * after, 7.0) == verdict
 
 
 def test_a_region_stands_out_by_its_own_excess_and_an_even_one_does_not() -> None:
@@ -234,7 +243,7 @@ def test_the_page_shows_what_was_found_tried_and_not_known(tmp_path) -> None:
         "numerical : fitted with every candidate (amount 0.2)",
         "A flat field. the candidates would differ by 4 standard deviations (predicted)",
         "time in the lab about 10 min",
-        "final 8 1.7 1 90",
+        "final 8 1.7 1 1 90",
         "products only",
         "repeats fails 1.3 % apart",
     ):
@@ -242,11 +251,15 @@ def test_the_page_shows_what_was_found_tried_and_not_known(tmp_path) -> None:
     assert "<b>" not in text.partition("<title>")[2].partition("</main>")[0].replace("</b>", "")
 
 
-def test_bars_of_the_gap_begin_at_the_floor() -> None:
-    drawn = gap_bars({"final": {"before": 100.0, "after": 1.0, "floor": 1.0}}, {"final": "final"})
+def test_bars_of_the_gap_begin_at_what_is_usual() -> None:
+    drawn = gap_bars(
+        {"final": {"before": 100.0, "after": 1.0, "floor": 1.7, "usual": 1.0}}, {"final": "final"}
+    )
     before, after = (float(width) for width in re.findall(r'<rect x="\d+" y="\d+" width="([\d.]+)"', drawn))
     assert after < 2
-    halfway = gap_bars({"final": {"before": 100.0, "after": 10.0, "floor": 1.0}}, {"final": "final"})
+    halfway = gap_bars(
+        {"final": {"before": 100.0, "after": 10.0, "floor": 1.7, "usual": 1.0}}, {"final": "final"}
+    )
     long, half = (float(width) for width in re.findall(r'<rect x="\d+" y="\d+" width="([\d.]+)"', halfway))
     assert long == before
     assert half == pytest.approx(long / 2, abs=0.1)  # logarithmic

@@ -14,6 +14,7 @@ from designlab.design import preset
 from designlab.effects import effect
 from designlab.gap.confidence import SIGNS
 from designlab.gap.learnt import left_of_nothing
+from designlab.gap.result import Level
 from designlab.measurement import Measurement
 from designlab.measurement.frames import Frame
 from designlab.plant import effects as planted
@@ -73,7 +74,10 @@ def outcome(
         confidence=[confidence] * len(sets),
         control=0.1,
         next_frames=[],
-        gap={use: {"before": 11.0, "after": after, "floor": FLOOR} for use in ("select", "final")},
+        gap={
+            use: {"before": 11.0, "after": after, "floor": FLOOR, "usual": 1.0, "removed": (11 - after) / 10}
+            for use in ("select", "final")
+        },
         candidates=[],
         seconds=1.0,
         processor_seconds=1.0,
@@ -188,8 +192,7 @@ def test_names_sets_gaps_and_intervals_are_counted() -> None:
     assert single["set_size_mean"] == 1.5
     assert found["confusion"]["nothing"] == {"at_floor": 1, "banding": 1}
     assert single["value_error_median"] == pytest.approx(0.1)
-    # Diagnoses count from the floor, scores from what nothing hidden leaves.
-    assert single["control_removed_median"] == pytest.approx(0.1 * (11.0 - FLOOR) / 10.0)
+    assert single["control_removed_median"] == 0.1
     assert found["confusion"]["vignetting, not in the catalogue"] == {"unexplained": 1, "albedo_field": 1}
     assert found["confusion"]["vignetting"] == {"vignetting": 1, "albedo_field": 1}
     assert single["gap_removed_median"] == pytest.approx((0.9 + 0.4) / 2)
@@ -230,14 +233,14 @@ def test_confidence_is_the_share_of_right_names_among_those_alike() -> None:
             found.append(tried(hidden, name, after=float(np.exp(left)), gain=gain, rival=rival))
         return found
 
-    known = shares_right(drawn(400))
+    known = shares_right(drawn(400), left_of_nothing())
     weights = known["weights"]
     assert weights["left"] < -1.5
     assert weights["gain"] > 0.4
     assert abs(weights["margin"]) < 0.3
     assert weights["set"] == weights["later"] == 0.0  # the same of all
     assert np.all(np.diff(known["right"]) >= 0)
-    seen, right = named(drawn(2000))
+    seen, right = named(drawn(2000), left_of_nothing())
     said = np.interp(seen @ [weights[name] for name in SIGNS], known["scores"], known["right"])
     error = reliability(list(zip(said, right, strict=True)))
     assert error is not None
@@ -248,11 +251,14 @@ def test_confidence_is_the_share_of_right_names_among_those_alike() -> None:
 def test_a_sign_cannot_count_against_what_is_known_of_it() -> None:
     """By chance, names that leave more may be right more often among few."""
     hidden = Trial("single", AIR[0], 1, {"vignetting": 1.0})
-    few = [tried(hidden, "vignetting", after=a, gain=0.5, rival=1.0) for a in (5.0, 6.0, 7.0)]
-    few += [tried(hidden, "led_tilt", after=a, gain=0.5, rival=1.0) for a in (1.0, 1.1, 1.2)]
-    known = shares_right(few)
+    few = [tried(hidden, "vignetting", after=5.0 + k, gain=0.5, rival=1.0) for k in range(8)]
+    few += [tried(hidden, "led_tilt", after=1.0 + 0.1 * k, gain=0.5, rival=1.0) for k in range(8)]
+    known = shares_right(few, left_of_nothing())
     assert known["weights"]["left"] == 0.0
-    assert 0.0 < min(known["right"]) <= max(known["right"]) < 1.0
+    assert known["right"] == [0.5]  # nothing tells them apart, in whatever order they come
+    assert shares_right(few[::-1], left_of_nothing())["right"] == [0.5]
+    with pytest.raises(ValueError, match="4 names teach nothing, 15 are needed"):
+        shares_right(few[:4], left_of_nothing())
 
 
 def test_a_pool_replaces_only_what_it_teaches() -> None:
@@ -444,16 +450,16 @@ def test_a_finished_pool_is_scored_from_its_records(tmp_path, capsys) -> None:
 
 
 def transferred(before: float, after: float, floor: float) -> Transferred:
-    share = removed(before, after, floor)
+    share = removed(Level(before, after, floor, floor))
     return Transferred(
         asdict(Trial("t", "d", 1)), {}, "named", [], [], [], before, after, floor, share, [], 1.0
     )
 
 
 def test_the_share_of_the_gap_removed_and_its_median() -> None:
-    assert removed(11.0, 3.0, 1.0) == pytest.approx(0.8)
-    assert removed(11.0, 16.0, 1.0) == pytest.approx(-0.5)  # a correction that makes it worse
-    assert removed(0.9, 0.8, 1.0) is None
+    assert removed(Level(11.0, 3.0, 2.0, 1.0)) == pytest.approx(0.8)
+    assert removed(Level(11.0, 16.0, 2.0, 1.0)) == pytest.approx(-0.5)  # a correction that makes it worse
+    assert removed(Level(1.9, 1.8, 2.0, 1.0)) is None
     found = summary(
         [transferred(11.0, after, 1.0) for after in (1.0, 3.0, 6.0)] + [transferred(0.9, 0.8, 1.0)]
     )

@@ -129,6 +129,7 @@ def diagnose_single(
                 float(search.blocks(given, number).mean()),
                 float(search.blocks(best, number).mean()),
                 search.floor(best, number),
+                search.floor(best, number),  # what pictures of other sensors leave says nothing of its grain
             )
             for number, use in enumerate(USES)
         },
