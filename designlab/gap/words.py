@@ -17,6 +17,7 @@ CALIBRATED = (
     "where frames are missing, few or doubtful"
 )
 ONE_PICTURE = "of one picture; nothing is known of how often such names are right"
+USUAL = "usual where nothing is missing"
 OUTSIDE = (
     "dirt or a hair on the gel, a second contact, marks printed on it, a reflection of an LED in the lens, "
     "another object than stated, pictures that were compressed"
@@ -36,6 +37,7 @@ def statement(report: GapReport) -> tuple[str, ...]:
     said.extend(_to_do(report))
     if "blocks" in report.provenance:
         said = [text.replace("final presses", "final blocks of the picture") for text in said]
+        said = [text.replace(USUAL, "its grain and what the simulation may be wrong by") for text in said]
         said.append("n = 1: one picture of one press. What was found is consistent with it, not validated.")
     return tuple(said)
 
@@ -56,10 +58,7 @@ def _missing(report: GapReport) -> str:
             f"{'; '.join(report.reserves)}."
         )
     if report.verdict == "partial":
-        return (
-            f"Part of the gap is explained: the model lacks {effects}. The rest is more than is usual where "
-            "nothing is missing."
-        )
+        return f"Part of the gap is explained: the model lacks {effects}. The rest is more than is {USUAL}."
     if report.verdict == "at_floor":
         return (
             "Simulation and measurement agree: the squared residual on the final presses is "
@@ -94,9 +93,8 @@ def _gone(final: Level, control: Control | None, effects: Sequence[Found]) -> st
         return "On the final presses, which decided nothing, there was no gap to begin with."
     share = "all" if removed >= 1 else percent(removed)
     said = (
-        f"On the final presses, which decided nothing, {share} of the gap is gone: squared "
-        f"residual {number(final.before)} before, {number(final.after)} after, and {number(final.usual)} is "
-        "usual where nothing is missing."
+        f"On the final presses, which decided nothing, {share} of the gap is gone: squared residual "
+        f"{number(final.before)} before, {number(final.after)} after; {number(final.usual)} is {USUAL}."
     )
     if control is not None:
         own = sum(len(effect.parameters) for effect in effects)

@@ -22,6 +22,7 @@ from designlab.images import read_image, write_image
 from designlab.measurement import load_measurement
 from designlab.study import load_study
 from designlab.trials.pool import shard
+from geometries.probes import parse
 
 PROGRAM = Path(sys.executable).with_name("designlab")
 COMMANDS = (
@@ -203,10 +204,13 @@ class TestFailures:
         status, _, err = run("presets")
         assert status == 2
         assert err.startswith("designlab: --shard: must be K/N")
+        call = (parse, "sphere:-1")
+        assert run("presets")[0] == 2
         call = (np.linalg.inv, np.ones((2, 3)))
         status, _, err = run("presets")
         assert status == 1
         assert "a defect of designlab: LinAlgError" in err
+        assert "linalg" in err
 
     def test_debug_shows_the_traceback(self, run, monkeypatch):
         monkeypatch.setattr(designs, "presets", lambda args: {}["secret"])

@@ -10,14 +10,16 @@ from designlab.effects import AppliedEffect, SensorModel, effect
 from designlab.gap.bank import Bank, fill, moved
 from designlab.gap.basis import Renders
 from designlab.gap.control import control
-from designlab.gap.fit import Fitter
+from designlab.gap.evidence import System
+from designlab.gap.fit import Fit, Fitter
 from designlab.gap.forward import Forward, State, bands
 from designlab.gap.grain import grains
 from designlab.gap.intervals import values
 from designlab.gap.judge import Judged, gain, judge
 from designlab.gap.noise import DARK_LIGHT
 from designlab.gap.pattern import found_pattern, in_few_waves
-from designlab.gap.search import MOST_IN_WAVES, PERIODS, Search, Winner, _with_strength
+from designlab.gap.result import Candidate
+from designlab.gap.search import MOST_IN_WAVES, PERIODS, Attempt, Search, Winner, _with_strength
 from designlab.gap.where import geometry, regions, where
 from designlab.measurement.shots import Shot
 from designlab.plant.converter import Converter
@@ -305,6 +307,41 @@ def test_a_press_that_shows_most_of_an_effect_does_not_make_its_gain_unsure() ->
     assert found.own - 1.5 * found.own_se > 0.5
     worse = gain(before, judged([260.0, 280.0, 250.0, 500.0]), before.gap)
     assert worse.own - 1.5 * worse.own_se < 0
+    # Of presses that leave no more than noise, shares would be shares of nothing.
+    still = gain(judged([99.0, 101.0, 190.0, 210.0]), judged([70.0, 72.0, 188.0, 207.0]), 1.0)
+    assert still.own == pytest.approx((2 / 90 + 3 / 110) / 2)
+    none = gain(judged([99.0, 101.0]), judged([70.0, 72.0]), 1.0)
+    assert (none.own, none.own_se) == (0.0, 0.0)
+
+
+def attempt(name: str, left: float, objective: list[float], before: Judged) -> Attempt:
+    after = judged(objective)
+    fit = Fit(State(GAINS), System((), np.zeros((0, 0)), np.zeros(0), 0.0, np.zeros(0)), 0.0)
+    return Attempt(name, left, fit, after, gain(before, after, 1000.0), 100.0)
+
+
+def test_what_counts_as_closing_more_goes_by_what_is_left(bank) -> None:
+    """Of a twentieth of the first gap, 3 % of the first gap would be nearly all."""
+    search = Search(Fitter(bank), NAMES, [0], [3], gap=1000.0)
+    before = judged([150.0, 152.0, 148.0])
+    much, little = (attempt("a", 50.0, [100.0 + s, 102.0 + s, 98.0 + s], before) for s in (10.0, 35.0))
+    assert search._closes_more(much, little)
+    assert not search._closes_more(little, much)
+    assert not search._closes_more(replace(much, left=1000.0), replace(little, left=1000.0))
+
+
+def test_a_needless_effect_leaves_what_it_closed_to_the_one_that_made_it_so(bank) -> None:
+    search = Search(Fitter(bank), NAMES, [0], [3], gap=1000.0)
+    for name, share, evidence in (("vignetting", 0.5, 300.0), ("albedo_field", 0.1, 40.0)):
+        search.winners.append(Winner(name, (name,), share))
+        search.tried.append(Candidate(1, name, "passed", share, 0.01, 1.0, {}, evidence))
+    dropped = search.winners.pop(0)
+    search._inherit(2, dropped, State(GAINS).with_values("albedo_field", {"x": 0.03}))
+    (winner,) = search.winners
+    assert (winner.name, winner.gain) == ("albedo_field", pytest.approx(0.6))
+    last = search.tried[-1]
+    assert (last.name, last.gain, last.evidence) == ("albedo_field", pytest.approx(0.6), 340.0)
+    assert last.parameters == {"albedo_field.x": 0.03}
 
 
 def test_a_later_effect_must_do_more_than_put_right_what_found_ones_miss(bank) -> None:

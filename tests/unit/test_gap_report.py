@@ -11,8 +11,10 @@ import pytest
 from designlab.design import preset
 from designlab.effects import SensorModel
 from designlab.gap.basis import Renders
-from designlab.gap.diagnose import _provenance, verdict_of
+from designlab.gap.confidence import SIGNS, confidence
+from designlab.gap.diagnose import _provenance, _sure, verdict_of
 from designlab.gap.intervals import of_amplitudes, of_deviation
+from designlab.gap.learnt import shares_right
 from designlab.gap.result import Advice, Candidate, Control, Found, GapReport, Level, Overlap, Value, Where
 from designlab.gap.words import places
 from designlab.measurement.invariants import Check
@@ -148,9 +150,11 @@ def test_the_verdict_is_said_in_plain_words(changes, said, unsaid) -> None:
 
 
 def test_a_gap_below_the_floor_is_told_of_like_any_other() -> None:
-    below = replace(REPORT, gap={split: Level(0.9, 0.62, 1.0, 0.58) for split in REPORT.gap})
+    levels = {split: Level(0.9, 0.61, 1.0, 0.58) for split in REPORT.gap}
+    below = replace(REPORT, gap=levels, provenance={})
     text = " ".join(below.statement)
-    assert "88 % of the gap is gone: squared residual 0.9 before, 0.62 after, and 0.58 is usual" in text
+    said = "91 % of the gap is gone: squared residual 0.9 before, 0.61 after; 0.58 is usual where nothing"
+    assert said in text
     assert "takes away 12 %" in text
     text = " ".join(replace(below, verdict="partial").statement)
     assert "The rest is more than is usual where nothing is missing" in text
@@ -273,3 +277,38 @@ def test_the_drawing_of_a_value_keeps_order_and_shows_a_bound_that_is_near() -> 
     assert drawn.count("<path") == 2  # 0 and 0.9 lie within what is drawn
     far = interval_bar(vars(VALUE) | {"bounds": [-50.0, 50.0]})
     assert "<path" not in far
+
+
+def test_confidence_of_a_report_is_what_was_learnt_of_names_like_it() -> None:
+    passed = [c for c in REPORT.candidates if c.name == "vignetting"]
+    assert passed
+    shown = REPORT.to_json()
+    shown["candidates"] = [
+        {**c, "outcome": "passed"} for c in shown["candidates"] if c["name"] == "vignetting"
+    ]
+    weights, scores, right = shares_right()
+
+    def said(after: float, names: list[str]) -> float:
+        shown["gap"]["select"] |= {"after": after, "usual": 0.6}
+        shown["effects"][0]["coherence_set"] = names
+        return confidence(shown, 0)
+
+    good, worse, alike = (
+        said(0.6, ["vignetting"]),
+        said(6.0, ["vignetting"]),
+        said(0.6, ["vignetting", "b", "c"]),
+    )
+    assert good > worse
+    assert good >= alike
+    assert min(right) <= worse <= good <= max(right) < 1.0
+    assert weights.keys() == SIGNS.keys()
+    assert list(scores) == sorted(scores)
+
+
+@pytest.mark.parametrize(("presses", "most"), [(2, 0.75), (5, 6 / 7), (6, 1.0)])
+def test_few_presses_limit_confidence(presses, most) -> None:
+    candidates = tuple(replace(c, outcome="passed") for c in REPORT.candidates if c.name == "vignetting")
+    levels = {split: Level(9.0, 0.5, 1.0, 0.58) for split in REPORT.gap}
+    report = replace(REPORT, candidates=candidates, gap=levels)
+    (found,) = _sure(report, presses).effects
+    assert found.confidence == min(confidence(report.to_json(), 0), most)

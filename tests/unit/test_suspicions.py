@@ -144,6 +144,17 @@ def test_the_order_of_channels_is_not_told_by_dim_ones(planted, examined, tmp_pa
     assert (found.name, found.files) == ("channels", (file,))
 
 
+@pytest.mark.parametrize("green", [1.0, 1.6])
+def test_a_swapped_press_is_found_whichever_channel_is_brightest(planted, examined, tmp_path, green):
+    """OpenCV's order leaves green in its place."""
+    factor = np.array([1.0, green, 1.0], np.float32)
+    brighter = spoilt(planted(NAMES[0]), tmp_path / "m", lambda image: image * factor)
+    file = next(f.file for f in brighter.frames if (f.probe or "").startswith("triangle"))
+    swapped = spoilt(brighter, tmp_path / "n", lambda image: image[..., ::-1], files={file})
+    (found,) = examined(NAMES[0]).faults(swapped)
+    assert (found.name, found.files) == ("channels", (file,))
+
+
 def test_noise_and_other_light_powers_are_no_fault(planted, examined, tmp_path):
     """Channels 30 % brighter and dimmer, noise of 2 % of full scale."""
     rng = np.random.default_rng(5)
