@@ -110,4 +110,9 @@ def _limit(sets: Array, best: float, slope: float) -> Limit:
     for end in (np.log(LOW), np.log(HIGH)):
         ends.append(float(np.exp(brentq(below, end, best))) if below(end) < 0 else None)
     strength = float(np.clip(np.exp(best), sets[:, 0].min(), sets[:, 0].max()))
-    return Limit(strength, ends[0], ends[1])
+    return Limit(_settled(strength), *(None if end is None else _settled(end) for end in ends))
+
+
+def _settled(value: float) -> float:
+    """Round to what does not depend on where the search for the best fit stopped."""
+    return float(f"{value:.3g}")

@@ -170,7 +170,7 @@ ONE, SEVERAL = [("vignetting",)], [("vignetting",), ("led_tilt", "led_profile")]
         ([], 1.4, 1.4, "unexplained"),
         (ONE, 1.1, 0.7, "named"),  # no more is left than where nothing is hidden
         (ONE, 0.75, 0.7, "named"),
-        (ONE, 9.0, 0.9, "named"),
+        (ONE, 9.0, 0.9, "named"),  # a twentieth of the gap
         (ONE, 1.5, 0.9, "partial"),  # a third of what nothing would not leave
         (ONE, 90.0, 1.5, "named"),  # an effect of that size is known no better
         (ONE, 9.0, 1.5, "partial"),  # more than the simulation may be wrong by
