@@ -21,7 +21,8 @@ Array = NDArray[np.float64]
 
 MOST_EFFECTS = 4
 FITTED = 6  # candidates of a round that are fitted to the end
-DECISIVE = 10.0  # logarithm of the Bayes factor from which an effect counts as seen
+PROMISING = 5.0  # logarithm of the Bayes factor by linear approximation from which a candidate is fitted
+DECISIVE = 16.0  # logarithm of the Bayes factor from which an effect counts as seen
 AS_GOOD = 3.0  # difference of such logarithms within which effects are not told apart
 AS_GOOD_SHARE = 0.05  # likewise, of the whole: to no better than that an effect itself is known to be right
 LEAST_OWN = 0.1  # of the own gap of a press, in the mean, where few presses show most of an effect
@@ -115,7 +116,7 @@ class Search:
         amount = {f"{RIVAL}.amount": base.state.numerical}
         self.tried.append(Candidate(number, RIVAL, "fitted with every candidate", parameters=amount))
         order = sorted(screened, key=lambda name: -screened[name])
-        promising = [name for name in order[:FITTED] if screened[name] >= DECISIVE / 2]
+        promising = [name for name in order[:FITTED] if screened[name] >= PROMISING]
         for name in order:
             if name not in promising:
                 self.tried.append(Candidate(number, name, "screened out", evidence=screened[name]))

@@ -19,7 +19,7 @@ from designlab.gap.fit import Fit
 from designlab.gap.forward import State
 from designlab.gap.judge import LEAST_SHARE, Gain, standard_error
 from designlab.gap.result import Candidate
-from designlab.gap.search import DECISIVE, Search, fitted
+from designlab.gap.search import PROMISING, Search, fitted
 from designlab.gap.single_press.blocks import SCALE, SELECT, TRAIN, FrameFitter, block_numbers, centred
 from designlab.measurement.shots import POSE, Shot
 
@@ -182,7 +182,7 @@ class FrameSearch:
         before = self.blocks(now)
         passed = []
         for place, name in enumerate(order):
-            if place >= FITTED or screened[name] < DECISIVE / 2:
+            if place >= FITTED or screened[name] < PROMISING:
                 self.tried.append(Candidate(number, name, "screened out", evidence=screened[name]))
                 continue
             begun = time.perf_counter()
