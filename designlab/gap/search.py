@@ -23,13 +23,13 @@ MOST_EFFECTS = 4
 FITTED = 6  # candidates of a round that are fitted to the end
 PROMISING = 5.0  # logarithm of the Bayes factor by linear approximation from which a candidate is fitted
 DECISIVE = 16.0  # logarithm of the Bayes factor from which an effect counts as seen
+LATER_DECISIVE = 60.0  # likewise beside other effects
 AS_GOOD = 3.0  # difference of such logarithms within which effects are not told apart
 AS_GOOD_SHARE = 0.05  # likewise, of the whole: to no better than that an effect itself is known to be right
 LEAST_OWN = 0.1  # of the own gap of a press, in the mean, where few presses show most of an effect
 SURE_SE = 1.5  # standard errors that a gain must be beyond: presses differ in how much they show of an effect
 OVERLAP = 0.95  # share of a signature from which another effect can stand for it
 LEAST_OF_FIRST = 0.005  # of the first gap that any later effect must close
-MODEL_ERROR = 0.15  # share of what a found effect does that its own model may miss, and another make up for
 MOST_IN_WAVES = 0.25  # of the energy of a fixed pattern in its strongest waves
 RIVAL = "numerical"
 PERIODS = np.geomspace(40.0, 2000.0, 120)  # rows of the full sensor
@@ -89,7 +89,6 @@ class Search:
     screened: list[dict[str, float]] = field(default_factory=list)
     _steps: int = 0
     _reached: dict[str, State] = field(default_factory=dict)
-    _imitated: dict[str, float] = field(default_factory=dict)
 
     def run(self, state: State) -> tuple[Fit, Judged, Judged]:
         """Add effects until none passes.
@@ -207,24 +206,12 @@ class Search:
         whole = self.fitter.system(state, self.train, unknowns)
         if not self.overlaps:
             self.overlaps = overlaps(whole, linear)
-        self._imitated = self._imitating(whole, state, linear)
         found = {name: _linear_evidence(whole, name, linear) for name in linear}
         if "banding" in names:
             found["banding"] -= float(np.log(len(PERIODS)))
         if "fixed_pattern" in names:
             found["fixed_pattern"] = found_pattern(self.fitter, base.state, self.train).evidence
         return found
-
-    def _imitating(self, whole: System, state: State, names: Sequence[str]) -> dict[str, float]:
-        """Share of the gap that each candidate may close by putting right what found effects miss by."""
-        gains = {w.name: w.gain for w in self.winners if w.name in state.values and w.name != "fixed_pattern"}
-        if not gains:
-            return {}
-        table = overlaps(whole, [*gains, *names], {name: self._step(state, name) for name in gains})
-        return {
-            name: MODEL_ERROR * sum(gain * table.get((other, name), 0.0) for other, gain in gains.items())
-            for name in names
-        }
 
     def _step(self, state: State, name: str) -> Array:
         """How far the parameters of an effect lie from null, in prior standard deviations."""
@@ -308,22 +295,31 @@ class Search:
         )
         return float((after[0] - before[0]) / max(before))
 
+    def _unsure(self, attempt: Attempt, *, later: bool) -> str:
+        """Why evidence and gain of a candidate do not suffice; empty if they do.
+
+        Beside other effects more is asked: what their models miss has a shape, which another may take up.
+        """
+        needed = LATER_DECISIVE if later else DECISIVE
+        if attempt.evidence < needed:
+            return f"evidence {attempt.evidence:.3g}, below {needed:g}"
+        least = max(LEAST_SHARE * attempt.left / self.gap, LEAST_OF_FIRST)
+        share, se = attempt.gain.value, attempt.gain.se
+        if share < least:
+            return f"{_share_gone(share)} of the gap, less than {least:.1%}"
+        # Draws of shots differ by their nature, and poses are judged together: the spread is no error there.
+        joint = attempt.name in DRAWN_SD or attempt.gain.settles_poses
+        sure = share - SURE_SE * se >= least
+        sure_own = attempt.gain.own - SURE_SE * attempt.gain.own_se >= LEAST_OWN
+        if not (joint or sure or sure_own):
+            return f"closes {share:.1%} of the gap, give or take {se:.1%}: {least:.1%} are not sure"
+        return ""
+
     def _refused(self, attempt: Attempt, base: State) -> str:
         """Why a candidate does not pass; empty if it does."""
-        if attempt.evidence < DECISIVE:
-            return f"evidence {attempt.evidence:.3g}, below {DECISIVE:g}"
-        least = max(
-            LEAST_SHARE * attempt.left / self.gap, LEAST_OF_FIRST, self._imitated.get(attempt.name, 0.0)
-        )
-        if attempt.gain.value < least:
-            return f"{_share_gone(attempt.gain.value)} of the gap, less than {least:.1%}"
-        # Draws of shots differ by their nature: the spread of their gains is no error.
+        if unsure := self._unsure(attempt, later=bool(base.values)):
+            return unsure
         drawn = attempt.name in DRAWN_SD
-        sure = attempt.gain.value - SURE_SE * attempt.gain.se >= least
-        sure_own = attempt.gain.own - SURE_SE * attempt.gain.own_se >= LEAST_OWN
-        if not (drawn or sure or sure_own):
-            share, se = attempt.gain.value, attempt.gain.se
-            return f"closes {share:.1%} of the gap, give or take {se:.1%}: {least:.1%} are not sure"
         settles = attempt.gain.settles_poses and attempt.gain.squares > -LEAST_SHARE
         if attempt.gain.squares < LEAST_SHARE and not settles:
             return (

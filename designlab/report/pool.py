@@ -36,7 +36,7 @@ _RELIABILITY = (
 )
 _LIMITS = (
     "Each mark is a set: filled where the right name came first. Squares: the strength at which half of the "
-    "sets are named right, with its 95 % interval, on the design where it is larger."
+    "sets are named right, with its 95 % interval."
 )
 _CONFUSION = "The name that came first, or the verdict where there was none, and of how many sets."
 

@@ -1,8 +1,7 @@
 """How large an effect must be to be named: curves of the share of sets named right over strength."""
 
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,6 @@ from designlab.design import Design
 from designlab.effects import effect
 
 Array = NDArray[np.float64]
-Kind = TypeVar("Kind", bound=Hashable)
 
 LOW, HIGH = 1 / 32, 32.0  # prior standard deviations between which limits are looked for
 SLOPE = 3.0  # usual slope of a curve against the logarithm of strength, known to a factor of `SLOPE_SPREAD`
@@ -34,14 +32,13 @@ class Limit:
     high: float | None
 
 
-def limits(named: Mapping[Kind, Iterable[tuple[float, bool]]]) -> dict[Kind, Limit]:
+def limits(named: Mapping[str, Iterable[tuple[float, bool]]]) -> dict[str, Limit]:
     """Fit logistic curves over the logarithm of strength, one slope for all kinds.
 
     Parameters
     ----------
     named : mapping
-        For each kind of effect, on each design or on all, the strength of each set and whether the right name
-        came first.
+        For each kind of effect the strength of each set and whether the right name came first.
 
     Returns
     -------

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from designlab.design import preset
 from designlab.effects import effect
 from designlab.trials.detection import in_units, limits
+from designlab.trials.pool import AIR
 from designlab.trials.runner import Outcome
 
 CLASSES: tuple[frozenset[str], ...] = (frozenset({"lens_distortion", "camera_pose"}),)
@@ -166,19 +167,17 @@ def equal_mass(values: NDArray[np.float64]) -> list[NDArray[np.intp]]:
 
 
 def _limits(single: Iterable[Outcome]) -> dict[str, dict[str, Any]]:
-    """Detection limit of each kind, on the design where it is larger."""
-    sets: dict[tuple[str, str], list[tuple[float, bool]]] = {}
+    """Detection limit of each kind that was planted at several strengths, and the sets that tell it."""
+    sets: dict[str, list[tuple[float, bool]]] = {}
     for o in single:
         ((kind, strength),) = o.trial["effects"].items()
-        sets.setdefault((kind, o.trial["design"]), []).append((strength, _first_right(o)))
-    sets = {place: tried for place, tried in sets.items() if len({strength for strength, _ in tried}) > 1}
-    found: dict[str, dict[str, Any]] = {}
-    for (kind, design), limit in limits(sets).items():
-        if kind not in found or limit.strength > found[kind]["strength"]:
-            units = in_units(kind, limit.strength, preset(design))
-            tried = sorted(sets[kind, design])
-            found[kind] = asdict(limit) | {"design": design, "in_units": units, "tried": tried}
-    return found
+        sets.setdefault(kind, []).append((strength, _first_right(o)))
+    sets = {kind: sorted(tried) for kind, tried in sets.items() if len({s for s, _ in tried}) > 1}
+    return {
+        kind: asdict(limit)
+        | {"in_units": in_units(kind, limit.strength, preset(AIR[0])), "tried": sets[kind]}
+        for kind, limit in limits(sets).items()
+    }
 
 
 def rate(events: Iterable[bool]) -> dict[str, float] | None:
