@@ -37,7 +37,7 @@ NAMES = ("led_position", "albedo_field", "translucency", "contact_kernel", "dept
 NAMES += ("vignetting", "colour_mixing")
 VALUES = {
     "led_position": {"radial_mm": 0.3, "height_mm": -0.3, "tangential_mm": 0.2},
-    "translucency": {"transmittance": 0.1, "object": 0.5},
+    "translucency": {"transmittance": 0.12, "object": 0.5},
     "contact_kernel": {"length_ratio": 1.4},
     "depth_offset": {"offset_mm": -0.08},
     "vignetting": {"corner_loss": 0.5},
