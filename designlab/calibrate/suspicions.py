@@ -94,11 +94,8 @@ class Picture:
 
     @property
     def sigma(self) -> Array:
-        """Noise, and what the simulation is not trusted with: a share of the brightest channel.
-
-        A dim channel holds as much again of what filters let through of the others.
-        """
-        level = np.abs(self.signal.mean(axis=(0, 1))).max()
+        """Noise, and what the simulation is not trusted with."""
+        level = np.abs(self.signal.mean(axis=(0, 1)))
         return np.asarray(np.sqrt(self.variance + (MODEL_ERROR * level) ** 2) + 1e-12)
 
 
