@@ -111,8 +111,10 @@ def diagnose(args: Namespace) -> Result:
 
 def benchmark(args: Namespace) -> Result:
     """Diagnose a pool of generated sets and score the diagnoses."""
+    import json
+
     from designlab.report import pool_report
-    from designlab.store import write_json
+    from designlab.store import write_atomic, write_json
     from designlab.trials import Crew, run, score
     from designlab.trials.learn import learnt
 
@@ -127,6 +129,8 @@ def benchmark(args: Namespace) -> Result:
         outcomes = run(trials, Path(args.out), progress=progress, crew=crew)
     found = score(outcomes)
     write_json(Path(args.out) / "score.json", found)
+    records = "".join(json.dumps(row) + "\n" for row in found["rows"])
+    write_atomic(Path(args.out) / "records.jsonl", records)
     page = pool_report(found, Path(args.out) / "report.html", title=_title(args))
     # Part of a pool, or of a kit, is not to be learnt from.
     if not args.only and args.shard is None and args.kit == "hour":

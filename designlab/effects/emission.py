@@ -1,13 +1,15 @@
 """Effects of the light sources."""
 
+from collections import Counter
+from collections.abc import Iterator
 from dataclasses import replace
-from itertools import groupby
+from itertools import groupby, islice
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.design import Design
+from designlab.design import Design, DesignError
 from designlab.effects.base import Effect, Parameter, Stage, Values
 from designlab.mounting import FACING
 from designlab.scene import Light, Scene, Shape
@@ -26,27 +28,35 @@ class LedSpread(Effect):
     transferable: ClassVar[bool] = False  # other LEDs from the bin
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
-        """One for each emitting face; a bin of chip LEDs is 10 to 15 % wide (data sheet OSXX0402C1C)."""
+        """One for each face of a group but its last; a bin is 10 to 15 % wide (data sheet OSXX0402C1C)."""
         return tuple(
             Parameter(
-                name,
+                f"{group}_{number}",
                 "1",
                 0.0,
                 0.12,
                 -1.0,
-                2.0,
-                "relative excess of the flux of a face; -1 is dead",
-                group=name.rpartition("_")[0],
+                1.0,
+                "excess of the flux of a face over the mean of its group; -1 is dead",
+                group=group,
             )
-            for name in _faces(design)
+            for group, count in _faces(design).items()
+            for number in range(1, count)
         )
 
     def on_scene(self, scene: Scene, values: Values) -> Scene:
-        """Scale the radiance of every face; the group's flux is what its faces emit."""
+        """Scale the radiance of every face; a group's last face has what the others leave of its flux.
+
+        What all faces of a group have in common is its gain, which nothing tells from reflectance.
+
+        Raises
+        ------
+        DesignError
+            If nothing is left for the last face of a group.
+        """
         if not any(values.values()):
             return scene
-        # Values are in the order of the faces, which is that of the lights.
-        factors = [1.0 + value for value in values.values()]
+        factors = [1.0 + excess for group in _excesses(scene, values) for excess in group]
         lights = tuple(
             replace(light, radiance=light.radiance * factor)
             for light, factor in zip(scene.lights, factors, strict=True)
@@ -232,10 +242,20 @@ def _shift(facing: FloatArray, values: Values) -> FloatArray:
     )
 
 
-def _faces(design: Design) -> list[str]:
-    """Names of the emitting faces: group and number within it."""
-    return [
-        f"{design.group_names[group]}_{number}"
-        for group, faces in groupby(emitters(design.leds), key=lambda face: face.group)
-        for number, _ in enumerate(faces, start=1)
-    ]
+def _faces(design: Design) -> dict[str, int]:
+    """Number of emitting faces of each group."""
+    count = Counter(face.group for face in emitters(design.leds))
+    return {name: count[number] for number, name in enumerate(design.group_names)}
+
+
+def _excesses(scene: Scene, values: Values) -> Iterator[list[float]]:
+    """Relative excess of every face of each group, in the order of the lights."""
+    own = iter(values.items())
+    for _, lights in groupby(scene.lights, key=lambda light: light.group):
+        *others, final = [light.flux_mw for light in lights]
+        named = dict(islice(own, len(others)))
+        last = -sum(v * flux for v, flux in zip(named.values(), others, strict=True)) / final
+        if last < -1.0:
+            stated = ", ".join(f"{name} {value:g}" for name, value in named.items())
+            raise DesignError(f"led_spread: {stated}: nothing of the flux is left for the group's last face")
+        yield [*named.values(), last]

@@ -16,12 +16,13 @@ from designlab.gap.basis import Progress, Renders
 from designlab.gap.checks import check_frames, examine, weakened
 from designlab.gap.confidence import confidence
 from designlab.gap.control import control
-from designlab.gap.fit import Fit, Fitter
+from designlab.gap.fit import Fitter
 from designlab.gap.intervals import values
 from designlab.gap.judge import judge, level
 from designlab.gap.learnt import left_of_nothing
 from designlab.gap.observe import observe
 from designlab.gap.pictures import draw
+from designlab.gap.refine import refined
 from designlab.gap.result import Found, GapReport, Overlap, Verdict
 from designlab.gap.run import begin_run, end_run, frames_digest, provenance
 from designlab.gap.search import Search
@@ -37,8 +38,6 @@ SAMPLES = 256
 COLUMNS = 160
 OVERLAPPING = 0.5  # share of an effect's signature from which a pair is reported
 USUAL_SELECT = 6  # presses to choose by of the sets that confidence was learnt from
-RECENTRINGS = 3  # times that pictures are rendered anew about what was found
-SETTLED_SD = 0.25  # prior standard deviations that values may still move by then
 UNEXPLAINED_ABOVE = 0.5  # leftover share of the gap from which nothing is named
 PARTIAL_ABOVE = 0.1  # leftover share from which an explanation is partial
 PARTIAL_ABOVE_FLOOR = 0.03  # likewise, where what is left is more than the simulation may be wrong by
@@ -147,8 +146,8 @@ def diagnose(
     last = fitter
     if verdict in ("unexplained", "at_floor"):
         best, after = replace(best, state=before.state), before
-    elif recentre:
-        last, best = _recentred(source, fitter, best, train)
+    else:
+        last, best = refined(source, fitter, best, train, recentre=recentre)
         after = judge(last, best.state, select)
     source.begin("report", 1)
     stands = (fitter, before.state), (last, best.state)
@@ -230,34 +229,6 @@ def _sure(report: GapReport, presses: int) -> GapReport:
         for place, found in enumerate(report.effects)
     )
     return replace(report, effects=tuple(effects))
-
-
-def _recentred(source: Renders, fitter: Fitter, best: Fit, train: Sequence[int]) -> tuple[Fitter, Fit]:
-    """Fit the effects found again about pictures rendered at their values, until these stay."""
-    bank, names = fitter.bank, list(best.state.values)
-    rendered = [name for name in names if effect(name).rendered]
-    near, now = fitter, best
-    for _ in range(RECENTRINGS if rendered else 0):
-        origin = {name: now.state.values[name] for name in rendered}
-        near = Fitter(fill(source, bank.model, bank.shots, rendered, origin=origin))
-        near.noises = fitter.noises
-        near.alike = 1.0  # which effect it is has been decided: priors need not hold its values back any more
-        before, now = now, near.fit(now.state, [n for n in names if n != "fixed_pattern"], train)
-        near.alike = fitter.alike
-        if _moved(near, before, now, rendered) < SETTLED_SD:
-            break
-    if near is fitter:
-        return fitter, best
-    return near, replace(now, system=near.system(now.state, train, now.system.unknowns))
-
-
-def _moved(fitter: Fitter, before: Fit, after: Fit, names: Sequence[str]) -> float:
-    """Furthest way of a parameter from one fit to another, in prior standard deviations."""
-    return max(
-        abs(after.state.values[name][p.name] - before.state.values[name][p.name]) / p.sd
-        for name in names
-        for p in fitter.forward.parameters[name]
-    )
 
 
 def _names(model: SensorModel, catalogue: Sequence[str] | None) -> list[str]:

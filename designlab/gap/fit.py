@@ -300,3 +300,15 @@ def _within_trust(found: System, step: Array, low: Array, high: Array) -> Array:
         damping *= 10.0
         step, _ = found.step(low, high, damping=damping)
     return step
+
+
+def with_strength(state: State, name: str) -> State:
+    """Give an effect that acts by draws of each shot the strength of those draws."""
+    if name not in DRAWN_SD or name not in state.drawn:
+        return state
+    draws = np.array(list(state.drawn[name].values()))
+    if name == "banding":
+        strength = {"amplitude": float(np.sqrt((draws**2).sum(axis=1).mean()))}
+    else:
+        strength = {"rms": float(np.sqrt((draws**2).mean()))}
+    return state.with_values(name, {**state.values[name], **strength})

@@ -66,6 +66,8 @@ class Noise:
         Root mean square of signal over sigma, what smooth relative errors are multiples of.
     grain : Grain or None
         Random error of the simulation, part of sigma; None where it is below what is granted anyway.
+    shot : float
+        Smooth error of the shot alone, relative.
     """
 
     sigma: Array
@@ -73,11 +75,12 @@ class Noise:
     granted: Array
     level: Array
     grain: Grain | None = None
+    shot: float = SHOT_BUDGET
 
     def alone(self) -> Array:
         """Variance of coefficients, in units of sigma, that no other shot shares, (rows, columns, 3)."""
         power = spectrum(self.sigma.shape[:2])[..., None]
-        found = 1.0 + (SHOT_BUDGET * self.level) ** 2 * power
+        found = 1.0 + (self.shot * self.level) ** 2 * power
         if self.grain is None:
             return found
         share = ((self.grain.sigma / self.sigma) ** 2).mean(axis=(0, 1))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from designlab.effects import effect
 from designlab.gap.coordinates import coordinate
 from designlab.gap.evidence import System, log_evidence
-from designlab.gap.fit import DRAWN_SD, Fit, Fitter
+from designlab.gap.fit import DRAWN_SD, Fit, Fitter, with_strength
 from designlab.gap.forward import State
 from designlab.gap.judge import LEAST_IMPROVED, LEAST_SHARE, Gain, Judged, gain, judge, squared
 from designlab.gap.overlap import Overlaps, overlaps
@@ -258,7 +258,7 @@ class Search:
             evidence = 0.5 * (base.objective - found.objective) - self._occam(found, name)
             if name == "banding":
                 evidence -= float(np.log(len(PERIODS)))
-        found = replace(found, state=_with_strength(found.state, name))
+        found = replace(found, state=with_strength(found.state, name))
         if not fitter.at_bound(found.state, name):
             self._reached[name] = found.state
         judged = judge(fitter, found.state, self.select)
@@ -384,15 +384,3 @@ def _linear_evidence(whole: System, name: str, others: Sequence[str]) -> float:
     part = whole.only(lambda u: u.effect == name or u.effect not in others)
     places = [k for k, u in enumerate(part.unknowns) if u.effect == name]
     return log_evidence(*part.reduced(places))
-
-
-def _with_strength(state: State, name: str) -> State:
-    """Give an effect that acts by draws of each shot the strength of those draws."""
-    if name not in DRAWN_SD or name not in state.drawn:
-        return state
-    draws = np.array(list(state.drawn[name].values()))
-    if name == "banding":
-        strength = {"amplitude": float(np.sqrt((draws**2).sum(axis=1).mean()))}
-    else:
-        strength = {"rms": float(np.sqrt((draws**2).mean()))}
-    return state.with_values(name, {**state.values[name], **strength})

@@ -53,9 +53,8 @@ _PARAMETERS = (
 )
 _CANDIDATES = (
     "Evidence: logarithm of the Bayes factor against the model without the effect, divided by how many "
-    "neighbouring values err alike; 16 or more is needed. Gain: share of the first gap closed on "
-    "presses that "
-    "the candidate was not fitted to."
+    "neighbouring values err alike; 16 or more is needed, 60 beside other effects. Gain: share of the first "
+    "gap closed on presses that the candidate was not fitted to."
 )
 
 

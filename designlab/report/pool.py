@@ -110,10 +110,7 @@ def _confusion(found: Mapping[str, Mapping[str, int]]) -> tuple[Html, ...]:
         {
             "hidden": hidden.replace("_", " ").replace("+", " and "),
             "sets": sum(said.values()),
-            "said": ", ".join(
-                f"{name.replace('_', ' ')} {count}"
-                for name, count in sorted(said.items(), key=lambda s: -s[1])
-            ),
+            "said": _counted(said),
         }
         for hidden, said in sorted(found.items())
     ]

@@ -32,7 +32,7 @@ def score(outcomes: Iterable[Outcome]) -> dict[str, Any]:
         catalogue): numbers of sets, rates with their 95 % interval, medians; `confidence`: how it agrees
         with how often names are right; `confusion`: for each thing hidden, how often which name came first,
         or which verdict where none did; `limits`: see `detection.Limit`, of effects planted at several
-        strengths; `rows`: one for each set.
+        strengths; `rows`: of each set what these are counted from.
     """
     outcomes = list(outcomes)
     by_family: dict[str, list[Outcome]] = {}
@@ -44,19 +44,30 @@ def score(outcomes: Iterable[Outcome]) -> dict[str, Any]:
         "confidence": reliability(sure(outcomes)),
         "confusion": _confusion(outcomes),
         "limits": _limits(single),
-        "rows": [
-            {
-                "set": o.trial["name"],
-                "design": o.trial["design"],
-                "hidden": [*o.trial["effects"], *o.trial["outside"]],
-                "verdict": o.verdict,
-                "named": o.named,
-                "sets": o.sets,
-                "gap_removed": gap_removed(o),
-                "seconds": o.processor_seconds,
-            }
-            for o in outcomes
-        ],
+        "rows": [_row(o) for o in outcomes],
+    }
+
+
+def _row(o: Outcome) -> dict[str, Any]:
+    """Record of a set: all that rates and medians are counted from."""
+    inside = _inside(o)
+    return {
+        "set": o.trial["name"],
+        "design": o.trial["design"],
+        "seed": o.trial["seed"],
+        "kit": o.trial["kit"],
+        "family": family(o),
+        "hidden": {**o.trial["effects"], **o.trial["outside"]},
+        "without": list(o.trial["without"]),
+        "verdict": o.verdict,
+        "named": o.named,
+        "sets": o.sets,
+        "confidence": o.confidence,
+        "gap_removed": gap_removed(o),
+        "control_removed": o.control,
+        "value_errors": [round(error, 4) for error in value_errors(o)],
+        "intervals": [sum(inside), len(inside)],
+        "seconds": round(o.processor_seconds, 1),
     }
 
 

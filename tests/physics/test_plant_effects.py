@@ -1,6 +1,7 @@
 """Every effect of the generator against closed forms, sums and other methods; what its sets hold."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -95,13 +96,15 @@ class TestEmission:
         place = np.array([[1.0], [2.0]])
         whole = light.Lighting(rig).untouched.irradiance(*place)
         alone = [
-            light.Lighting(
-                effects.apply(rig, {"led_spread": {"red_1": a - 1, "red_2": b - 1}})[0]
-            ).untouched.irradiance(*place)[0]
-            for a, b in ((1, 0), (0, 1), (1.3, 0.9))
+            light.Lighting(effects.apply(rig, {"led_spread": {"red_1": excess}})[0]).untouched.irradiance(
+                *place
+            )[0]
+            for excess in (1.0, -1.0, 0.3)
         ]
-        assert alone[0] + alone[1] == pytest.approx(whole[0], rel=1e-12)
-        assert alone[2] == pytest.approx(1.3 * alone[0] + 0.9 * alone[1], rel=1e-12)
+        assert 0.5 * (alone[0] + alone[1]) == pytest.approx(whole[0], rel=1e-12)
+        assert alone[2] == pytest.approx(0.65 * alone[0] + 0.35 * alone[1], rel=1e-12)
+        of_one = replace(rig, face_flux=np.array([1.0, 0.0, 1.0, 1.0, 1.0, 1.0]))
+        assert light.Lighting(of_one).untouched.irradiance(*place)[0] == pytest.approx(0.5 * alone[0])
 
     def test_tilt_is_that_of_the_design_turn_adds_to_the_azimuth_and_boards_go_with_it(self):
         level = FLAT.replace({"leds.tilt_deg": 0.0})

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from designlab.camera import View, Vignetting
-from designlab.design import Design, preset
+from designlab.design import Design, DesignError, preset
 from designlab.effects import CATALOGUE, AppliedEffect, Effect, ModelError, SensorModel, Sight, load_model
 from designlab.effects.material import albedo_field
 from designlab.effects.model import effect
@@ -293,13 +293,21 @@ def test_model_edited_by_hand_is_refused(tmp_path) -> None:
         load_model(path)
 
 
-def test_emission_of_a_face_scales_with_its_excess_alone() -> None:
+def test_what_one_face_has_more_of_a_groups_flux_its_last_has_less() -> None:
     laid_out = scene(DESIGN)
-    values = effect("led_spread").null(DESIGN) | {"green_2": -0.25, "red_1": 0.4}
+    values = effect("led_spread").null(DESIGN) | {"green_1": -0.25, "red_1": 0.4}
     found = effect("led_spread").on_scene(laid_out, values)
     ratio = [a.flux_mw / b.flux_mw for a, b in zip(found.lights, laid_out.lights, strict=True)]
     assert [light.group for light in found.lights] == [0, 0, 1, 1, 2, 2]
-    assert ratio == pytest.approx([1.4, 1.0, 1.0, 0.75, 1.0, 1.0])
+    assert ratio == pytest.approx([1.4, 0.6, 0.75, 1.25, 1.0, 1.0])
+
+
+def test_faces_cannot_have_more_than_the_flux_of_their_group() -> None:
+    design = preset("default")
+    values = effect("led_spread").null(design)
+    first = {name: 0.6 for name in list(values)[:2]}
+    with pytest.raises(DesignError, match=r"led_spread: .*0\.6.*: nothing of the flux is left"):
+        effect("led_spread").on_scene(scene(design), values | first)
 
 
 @pytest.mark.parametrize("exponent", [0.6, 3.0])

@@ -448,6 +448,12 @@ def test_a_finished_pool_is_scored_from_its_records(tmp_path, capsys) -> None:
     assert [0.5, False] in limit["tried"]
     assert [0.5, True] in limit["tried"]  # on the other design
     assert limit["low"] < limit["strength"] < limit["high"]
+    records = [json.loads(line) for line in (tmp_path / "records.jsonl").read_text().splitlines()]
+    assert len(records) == 12
+    record = next(r for r in records if r["set"] == "power-vignetting-dome-2")
+    assert record["hidden"] == {"vignetting": 2.0}
+    assert record["named"] == ["vignetting"]
+    assert record["family"] == "single"
 
 
 def transferred(before: float, after: float, floor: float) -> Transferred:

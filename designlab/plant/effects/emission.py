@@ -35,24 +35,25 @@ def _move(rig: Rig, values: Mapping[str, float]) -> Rig:
     return replace(rig, emitters=moved(rig.emitters), boards=moved(rig.boards))
 
 
-def _face_names(rig: Rig) -> list[str]:
-    """Name of every emitting face: its group and its number within the group."""
-    seen = dict.fromkeys(range(len(rig.group_names)), 0)
-    names = []
-    for group in rig.emitters.group.tolist():
-        seen[group] += 1
-        names.append(f"{rig.group_names[group]}_{seen[group]}")
-    return names
-
-
 def _spread_parameters(rig: Rig) -> dict[str, Parameter]:
-    return {name: Parameter(0.0, 0.12, -1.0, 2.0) for name in _face_names(rig)}
+    """All faces of a group but the last, which makes up for them: their sum is the group's own flux."""
+    faces = np.bincount(rig.emitters.group, minlength=len(rig.group_names))
+    return {
+        f"{name}_{number}": Parameter(0.0, 0.12, -1.0, 1.0)
+        for name, count in zip(rig.group_names, faces, strict=True)
+        for number in range(1, count)
+    }
 
 
 def _spread(rig: Rig, values: Mapping[str, float]) -> Rig:
-    """Multiply the flux of every face; the others of its group stay."""
-    factors = 1 + np.array([values[name] for name in _face_names(rig)])
-    return replace(rig, face_flux=rig.face_flux * factors)
+    """Move flux between the faces of each group."""
+    flux, area = rig.face_flux.copy(), rig.emitters.half.prod(axis=1)
+    for group, name in enumerate(rig.group_names):
+        *others, last = np.flatnonzero(rig.emitters.group == group)
+        moved = np.array([values[f"{name}_{number}"] for number in range(1, len(others) + 1)])
+        flux[others] *= 1 + moved
+        flux[last] -= float(moved @ (rig.face_flux * area)[others]) / area[last]
+    return replace(rig, face_flux=flux)
 
 
 def _profile_parameters(rig: Rig) -> dict[str, Parameter]:
