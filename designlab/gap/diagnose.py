@@ -58,7 +58,6 @@ def diagnose(
     columns: int = COLUMNS,
     renders: Path | None = None,
     pictures: bool = True,
-    recentre: bool = True,
     trust: Sequence[str] = (),
     page: Callable[[GapReport], object] | None = None,
 ) -> GapReport:
@@ -91,9 +90,6 @@ def diagnose(
         Folder of renders that several diagnoses share; within `out` when absent.
     pictures : bool
         Whether to draw what is left.
-    recentre : bool
-        Whether effects on the light are rendered anew at the values found and fitted again, until values
-        stay: pictures combined from afar leave out what several parameters do together.
     trust : sequence of str
         Names of suspicions, see `designlab.measurement.suspicion`, that are known and right as they are.
     page : callable, optional
@@ -147,7 +143,7 @@ def diagnose(
     if verdict in ("unexplained", "at_floor"):
         best, after = replace(best, state=before.state), before
     else:
-        last, best = refined(source, fitter, best, train, recentre=recentre)
+        last, best = refined(source, fitter, best, train)
         after = judge(last, best.state, select)
     source.begin("report", 1)
     stands = (fitter, before.state), (last, best.state)

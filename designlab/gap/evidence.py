@@ -117,8 +117,8 @@ def system(
     for number in shots:
         shot, own = forward.shot(number), noises[number]
         used = [k for k, u in enumerate(unknowns) if u.shot in (-1, number)]
-        columns = forward.columns(state, number, [unknowns[k] for k in used])
-        residual = shot.signal - forward.predict(state, number)
+        predicted, columns = forward.linear(state, number, [unknowns[k] for k in used])
+        residual = shot.signal - predicted
         scale = np.where(shot.valid, 1.0 / own.sigma, 0.0)
         columns *= scale[..., None].astype(np.float32)
         both = np.concatenate([columns, (residual * scale)[..., None].astype(np.float32)], axis=-1)

@@ -13,7 +13,7 @@ from designlab.effects import CATALOGUE, AppliedEffect, Effect, Parameter, Senso
 from designlab.effects.camera import mixed
 from designlab.gap.bank import POSE_STEP, Bank, Change, Picture
 from designlab.gap.coordinates import coordinate, value_at
-from designlab.gap.warp import ORDER, Warp
+from designlab.gap.warp import Warp
 from designlab.measurement.shots import POSE, Shot
 
 Array = NDArray[np.float64]
@@ -182,22 +182,25 @@ class Forward:
         seen = picture.seen_mm
         return Sight(self.design, shot.view, seen, picture.pitch_mm, shot.gel_rotation_deg)
 
-    def _optics(
-        self, state: State, number: int, light: NDArray[np.floating], *, order: int = ORDER
-    ) -> NDArray[np.floating]:
+    def _optics(self, state: State, number: int, light: NDArray[np.floating]) -> NDArray[np.floating]:
         """Light after the effects that act on it; linear in it, any number of pictures at once."""
-        return self._after_warp(state, number, self._warped(state, number, light, order=order))
+        return self._after_warp(state, number, self._warped(state, number, light))
 
     def _warped(
-        self, state: State, number: int, light: NDArray[np.floating], *, order: int = ORDER
+        self, state: State, number: int, light: NDArray[np.floating], *, straight: bool = False
     ) -> NDArray[np.floating]:
-        """Light as the camera of a state sees it, before what its optics and sensor do."""
+        """Light as the camera of a state sees it, before what its optics and sensor do.
+
+        Many pictures at once are resampled by straight lines between pixels, which is faster.
+        """
         sight = self.sight(state, number)
         for e in CATALOGUE:
             if e.stage != "camera" and e.name in state.values:
                 light = e.on_light(light, state.values[e.name], sight)
         warp = self._warp((), _warping(state.values), sight.view)
-        return light if warp is None else warp(light, order=order)
+        if warp is None:
+            return light
+        return warp.straight(light) if straight else warp(light)
 
     def _after_warp(self, state: State, number: int, light: NDArray[np.floating]) -> NDArray[np.floating]:
         """Light after what the camera's optics and sensor do."""
@@ -291,20 +294,24 @@ class Forward:
 
     def columns(self, state: State, number: int, unknowns: Sequence[Unknown]) -> Single:
         """Derivative of a shot's signal by unknowns, per prior standard deviation: (rows, columns, 3, n)."""
+        return self.linear(state, number, unknowns)[1]
+
+    def linear(self, state: State, number: int, unknowns: Sequence[Unknown]) -> tuple[Array, Single]:
+        """Signal of a shot and its derivatives, see `predict` and `columns`."""
         picture, shot = self.bank.of(number), self.shot(number)
         rows, width = picture.light.shape[1:]
         found = np.zeros((rows, width, 3, len(unknowns)), dtype=np.float32)
-        if not shot.lit.any() and not any(_reaches_dark(u.effect) for u in unknowns):
-            return found
         light = self._light(state, number)
+        warped = self._warped(state, number, light)
+        optics = self._after_warp(state, number, warped)
+        here = self._of_optics(state, number, optics)
+        if not unknowns or not (shot.lit.any() or any(_reaches_dark(u.effect) for u in unknowns)):
+            return here, found
         slopes: list[Single] = []
         places: list[int] = []
         looks: list[Single] = []
         looking: list[int] = []
         mixing = self.weights(state, number)
-        warped = self._warped(state, number, light)
-        optics = self._after_warp(state, number, warped)
-        here = self._of_optics(state, number, optics)
         gain = self._slope(state, mixing, optics, shot.clip_sigma)
         for place, unknown in enumerate(unknowns):
             if unknown.shot not in (-1, number):
@@ -330,13 +337,13 @@ class Forward:
             else:
                 found[..., place] = self._difference(state, number, unknown, light, here)
         if slopes:
-            looks.append(np.asarray(self._warped(state, number, np.concatenate(slopes), order=1)))
+            looks.append(np.asarray(self._warped(state, number, np.concatenate(slopes), straight=True)))
         if looks:
             pushed = self._after_warp(state, number, np.concatenate(looks))
             pushed = pushed.reshape(-1, len(mixing[0]), rows, width)
             channels = np.tensordot(mixing, pushed, axes=([1], [1]))  # (3, n, rows, columns)
             found[..., [*looking, *places]] = channels.transpose(2, 3, 0, 1) * gain[..., None]
-        return found
+        return here, found
 
     def _look_slope(
         self, state: State, number: int, unknown: Unknown, warped: NDArray[np.floating]
@@ -357,7 +364,7 @@ class Forward:
             except DesignError:  # no lens turns back within the picture
                 there, warp = values, None
             # Errors of straight lines between pixels cancel in a difference.
-            ends.append((warped if warp is None else warp(warped, order=1), coordinate(p, there[p.name])))
+            ends.append((warped if warp is None else warp.straight(warped), coordinate(p, there[p.name])))
         (low, start), (high, end) = ends
         return np.asarray((high - low) / np.float32(end - start), dtype=np.float32)
 

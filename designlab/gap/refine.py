@@ -9,21 +9,17 @@ from designlab.gap.basis import Renders
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter, with_strength
 from designlab.gap.noise import Noise
 from designlab.gap.repeats import shot_error
-from designlab.gap.shrink import shrunk
 
 RECENTRINGS = 3  # times that pictures are rendered anew about what was found
 FAR_SD = 0.5  # prior standard deviations from null that pictures rendered about it are exact enough for
 SETTLED_SD = 0.25  # likewise, that values may still move by then
 
 
-def refined(
-    source: Renders, fitter: Fitter, found: Fit, train: Sequence[int], *, recentre: bool
-) -> tuple[Fitter, Fit]:
+def refined(source: Renders, fitter: Fitter, found: Fit, train: Sequence[int]) -> tuple[Fitter, Fit]:
     """Fit the effects found again, as exactly as the frames allow.
 
     Frames count as repeats show them to agree: a search grants them more, so that nothing small passes for an
-    effect. Pictures of light and presses are rendered anew about values far from null. What the frames leave
-    open is drawn towards null.
+    effect. Pictures of light and presses are rendered anew about values far from null.
 
     Parameters
     ----------
@@ -33,15 +29,13 @@ def refined(
         Where the search ended.
     train : sequence of int
         Shots to fit to.
-    recentre : bool
-        Whether to render anew.
     """
     error = shot_error(fitter, found.state, train)
     noises = [replace(noise, shot=error) for noise in fitter.noises]
     names = [name for name in found.state.values if name != "fixed_pattern"]
     near = _fitter(fitter.bank, noises, fitter)
     now = near.fit(found.state, names, train)
-    for _ in range(RECENTRINGS if recentre and _far(near, now) else 0):
+    for _ in range(RECENTRINGS if _far(near, now) else 0):
         bank, state = fitter.bank, now.state
         rendered = {name: state.values[name] for name in names if effect(name).rendered}
         near = _fitter(fill(source, bank.model, bank.shots, list(rendered), origin=rendered), noises, fitter)
@@ -50,7 +44,7 @@ def refined(
             break
     for name in DRAWN_SD.keys() & now.state.values.keys():
         now = replace(now, state=with_strength(now.state, name))
-    return near, shrunk(near, now, train)
+    return near, now
 
 
 def _fitter(bank: Bank, noises: list[Noise], like: Fitter) -> Fitter:

@@ -5,6 +5,11 @@ but resampled: every pixel takes the light of the membrane point it sees from wh
 it.
 """
 
+from collections.abc import Iterator
+from functools import cached_property
+from itertools import product
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
@@ -14,10 +19,12 @@ from designlab.design import Design
 from designlab.viewing import rays
 from geometries.elastomer import base_mm
 
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
 Array = NDArray[np.float64]
 MOST_PX = 16  # by which pictures are continued in proportion beyond their edges
 ITERATIONS = 6
-ORDER = 3  # of the splines
 
 
 class Warp:
@@ -39,24 +46,65 @@ class Warp:
         if nominal.camera.vignetting != Vignetting():
             self._before, self._after = nominal.camera.vignette(view), changed.camera.vignette(view)
 
-    def __call__(self, light: NDArray[np.floating], *, order: int = ORDER) -> NDArray[np.floating]:
-        """Resample light, shape (n, rows, columns), by splines of an order."""
-        moved = np.stack([self._at(layer, self._place, order) for layer in light / self._before])
+    def __call__(self, light: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Resample light, shape (n, rows, columns), by cubic splines."""
+        moved = np.stack([self._at(layer, self._place) for layer in light / self._before])
         return np.asarray(moved * self._after, dtype=light.dtype)
+
+    def straight(self, light: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Resample light, shape (n, rows, columns), by straight lines between pixels: many at once."""
+        layers = np.asarray(light / self._before, dtype=np.float32).reshape(len(light), -1)
+        moved = (self._lines @ layers.T).T.reshape(light.shape)
+        return np.asarray(moved * self._after, dtype=light.dtype)
+
+    @cached_property
+    def _lines(self) -> "csr_array":
+        """Weights of all pixels in each of the resampled picture."""
+        from scipy.sparse import csr_array
+
+        shape = self._place.shape[1:]
+        place = self._place.reshape(2, -1) + self._pad
+        last = np.array(shape)[:, None] + 2 * self._pad - 1
+        low = np.clip(np.floor(place), 0, last - 1).astype(int)
+        share = np.clip(place - low, 0.0, 1.0)
+        found = csr_array((share.shape[1],) * 2, dtype=np.float32)
+        for corner in np.ndindex(2, 2):
+            weight = np.where(np.array(corner)[:, None], share, 1.0 - share).prod(axis=0)
+            wide = low + np.array(corner)[:, None] - self._pad
+            for factor, pixel in _continued(wide, shape):
+                entries = (weight * factor).astype(np.float32)
+                found += csr_array((entries, (np.arange(len(pixel)), pixel)), shape=found.shape)
+        found.eliminate_zeros()
+        return found
 
     def _inverse(self, nominal: Array, changed: Array) -> Array:
         """Row and column where the nominal picture shows what each pixel of the other sees."""
         place = np.indices(nominal.shape[1:]).astype(float)
         slopes = np.stack([np.stack(np.gradient(part)) for part in nominal])  # of (x, y) by (row, column)
-        per_mm = np.linalg.pinv(np.moveaxis(slopes, (0, 1), (-2, -1)))
+        per_mm = np.linalg.inv(np.moveaxis(slopes, (0, 1), (-2, -1)))
         for _ in range(ITERATIONS):
             off = changed - np.stack([self._at(part, place) for part in nominal])
             place = place + np.einsum("rkab,brk->ark", per_mm, off)
         return place
 
-    def _at(self, layer: NDArray[np.floating], place: Array, order: int = ORDER) -> Array:
+    def _at(self, layer: NDArray[np.floating], place: Array) -> Array:
         wide = np.pad(layer, self._pad, mode="reflect", reflect_type="odd")
-        return np.asarray(map_coordinates(wide, place + self._pad, order=order, mode="nearest"))
+        return np.asarray(map_coordinates(wide, place + self._pad, order=3, mode="nearest"))
+
+
+def _continued(place: NDArray[np.intp], shape: tuple[int, ...]) -> Iterator[tuple[Array, NDArray[np.intp]]]:
+    """Pixels, each with its factor, that make up places of a picture, (2, n), continued beyond its edges.
+
+    There it goes on as before the edge: twice what is at the edge, less what the mirrored place has.
+    """
+    last = np.array(shape)[:, None] - 1
+    edge = np.clip(place, 0, last)
+    beyond = (place != edge).astype(float)
+    for parts in product((0, 1), repeat=2):
+        mirrored = np.array(parts)[:, None]
+        factor = np.where(mirrored, -beyond, 1.0 + beyond).prod(axis=0)
+        row, column = np.where(mirrored, 2 * edge - place, edge)
+        yield factor, row * shape[1] + column
 
 
 def seen_mm(design: Design, view: View) -> tuple[Array, Array]:

@@ -222,7 +222,6 @@ def _one(trial: Trial, folder: Path) -> Outcome:
             renders=folder / "renders" / trial.design,
             catalogue=_catalogue(trial),
             pictures=False,
-            recentre=False,
         ).to_json()
     except MeasurementError as error:
         report = {

@@ -30,11 +30,9 @@ class Known:
     def shot(self, number: int) -> SimpleNamespace:
         return SimpleNamespace(signal=self.signals[number], valid=self.valid[number])
 
-    def predict(self, state: object, number: int) -> np.ndarray:
-        return np.zeros(SHAPE)
-
-    def columns(self, state: object, number: int, unknowns: list[Unknown]) -> np.ndarray:
-        return self.derivatives[number][..., [UNKNOWNS.index(u) for u in unknowns]].astype(np.float32)
+    def linear(self, state: object, number: int, unknowns: list[Unknown]) -> tuple[np.ndarray, np.ndarray]:
+        columns = self.derivatives[number][..., [UNKNOWNS.index(u) for u in unknowns]]
+        return np.zeros(SHAPE), columns.astype(np.float32)
 
 
 def noises(level: float, grain: Grain | None = None) -> list[Noise]:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.fft import idctn
 
 from designlab.design import preset
 from designlab.effects import AppliedEffect, SensorModel, effect
@@ -11,15 +12,17 @@ from designlab.gap.bank import Bank, fill, moved
 from designlab.gap.basis import Renders
 from designlab.gap.control import control
 from designlab.gap.evidence import System
-from designlab.gap.fit import Fit, Fitter
+from designlab.gap.fit import Fit, Fitter, with_strength
 from designlab.gap.forward import Forward, State, bands
 from designlab.gap.grain import grains
 from designlab.gap.intervals import values
 from designlab.gap.judge import Judged, gain, judge
-from designlab.gap.noise import DARK_LIGHT
+from designlab.gap.noise import DARK_LIGHT, SHOT_BUDGET, spectrum
 from designlab.gap.pattern import found_pattern, in_few_waves
+from designlab.gap.refine import refined
+from designlab.gap.repeats import shot_error
 from designlab.gap.result import Candidate
-from designlab.gap.search import MOST_IN_WAVES, PERIODS, Attempt, Search, Winner, _with_strength
+from designlab.gap.search import MOST_IN_WAVES, PERIODS, Attempt, Search, Winner
 from designlab.gap.where import geometry, regions, where
 from designlab.measurement.shots import Shot
 from designlab.plant.converter import Converter
@@ -166,6 +169,39 @@ def searched(bank: Bank, name: str) -> tuple[Search, State, Judged, Judged]:
     search = Search(fitter, NAMES, train, select)
     best, before, after = search.run(start)
     return search, best.state, before, after
+
+
+@pytest.mark.parametrize("error", [0.0, 0.001, 0.003])
+def test_repeats_tell_how_much_light_moves_from_frame_to_frame(bank, error) -> None:
+    untouched = taken(SensorModel.of(DESIGN), None, np.zeros(4), "background", 1)
+    light = Forward(bank).predict(State(GAINS), 0)
+    rng = np.random.default_rng(5)
+    repeats = []
+    for _ in range(5):
+        power = np.sqrt(spectrum(light.shape[:2]))[..., None]
+        moves = idctn(power * rng.standard_normal(light.shape), axes=(0, 1), norm="ortho")
+        noisy = light * (1 + error * moves + NOISE * rng.standard_normal(light.shape))
+        drift = 1 + 0.02 * rng.standard_normal()
+        repeats.append(replace(untouched, signal=drift * noisy))
+    place = (*(bank.place[0],) * 5, *bank.place[1:])
+    fitter = Fitter(replace(bank, shots=(*repeats, *bank.shots[1:]), place=place))
+    fitter.measure(State(GAINS))
+    found = shot_error(fitter, State(GAINS), range(5))
+    assert found == pytest.approx(error, rel=0.25) if error else found < 2e-4
+    assert shot_error(fitter, State(GAINS), [0, 1, 5]) == SHOT_BUDGET  # too few
+
+
+def test_the_last_fit_is_closer_than_that_of_the_search(bank, renders) -> None:
+    fitter = seeing(bank, applied("contact_kernel"))
+    train = [0, 1, 2]
+    start = fitter.fit(fitter.start(train), (), train).state
+    fitter.measure(start)
+    best, _, _ = Search(fitter, NAMES, train, [3]).run(start)
+    near, last = refined(renders, fitter, best, train)
+    assert near.bank is not bank  # a whole prior standard deviation is far
+    before, after = (abs(fit.state.values["contact_kernel"]["length_ratio"] - 1.4) for fit in (best, last))
+    assert after < 0.5 * before
+    assert after < 0.01
 
 
 def test_what_poses_take_up_is_named(bank) -> None:
@@ -383,7 +419,7 @@ def test_strength_and_period_of_bands_lie_in_their_intervals(bank) -> None:
     state = fitter.start(train)
     state = state.with_values("banding", {"amplitude": 0.0, "period_rows": 1.01 * period})
     fit = fitter.fit(state, ["banding"], train)
-    fit = replace(fit, state=_with_strength(fit.state, "banding"))
+    fit = replace(fit, state=with_strength(fit.state, "banding"))
     found = values(fitter, fit, "banding", train)
     assert found["amplitude"].low < amplitude < found["amplitude"].high
     assert found["amplitude"].high < 1.6 * amplitude
