@@ -136,8 +136,8 @@ def benchmark(args: Namespace) -> Result:
     if not args.only and args.shard is None and args.kit == "hour":
         if args.pool == "power":
             write_json(Path(args.out) / "limits.json", found["limits"])
-        if args.pool in ("power", "calibration"):
-            write_json(Path(args.out) / "learnt.json", learnt(args.pool, outcomes))
+        if args.pool == "calibration":
+            write_json(Path(args.out) / "learnt.json", learnt(outcomes))
     rows = [
         (
             row["set"],

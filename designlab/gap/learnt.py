@@ -11,7 +11,7 @@ from importlib.resources import files
 from typing import Any
 
 FILE = "learnt.json"
-"""Written by ``designlab gap benchmark`` for whole pools, power or calibration."""
+"""Written by ``designlab gap benchmark --pool calibration``."""
 
 
 def unlisted_sd(effect: str, parameter: str, *, shape: bool) -> float:

@@ -51,22 +51,18 @@ def unlisted_sd(outcomes: Iterable[Outcome]) -> dict[str, float]:
     }
 
 
-def learnt(pool: str, outcomes: Iterable[Outcome]) -> dict[str, Any]:
-    """What is known with what a pool teaches in its place, as `designlab.gap.learnt` reads it.
+def learnt(outcomes: Iterable[Outcome]) -> dict[str, Any]:
+    """What a whole pool of all families teaches, as `designlab.gap.learnt` reads it.
 
-    Parameters
-    ----------
-    pool : str
-        power, whose many sets of each kind show what the unlisted does to values; or calibration, whose sets
-        of all families show how often names are right.
-    outcomes : iterable of Outcome
-        Of the whole pool.
+    Effects of which it has too few sets keep what was known of them.
     """
     outcomes = list(outcomes)
-    if pool == "power":
-        return {**known(), "unlisted_sd": unlisted_sd(outcomes)}
     nothing = left_of_nothing(outcomes)
-    return {**known(), "left_of_nothing": nothing, "confidence": shares_right(outcomes, nothing)}
+    return {
+        "left_of_nothing": nothing,
+        "unlisted_sd": dict(sorted({**known()["unlisted_sd"], **unlisted_sd(outcomes)}.items())),
+        "confidence": shares_right(outcomes, nothing),
+    }
 
 
 def left_of_nothing(outcomes: Iterable[Outcome]) -> float:

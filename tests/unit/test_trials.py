@@ -13,7 +13,7 @@ from designlab import cli
 from designlab.design import preset
 from designlab.effects import effect
 from designlab.gap.confidence import SIGNS
-from designlab.gap.learnt import left_of_nothing
+from designlab.gap.learnt import known, left_of_nothing
 from designlab.gap.result import Level
 from designlab.measurement import Measurement
 from designlab.measurement.frames import Frame
@@ -233,15 +233,15 @@ def test_confidence_is_the_share_of_right_names_among_those_alike() -> None:
             found.append(tried(hidden, name, after=float(np.exp(left)), gain=gain, rival=rival))
         return found
 
-    known = shares_right(drawn(400), left_of_nothing())
-    weights = known["weights"]
+    taught = shares_right(drawn(400), left_of_nothing())
+    weights = taught["weights"]
     assert weights["left"] < -1.5
     assert weights["gain"] > 0.4
     assert abs(weights["margin"]) < 0.3
     assert weights["set"] == weights["later"] == 0.0  # the same of all
-    assert np.all(np.diff(known["right"]) >= 0)
+    assert np.all(np.diff(taught["right"]) >= 0)
     seen, right = named(drawn(2000), left_of_nothing())
-    said = np.interp(seen @ [weights[name] for name in SIGNS], known["scores"], known["right"])
+    said = np.interp(seen @ [weights[name] for name in SIGNS], taught["scores"], taught["right"])
     error = reliability(list(zip(said, right, strict=True)))
     assert error is not None
     assert error["error"] < 0.05
@@ -253,23 +253,30 @@ def test_a_sign_cannot_count_against_what_is_known_of_it() -> None:
     hidden = Trial("single", AIR[0], 1, {"vignetting": 1.0})
     few = [tried(hidden, "vignetting", after=5.0 + k, gain=0.5, rival=1.0) for k in range(8)]
     few += [tried(hidden, "led_tilt", after=1.0 + 0.1 * k, gain=0.5, rival=1.0) for k in range(8)]
-    known = shares_right(few, left_of_nothing())
-    assert known["weights"]["left"] == 0.0
-    assert known["right"] == [0.5]  # nothing tells them apart, in whatever order they come
+    taught = shares_right(few, left_of_nothing())
+    assert taught["weights"]["left"] == 0.0
+    assert taught["right"] == [0.5]  # nothing tells them apart, in whatever order they come
     assert shares_right(few[::-1], left_of_nothing())["right"] == [0.5]
     with pytest.raises(ValueError, match="4 names teach nothing, 15 are needed"):
         shares_right(few[:4], left_of_nothing())
 
 
-def test_a_pool_replaces_only_what_it_teaches() -> None:
+def test_a_pool_teaches_what_it_shows_and_keeps_the_rest() -> None:
     nothing = [outcome(Trial(f"n{k}", AIR[0], k), verdict="at_floor", sets=[]) for k in range(3)]
     assert left_of(nothing) == pytest.approx(11.0 / FLOOR, abs=1e-3)
     with pytest.raises(ValueError, match="no set that hides nothing"):
         left_of([])
-    before = learnt("power", [])
-    assert before["unlisted_sd"] == {}
-    assert before["left_of_nothing"] == left_of_nothing()
-    assert before.keys() == {"left_of_nothing", "unlisted_sd", "confidence"}
+    hidden = Trial("single", AIR[0], 1, {"vignetting": 1.0})
+    one = tried(hidden, "vignetting", after=1.0, gain=0.5, rival=1.0)
+    far = outcome(hidden, verdict="named", sets=[["vignetting"]], corner_loss=1.0)
+    shown = replace(one, truth=far.truth, parameters=far.parameters)
+    found = learnt([*nothing, *[shown] * 15])
+    assert found["left_of_nothing"] == left_of(nothing)
+    assert found["confidence"]["names"] == 15
+    before = known()["unlisted_sd"]
+    assert found["unlisted_sd"].keys() == before.keys()
+    assert {k for k, v in found["unlisted_sd"].items() if v != before[k]} == {"vignetting"}
+    assert found["unlisted_sd"]["vignetting"] == pytest.approx(0.4, rel=0.1)  # a tenth, of 0.25 each
 
 
 def test_the_error_that_fits_do_not_know_is_found_again() -> None:
