@@ -174,8 +174,8 @@ def _trials(args: Namespace) -> "list[Trial]":
         wanted = re.compile(args.only)
     except re.error as error:
         raise ValueError(f"--only: must be a regular expression, got {args.only!r}: {error}") from None
-    if args.transfer and (args.pool != "development" or args.kit != "hour"):
-        raise ValueError("--transfer: is for --pool development and --kit hour")
+    if args.transfer and args.kit != "hour":
+        raise ValueError("--transfer: is for --kit hour")
     if args.transfer and args.further:
         raise ValueError("--further: cannot be asked for together with --transfer")
     if (args.pool == "test") != (args.frozen is not None):
@@ -191,10 +191,17 @@ def _trials(args: Namespace) -> "list[Trial]":
     elif args.pool == "power":
         pool = power(base=args.base)
     else:
-        pool = (transfers if args.transfer else development)(base=args.base)
+        pool = development(base=args.base)
     trials = [trial for trial in shard(pool, args.shard) if wanted.search(trial.name)]
     if not trials:
         raise ValueError(f"--only: no set's name matches {args.only!r}, of {len(pool)} in the pool")
+    if args.transfer:
+        number = len(trials)
+        trials = transfers(trials)
+        if not trials:
+            raise ValueError(
+                f"--transfer: none of these {number} sets hides one effect that holds for other designs"
+            )
     return [replace(trial, kit=args.kit) for trial in trials]
 
 
@@ -275,7 +282,7 @@ def _transferred(trials: "list[Trial]", folder: Path, crew: "Crew") -> Result:
             f"{found['median']:.0%}, 95 % interval {found['low']:.0%} to {found['high']:.0%}"
         )
     if found["without_gap"]:
-        lines.append(f"{found['without_gap']} sets are predicted to the floor without a correction")
+        lines.append(f"{found['without_gap']} sets are predicted as well without a correction")
     return Result(found, "\n".join(lines))
 
 

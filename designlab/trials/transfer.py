@@ -20,13 +20,14 @@ from designlab.gap.observe import observe
 from designlab.gap.result import Level
 from designlab.measurement import Measurement, load_measurement
 from designlab.plant import plant
-from designlab.trials.pool import AIR, Trial, development
+from designlab.trials.pool import AIR, Trial
 from designlab.trials.runner import ALONE, COLUMNS, SEED, Crew, Progress, kept, model_path, run, set_path
 
 HIGHER_MM = 3.0
 MORE_TILT_DEG = 15.0
 OTHER_SEED = 1_000_000  # of the other sensor: other errors of poses and gains, other noise
 RESAMPLES = 10_000
+LEAST_GAP = 1.1  # mean squared residual over what is usual where nothing is missing
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Transferred:
         Mean squared residual on the other sensor's held-out presses in units of the noise: uncorrected model,
         corrected model, and what noise and errors granted to the simulation leave.
     removed : float or None
-        Share of the gap that the correction takes away; None where there is no gap.
+        Share of the gap that the correction takes away; None where there is hardly one.
     """
 
     trial: dict[str, Any]
@@ -59,15 +60,18 @@ class Transferred:
     processor_seconds: float
 
 
-def transfers(*, base: int = 0) -> list[Trial]:
-    """Sets of the development pool whose effect holds for other designs.
+def transfers(pool: Iterable[Trial]) -> list[Trial]:
+    """Sets of a pool with one effect, which holds for other designs.
 
     LEDs that sit on a core cannot be moved as `other` does, so those of a core are left out.
     """
     return [
         trial
-        for trial in development(base=base)
-        if len(trial.effects) == 1 and effect(trial.kind).transferable and trial.design in AIR
+        for trial in pool
+        if len(trial.effects) == 1
+        and not trial.without
+        and effect(trial.kind).transferable
+        and trial.design in AIR
     ]
 
 
@@ -166,8 +170,8 @@ def predicted(measurement: Measurement, models: Sequence[SensorModel], renders: 
 
 
 def removed(gap: Level) -> float | None:
-    """Share of the gap that is gone; None where there is none over the floor."""
-    return None if gap.before <= gap.floor else gap.removed
+    """Share of the gap that is gone; None where the other design shows none."""
+    return None if gap.before < LEAST_GAP * gap.usual else gap.removed
 
 
 def summary(outcomes: Sequence[Transferred], *, seed: int = 0) -> dict[str, Any]:

@@ -357,21 +357,23 @@ def test_ambiguous_sets_are_settled_when_the_right_name_alone_is_left() -> None:
 
 
 def test_transfers_are_of_effects_that_hold_for_other_designs() -> None:
-    pool = transfers()
+    pool = transfers(POOL)
     assert len(pool) >= 20
     assert all(effect(trial.kind).transferable for trial in pool)
     assert len({trial.kind for trial in pool}) >= 8
     assert {trial.design for trial in pool} == set(AIR)
     assert {trial.name for trial in pool} <= {trial.name for trial in POOL}
+    left_out = Trial("l", AIR[0], 1, {"led_profile": 3.0}, without=("led_profile",))
+    assert transfers([left_out]) == []
 
 
-@pytest.mark.parametrize("name", sorted({trial.design for trial in transfers()}))
+@pytest.mark.parametrize("name", sorted({trial.design for trial in transfers(POOL)}))
 def test_the_other_design_can_be_built_and_takes_every_effect(name: str) -> None:
     design = preset(name)
     changed = other(design)  # infeasible ones raise
     assert changed.leds.height_mm == pytest.approx(design.leds.height_mm + HIGHER_MM)
     assert changed.leds.tilt_deg == pytest.approx(design.leds.tilt_deg + MORE_TILT_DEG)
-    for trial in transfers():
+    for trial in transfers(POOL):
         if trial.design == name:
             assert effect(trial.kind).parameters(changed) == effect(trial.kind).parameters(design)
 
@@ -425,7 +427,8 @@ def test_a_limit_is_open_where_all_sets_or_none_are_named() -> None:
     ("words", "rule"),
     [
         (["--pool", "power", "--only", "nosuch"], "no set's name matches 'nosuch'"),
-        (["--pool", "power", "--transfer"], "--transfer: is for --pool development"),
+        (["--transfer", "--kit", "plain"], "--transfer: is for --kit hour"),
+        (["--transfer", "--only", "nothing"], "--transfer: none of these 30 sets hides one effect"),
         (["--only", "("], "must be a regular expression"),
         (["--workers", "0"], "must lie between 1 and 256"),
         (["--only", "nothing-00", "--dask", "nonsense://x"], "nonsense"),
@@ -473,7 +476,8 @@ def transferred(before: float, after: float, floor: float) -> Transferred:
 def test_the_share_of_the_gap_removed_and_its_median() -> None:
     assert removed(Level(11.0, 3.0, 2.0, 1.0)) == pytest.approx(0.8)
     assert removed(Level(11.0, 16.0, 2.0, 1.0)) == pytest.approx(-0.5)  # a correction that makes it worse
-    assert removed(Level(1.9, 1.8, 2.0, 1.0)) is None
+    assert removed(Level(1.9, 1.45, 2.0, 1.0)) == pytest.approx(0.5)
+    assert removed(Level(1.05, 1.0, 2.0, 1.0)) is None
     found = summary(
         [transferred(11.0, after, 1.0) for after in (1.0, 3.0, 6.0)] + [transferred(0.9, 0.8, 1.0)]
     )
