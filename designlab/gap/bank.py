@@ -156,6 +156,28 @@ def fill(
 _filled: dict[str, tuple["Picture", ...]] = {}
 
 
+def rendered_at(renders: Renders, bank: Bank, values: Mapping[str, Values]) -> Iterator[Single]:
+    """Light of every picture of a bank, rendered with values of effects, (groups, rows, columns).
+
+    Parameters
+    ----------
+    values : mapping of effect to values
+        Of effects that are rendered; the others leave no trace in it.
+    """
+    model = bank.model
+    for name, its in values.items():
+        model = _with(model, name, its)
+    lamp = _Lamp(renders, bank.model)
+    renders.begin("pictures", len(bank.pictures))
+    for place, picture in enumerate(bank.pictures):
+        shot = bank.shots[bank.place.index(place)]
+        light = lamp.light(model, shot.press, shot.view)
+        if _repeats(bank.model):
+            drawn = lamp.light(bank.model, shot.press, shot.view)
+            light = light * (1.0 + share_of(picture.light - drawn, drawn)).astype(np.float32)
+        yield light
+
+
 def _fill(
     renders: Renders,
     given: SensorModel,

@@ -125,7 +125,7 @@ class Forward:
 
     def predict(self, state: State, number: int) -> Array:
         """Signal of a shot, (rows, columns, 3)."""
-        return self._signal(state, number, self._light(state, number))
+        return self._signal(state, number, self.light(state, number))
 
     def untouched(self, state: State, number: int) -> Array:
         """Signal that a shot would have without a press, effects on light transport left aside."""
@@ -135,7 +135,7 @@ class Forward:
         picture = next(bare, self.bank.pictures[place])
         return self._signal(state, number, picture.light)
 
-    def _light(self, state: State, number: int) -> Single:
+    def light(self, state: State, number: int) -> Single:
         """Light of every group in front of the camera, before what the camera's optics do."""
         picture = self.bank.of(number)
         light = picture.light + np.float32(state.numerical) * picture.numerical
@@ -301,7 +301,7 @@ class Forward:
         picture, shot = self.bank.of(number), self.shot(number)
         rows, width = picture.light.shape[1:]
         found = np.zeros((rows, width, 3, len(unknowns)), dtype=np.float32)
-        light = self._light(state, number)
+        light = self.light(state, number)
         warped = self._warped(state, number, light)
         optics = self._after_warp(state, number, warped)
         here = self._of_optics(state, number, optics)

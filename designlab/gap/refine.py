@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from designlab.effects import effect
-from designlab.gap.bank import Bank, fill
+from designlab.gap.bank import Bank, rendered_at
 from designlab.gap.basis import Renders
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter, with_strength
+from designlab.gap.forward import State
 from designlab.gap.noise import Noise
 from designlab.gap.repeats import shot_error
 
@@ -35,16 +36,31 @@ def refined(source: Renders, fitter: Fitter, found: Fit, train: Sequence[int]) -
     names = [name for name in found.state.values if name != "fixed_pattern"]
     near = _fitter(fitter.bank, noises, fitter)
     now = near.fit(found.state, names, train)
+    rendered = [name for name in names if effect(name).rendered]
     for _ in range(RECENTRINGS if _far(near, now) else 0):
-        bank, state = fitter.bank, now.state
-        rendered = {name: state.values[name] for name in names if effect(name).rendered}
-        near = _fitter(fill(source, bank.model, bank.shots, list(rendered), origin=rendered), noises, fitter)
-        before, now = now, near.fit(state, names, train)
-        if _moved(near, before, now, list(rendered)) < SETTLED_SD:
+        near = _fitter(_exact(source, near, now.state, rendered), noises, fitter)
+        before, now = now, near.fit(now.state, names, train)
+        if _moved(near, before, now, rendered) < SETTLED_SD:
             break
     for name in DRAWN_SD.keys() & now.state.values.keys():
         now = replace(now, state=with_strength(now.state, name))
     return near, now
+
+
+def _exact(source: Renders, fitter: Fitter, state: State, names: Sequence[str]) -> Bank:
+    """Bank that is exact at a state's values of some effects; how light changes about them stays as it was.
+
+    Like Newton's method with a fixed derivative: a picture of each press, instead of two for each parameter.
+    """
+    bank, values = fitter.bank, {name: state.values[name] for name in names}
+    combined = replace(state, values=values, poses={}, numerical=0.0)
+    pictures = tuple(
+        replace(picture, light=picture.light + light - fitter.forward.light(combined, bank.place.index(place)))
+        for place, (picture, light) in enumerate(
+            zip(bank.pictures, rendered_at(source, bank, values), strict=True)
+        )
+    )
+    return replace(bank, pictures=pictures)
 
 
 def _fitter(bank: Bank, noises: list[Noise], like: Fitter) -> Fitter:
