@@ -142,7 +142,7 @@ class Forward:
         for name, values in state.values.items():
             for change, t, times in self._changes(picture, name, values):
                 change.added(light, t, times)
-        for change, t in zip(picture.pose, self._pose(state, number), strict=False):
+        for change, t in zip(picture.pose, self.pose(state, number) / POSE_STEP, strict=False):
             if t:
                 change.added(light, t)
         return light
@@ -168,12 +168,12 @@ class Forward:
             for p in self.parameters[name]
         }
 
-    def _pose(self, state: State, number: int) -> Array:
-        """Pose in steps of the bank; a common offset of the depth is part of it."""
+    def pose(self, state: State, number: int) -> Array:
+        """Departure of a shot's pose; a common offset of the depth is part of it."""
         pose = state.pose(number).copy()
         if DEEPER in state.values:
             pose[DEPTH] += state.values[DEEPER]["offset_mm"]
-        return np.asarray(pose / POSE_STEP)
+        return pose
 
     def sight(self, state: State, number: int) -> Sight:
         """What effects on the light of a shot need to know."""
@@ -389,7 +389,7 @@ class Forward:
             if not picture.pose:
                 return np.zeros(shape, dtype=np.float32)
             axis = DEPTH if unknown.effect == DEEPER else POSE.index(unknown.name)
-            t = float(self._pose(state, number)[axis])
+            t = float(self.pose(state, number)[axis] / POSE_STEP[axis])
             return picture.pose[axis].slope(shape, t) / np.float32(POSE_STEP[axis])
         change = picture.changes.get((unknown.effect, unknown.name))
         if change is None:

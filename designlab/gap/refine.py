@@ -7,7 +7,7 @@ from designlab.effects import effect
 from designlab.gap.bank import Bank, rendered_at
 from designlab.gap.basis import Renders
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter, with_strength
-from designlab.gap.forward import State
+from designlab.gap.forward import Forward, State
 from designlab.gap.noise import Noise
 from designlab.gap.repeats import shot_error
 
@@ -38,7 +38,7 @@ def refined(source: Renders, fitter: Fitter, found: Fit, train: Sequence[int]) -
     now = near.fit(found.state, names, train)
     rendered = [name for name in names if effect(name).rendered]
     for _ in range(RECENTRINGS if _far(near, now) else 0):
-        near = _fitter(_exact(source, near, now.state, rendered), noises, fitter)
+        near = _fitter(_exact(source, fitter.bank, near.forward, now.state, rendered), noises, fitter)
         before, now = now, near.fit(now.state, names, train)
         if _moved(near, before, now, rendered) < SETTLED_SD:
             break
@@ -47,20 +47,20 @@ def refined(source: Renders, fitter: Fitter, found: Fit, train: Sequence[int]) -
     return near, now
 
 
-def _exact(source: Renders, fitter: Fitter, state: State, names: Sequence[str]) -> Bank:
-    """Bank that is exact at a state's values of some effects; how light changes about them stays as it was.
+def _exact(source: Renders, bank: Bank, forward: Forward, state: State, names: Sequence[str]) -> Bank:
+    """Bank whose light is exact at a state's poses and values of some effects.
 
-    Like Newton's method with a fixed derivative: a picture of each press, instead of two for each parameter.
+    How light changes about them stays as it was, so that a picture of each shot is enough, instead of two for
+    each parameter: Newton's method with a fixed derivative.
     """
-    bank, values = fitter.bank, {name: state.values[name] for name in names}
-    combined = replace(state, values=values, poses={}, numerical=0.0)
-    pictures = tuple(
-        replace(picture, light=picture.light + light - fitter.forward.light(combined, bank.place.index(place)))
-        for place, (picture, light) in enumerate(
-            zip(bank.pictures, rendered_at(source, bank, values), strict=True)
-        )
-    )
-    return replace(bank, pictures=pictures)
+    values = {name: state.values[name] for name in names}
+    combined = replace(state, values=values, numerical=0.0)
+    poses = [forward.pose(state, number) for number in range(len(bank.shots))]
+    pictures = []
+    for number, light in enumerate(rendered_at(source, bank, values, poses)):
+        before = forward.bank.of(number)
+        pictures.append(replace(before, light=before.light + light - forward.light(combined, number)))
+    return replace(bank, pictures=tuple(pictures), place=tuple(range(len(bank.shots))))
 
 
 def _fitter(bank: Bank, noises: list[Noise], like: Fitter) -> Fitter:
