@@ -157,29 +157,30 @@ _filled: dict[str, tuple["Picture", ...]] = {}
 
 
 def rendered_at(
-    renders: Renders, bank: Bank, values: Mapping[str, Values], poses: Sequence[Array]
-) -> Iterator[Single]:
-    """Light of every shot of a bank, rendered with values of effects, (groups, rows, columns).
+    renders: Renders, bank: Bank, values: Mapping[str, Values], poses: Mapping[int, Array]
+) -> Iterator[tuple[int, Single]]:
+    """Light of shots of a bank, rendered with values of effects: their numbers, (groups, rows, columns).
 
     Parameters
     ----------
     values : mapping of effect to values
         Of effects that are rendered; the others leave no trace in it.
-    poses : sequence of array
-        Departure of each shot's pose: x, y, depth (mm), yaw (deg).
+    poses : mapping of int to array
+        Shots to render, by number, and the departure of their poses: x, y, depth (mm), yaw (deg).
     """
     model = bank.model
     for name, its in values.items():
         model = _with(model, name, its)
     lamp = _Lamp(renders, bank.model)
-    renders.begin("pictures", len(bank.shots))
-    for number, (shot, pose) in enumerate(zip(bank.shots, poses, strict=True)):
+    renders.begin("pictures", len(poses))
+    for number, pose in poses.items():
+        shot = bank.shots[number]
         press = moved(shot.press, pose) if shot.press is not None and pose.any() else shot.press
         light = lamp.light(model, press, shot.view)
         if _repeats(bank.model):
             drawn = lamp.light(bank.model, shot.press, shot.view)
             light = light * (1.0 + share_of(bank.of(number).light - drawn, drawn)).astype(np.float32)
-        yield light
+        yield number, light
 
 
 def _fill(

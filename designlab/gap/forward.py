@@ -268,18 +268,19 @@ class Forward:
     def _reported(self, state: State, mixed: Array) -> Array:
         """Signal of the camera for mixed light, (..., 3): what its pixels report in the mean.
 
-        Every pixel of the sensor has its noise before it answers by a curve, frames are means of pixels.
+        Every pixel of the sensor has its noise before it answers by a curve, frames are means of pixels. No
+        pixel collects less than nothing, whatever a mixing that is negative takes from it.
         """
-        lifted = np.asarray(mixed + self.design.camera.black_level)
+        lifted = np.maximum(mixed, 0.0) + self.design.camera.black_level
         if not any(e.curved and e.name in state.values for e in CATALOGUE):
             return self._answered(state, lifted)
         # Even steps of the root: a curve may be steep at zero.
-        low, high = min(float(lifted.min()), 0.0), float(lifted.max())
-        levels = low + (high - low) * np.linspace(0.0, 1.0, LEVELS) ** 2
+        levels = float(lifted.max()) * np.linspace(0.0, 1.0, LEVELS) ** 2
         sigma = self.design.camera.noise_sigma(levels)
         weights = np.exp(-(DEVIATES**2) / 2)
-        values = np.maximum(levels[:, None] + sigma[:, None] * DEVIATES, 0.0)
-        answers = self._answered(state, np.repeat(values[..., None], 3, axis=-1))
+        values = levels[:, None] + sigma[:, None] * DEVIATES
+        # The converter cuts at zero what its black level does not lift.
+        answers = np.maximum(self._answered(state, np.repeat(values[..., None], 3, axis=-1)), 0.0)
         curves = np.tensordot(weights / weights.sum(), answers, axes=(0, 1))
         means = [np.interp(lifted[..., c], levels, curves[:, c]) for c in range(3)]
         return np.stack(means, axis=-1)
@@ -378,7 +379,7 @@ class Forward:
             step = 1e-3 * max(float(channels.max()), 1e-3)
             ends = self._reported(state, channels - step), self._reported(state, channels + step)
             slope = slope * (ends[1] - ends[0]) / (2 * step)
-        return slope * _pattern(state)
+        return slope * _pattern(state) * (channels > 0.0)
 
     def _light_slope(self, state: State, number: int, unknown: Unknown, picture: Picture) -> Single | None:
         """Derivative of the light by a pose or a rendered parameter; None for all others."""

@@ -11,9 +11,9 @@ from designlab.gap.forward import Forward, State
 from designlab.gap.noise import Noise
 from designlab.gap.repeats import shot_error
 
-RECENTRINGS = 3  # times that pictures are rendered anew about what was found
+RECENTRINGS = 4  # times that pictures are rendered anew where a fit stands
 FAR_SD = 0.5  # prior standard deviations from null that pictures rendered about it are exact enough for
-SETTLED_SD = 0.25  # likewise, that values may still move by then
+SETTLED_SD = 0.03  # likewise, that values may still move by then
 
 
 def refined(source: Renders, fitter: Fitter, found: Fit, train: Sequence[int]) -> tuple[Fitter, Fit]:
@@ -38,29 +38,39 @@ def refined(source: Renders, fitter: Fitter, found: Fit, train: Sequence[int]) -
     now = near.fit(found.state, names, train)
     rendered = [name for name in names if effect(name).rendered]
     for _ in range(RECENTRINGS if _far(near, now) else 0):
-        near = _fitter(_exact(source, fitter.bank, near.forward, now.state, rendered), noises, fitter)
+        near = _fitter(_exact(source, fitter.bank, near.forward, now.state, rendered, train), noises, fitter)
         before, now = now, near.fit(now.state, names, train)
         if _moved(near, before, now, rendered) < SETTLED_SD:
             break
+    if near.bank is not fitter.bank:
+        others = [number for number in range(len(fitter.bank.shots)) if number not in train]
+        near = _fitter(_exact(source, fitter.bank, near.forward, now.state, rendered, others), noises, fitter)
     for name in DRAWN_SD.keys() & now.state.values.keys():
         now = replace(now, state=with_strength(now.state, name))
     return near, now
 
 
-def _exact(source: Renders, bank: Bank, forward: Forward, state: State, names: Sequence[str]) -> Bank:
-    """Bank whose light is exact at a state's poses and values of some effects.
+def _exact(
+    source: Renders,
+    bank: Bank,
+    forward: Forward,
+    state: State,
+    names: Sequence[str],
+    shots: Sequence[int],
+) -> Bank:
+    """Bank whose light of some shots is exact at a state's poses and values of some effects.
 
     How light changes about them stays as it was, so that a picture of each shot is enough, instead of two for
     each parameter: Newton's method with a fixed derivative.
     """
     values = {name: state.values[name] for name in names}
     combined = replace(state, values=values, numerical=0.0)
-    poses = [forward.pose(state, number) for number in range(len(bank.shots))]
-    pictures = []
-    for number, light in enumerate(rendered_at(source, bank, values, poses)):
-        before = forward.bank.of(number)
-        pictures.append(replace(before, light=before.light + light - forward.light(combined, number)))
-    return replace(bank, pictures=tuple(pictures), place=tuple(range(len(bank.shots))))
+    poses = {number: forward.pose(state, number) for number in shots}
+    pictures = [forward.bank.of(number) for number in range(len(bank.shots))]
+    for number, light in rendered_at(source, bank, values, poses):
+        error = light - forward.light(combined, number)
+        pictures[number] = replace(pictures[number], light=pictures[number].light + error)
+    return replace(bank, pictures=tuple(pictures), place=tuple(range(len(pictures))))
 
 
 def _fitter(bank: Bank, noises: list[Noise], like: Fitter) -> Fitter:
