@@ -41,6 +41,7 @@ KITS = ("hour", "no_dark", "no_groups", "plain")
 """hour: all frames; no_dark, no_groups: without the dark frame, without those of single LED groups;
 plain: without these, other exposures and the turned gel."""
 POWER_SEED = 10_000
+SECOND_SEED = 5_000  # between the first and the second set of a strength
 QUICK_SEED = 90_000
 
 
@@ -125,7 +126,7 @@ def shard(pool: Sequence[Trial], text: str | None) -> list[Trial]:
 
 
 def power(*, base: int = 0) -> list[Trial]:
-    """Sets of each kind of effect at rising strengths on both designs, for detection limits.
+    """Sets of each kind of effect at rising strengths on both designs, for detection limits: two of each.
 
     Parameters
     ----------
@@ -138,7 +139,8 @@ def power(*, base: int = 0) -> list[Trial]:
             for step, strength in enumerate(STRENGTHS):
                 seed = base + POWER_SEED + 100 * number + 10 * k + step
                 name = f"power-{kind}-{'flat' if k == 0 else 'dome'}-{strength:g}"
-                found.append(Trial(name, design, seed, {kind: strength}))
+                found.append(Trial(f"{name}-a", design, seed, {kind: strength}))
+                found.append(Trial(f"{name}-b", design, seed + SECOND_SEED, {kind: strength}))
     return found
 
 
