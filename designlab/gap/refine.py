@@ -11,9 +11,9 @@ from designlab.gap.forward import Forward, State
 from designlab.gap.noise import Noise
 from designlab.gap.repeats import shot_error
 
-RECENTRINGS = 4  # times that pictures are rendered anew where a fit stands
+RECENTRINGS = 6  # times that pictures are rendered anew where a fit stands
 FAR_SD = 0.5  # prior standard deviations from null that pictures rendered about it are exact enough for
-SETTLED_SD = 0.03  # likewise, that values may still move by then
+SETTLED_SD = 0.01  # likewise, that values may still move by then
 
 
 def refined(source: Renders, fitter: Fitter, found: Fit, train: Sequence[int]) -> tuple[Fitter, Fit]:
