@@ -22,7 +22,7 @@ from designlab.store import digest
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-POSE_STEP = (0.05, 0.05, 0.03, 1.0)  # x, y, depth (mm) and yaw (deg): steps of the differences
+POSE_STEP = (0.05, 0.05, 0.06, 1.0)  # x, y, depth (mm) and yaw (deg): steps of the differences
 LEAST_DEPTH_MM = 0.01
 REPEATS = 8  # further pictures of the given model where light comes through a core, each with its own chance
 FILLED_KEPT = 2
