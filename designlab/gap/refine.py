@@ -11,9 +11,9 @@ from designlab.gap.forward import Forward, State
 from designlab.gap.noise import Noise
 from designlab.gap.repeats import shot_error
 
-RECENTRINGS = 6  # times that pictures are rendered anew where a fit stands
+RECENTRINGS = 3  # times that pictures are rendered anew where a fit stands
 FAR_SD = 0.5  # prior standard deviations from null that pictures rendered about it are exact enough for
-SETTLED_SD = 0.01  # likewise, that values may still move by then
+SETTLED_SD = 0.02  # likewise, that values may still move by then
 
 
 def refined(source: Renders, fitter: Fitter, found: Fit, train: Sequence[int]) -> tuple[Fitter, Fit]:
@@ -87,6 +87,7 @@ def _far(fitter: Fitter, now: Fit) -> bool:
         for name, values in now.state.values.items()
         if effect(name).rendered
         for p in fitter.forward.parameters[name]
+        if not p.shape  # what only shapes an effect is known least, and cannot be far alone
     )
 
 
@@ -96,4 +97,5 @@ def _moved(fitter: Fitter, before: Fit, after: Fit, names: Sequence[str]) -> flo
         abs(after.state.values[name][p.name] - before.state.values[name][p.name]) / p.sd
         for name in names
         for p in fitter.forward.parameters[name]
+        if not p.shape
     )
