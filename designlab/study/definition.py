@@ -1,7 +1,7 @@
 """What a study varies and what it seeks: parameters, objectives, effort; its TOML format."""
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from designlab.effects.model import SensorModel
 
 FORMAT_VERSION: Literal[1] = 1
+
+VARIANT = "variant"
+"""Name of the choice among variants, beside the parameters of a trial."""
 
 DEFAULT_OBJECTIVES: dict[str, Literal["maximise", "minimise"]] = {
     "uniformity_u0": "maximise",
@@ -36,10 +39,20 @@ class Parameter(Spec):
     choices: tuple[bool | int | float | str, ...] | None = Field(
         None, min_length=1, description="The values themselves, instead of a range."
     )
+    variant: str | None = Field(
+        None, description="Name of the only variant that it is for; all variants if absent."
+    )
+    also: dict[str, float] = Field(
+        {},
+        description="Further fields that move along, by dotted path: each takes the value plus this, for "
+        "example the radius of a core under a gel that is 2 mm thick.",
+    )
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
         if self.choices is not None:
+            if any(self.also.values()) and any(isinstance(choice, bool | str) for choice in self.choices):
+                raise ValueError("also: only numbers can be moved by an offset; give 0")
             if self.low is not None or self.high is not None or self.step is not None or self.log:
                 raise ValueError("give either choices, or low and high with step or log; not both")
             if len(set(self.choices)) != len(self.choices):
@@ -62,6 +75,11 @@ class Parameter(Spec):
             return self.choices
         return tuple(value for value in (self.low, self.high) if value is not None)
 
+    def fields(self, path: str, value: Any) -> dict[str, Any]:
+        """Fields that a value of the parameter sets, and what each becomes."""
+        moved = {other: value + offset if offset else value for other, offset in self.also.items()}
+        return {path: value, **moved}
+
     def holds(self, value: Any) -> bool:
         """Whether a value is one of those that the parameter may take."""
         if self.choices is not None or self.low is None or self.high is None:
@@ -74,6 +92,35 @@ class Parameter(Spec):
             return False
         steps = 0.0 if self.step is None else (value - self.low) / self.step
         return abs(steps - round(steps)) < 1e-9
+
+
+class Bound(Spec):
+    """What a score must at least or at most be."""
+
+    least: float | None = Field(None, description="Smallest value allowed.")
+    most: float | None = Field(None, description="Largest value allowed.")
+
+    @model_validator(mode="after")
+    def _an_interval(self) -> Self:
+        if self.least is None and self.most is None:
+            raise ValueError("give least, most or both")
+        if self.least is not None and self.most is not None and self.least > self.most:
+            raise ValueError(f"least must not be above most, got least {self.least:g}, most {self.most:g}")
+        return self
+
+    def broken_by(self, value: float) -> float:
+        """By how much a value breaks the bound, in the unit of the score; zero or less if it keeps it."""
+        below = -float("inf") if self.least is None else self.least - value
+        above = -float("inf") if self.most is None else value - self.most
+        return max(below, above)
+
+
+class Plan(Spec):
+    """How the best designs of a search are confirmed: evaluated again, with more effort and fresh seeds."""
+
+    promoted: int = Field(8, ge=1, le=100, description="Designs of the search that go to standard fidelity.")
+    confirmed: int = Field(3, ge=1, le=100, description="Designs of those that go to reference fidelity.")
+    seeds: int = Field(2, ge=1, le=50, description="Seeds at reference fidelity.")
 
 
 class Study(Spec):
@@ -91,14 +138,24 @@ class Study(Spec):
     model: dict[str, Any] = Field(
         {}, description="What else is known of these effects: covariance, domain, provenance, parent."
     )
+    variants: dict[str, dict[str, Any]] = Field(
+        {},
+        description="Alternatives of the base design, each design being one: name to fields and values.",
+    )
     parameters: dict[str, Parameter] = Field(
         min_length=1, description="Fields of the design by dotted path, and the values they may take."
     )
     objectives: dict[str, Literal["maximise", "minimise"]] = Field(
         DEFAULT_OBJECTIVES, min_length=1, description="Scores, and which way each is better."
     )
+    constraints: dict[str, Bound] = Field(
+        {}, description="Scores, and what each must at least or at most be."
+    )
     trials: int = Field(40, ge=1, le=100_000, description="Designs to evaluate, infeasible ones not counted.")
     fidelity: Literal["fast", "standard", "reference"] = Field("fast", description="Effort of an evaluation.")
+    plan: Plan | None = Field(
+        None, description="How the best are confirmed after the search; not at all if absent."
+    )
     seed: int = Field(0, ge=0, lt=2**31, description="Seed of the search and of every evaluation.")
     sampler: Literal["tpe", "nsga2", "random", "qmc", "gp"] = Field("tpe", description="Search method.")
 
@@ -125,27 +182,73 @@ class Study(Spec):
     def _flat(cls, parameters: Any) -> Any:
         return _flattened(parameters) if isinstance(parameters, Mapping) else parameters
 
+    @field_validator("variants", mode="before")
+    @classmethod
+    def _flat_variants(cls, variants: Any) -> Any:
+        if not isinstance(variants, Mapping):
+            return variants
+        return {
+            name: _flattened(fields, keep=()) if isinstance(fields, Mapping) else fields
+            for name, fields in variants.items()
+        }
+
+    @field_validator("variants")
+    @classmethod
+    def _are_designs(
+        cls, variants: dict[str, dict[str, Any]], info: ValidationInfo
+    ) -> dict[str, dict[str, Any]]:
+        base = info.data.get("base")
+        if len(variants) == 1:
+            raise ValueError("give two variants or more, or none")
+        for name, fields in variants.items():
+            if base is not None:
+                try:
+                    base.replace(fields)
+                except DesignError as error:
+                    raise ValueError(f"{name}: {str(error).removeprefix('replace(): ')}") from None
+        return variants
+
     @field_validator("parameters")
     @classmethod
     def _fit_the_design(cls, parameters: dict[str, Parameter], info: ValidationInfo) -> dict[str, Parameter]:
-        base = info.data.get("base")
-        if base is not None:  # else its own error is reported
-            for path, parameter in parameters.items():
-                for value in parameter.extremes:
-                    _require_allowed(base, path, value)
-                if parameter.step is not None and _is_integer(base, path) and parameter.step % 1:
-                    raise ValueError(f"{path}: takes whole numbers, so must its step, got {parameter.step:g}")
+        base, variants = info.data.get("base"), info.data.get("variants")
+        if base is None or variants is None:  # their own error is reported
+            return parameters
+        for path, parameter in parameters.items():
+            if parameter.variant is not None and parameter.variant not in variants:
+                known = ", ".join(variants) or "there are none"
+                raise ValueError(f"{path}: variant must be one of the variants ({known})")
+            home = base.replace(variants.get(parameter.variant or "", {}))
+            for value in parameter.extremes:
+                for field, its in parameter.fields(path, value).items():
+                    _require_allowed(home, field, its)
+            if parameter.step is not None and _is_integer(home, path) and parameter.step % 1:
+                raise ValueError(f"{path}: takes whole numbers, so must its step, got {parameter.step:g}")
         return parameters
 
     @property
     def digest(self) -> str:
-        """SHA-256 of all that decides the results: everything but the names and the number of trials."""
-        content = self.model_dump(mode="json", exclude={"name", "trials", "base"})
+        """SHA-256 of all that decides the search: everything but names, the number of trials and the plan."""
+        content = self.model_dump(mode="json", exclude={"name", "trials", "base", "plan"})
         return digest(content, self.base.digest)
 
     def design(self, values: Mapping[str, Any]) -> Design:
-        """Return the base design with the given parameter values; raises DesignError if they do not fit."""
-        return self.base.replace(dict(values))
+        """Return the design of parameter values and, where there are variants, of the one named.
+
+        Raises
+        ------
+        DesignError
+            If they do not fit together.
+        """
+        variant = values.get(VARIANT)
+        changes = dict(self.variants.get(variant, {}) if variant is not None else {})
+        for path in self.active(variant):
+            changes |= self.parameters[path].fields(path, values[path])
+        return self.base.replace(changes)
+
+    def active(self, variant: str | None) -> tuple[str, ...]:
+        """Parameters that decide a design of a variant."""
+        return tuple(path for path, p in self.parameters.items() if p.variant in (None, variant))
 
     def subject(self, design: Design) -> "Design | SensorModel":
         """Return what is evaluated: a design, or the model that it makes with the effects of the study.
@@ -165,13 +268,22 @@ class Study(Spec):
             raise DesignError(explain(error)) from None
 
     def start(self) -> dict[str, Any] | None:
-        """Return the base design's own parameter values; None if a range does not hold one of them."""
-        values = {path: _value(self.base, path) for path in self.parameters}
-        return values if all(p.holds(values[path]) for path, p in self.parameters.items()) else None
+        """Return the base design's own parameter values; None if the ranges do not hold it."""
+        own = [v for v, fields in self.variants.items() if self.base.replace(fields) == self.base]
+        if self.variants and not own:
+            return None
+        variant = own[0] if own else None
+        values = {path: _value(self.base, path) for path in self.active(variant)}
+        if not all(self.parameters[path].holds(value) for path, value in values.items()):
+            return None
+        if self.design({VARIANT: variant, **values}) != self.base:
+            return None  # fields that go together are set apart in the base
+        return values if variant is None else {VARIANT: variant, **values}
 
     def is_integer(self, path: str) -> bool:
         """Whether a parameter's field takes whole numbers only."""
-        return _is_integer(self.base, path)
+        variant = self.parameters[path].variant
+        return _is_integer(self.base.replace(self.variants.get(variant or "", {})), path)
 
     def unit(self, path: str) -> str:
         """Return the unit of a parameter, read off the name of its field; empty for a pure number."""
@@ -180,8 +292,9 @@ class Study(Spec):
         return {"mm": "mm", "deg": "deg", "nm": "nm", "mw": "mW", "px": "px"}.get(suffix, "")
 
     def differences(self, other: "Study") -> list[str]:
-        """Names of the fields, other than name and trials, in which two studies differ."""
-        fields = [field for field in type(self).model_fields if field not in ("name", "trials", "base")]
+        """Names of the fields that decide the search in which two studies differ."""
+        free = ("name", "trials", "base", "plan")
+        fields = [field for field in type(self).model_fields if field not in free]
         differing = [field for field in fields if getattr(self, field) != getattr(other, field)]
         return differing + (["base"] if self.base.digest != other.base.digest else [])
 
@@ -196,13 +309,18 @@ def carried(model: "SensorModel") -> dict[str, Any]:
     return {"effects": effects, "model": content if effects else {}}
 
 
-def _flattened(parameters: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Turn nested tables into dotted paths: ``[parameters.leds.tilt_deg]`` needs no quotes then."""
+def _flattened(
+    content: Mapping[str, Any], prefix: str = "", *, keep: Collection[str] = frozenset(Parameter.model_fields)
+) -> dict[str, Any]:
+    """Turn nested tables into dotted paths: ``[parameters.leds.tilt_deg]`` needs no quotes then.
+
+    Tables with one of the keys to keep stay.
+    """
     flat: dict[str, Any] = {}
-    for key, value in parameters.items():
+    for key, value in content.items():
         path = f"{prefix}{key}"
-        nested = isinstance(value, Mapping) and value and not set(value) & set(Parameter.model_fields)
-        flat |= _flattened(value, f"{path}.") if nested else {path: value}
+        nested = isinstance(value, Mapping) and value and not set(value) & set(keep)
+        flat |= _flattened(value, f"{path}.", keep=keep) if nested else {path: value}
     return flat
 
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 RECORD_FILE = "study.db"
 DEFINITION_FILE = "study.toml"
 TRIALS_FOLDER = "trials"
+CONFIRMED_FOLDER = "confirmed"
 _RECORD_NAME = "study"
 
 
@@ -177,3 +178,14 @@ def read_trial(folder: Path, number: int) -> dict[str, Any] | None:
 def read_design(folder: Path, number: int) -> dict[str, Any]:
     """Return the stored design of an evaluated trial as plain data."""
     return tomllib.loads((trial_folder(folder, number) / "design.toml").read_text(encoding="utf-8"))
+
+
+def confirmation_path(folder: Path, name: str) -> Path:
+    """Where the scores of a design that was evaluated again are kept."""
+    return folder / CONFIRMED_FOLDER / f"{name}.json"
+
+
+def read_confirmations(folder: Path) -> Iterator[dict[str, Any]]:
+    """Return what designs scored when they were evaluated again, as plain data."""
+    for path in sorted((folder / CONFIRMED_FOLDER).glob("*.json")):
+        yield json.loads(path.read_text(encoding="utf-8"))

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.design import Design
-from designlab.study.definition import Study
-from designlab.study.folder import read_trial, reading
+from designlab.study.definition import VARIANT, Study
+from designlab.study.folder import read_confirmations, read_trial, reading
 
 if TYPE_CHECKING:
     import optuna
@@ -21,6 +21,12 @@ if TYPE_CHECKING:
 
 STATES = ("complete", "infeasible", "failed", "interrupted", "running", "waiting")
 """What may become of a trial; the design of an interrupted one is tried again in another trial."""
+
+BASE = -1
+"""Stands for the base design among confirmed trials; it need not be a trial of the search."""
+
+CONFIRMING = ("standard", "reference")
+"""Fidelities at which designs are evaluated again, in this order."""
 
 _FEWEST_FOR_IMPORTANCE = 10
 
@@ -37,6 +43,11 @@ class Results:
     frame: "pd.DataFrame"
     units: dict[str, str]
     warnings: tuple[str, ...] = ()
+
+    @property
+    def confirmed(self) -> "pd.DataFrame":
+        """Scores of the designs that were evaluated again, see `confirmed`."""
+        return confirmed(self.folder)
 
     @property
     def start(self) -> "pd.Series[Any] | None":
@@ -62,13 +73,41 @@ class Results:
         rows = self.frame[self.frame["trial"] == trial]
         if rows.empty:
             raise ValueError(f"trial: the study has no trial {trial}")
-        values = {path: _native(rows.iloc[0][path]) for path in self.study.parameters}
+        variant = _native(rows.iloc[0][VARIANT]) if self.study.variants else None
+        values = {path: _native(rows.iloc[0][path]) for path in self.study.active(variant)}
         name = f"{self.study.base.name}, trial {trial} of {self.study.name}"
-        return self.study.design(values).replace({"name": name})
+        return self.study.design({VARIANT: variant, **values}).replace({"name": name})
 
     def subject(self, trial: int) -> "Design | SensorModel":
         """Return what was evaluated in a trial: its design, with the effects of the study if it has some."""
         return self.study.subject(self.design(trial))
+
+    def curse(self) -> dict[str, dict[str, float]]:
+        """How much of the search's gains over the base design was chance: the winner's curse.
+
+        Returns
+        -------
+        dict
+            For each fidelity of confirmation, objective to the share of the gain over the base that is gone,
+            in the median of the designs confirmed; those without a gain are left out.
+        """
+        again, start, objectives = self.confirmed, self.start, self.study.objectives
+        screened = self.frame[self.frame["state"] == "complete"].set_index("trial")
+        found: dict[str, dict[str, float]] = {}
+        for fidelity in CONFIRMING:
+            rows = again[again["fidelity"] == fidelity]
+            base, own = rows[rows["trial"] == BASE], rows[rows["trial"] != BASE]
+            if start is None or base.empty or own.empty:
+                continue
+            first = losses(screened.loc[own["trial"]], objectives) - losses(start.to_frame().T, objectives)
+            last = losses(own, objectives) - losses(base, objectives)
+            shares = 1.0 - last / np.where(first < 0, first, np.nan)
+            found[fidelity] = {
+                name: float(np.nanmedian(column))
+                for name, column in zip(objectives, shares.T, strict=True)
+                if np.isfinite(column).any()
+            }
+        return found
 
     def counts(self) -> dict[str, int]:
         """Number of trials in each of `STATES`."""
@@ -85,7 +124,8 @@ class Results:
 
     def to_json(self) -> dict[str, Any]:
         """Plain data: counts, rejections, Pareto front and shortlist with parameters and scores."""
-        columns = ["trial", *self.study.parameters, *_score_columns(self.frame, self.study)]
+        varied = [*([VARIANT] if self.study.variants else ()), *self.study.parameters]
+        columns = ["trial", *varied, *_score_columns(self.frame, self.study)]
         return {
             "study": self.study.name,
             "folder": str(self.folder),
@@ -96,6 +136,10 @@ class Results:
             "rejections": self.rejections(),
             "pareto": _rows(self.pareto, columns),
             "picks": _rows(self.picks, [*columns, "pick"]),
+            "confirmed": _rows(
+                self.confirmed, ["trial", "fidelity", "seeds", *_score_columns(self.frame, self.study)]
+            ),
+            "winners_curse": self.curse(),
         }
 
 
@@ -112,8 +156,10 @@ def load_results(out: str | Path) -> Results:
     Results
         Its ``frame`` has one row a trial: ``trial``, ``state`` (one of `STATES`), a column for each
         parameter (dotted path), for each score its value, ``<score>_se`` and ``<score>_bias_bound``;
-        ``violation_mm``, ``reason`` and ``broken`` (names of the rules) of infeasible designs; ``reuse_of``,
-        the trial that evaluated an equal design before.
+        ``violation_mm``, ``reason`` and ``broken`` (names of the rules) of infeasible designs; ``violated``,
+        constraints that the scores of a complete trial break; ``reuse_of``, the trial that evaluated an
+        equal design before. Where there are variants, ``variant`` names the trial's, and parameters of others
+        are missing.
 
     Raises
     ------
@@ -127,13 +173,42 @@ def load_results(out: str | Path) -> Results:
         units: dict[str, str] = {}
         warnings: dict[str, None] = {}
         rows = [_row(study, folder, trial, units, warnings) for trial in record.get_trials(deepcopy=False)]
-    columns = ["trial", "state", *study.parameters]
+    columns = ["trial", "state", *([VARIANT] if study.variants else ()), *study.parameters]
     frame = pd.DataFrame(rows, columns=columns if not rows else None)
-    for name in (*columns, "violation_mm", "reason", "broken", "reuse_of"):
+    for name in (*columns, "violation_mm", "reason", "broken", "violated", "reuse_of"):
         if name not in frame:
             frame[name] = None
     frame = frame.astype({"reuse_of": "Int64", "violation_mm": float})
     return Results(folder, study, frame, units, tuple(warnings))
+
+
+def confirmed(folder: Path) -> "pd.DataFrame":
+    """Scores of designs that were evaluated again after a search, means over seeds.
+
+    Returns
+    -------
+    DataFrame
+        One row a design and fidelity: ``trial`` (`BASE` for the base design), ``fidelity``, ``seeds`` (how
+        many), and for each score its mean, ``<score>_se`` and ``<score>_bias_bound``. Those that failed are
+        missing.
+    """
+    import pandas as pd
+
+    found: dict[tuple[int, str], list[Mapping[str, Any]]] = {}
+    for record in read_confirmations(folder):
+        if "scores" in record:
+            found.setdefault((record["trial"], record["fidelity"]), []).append(record["scores"])
+    rows = []
+    for (trial, fidelity), scores in found.items():
+        row: dict[str, Any] = {"trial": trial, "fidelity": fidelity, "seeds": len(scores)}
+        for name in scores[0]:
+            values, errors, bounds = (
+                np.array([_number(s[name][key]) for s in scores]) for key in ("value", "se", "bias_bound")
+            )
+            row[name], row[f"{name}_bias_bound"] = float(values.mean()), float(bounds.max())
+            row[f"{name}_se"] = float(np.sqrt((errors**2).sum()) / len(scores))
+        rows.append(row)
+    return pd.DataFrame(rows, columns=["trial", "fidelity", "seeds"] if not rows else None)
 
 
 def _row(
@@ -144,7 +219,9 @@ def _row(
     warnings: dict[str, None],
 ) -> dict[str, Any]:
     state = _state(trial)
-    row: dict[str, Any] = {"trial": trial.number, "state": state, **trial.params}
+    used = (VARIANT, *study.active(trial.params.get(VARIANT)))
+    values = {name: value for name, value in trial.params.items() if name in used}
+    row: dict[str, Any] = {"trial": trial.number, "state": state, **values}
     if state == "complete":
         row |= dict(zip(study.objectives, trial.values, strict=True))
         saved = read_trial(folder, trial.number) or {}
@@ -155,6 +232,8 @@ def _row(
             row[f"{name}_se"] = _number(estimate["se"])
             row[f"{name}_bias_bound"] = _number(estimate["bias_bound"])
         row["reuse_of"] = saved.get("reuse_of")
+        broken = [name for name in study.constraints if trial.constraints.get(name, 0.0) > 0.0]
+        row["violated"] = broken or None
     rejected = trial.user_attrs.get("rejected", {})
     row["violation_mm"] = trial.constraints.get("violation_mm")
     row["reason"] = rejected.get("reason", trial.user_attrs.get("failed"))
@@ -216,7 +295,7 @@ def pareto(frame: "pd.DataFrame", objectives: Mapping[str, str]) -> "pd.DataFram
     DataFrame
         The rows of the front, best first in the first objective; of equal designs the first one.
     """
-    done = frame[(frame["state"] == "complete") & frame["reuse_of"].isna()]
+    done = frame[(frame["state"] == "complete") & frame["reuse_of"].isna() & frame["violated"].isna()]
     if done.empty:
         return done
     loss = losses(done, objectives)

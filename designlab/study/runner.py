@@ -4,10 +4,12 @@ import contextlib
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from designlab.interrupts import Interrupts
+from designlab.study.confirm import confirm
 from designlab.study.definition import Study
 from designlab.study.folder import opened
 from designlab.study.results import Results, load_results
@@ -86,15 +88,46 @@ def run_study(
     with opened(folder, study) as record:
         search = Search(study, folder, record, evaluator or default_evaluator)
         search.recover()
-        with _bar(total, search, shown=progress) as update, Interrupts() as interrupts:
+        with Interrupts() as interrupts:
             try:
-                _run(search, total, workers, interrupts, update)
+                with _bar(total, search, shown=progress) as update:
+                    _run(search, total, workers, interrupts, update)
+                if study.plan is not None:
+                    _confirm(study, folder, search.evaluator, workers, interrupts, shown=progress)
             except KeyboardInterrupt:
                 raise StudyInterrupted(
                     f"study {study.name!r} interrupted after {search.done} of {total} designs; "
                     f"run it again with the same folder, {folder}, to resume"
                 ) from None
     return load_results(folder)
+
+
+def _confirm(
+    study: Study, folder: Path, evaluator: Evaluator, workers: int, interrupts: Interrupts, *, shown: bool
+) -> None:
+    """Evaluate the best designs again; what a run before it has done is there."""
+    from tqdm import tqdm
+
+    results = replace(load_results(folder), study=study)
+    with (
+        submitter(workers, interrupts) as submit,
+        tqdm(unit="evaluation", file=sys.stderr, disable=not shown, leave=True) as bar,
+    ):
+
+        def update(fidelity: str, done: int, total: int) -> None:
+            bar.set_description(f"confirming, {fidelity}", refresh=False)
+            bar.total, bar.n = total, done
+            bar.refresh()
+
+        try:
+            confirm(
+                results, evaluator, submit=submit, workers=workers, interrupts=interrupts, on_progress=update
+            )
+        except BrokenProcessPool as error:
+            raise RuntimeError(
+                f"a worker process died, perhaps for lack of memory with {workers} workers; "
+                "what is finished is kept: the same command goes on"
+            ) from error
 
 
 def _run(

@@ -12,7 +12,7 @@ import numpy as np
 from designlab.design import Design, DesignError, InfeasibleDesign, dumps
 from designlab.interrupts import Interrupts
 from designlab.store import atomic_folder, write_atomic, write_json
-from designlab.study.definition import Parameter, Study, StudyError
+from designlab.study.definition import VARIANT, Parameter, Study, StudyError
 from designlab.study.folder import read_trial, trial_folder
 from designlab.workers import Submit
 
@@ -98,7 +98,7 @@ class Search:
         self.folder = folder
         self.record = record
         self.evaluator = evaluator
-        self.distributions = {path: distribution(study, path) for path in study.parameters}
+        self.distributions = distributions(study)
         self._known: dict[str, int] = {}  # design digest -> number of the trial that evaluated it
         self._followers: dict[str, list[Task]] = {}  # trials that wait for an equal design under evaluation
         self._rejected = 0
@@ -113,6 +113,7 @@ class Search:
         again: always after an interruption by the user, once after a death of the process, since the design
         may have been its cause.
         """
+        import optuna
         from optuna.trial import TrialState
 
         trials = self.record.get_trials(deepcopy=False)
@@ -122,7 +123,8 @@ class Search:
                 continue
             saved = read_trial(self.folder, trial.number)
             if saved is not None:
-                self.record.tell(trial.number, self._values(saved["scores"]))
+                live = optuna.trial.Trial(self.record, trial._trial_id)
+                self._tell(live, saved["scores"])
                 continue
             deaths = trial.user_attrs.get("deaths", 0) + (0 if interrupted else 1)
             complete = "slot" in trial.user_attrs and set(trial.params) == set(self.distributions)
@@ -285,8 +287,14 @@ class Search:
             if not isinstance(task.subject, Design):
                 write_atomic(folder / "model.toml", task.subject.dumps())
             write_json(folder / "score.json", content)
-        self.record.tell(task.trial, self._values(outcome["scores"]))
+        self._tell(task.trial, outcome["scores"])
         self.done += 1
+
+    def _tell(self, trial: "optuna.Trial", scores: Mapping[str, Mapping[str, Any]]) -> None:
+        """Give a trial its objectives, and by how much it breaks the constraints."""
+        for name, bound in self.study.constraints.items():
+            trial.set_constraint(name, bound.broken_by(float(scores[name]["value"])))
+        self.record.tell(trial, self._values(scores))
 
     def _reuse(self, task: Task, number: int) -> None:
         """Complete a trial with the score of an equal design."""
@@ -300,13 +308,26 @@ class Search:
         return [float(scores[name]["value"]) for name in self.study.objectives]
 
     def _unusable(self, scores: Mapping[str, Mapping[str, Any]]) -> str | None:
-        """Why scores cannot serve the objectives, if so; an objective that is no score is an error."""
-        for name in self.study.objectives:
-            if name not in scores:
-                raise StudyError(f"field objectives: no score is called {name!r}, only {', '.join(scores)}")
-            if scores[name]["value"] is None:
-                return f"{name} is not a finite number"
+        """Why scores cannot serve the study, if so; an objective or bound that is no score is an error."""
+        for field in ("objectives", "constraints"):
+            for name in getattr(self.study, field):
+                if name not in scores:
+                    raise StudyError(f"field {field}: no score is called {name!r}, only {', '.join(scores)}")
+                if scores[name]["value"] is None:
+                    return f"{name} is not a finite number"
         return None
+
+
+def distributions(study: Study) -> "dict[str, optuna.distributions.BaseDistribution]":
+    """Return the search range of every parameter, and the choice among variants.
+
+    Parameters of other variants are drawn too and then ignored: every sampler takes a space that stays the
+    same, and few one that depends on what was drawn.
+    """
+    from optuna.distributions import CategoricalDistribution
+
+    found = {path: distribution(study, path) for path in study.parameters}
+    return {VARIANT: CategoricalDistribution(tuple(study.variants)), **found} if study.variants else found
 
 
 def distribution(study: Study, path: str) -> "optuna.distributions.BaseDistribution":

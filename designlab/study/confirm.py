@@ -1,0 +1,108 @@
+"""Confirmation: the best designs of a search are evaluated again, with more effort and other random numbers.
+
+The best of many noisy scores is too good on average (winner's curse), since its noise was chosen with it.
+Fresh seeds have no part in that choice.
+"""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from designlab.store import write_json
+from designlab.study.definition import Study
+from designlab.study.folder import confirmation_path
+from designlab.study.results import BASE, CONFIRMING, Results, confirmed, picks
+from designlab.study.search import Evaluator, evaluate_design
+from designlab.workers import Submit, completed
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    import pandas as pd
+
+    from designlab.interrupts import Interrupts
+
+FRESH = 1_000_003  # between the seed of a search and those of its confirmation
+
+
+class Stage(NamedTuple):
+    """A round of confirmation: designs, effort, seeds."""
+
+    trials: tuple[int, ...]
+    fidelity: str
+    seeds: tuple[int, ...]
+
+
+def confirm(
+    results: Results,
+    evaluator: Evaluator,
+    *,
+    submit: Submit,
+    workers: int,
+    interrupts: "Interrupts",
+    on_progress: Callable[[str, int, int], None],
+) -> None:
+    """Evaluate the best designs again, by the study's plan; what is there already is kept.
+
+    The best of the search go to standard fidelity, the best of those to the highest, each beside the base.
+    """
+    study = results.study
+    if study.plan is None or results.pareto.empty:
+        return
+    best = picks(results.frame, study.objectives, most=study.plan.promoted)
+    efforts = (study.plan.promoted, 1), (study.plan.confirmed, study.plan.seeds)
+    for fidelity, (most, seeds) in zip(CONFIRMING, efforts, strict=True):
+        trials = tuple(int(trial) for trial in best["trial"].iloc[:most])
+        stage = Stage((BASE, *trials), fidelity, fresh(study, fidelity, seeds))
+        _run(stage, results, evaluator, submit, workers, interrupts, on_progress)
+        again = confirmed(results.folder)
+        best = picks(_as_trials(again[again["fidelity"] == fidelity], study), study.objectives, most=most)
+
+
+def fresh(study: Study, fidelity: str, count: int) -> tuple[int, ...]:
+    """Seeds that neither the search nor another fidelity has used."""
+    first = (study.seed + FRESH * (1 + CONFIRMING.index(fidelity))) % 2**31
+    return tuple(first + k for k in range(count))
+
+
+def _run(
+    stage: Stage,
+    results: Results,
+    evaluator: Evaluator,
+    submit: Submit,
+    workers: int,
+    interrupts: "Interrupts",
+    on_progress: Callable[[str, int, int], None],
+) -> None:
+    wanted = [(trial, seed) for trial in stage.trials for seed in stage.seeds]
+    missing = [call for call in wanted if not _path(results, *call, stage).is_file()]
+    done = len(wanted) - len(missing)
+    on_progress(stage.fidelity, done, len(wanted))
+    calls = [
+        (evaluate_design, evaluator, _subject(results, trial), stage.fidelity, seed)
+        for trial, seed in missing
+    ]
+    for place, outcome in completed(submit, calls, at_once=workers, interrupts=interrupts):
+        trial, seed = missing[place]
+        content = {"trial": trial, "fidelity": stage.fidelity, "seed": seed, **outcome}
+        write_json(_path(results, trial, seed, stage), content)
+        done += 1
+        on_progress(stage.fidelity, done, len(wanted))
+
+
+def _path(results: Results, trial: int, seed: int, stage: Stage) -> "Path":
+    name = "base" if trial == BASE else f"{trial:04d}"
+    return confirmation_path(results.folder, f"{name}-{stage.fidelity}-{seed}")
+
+
+def _subject(results: Results, trial: int) -> Any:
+    return results.study.subject(results.study.base) if trial == BASE else results.subject(trial)
+
+
+def _as_trials(again: "pd.DataFrame", study: Study) -> "pd.DataFrame":
+    """Confirmed designs as rows of the table of trials, those that break a constraint now marked."""
+    own = again[again["trial"] != BASE]
+    broken = [
+        [name for name, bound in study.constraints.items() if bound.broken_by(float(row[name])) > 0] or None
+        for _, row in own.iterrows()
+    ]
+    return own.assign(state="complete", reuse_of=None, violated=broken)

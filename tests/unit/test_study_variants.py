@@ -1,0 +1,183 @@
+"""Studies with variants, fields that go together, bounds on scores, and confirmation of what they found."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from designlab.study import Plan, Study, StudyError, load_results, load_study, run_study
+from designlab.study.results import BASE
+
+DOME = {
+    "gelcore.shape": "dome",
+    "gelcore.radius_mm": 40.0,
+    "elastomer.shape": "dome",
+    "elastomer.outline": "round",
+    "elastomer.radius_mm": 42.0,
+}
+PARAMETERS = {
+    "leds.tilt_deg": {"low": 0, "high": 40},
+    "elastomer.radius_mm": {"low": 35, "high": 60, "variant": "dome", "also": {"gelcore.radius_mm": -2}},
+}
+
+
+@dataclass
+class Estimate:
+    value: float
+    se: float = 0.01
+    bias_bound: float = 0.0
+    unit: str = "1"
+
+
+@dataclass
+class Score:
+    scores: dict[str, Estimate]
+    seconds: float = 0.0
+
+
+def closed_form(design, *, fidelity, seed):
+    """A dome of 50 mm and 20 deg is best; what it shines is only seen within half the area."""
+    curved = design.elastomer.shape == "dome"
+    away = abs(design.elastomer.radius_mm - 50.0) / 50.0 if curved else 1.0
+    tilt = design.leds.tilt_deg
+    return Score(
+        {
+            "uniformity_u0": Estimate(math.exp(-away - ((tilt - 20.0) / 20.0) ** 2)),
+            "camera_coverage": Estimate(1.0 - tilt / 40.0),
+        }
+    )
+
+
+def noisy(design, *, fidelity, seed):
+    """The tilt does nothing: all that a search finds is chance, another for every design and seed."""
+    random = np.random.default_rng([int(design.digest[:8], 16), seed])
+    sd = {"fast": 0.05, "standard": 0.02, "reference": 0.005}[fidelity]
+    return Score({"uniformity_u0": Estimate(0.5 + sd * float(random.standard_normal()), se=sd)})
+
+
+def make(**changes):
+    content = {
+        "name": "shapes",
+        "base": "gelsight-2020-flat",
+        "parameters": PARAMETERS,
+        "variants": {"flat": {}, "dome": DOME},
+        "objectives": {"uniformity_u0": "maximise"},
+        "trials": 30,
+    }
+    return Study.model_validate(content | changes)
+
+
+def run(study, out, evaluator=closed_form, **options):
+    return run_study(study, out=out, progress=False, evaluator=evaluator, **options)
+
+
+def test_a_variant_has_parameters_of_its_own(tmp_path):
+    results = run(make(), tmp_path / "out")
+    frame = results.frame[results.frame["state"] == "complete"]
+    assert set(frame["variant"]) == {"flat", "dome"}
+    assert frame.loc[frame["variant"] == "flat", "elastomer.radius_mm"].isna().all()
+    assert results.start is not None
+    assert results.start["trial"] == 0
+    best = results.pareto.iloc[0]
+    assert best["variant"] == "dome"
+    design = results.design(int(best["trial"]))
+    assert design.elastomer.radius_mm == best["elastomer.radius_mm"]
+    assert design.gelcore.radius_mm == design.elastomer.radius_mm - 2
+    assert results.to_json()["picks"][0]["variant"] == "dome"
+
+
+def test_fields_that_go_together_move_together():
+    study = make(
+        variants={},
+        parameters={"leds.groups.0.flux_mw": {"low": 1, "high": 5, "also": {"leds.groups.1.flux_mw": 0.5}}},
+    )
+    groups = study.design({"leds.groups.0.flux_mw": 2.5}).leds.groups
+    assert [group.flux_mw for group in groups[:2]] == [2.5, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "rule"),
+    [
+        ({"variants": {"flat": {}}}, "two variants or more"),
+        ({"variants": {"flat": {}, "dome": {"elastomer.shape": "dome"}}}, "dome: field elastomer"),
+        ({"variants": {}}, "there are none"),
+        ({"constraints": {"camera_coverage": {}}}, "give least, most or both"),
+        ({"constraints": {"camera_coverage": {"least": 1, "most": 0}}}, "least must not be above most"),
+        (
+            {"parameters": {"gelcore.shape": {"choices": ["dome"], "also": {"elastomer.shape": 1}}}},
+            "only numbers can be moved",
+        ),
+        (
+            {"parameters": {"leds.tilt_deg": {"low": 0, "high": 9, "also": {"leds.nothing": 0}}}},
+            "no field 'leds.nothing'",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_refused_by_name(changes, rule):
+    with pytest.raises(ValueError, match=rule):
+        make(**changes)
+
+
+def test_variants_and_bounds_are_read_from_toml(tmp_path):
+    path = tmp_path / "shapes.toml"
+    path.write_text(
+        'version = 1\nbase = "gelsight-2020-flat"\n'
+        "[variants.flat]\n"
+        '[variants.dome]\ngelcore = {shape = "dome", radius_mm = 40}\n'
+        'elastomer = {shape = "dome", outline = "round", radius_mm = 42}\n'
+        "[parameters.leds.tilt_deg]\nlow = 0\nhigh = 40\n"
+        "[constraints]\ncamera_coverage.least = 0.95\n"
+        "[plan]\npromoted = 4\nconfirmed = 2\n",
+        encoding="utf-8",
+    )
+    study = load_study(path)
+    assert study.variants["dome"] == DOME
+    assert study.constraints["camera_coverage"].least == 0.95
+    assert study.plan == Plan(promoted=4, confirmed=2)
+
+
+def test_designs_that_break_a_bound_are_not_recommended(tmp_path):
+    free = run(make(), tmp_path / "free")
+    bound = run(make(constraints={"camera_coverage": {"least": 0.7}}), tmp_path / "bound")
+    assert free.pareto.iloc[0]["camera_coverage"] < 0.7
+    assert (bound.pareto["camera_coverage"] >= 0.7).all()
+    broken = bound.frame[bound.frame["violated"].notna()]
+    assert (broken["camera_coverage"] < 0.7).all()
+    assert len(broken) < 30  # the sampler learns where the bound is
+
+
+def test_a_bound_on_what_is_no_score_is_named(tmp_path):
+    with pytest.raises(StudyError, match="field constraints: no score is called 'brightness'"):
+        run(make(constraints={"brightness": {"least": 1}}), tmp_path / "out")
+
+
+def test_confirmation_shows_that_gains_were_chance(tmp_path):
+    study = make(variants={}, parameters={"leds.tilt_deg": {"low": 0, "high": 40}}, plan=Plan(seeds=3))
+    results = run(study, tmp_path / "out", noisy)
+    again = results.confirmed
+    assert list(again[again["fidelity"] == "reference"]["seeds"]) == [3] * 2  # one objective, one best
+    assert set(again["trial"]) == {BASE, int(results.pareto.iloc[0]["trial"])}
+    assert results.pareto.iloc[0]["uniformity_u0"] > 0.57
+    assert results.curse()["reference"]["uniformity_u0"] > 0.7
+    row = again[(again["fidelity"] == "reference") & (again["trial"] == BASE)].iloc[0]
+    assert row["uniformity_u0_se"] == pytest.approx(0.005 / math.sqrt(3))
+
+
+def test_confirmation_is_not_repeated_and_goes_on(tmp_path):
+    study = make(variants={}, parameters={"leds.tilt_deg": {"low": 0, "high": 40}}, plan=Plan())
+    asked = []
+
+    def counted(design, *, fidelity, seed):
+        asked.append((fidelity, seed))
+        if len(asked) == 32:
+            raise KeyboardInterrupt
+        return noisy(design, fidelity=fidelity, seed=seed)
+
+    with pytest.raises(KeyboardInterrupt, match="to resume"):
+        run(study, tmp_path / "out", counted)
+    run(study, tmp_path / "out", counted)
+    assert len(asked) == 30 + 1 + 2 + 4 - 0
+    assert len({seed for fidelity, seed in asked if fidelity != "fast"}) == 3
+    assert run(study, tmp_path / "out", counted).confirmed.equals(load_results(tmp_path / "out").confirmed)
+    assert len(asked) == 37
