@@ -245,10 +245,17 @@ def _rates(found: dict[str, Any]) -> list[str]:
 def _limits(limits: dict[str, Any]) -> str:
     """Table of detection limits, smallest first."""
     rows = [
-        (kind, f"{limit['strength']:.2g}", *(_end(limit[end]) for end in ("low", "high")), limit["in_units"])
+        (
+            kind,
+            f"{limit['strength']:.2g}",
+            *(_end(limit[end]) for end in ("low", "high")),
+            ", ".join(f"{of:.2g} ({design})" for design, of in limit["designs"].items()),
+            limit["in_units"],
+        )
         for kind, limit in sorted(limits.items(), key=lambda item: item[1]["strength"])
     ]
-    return table(("effect", "named in half of the sets at (prior sd)", "low", "high", "in units"), rows)
+    heads = ("effect", "named in half of the sets at (prior sd)", "low", "high", "by design", "in units")
+    return table(heads, rows)
 
 
 def _end(value: float | None) -> str:

@@ -41,7 +41,7 @@ def limits_plot(path: Path, limits: Mapping[str, Mapping[str, Any]]) -> Path:
     figure = _figure(7.2, 1.2 + 0.27 * len(kinds))
     axes = figure.add_subplot()
     tried = [
-        (row, strength, seen) for row, kind in enumerate(kinds) for strength, seen in limits[kind]["tried"]
+        (row, strength, seen) for row, kind in enumerate(kinds) for strength, seen, _ in limits[kind]["tried"]
     ]
     for right, face, name in ((True, GREY, "set named right"), (False, "white", "not")):
         sets = np.array([(strength, row) for row, strength, seen in tried if seen == right]).reshape(-1, 2)

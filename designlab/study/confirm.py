@@ -100,9 +100,12 @@ def _subject(results: Results, trial: int) -> Any:
 
 def _as_trials(again: "pd.DataFrame", study: Study) -> "pd.DataFrame":
     """Confirmed designs as rows of the table of trials, those that break a constraint now marked."""
+    import pandas as pd
+
     own = again[again["trial"] != BASE]
     broken = [
         [name for name, bound in study.constraints.items() if bound.broken_by(float(row[name])) > 0] or None
         for _, row in own.iterrows()
     ]
-    return own.assign(state="complete", reuse_of=None, violated=broken)
+    marked = pd.Series(broken, index=own.index, dtype=object)
+    return own.assign(state="complete", reuse_of=None, violated=marked)

@@ -59,18 +59,18 @@ def sealed(commit: str) -> list[Trial]:
 
 
 @cache
-def detection_limits() -> dict[str, float]:
-    """Strength at which half of the sets are named right, by kind: the last result of the power curves.
+def detection_limits() -> dict[str, dict[str, float]]:
+    """Strength at which half of the sets are named right, by kind and design, as last measured.
 
     Prior standard deviations; ``limits.json`` is the part `limits` of the score of the pool of power curves.
     """
     text = files("designlab.trials").joinpath("limits.json").read_text(encoding="utf-8")
-    return {kind: float(limit["strength"]) for kind, limit in json.loads(text).items()}
+    return {kind: limit["designs"] for kind, limit in json.loads(text).items()}
 
 
-def strength(kind: str) -> float:
+def strength(kind: str, design: str) -> float:
     """Strength of a single effect in these pools (prior standard deviations)."""
-    return float(min(OVER_LIMIT * detection_limits()[kind], STRONG))
+    return float(min(OVER_LIMIT * detection_limits()[kind][design], STRONG))
 
 
 def pairs() -> Iterator[tuple[str, str]]:
@@ -111,11 +111,13 @@ def _pool(name: str, sizes: dict[str, int], first: int, kit_seed: int) -> list[T
     for k in range(sizes["single"]):
         turn, place = divmod(k, len(NAMED_KINDS))
         kind = NAMED_KINDS[place]
-        found.append(trial("single", k, turn + place, effects={kind: strength(kind)}))
+        design = turn + place
+        found.append(trial("single", k, design, effects={kind: strength(kind, AIR[design % 2])}))
     for k, pair in enumerate(islice(pairs(), sizes["pair"])):
-        hidden = {kind: max(PAIR_STRENGTH, strength(kind)) for kind in pair}
         turn, place = divmod(k // 2, len(CONFOUNDED))
-        found.append(trial("pair", k, turn + place, effects=hidden))
+        design = turn + place
+        hidden = {kind: max(PAIR_STRENGTH, strength(kind, AIR[design % 2])) for kind in pair}
+        found.append(trial("pair", k, design, effects=hidden))
     kinds = outside_kinds()
     for k in range(sizes["outside"]):
         turn, place = divmod(k, len(kinds))

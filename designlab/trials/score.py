@@ -179,11 +179,11 @@ def equal_mass(values: NDArray[np.float64]) -> list[NDArray[np.intp]]:
 
 def _limits(single: Iterable[Outcome]) -> dict[str, dict[str, Any]]:
     """Detection limit of each kind that was planted at several strengths, and the sets that tell it."""
-    sets: dict[str, list[tuple[float, bool]]] = {}
+    sets: dict[str, list[tuple[float, bool, str]]] = {}
     for o in single:
         ((kind, strength),) = o.trial["effects"].items()
-        sets.setdefault(kind, []).append((strength, _first_right(o)))
-    sets = {kind: sorted(tried) for kind, tried in sets.items() if len({s for s, _ in tried}) > 1}
+        sets.setdefault(kind, []).append((strength, _first_right(o), o.trial["design"]))
+    sets = {kind: sorted(tried) for kind, tried in sets.items() if len({s for s, *_ in tried}) > 1}
     return {
         kind: asdict(limit)
         | {"in_units": in_units(kind, limit.strength, preset(AIR[0])), "tried": sets[kind]}

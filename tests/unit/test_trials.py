@@ -402,7 +402,7 @@ def test_detection_limits_are_those_that_sets_were_drawn_with() -> None:
     held, errors = [], []
     for _ in range(10):
         named = {
-            kind: [(s, random.random() < expit(4.0 * np.log(s / limit))) for s in STRENGTHS * 2]
+            kind: [(s, random.random() < expit(4.0 * np.log(s / limit)), "one") for s in STRENGTHS * 2]
             for kind, limit in truth.items()
         }
         for kind, found in limits(named).items():
@@ -413,8 +413,28 @@ def test_detection_limits_are_those_that_sets_were_drawn_with() -> None:
     assert np.std(errors) < 0.5
 
 
+def test_designs_have_limits_of_their_own() -> None:
+    random = np.random.default_rng(4)
+    truth = {"flat": 0.2, "dome": 0.6}
+    errors = []
+    for _ in range(8):
+        sets = [
+            (s, random.random() < expit(4.0 * np.log(s / limit)), design)
+            for design, limit in truth.items()
+            for s in STRENGTHS * 12
+        ]
+        found = limits({"many": sets})["many"]
+        assert found.designs["flat"] < found.strength < found.designs["dome"]
+        errors.append([np.log(found.designs[design] / limit) for design, limit in truth.items()])
+    assert np.abs(np.mean(errors, axis=0)).max() < 0.12
+    few = limits({"few": [(s, s > 0.3, "flat") for s in STRENGTHS] + [(0.5, False, "dome")]})["few"]
+    # One set tells little: its design is taken to be much as the others.
+    assert 1.0 < few.designs["dome"] / few.designs["flat"] < 2.0
+
+
 def test_a_limit_is_open_where_all_sets_or_none_are_named() -> None:
-    found = limits({"seen": [(s, True) for s in STRENGTHS], "unseen": [(s, False) for s in STRENGTHS]})
+    seen = {"seen": True, "unseen": False}
+    found = limits({kind: [(s, right, "one") for s in STRENGTHS] for kind, right in seen.items()})
     assert found["seen"].low is None
     assert found["seen"].high is not None
     assert found["seen"].high < 1.0
@@ -455,12 +475,13 @@ def test_a_finished_pool_is_scored_from_its_records(tmp_path, capsys) -> None:
     assert "power-vignetting-dome-0.25" in table
     limit = json.loads((tmp_path / "score.json").read_text())["limits"]["vignetting"]
     assert 0.25 < limit["strength"] < 1.0
-    assert [0.5, False] in limit["tried"]
-    assert [0.5, True] in limit["tried"]  # on the other design
+    assert [0.5, False, AIR[1]] in limit["tried"]
+    assert [0.5, True, AIR[0]] in limit["tried"]
+    assert limit["designs"][AIR[0]] < limit["designs"][AIR[1]]
     assert limit["low"] < limit["strength"] < limit["high"]
     records = [json.loads(line) for line in (tmp_path / "records.jsonl").read_text().splitlines()]
-    assert len(records) == 12
-    record = next(r for r in records if r["set"] == "power-vignetting-dome-2")
+    assert len(records) == 24
+    record = next(r for r in records if r["set"] == "power-vignetting-dome-2-a")
     assert record["hidden"] == {"vignetting": 2.0}
     assert record["named"] == ["vignetting"]
     assert record["family"] == "single"
@@ -526,7 +547,7 @@ def test_marks_stand_where_the_numbers_say(tmp_path: Path) -> None:
     rows = [np.mean(np.nonzero(_blue(image))[0]) for image in drawn]
     assert rows[0] - rows[1] > 0.5 * drawn[0].shape[0]
     limits = {
-        kind: {"strength": s, "low": low, "high": None, "tried": [(0.25, False), (2.0, True)]}
+        kind: {"strength": s, "low": low, "high": None, "tried": [(0.25, False, "flat"), (2.0, True, "flat")]}
         for kind, s, low in (("small", 0.3, 0.2), ("large", 1.5, 1.0))
     }
     image = imread(limits_plot(tmp_path / "limits.png", limits))[..., :3]

@@ -42,7 +42,8 @@ def test_every_kind_is_hidden_at_twice_its_limit() -> None:
     assert max(kinds.values()) - min(kinds.values()) <= 1
     for trial in single:
         ((kind, strength),) = trial.effects.items()
-        assert strength == pytest.approx(min(OVER_LIMIT * detection_limits()[kind], STRONG))
+        limit = detection_limits()[kind][trial.design]
+        assert strength == pytest.approx(min(OVER_LIMIT * limit, STRONG))
     assert len({trial.design for trial in single if trial.kind == "vignetting"}) == 2
 
 
