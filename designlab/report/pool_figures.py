@@ -35,25 +35,40 @@ def reliability_plot(path: Path, bins: Sequence[Mapping[str, float]]) -> Path:
     return _saved(figure, path)
 
 
+MARKS = "so^v"
+"""Of the sets of each design."""
+
+
 def limits_plot(path: Path, limits: Mapping[str, Mapping[str, Any]]) -> Path:
     """Sets named right or not over strength, and the limits with their 95 % intervals, smallest on top."""
     kinds = sorted(limits, key=lambda kind: -float(limits[kind]["strength"]))
-    figure = _figure(7.2, 1.2 + 0.27 * len(kinds))
+    figure = _figure(7.2, 1.2 + 0.32 * len(kinds))
     axes = figure.add_subplot()
-    tried = [
-        (row, strength, seen) for row, kind in enumerate(kinds) for strength, seen, _ in limits[kind]["tried"]
-    ]
-    for right, face, name in ((True, GREY, "set named right"), (False, "white", "not")):
-        sets = np.array([(strength, row) for row, strength, seen in tried if seen == right]).reshape(-1, 2)
-        axes.plot(*sets.T, "o", color=GREY, markerfacecolor=face, markersize=5, label=name)
-    least, most = (end(strength for _, strength, _ in tried) for end in (min, max))
+    tried = [(row, *each) for row, kind in enumerate(kinds) for each in limits[kind]["tried"]]
+    designs = sorted({design for *_, design in tried}, reverse=True)
+    for place, design in enumerate(designs):
+        for right, face, name in ((True, GREY, "named right"), (False, "white", "not")):
+            own = [(s, row) for row, s, seen, of in tried if of == design and seen == right]
+            x, y = np.array(own).reshape(-1, 2).T
+            axes.plot(
+                x, y + 0.28 - 0.22 * place, MARKS[place % len(MARKS)], color=GREY, markerfacecolor=face,
+                markersize=4.5, label=f"{design}, {name}",
+            )  # fmt: skip
+    least, most = (end(strength for _, strength, *_ in tried) for end in (min, max))
     middle = np.array([float(limits[kind]["strength"]) for kind in kinds])
     low = np.array([limits[kind]["low"] or least / 2 for kind in kinds])
     high = np.array([limits[kind]["high"] or 2 * most for kind in kinds])
-    rows = np.arange(len(kinds)) - 0.25  # below the marks of the sets
+    rows = np.arange(len(kinds)) - 0.22  # below the marks of the sets
     away = [np.maximum(middle - low, 0), np.maximum(high - middle, 0)]
     axes.errorbar(
-        middle, rows, xerr=away, fmt="s", color=BLUE, markersize=5, elinewidth=1, label="half are named right"
+        middle,
+        rows,
+        xerr=away,
+        fmt="D",
+        color=BLUE,
+        markersize=4.5,
+        elinewidth=1,
+        label="half are named right",
     )
     axes.set_yticks(range(len(kinds)), [kind.replace("_", " ") for kind in kinds])
     axes.set_xscale("log", base=2)
@@ -62,7 +77,7 @@ def limits_plot(path: Path, limits: Mapping[str, Mapping[str, Any]]) -> Path:
     axes.set_xticks(marks, [f"{mark:g}" if mark >= 1 else f"1/{1 / mark:g}" for mark in marks])
     axes.set_xlabel("strength (prior standard deviations)")
     axes.grid(axis="x", color="#dde1e7")
-    figure.legend(loc="outside upper center", ncols=3, frameon=False)
+    figure.legend(loc="outside upper center", ncols=2, frameon=False, fontsize=9)
     return _saved(figure, path)
 
 
