@@ -66,6 +66,8 @@ def _folder(given: Path, out: str | None) -> Path:
 
 
 def _summary(results: "Results", wanted: int) -> str:
+    from designlab.study.definition import VARIANT
+
     counts = results.counts()
     lines = [
         f"{results.study.name}: {counts['complete']} of {wanted} designs evaluated, "
@@ -74,16 +76,41 @@ def _summary(results: "Results", wanted: int) -> str:
     rejections = results.rejections()
     if rejections:
         lines.append("rejected by: " + ", ".join(f"{rule} ({count})" for rule, count in rejections.items()))
-    columns = [*results.study.parameters, *results.study.objectives]
+    varied = [*([VARIANT] if results.study.variants else ()), *results.study.parameters]
+    columns = [*varied, *results.study.objectives]
     rows = [
         (f"{row['trial']}", row["pick"], *(_cell(row[column]) for column in columns))
         for _, row in results.picks.iterrows()
     ]
     if rows:
         lines += ["shortlist:", table(("trial", "why", *columns), rows)]
+    lines += _confirmed(results)
     lines += [f"warning: {warning}" for warning in results.warnings]
     lines.append(f"results: {results.folder}")
     return "\n".join(lines)
+
+
+def _confirmed(results: "Results") -> list[str]:
+    """Lines about the designs that were evaluated again: at the highest fidelity that was reached."""
+    from designlab.study.results import BASE
+
+    again, objectives = results.confirmed, list(results.study.objectives)
+    if again.empty:
+        return []
+    fidelity = "reference" if "reference" in set(again["fidelity"]) else "standard"
+    rows = [
+        (
+            "base" if row["trial"] == BASE else f"{row['trial']}",
+            *(f"{row[name]:.4g} ± {row[f'{name}_se']:.2g}" for name in objectives),
+        )
+        for _, row in again[again["fidelity"] == fidelity].iterrows()
+    ]
+    lines = [f"confirmed at {fidelity} fidelity with fresh seeds:", table(("trial", *objectives), rows)]
+    gone = results.curse().get(fidelity, {})
+    if gone:
+        shares = ", ".join(f"{name} {share:.0%}" for name, share in gone.items())
+        lines.append(f"of the search's gains over the base, this was chance: {shares}")
+    return lines
 
 
 def _cell(value: Any) -> str:

@@ -44,7 +44,7 @@ def closed_form(design, *, fidelity, seed):
     return Score(
         {
             "uniformity_u0": Estimate(math.exp(-away - ((tilt - 20.0) / 20.0) ** 2)),
-            "camera_coverage": Estimate(1.0 - tilt / 40.0),
+            "coverage": Estimate(1.0 - tilt / 40.0),
         }
     )
 
@@ -102,8 +102,8 @@ def test_fields_that_go_together_move_together():
         ({"variants": {"flat": {}}}, "two variants or more"),
         ({"variants": {"flat": {}, "dome": {"elastomer.shape": "dome"}}}, "dome: field elastomer"),
         ({"variants": {}}, "there are none"),
-        ({"constraints": {"camera_coverage": {}}}, "give least, most or both"),
-        ({"constraints": {"camera_coverage": {"least": 1, "most": 0}}}, "least must not be above most"),
+        ({"constraints": {"coverage": {}}}, "give least, most or both"),
+        ({"constraints": {"coverage": {"least": 1, "most": 0}}}, "least must not be above most"),
         (
             {"parameters": {"gelcore.shape": {"choices": ["dome"], "also": {"elastomer.shape": 1}}}},
             "only numbers can be moved",
@@ -127,23 +127,23 @@ def test_variants_and_bounds_are_read_from_toml(tmp_path):
         '[variants.dome]\ngelcore = {shape = "dome", radius_mm = 40}\n'
         'elastomer = {shape = "dome", outline = "round", radius_mm = 42}\n'
         "[parameters.leds.tilt_deg]\nlow = 0\nhigh = 40\n"
-        "[constraints]\ncamera_coverage.least = 0.95\n"
+        "[constraints]\ncoverage.least = 0.95\n"
         "[plan]\npromoted = 4\nconfirmed = 2\n",
         encoding="utf-8",
     )
     study = load_study(path)
     assert study.variants["dome"] == DOME
-    assert study.constraints["camera_coverage"].least == 0.95
+    assert study.constraints["coverage"].least == 0.95
     assert study.plan == Plan(promoted=4, confirmed=2)
 
 
 def test_designs_that_break_a_bound_are_not_recommended(tmp_path):
     free = run(make(), tmp_path / "free")
-    bound = run(make(constraints={"camera_coverage": {"least": 0.7}}), tmp_path / "bound")
-    assert free.pareto.iloc[0]["camera_coverage"] < 0.7
-    assert (bound.pareto["camera_coverage"] >= 0.7).all()
+    bound = run(make(constraints={"coverage": {"least": 0.7}}), tmp_path / "bound")
+    assert free.pareto.iloc[0]["coverage"] < 0.7
+    assert (bound.pareto["coverage"] >= 0.7).all()
     broken = bound.frame[bound.frame["violated"].notna()]
-    assert (broken["camera_coverage"] < 0.7).all()
+    assert (broken["coverage"] < 0.7).all()
     assert len(broken) < 30  # the sampler learns where the bound is
 
 
