@@ -1,6 +1,7 @@
 """Studies: search designs for the best scores, resumably; sweeps over full grids."""
 
-from designlab.study.definition import Bound, Parameter, Plan, Study, StudyError, dumps_study, load_study
+from designlab.bounds import Bound
+from designlab.study.definition import Parameter, Plan, Study, StudyError, dumps_study, load_study
 from designlab.study.results import Results, history, importance, load_results, pareto, picks
 from designlab.study.runner import StudyInterrupted, run_study
 from designlab.study.sweep import optimise, sweep

@@ -7,11 +7,11 @@ Fresh seeds have no part in that choice.
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from designlab.attempt import Evaluator, evaluate_design
 from designlab.store import write_json
 from designlab.study.definition import Study
 from designlab.study.folder import confirmation_path
 from designlab.study.results import BASE, CONFIRMING, Results, confirmed, picks
-from designlab.study.search import Evaluator, evaluate_design
 from designlab.workers import Submit, completed
 
 if TYPE_CHECKING:

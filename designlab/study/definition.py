@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
+from designlab.bounds import Bound
 from designlab.design import Design, DesignError, explain, preset, preset_names
 from designlab.store import digest
 from geometries.spec import Spec
@@ -92,27 +93,6 @@ class Parameter(Spec):
             return False
         steps = 0.0 if self.step is None else (value - self.low) / self.step
         return abs(steps - round(steps)) < 1e-9
-
-
-class Bound(Spec):
-    """What a score must at least or at most be."""
-
-    least: float | None = Field(None, description="Smallest value allowed.")
-    most: float | None = Field(None, description="Largest value allowed.")
-
-    @model_validator(mode="after")
-    def _an_interval(self) -> Self:
-        if self.least is None and self.most is None:
-            raise ValueError("give least, most or both")
-        if self.least is not None and self.most is not None and self.least > self.most:
-            raise ValueError(f"least must not be above most, got least {self.least:g}, most {self.most:g}")
-        return self
-
-    def broken_by(self, value: float) -> float:
-        """By how much a value breaks the bound, in the unit of the score; zero or less if it keeps it."""
-        below = -float("inf") if self.least is None else self.least - value
-        above = -float("inf") if self.most is None else value - self.most
-        return max(below, above)
 
 
 class Plan(Spec):

@@ -6,32 +6,21 @@ from collections.abc import Callable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
+from designlab.attempt import Evaluator, default_evaluator
 from designlab.interrupts import Interrupts
 from designlab.study.confirm import confirm
 from designlab.study.definition import Study
 from designlab.study.folder import opened
 from designlab.study.results import Results, load_results
-from designlab.study.search import Evaluator, Search
+from designlab.study.search import Search
 from designlab.workers import submitter
-
-if TYPE_CHECKING:
-    from designlab.design import Design
-    from designlab.effects.model import SensorModel
 
 _DEATHS = 3  # deaths of worker processes in one run after which it stops
 
 
 class StudyInterrupted(KeyboardInterrupt):
     """A study was stopped by the user; the text says how far it came and how to resume it."""
-
-
-def default_evaluator(design: "Design | SensorModel", /, *, fidelity: str, seed: int) -> Any:
-    """Score a design by simulation, with `designlab.evaluate.evaluate`."""
-    from designlab.evaluate import evaluate
-
-    return evaluate(design, fidelity=fidelity, seed=seed)
 
 
 def run_study(

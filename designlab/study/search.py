@@ -5,11 +5,12 @@ import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from designlab.design import Design, DesignError, InfeasibleDesign, dumps
+from designlab.attempt import Evaluator, evaluate_design
+from designlab.design import Design, DesignError, dumps
 from designlab.interrupts import Interrupts
 from designlab.store import atomic_folder, write_atomic, write_json
 from designlab.study.definition import VARIANT, Parameter, Study, StudyError
@@ -29,61 +30,12 @@ _GIVE_UP = 1000  # infeasible designs in a row after which the ranges are taken 
 _FAILURES = 10  # failed evaluations in a row after which something other than the design is at fault
 
 
-class Evaluator(Protocol):
-    """What turns a design into scores; the result has ``scores``, and may have ``seconds``."""
-
-    def __call__(self, design: Any, /, *, fidelity: str, seed: int) -> Any:
-        """Return the score of a feasible design, or of the sensor model it makes with the study's effects."""
-
-
 class Task(NamedTuple):
     """A design under evaluation, what is evaluated for it, and the trial it belongs to."""
 
     trial: "optuna.Trial"
     design: Design
     subject: "Design | SensorModel"
-
-
-def evaluate_design(
-    evaluator: Evaluator, subject: "Design | SensorModel", fidelity: str, seed: int
-) -> dict[str, Any]:
-    """Evaluate one design; plain data, so that it can cross processes and be stored as JSON.
-
-    Returns
-    -------
-    dict
-        ``scores`` (name to ``value``, ``se``, ``bias_bound``, ``unit``), ``margins`` and ``seconds``; or
-        ``infeasible`` or ``failed`` with the reason. Any other exception is a defect and passes through.
-    """
-    from designlab.simulate import RenderFailed
-
-    try:
-        score = evaluator(subject, fidelity=fidelity, seed=seed)
-    except InfeasibleDesign as error:
-        return {"infeasible": str(error)}
-    except RenderFailed as error:
-        return {"failed": str(error)}
-    scores = {
-        name: {
-            "value": _finite(estimate.value),
-            "se": _finite(estimate.se),
-            "bias_bound": _finite(estimate.bias_bound),
-            "unit": estimate.unit,
-        }
-        for name, estimate in score.scores.items()
-    }
-    warnings = list(getattr(score, "warnings", ()))
-    found = {"scores": scores, "seconds": _plain(score, "seconds")}
-    return found | {"warnings": warnings} if warnings else found
-
-
-def _finite(value: Any) -> float | None:
-    return float(value) if value is not None and math.isfinite(value) else None
-
-
-def _plain(score: Any, name: str) -> Any:
-    found = getattr(score, name, None)
-    return dict(found) if isinstance(found, Mapping) else found
 
 
 class Search:

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import ValidationError
 
+from designlab.attempt import Evaluator, default_evaluator, evaluate_design
 from designlab.design import Design, DesignError, explain
 from designlab.study.definition import DEFAULT_OBJECTIVES, Parameter, Study, StudyError, carried
 from designlab.study.results import Results
-from designlab.study.runner import default_evaluator, run_study
-from designlab.study.search import Evaluator, evaluate_design
+from designlab.study.runner import run_study
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,0 +1,28 @@
+"""What a score must be: the terms of a study's constraints, and of a specification that copies must meet."""
+
+from typing import Self
+
+from pydantic import Field, model_validator
+
+from geometries.spec import Spec
+
+
+class Bound(Spec):
+    """What a score must at least or at most be."""
+
+    least: float | None = Field(None, description="Smallest value allowed.")
+    most: float | None = Field(None, description="Largest value allowed.")
+
+    @model_validator(mode="after")
+    def _an_interval(self) -> Self:
+        if self.least is None and self.most is None:
+            raise ValueError("give least, most or both")
+        if self.least is not None and self.most is not None and self.least > self.most:
+            raise ValueError(f"least must not be above most, got least {self.least:g}, most {self.most:g}")
+        return self
+
+    def broken_by(self, value: float) -> float:
+        """By how much a value breaks the bound, in the unit of the score; zero or less if it keeps it."""
+        below = -float("inf") if self.least is None else self.least - value
+        above = -float("inf") if self.most is None else value - self.most
+        return max(below, above)

@@ -1,0 +1,181 @@
+"""What copies of a design scored: how many are good, how scores vary, and which spread is to blame."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from designlab.bounds import Bound
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+NOMINAL = -1
+"""Number of the drawing among its copies."""
+
+RUN_FILE = "tolerance.json"
+COPIES_FOLDER = "copies"
+FEWEST = 40  # copies below which nothing is said of which spread is to blame
+RESAMPLES = 200
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Copies of a design and their scores.
+
+    Attributes
+    ----------
+    folder : Path
+        Where they lie.
+    design : str
+        Name of the design.
+    spec : mapping of str to Bound
+        What scores a copy must reach to be good.
+    frame : DataFrame
+        One row a copy: ``copy`` (`NOMINAL` is the drawing), a column for each thing drawn (in standard
+        deviations), ``built`` and ``reason`` (why it could not be), and for each score its value and
+        ``<score>_se``.
+    inputs : tuple of str
+        Columns of what is drawn.
+    units : mapping of str to str
+        Unit of each score.
+    """
+
+    folder: Path
+    design: str
+    spec: Mapping[str, Bound]
+    frame: "pd.DataFrame"
+    inputs: tuple[str, ...]
+    units: Mapping[str, str]
+
+    @property
+    def scores(self) -> tuple[str, ...]:
+        """Names of the scores."""
+        return tuple(self.units)
+
+    @property
+    def nominal(self) -> "pd.Series[Any]":
+        """Scores of the drawing."""
+        return self.frame[self.frame["copy"] == NOMINAL].iloc[0]
+
+    @property
+    def copies(self) -> "pd.DataFrame":
+        """The copies without the drawing."""
+        return self.frame[self.frame["copy"] != NOMINAL]
+
+    def good(self) -> "pd.Series[bool]":
+        """Whether each copy could be built and meets the specification."""
+        import pandas as pd
+
+        copies = self.copies
+        fine = copies["built"].astype(bool)
+        for name, bound in self.spec.items():
+            values = copies[name].to_numpy(dtype=float)
+            fine &= pd.Series([bound.broken_by(v) <= 0 for v in values], index=copies.index)
+        return fine
+
+    def passed(self) -> dict[str, float]:
+        """Share of good copies with its 95 % interval (Clopper and Pearson 1934)."""
+        from scipy.stats import binomtest
+
+        good = self.good()
+        interval = binomtest(int(good.sum()), len(good)).proportion_ci(0.95, method="exact")
+        return {"share": float(good.mean()), "low": float(interval.low), "high": float(interval.high)}
+
+    def yield_curve(self, score: str, *, points: int = 101) -> "pd.DataFrame":
+        """Share of copies at or below each value of a score: ``value``, ``share``; unbuilt ones never are."""
+        import pandas as pd
+
+        copies = self.copies
+        values = np.sort(copies.loc[copies["built"].astype(bool), score].to_numpy(dtype=float))
+        grid = np.linspace(values.min(), values.max(), points)
+        return pd.DataFrame(
+            {"value": grid, "share": np.searchsorted(values, grid, side="right") / len(copies)}
+        )
+
+    def offenders(self, score: str) -> "pd.DataFrame":
+        """Share of a score's variance that each thing drawn is to blame for, worst first.
+
+        First-order indices by random balance designs (Tarantola 2006, unbiased after Tissot 2012), which
+        need no copies of their own; computed by SALib.
+
+        Returns
+        -------
+        DataFrame
+            ``input``, ``share`` and ``ci``, half its 95 % interval by resampling.
+
+        Raises
+        ------
+        ValueError
+            If there are too few copies.
+        """
+        import pandas as pd
+        from SALib.analyze import rbd_fast
+
+        built = self.copies[self.copies["built"].astype(bool)]
+        if len(built) < FEWEST:
+            raise ValueError(f"copies: {len(built)} tell no offender, {FEWEST} are needed")
+        problem = {
+            "num_vars": len(self.inputs),
+            "names": list(self.inputs),
+            "bounds": [[-3.0, 3.0]] * len(self.inputs),
+        }
+        found = rbd_fast.analyze(
+            problem,
+            built[list(self.inputs)].to_numpy(dtype=float),
+            built[score].to_numpy(dtype=float),
+            M=4,
+            num_resamples=RESAMPLES,
+            seed=0,
+        )
+        table = pd.DataFrame({"input": self.inputs, "share": found["S1"], "ci": found["S1_conf"]})
+        return table.sort_values("share", ascending=False, ignore_index=True)
+
+
+def copy_path(folder: Path, number: int) -> Path:
+    """Where the scores of a copy, or of the drawing, are kept."""
+    return folder / COPIES_FOLDER / ("nominal.json" if number == NOMINAL else f"{number:05d}.json")
+
+
+def load_tolerance(folder: str | Path) -> Tolerance:
+    """Read what copies of a design scored so far.
+
+    Raises
+    ------
+    ValueError
+        If the folder holds no run, or not yet a copy.
+    """
+    import pandas as pd
+
+    folder = Path(folder)
+    path = folder / RUN_FILE
+    if not path.is_file():
+        raise ValueError(f"{folder}: holds no tolerance run ({RUN_FILE} is expected)")
+    run = json.loads(path.read_text(encoding="utf-8"))
+    records = []
+    for number in range(NOMINAL, run["copies"]):
+        own = copy_path(folder, number)
+        if own.is_file():
+            records.append(json.loads(own.read_text(encoding="utf-8")))
+    inputs = tuple(next((r["deviates"] for r in records if r["deviates"]), {}))
+    units = {name: estimate["unit"] for r in records for name, estimate in r.get("scores", {}).items()}
+    if not inputs or not units:
+        raise ValueError(f"{folder}: no copy is finished yet")
+    frame = pd.DataFrame([_row(record, inputs, tuple(units)) for record in records])
+    spec = {name: Bound.model_validate(bound) for name, bound in run["spec"].items()}
+    return Tolerance(folder, run["design"], spec, frame, inputs, units)
+
+
+def _row(record: Mapping[str, Any], inputs: tuple[str, ...], scores: tuple[str, ...]) -> dict[str, Any]:
+    reason = next((str(record[why]) for why in ("unbuilt", "infeasible", "failed") if why in record), "")
+    row: dict[str, Any] = {"copy": record["copy"], "built": not reason, "reason": reason}
+    row |= {name: record["deviates"].get(name, 0.0) for name in inputs}
+    for name in scores:
+        estimate = record.get("scores", {}).get(name, {})
+        row[name], row[f"{name}_se"] = (
+            np.nan if estimate.get(key) is None else estimate[key] for key in ("value", "se")
+        )
+    return row

@@ -1,0 +1,184 @@
+"""Monte Carlo of built copies: each is drawn, evaluated and kept; an interrupted run goes on."""
+
+import contextlib
+import json
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.attempt import Evaluator, default_evaluator, evaluate_design
+from designlab.bounds import Bound
+from designlab.design import Design, DesignError
+from designlab.effects import SensorModel
+from designlab.interrupts import Interrupts
+from designlab.store import digest, write_json
+from designlab.tolerance.result import NOMINAL, RUN_FILE, Tolerance, copy_path, load_tolerance
+from designlab.tolerance.spreads import Input, Spread, copy, default_spreads, deviates, inputs
+from designlab.workers import completed, submitter
+
+Array = NDArray[np.float64]
+COPIES = 200
+
+
+class ToleranceInterrupted(KeyboardInterrupt):
+    """A run was stopped by the user; the text says how far it came."""
+
+
+def tolerance(
+    design: "Design | SensorModel",
+    *,
+    out: str | Path,
+    copies: int = COPIES,
+    spreads: Sequence[Spread] | None = None,
+    spec: Mapping[str, Bound] | None = None,
+    fidelity: str = "fast",
+    seed: int = 0,
+    workers: int = 1,
+    dask: str | None = None,
+    progress: bool = True,
+    evaluator: Evaluator | None = None,
+) -> Tolerance:
+    """Evaluate copies of a design as they would be built.
+
+    Every copy is calibrated on its own, as a lab does with a sensor that it has built, and sees the same
+    presses and random numbers: copies differ by how they are built alone.
+
+    Parameters
+    ----------
+    design : Design or SensorModel
+        The drawing.
+    out : str or Path
+        Folder of the run: ``tolerance.json`` and the scores of each copy; the same call again goes on there,
+        also with more copies.
+    copies : int
+        How many to build.
+    spreads : sequence of Spread, optional
+        What differs between copies; `default_spreads` of the design when absent.
+    spec : mapping of str to Bound, optional
+        What scores a copy must reach to be good.
+    fidelity : {"fast", "standard", "reference"}
+        Effort of an evaluation.
+    seed : int
+        Seed of the draws and of every evaluation.
+    workers, dask, progress, evaluator
+        As in `designlab.study.run_study`.
+
+    Raises
+    ------
+    ValueError
+        If a spread does not fit the design, or the folder holds another run.
+    ToleranceInterrupted
+        If the user pressed Ctrl-C; nothing that was finished is lost.
+    """
+    if copies < 2 or workers < 1:
+        raise ValueError(f"copies and workers must be at least 2 and 1, got {copies} and {workers}")
+    nominal = SensorModel.of(design)
+    chosen = default_spreads(nominal.design) if spreads is None else tuple(spreads)
+    drawn = inputs(nominal.design, chosen)
+    if not drawn:
+        raise ValueError("spreads: nothing differs between copies; give one or more")
+    folder = Path(out)
+    _claim(folder, nominal, chosen, spec or {}, copies=copies, fidelity=fidelity, seed=seed)
+    values = deviates(copies, len(drawn), seed)
+    missing = [k for k in range(NOMINAL, copies) if not copy_path(folder, k).is_file()]
+    for k in list(missing):
+        reason = _unbuildable(nominal, drawn, values, k)
+        if reason is not None:
+            write_json(copy_path(folder, k), _record(k, drawn, values, {"unbuilt": reason}))
+            missing.remove(k)
+    calls = [
+        (evaluate_design, evaluator or default_evaluator, _built(nominal, drawn, values, k), fidelity, seed)
+        for k in missing
+    ]
+    with Interrupts() as interrupts, _bar(copies + 1, len(missing), shown=progress) as step:
+        try:
+            with submitter(workers, interrupts, dask=dask) as submit:
+                for place, found in completed(submit, calls, at_once=workers, interrupts=interrupts):
+                    k = missing[place]
+                    write_json(copy_path(folder, k), _record(k, drawn, values, found))
+                    step()
+        except KeyboardInterrupt:
+            done = sum(copy_path(folder, k).is_file() for k in range(NOMINAL, copies))
+            raise ToleranceInterrupted(
+                f"tolerance run interrupted after {done} of {copies + 1} evaluations; run it again with the "
+                f"same folder, {folder}, to resume"
+            ) from None
+        except BrokenProcessPool as error:
+            raise RuntimeError(
+                f"a worker process died, perhaps for lack of memory with {workers} workers; copies that are "
+                "finished are kept: the same command goes on"
+            ) from error
+    return load_tolerance(folder)
+
+
+def _built(nominal: SensorModel, drawn: Sequence[Input], values: Array, number: int) -> SensorModel:
+    """Copy of a number, or the drawing itself."""
+    return nominal if number == NOMINAL else copy(nominal, drawn, values[number])
+
+
+def _unbuildable(nominal: SensorModel, drawn: Sequence[Input], values: Array, number: int) -> str | None:
+    """Why a copy cannot be put together, if so."""
+    try:
+        model = _built(nominal, drawn, values, number)
+        margins = model.effective_design().margins()
+    except (DesignError, ValueError) as error:
+        return str(error)
+    return ", ".join(rule for rule, margin in margins.items() if margin > 0) or None
+
+
+def _record(number: int, drawn: Sequence[Input], values: Array, found: Mapping[str, Any]) -> dict[str, Any]:
+    own = (
+        {}
+        if number == NOMINAL
+        else {each.name: float(v) for each, v in zip(drawn, values[number], strict=True)}
+    )
+    return {"copy": number, "deviates": own, **found}
+
+
+def _claim(
+    folder: Path,
+    nominal: SensorModel,
+    spreads: Sequence[Spread],
+    spec: Mapping[str, Bound],
+    *,
+    copies: int,
+    fidelity: str,
+    seed: int,
+) -> None:
+    """Write what is run into a new folder; refuse the folder of another run."""
+    path = folder / RUN_FILE
+    stated = [spread.model_dump(mode="json") for spread in spreads]
+    ours = digest(nominal.digest, stated, fidelity, seed)
+    if path.is_file():
+        before = json.loads(path.read_text(encoding="utf-8"))
+        if before.get("digest") != ours:
+            raise ValueError(
+                f"{folder}: holds another run, of {before.get('design')!r}: design, spreads, fidelity or "
+                "seed differ; choose another folder"
+            )
+    content = {
+        "digest": ours,
+        "design": nominal.design.name,
+        "copies": copies,
+        "fidelity": fidelity,
+        "seed": seed,
+        "spreads": stated,
+        "spec": {name: bound.model_dump(exclude_none=True) for name, bound in spec.items()},
+    }
+    write_json(path, content)
+
+
+@contextlib.contextmanager
+def _bar(total: int, missing: int, *, shown: bool) -> Iterator[Callable[[], None]]:
+    """Show done, total and time left on stderr."""
+    from tqdm import tqdm
+
+    with tqdm(
+        total=total, initial=total - missing, unit="copy", file=sys.stderr, disable=not shown, leave=True
+    ) as bar:
+        yield lambda: bar.update() and None

@@ -1,0 +1,185 @@
+"""Copies of a design on evaluators with closed forms, so that yield and blame are known beforehand."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from designlab.bounds import Bound
+from designlab.design import preset
+from designlab.effects import AppliedEffect, SensorModel
+from designlab.tolerance import Spread, default_spreads, load_tolerance, tolerance
+from designlab.tolerance.spreads import CUT_SD, copy, deviates, inputs
+
+FLAT, DOME = preset("gelsight-2020-flat"), preset("gelsight-2020-dome")
+TILT = Spread(field="leds.tilt_deg", sd=2.0)
+HEIGHT = Spread(field="leds.height_mm", sd=0.1)
+THICKNESS = Spread(field="elastomer.thickness_mm", sd=0.1, also=("camera.position_mm.2",))
+
+
+@dataclass
+class Estimate:
+    value: float
+    se: float = 0.01
+    bias_bound: float = 0.0
+    unit: str = "1"
+
+
+@dataclass
+class Score:
+    scores: dict[str, Estimate]
+    seconds: float = 0.0
+
+
+def closed_form(model, *, fidelity, seed):
+    """Linear in tilt and height with 9 : 1 parts of variance; another knows the distance of the camera."""
+    design = SensorModel.of(model).design
+    tilt, height = design.leds.tilt_deg - FLAT.leds.tilt_deg, design.leds.height_mm - FLAT.leds.height_mm
+    return Score(
+        {
+            "blur": Estimate(3.0 * tilt / 2.0 + height / 0.1, unit="um"),
+            "distance": Estimate(design.camera.position_mm[2], unit="mm"),
+        }
+    )
+
+
+def run(out, design=FLAT, spreads=(TILT, HEIGHT), **options):
+    return tolerance(
+        design,
+        out=out,
+        spreads=spreads,
+        progress=False,
+        **({"evaluator": closed_form, "copies": 200} | options),
+    )
+
+
+def test_yield_and_blame_are_those_of_the_closed_form(tmp_path):
+    limit = 3.0
+    found = run(tmp_path / "out", spec={"blur": Bound(most=limit)})
+    sd = math.hypot(3.0, 1.0)
+    expected = norm.cdf(limit / sd)
+    share = found.passed()
+    assert share["low"] < expected < share["high"]
+    assert share["share"] == pytest.approx(
+        expected, abs=0.02
+    )  # even draws know it better than their interval
+    blame = found.offenders("blur")
+    assert list(blame["input"]) == ["leds.tilt_deg", "leds.height_mm"]
+    assert blame["share"].to_numpy() == pytest.approx([0.9, 0.1], abs=0.06)
+    curve = found.yield_curve("blur")
+    assert np.interp(limit, curve["value"], curve["share"]) == pytest.approx(share["share"], abs=0.01)
+    assert found.nominal["blur"] == 0.0
+    assert found.units == {"blur": "um", "distance": "mm"}
+
+
+def test_what_moves_along_moves_by_the_same_distance(tmp_path):
+    found = run(tmp_path / "out", spreads=(THICKNESS,), copies=20)
+    away = found.copies["distance"] - found.nominal["distance"]
+    assert away.to_numpy() == pytest.approx(0.1 * found.copies["elastomer.thickness_mm"].to_numpy())
+
+
+def test_draws_are_normal_even_cut_and_the_same_when_more_are_asked_for():
+    values = deviates(256, 3, seed=4)
+    assert np.abs(values.mean(axis=0)).max() < 0.02
+    assert values.std(axis=0) == pytest.approx(0.987, abs=0.02)  # of a normal cut at three
+    assert np.abs(values).max() <= CUT_SD
+    assert np.abs(np.corrcoef(values.T) - np.eye(3)).max() < 0.1
+    np.testing.assert_array_equal(deviates(50, 3, seed=4), values[:50])
+
+
+@pytest.mark.parametrize(
+    "design", [FLAT, DOME, preset("gelsight-2020-flat-core"), preset("gelsight-2020-dome-core")]
+)
+def test_default_copies_of_every_preset_can_be_built(design):
+    drawn = inputs(design, default_spreads(design))
+    values = deviates(24, len(drawn), seed=1)
+    built = [copy(SensorModel.of(design), drawn, row) for row in values]
+    assert len({model.digest for model in built}) == 24
+    for model in built:
+        assert not [m for m in model.effective_design().margins().values() if m > 0]
+    assert all(spread.source for spread in default_spreads(design))
+    means = np.mean([m.effective_design().elastomer.thickness_mm for m in built])
+    assert means == pytest.approx(design.elastomer.thickness_mm, abs=0.05)
+
+
+def test_a_dome_stays_a_dome_when_its_gel_is_thicker():
+    drawn = inputs(DOME, default_spreads(DOME))
+    place = [each.name for each in drawn].index("elastomer.thickness_mm")
+    values = np.zeros(len(drawn))
+    values[place] = 2.0
+    design = copy(SensorModel.of(DOME), drawn, values).design
+    gel, core = design.elastomer, design.gelcore
+    assert gel.thickness_mm == pytest.approx(DOME.elastomer.thickness_mm + 0.2)
+    assert gel.radius_mm - gel.thickness_mm == pytest.approx(core.radius_mm)
+
+
+def test_a_relative_spread_and_one_about_what_a_model_has():
+    model = SensorModel(design=FLAT).with_effect(AppliedEffect(name="veiling_glare", values={"share": 0.05}))
+    flux = Spread(field="leds.groups.*.flux_mw", sd=0.1, relative=True)
+    glare = Spread(field="effects.veiling_glare.share", sd=0.01)
+    drawn = inputs(FLAT, (flux, glare))
+    assert len(drawn) == len(FLAT.leds.groups) + 1
+    made = copy(model, drawn, np.array([1.0, 0.0, -2.0, 1.5]))
+    ratios = [a.flux_mw / b.flux_mw for a, b in zip(made.design.leds.groups, FLAT.leds.groups, strict=True)]
+    assert ratios == pytest.approx([1.1, 1.0, 0.8])
+    assert made.effects[0].values["share"] == pytest.approx(0.065)
+
+
+def test_a_copy_that_cannot_be_built_is_not_good(tmp_path):
+    low = FLAT.replace({"leds.height_mm": 5.0})
+    wide = Spread(field="leds.height_mm", sd=3.0)
+    found = run(tmp_path / "out", design=low, spreads=(wide,), copies=30)
+    refused = found.copies[~found.copies["built"].astype(bool)]
+    assert 0 < len(refused) < 30
+    assert (refused["leds.height_mm"] < 0).all()
+    assert refused["reason"].str.len().min() > 0
+    assert found.passed()["share"] == pytest.approx(1 - len(refused) / 30)
+
+
+def test_a_run_goes_on_and_takes_more_copies(tmp_path):
+    asked = []
+
+    def counted(model, *, fidelity, seed):
+        asked.append(SensorModel.of(model).digest)
+        if len(asked) == 8:
+            raise KeyboardInterrupt
+        return closed_form(model, fidelity=fidelity, seed=seed)
+
+    with pytest.raises(KeyboardInterrupt, match="after 7 of 13 evaluations"):
+        run(tmp_path / "out", evaluator=counted, copies=12)
+    whole = run(tmp_path / "out", evaluator=counted, copies=12)
+    assert len(asked) == 14
+    more = run(tmp_path / "out", evaluator=counted, copies=20)
+    assert len(asked) == 22
+    assert more.frame.iloc[:13].equals(whole.frame)
+    assert load_tolerance(tmp_path / "out").frame.equals(more.frame)
+
+
+@pytest.mark.parametrize(
+    ("spread", "rule"),
+    [
+        (Spread(field="leds.nothing_mm", sd=1), "no field 'leds.nothing_mm'"),
+        (Spread(field="gelcore.shape", sd=1), "gelcore.shape is no number"),
+        (Spread(field="elastomer.radius_mm", sd=1), "elastomer.radius_mm is no number"),
+        (Spread(field="effects.camera_pose", sd=1), "is not effects.NAME.PARAMETER"),
+        (Spread(field="effects.camera_pose.w_mm", sd=1), "no parameter 'w_mm'"),
+        (Spread(field="effects.nothing.x", sd=1), "effect 'nothing' is unknown"),
+    ],
+)
+def test_a_spread_that_fits_nothing_is_named(spread, rule, tmp_path):
+    with pytest.raises(ValueError, match=rule):
+        run(tmp_path / "out", spreads=(spread,))
+    with pytest.raises(ValueError, match="given twice"):
+        run(tmp_path / "out", spreads=(TILT, TILT))
+
+
+def test_a_folder_of_another_run_is_refused_and_few_copies_blame_nobody(tmp_path):
+    few = run(tmp_path / "out", copies=10)
+    with pytest.raises(ValueError, match="holds another run"):
+        run(tmp_path / "out", copies=10, seed=3)
+    with pytest.raises(ValueError, match="40 are needed"):
+        few.offenders("blur")
+    with pytest.raises(ValueError, match="holds no tolerance run"):
+        load_tolerance(tmp_path)
