@@ -78,6 +78,8 @@ class Picture:
     spread : array, shape (repeats, groups, rows, columns), or None
         Deviations of the repeats from their mean, without what is known to be chance; None where a picture's
         random error is below what every simulation is granted.
+    calming : array, shape (groups, rows, columns), or None
+        Factor that takes chance away from pictures of this press, where there are repeats.
     """
 
     light: Single
@@ -87,6 +89,7 @@ class Picture:
     pose: tuple[Change, ...] = ()
     changes: Mapping[tuple[str, str], Change] = field(default_factory=dict)
     spread: Single | None = None
+    calming: Single | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,11 +179,8 @@ def rendered_at(
     for number, pose in poses.items():
         shot = bank.shots[number]
         press = moved(shot.press, pose) if shot.press is not None and pose.any() else shot.press
-        light = lamp.light(model, press, shot.view)
-        if _repeats(bank.model):
-            drawn = lamp.light(bank.model, shot.press, shot.view)
-            light = light * (1.0 + share_of(bank.of(number).light - drawn, drawn)).astype(np.float32)
-        yield number, light
+        light, calming = lamp.light(model, press, shot.view), bank.of(number).calming
+        yield number, light if calming is None else light * calming
 
 
 def _fill(
@@ -309,6 +309,7 @@ def _picture(
         pose=tuple(_times(change, own) for change in pose),
         changes=changes,
         spread=spread - mean * still.taken,
+        calming=own,
     )
 
 

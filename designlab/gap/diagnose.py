@@ -16,6 +16,7 @@ from designlab.gap.basis import Progress, Renders
 from designlab.gap.checks import check_frames, examine, weakened
 from designlab.gap.confidence import confidence
 from designlab.gap.control import control
+from designlab.gap.exact import placed
 from designlab.gap.fit import Fitter
 from designlab.gap.intervals import values
 from designlab.gap.judge import judge, level
@@ -130,9 +131,8 @@ def diagnose(
             pictures=pictures,
             page=page,
         )
-    bank = fill(source, model, seen.shots, names)
-    fitter = Fitter(bank)
     train, select, final = seen.of("dark", "background", "train"), seen.of("select"), seen.of("final")
+    fitter = placed(source, Fitter(fill(source, model, seen.shots, names)), train, [*select, *final])
     start = fitter.fit(fitter.start(train), (), train).state
     fitter.measure(start)
     search = Search(fitter, names, train, select, progress=progress)

@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from designlab.effects import effect
-from designlab.gap.bank import Bank, rendered_at
+from designlab.gap.bank import Bank
 from designlab.gap.basis import Renders
+from designlab.gap.exact import exact
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter, with_strength
-from designlab.gap.forward import Forward, State
+from designlab.gap.judge import judge
 from designlab.gap.noise import Noise
 from designlab.gap.repeats import shot_error
 
@@ -38,39 +39,17 @@ def refined(source: Renders, fitter: Fitter, found: Fit, train: Sequence[int]) -
     now = near.fit(found.state, names, train)
     rendered = [name for name in names if effect(name).rendered]
     for _ in range(RECENTRINGS if _far(near, now) else 0):
-        near = _fitter(_exact(source, fitter.bank, near.forward, now.state, rendered, train), noises, fitter)
+        near = _fitter(exact(source, near.forward, now.state, rendered, train), noises, fitter)
         before, now = now, near.fit(now.state, names, train)
         if _moved(near, before, now, rendered) < SETTLED_SD:
             break
     if near.bank is not fitter.bank:
         others = [number for number in range(len(fitter.bank.shots)) if number not in train]
-        near = _fitter(_exact(source, fitter.bank, near.forward, now.state, rendered, others), noises, fitter)
+        standing = judge(near, now.state, others).state
+        near = _fitter(exact(source, near.forward, standing, rendered, others), noises, fitter)
     for name in DRAWN_SD.keys() & now.state.values.keys():
         now = replace(now, state=with_strength(now.state, name))
     return near, now
-
-
-def _exact(
-    source: Renders,
-    bank: Bank,
-    forward: Forward,
-    state: State,
-    names: Sequence[str],
-    shots: Sequence[int],
-) -> Bank:
-    """Bank whose light of some shots is exact at a state's poses and values of some effects.
-
-    How light changes about them stays as it was, so that a picture of each shot is enough, instead of two for
-    each parameter: Newton's method with a fixed derivative.
-    """
-    values = {name: state.values[name] for name in names}
-    combined = replace(state, values=values, numerical=0.0)
-    poses = {number: forward.pose(state, number) for number in shots}
-    pictures = [forward.bank.of(number) for number in range(len(bank.shots))]
-    for number, light in rendered_at(source, bank, values, poses):
-        error = light - forward.light(combined, number)
-        pictures[number] = replace(pictures[number], light=pictures[number].light + error)
-    return replace(bank, pictures=tuple(pictures), place=tuple(range(len(pictures))))
 
 
 def _fitter(bank: Bank, noises: list[Noise], like: Fitter) -> Fitter:

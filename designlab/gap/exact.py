@@ -1,0 +1,85 @@
+"""Pictures rendered where a fit stands, instead of combined from those about the model and poses as given."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.gap.bank import POSE_STEP, Bank, rendered_at
+from designlab.gap.basis import Renders
+from designlab.gap.fit import Fitter
+from designlab.gap.forward import Forward, State
+from designlab.gap.judge import judge
+
+PLACINGS = 2  # times that presses are rendered anew where they seem to stand
+REACH = 1.0  # steps of a pose about the stated one between which pictures are combined well
+NEAR = 0.2  # likewise, about one that was rendered
+
+
+def exact(
+    source: Renders, forward: Forward, state: State, names: Sequence[str], shots: Sequence[int]
+) -> Bank:
+    """Bank whose light of some shots is exact at a state's poses and values of some effects.
+
+    How light changes about them stays as it was, so that a picture of each shot is enough, instead of two for
+    each parameter: Newton's method with a fixed derivative.
+
+    Parameters
+    ----------
+    source : Renders
+        Where pictures come from.
+    forward : Forward
+        What combines pictures so far.
+    state : State
+        Where the light is to be exact.
+    names : sequence of str
+        Effects of the state that are rendered.
+    shots : sequence of int
+        Numbers of the shots; the others keep their pictures.
+    """
+    bank = forward.bank
+    values = {name: state.values[name] for name in names}
+    combined = replace(state, values=values, numerical=0.0)
+    poses = {number: forward.pose(state, number) for number in shots}
+    pictures = [bank.of(number) for number in range(len(bank.shots))]
+    for number, light in rendered_at(source, bank, values, poses):
+        error = light - forward.light(combined, number)
+        pictures[number] = replace(pictures[number], light=pictures[number].light + error)
+    return replace(bank, pictures=tuple(pictures), place=tuple(range(len(pictures))))
+
+
+def placed(source: Renders, fitter: Fitter, train: Sequence[int], others: Sequence[int]) -> Fitter:
+    """Fitter whose pictures are exact where presses stand, if others do not reach there.
+
+    Light goes on straight beyond a step of a pose: at the edges of a punch 0.1 mm off that leaves several
+    times the noise, which any effect that moves edges would take up.
+
+    Parameters
+    ----------
+    source : Renders
+        Where pictures come from.
+    fitter : Fitter
+        The model as given.
+    train, others : sequence of int
+        Shots that gains are fitted to, and all others with a press, which are registered each by itself.
+    """
+    rendered: dict[int, NDArray[np.float64]] = {}
+    for _ in range(PLACINGS):
+        state = fitter.fit(fitter.start(train), (), train).state
+        fitter.measure(state)
+        state = judge(fitter, state, others).state
+        away = {number: state.pose(number) / POSE_STEP for number in (*train, *others)}
+        far = [n for n, pose in away.items() if _beyond(pose, rendered.get(n))]
+        if not far:
+            break
+        rendered |= {number: away[number] for number in far}
+        fitter = Fitter(exact(source, fitter.forward, state, (), far))
+    return fitter
+
+
+def _beyond(pose: NDArray[np.float64], rendered: NDArray[np.float64] | None) -> bool:
+    """Whether a pose, in steps, is further than pictures about the stated or the rendered one reach."""
+    if rendered is None:
+        return bool(np.abs(pose).max() > REACH)
+    return bool(np.abs(pose - rendered).max() > NEAR)
