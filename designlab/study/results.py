@@ -295,7 +295,8 @@ def pareto(frame: "pd.DataFrame", objectives: Mapping[str, str]) -> "pd.DataFram
     DataFrame
         The rows of the front, best first in the first objective; of equal designs the first one.
     """
-    done = frame[(frame["state"] == "complete") & frame["reuse_of"].isna() & frame["violated"].isna()]
+    done = frame[(frame["state"] == "complete") & frame["reuse_of"].isna()]
+    done = done[done["violated"].isna()] if "violated" in done else done
     if done.empty:
         return done
     loss = losses(done, objectives)
