@@ -26,3 +26,8 @@ class Bound(Spec):
         below = -float("inf") if self.least is None else self.least - value
         above = -float("inf") if self.most is None else value - self.most
         return max(below, above)
+
+    def text(self) -> str:
+        """Say the bound in words."""
+        ends = (("at least", self.least), ("at most", self.most))
+        return " and ".join(f"{word} {end:g}" for word, end in ends if end is not None)

@@ -96,6 +96,7 @@ def parser() -> argparse.ArgumentParser:
     _add_designs(add)
     _add_import(add)
     _add_study(add)
+    _add_tolerance(add)
     _add_gap(add)
     _add_reproduce(add)
     return top
@@ -255,6 +256,29 @@ def _add_study(add: Any) -> None:
     run.add_argument(
         "--trials", type=_whole(1, 100_000), metavar="N", help="designs in all, instead of the study's own"
     )
+
+
+def _add_tolerance(add: Any) -> None:
+    command = add(
+        "tolerance",
+        "designlab.cli.tolerance:tolerance",
+        "copies of a design as they would be built: how many are good, and what is to blame",
+    )
+    command.add_argument("design", metavar="DESIGN", help=MODEL_HELP)
+    command.add_argument(
+        "--terms", metavar="FILE", help="TOML file: what a copy must score, what differs between copies"
+    )
+    command.add_argument(
+        "--copies", type=_whole(2, 100_000), default=200, metavar="N", help="how many (default: 200)"
+    )
+    command.add_argument("--fidelity", choices=FIDELITIES, default="fast", help="effort (default: fast)")
+    _workers(command)
+    command.add_argument(
+        "--dask", metavar="ADDRESS", help="Dask scheduler whose workers run the copies, tcp://host:8786"
+    )
+    _out(command, "folder of the copies and the report; the same command again goes on there")
+    _seed(command)
+    command.set_defaults(resume="run the same command again to resume")
 
 
 def _trust(command: argparse.ArgumentParser) -> None:

@@ -3,6 +3,7 @@
 from designlab.bounds import Bound
 from designlab.study.definition import Parameter, Plan, Study, StudyError, dumps_study, load_study
 from designlab.study.results import Results, history, importance, load_results, pareto, picks
+from designlab.study.robust import Robust
 from designlab.study.runner import StudyInterrupted, run_study
 from designlab.study.sweep import optimise, sweep
 
@@ -11,6 +12,7 @@ __all__ = [
     "Parameter",
     "Plan",
     "Results",
+    "Robust",
     "Study",
     "StudyError",
     "StudyInterrupted",

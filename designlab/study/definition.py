@@ -10,6 +10,7 @@ from pydantic import Field, ValidationError, ValidationInfo, field_validator, mo
 from designlab.bounds import Bound
 from designlab.design import Design, DesignError, explain, preset, preset_names
 from designlab.store import digest
+from designlab.study.robust import Robust
 from geometries.spec import Spec
 
 if TYPE_CHECKING:
@@ -133,6 +134,9 @@ class Study(Spec):
     )
     trials: int = Field(40, ge=1, le=100_000, description="Designs to evaluate, infeasible ones not counted.")
     fidelity: Literal["fast", "standard", "reference"] = Field("fast", description="Effort of an evaluation.")
+    robust: Robust | None = Field(
+        None, description="How copies as they would be built decide; the drawing alone does if absent."
+    )
     plan: Plan | None = Field(
         None, description="How the best are confirmed after the search; not at all if absent."
     )

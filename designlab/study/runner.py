@@ -13,6 +13,7 @@ from designlab.study.confirm import confirm
 from designlab.study.definition import Study
 from designlab.study.folder import opened
 from designlab.study.results import Results, load_results
+from designlab.study.robust import RobustEvaluator
 from designlab.study.search import Search
 from designlab.workers import submitter
 
@@ -75,7 +76,10 @@ def run_study(
         raise ValueError(f"trials and workers must be at least 1, got trials {total}, workers {workers}")
     folder = Path(out)
     with opened(folder, study) as record:
-        search = Search(study, folder, record, evaluator or default_evaluator)
+        scored = evaluator or default_evaluator
+        if study.robust is not None:
+            scored = RobustEvaluator(scored, study.robust, study.objectives)
+        search = Search(study, folder, record, scored)
         search.recover()
         with Interrupts() as interrupts:
             try:

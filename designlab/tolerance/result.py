@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from designlab.bounds import Bound
+from designlab.tolerance.spreads import Spread
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -18,6 +19,7 @@ NOMINAL = -1
 
 RUN_FILE = "tolerance.json"
 COPIES_FOLDER = "copies"
+USUAL = ("uniformity_u0", "normal_error_median_deg")
 FEWEST = 40  # copies below which nothing is said of which spread is to blame
 RESAMPLES = 200
 
@@ -42,6 +44,8 @@ class Tolerance:
         Columns of what is drawn.
     units : mapping of str to str
         Unit of each score.
+    spreads : tuple of Spread
+        What was drawn from.
     """
 
     folder: Path
@@ -50,6 +54,7 @@ class Tolerance:
     frame: "pd.DataFrame"
     inputs: tuple[str, ...]
     units: Mapping[str, str]
+    spreads: tuple[Spread, ...] = ()
 
     @property
     def scores(self) -> tuple[str, ...]:
@@ -65,6 +70,14 @@ class Tolerance:
     def copies(self) -> "pd.DataFrame":
         """The copies without the drawing."""
         return self.frame[self.frame["copy"] != NOMINAL]
+
+    def built(self) -> "pd.DataFrame":
+        """The copies that could be built and evaluated."""
+        return self.copies[self.copies["built"].astype(bool)]
+
+    def headline(self) -> tuple[str, ...]:
+        """Scores to look at first: those of the specification, or the usual ones."""
+        return tuple(self.spec) or tuple(name for name in USUAL if name in self.units) or self.scores[:2]
 
     def good(self) -> "pd.Series[bool]":
         """Whether each copy could be built and meets the specification."""
@@ -89,14 +102,41 @@ class Tolerance:
         """Share of copies at or below each value of a score: ``value``, ``share``; unbuilt ones never are."""
         import pandas as pd
 
-        copies = self.copies
-        values = np.sort(copies.loc[copies["built"].astype(bool), score].to_numpy(dtype=float))
+        values = np.sort(self.built()[score].dropna().to_numpy(dtype=float))
         grid = np.linspace(values.min(), values.max(), points)
-        return pd.DataFrame(
-            {"value": grid, "share": np.searchsorted(values, grid, side="right") / len(copies)}
-        )
+        share = np.searchsorted(values, grid, side="right") / len(self.copies)
+        return pd.DataFrame({"value": grid, "share": share})
 
-    def offenders(self, score: str) -> "pd.DataFrame":
+    def to_json(self) -> dict[str, Any]:
+        """Plain data: how many are good, how scores vary, what is to blame."""
+        built = self.built()
+        spread = {
+            name: {
+                "unit": self.units[name],
+                "nominal": _finite(self.nominal[name]),
+                "mean": _finite(built[name].mean()),
+                "sd": _finite(built[name].std()),
+                "low_5": _finite(built[name].quantile(0.05)),
+                "high_95": _finite(built[name].quantile(0.95)),
+            }
+            for name in self.scores
+        }
+        blame = {name: self.offenders(name) for name in self.headline()}
+        return {
+            "design": self.design,
+            "folder": str(self.folder),
+            "copies": len(self.copies),
+            "unbuilt": int((~self.copies["built"].astype(bool)).sum()),
+            "spec": {name: bound.model_dump(exclude_none=True) for name, bound in self.spec.items()},
+            "good": self.passed() if self.spec else None,
+            "scores": spread,
+            "offenders": {
+                name: [] if found is None else found.to_dict(orient="records")
+                for name, found in blame.items()
+            },
+        }
+
+    def offenders(self, score: str) -> "pd.DataFrame | None":
         """Share of a score's variance that each thing drawn is to blame for, worst first.
 
         First-order indices by random balance designs (Tarantola 2006, unbiased after Tissot 2012), which
@@ -104,20 +144,16 @@ class Tolerance:
 
         Returns
         -------
-        DataFrame
-            ``input``, ``share`` and ``ci``, half its 95 % interval by resampling.
-
-        Raises
-        ------
-        ValueError
-            If there are too few copies.
+        DataFrame or None
+            ``input``, ``share`` and ``ci``, half its 95 % interval by resampling; None if copies are few, or
+            do not differ.
         """
         import pandas as pd
         from SALib.analyze import rbd_fast
 
-        built = self.copies[self.copies["built"].astype(bool)]
-        if len(built) < FEWEST:
-            raise ValueError(f"copies: {len(built)} tell no offender, {FEWEST} are needed")
+        built = self.built()
+        if len(built) < FEWEST or not built[score].std() > 0:
+            return None
         problem = {
             "num_vars": len(self.inputs),
             "names": list(self.inputs),
@@ -133,6 +169,10 @@ class Tolerance:
         )
         table = pd.DataFrame({"input": self.inputs, "share": found["S1"], "ci": found["S1_conf"]})
         return table.sort_values("share", ascending=False, ignore_index=True)
+
+
+def _finite(value: Any) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 def copy_path(folder: Path, number: int) -> Path:
@@ -166,7 +206,8 @@ def load_tolerance(folder: str | Path) -> Tolerance:
         raise ValueError(f"{folder}: no copy is finished yet")
     frame = pd.DataFrame([_row(record, inputs, tuple(units)) for record in records])
     spec = {name: Bound.model_validate(bound) for name, bound in run["spec"].items()}
-    return Tolerance(folder, run["design"], spec, frame, inputs, units)
+    spreads = tuple(Spread.model_validate(spread) for spread in run["spreads"])
+    return Tolerance(folder, run["design"], spec, frame, inputs, units, spreads)
 
 
 def _row(record: Mapping[str, Any], inputs: tuple[str, ...], scores: tuple[str, ...]) -> dict[str, Any]:

@@ -6,8 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from designlab.study import Plan, Study, StudyError, load_results, load_study, run_study
+from designlab.bounds import Bound
+from designlab.effects import SensorModel
+from designlab.study import Plan, Robust, Study, StudyError, load_results, load_study, run_study
 from designlab.study.results import BASE
+from designlab.tolerance import Spread, tolerance
 
 DOME = {
     "gelcore.shape": "dome",
@@ -181,3 +184,55 @@ def test_confirmation_is_not_repeated_and_goes_on(tmp_path):
     assert len({seed for fidelity, seed in asked if fidelity != "fast"}) == 3
     assert run(study, tmp_path / "out", counted).confirmed.equals(load_results(tmp_path / "out").confirmed)
     assert len(asked) == 37
+
+
+def fragile(model, *, fidelity, seed):
+    """A peak of 1 that one degree ruins, and one of 0.7 that is 15 degrees wide."""
+    tilt = SensorModel.of(model).design.leds.tilt_deg
+    sharp = math.exp(-(((tilt - 30.0) / 1.0) ** 2))
+    broad = 0.7 * math.exp(-(((tilt - 10.0) / 15.0) ** 2))
+    return Score({"uniformity_u0": Estimate(max(sharp, broad)), "tilt": Estimate(tilt, unit="deg")})
+
+
+@pytest.mark.parametrize("aim", ["mean_minus_sigma", "worst"])
+def test_a_robust_study_gives_up_a_peak_that_cannot_be_built(aim, tmp_path):
+    spread = Spread(field="leds.tilt_deg", sd=2.0)
+    common = {
+        "variants": {},
+        "parameters": {"leds.tilt_deg": {"low": 0, "high": 40, "step": 0.5}},
+        "trials": 60,
+    }
+    nominal = run(make(**common), tmp_path / "nominal", fragile)
+    robust = run(make(**common, robust=Robust(spread=(spread,), aim=aim)), tmp_path / "robust", fragile)
+    assert nominal.pareto.iloc[0]["leds.tilt_deg"] == pytest.approx(30, abs=1)
+    best = robust.pareto.iloc[0]
+    assert best["leds.tilt_deg"] == pytest.approx(10, abs=5)
+    assert best["tilt"] == pytest.approx(best["leds.tilt_deg"], abs=0.5)  # of other scores the mean
+    limit = {"uniformity_u0": Bound(least=0.6)}
+    yields = [
+        tolerance(
+            found.design(int(found.pareto.iloc[0]["trial"])),
+            out=tmp_path / f"copies-{name}",
+            copies=64,
+            spreads=(spread,),
+            spec=limit,
+            progress=False,
+            evaluator=fragile,
+        ).passed()["share"]
+        for name, found in (("nominal", nominal), ("robust", robust))
+    ]
+    assert yields[0] < 0.4
+    assert yields[1] > 0.95
+
+
+def test_a_design_of_which_a_copy_cannot_be_built_is_infeasible(tmp_path):
+    spread = Spread(field="leds.height_mm", sd=2.0)
+    study = make(
+        variants={},
+        parameters={"leds.height_mm": {"low": 5, "high": 14}},
+        robust=Robust(spread=(spread,)),
+        trials=5,
+    )
+    results = run(study, tmp_path / "out", fragile)
+    refused = results.frame[results.frame["state"] == "infeasible"]
+    assert refused["reason"].str.contains("cannot be built").any()

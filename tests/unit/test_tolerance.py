@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from designlab import cli
 from designlab.bounds import Bound
 from designlab.design import preset
 from designlab.effects import AppliedEffect, SensorModel
-from designlab.tolerance import Spread, default_spreads, load_tolerance, tolerance
+from designlab.tolerance import Spread, default_spreads, load_terms, load_tolerance, tolerance
 from designlab.tolerance.spreads import CUT_SD, copy, deviates, inputs
 
 FLAT, DOME = preset("gelsight-2020-flat"), preset("gelsight-2020-dome")
@@ -179,7 +180,54 @@ def test_a_folder_of_another_run_is_refused_and_few_copies_blame_nobody(tmp_path
     few = run(tmp_path / "out", copies=10)
     with pytest.raises(ValueError, match="holds another run"):
         run(tmp_path / "out", copies=10, seed=3)
-    with pytest.raises(ValueError, match="40 are needed"):
-        few.offenders("blur")
+    assert few.offenders("blur") is None
     with pytest.raises(ValueError, match="holds no tolerance run"):
         load_tolerance(tmp_path)
+
+
+TERMS = """version = 1
+[spec]
+distance.most = 41.0
+[[spread]]
+field = "leds.tilt_deg"
+sd = 2.0
+source = "protractor"
+[[spread]]
+field = "elastomer.thickness_mm"
+sd = 0.1
+also = ["camera.position_mm.2"]
+"""
+
+
+def test_terms_are_read_and_wrong_ones_named(tmp_path):
+    path = tmp_path / "terms.toml"
+    path.write_text(TERMS, encoding="utf-8")
+    terms = load_terms(path)
+    assert terms.spec["distance"].most == 41.0
+    assert terms.spread is not None
+    assert terms.spread[0] == Spread(field="leds.tilt_deg", sd=2.0, source="protractor")
+    for old, new, rule in (
+        ("version = 1", "version = 2", "has format version 2"),
+        ("sd = 2.0", "sd = -2.0", "spread.0.sd"),
+        ("most = 41.0", "top = 41.0", "unknown field"),
+        ("[spec]", "[spec", "not valid TOML"),
+    ):
+        path.write_text(TERMS.replace(old, new), encoding="utf-8")
+        with pytest.raises(ValueError, match=rule):
+            load_terms(path)
+
+
+def test_the_page_and_the_summary_say_what_was_found(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "terms.toml"
+    path.write_text(TERMS, encoding="utf-8")
+    monkeypatch.setattr("designlab.tolerance.run.default_evaluator", closed_form)
+    words = ["tolerance", "gelsight-2020-flat", "--terms", str(path), "--copies", "60", "--out"]
+    assert cli.main([*words, str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().out
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    for word in ("good (distance at most 41)", "variance of distance: elastomer.thickness_mm"):
+        assert word in said
+    for word in ("protractor", "copies at or below (%)", "elastomer, thickness mm", "None."):
+        assert word in page
+    assert cli.main([*words, str(tmp_path / "out"), "--seed", "4"]) == 2
+    assert "holds another run" in capsys.readouterr().err

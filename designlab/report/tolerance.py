@@ -1,0 +1,176 @@
+"""The page about copies of a design: how many are good, how scores spread, which spread is to blame."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from designlab.report.page import (
+    COLOURS,
+    Column,
+    Html,
+    Section,
+    label,
+    page,
+    paragraph,
+    plotly_figure,
+    table,
+)
+from designlab.store import write_atomic
+from designlab.tolerance import Tolerance
+
+if TYPE_CHECKING:
+    import plotly.graph_objects
+
+BLUE, ORANGE, GREY = COLOURS[0], COLOURS[1], COLOURS[-1]
+SHOWN = 10  # worst offenders that are drawn
+
+
+def tolerance_report(found: Tolerance, target: str | Path) -> Path:
+    """Write the page about copies of a design.
+
+    Parameters
+    ----------
+    found : Tolerance
+        The copies.
+    target : path
+        HTML file to write; it needs no other file and no network.
+    """
+    copies = len(found.copies)
+    sections = [
+        Section("Result", _result(found)),
+        Section("Yield", tuple(_yield(found, name) for name in found.headline())),
+        Section("What is to blame", _blame(found)),
+        Section("All scores", (_scores(found),)),
+        Section("What differs between copies", (_spreads(found),)),
+        Section("Copies that cannot be built", _unbuilt(found)),
+    ]
+    subtitle = f"{copies} copies of {found.design}, each calibrated on its own"
+    return write_atomic(Path(target), page(f"Tolerance: {found.design}", sections, subtitle=subtitle))
+
+
+def _result(found: Tolerance) -> tuple[Html, ...]:
+    if not found.spec:
+        return (paragraph("No specification was given: yield is shown for every value of the scores below."),)
+    share = found.passed()
+    bounds = "; ".join(
+        f"{label(name, found.units[name])} {bound.text()}" for name, bound in found.spec.items()
+    )
+    text = (
+        f"{share['share']:.1%} of the copies are good (95 % interval {share['low']:.1%} to "
+        f"{share['high']:.1%}): they can be built and have {bounds}."
+    )
+    return (paragraph(text),)
+
+
+def _yield(found: Tolerance, name: str) -> Html:
+    """Share of copies up to each value of a score, the drawing and the bounds."""
+    import plotly.graph_objects as go
+
+    curve, unit = found.yield_curve(name), found.units[name]
+    figure = go.Figure()
+    figure.add_scatter(
+        x=curve["value"],
+        y=100 * curve["share"],
+        mode="lines",
+        line={"color": BLUE, "shape": "hv"},
+        hovertemplate="%{y:.0f} % at or below %{x:.4g}<extra></extra>",
+        showlegend=False,
+    )
+    _upright(figure, float(found.nominal[name]), "drawing", GREY)
+    bound = found.spec.get(name)
+    if bound is not None:
+        for end, text in ((bound.least, "at least"), (bound.most, "at most")):
+            if end is not None:
+                _upright(figure, end, text, ORANGE)
+    figure.update_xaxes(title=label(name, unit))
+    figure.update_yaxes(title="copies at or below (%)", range=[0, 102])
+    figure.update_layout(margin={"l": 60, "r": 30, "t": 40, "b": 60})
+    return plotly_figure(figure, height_px=340)
+
+
+def _upright(figure: "plotly.graph_objects.Figure", place: float, text: str, colour: str) -> None:
+    figure.add_vline(
+        x=place,
+        line={"color": colour, "width": 1.5, "dash": "dot"},
+        annotation={"text": text, "font": {"color": colour}},
+        annotation_position="top",
+    )
+
+
+def _blame(found: Tolerance) -> tuple[Html, ...]:
+    """Share of the variance of each score that each thing drawn explains, worst first."""
+    import plotly.graph_objects as go
+
+    blocks = [
+        paragraph(
+            "First-order shares of the variance, with 95 % intervals. What is left to 100 % is chance, or "
+            "things that matter together only.",
+            note=True,
+        )
+    ]
+    for name in found.headline():
+        blame = found.offenders(name)
+        if blame is None:
+            blocks.append(paragraph(f"{label(name)}: too few copies, or none that differ."))
+            continue
+        worst = blame.head(SHOWN)
+        figure = go.Figure()
+        figure.add_bar(
+            y=[_thing(each) for each in worst["input"]],
+            x=100 * worst["share"],
+            error_x={"array": 100 * worst["ci"], "color": GREY, "thickness": 1},
+            orientation="h",
+            marker={"color": BLUE},
+            hovertemplate="%{y}: %{x:.0f} %<extra></extra>",
+        )
+        figure.update_xaxes(title=f"share of the variance of {label(name)} (%)")
+        figure.update_yaxes(automargin=True, autorange="reversed")
+        figure.update_layout(margin={"l": 20, "r": 30, "t": 10, "b": 60})
+        blocks.append(plotly_figure(figure, height_px=90 + 26 * len(worst)))
+    return tuple(blocks)
+
+
+def _thing(name: str) -> str:
+    """Name of an input for people."""
+    return name.removeprefix("effects.").replace("_", " ").replace(".", ", ")
+
+
+def _scores(found: Tolerance) -> Html:
+    said = found.to_json()["scores"]
+    rows = [{"score": label(name, own["unit"]), **own} for name, own in said.items()]
+    columns = [
+        Column("score", "score"),
+        Column("nominal", "drawing"),
+        Column("mean", "mean of copies"),
+        Column("sd", "standard deviation"),
+        Column("low_5", "5 % are below"),
+        Column("high_95", "5 % are above"),
+    ]
+    return table(rows, columns)
+
+
+def _spreads(found: Tolerance) -> Html:
+    rows: list[dict[str, Any]] = [
+        {
+            "field": spread.field,
+            "sd": f"{100 * spread.sd:g} %" if spread.relative else f"{spread.sd:g}",
+            "also": ", ".join(spread.also),
+            "source": spread.source,
+        }
+        for spread in found.spreads
+    ]
+    columns = [
+        Column("field", "field or effect"),
+        Column("sd", "standard deviation"),
+        Column("also", "moves with it"),
+        Column("source", "source"),
+    ]
+    return table(rows, columns)
+
+
+def _unbuilt(found: Tolerance) -> tuple[Html, ...]:
+    refused = found.copies[~found.copies["built"].astype(bool)]
+    if refused.empty:
+        return (paragraph("None."),)
+    counts = refused["reason"].value_counts()
+    rows = [{"reason": reason, "copies": int(count)} for reason, count in counts.items()]
+    return (table(rows, [Column("reason", "rule that is broken"), Column("copies", "copies")]),)

@@ -1,0 +1,97 @@
+"""Robust scores: a design counts as its copies would score when they are built, not as its drawing does."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from designlab.attempt import Evaluator
+from designlab.design import DesignError, InfeasibleDesign
+from designlab.effects import SensorModel
+from designlab.scores import Estimate
+from designlab.tolerance.spreads import Spread, copy, default_spreads, deviates, inputs
+from geometries.spec import Spec
+
+if TYPE_CHECKING:
+    from designlab.design import Design
+
+DRAWS = 0
+"""Seed of the draws: all designs of all studies are built with the same luck."""
+
+
+class Robust(Spec):
+    """How a design is scored by copies of it as they would be built."""
+
+    copies: int = Field(8, ge=2, le=1000, description="Copies of every design.")
+    aim: Literal["mean_minus_sigma", "worst"] = Field(
+        "mean_minus_sigma",
+        description="mean_minus_sigma: the mean of the copies, on the worse side by `sigmas` of their "
+        "standard deviations; worst: the worst copy.",
+    )
+    sigmas: float = Field(1.0, ge=0, le=6, description="Standard deviations taken from the mean.")
+    spread: tuple[Spread, ...] | None = Field(
+        None, description="What differs between copies; the usual spreads of each design when absent."
+    )
+
+
+@dataclass(frozen=True)
+class RobustScore:
+    """Scores over the copies of a design."""
+
+    scores: Mapping[str, Estimate]
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class RobustEvaluator:
+    """Evaluates the copies of a design, each of which must be buildable; see `Robust`.
+
+    Objectives are turned to their worse side, all other scores are means.
+    """
+
+    evaluator: Evaluator
+    robust: Robust
+    objectives: Mapping[str, Literal["maximise", "minimise"]]
+
+    def __call__(self, subject: "Design | SensorModel", /, *, fidelity: str, seed: int) -> RobustScore:
+        """Return the scores over the copies.
+
+        Raises
+        ------
+        InfeasibleDesign
+            If one of the copies cannot be built.
+        """
+        nominal = SensorModel.of(subject)
+        spreads = self.robust.spread or default_spreads(nominal.design)
+        drawn = inputs(nominal.design, spreads)
+        values = deviates(self.robust.copies, len(drawn), DRAWS)
+        built = []
+        for number, row in enumerate(values):
+            try:
+                model = copy(nominal, drawn, row)
+                model.effective_design().require_feasible()
+            except (DesignError, InfeasibleDesign) as error:
+                raise InfeasibleDesign(f"copy {number} cannot be built: {error}") from None
+            built.append(model)
+        found = [self.evaluator(model, fidelity=fidelity, seed=seed) for model in built]
+        names = found[0].scores.keys()
+        warnings = dict.fromkeys(text for one in found for text in getattr(one, "warnings", ()))
+        return RobustScore(
+            {name: self._over_copies(name, [one.scores[name] for one in found]) for name in names},
+            warnings=tuple(warnings),
+        )
+
+    def _over_copies(self, name: str, found: list[Any]) -> Estimate:
+        """One score of all copies; its error is that of a mean, the presses being the same for all."""
+        values, errors = (np.array([getattr(one, key) for one in found]) for key in ("value", "se"))
+        bounds = [one.bias_bound for one in found if one.bias_bound is not None]
+        value, way = float(values.mean()), self.objectives.get(name)
+        if way is not None:
+            worse = -1.0 if way == "maximise" else 1.0
+            value += worse * self.robust.sigmas * float(values.std(ddof=1))
+            if self.robust.aim == "worst":
+                value = float(values.min() if way == "maximise" else values.max())
+        return Estimate(value, float(errors.mean()), found[0].unit, max(bounds, default=None))
