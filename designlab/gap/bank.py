@@ -58,6 +58,38 @@ class Change:
 
 
 @dataclass(frozen=True, eq=False)
+class Stand:
+    """What is added where a press seems to stand, so that light is exact there.
+
+    Along the way from the stated pose it grows with the third power, as the error of a quadratic does.
+
+    Attributes
+    ----------
+    pose : array, shape (4,)
+        Where, in steps `POSE_STEP`.
+    error : array, shape (groups, rows, columns)
+        What pictures about the stated pose lack there.
+    """
+
+    pose: Array
+    error: Single
+
+    def share(self, pose: Array) -> float:
+        """How much of the error is added at a pose, in steps."""
+        return self._way(pose) ** 3
+
+    def slope(self, pose: Array, axis: int) -> Single:
+        """Derivative of the light by a step along an axis."""
+        way = self._way(pose)
+        rise = 3.0 * way**2 * float(self.pose[axis] / (self.pose @ self.pose)) if way < 1.0 else 0.0
+        return np.asarray(np.float32(rise) * self.error, dtype=np.float32)
+
+    def _way(self, pose: Array) -> float:
+        """How far along the way to the stand a pose lies, 0 to 1."""
+        return float(np.clip(pose @ self.pose / (self.pose @ self.pose), 0.0, 1.0))
+
+
+@dataclass(frozen=True, eq=False)
 class Picture:
     """Light of one stated press, and its changes.
 
@@ -80,6 +112,8 @@ class Picture:
         random error is below what every simulation is granted.
     calming : array, shape (groups, rows, columns), or None
         Factor that takes chance away from pictures of this press, where there are repeats.
+    stand : Stand or None
+        Where light was rendered besides, if the press seems to stand far from where it was stated.
     """
 
     light: Single
@@ -90,6 +124,7 @@ class Picture:
     changes: Mapping[tuple[str, str], Change] = field(default_factory=dict)
     spread: Single | None = None
     calming: Single | None = None
+    stand: Stand | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.gap.bank import POSE_STEP, Bank, rendered_at
+from designlab.gap.bank import POSE_STEP, Bank, Stand, rendered_at
 from designlab.gap.basis import Renders
 from designlab.gap.fit import Fitter
 from designlab.gap.forward import Forward, State
@@ -64,22 +64,28 @@ def placed(source: Renders, fitter: Fitter, train: Sequence[int], others: Sequen
     train, others : sequence of int
         Shots that gains are fitted to, and all others with a press, which are registered each by itself.
     """
-    rendered: dict[int, NDArray[np.float64]] = {}
+    given = fitter
+    stands: dict[int, Stand] = {}
     for _ in range(PLACINGS):
         state = fitter.fit(fitter.start(train), (), train).state
         fitter.measure(state)
         state = judge(fitter, state, others).state
-        away = {number: state.pose(number) / POSE_STEP for number in (*train, *others)}
-        far = [n for n, pose in away.items() if _beyond(pose, rendered.get(n))]
+        poses = {number: state.pose(number) for number in (*train, *others)}
+        far = {n: pose for n, pose in poses.items() if _beyond(pose / POSE_STEP, stands.get(n))}
         if not far:
             break
-        rendered |= {number: away[number] for number in far}
-        fitter = Fitter(exact(source, fitter.forward, state, (), far))
+        bare = replace(state, numerical=0.0)
+        for number, light in rendered_at(source, given.bank, {}, far):
+            stands[number] = Stand(far[number] / POSE_STEP, light - given.forward.light(bare, number))
+        pictures = [given.bank.of(number) for number in range(len(given.bank.shots))]
+        for number, stand in stands.items():
+            pictures[number] = replace(pictures[number], stand=stand)
+        fitter = Fitter(replace(given.bank, pictures=tuple(pictures), place=tuple(range(len(pictures)))))
     return fitter
 
 
-def _beyond(pose: NDArray[np.float64], rendered: NDArray[np.float64] | None) -> bool:
+def _beyond(pose: NDArray[np.float64], stand: Stand | None) -> bool:
     """Whether a pose, in steps, is further than pictures about the stated or the rendered one reach."""
-    if rendered is None:
+    if stand is None:
         return bool(np.abs(pose).max() > REACH)
-    return bool(np.abs(pose - rendered).max() > NEAR)
+    return bool(np.abs(pose - stand.pose).max() > NEAR)

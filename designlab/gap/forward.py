@@ -142,9 +142,12 @@ class Forward:
         for name, values in state.values.items():
             for change, t, times in self._changes(picture, name, values):
                 change.added(light, t, times)
-        for change, t in zip(picture.pose, self.pose(state, number) / POSE_STEP, strict=False):
+        pose = self.pose(state, number) / POSE_STEP
+        for change, t in zip(picture.pose, pose, strict=False):
             if t:
                 change.added(light, t)
+        if picture.stand is not None:
+            light += np.float32(picture.stand.share(pose)) * picture.stand.error
         return light
 
     def _changes(
@@ -390,8 +393,11 @@ class Forward:
             if not picture.pose:
                 return np.zeros(shape, dtype=np.float32)
             axis = DEPTH if unknown.effect == DEEPER else POSE.index(unknown.name)
-            t = float(self.pose(state, number)[axis] / POSE_STEP[axis])
-            return picture.pose[axis].slope(shape, t) / np.float32(POSE_STEP[axis])
+            pose = self.pose(state, number) / POSE_STEP
+            slope = picture.pose[axis].slope(shape, float(pose[axis]))
+            if picture.stand is not None:
+                slope += picture.stand.slope(pose, axis)
+            return slope / np.float32(POSE_STEP[axis])
         change = picture.changes.get((unknown.effect, unknown.name))
         if change is None:
             return None

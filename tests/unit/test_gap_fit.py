@@ -8,12 +8,13 @@ from scipy.fft import idctn
 
 from designlab.design import preset
 from designlab.effects import AppliedEffect, SensorModel, effect
-from designlab.gap.bank import Bank, fill, moved
+from designlab.gap.bank import POSE_STEP, Bank, fill, moved
 from designlab.gap.basis import Renders
 from designlab.gap.control import control
 from designlab.gap.evidence import System
+from designlab.gap.exact import placed
 from designlab.gap.fit import Fit, Fitter, with_strength
-from designlab.gap.forward import Forward, State, bands
+from designlab.gap.forward import Forward, State, Unknown, bands
 from designlab.gap.grain import grains
 from designlab.gap.intervals import values
 from designlab.gap.judge import Judged, gain, judge
@@ -210,6 +211,39 @@ def test_the_last_fit_is_closer_than_that_of_the_search(bank, renders) -> None:
         still = replace(last.state, numerical=0.0)
         combined, exact = (np.abs(f.forward.light(still, number) - rendered).max() for f in (fitter, near))
         assert exact < 0.25 * combined  # values have moved a little since
+
+
+def test_presses_far_from_where_they_were_stated_are_rendered_there(bank, renders) -> None:
+    away = np.array([0.13, -0.08, 0.02, 0.0])  # two steps
+    shot = taken(SensorModel.of(DESIGN), PRESSES[0], away, "train", 20)
+    shot = replace(shot, pose_sigma=np.array([0.1, 0.1, 0.02, 0.0]))
+    fitter = Fitter(replace(bank, shots=(bank.shots[0], shot, *bank.shots[2:])))
+    near = placed(renders, fitter, [0, 1, 2], [3, 4])
+    assert [picture.stand is not None for picture in near.bank.pictures] == [False, True, False, False, False]
+    stand = near.bank.of(1).stand
+    assert stand is not None
+    pose = stand.pose * POSE_STEP
+    assert pose[:3] == pytest.approx(away[:3], abs=0.01)
+    rendered = Simulator(SensorModel.of(DESIGN), view=VIEW, samples=SAMPLES, seed=SEED)
+    there = rendered.frame(moved(PRESSES[0], pose)).basis
+    state = State(GAINS, poses={1: pose})
+    combined, exact = (np.abs(f.forward.light(state, 1) - there).max() for f in (fitter, near))
+    assert exact < 0.02 * combined
+    stated = State(GAINS)
+    np.testing.assert_array_equal(near.forward.light(stated, 1), fitter.forward.light(stated, 1))
+    # Derivatives are those of what is predicted, also on the way.
+    for share in (0.6, 1.1):
+        at, step = share * pose, 1e-4
+        ends = (
+            near.forward.light(State(GAINS, poses={1: at + sign * step * np.eye(4)[0]}), 1).astype(float)
+            for sign in (-1, 1)
+        )
+        low, high = ends
+        unknown = Unknown("pose", "x_mm", 1.0, 1)
+        slope = near.forward._light_slope(State(GAINS, poses={1: at}), 1, unknown, near.bank.of(1))
+        assert slope is not None
+        difference = (high - low) / (2 * step)
+        assert np.abs(slope - difference).max() < 0.02 * np.abs(difference).max()
 
 
 def test_what_poses_take_up_is_named(bank) -> None:

@@ -197,11 +197,8 @@ def fragile(model, *, fidelity, seed):
 @pytest.mark.parametrize("aim", ["mean_minus_sigma", "worst"])
 def test_a_robust_study_gives_up_a_peak_that_cannot_be_built(aim, tmp_path):
     spread = Spread(field="leds.tilt_deg", sd=2.0)
-    common = {
-        "variants": {},
-        "parameters": {"leds.tilt_deg": {"low": 0, "high": 40, "step": 0.5}},
-        "trials": 60,
-    }
+    tilts = {"leds.tilt_deg": {"low": 0, "high": 40}}
+    common = {"variants": {}, "parameters": tilts, "trials": 64, "sampler": "qmc"}
     nominal = run(make(**common), tmp_path / "nominal", fragile)
     robust = run(make(**common, robust=Robust(spread=(spread,), aim=aim)), tmp_path / "robust", fragile)
     assert nominal.pareto.iloc[0]["leds.tilt_deg"] == pytest.approx(30, abs=1)
@@ -229,9 +226,9 @@ def test_a_design_of_which_a_copy_cannot_be_built_is_infeasible(tmp_path):
     spread = Spread(field="leds.height_mm", sd=2.0)
     study = make(
         variants={},
-        parameters={"leds.height_mm": {"low": 5, "high": 14}},
+        parameters={"leds.height_mm": {"low": 4.5, "high": 14}},
         robust=Robust(spread=(spread,)),
-        trials=5,
+        trials=15,
     )
     results = run(study, tmp_path / "out", fragile)
     refused = results.frame[results.frame["state"] == "infeasible"]
