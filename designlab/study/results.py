@@ -179,6 +179,8 @@ def load_results(out: str | Path) -> Results:
         if name not in frame:
             frame[name] = None
     frame = frame.astype({"reuse_of": "Int64", "violation_mm": float})
+    # A table whose trials are all of one kind must not differ in its columns' kinds from any other.
+    frame["violated"] = frame["violated"].astype(object).where(frame["violated"].notna(), None)
     return Results(folder, study, frame, units, tuple(warnings))
 
 
