@@ -1,5 +1,6 @@
 """What a score must be: the terms of a study's constraints, and of a specification that copies must meet."""
 
+import math
 from typing import Self
 
 from pydantic import Field, model_validator
@@ -22,9 +23,14 @@ class Bound(Spec):
         return self
 
     def broken_by(self, value: float) -> float:
-        """By how much a value breaks the bound, in the unit of the score; zero or less if it keeps it."""
-        below = -float("inf") if self.least is None else self.least - value
-        above = -float("inf") if self.most is None else value - self.most
+        """By how much a value breaks the bound, in the unit of the score; zero or less if it keeps it.
+
+        A score without a value keeps none.
+        """
+        if math.isnan(value):
+            return math.inf
+        below = -math.inf if self.least is None else self.least - value
+        above = -math.inf if self.most is None else value - self.most
         return max(below, above)
 
     def text(self) -> str:

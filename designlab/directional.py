@@ -7,7 +7,6 @@ no shadow cast, no light from wall to wall, no fall-off with distance, no refrac
 
 import hashlib
 import json
-import tomllib
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from math import atan2, cos, degrees, hypot, radians, sin
@@ -23,6 +22,7 @@ from designlab.design import CHANNELS, Design, DesignError, assign, explain
 from designlab.effects.model import ModelError, SensorModel, load_model
 from designlab.press import Press
 from designlab.simulate import TARGET_SIGNAL, Simulator
+from designlab.store import read_toml
 from geometries.elastomer import inside
 from geometries.leds import emitters
 from geometries.spec import Spec, quantity
@@ -227,10 +227,7 @@ def load_any_model(name_or_path: str | Path) -> SensorModel | DirectionalLight:
     """
     path = Path(name_or_path)
     if path.is_file():
-        try:
-            content = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise ModelError(f"{path}: not valid TOML: {error}") from None
+        content = read_toml(path, error=ModelError)
         if content.get("kind") == KIND:
             return _from_content(content, str(path))
     return load_model(name_or_path)

@@ -5,6 +5,7 @@ import hashlib
 import json
 import os
 import shutil
+import tomllib
 import uuid
 import zipfile
 from collections.abc import Iterator, Mapping
@@ -284,6 +285,52 @@ def _prune(folder: Path, *, keep: Path, limit_bytes: int) -> None:
 def write_json(path: str | Path, content: Any) -> Path:
     """Write plain data as indented JSON, whole or not at all; raises ValueError for NaN and infinities."""
     return write_atomic(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
+
+
+def read_json(path: str | Path) -> dict[str, Any]:
+    """Read a JSON file that holds an object.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be read, or holds something else.
+    """
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except ValueError as error:  # neither text nor JSON
+        raise ValueError(f"{path}: is damaged, delete it and go on: {error}") from None
+    if not isinstance(content, dict):
+        raise ValueError(f"{path}: is damaged, delete it and go on: holds no record")
+    return content
+
+
+def read_toml(path: str | Path, *, error: type[ValueError] = ValueError) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises
+    ------
+    ValueError
+        Or the kind of it that is given: if the file cannot be read.
+    """
+    try:
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as problem:
+        raise error(f"{path}: not valid TOML: {problem}") from None
+    except (OSError, UnicodeDecodeError) as problem:
+        reason = problem.strerror if isinstance(problem, OSError) else problem
+        raise error(f"{path}: cannot be read: {reason}") from None
+
+
+def require_version(
+    content: Mapping[str, Any], path: str | Path, known: int, *, error: type[ValueError]
+) -> None:
+    """Refuse the content of a file that states another format version than the one known."""
+    version = content.get("version")
+    if version != known:
+        found = "no format version" if version is None else f"format version {version!r}"
+        raise error(f"{path}: field version: has {found}, this designlab reads {known}")
 
 
 def _sibling(target: Path) -> Path:

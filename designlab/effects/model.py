@@ -15,7 +15,7 @@ from designlab.effects.catalogue import CATALOGUE
 from designlab.effects.known import Covariance, Domain, Provenance
 from designlab.press import Press
 from designlab.scene import Scene
-from designlab.store import write_atomic
+from designlab.store import read_toml, write_atomic
 from geometries.spec import Spec
 
 FORMAT = 2  # version 1 had neither covariance nor domain nor provenance, and is read
@@ -269,10 +269,7 @@ def load_model(name_or_path: str | Path) -> SensorModel:
     """
     path = Path(name_or_path)
     if path.is_file():
-        try:
-            content = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise ModelError(f"{path}: not valid TOML: {error}") from None
+        content = read_toml(path, error=ModelError)
         if "format" in content:
             return _from_content(content, str(path))
     return SensorModel(design=load(name_or_path))

@@ -143,6 +143,8 @@ class Bank:
         Number of the picture of each shot.
     origin : mapping of effect to values
         Where rendered effects stand in the pictures; those not named are at their null.
+    stands : mapping of effect to values
+        Where light is exact instead, if it has been rendered there.
     """
 
     model: SensorModel
@@ -150,6 +152,7 @@ class Bank:
     pictures: tuple[Picture, ...]
     place: tuple[int, ...]
     origin: Mapping[str, Values] = field(default_factory=dict)
+    stands: Mapping[str, Values] = field(default_factory=dict)
 
     def of(self, number: int) -> Picture:
         """Picture of a shot."""

@@ -135,7 +135,7 @@ def diagnose(
     fitter = placed(source, Fitter(fill(source, model, seen.shots, names)), train, [*select, *final])
     start = fitter.fit(fitter.start(train), (), train).state
     fitter.measure(start)
-    search = Search(fitter, names, train, select, progress=progress)
+    search = Search(fitter, names, train, select, source, progress=progress)
     best, before, after = search.run(start)
     alike = [winner.coherence_set for winner in search.winners]
     verdict = verdict_of(alike, before.mean, after.mean, float(after.floor.mean()))
@@ -143,7 +143,7 @@ def diagnose(
     if verdict in ("unexplained", "at_floor"):
         best, after = replace(best, state=before.state), before
     else:
-        last, best = refined(source, fitter, best, train)
+        last, best = refined(source, search.fitter, best, train)
         after = judge(last, best.state, select)
     source.begin("report", 1)
     stands = (fitter, before.state), (last, best.state)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.effects import effect
 from designlab.gap.bank import POSE_STEP, Bank, Stand, rendered_at
 from designlab.gap.basis import Renders
 from designlab.gap.fit import Fitter
@@ -15,6 +16,7 @@ from designlab.gap.judge import judge
 PLACINGS = 2  # times that presses are rendered anew where they seem to stand
 REACH = 1.0  # steps of a pose about the stated one between which pictures are combined well
 NEAR = 0.2  # likewise, about one that was rendered
+FAR_SD = 0.5  # prior standard deviations from null that pictures rendered about it are exact enough for
 
 
 def exact(
@@ -46,7 +48,32 @@ def exact(
     for number, light in rendered_at(source, bank, values, poses):
         error = light - forward.light(combined, number)
         pictures[number] = replace(pictures[number], light=pictures[number].light + error)
-    return replace(bank, pictures=tuple(pictures), place=tuple(range(len(pictures))))
+    return replace(bank, pictures=tuple(pictures), place=tuple(range(len(pictures))), stands=values)
+
+
+def exact_fitter(source: Renders, fitter: Fitter, state: State, shots: Sequence[int]) -> Fitter:
+    """Fitter whose pictures of some shots are exact at a state, with the noise of another: see `exact`."""
+    names = [name for name in state.values if effect(name).rendered]
+    return fitter.of(exact(source, fitter.forward, state, names, shots), fitter.noises)
+
+
+def is_far(fitter: Fitter, state: State, reach: float = FAR_SD) -> bool:
+    """Whether a state is too far from where the light of a fitter's pictures is exact.
+
+    Parameters
+    ----------
+    reach : float
+        How far values may be from there that are far from null, in prior standard deviations.
+    """
+    stands = fitter.bank.stands
+    return any(
+        abs(values[p.name] - p.null) > FAR_SD * p.sd
+        and abs(values[p.name] - stands.get(name, {}).get(p.name, p.null)) > reach * p.sd
+        for name, values in state.values.items()
+        if effect(name).rendered
+        for p in fitter.forward.parameters[name]
+        if not p.shape  # what only shapes an effect is known least, and cannot be far alone
+    )
 
 
 def placed(source: Renders, fitter: Fitter, train: Sequence[int], others: Sequence[int]) -> Fitter:

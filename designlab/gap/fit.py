@@ -64,6 +64,12 @@ class Fitter:
         self.alike = ALIKE
         self.smooth_alike = SMOOTH_ALIKE
 
+    def of(self, bank: Bank, noises: list[Noise]) -> "Fitter":
+        """Fitter of other pictures and noise that counts values as this one does."""
+        other = Fitter(bank)
+        other.noises, other.alike, other.smooth_alike = noises, self.alike, self.smooth_alike
+        return other
+
     def start(self, shots: Sequence[int]) -> State:
         """Gains by linear least squares, by brightness: a wrong model must not let dark values decide.
 

@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.effects import effect
+from designlab.gap.basis import Renders
 from designlab.gap.coordinates import coordinate
 from designlab.gap.evidence import System, log_evidence
+from designlab.gap.exact import exact_fitter, is_far
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter, with_strength
 from designlab.gap.forward import State
 from designlab.gap.judge import LEAST_IMPROVED, LEAST_SHARE, Gain, Judged, gain, judge, squared
@@ -24,6 +26,7 @@ FITTED = 6  # candidates of a round that are fitted to the end
 PROMISING = 5.0  # logarithm of the Bayes factor by linear approximation from which a candidate is fitted
 DECISIVE = 16.0  # logarithm of the Bayes factor from which an effect counts as seen
 LATER_DECISIVE = 60.0  # likewise beside other effects
+CONTENDING = 0.5  # of the highest such logarithm from which a candidate may turn out to be the best
 AS_GOOD = 3.0  # difference of such logarithms within which effects are not told apart
 AS_GOOD_SHARE = 0.05  # likewise, of the whole: to no better than that an effect itself is known to be right
 LEAST_OWN = 0.1  # of the own gap of a press, in the mean, where few presses show most of an effect
@@ -40,11 +43,12 @@ class Attempt:
     """One candidate, fitted and judged.
 
     `evidence` is the logarithm of the Bayes factor against the model without it, on the shots fitted to and
-    on held-out ones together; `left` is the gap it began from.
+    on held-out ones together; `left` is the gap it began from, `fitter` has the pictures it was fitted with.
     """
 
     name: str
     left: float
+    fitter: Fitter
     fit: Fit
     judged: Judged
     gain: Gain
@@ -72,6 +76,8 @@ class Search:
         Effects to try.
     train, select : sequence of int
         Shots to fit to, and to judge by.
+    source : Renders, optional
+        Where pictures of what was fitted far from null come from; those about null must do when absent.
     progress : callable, optional
         Called with what is done now, steps done, and steps in all as far as is known.
     """
@@ -80,6 +86,7 @@ class Search:
     names: Sequence[str]
     train: Sequence[int]
     select: Sequence[int]
+    source: Renders | None = None
     tried: list[Candidate] = field(default_factory=list)
     winners: list[Winner] = field(default_factory=list)
     alternatives: dict[str, State] = field(default_factory=dict)
@@ -89,6 +96,10 @@ class Search:
     screened: list[dict[str, float]] = field(default_factory=list)
     _steps: int = 0
     _reached: dict[str, State] = field(default_factory=dict)
+    _given: Fitter = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._given = self.fitter
 
     def run(self, state: State) -> tuple[Fit, Judged, Judged]:
         """Add effects until none passes.
@@ -105,6 +116,7 @@ class Search:
             attempt = self._round(number, best, now)
             if attempt is None:
                 break
+            self.fitter = attempt.fitter
             best, now = self._pruned(number, attempt.fit, attempt.judged)
         return best, first, now
 
@@ -124,17 +136,19 @@ class Search:
             self._tell(name, len(promising) - place)
             begun = time.perf_counter()
             attempts.append((self._attempt(name, base, now), time.perf_counter() - begun))
+        attempts = self._contended(attempts, base, now)
         passed = []
         for attempt, seconds in attempts:
-            reason = self._refused(attempt, base.state)
+            reason = self._refused(attempt, base.state, self.fitter)
             self._note(number, attempt, reason or "passed", seconds)
             if not reason:
                 passed.append(attempt)
         if not passed:
             return None
-        most_likely = max(passed, key=lambda attempt: attempt.evidence)
+        leading = self._leading(passed)
+        most_likely = max(leading, key=lambda attempt: attempt.evidence)
         nearly = max(AS_GOOD, AS_GOOD_SHARE * most_likely.evidence)
-        equal = [a for a in passed if most_likely.evidence - a.evidence <= nearly]
+        equal = [a for a in leading if most_likely.evidence - a.evidence <= nearly]
         # Of effects that explain as much, the simplest: another has parameters for what nobody has listed.
         as_much = [a for a in equal if not self._closes_more(most_likely, a)]
         best = min(as_much, key=lambda a: (len(self.fitter.forward.parameters[a.name]), -a.evidence))
@@ -145,6 +159,39 @@ class Search:
         if len(equal) > 1:
             self.alternatives = {a.name: a.fit.state for a in equal}
         return best
+
+    def _contended(
+        self, attempts: Sequence[tuple[Attempt, float]], base: Fit, now: Judged
+    ) -> list[tuple[Attempt, float]]:
+        """Fit those that may win again where they stand, if pictures about null are far from there.
+
+        What these lack there grows with an effect, until another one seems to be more likely.
+        """
+        most = max((attempt.evidence for attempt, _ in attempts), default=0.0)
+        found = []
+        for attempt, seconds in attempts:
+            begun = time.perf_counter()
+            near = None
+            if attempt.evidence >= max(CONTENDING * most, DECISIVE):
+                near = self._near(self.fitter, attempt.judged.state)
+            again = (
+                attempt if near is None else self._judged(attempt.name, base, now, attempt.fit.state, near)
+            )
+            found.append((again, seconds + time.perf_counter() - begun))
+        return found
+
+    def _near(self, fitter: Fitter, state: State) -> Fitter | None:
+        """Fitter whose pictures are rendered where a state stands; None if its own are near enough."""
+        if self.source is None or not is_far(fitter, state):
+            return None
+        return exact_fitter(self.source, fitter, state, [*self.train, *self.select])
+
+    def _leading(self, passed: Sequence[Attempt]) -> list[Attempt]:
+        """Those that no other surely surpasses on held-out shots.
+
+        One press may hold most of the evidence: of another size than stated, it is as if the lens were wrong.
+        """
+        return [a for a in passed if not any(self._closes_more(other, a) for other in passed)]
 
     def _closes_more(self, one: Attempt, other: Attempt) -> bool:
         """Whether one candidate closes more of the gap than another, press by press."""
@@ -171,15 +218,21 @@ class Search:
         for winner in self.winners[:-1]:
             state = best.state.without(winner.name)
             names = [name for name in state.values if name != "fixed_pattern"]
-            without = self.fitter.fit(state, names, self.train)
-            judged = judge(self.fitter, without.state, self.select)
+            own = self._given
+            without = own.fit(state, names, self.train)
+            judged = judge(own, without.state, self.select)
+            if near := self._near(own, judged.state):
+                own = near
+                without = own.fit(without.state, names, self.train)
+                judged = judge(own, without.state, self.select)
             evidence = 0.5 * (without.objective - best.objective) - self._occam(best, winner.name)
             evidence += 0.5 * float((judged.objective - now.objective).sum())
-            attempt = Attempt(winner.name, judged.gap, best, now, gain(judged, now, self.gap), evidence)
-            if reason := self._refused(attempt, without.state):
+            made = gain(judged, now, self.gap)
+            attempt = Attempt(winner.name, judged.gap, self.fitter, best, now, made, evidence)
+            if reason := self._refused(attempt, without.state, own):
                 self._note(number, attempt, f"dropped: {reason}")
                 self.winners.remove(winner)
-                best, now = without, judged
+                best, now, self.fitter = without, judged, own
                 self._inherit(number, winner, best.state)
         return best, now
 
@@ -246,7 +299,10 @@ class Search:
         )
 
     def _attempt(self, name: str, base: Fit, now: Judged) -> Attempt:
-        fitter = self.fitter
+        return self._judged(name, base, now, self._beginning(name, base.state), self.fitter)
+
+    def _judged(self, name: str, base: Fit, now: Judged, begin: State, fitter: Fitter) -> Attempt:
+        """Fit a candidate with the pictures of a fitter, from a state on, and judge it."""
         present = [n for n in base.state.values if n != "fixed_pattern"]
         if name == "fixed_pattern":
             pattern = found_pattern(fitter, base.state, self.train)
@@ -254,7 +310,7 @@ class Search:
             found = fitter.fit(state, present, self.train)
             evidence = pattern.evidence
         else:
-            found = fitter.fit(self._beginning(name, base.state), [*present, name], self.train)
+            found = fitter.fit(begin, [*present, name], self.train)
             evidence = 0.5 * (base.objective - found.objective) - self._occam(found, name)
             if name == "banding":
                 evidence -= float(np.log(len(PERIODS)))
@@ -263,7 +319,7 @@ class Search:
             self._reached[name] = found.state
         judged = judge(fitter, found.state, self.select)
         evidence += 0.5 * float((now.objective - judged.objective).sum())
-        return Attempt(name, now.gap, found, judged, gain(now, judged, self.gap), evidence)
+        return Attempt(name, now.gap, fitter, found, judged, gain(now, judged, self.gap), evidence)
 
     def _occam(self, found: Fit, name: str) -> float:
         """Half the logarithm of how much narrower the fit has made an effect's parameters."""
@@ -275,6 +331,8 @@ class Search:
 
     def _beginning(self, name: str, base: State) -> State:
         """Where the fit of a candidate begins: at its null, in later rounds at what it reached before."""
+        if name == "fixed_pattern":
+            return base
         if name == "banding":
             return replace(self._with_period(base), poses={})
         if name not in self._reached:
@@ -282,16 +340,16 @@ class Search:
         before = self._reached[name]
         return replace(base.with_values(name, before.values[name]), poses=before.poses)
 
-    def _untouched_worse(self, attempt: Attempt, base: State) -> float:
+    def _untouched_worse(self, attempt: Attempt, base: State, fitter: Fitter) -> float:
         """Rise of the squared residual of the untouched gel, as a share of it or of the floor.
 
         No effect may explain presses by what the gel does not show without them.
         """
-        taken = self.fitter.bank.shots
+        taken = fitter.bank.shots
         shots = [n for n in self.train if taken[n].press is None and taken[n].valid.any()]
         before, after = (
-            np.mean([squared(self.fitter, state, n) for n in shots], axis=0)
-            for state in (base, attempt.fit.state)
+            np.mean([squared(own, state, n) for n in shots], axis=0)
+            for own, state in ((fitter, base), (attempt.fitter, attempt.fit.state))
         )
         return float((after[0] - before[0]) / max(before))
 
@@ -315,8 +373,8 @@ class Search:
             return f"closes {share:.1%} of the gap, give or take {se:.1%}: {least:.1%} are not sure"
         return ""
 
-    def _refused(self, attempt: Attempt, base: State) -> str:
-        """Why a candidate does not pass; empty if it does."""
+    def _refused(self, attempt: Attempt, base: State, fitter: Fitter) -> str:
+        """Why a candidate does not pass, beside a state fitted with a fitter's pictures; empty if it does."""
         if unsure := self._unsure(attempt, later=bool(base.values)):
             return unsure
         drawn = attempt.name in DRAWN_SD
@@ -328,7 +386,7 @@ class Search:
         # Some draws of a single shot are small: not every one can gain.
         if not drawn and attempt.gain.improved < LEAST_IMPROVED:
             return f"only {attempt.gain.improved:.0%} of the held-out presses improve"
-        if (worse := self._untouched_worse(attempt, base)) > LEAST_SHARE:
+        if (worse := self._untouched_worse(attempt, base, fitter)) > LEAST_SHARE:
             return f"adds {worse:.1%} to the residual of the untouched gel"
         if bound := self.fitter.at_bound(attempt.fit.state, attempt.name):
             return f"at the bound of {', '.join(bound)}"

@@ -1,6 +1,5 @@
 """What a study varies and what it seeks: parameters, objectives, effort; its TOML format."""
 
-import tomllib
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
@@ -9,7 +8,7 @@ from pydantic import Field, ValidationError, ValidationInfo, field_validator, mo
 
 from designlab.bounds import Bound
 from designlab.design import Design, DesignError, explain, preset, preset_names
-from designlab.store import digest
+from designlab.store import digest, read_toml, require_version
 from designlab.study.robust import Robust
 from geometries.spec import Spec
 
@@ -350,17 +349,8 @@ def load_study(path: str | Path) -> Study:
         If the file cannot be read, is of another format version, or breaks a rule.
     """
     file = Path(path)
-    try:
-        content = tomllib.loads(file.read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as error:
-        raise StudyError(f"{file}: not valid TOML: {error}") from None
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise StudyError(f"{file}: cannot be read: {reason}") from None
-    version = content.get("version")
-    if version != FORMAT_VERSION:
-        found = "no format version" if version is None else f"format version {version!r}"
-        raise StudyError(f"{file}: field version: has {found}, this designlab reads {FORMAT_VERSION}")
+    content = read_toml(file, error=StudyError)
+    require_version(content, file, FORMAT_VERSION, error=StudyError)
     beside = file.parent / str(content.get("base"))
     if isinstance(content.get("base"), str) and beside.is_file():
         content["base"] = beside

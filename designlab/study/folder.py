@@ -1,7 +1,6 @@
 """The folder of a study: its definition, the record of its trials, and the lock of the run that writes."""
 
 import contextlib
-import json
 import os
 import sqlite3
 import tomllib
@@ -9,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from designlab.store import remove_partial, write_atomic
+from designlab.store import read_json, remove_partial, write_atomic
 from designlab.study.definition import Study, StudyError, dumps_study, load_study
 
 if TYPE_CHECKING:
@@ -171,8 +170,7 @@ def read_trial(folder: Path, number: int) -> dict[str, Any] | None:
     path = trial_folder(folder, number) / "score.json"
     if not path.is_file():
         return None
-    content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return content
+    return read_json(path)
 
 
 def read_design(folder: Path, number: int) -> dict[str, Any]:
@@ -188,4 +186,4 @@ def confirmation_path(folder: Path, name: str) -> Path:
 def read_confirmations(folder: Path) -> Iterator[dict[str, Any]]:
     """Return what designs scored when they were evaluated again, as plain data."""
     for path in sorted((folder / CONFIRMED_FOLDER).glob("*.json")):
-        yield json.loads(path.read_text(encoding="utf-8"))
+        yield read_json(path)

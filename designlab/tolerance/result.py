@@ -1,7 +1,6 @@
 """What copies of a design scored: how many are good, how scores vary, and which spread is to blame."""
 
-import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from designlab.bounds import Bound
+from designlab.store import read_json
 from designlab.tolerance.spreads import Spread
 
 if TYPE_CHECKING:
@@ -186,7 +186,7 @@ def load_tolerance(folder: str | Path) -> Tolerance:
     Raises
     ------
     ValueError
-        If the folder holds no run, or not yet a copy.
+        If the folder holds no run, or not yet a copy, or a file there is damaged.
     """
     import pandas as pd
 
@@ -194,20 +194,27 @@ def load_tolerance(folder: str | Path) -> Tolerance:
     path = folder / RUN_FILE
     if not path.is_file():
         raise ValueError(f"{folder}: holds no tolerance run ({RUN_FILE} is expected)")
-    run = json.loads(path.read_text(encoding="utf-8"))
+    run = read_json(path)
     records = []
     for number in range(NOMINAL, run["copies"]):
         own = copy_path(folder, number)
         if own.is_file():
-            records.append(json.loads(own.read_text(encoding="utf-8")))
+            records.append(read_json(own))
     inputs = tuple(next((r["deviates"] for r in records if r["deviates"]), {}))
     units = {name: estimate["unit"] for r in records for name, estimate in r.get("scores", {}).items()}
     if not inputs or not units:
         raise ValueError(f"{folder}: no copy is finished yet")
+    require_scores(run["spec"], units)
     frame = pd.DataFrame([_row(record, inputs, tuple(units)) for record in records])
     spec = {name: Bound.model_validate(bound) for name, bound in run["spec"].items()}
     spreads = tuple(Spread.model_validate(spread) for spread in run["spreads"])
     return Tolerance(folder, run["design"], spec, frame, inputs, units, spreads)
+
+
+def require_scores(spec: Collection[str], known: Collection[str]) -> None:
+    """Refuse a specification of scores that an evaluation does not give."""
+    if unknown := [name for name in spec if name not in known]:
+        raise ValueError(f"spec: {', '.join(unknown)}: no such score; known are {', '.join(known)}")
 
 
 def _row(record: Mapping[str, Any], inputs: tuple[str, ...], scores: tuple[str, ...]) -> dict[str, Any]:

@@ -1,7 +1,6 @@
 """Monte Carlo of built copies: each is drawn, evaluated and kept; an interrupted run goes on."""
 
 import contextlib
-import json
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
@@ -16,8 +15,15 @@ from designlab.bounds import Bound
 from designlab.design import Design, DesignError
 from designlab.effects import SensorModel
 from designlab.interrupts import Interrupts
-from designlab.store import digest, write_json
-from designlab.tolerance.result import NOMINAL, RUN_FILE, Tolerance, copy_path, load_tolerance
+from designlab.store import digest, read_json, write_json
+from designlab.tolerance.result import (
+    NOMINAL,
+    RUN_FILE,
+    Tolerance,
+    copy_path,
+    load_tolerance,
+    require_scores,
+)
 from designlab.tolerance.spreads import Input, Spread, copy, default_spreads, deviates, inputs
 from designlab.workers import completed, submitter
 
@@ -70,14 +76,18 @@ def tolerance(
 
     Raises
     ------
+    InfeasibleDesign
+        If the drawing itself cannot be built.
     ValueError
-        If a spread does not fit the design, or the folder holds another run.
+        If a spread does not fit the design, the specification names no score, or the folder holds another
+        run.
     ToleranceInterrupted
         If the user pressed Ctrl-C; nothing that was finished is lost.
     """
     if copies < 2 or workers < 1:
         raise ValueError(f"copies and workers must be at least 2 and 1, got {copies} and {workers}")
     nominal = SensorModel.of(design)
+    nominal.effective_design().require_feasible()
     chosen = default_spreads(nominal.design) if spreads is None else tuple(spreads)
     drawn = inputs(nominal.design, chosen)
     if not drawn:
@@ -99,6 +109,7 @@ def tolerance(
         try:
             with submitter(workers, interrupts, dask=dask) as submit:
                 for place, found in completed(submit, calls, at_once=workers, interrupts=interrupts):
+                    require_scores(spec or {}, found.get("scores", spec or {}))
                     k = missing[place]
                     write_json(copy_path(folder, k), _record(k, drawn, values, found))
                     step()
@@ -155,7 +166,7 @@ def _claim(
     stated = [spread.model_dump(mode="json") for spread in spreads]
     ours = digest(nominal.digest, stated, fidelity, seed)
     if path.is_file():
-        before = json.loads(path.read_text(encoding="utf-8"))
+        before = read_json(path)
         if before.get("digest") != ours:
             raise ValueError(
                 f"{folder}: holds another run, of {before.get('design')!r}: design, spreads, fidelity or "

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, ValidationError
 from scipy.stats import qmc, truncnorm
 
-from designlab.design import Design
+from designlab.design import Design, DesignError, explain
 from designlab.effects import AppliedEffect, SensorModel, effect
 from geometries.spec import Spec
 
@@ -63,13 +63,13 @@ def default_spreads(design: Design) -> tuple[Spread, ...]:
     found = [
         Spread(
             field="leds.groups.*.flux_mw",
-            sd=0.07,
+            sd=0.035,
             relative=True,
-            source="ends of an intensity bin 12 % from its middle (data sheet OSXX0402C1C), even over it",
+            source="an intensity bin is 10 to 15 % wide (data sheet OSXX0402C1C), even over it",
         ),
         Spread(
             field="effects.led_spread.*",
-            sd=0.07,
+            sd=0.035,
             source="as the flux of groups: LEDs side by side are of one bin",
         ),
         Spread(
@@ -231,9 +231,12 @@ def copy(nominal: SensorModel, drawn: Sequence[Input], values: Array) -> SensorM
         _put(changes, design, each.name, moved - shares)
         for path in each.spread.also:
             _put(changes, design, path, np.full(1, float(moved[0] - shares[0])))
-    model = nominal.replace(changes) if changes else nominal
-    for name, own in built.items():
-        model = model.with_effect(AppliedEffect(name=name, values=own))
+    try:
+        model = nominal.replace(changes) if changes else nominal
+        for name, own in built.items():
+            model = model.with_effect(AppliedEffect(name=name, values=own))
+    except ValidationError as error:  # a value beyond the bounds of an effect
+        raise DesignError(explain(error)) from None
     return model
 
 

@@ -1,6 +1,5 @@
 """The terms of a tolerance run as a TOML file: what a copy must score, and what differs between copies."""
 
-import tomllib
 from pathlib import Path
 from typing import Literal
 
@@ -8,6 +7,7 @@ from pydantic import Field, ValidationError
 
 from designlab.bounds import Bound
 from designlab.design import explain
+from designlab.store import read_toml, require_version
 from designlab.tolerance.spreads import Spread
 from geometries.spec import Spec
 
@@ -32,19 +32,9 @@ def load_terms(path: str | Path) -> Terms:
     ValueError
         If the file cannot be read, is of another format version, or breaks a rule.
     """
-    file = Path(path)
-    try:
-        content = tomllib.loads(file.read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"{file}: not valid TOML: {error}") from None
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise ValueError(f"{file}: cannot be read: {reason}") from None
-    version = content.get("version")
-    if version != FORMAT_VERSION:
-        found = "no format version" if version is None else f"format version {version!r}"
-        raise ValueError(f"{file}: field version: has {found}, this designlab reads {FORMAT_VERSION}")
+    content = read_toml(path)
+    require_version(content, path, FORMAT_VERSION, error=ValueError)
     try:
         return Terms.model_validate(content)
     except ValidationError as error:
-        raise ValueError(f"{file}: {explain(error)}") from None
+        raise ValueError(f"{path}: {explain(error)}") from None

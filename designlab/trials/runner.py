@@ -17,7 +17,7 @@ from designlab.measurement import MeasurementError, load_measurement
 from designlab.plant import plant, unseal
 from designlab.plant.effects import draw
 from designlab.plant.rig import Rig
-from designlab.store import write_json
+from designlab.store import read_json, write_json
 from designlab.trials.pool import Trial, frames_of
 from designlab.workers import completed, submitter
 
@@ -119,7 +119,7 @@ def kept(
     missing = [n for n, path in enumerate(paths) if not path.is_file()]
     for n, path in enumerate(paths):
         if n not in missing:
-            _check_same(path, asdict(trials[n]), _record(path).get("trial"))
+            _check_same(path, asdict(trials[n]), read_json(path).get("trial"))
     at_once = MOST_CALLS if crew.dask is not None else crew.workers
 
     def tell(what: str) -> None:
@@ -139,18 +139,7 @@ def kept(
             f"a worker process died, perhaps for lack of memory with {crew.workers} workers; sets that are "
             "finished are kept: the same command goes on"
         ) from error
-    return [_record(path) for path in paths]
-
-
-def _record(path: Path) -> dict[str, Any]:
-    """Read what a folder holds of a trial."""
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ValueError(f"{path}: cannot be read: {error}; delete it and what it is of, and go on") from None
-    if not isinstance(found, dict):
-        raise ValueError(f"{path}: holds no record; delete it and what it is of, and go on")
-    return found
+    return [read_json(path) for path in paths]
 
 
 def _check_same(path: Path, ours: Mapping[str, Any], theirs: object) -> None:
@@ -182,7 +171,7 @@ def _planted(trial: Trial, folder: Path) -> Path:
     planted = {name: value for name, value in asdict(trial).items() if name not in NOT_PLANTED}
     definition = measurement.with_name(f"{measurement.name}.trial.json")
     if measurement.exists():
-        _check_same(definition, planted, _record(definition))
+        _check_same(definition, planted, read_json(definition))
         return measurement
     write_json(definition, planted)
     rig = Rig.of(design)

@@ -393,23 +393,71 @@ def test_a_press_that_shows_most_of_an_effect_does_not_make_its_gain_unsure() ->
 
 
 def attempt(
-    name: str, left: float, objective: list[float], before: Judged, *, evidence: float = 100.0
+    fitter: Fitter,
+    name: str,
+    left: float,
+    objective: list[float],
+    before: Judged,
+    *,
+    evidence: float = 100.0,
 ) -> Attempt:
     after = judged(objective)
     null = effect(name).null(DESIGN) if name in NAMES else {}
     state = State(GAINS).with_values(name, null)
     fit = Fit(state, System((), np.zeros((0, 0)), np.zeros(0), 0.0, np.zeros(0)), 0.0)
-    return Attempt(name, left, fit, after, gain(before, after, 1000.0), evidence)
+    return Attempt(name, left, fitter, fit, after, gain(before, after, 1000.0), evidence)
 
 
 def test_what_counts_as_closing_more_goes_by_what_is_left(bank) -> None:
     """Of a twentieth of the first gap, 3 % of the first gap would be nearly all."""
     search = Search(Fitter(bank), NAMES, [0], [3], gap=1000.0)
     before = judged([150.0, 152.0, 148.0])
-    much, little = (attempt("a", 50.0, [100.0 + s, 102.0 + s, 98.0 + s], before) for s in (10.0, 35.0))
+    much, little = (
+        attempt(search.fitter, "a", 50.0, [100.0 + s, 102.0 + s, 98.0 + s], before) for s in (10.0, 35.0)
+    )
     assert search._closes_more(much, little)
     assert not search._closes_more(little, much)
     assert not search._closes_more(replace(much, left=1000.0), replace(little, left=1000.0))
+
+
+def test_what_closes_less_of_held_out_presses_does_not_lead(bank) -> None:
+    """However large the evidence of the presses fitted to: one of them may hold most of it."""
+    search = Search(Fitter(bank), NAMES, [0], [3], gap=1000.0)
+    before = judged([150.0, 152.0, 148.0])
+
+    def named(name: str, left: list[float], evidence: float) -> Attempt:
+        return attempt(search.fitter, name, 1000.0, left, before, evidence=evidence)
+
+    wrong = named("wrong", [140.0, 142.0, 138.0], 90.0)
+    right = named("right", [60.0, 62.0, 58.0], 60.0)
+    assert search._leading([wrong, right]) == [right]
+    # Presses that differ much decide nothing.
+    unsure = named("unsure", [60.0, 230.0, 10.0], 60.0)
+    assert search._leading([wrong, unsure]) == [wrong, unsure]
+
+
+def test_what_is_far_is_judged_by_pictures_rendered_where_it_stands(bank, renders) -> None:
+    """What pictures about null lack far from it counts neither against an effect nor for another."""
+    far = SensorModel(
+        design=DESIGN, effects=(AppliedEffect(name="contact_kernel", values={"length_ratio": 1.8}),)
+    )
+    fitter = seeing(bank, far)
+    train, select = [0, 1, 2], [3]
+    start = fitter.fit(fitter.start(train), (), train).state
+    fitter.measure(start)
+    ends = []
+    for source in (None, renders):
+        search = Search(fitter, NAMES, train, select, source)
+        best, _, after = search.run(start)
+        assert next(iter(best.state.values)) == "contact_kernel"
+        ends.append((search, after, abs(best.state.values["contact_kernel"]["length_ratio"] - 1.8)))
+    (rough, left, off), (fine, less, closer) = ends
+    assert rough.fitter is fitter
+    stand = fine.fitter.bank.stands["contact_kernel"]["length_ratio"]
+    assert stand == pytest.approx(1.8, abs=0.1)
+    assert [winner.name for winner in fine.winners] == ["contact_kernel"]
+    assert less.mean < left.mean
+    assert closer < 0.5 * off
 
 
 def test_a_needless_effect_leaves_what_it_closed_to_the_one_that_made_it_so(bank) -> None:
@@ -429,14 +477,14 @@ def test_a_needless_effect_leaves_what_it_closed_to_the_one_that_made_it_so(bank
 def test_more_is_asked_of_an_effect_beside_others(bank) -> None:
     search = Search(Fitter(bank), NAMES, [0], [3], gap=1000.0)
     before = judged([250.0, 252.0, 248.0])
-    weak = attempt("contact_kernel", 150.0, [210.0, 212.0, 208.0], before, evidence=40.0)
+    weak = attempt(search.fitter, "contact_kernel", 150.0, [210.0, 212.0, 208.0], before, evidence=40.0)
     faint = replace(weak, evidence=15.0)
     assert search._unsure(faint, later=False).startswith("evidence 15, below 16")
     assert not search._unsure(weak, later=False)
     assert search._unsure(weak, later=True).startswith("evidence 40, below 60")
     # Of presses that differ, a gain above nothing is sure, one above 3 % of what is left is not; but
     # where few show most of it, or where poses that all presses share are put right.
-    differing = attempt("contact_kernel", 500.0, [220.0, 245.0, 210.0], before)
+    differing = attempt(search.fitter, "contact_kernel", 500.0, [220.0, 245.0, 210.0], before)
     differing = replace(differing, gain=replace(differing.gain, own=0.0))
     assert 0.0 < differing.gain.value - 1.5 * differing.gain.se < 0.03 * 0.5 < differing.gain.value
     assert search._unsure(differing, later=False).endswith("1.5% are not sure")
