@@ -66,8 +66,6 @@ def _folder(given: Path, out: str | None) -> Path:
 
 
 def _summary(results: "Results", wanted: int) -> str:
-    from designlab.study.definition import VARIANT
-
     counts = results.counts()
     lines = [
         f"{results.study.name}: {counts['complete']} of {wanted} designs evaluated, "
@@ -76,8 +74,7 @@ def _summary(results: "Results", wanted: int) -> str:
     rejections = results.rejections()
     if rejections:
         lines.append("rejected by: " + ", ".join(f"{rule} ({count})" for rule, count in rejections.items()))
-    varied = [*([VARIANT] if results.study.variants else ()), *results.study.parameters]
-    columns = [*varied, *results.study.objectives]
+    columns = [*results.study.varied, *results.study.objectives]
     rows = [
         (f"{row['trial']}", row["pick"], *(_cell(row[column]) for column in columns))
         for _, row in results.picks.iterrows()
@@ -98,10 +95,14 @@ def _confirmed(results: "Results") -> list[str]:
     if again.empty:
         return []
     fidelity = "reference" if "reference" in set(again["fidelity"]) else "standard"
+    better = {(g["trial"], g["objective"]): f" ({g['gain']:+.0%})" for _, g in results.gains().iterrows()}
     rows = [
         (
             "base" if row["trial"] == BASE else f"{row['trial']}",
-            *(f"{row[name]:.4g} ± {row[f'{name}_se']:.2g}" for name in objectives),
+            *(
+                f"{row[name]:.4g} ± {row[f'{name}_se']:.2g}{better.get((row['trial'], name), '')}"
+                for name in objectives
+            ),
         )
         for _, row in again[again["fidelity"] == fidelity].iterrows()
     ]
@@ -114,4 +115,6 @@ def _confirmed(results: "Results") -> list[str]:
 
 
 def _cell(value: Any) -> str:
+    if value is None or value != value:  # a parameter of another variant
+        return "-"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -7,6 +7,7 @@ import numpy as np
 
 from designlab.report.page import COLOURS, label, rounded
 from designlab.study import Results, Study, history
+from designlab.study.definition import VARIANT
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -21,7 +22,7 @@ def pareto(results: Results, first: str, second: str) -> "plotly.graph_objects.F
     import plotly.graph_objects as go
 
     front, picks = results.pareto, results.picks
-    done = results.frame[results.frame["state"] == "complete"]
+    done = results.valid
     rest = done[~done["trial"].isin(front["trial"]) & done["reuse_of"].isna()]
     figure = go.Figure()
     groups = [("other designs", rest, GREY, 6, "circle"), ("Pareto front", front, BLUE, 9, "circle")]
@@ -67,8 +68,8 @@ def parallel(results: Results) -> "plotly.graph_objects.Figure":
     import plotly.graph_objects as go
 
     study = results.study
-    done = results.frame[(results.frame["state"] == "complete") & results.frame["reuse_of"].isna()]
-    names = [*study.parameters, *study.objectives]
+    done = results.valid[results.valid["reuse_of"].isna()]
+    names = [*study.varied, *study.objectives]
     scaled, ends = _scaled(done, names, study)
     figure = go.Figure()
     groups = {
@@ -96,7 +97,7 @@ def parallel(results: Results) -> "plotly.graph_objects.Figure":
             figure.add_annotation(
                 x=position, y=height, text=text, showarrow=False, yshift=-14 if height == 0 else 14
             )
-    units = {path: study.unit(path) for path in study.parameters} | dict(results.units)
+    units = {path: study.unit(path) for path in study.varied} | dict(results.units)
     titles = [label(name, units.get(name, "")).replace(" (", "<br>(") for name in names]
     figure.update_xaxes(
         tickvals=list(range(len(names))), ticktext=titles, showgrid=False, side="bottom", zeroline=False
@@ -111,12 +112,11 @@ def importance(shares: Mapping[str, Mapping[str, float]], results: Results) -> "
     import plotly.graph_objects as go
 
     study = results.study
-    paths = list(study.parameters)
     figure = go.Figure()
     for name, share in shares.items():
         figure.add_bar(
-            y=[label(path, study.unit(path)) for path in paths],
-            x=[100 * share.get(path, 0.0) for path in paths],
+            y=[label(path, study.unit(path)) for path in study.varied],
+            x=[100 * share.get(path, 0.0) for path in study.varied],
             orientation="h",
             name=label(name, results.units.get(name, "")),
             hovertemplate="%{y}: %{x:.0f} %",
@@ -132,7 +132,7 @@ def progress(results: Results) -> tuple["plotly.graph_objects.Figure", int]:
     from plotly.subplots import make_subplots
 
     best = history(results.frame, results.study.objectives)
-    done = results.frame[results.frame["state"] == "complete"]
+    done = results.valid
     names = list(best.columns.drop("trial"))
     order = np.arange(1, len(done) + 1)
     figure = make_subplots(rows=len(names), cols=1, shared_xaxes=True, vertical_spacing=0.05)
@@ -178,8 +178,10 @@ def _hover(results: Results, rows: "pd.DataFrame") -> list[str]:
                 lines.append(
                     f"{label(name, unit)}: {rounded(float(row[name]), float(row.get(f'{name}_se', np.nan)))}"
                 )
-        for path in study.parameters:
+        for path in study.varied:
             value = row[path]
+            if value is None or value != value:  # a parameter of another variant
+                continue
             shown = rounded(float(value)) if isinstance(value, float | int | np.number) else str(value)
             lines.append(f"{label(path, study.unit(path))}: {shown}")
         texts.append("<br>".join(lines))
@@ -193,9 +195,10 @@ def _scaled(
     scaled, ends = done[names].copy(), {}
     for name in names:
         parameter = study.parameters.get(name)
-        if parameter is not None and parameter.choices is not None:
-            choices = list(parameter.choices)
-            place = done[name].map(lambda value, choices=choices: float(choices.index(value)))
+        if name == VARIANT or (parameter is not None and parameter.choices is not None):
+            choices = list(study.variants) if parameter is None else list(parameter.choices or ())
+            numbers = {choice: float(place) for place, choice in enumerate(choices)}
+            place = done[name].map(numbers)  # missing of other variants: the line has a gap there
             low, high = 0.0, float(len(choices) - 1)
             ends[name] = (str(choices[0]), str(choices[-1]))
         else:

@@ -23,6 +23,7 @@ from designlab.report.page import (
 )
 from designlab.store import write_atomic
 from designlab.study import Results, importance, load_results
+from designlab.study.definition import VARIANT
 from designlab.study.folder import trial_folder
 
 _CAPTIONS = {"untouched": "untouched gel", "press": "a ball of 4 mm, pressed"}
@@ -63,11 +64,12 @@ def study_report(
     sections = [
         Section("Result", _result(found)),
         Section("Shortlist", _shortlist(found)),
+        Section("Confirmed with fresh seeds", _confirmation(found)),
         Section("Trade-off", _trade_off(found)),
         Section("Parameters of all designs", _parallel(found)),
         Section("What matters", _importance(found)),
         Section("Progress", _progress(found)),
-        Section("Designs that cannot be built", _rejections(found)),
+        Section("Designs left out", _rejections(found)),
         Section("The search", _definition(found)),
     ]
     subtitle = f"{counts['complete']} designs evaluated, starting from {study.base.name}"
@@ -81,9 +83,8 @@ def _result(results: Results) -> tuple[Html, ...]:
     start = results.start
     rows = []
     for name, way in results.study.objectives.items():
-        values = results.frame.loc[results.frame["state"] == "complete", name]
-        place = values.to_numpy().argmax() if way == "maximise" else values.to_numpy().argmin()
-        best = results.frame[results.frame["state"] == "complete"].iloc[int(place)]
+        values = results.valid[name].to_numpy(dtype=float)
+        best = results.valid.iloc[int(values.argmax() if way == "maximise" else values.argmin())]
         rows.append(
             {
                 "score": label(name, results.units.get(name, "")),
@@ -122,7 +123,7 @@ def _shortlist(results: Results) -> tuple[Html, ...]:
         designs.append((f"trial {results.start['trial']}", "starting design", results.start))
     scores = [*study.objectives, *(name for name in units if name not in study.objectives)]
     rows: list[dict[str, Any]] = []
-    for name in (*scores, *study.parameters):
+    for name in (*scores, *study.varied):
         row: dict[str, Any] = {"quantity": label(name, units.get(name) or study.unit(name))}
         for title, _, design in designs:
             row |= {title: design.get(name), f"{title} se": design.get(f"{name}_se")}
@@ -141,6 +142,45 @@ def _shortlist(results: Results) -> tuple[Html, ...]:
         f"one: `designlab export {file} --out DIR`"
     )
     return (table(rows, columns), gallery(shown), paragraph(note, note=True))
+
+
+def _confirmation(results: Results) -> tuple[Html, ...]:
+    """What the best designs scored when they were evaluated again, beside the base."""
+    gains = results.gains()
+    if gains.empty:
+        return ()
+    units = dict(results.units)
+    rows: list[dict[str, Any]] = [
+        {
+            **{str(name): value for name, value in row.items()},
+            "design": f"trial {row['trial']}",
+            "score": label(row["objective"], units.get(row["objective"], "")),
+            "gain": f"{row['gain']:.0%}",
+            "apart": "yes" if row["apart"] else "no",
+        }
+        for row in gains.to_dict(orient="records")
+    ]
+    columns = [
+        Column("design", "design"),
+        Column("score", "score"),
+        Column("base", "base design", se="base_se"),
+        Column("value", "design", se="value_se"),
+        Column("gain", "better by"),
+        Column("apart", "95 % intervals apart"),
+    ]
+    fidelity = gains["fidelity"].iloc[0]
+    text = (
+        f"Evaluated again at {fidelity} fidelity with random numbers that had no part in the search. A "
+        "design is better by the share of what the base lacks: of a score that is at most 1 its distance "
+        "from 1, of one to minimise its value."
+    )
+    curse = results.curse().get(fidelity, {})
+    chance = (
+        "Of the gains that the search saw, this share is gone (winner's curse, in the median): "
+        + ", ".join(f"{label(name, units.get(name, ''))} {share:.0%}" for name, share in curse.items())
+        + "."
+    )
+    return (table(rows, columns), paragraph(text), *([paragraph(chance)] if curse else []))
 
 
 def _trade_off(results: Results) -> tuple[Html, ...]:
@@ -195,6 +235,19 @@ def _rejections(results: Results) -> tuple[Html, ...]:
         ]
         columns = [Column("rule", "rule"), Column("text", "what it demands"), Column("count", "designs")]
         blocks += [paragraph(text), table(rows, columns)]
+    broken = results.frame["violated"].dropna()
+    if len(broken):
+        rows = [
+            {
+                "score": label(name, results.units.get(name, "")),
+                "bound": bound.text(),
+                "count": sum(name in names for names in broken),
+            }
+            for name, bound in results.study.constraints.items()
+        ]
+        columns = [Column("score", "score"), Column("bound", "must be"), Column("count", "designs break it")]
+        text = f"{len(broken)} evaluated designs break a constraint and are left out above."
+        blocks += [paragraph(text), table(rows, columns)]
     failed = results.frame[results.frame["state"] == "failed"]
     if len(failed):
         rows = [
@@ -208,6 +261,8 @@ def _rejections(results: Results) -> tuple[Html, ...]:
 def _definition(results: Results) -> tuple[Html, ...]:
     study = results.study
     rows = []
+    if study.variants:
+        rows.append({"path": VARIANT, "values": ", ".join(study.variants), "unit": ""})
     for path, parameter in study.parameters.items():
         values = (
             ", ".join(str(choice) for choice in parameter.choices)
@@ -216,7 +271,8 @@ def _definition(results: Results) -> tuple[Html, ...]:
             + (f" in steps of {parameter.step:g}" if parameter.step is not None else "")
             + (" (logarithmic)" if parameter.log else "")
         )
-        rows.append({"path": path, "values": values, "unit": study.unit(path)})
+        only = "" if parameter.variant is None else f" (variant {parameter.variant})"
+        rows.append({"path": path + only, "values": values, "unit": study.unit(path)})
     settings: Mapping[str, Any] = {
         "starting design": study.base.name,
         "effects of the model": ", ".join(effect["name"] for effect in study.effects),

@@ -210,6 +210,11 @@ class Study(Spec):
         return parameters
 
     @property
+    def varied(self) -> tuple[str, ...]:
+        """What tells designs apart in a table of trials: parameters, and the variant if there are some."""
+        return (*([VARIANT] if self.variants else ()), *self.parameters)
+
+    @property
     def digest(self) -> str:
         """SHA-256 of all that decides the search: everything but names, the number of trials and the plan."""
         content = self.model_dump(mode="json", exclude={"name", "trials", "base", "plan"})

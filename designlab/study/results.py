@@ -1,5 +1,6 @@
 """Results of a study: a table of trials, its Pareto front, a shortlist, importances."""
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ BASE = -1
 CONFIRMING = ("standard", "reference")
 """Fidelities at which designs are evaluated again, in this order."""
 
+NORMAL = 1.96  # standard errors to either side that hold 95 %
 _FEWEST_FOR_IMPORTANCE = 10
 
 
@@ -57,6 +59,11 @@ class Results:
         for path, value in (values or {}).items():
             rows = rows[rows[path] == value]
         return None if values is None or rows.empty else rows.iloc[0]
+
+    @property
+    def valid(self) -> "pd.DataFrame":
+        """The evaluated designs that keep the constraints."""
+        return _valid(self.frame)
 
     @property
     def pareto(self) -> "pd.DataFrame":
@@ -109,6 +116,34 @@ class Results:
             }
         return found
 
+    def gains(self) -> "pd.DataFrame":
+        """How much better than the base the confirmed designs are, at the highest fidelity reached.
+
+        Returns
+        -------
+        DataFrame
+            One row a design and objective: ``trial``, ``fidelity``, ``objective``, ``base``, ``base_se``,
+            ``value``, ``value_se``; ``gain``, the share of what the base lacks that is gone (of a score that
+            is at most 1, what it lacks is its distance from 1; of one to minimise, its value); ``apart``,
+            whether the 95 % intervals of both are apart.
+        """
+        import pandas as pd
+
+        columns = ["trial", "fidelity", "objective", "base", "base_se", "value", "value_se", "gain", "apart"]
+        again = self.confirmed
+        reached = [fidelity for fidelity in CONFIRMING if fidelity in set(again["fidelity"])]
+        rows = again[again["fidelity"] == reached[-1]] if reached else again
+        base, own = rows[rows["trial"] == BASE], rows[rows["trial"] != BASE]
+        found = []
+        for (_, row), name in itertools.product(own.iterrows(), () if base.empty else self.study.objectives):
+            here, there = (float(one[name]) for one in (base.iloc[0], row))
+            errors = float(base.iloc[0][f"{name}_se"]), float(row[f"{name}_se"])
+            gain = _gain(here, there, self.study.objectives[name], self.units.get(name, ""))
+            apart = abs(there - here) > NORMAL * sum(errors)
+            values = (row["trial"], reached[-1], name, here, errors[0], there, errors[1], gain, apart)
+            found.append(dict(zip(columns, values, strict=True)))
+        return pd.DataFrame(found, columns=columns)
+
     def counts(self) -> dict[str, int]:
         """Number of trials in each of `STATES`."""
         return {state: int((self.frame["state"] == state).sum()) for state in STATES}
@@ -124,8 +159,7 @@ class Results:
 
     def to_json(self) -> dict[str, Any]:
         """Plain data: counts, rejections, Pareto front and shortlist with parameters and scores."""
-        varied = [*([VARIANT] if self.study.variants else ()), *self.study.parameters]
-        columns = ["trial", *varied, *_score_columns(self.frame, self.study)]
+        columns = ["trial", *self.study.varied, *_score_columns(self.frame, self.study)]
         return {
             "study": self.study.name,
             "folder": str(self.folder),
@@ -173,7 +207,7 @@ def load_results(out: str | Path) -> Results:
         units: dict[str, str] = {}
         warnings: dict[str, None] = {}
         rows = [_row(study, folder, trial, units, warnings) for trial in record.get_trials(deepcopy=False)]
-    columns = ["trial", "state", *([VARIANT] if study.variants else ()), *study.parameters]
+    columns = ["trial", "state", *study.varied]
     frame = pd.DataFrame(rows, columns=columns if not rows else None)
     for name in (*columns, "violation_mm", "reason", "broken", "violated", "reuse_of"):
         if name not in frame:
@@ -273,6 +307,13 @@ def _rows(frame: "pd.DataFrame", columns: list[str]) -> list[dict[str, Any]]:
     return rows
 
 
+def _gain(base: float, value: float, way: str, unit: str) -> float:
+    """Share of what a score lacks at the base that another has not."""
+    if way == "minimise":
+        return 1.0 - value / base
+    return 1.0 - (1.0 - value) / (1.0 - base) if unit == "1" and base < 1.0 else value / base - 1.0
+
+
 def losses(frame: "pd.DataFrame", objectives: Mapping[str, str]) -> NDArray[np.float64]:
     """Objectives of the rows of a table, turned so that smaller is better; shape (rows, objectives)."""
     columns = [
@@ -280,6 +321,11 @@ def losses(frame: "pd.DataFrame", objectives: Mapping[str, str]) -> NDArray[np.f
         for name, way in objectives.items()
     ]
     return np.stack(columns, axis=1)
+
+
+def _valid(frame: "pd.DataFrame") -> "pd.DataFrame":
+    done = frame[frame["state"] == "complete"]
+    return done[done["violated"].isna()] if "violated" in done else done
 
 
 def pareto(frame: "pd.DataFrame", objectives: Mapping[str, str]) -> "pd.DataFrame":
@@ -297,8 +343,8 @@ def pareto(frame: "pd.DataFrame", objectives: Mapping[str, str]) -> "pd.DataFram
     DataFrame
         The rows of the front, best first in the first objective; of equal designs the first one.
     """
-    done = frame[(frame["state"] == "complete") & frame["reuse_of"].isna()]
-    done = done[done["violated"].isna()] if "violated" in done else done
+    done = _valid(frame)
+    done = done[done["reuse_of"].isna()]
     if done.empty:
         return done
     loss = losses(done, objectives)
@@ -356,11 +402,12 @@ def history(frame: "pd.DataFrame", objectives: Mapping[str, str]) -> "pd.DataFra
     -------
     DataFrame
         One row a complete trial: ``trial``, each objective's best value so far, and ``hypervolume`` as a
-        share of its last value, with the worst value of each objective as the reference.
+        share of its last value, with the worst value of each objective as the reference. Designs that break
+        a constraint do not count.
     """
     import pandas as pd
 
-    done = frame[frame["state"] == "complete"]
+    done = _valid(frame)
     table: dict[str, Any] = {"trial": done["trial"].to_numpy()}
     if done.empty:
         return pd.DataFrame(table | {name: [] for name in objectives})

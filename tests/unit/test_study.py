@@ -5,12 +5,12 @@ import math
 import os
 import signal
 import threading
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from toy_scores import Estimate, Score
 
 from designlab import design as designs
 from designlab.design import DesignError, InfeasibleDesign, preset
@@ -37,20 +37,6 @@ from designlab.study.results import STATES, hypervolume, losses
 RANGES = {"leds.tilt_deg": Parameter(low=-20, high=60), "leds.height_mm": Parameter(low=5, high=14)}
 BEST_TILT_DEG = {"uniformity_u0": 30.0, "normal_error_median_deg": 10.0}
 OBJECTIVES = {"uniformity_u0": "maximise", "normal_error_median_deg": "minimise"}
-
-
-@dataclass
-class Estimate:
-    value: float
-    se: float = 0.01
-    bias_bound: float = 0.0
-    unit: str = "1"
-
-
-@dataclass
-class Score:
-    scores: dict[str, Estimate]
-    seconds: float = 0.0
 
 
 def closed_form(design, *, fidelity, seed):

@@ -1,15 +1,17 @@
 """Studies with variants, fields that go together, bounds on scores, and confirmation of what they found."""
 
 import math
-from dataclasses import dataclass
+import re
 
 import numpy as np
 import pytest
+from toy_scores import Estimate, Score
 
 from designlab.bounds import Bound
 from designlab.effects import SensorModel
+from designlab.report import study_report
 from designlab.study import Plan, Robust, Study, StudyError, load_results, load_study, run_study
-from designlab.study.results import BASE
+from designlab.study.results import BASE, history
 from designlab.tolerance import Spread, tolerance
 
 DOME = {
@@ -23,20 +25,6 @@ PARAMETERS = {
     "leds.tilt_deg": {"low": 0, "high": 40},
     "elastomer.radius_mm": {"low": 35, "high": 60, "variant": "dome", "also": {"gelcore.radius_mm": -2}},
 }
-
-
-@dataclass
-class Estimate:
-    value: float
-    se: float = 0.01
-    bias_bound: float = 0.0
-    unit: str = "1"
-
-
-@dataclass
-class Score:
-    scores: dict[str, Estimate]
-    seconds: float = 0.0
 
 
 def closed_form(design, *, fidelity, seed):
@@ -233,3 +221,23 @@ def test_a_design_of_which_a_copy_cannot_be_built_is_infeasible(tmp_path):
     results = run(study, tmp_path / "out", fragile)
     refused = results.frame[results.frame["state"] == "infeasible"]
     assert refused["reason"].str.contains("cannot be built").any()
+
+
+def test_the_page_shows_variants_bounds_and_what_was_confirmed(tmp_path):
+    study = make(constraints={"coverage": {"least": 0.6}}, plan=Plan(seeds=2))
+    results = run(study, tmp_path / "out")
+    gains = results.gains()
+    assert list(gains["fidelity"]) == ["reference"]
+    (gain,) = gains.to_dict(orient="records")
+    assert gain["gain"] == pytest.approx(1 - (1 - gain["value"]) / (1 - gain["base"]))
+    assert gain["apart"]
+    text = study_report(results, tmp_path / "page.html", pictures=False).read_text("utf-8")
+    shown = " ".join(re.sub("<script.*?</script>|<[^>]*>", " ", text, flags=re.S).split())
+    broken = int(results.frame["violated"].notna().sum())
+    assert f"{broken} evaluated designs break a constraint" in shown
+    assert "Confirmed with fresh seeds" in shown
+    assert f"{gain['gain']:.0%} yes" in shown
+    assert "elastomer.radius_mm (variant dome)" in shown
+    assert "nan" not in shown.lower()
+    best = history(results.frame, study.objectives).iloc[-1]["uniformity_u0"]
+    assert best == results.valid["uniformity_u0"].max() < results.frame["uniformity_u0"].max()

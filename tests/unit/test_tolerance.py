@@ -1,11 +1,11 @@
 """Copies of a design on evaluators with closed forms, so that yield and blame are known beforehand."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from scipy.stats import norm
+from toy_scores import Estimate, Score
 
 from designlab import cli
 from designlab.bounds import Bound
@@ -18,20 +18,6 @@ FLAT, DOME = preset("gelsight-2020-flat"), preset("gelsight-2020-dome")
 TILT = Spread(field="leds.tilt_deg", sd=2.0)
 HEIGHT = Spread(field="leds.height_mm", sd=0.1)
 THICKNESS = Spread(field="elastomer.thickness_mm", sd=0.1, also=("camera.position_mm.2",))
-
-
-@dataclass
-class Estimate:
-    value: float
-    se: float = 0.01
-    bias_bound: float = 0.0
-    unit: str = "1"
-
-
-@dataclass
-class Score:
-    scores: dict[str, Estimate]
-    seconds: float = 0.0
 
 
 def closed_form(model, *, fidelity, seed):
