@@ -9,8 +9,16 @@ from typing import Any
 
 from designlab.interrupts import Interrupts
 
+MOST_CALLS = 1000
+"""Calls in flight on a cluster."""
+
 Submit = Callable[..., "Future[Any]"]
 """Starts a call, ``submit(function, *arguments)``, and returns its future."""
+
+
+def calls_at_once(workers: int, dask: str | None) -> int:
+    """How many calls to start before the first has ended: a cluster sees for itself who takes them."""
+    return workers if dask is None else MOST_CALLS
 
 
 @contextlib.contextmanager

@@ -1,11 +1,15 @@
 """What may be written after `designlab`: commands, their arguments and their help."""
 
 import argparse
+import os
 import re
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from designlab import __version__
+
+STORAGE_VARIABLE = "DESIGNLAB_STORAGE"
+"""Environment variable with the URL of the database that records of studies lie in."""
 
 FIDELITIES = ("fast", "standard", "reference")
 DESIGN_HELP = "preset name (see `designlab presets`) or TOML file"
@@ -248,6 +252,13 @@ def _add_study(add: Any) -> None:
     report = add("report", f"{_STUDY}:report", "one HTML page about a study", to=actions)
     for action in (run, status, report):
         action.add_argument("study", metavar="STUDY", help="study file (TOML), or the folder of its results")
+        action.add_argument(
+            "--storage",
+            metavar="URL",
+            default=os.environ.get(STORAGE_VARIABLE),
+            help="database that holds the record, for runs on several machines, "
+            f"postgresql+psycopg://user@host/name (default: {STORAGE_VARIABLE} if set, else the folder)",
+        )
     _out(run, "folder of the results (default: STUDY without .toml, with -out)", required=False)
     _out(status, "folder of the results, where `run` had one", required=False)
     report.add_argument("--results", metavar="DIR", help="folder of the results, where `run` had --out")

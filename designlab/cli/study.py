@@ -1,10 +1,12 @@
 """Commands about studies: run, status, report."""
 
+import os
 import shlex
 from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from designlab.cli.arguments import STORAGE_VARIABLE
 from designlab.cli.console import Result
 from designlab.cli.shared import results_folder, table
 
@@ -21,7 +23,7 @@ def run(args: Namespace) -> Result:
     study = load_study(given / "study.toml" if given.is_dir() else given)
     results_folder(folder)
     try:
-        results = run_study(study, out=folder, workers=args.workers, trials=args.trials)
+        results = run_study(study, out=folder, workers=args.workers, trials=args.trials, storage=args.storage)
     except StudyInterrupted as interrupt:
         text = str(interrupt).partition(";")[0]
         raise StudyInterrupted(f"{text}; to resume: {_again(args)}") from None
@@ -34,6 +36,8 @@ def _again(args: Namespace) -> str:
     words += ["--out", args.out] if args.out else []
     words += ["--workers", str(args.workers)] if args.workers > 1 else []
     words += ["--trials", str(args.trials)] if args.trials else []
+    if args.storage and args.storage != os.environ.get(STORAGE_VARIABLE):
+        words += ["--storage", args.storage]
     return shlex.join(words)
 
 
@@ -41,7 +45,7 @@ def status(args: Namespace) -> Result:
     """Say how far a study is."""
     from designlab.study import load_results
 
-    results = load_results(_folder(Path(args.study), args.out))
+    results = load_results(_folder(Path(args.study), args.out), storage=args.storage)
     data = {**results.to_json(), "wanted": results.study.trials}
     return Result(data, _summary(results, results.study.trials))
 
@@ -52,7 +56,7 @@ def report(args: Namespace) -> Result:
     from designlab.study import load_results
 
     folder = _folder(Path(args.study), args.results)
-    results = load_results(folder)
+    results = load_results(folder, storage=args.storage)
     page = Path(args.output) if args.output else folder / "report.html"
     study_report(results, page)
     return Result({"report": str(page), **results.to_json()}, f"report: {page}")

@@ -200,7 +200,7 @@ def _parallel(results: Results) -> tuple[Html, ...]:
 
 
 def _importance(results: Results) -> tuple[Html, ...]:
-    shares = importance(results.folder)
+    shares = importance(results.folder, storage=results.storage)
     if not shares:
         return ()
     caption = (
@@ -288,7 +288,7 @@ def _definition(results: Results) -> tuple[Html, ...]:
 def _depict(results: Results, number: int) -> None:
     """Render the untouched gel and one press of an evaluated design, if it has no pictures yet."""
     folder = trial_folder(results.folder, number)
-    if any(folder.glob("*.png")) or not folder.is_dir():
+    if any(folder.glob("*.png")):
         return
     from designlab.images import tone_map, write_image
     from designlab.press import Press
@@ -298,6 +298,7 @@ def _depict(results: Results, number: int) -> None:
     subject, seed = results.subject(number), results.study.seed
     depth_mm = min(0.8, 0.4 * results.study.base.elastomer.thickness_mm)
     press = Press(probe=parse("sphere:4"), depth_mm=depth_mm)
+    folder.mkdir(parents=True, exist_ok=True)  # designs of other machines have none here
     untouched = render(subject, columns=320, samples=32, seed=seed).mixed
     pressed = render(subject, press, columns=320, samples=32, seed=seed).mixed
     white = float(np.percentile(untouched, 99.9))  # the same for both, so that they can be compared

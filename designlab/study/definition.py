@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 FORMAT_VERSION: Literal[1] = 1
 
+Sampler = Literal["tpe", "nsga2", "nsga3", "cmaes", "gp", "qmc", "random"]
+
 VARIANT = "variant"
 """Name of the choice among variants, beside the parameters of a trial."""
 
@@ -140,7 +142,9 @@ class Study(Spec):
         None, description="How the best are confirmed after the search; not at all if absent."
     )
     seed: int = Field(0, ge=0, lt=2**31, description="Seed of the search and of every evaluation.")
-    sampler: Literal["tpe", "nsga2", "random", "qmc", "gp"] = Field("tpe", description="Search method.")
+    sampler: Sampler = Field(
+        "tpe", description="Search method, by its name in Optuna; cmaes takes a single objective."
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -208,6 +212,15 @@ class Study(Spec):
             if parameter.step is not None and _is_integer(home, path) and parameter.step % 1:
                 raise ValueError(f"{path}: takes whole numbers, so must its step, got {parameter.step:g}")
         return parameters
+
+    @model_validator(mode="after")
+    def _a_search_for_its_objectives(self) -> Self:
+        if self.sampler == "cmaes" and len(self.objectives) > 1:
+            raise ValueError(
+                f"sampler: cmaes takes a single objective, got {', '.join(self.objectives)}; "
+                "tpe, nsga2, nsga3, gp, qmc and random take several"
+            )
+        return self
 
     @property
     def varied(self) -> tuple[str, ...]:

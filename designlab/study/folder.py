@@ -1,10 +1,13 @@
-"""The folder of a study: its definition, the record of its trials, and the lock of the run that writes."""
+"""The folder of a study: its definition, the record of its trials, and the lock of the run that writes.
+
+The record may lie in a database instead, which runs on several machines share.
+"""
 
 import contextlib
 import os
 import sqlite3
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +21,16 @@ RECORD_FILE = "study.db"
 DEFINITION_FILE = "study.toml"
 TRIALS_FOLDER = "trials"
 CONFIRMED_FOLDER = "confirmed"
+HEARTBEAT_S = 30
+"""How often a run says that it is alive, where others share its record."""
+
+SILENT_S = 150
+"""How long a run must be silent before another takes its trials over."""
+
+SCORE = "score"
+"""Attribute of a trial in a shared record with all that is otherwise kept in the folder."""
+
+OnStale = Callable[["optuna.Study", "optuna.trial.FrozenTrial"], None]
 _RECORD_NAME = "study"
 
 
@@ -27,17 +40,26 @@ def trial_folder(folder: Path, number: int) -> Path:
 
 
 @contextlib.contextmanager
-def opened(folder: Path, study: Study) -> Iterator["optuna.Study"]:
-    """Open the record of a study for writing, alone; start it if the folder holds none.
+def opened(
+    folder: Path, study: Study, *, storage: str | None = None, on_stale: OnStale | None = None
+) -> Iterator["optuna.Study"]:
+    """Open the record of a study for writing; start it if there is none.
+
+    Parameters
+    ----------
+    storage : str, optional
+        URL of a database that holds the record; without it, it lies in the folder, for one run alone.
+    on_stale : callable, optional
+        Called with record and trial when a run that shares the database has not been heard of for long.
 
     Raises
     ------
     StudyError
-        If the folder holds another study.
+        If the folder holds another study, or there is no such database.
     RuntimeError
         If another run is writing there.
     OSError
-        If the folder cannot be written.
+        If folder or database cannot be written.
     """
     import optuna
     from optuna.study import StudyDirection
@@ -45,42 +67,107 @@ def opened(folder: Path, study: Study) -> Iterator["optuna.Study"]:
     _claim(folder, study)
     sense = {"maximise": StudyDirection.MAXIMIZE, "minimise": StudyDirection.MINIMIZE}
     directions = [sense[way] for way in study.objectives.values()]
-    with _locked(folder), _quiet(), _storage(folder) as storage:
+    with _locked(folder), _quiet(), _storage(folder, storage, on_stale) as record:
         remove_partial(folder / TRIALS_FOLDER)
         try:
             yield optuna.create_study(
-                study_name=_RECORD_NAME, storage=storage, directions=directions, load_if_exists=True
+                study_name=_record_name(study, storage),
+                storage=record,
+                directions=directions,
+                load_if_exists=True,
             )
         except optuna.exceptions.StorageInternalError as error:
             cause = error.__cause__ or error
-            raise OSError(f"cannot write {folder / RECORD_FILE}: {getattr(cause, 'orig', cause)}") from error
+            place = folder / RECORD_FILE if storage is None else _shown(storage)
+            raise OSError(f"cannot write {place}: {_first_line(getattr(cause, 'orig', cause))}") from error
 
 
 @contextlib.contextmanager
-def reading(folder: Path) -> Iterator[tuple[Study, "optuna.Study"]]:
+def reading(folder: Path, storage: str | None = None) -> Iterator[tuple[Study, "optuna.Study"]]:
     """Open definition and record of an existing study, also while a run is writing there.
 
     Raises
     ------
     StudyError
-        If the folder holds no study.
+        If the folder holds no study, or its record lies elsewhere.
     """
     import optuna
 
-    definition, record = folder / DEFINITION_FILE, folder / RECORD_FILE
-    if not definition.is_file() or not record.is_file():
-        raise StudyError(f"{folder}: holds no study ({DEFINITION_FILE} and {RECORD_FILE} are expected)")
+    definition, own = folder / DEFINITION_FILE, folder / RECORD_FILE
+    if not definition.is_file():
+        raise StudyError(f"{folder}: holds no study ({DEFINITION_FILE} is expected)")
+    if storage is None and not own.is_file():
+        raise StudyError(
+            f"{folder}: holds no record of trials ({RECORD_FILE}); if it lies in a database, give its URL"
+        )
     study = load_study(definition)
-    with _quiet(), _storage(folder) as storage:
+    with _quiet(), _storage(folder, storage) as record:
         try:
-            loaded = optuna.load_study(study_name=_RECORD_NAME, storage=storage)
+            loaded = optuna.load_study(study_name=_record_name(study, storage), storage=record)
         except KeyError:
             raise StudyError(f"{folder}: the study was not started yet") from None
         yield study, loaded
 
 
+def _record_name(study: Study, storage: str | None) -> str:
+    """Name of a record; a database may hold those of many studies."""
+    return _RECORD_NAME if storage is None else f"{study.name} {study.digest[:16]}"
+
+
 @contextlib.contextmanager
-def _storage(folder: Path) -> Iterator["optuna.storages.RDBStorage"]:
+def _storage(
+    folder: Path, url: str | None = None, on_stale: OnStale | None = None
+) -> Iterator["optuna.storages.RDBStorage"]:
+    storage = _own_storage(folder) if url is None else _database(url, on_stale)
+    try:
+        yield storage
+    finally:
+        storage.remove_session()
+        storage.engine.dispose()
+
+
+def _database(url: str, on_stale: OnStale | None) -> "optuna.storages.RDBStorage":
+    """Open a database that several runs share."""
+    import warnings
+
+    import optuna
+    from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
+
+    try:
+        with warnings.catch_warnings():
+            # Optuna calls heartbeats experimental; its version is pinned.
+            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+            return optuna.storages.RDBStorage(
+                url,
+                heartbeat_interval=HEARTBEAT_S,
+                grace_period=SILENT_S,
+                heartbeat_stale_trial_callback=on_stale,
+            )
+    except (ArgumentError, NoSuchModuleError) as error:
+        raise StudyError(f"storage: must be the URL of a database, got {url!r}: {error}") from None
+    except ImportError as error:
+        raise StudyError(
+            f"storage: {_shown(url)}: its driver is not installed ({error}); for PostgreSQL: "
+            "pip install 'designlab[postgresql]'"
+        ) from None
+    except SQLAlchemyError as error:
+        raise OSError(f"cannot use {_shown(url)}: {_first_line(getattr(error, 'orig', error))}") from error
+    except RuntimeError as error:
+        raise StudyError(f"storage: {_shown(url)}: is of another version: {_first_line(error)}") from error
+
+
+def _shown(url: str) -> str:
+    """URL of a database without its password."""
+    from sqlalchemy.engine import make_url
+
+    return make_url(url).render_as_string(hide_password=True)
+
+
+def _first_line(error: object) -> str:
+    return str(error).strip().partition("\n")[0]
+
+
+def _own_storage(folder: Path) -> "optuna.storages.RDBStorage":
     # SQLite, because its transactions survive a kill at any moment: in Optuna's journal file, a line cut off
     # by a kill makes the file useless to the next run.
     from optuna.storages import RDBStorage
@@ -96,15 +183,12 @@ def _storage(folder: Path) -> Iterator["optuna.storages.RDBStorage"]:
         return connection
 
     try:
-        storage = RDBStorage(f"sqlite:///{record}", engine_kwargs={"creator": connect})
+        return RDBStorage(f"sqlite:///{record}", engine_kwargs={"creator": connect})
     except (DatabaseError, sqlite3.DatabaseError) as error:
         _explain_damage(record, error)
         raise
-    try:
-        yield storage
-    finally:
-        storage.remove_session()
-        storage.engine.dispose()
+    except RuntimeError as error:
+        raise StudyError(f"{record}: is of another version: {_first_line(error)}") from error
 
 
 def _explain_damage(record: Path, error: Exception) -> None:
@@ -165,9 +249,11 @@ def _locked(folder: Path) -> Iterator[None]:
         os.close(descriptor)
 
 
-def read_trial(folder: Path, number: int) -> dict[str, Any] | None:
-    """Return the stored score of a trial as plain data, or None if there is none."""
-    path = trial_folder(folder, number) / "score.json"
+def read_trial(folder: Path, trial: "optuna.trial.FrozenTrial") -> dict[str, Any] | None:
+    """Return the score of a trial as plain data, or None if there is none."""
+    if SCORE in trial.user_attrs:
+        return dict(trial.user_attrs[SCORE])
+    path = trial_folder(folder, trial.number) / "score.json"
     if not path.is_file():
         return None
     return read_json(path)

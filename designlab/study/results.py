@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +37,8 @@ _FEWEST_FOR_IMPORTANCE = 10
 class Results:
     """A study, the table of its trials (see `load_results`), and the unit of each score.
 
-    `warnings` say where a sensor model was used beyond what it was fitted to.
+    `warnings` say where a sensor model was used beyond what it was fitted to; `storage` is the URL of the
+    database that holds the record, if it is not in the folder.
     """
 
     folder: Path
@@ -45,6 +46,7 @@ class Results:
     frame: "pd.DataFrame"
     units: dict[str, str]
     warnings: tuple[str, ...] = ()
+    storage: str | None = field(default=None, repr=False)
 
     @property
     def confirmed(self) -> "pd.DataFrame":
@@ -177,13 +179,15 @@ class Results:
         }
 
 
-def load_results(out: str | Path) -> Results:
+def load_results(out: str | Path, *, storage: str | None = None) -> Results:
     """Read the results of a study, also while it is running.
 
     Parameters
     ----------
     out : str or Path
         Folder of the study.
+    storage : str, optional
+        URL of the database that holds its record, if that is not in the folder.
 
     Returns
     -------
@@ -203,7 +207,7 @@ def load_results(out: str | Path) -> Results:
     import pandas as pd
 
     folder = Path(out)
-    with reading(folder) as (study, record):
+    with reading(folder, storage) as (study, record):
         units: dict[str, str] = {}
         warnings: dict[str, None] = {}
         rows = [_row(study, folder, trial, units, warnings) for trial in record.get_trials(deepcopy=False)]
@@ -215,7 +219,7 @@ def load_results(out: str | Path) -> Results:
     frame = frame.astype({"reuse_of": "Int64", "violation_mm": float})
     # A table whose trials are all of one kind must not differ in its columns' kinds from any other.
     frame["violated"] = frame["violated"].astype(object).where(frame["violated"].notna(), None)
-    return Results(folder, study, frame, units, tuple(warnings))
+    return Results(folder, study, frame, units, tuple(warnings), storage)
 
 
 def confirmed(folder: Path) -> "pd.DataFrame":
@@ -260,7 +264,7 @@ def _row(
     row: dict[str, Any] = {"trial": trial.number, "state": state, **values}
     if state == "complete":
         row |= dict(zip(study.objectives, trial.values, strict=True))
-        saved = read_trial(folder, trial.number) or {}
+        saved = read_trial(folder, trial) or {}
         warnings |= dict.fromkeys(saved.get("warnings", ()))
         for name, estimate in saved.get("scores", {}).items():
             units[name] = estimate["unit"]
@@ -422,7 +426,7 @@ def history(frame: "pd.DataFrame", objectives: Mapping[str, str]) -> "pd.DataFra
     return pd.DataFrame(table)
 
 
-def importance(out: str | Path) -> dict[str, dict[str, float]] | None:
+def importance(out: str | Path, *, storage: str | None = None) -> dict[str, dict[str, float]] | None:
     """Share of each objective's variation that each parameter explains (functional ANOVA of a random forest).
 
     Returns
@@ -433,7 +437,7 @@ def importance(out: str | Path) -> dict[str, dict[str, float]] | None:
     from optuna.importance import FanovaImportanceEvaluator, get_param_importances
     from optuna.trial import TrialState
 
-    with reading(Path(out)) as (study, record):
+    with reading(Path(out), storage) as (study, record):
         done = record.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
         if len(done) < _FEWEST_FOR_IMPORTANCE:
             return None

@@ -5,6 +5,7 @@ import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from designlab.attempt import Evaluator, default_evaluator
@@ -14,7 +15,7 @@ from designlab.study.definition import Study
 from designlab.study.folder import opened
 from designlab.study.results import Results, load_results
 from designlab.study.robust import RobustEvaluator
-from designlab.study.search import Search
+from designlab.study.search import Search, retry
 from designlab.workers import submitter
 
 _DEATHS = 3  # deaths of worker processes in one run after which it stops
@@ -32,6 +33,7 @@ def run_study(
     workers: int = 1,
     progress: bool = True,
     evaluator: Evaluator | None = None,
+    storage: str | None = None,
 ) -> Results:
     """Run a study until its number of designs is evaluated; go on where an earlier run in the folder ended.
 
@@ -56,6 +58,10 @@ def run_study(
         Whether to show a bar with the time left on stderr.
     evaluator : callable, optional
         Called as ``evaluator(design, fidelity=..., seed=...)``; simulation when absent.
+    storage : str, optional
+        URL of a database, ``postgresql+psycopg://user@host/name``, that holds the record instead of
+        ``study.db``: runs of the same study on other machines, each with a folder of its own, work together.
+        Designs of a run that dies are tried again by the others.
 
     Returns
     -------
@@ -75,33 +81,34 @@ def run_study(
     if total < 1 or workers < 1:
         raise ValueError(f"trials and workers must be at least 1, got trials {total}, workers {workers}")
     folder = Path(out)
-    with opened(folder, study) as record:
+    stale = partial(retry, study)
+    with opened(folder, study, storage=storage, on_stale=stale) as record:
         scored = evaluator or default_evaluator
         if study.robust is not None:
             scored = RobustEvaluator(scored, study.robust, study.objectives)
-        search = Search(study, folder, record, scored)
+        search = Search(study, folder, record, scored, shared=storage is not None)
         search.recover()
         with Interrupts() as interrupts:
             try:
                 with _bar(total, search, shown=progress) as update:
                     _run(search, total, workers, interrupts, update)
                 if study.plan is not None:
-                    _confirm(study, folder, search.evaluator, workers, interrupts, shown=progress)
+                    found = replace(load_results(folder, storage=storage), study=study)
+                    _confirm(found, search.evaluator, workers, interrupts, shown=progress)
             except KeyboardInterrupt:
                 raise StudyInterrupted(
                     f"study {study.name!r} interrupted after {search.done} of {total} designs; "
                     f"run it again with the same folder, {folder}, to resume"
                 ) from None
-    return load_results(folder)
+    return load_results(folder, storage=storage)
 
 
 def _confirm(
-    study: Study, folder: Path, evaluator: Evaluator, workers: int, interrupts: Interrupts, *, shown: bool
+    results: Results, evaluator: Evaluator, workers: int, interrupts: Interrupts, *, shown: bool
 ) -> None:
     """Evaluate the best designs again; what a run before it has done is there."""
     from tqdm import tqdm
 
-    results = replace(load_results(folder), study=study)
     with (
         submitter(workers, interrupts) as submit,
         tqdm(unit="evaluation", file=sys.stderr, disable=not shown, leave=True) as bar,

@@ -1,8 +1,12 @@
 """The search: draw designs, set aside what cannot be built, evaluate the rest, and record all of it."""
 
+import contextlib
 import math
+import secrets
+import threading
+import time
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -14,7 +18,7 @@ from designlab.design import Design, DesignError, dumps
 from designlab.interrupts import Interrupts
 from designlab.store import atomic_folder, write_atomic, write_json
 from designlab.study.definition import VARIANT, Parameter, Study, StudyError
-from designlab.study.folder import read_trial, trial_folder
+from designlab.study.folder import HEARTBEAT_S, SCORE, read_trial, trial_folder
 from designlab.workers import Submit
 
 if TYPE_CHECKING:
@@ -24,6 +28,9 @@ if TYPE_CHECKING:
 
 REFUSED_MM = 1000.0
 """Violation of a design that is refused before its rules can be measured: worse than any that can."""
+
+POLL_S = 5.0
+"""How often a run that has nothing to do asks what the others of a shared record do."""
 
 _PATIENCE = 20  # infeasible designs in a row after which every other one is drawn at random
 _GIVE_UP = 1000  # infeasible designs in a row after which the ranges are taken to hold no feasible one
@@ -45,14 +52,26 @@ class Search:
     run that was interrupted and resumed proposes what an uninterrupted one does.
     """
 
-    def __init__(self, study: Study, folder: Path, record: "optuna.Study", evaluator: Evaluator) -> None:
+    def __init__(
+        self,
+        study: Study,
+        folder: Path,
+        record: "optuna.Study",
+        evaluator: Evaluator,
+        *,
+        shared: bool = False,
+    ) -> None:
         self.study = study
         self.folder = folder
         self.record = record
         self.evaluator = evaluator
+        self.shared = shared
         self.distributions = distributions(study)
         self._known: dict[str, int] = {}  # design digest -> number of the trial that evaluated it
         self._followers: dict[str, list[Task]] = {}  # trials that wait for an equal design under evaluation
+        self._own: dict[int, int] = {}  # number of each trial that this run holds -> its key in the database
+        # Runs that share a record draw at the same time: each has luck of its own.
+        self._luck = [secrets.randbits(32)] if shared else []
         self._rejected = 0
         self._failed = 0
         self.done = 0
@@ -69,21 +88,17 @@ class Search:
         from optuna.trial import TrialState
 
         trials = self.record.get_trials(deepcopy=False)
-        retried = {trial.user_attrs.get("retry_of") for trial in trials}
         for trial in trials:
-            if trial.state != TrialState.RUNNING:
+            if trial.state != TrialState.RUNNING or (self.shared and trial.number not in self._own):
                 continue
-            saved = read_trial(self.folder, trial.number)
+            saved = read_trial(self.folder, trial)
             if saved is not None:
                 live = optuna.trial.Trial(self.record, trial._trial_id)
                 self._tell(live, saved["scores"])
                 continue
-            deaths = trial.user_attrs.get("deaths", 0) + (0 if interrupted else 1)
-            complete = "slot" in trial.user_attrs and set(trial.params) == set(self.distributions)
-            if complete and deaths < 2 and trial.number not in retried:
-                attributes = {"slot": trial.user_attrs["slot"], "retry_of": trial.number, "deaths": deaths}
-                self.record.enqueue_trial(dict(trial.params), user_attrs=attributes)
-            self.record.tell(trial.number, state=TrialState.FAIL)
+            retry(self.study, self.record, trial, died=not interrupted)
+            self.record.tell(trial.number, state=TrialState.FAIL, skip_if_finished=self.shared)
+        self._own.clear()
         start = self.study.start()
         if not trials and start is not None:
             self.record.enqueue_trial(start, user_attrs={"slot": 0})
@@ -110,8 +125,20 @@ class Search:
         interrupts: Interrupts,
         on_progress: Callable[[], None],
     ) -> None:
-        """Evaluate designs until `total` trials are complete."""
+        """Evaluate designs until `total` trials are complete, by all runs that share the record together."""
         running: dict[Future[dict[str, Any]], Task] = {}
+        with self._heartbeats():
+            self._run(running, total, workers, submit, interrupts, on_progress)
+
+    def _run(
+        self,
+        running: "dict[Future[dict[str, Any]], Task]",
+        total: int,
+        workers: int,
+        submit: Submit,
+        interrupts: Interrupts,
+        on_progress: Callable[[], None],
+    ) -> None:
         while True:
             while len(running) < workers and self._started(running) < total:
                 interrupts.check()
@@ -121,9 +148,11 @@ class Search:
                     running[submit(evaluate_design, *arguments)] = task
                     self._followers[task.design.digest] = []
                 on_progress()
-            if not running:
+            if not running and (self.done >= total or not self._others()):
                 return
             with interrupts.allowed():
+                if not running:
+                    time.sleep(POLL_S)  # should another run die, its designs are evaluated here
                 finished = wait(running, return_when=FIRST_COMPLETED).done
             for future in finished:
                 self._finish(running[future], future.result())
@@ -131,15 +160,59 @@ class Search:
             on_progress()
 
     def _started(self, running: Mapping[Any, Task]) -> int:
-        return self.done + len(running) + sum(len(tasks) for tasks in self._followers.values())
+        waiting = sum(len(tasks) for tasks in self._followers.values())
+        return self._others() + self.done + len(running) + waiting
+
+    def _others(self) -> int:
+        """How many designs other runs of a shared record have under evaluation; what they did is counted."""
+        from optuna.storages import fail_stale_trials
+        from optuna.trial import TrialState
+
+        if not self.shared:
+            return 0
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Optuna calls this experimental; its version is pinned
+            fail_stale_trials(self.record)
+        self._count()
+        running = self.record.get_trials(deepcopy=False, states=(TrialState.RUNNING,))
+        return sum(trial.number not in self._own for trial in running)
+
+    @contextlib.contextmanager
+    def _heartbeats(self) -> Iterator[None]:
+        """Tell the other runs of a shared record that this one is alive."""
+        if not self.shared:
+            yield
+            return
+        from optuna.exceptions import StorageInternalError
+
+        storage, ended = self.record._storage, threading.Event()
+
+        def beat() -> None:
+            while not ended.wait(HEARTBEAT_S):
+                for key in list(self._own.values()):
+                    with contextlib.suppress(StorageInternalError):  # which the search itself will meet
+                        storage.record_heartbeat(key)  # type: ignore[attr-defined]
+
+        thread = threading.Thread(target=beat, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            thread.join()
 
     def _propose(self) -> Task | None:
         """Draw one design; None if it is settled without an evaluation: infeasible, or known already."""
         slot, attempt = self._free_slot()
-        entropy = np.random.SeedSequence([self.study.seed, slot, attempt])
+        entropy = np.random.SeedSequence([self.study.seed, slot, attempt, *self._luck])
         at_random = self._rejected > _PATIENCE and self._rejected % 2 == 1
         self.record.sampler = sampler(self.study, int(entropy.generate_state(1)[0]), at_random=at_random)
-        trial = self.record.ask(self.distributions)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Heartbeat of storage")  # which `_heartbeats` sees to
+            trial = self.record.ask(self.distributions)
+        if self.shared:
+            self._own[trial.number] = trial._trial_id
+            self.record._storage.record_heartbeat(trial._trial_id)  # type: ignore[attr-defined]
         if "slot" not in trial.user_attrs:
             trial.set_user_attr("slot", slot)
         try:
@@ -181,12 +254,9 @@ class Search:
 
     def _reject(self, trial: "optuna.Trial", reason: str, broken: Mapping[str, float]) -> None:
         """Record an infeasible design: pruned, with a constraint from which the sampler learns."""
-        from optuna.trial import TrialState
-
         violation_mm = sum(broken.values()) if broken else REFUSED_MM
-        trial.set_user_attr("rejected", {"reason": reason, "broken": dict(broken)})
-        trial.set_constraint("violation_mm", violation_mm)
-        self.record.tell(trial, state=TrialState.PRUNED)
+        note = {"rejected": {"reason": reason, "broken": dict(broken)}}
+        self._settle(trial, None, note, {"violation_mm": violation_mm})
         self.infeasible += 1
         self._rejected += 1
         if self._rejected >= _GIVE_UP:
@@ -214,11 +284,7 @@ class Search:
 
     def _fail(self, trial: "optuna.Trial", reason: str) -> None:
         """Record a design of which no score can be had; the sampler learns to keep away from it."""
-        from optuna.trial import TrialState
-
-        trial.set_user_attr("failed", reason)
-        trial.set_constraint("violation_mm", REFUSED_MM)
-        self.record.tell(trial, state=TrialState.PRUNED)
+        self._settle(trial, None, {"failed": reason}, {"violation_mm": REFUSED_MM})
         self._failed += 1
         if self._failed >= _FAILURES:
             raise RuntimeError(
@@ -239,18 +305,49 @@ class Search:
             if not isinstance(task.subject, Design):
                 write_atomic(folder / "model.toml", task.subject.dumps())
             write_json(folder / "score.json", content)
-        self._tell(task.trial, outcome["scores"])
+        self._tell(task.trial, outcome["scores"], {SCORE: content} if self.shared else {})
         self.done += 1
 
-    def _tell(self, trial: "optuna.Trial", scores: Mapping[str, Mapping[str, Any]]) -> None:
+    def _tell(
+        self,
+        trial: "optuna.Trial",
+        scores: Mapping[str, Mapping[str, Any]],
+        notes: Mapping[str, Any] | None = None,
+    ) -> None:
         """Give a trial its objectives, and by how much it breaks the constraints."""
-        for name, bound in self.study.constraints.items():
-            trial.set_constraint(name, bound.broken_by(float(scores[name]["value"])))
-        self.record.tell(trial, self._values(scores))
+        broken = {
+            name: bound.broken_by(float(scores[name]["value"]))
+            for name, bound in self.study.constraints.items()
+        }
+        self._settle(trial, self._values(scores), notes or {}, broken)
+
+    def _settle(
+        self,
+        trial: "optuna.Trial",
+        values: list[float] | None,
+        notes: Mapping[str, Any],
+        constraints: Mapping[str, float],
+    ) -> None:
+        """End a trial: complete with its objectives, or pruned without."""
+        from optuna.exceptions import UpdateFinishedTrialError
+        from optuna.trial import TrialState
+
+        try:
+            for name, note in notes.items():
+                trial.set_user_attr(name, note)
+            for name, violation in constraints.items():
+                trial.set_constraint(name, violation)
+            state = TrialState.PRUNED if values is None else None
+            self.record.tell(trial, values, state=state, skip_if_finished=self.shared)
+        except UpdateFinishedTrialError:
+            if not self.shared:  # another run took it over, since this one was not heard of for long
+                raise
+        self._own.pop(trial.number, None)
 
     def _reuse(self, task: Task, number: int) -> None:
         """Complete a trial with the score of an equal design."""
-        saved = read_trial(self.folder, number)
+        (first,) = [t for t in self.record.get_trials(deepcopy=False) if t.number == number]
+        saved = read_trial(self.folder, first)
         if saved is None:
             raise StudyError(f"{trial_folder(self.folder, number)}: the score of a complete trial is missing")
         score = {name: saved[name] for name in ("scores", "seconds", "warnings") if name in saved}
@@ -268,6 +365,18 @@ class Search:
                 if scores[name]["value"] is None:
                     return f"{name} is not a finite number"
         return None
+
+
+def retry(
+    study: Study, record: "optuna.Study", trial: "optuna.trial.FrozenTrial", *, died: bool = True
+) -> None:
+    """Try the design of an abandoned trial again, unless it has been, or its evaluation died twice."""
+    retried = {other.user_attrs.get("retry_of") for other in record.get_trials(deepcopy=False)}
+    deaths = trial.user_attrs.get("deaths", 0) + int(died)
+    complete = "slot" in trial.user_attrs and set(trial.params) == set(distributions(study))
+    if complete and deaths < 2 and trial.number not in retried:
+        attributes = {"slot": trial.user_attrs["slot"], "retry_of": trial.number, "deaths": deaths}
+        record.enqueue_trial(dict(trial.params), user_attrs=attributes)
 
 
 def distributions(study: Study) -> "dict[str, optuna.distributions.BaseDistribution]":
@@ -312,8 +421,13 @@ def _sampler(name: str, study: Study, seed: int) -> "optuna.samplers.BaseSampler
 
     if name == "random":
         return samplers.RandomSampler(seed=seed)
+    population = min(50, max(8, study.trials // 4))
     if name == "nsga2":
-        return samplers.NSGAIISampler(population_size=min(50, max(8, study.trials // 4)), seed=seed)
+        return samplers.NSGAIISampler(population_size=population, seed=seed)
+    if name == "nsga3":
+        return samplers.NSGAIIISampler(population_size=population, seed=seed)
+    if name == "cmaes":
+        return samplers.CmaEsSampler(seed=seed, warn_independent_sampling=False)
     if name == "qmc":
         # The sequence is one for the whole study; its position is kept in the record.
         return samplers.QMCSampler(

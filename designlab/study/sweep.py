@@ -10,9 +10,11 @@ from pydantic import ValidationError
 
 from designlab.attempt import Evaluator, default_evaluator, evaluate_design
 from designlab.design import Design, DesignError, explain
-from designlab.study.definition import DEFAULT_OBJECTIVES, Parameter, Study, StudyError, carried
+from designlab.interrupts import Interrupts
+from designlab.study.definition import DEFAULT_OBJECTIVES, Parameter, Sampler, Study, StudyError, carried
 from designlab.study.results import Results
 from designlab.study.runner import run_study
+from designlab.workers import calls_at_once, completed, submitter
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,6 +30,8 @@ def sweep(
     *,
     fidelity: Fidelity = "fast",
     seed: int = 0,
+    workers: int = 1,
+    dask: str | None = None,
     progress: bool = True,
     evaluator: Evaluator | None = None,
 ) -> "pd.DataFrame":
@@ -43,6 +47,11 @@ def sweep(
         Effort of an evaluation.
     seed : int
         Seed of every evaluation: designs are compared under the same random numbers.
+    workers : int
+        Processes of this machine that evaluate at the same time. With more than one, a script needs the usual
+        ``if __name__ == "__main__":`` guard, and `evaluator` must be a function of a module.
+    dask : str, optional
+        Address of a Dask scheduler, ``tcp://host:8786``, whose workers evaluate instead.
     progress : bool
         Whether to show a bar with the time left on stderr.
     evaluator : callable, optional
@@ -67,10 +76,16 @@ def sweep(
     if not grid or not all(grid.values()):
         raise ValueError("values: give at least one field, and at least one value for each")
     combinations = [dict(zip(grid, chosen, strict=True)) for chosen in itertools.product(*grid.values())]
-    rows = [
-        _sweep_row(design, combination, evaluator or default_evaluator, fidelity, seed)
-        for combination in tqdm(combinations, unit="design", file=sys.stderr, disable=not progress)
-    ]
+    scored = evaluator or default_evaluator
+    calls = [(_sweep_row, design, combination, scored, fidelity, seed) for combination in combinations]
+    rows: list[dict[str, Any]] = [{}] * len(calls)
+    bar = tqdm(total=len(calls), unit="design", file=sys.stderr, disable=not progress)
+    with Interrupts() as interrupts, bar, submitter(workers, interrupts, dask=dask) as submit:
+        for place, row in completed(
+            submit, calls, at_once=calls_at_once(workers, dask), interrupts=interrupts
+        ):
+            rows[place] = row
+            bar.update()
     return pd.DataFrame(rows)
 
 
@@ -117,7 +132,7 @@ def optimise(
     trials: int = 40,
     fidelity: Fidelity = "fast",
     seed: int = 0,
-    sampler: Literal["tpe", "nsga2", "random", "qmc", "gp"] = "tpe",
+    sampler: Sampler = "tpe",
     workers: int = 1,
     progress: bool = True,
     evaluator: Evaluator | None = None,

@@ -25,7 +25,7 @@ from designlab.tolerance.result import (
     require_scores,
 )
 from designlab.tolerance.spreads import Input, Spread, copy, default_spreads, deviates, inputs
-from designlab.workers import completed, submitter
+from designlab.workers import calls_at_once, completed, submitter
 
 Array = NDArray[np.float64]
 COPIES = 200
@@ -105,10 +105,11 @@ def tolerance(
         (evaluate_design, evaluator or default_evaluator, _built(nominal, drawn, values, k), fidelity, seed)
         for k in missing
     ]
+    at_once = calls_at_once(workers, dask)
     with Interrupts() as interrupts, _bar(copies + 1, len(missing), shown=progress) as step:
         try:
             with submitter(workers, interrupts, dask=dask) as submit:
-                for place, found in completed(submit, calls, at_once=workers, interrupts=interrupts):
+                for place, found in completed(submit, calls, at_once=at_once, interrupts=interrupts):
                     require_scores(spec or {}, found.get("scores", spec or {}))
                     k = missing[place]
                     write_json(copy_path(folder, k), _record(k, drawn, values, found))

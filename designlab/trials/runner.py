@@ -19,13 +19,12 @@ from designlab.plant.effects import draw
 from designlab.plant.rig import Rig
 from designlab.store import read_json, write_json
 from designlab.trials.pool import Trial, frames_of
-from designlab.workers import completed, submitter
+from designlab.workers import calls_at_once, completed, submitter
 
 COLUMNS = 96
 SMALL_COLUMNS, SMALL_SAMPLES = 32, 64
 SEED = 1
 NOT_PLANTED = ("kit", "without")  # fields of a trial that its set does not depend on
-MOST_CALLS = 1000  # in flight on a cluster
 Progress = Callable[[str, int, int], None]
 
 
@@ -120,7 +119,7 @@ def kept(
     for n, path in enumerate(paths):
         if n not in missing:
             _check_same(path, asdict(trials[n]), read_json(path).get("trial"))
-    at_once = MOST_CALLS if crew.dask is not None else crew.workers
+    at_once = calls_at_once(crew.workers, crew.dask)
 
     def tell(what: str) -> None:
         if progress is not None:

@@ -253,9 +253,10 @@ def test_every_evaluation_gets_the_fidelity_and_the_seed_of_the_study(tmp_path):
     assert asked == [("standard", 7)] * 2
 
 
-@pytest.mark.parametrize("sampler", ["tpe", "nsga2", "random", "qmc"])
+@pytest.mark.parametrize("sampler", ["tpe", "nsga2", "nsga3", "cmaes", "random", "qmc"])
 def test_a_run_in_two_parts_gives_the_trials_of_one_run(tmp_path, sampler):
-    study = make(sampler=sampler, trials=14, seed=3)
+    one = {"objectives": {"uniformity_u0": "maximise"}} if sampler == "cmaes" else {}
+    study = make(sampler=sampler, trials=14, seed=3, **one)
     whole = run(study, tmp_path / "whole").frame
     counting = Counting()
     run(study, tmp_path / "parts", trials=5, evaluator=counting)
@@ -627,6 +628,21 @@ def test_a_sweep_has_one_row_for_each_combination():
     assert high["feasible"].all()
     np.testing.assert_allclose(high["uniformity_u0"], np.exp(-(((high["leds.tilt_deg"] - 30) / 40) ** 2)))
     assert len(counting.digests) == 3
+
+
+def test_a_sweep_on_a_cluster_has_the_same_rows():
+    distributed = pytest.importorskip("distributed", reason="Dask is an extra")
+    grid = {"leds.tilt_deg": range(0, 60, 20), "leds.height_mm": [1.0, 8.0]}
+    here = sweep(preset("gelsight-2020-flat"), grid, progress=False, evaluator=closed_form)
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        there = sweep(
+            preset("gelsight-2020-flat"),
+            grid,
+            dask=cluster.scheduler_address,
+            progress=False,
+            evaluator=closed_form,
+        )
+    pd.testing.assert_frame_equal(there, here)
 
 
 def test_a_sweep_over_no_field_of_a_design_is_refused():
