@@ -96,11 +96,11 @@ def reading(folder: Path, storage: str | None = None) -> Iterator[tuple[Study, "
     definition, own = folder / DEFINITION_FILE, folder / RECORD_FILE
     if not definition.is_file():
         raise StudyError(f"{folder}: holds no study ({DEFINITION_FILE} is expected)")
+    study = load_study(definition)
     if storage is None and not own.is_file():
         raise StudyError(
             f"{folder}: holds no record of trials ({RECORD_FILE}); if it lies in a database, give its URL"
         )
-    study = load_study(definition)
     with _quiet(), _storage(folder, storage) as record:
         try:
             loaded = optuna.load_study(study_name=_record_name(study, storage), storage=record)

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import signal
+import sqlite3
 import threading
 from pathlib import Path
 
@@ -518,6 +519,22 @@ def slow_closed_form(design, *, fidelity, seed):
 
 def test_a_folder_without_a_study_is_named(tmp_path):
     with pytest.raises(StudyError, match="holds no study"):
+        load_results(tmp_path)
+
+
+@pytest.mark.parametrize("use", [load_results, lambda folder: run(make(trials=2), folder)])
+def test_what_a_newer_version_wrote_is_named_and_kept(tmp_path, use):
+    run(make(trials=1), tmp_path)
+    with sqlite3.connect(tmp_path / "study.db") as record:
+        record.execute("update alembic_version set version_num = 'v99'")
+        record.execute("update version_info set schema_version = 99")
+    with pytest.raises(StudyError, match=r"study\.db: is of another version: [^\n]*$"):
+        use(tmp_path)
+    with sqlite3.connect(tmp_path / "study.db") as record:
+        assert record.execute("select count(*) from trials").fetchone() == (1,)
+    definition = tmp_path / "study.toml"
+    definition.write_text(definition.read_text().replace("version = 1", "version = 9", 1))
+    with pytest.raises(StudyError, match=r"study\.toml: field version: has format version 9"):
         load_results(tmp_path)
 
 
