@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 from designlab.design import Design, InfeasibleDesign
 
 if TYPE_CHECKING:
     from designlab.effects.model import SensorModel
+    from designlab.reconstruct import KernelCalibration
 
 
 class Evaluator(Protocol):
@@ -22,6 +24,19 @@ def default_evaluator(design: "Design | SensorModel", /, *, fidelity: str, seed:
     from designlab.evaluate import evaluate
 
     return evaluate(design, fidelity=fidelity, seed=seed)
+
+
+@dataclass(frozen=True)
+class CalibratedOnce:
+    """Scores designs with the calibration of another sensor of the kind, see `designlab.evaluate`."""
+
+    calibration: "KernelCalibration"
+
+    def __call__(self, design: "Design | SensorModel", /, *, fidelity: str, seed: int) -> Any:
+        """Return the score of a feasible design."""
+        from designlab.evaluate import evaluate
+
+        return evaluate(design, fidelity=fidelity, seed=seed, calibration=self.calibration)
 
 
 def evaluate_design(

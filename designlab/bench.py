@@ -160,6 +160,14 @@ class Bench:
         )
         return self.reported(camera.response.decode(seen)).astype(np.float32)
 
+    def background(
+        self, untouched: Frame, again: Frame, extra: RenderNoise | None = None
+    ) -> NDArray[np.floating]:
+        """Picture of the untouched gel that presses are compared with."""
+        # A lab averages many frames of it; smoothing stands for that.
+        mean = (self.picture(untouched, 0, extra) + self.picture(again, 1, extra)) / 2
+        return np.asarray(gaussian_filter(mean, sigma=(SMOOTHING_PX, SMOOTHING_PX, 0)))
+
     def calibrate(
         self,
         untouched: Frame,
@@ -173,11 +181,7 @@ class Bench:
 
         Of an earlier calibration, `like`, the kernel is taken over instead of being chosen anew.
         """
-        # A lab averages many frames of the untouched gel; smoothing stands for that.
-        background = gaussian_filter(
-            (self.picture(untouched, 0, extra) + self.picture(again, 1, extra)) / 2,
-            sigma=(SMOOTHING_PX, SMOOTHING_PX, 0),
-        )
+        background = self.background(untouched, again, extra)
         x, y = untouched.rays.x_mm, untouched.rays.y_mm
         images = each_of(lambda k: self.picture(balls[k], 10 + k, extra), len(balls))
         truths = each_of(lambda k: balls[k].gradient, len(balls))

@@ -131,6 +131,7 @@ def evaluate(
     seed: int = 0,
     out: str | Path | None = None,
     progress: Progress | None = None,
+    calibration: KernelCalibration | None = None,
 ) -> Score:
     """Score a design by simulation.
 
@@ -151,6 +152,9 @@ def evaluate(
         Folder for scores and pictures; replaced when it exists.
     progress : callable, optional
         Called with what is being done, how many steps are done, and how many there are.
+    calibration : KernelCalibration, optional
+        Of another sensor of the kind, see `calibration_of`, which stands in for calibrating this one: of it
+        only the untouched gel is seen. Its pictures must be as large as those of `fidelity`.
 
     Raises
     ------
@@ -159,18 +163,15 @@ def evaluate(
     ValueError
         If the fidelity is unknown.
     """
-    if fidelity not in FIDELITIES:
-        raise ValueError(f"fidelity: must be one of {', '.join(FIDELITIES)}, got {fidelity!r}")
-    effort = FIDELITIES[fidelity]
+    effort = _effort(fidelity)
     model = SensorModel.of(design)
     model.effective_design().require_feasible()
     if out is not None:
         _require_writable(Path(out))
     clock = _Clock()
-    columns = effort.columns if activate().is_jit else SCALAR_COLUMNS
-    simulator = Simulator(
-        model, columns=columns, samples=effort.samples, seed=seed, estimator=effort.estimator
-    )
+    simulator = _simulator(model, effort, seed)
+    if calibration is not None:
+        _require_fitting(calibration, simulator)
     presses = plan_presses(simulator.design, rounds=effort.rounds, seed=seed, grids=effort.grids)
     steps = _Steps(progress, 1 + len(presses.calibration) + len(presses.test) + 1)
 
@@ -179,9 +180,7 @@ def evaluate(
         surfaces = beside.map(simulator.surface, (*presses.calibration, *presses.test))
         with clock.part("untouched gel"):
             steps("untouched gel")
-            untouched, again = (
-                simulator.frame(None, seed=sub_seed(seed, 3, half), half=half) for half in (0, 1)
-            )
+            untouched, again = _untouched(simulator)
         frames = _pressed(simulator, presses, surfaces, steps)
         with clock.part("calibration presses"):
             balls = list(islice(frames, len(presses.calibration)))
@@ -195,11 +194,14 @@ def evaluate(
                 simulator.design, exposure(simulator.design, untouched, again), seed, model=simulator.model
             )
             of_gel = beside.submit(_scores_of_gel, simulator, bench, (untouched, again), balls)
-            calibration = bench.calibrate(untouched, again, balls)
-            noisier = beside.submit(_noisier, bench, calibration, (untouched, again), balls, tests)
-            results = bench.reconstruct(calibration, tests)
+            if calibration is None:
+                own, told_by = bench.calibrate(untouched, again, balls), balls
+            else:
+                own, told_by = calibration.on(bench.background(untouched, again)), []
+            noisier = beside.submit(_noisier, bench, own, (untouched, again), told_by, tests)
+            results = bench.reconstruct(own, tests)
             errors, of_presses = press_scores.reconstruction_scores(
-                bench, untouched, calibration.background, results, noisier.result()
+                bench, untouched, own.background, results, noisier.result()
             )
             gel = of_gel.result()
             worst = {
@@ -228,6 +230,59 @@ def evaluate(
     if out is not None:
         _write(Path(out), score, bench, untouched, results, gel.maps)
     return score
+
+
+def calibration_of(
+    design: Design | SensorModel, *, fidelity: str = "fast", seed: int = 0
+) -> KernelCalibration:
+    """Calibrate one sensor, for others that are built to the same drawing.
+
+    Parameters
+    ----------
+    design, fidelity, seed
+        As of `evaluate`.
+    """
+    effort = _effort(fidelity)
+    model = SensorModel.of(design)
+    model.effective_design().require_feasible()
+    simulator = _simulator(model, effort, seed)
+    presses = plan_presses(simulator.design, rounds=effort.rounds, seed=seed, grids=effort.grids)
+    untouched, again = _untouched(simulator)
+    surfaces = (simulator.surface(press) for press in presses.calibration)
+    alone = Presses(presses.calibration, ())
+    balls = list(_pressed(simulator, alone, surfaces, _Steps(None, len(presses.calibration))))
+    bench = Bench(simulator.design, exposure(simulator.design, untouched, again), seed, model=simulator.model)
+    with threadpool_limits(limits=1, user_api="blas"):
+        return bench.calibrate(untouched, again, balls)
+
+
+def _effort(fidelity: str) -> Fidelity:
+    if fidelity not in FIDELITIES:
+        raise ValueError(f"fidelity: must be one of {', '.join(FIDELITIES)}, got {fidelity!r}")
+    return FIDELITIES[fidelity]
+
+
+def _simulator(model: SensorModel, effort: Fidelity, seed: int) -> Simulator:
+    columns = effort.columns if activate().is_jit else SCALAR_COLUMNS
+    return Simulator(model, columns=columns, samples=effort.samples, seed=seed, estimator=effort.estimator)
+
+
+def _require_fitting(calibration: KernelCalibration, simulator: Simulator) -> None:
+    rows, columns, _ = calibration.background.shape
+    view = simulator.view
+    if (rows, columns) != (view.rows, view.columns):
+        raise ValueError(
+            f"calibration: must be of pictures of {view.columns} x {view.rows} pixels, "
+            f"is of {columns} x {rows}: of another camera or fidelity"
+        )
+
+
+def _untouched(simulator: Simulator) -> tuple[Frame, Frame]:
+    """Two pictures of the untouched gel, which differ by render noise."""
+    first, again = (
+        simulator.frame(None, seed=sub_seed(simulator.seed, 3, half), half=half) for half in (0, 1)
+    )
+    return first, again
 
 
 class _Gel(NamedTuple):
@@ -280,9 +335,15 @@ def _noisier(
     balls: Sequence[Frame],
     tests: Sequence[Frame],
 ) -> list[Reconstruction]:
-    """Every other test press with a second dose of render noise in all pictures: what noise adds."""
+    """Every other test press with a second dose of render noise in all pictures: what noise adds.
+
+    Without balls the calibration is another sensor's, and has no such noise.
+    """
     extra = render_noise(*renders)
-    again = bench.calibrate(*renders, balls, extra=extra, like=calibration)
+    if balls:
+        again = bench.calibrate(*renders, balls, extra=extra, like=calibration)
+    else:
+        again = calibration.on(bench.background(*renders, extra))
     return bench.reconstruct(again, tests[::2], extra=extra)
 
 

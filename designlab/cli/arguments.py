@@ -282,6 +282,12 @@ def _add_tolerance(add: Any) -> None:
     command.add_argument(
         "--copies", type=_whole(2, 100_000), default=200, metavar="N", help="how many (default: 200)"
     )
+    command.add_argument(
+        "--calibrate",
+        choices=("each", "once"),
+        default="each",
+        help="calibrate each copy, or the drawing once for all (default: each)",
+    )
     command.add_argument("--fidelity", choices=FIDELITIES, default="fast", help="effort (default: fast)")
     _workers(command)
     command.add_argument(

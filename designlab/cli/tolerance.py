@@ -30,6 +30,7 @@ def tolerance(args: Namespace) -> Result:
         spec=terms.spec,
         fidelity=args.fidelity,
         seed=args.seed,
+        calibrate=args.calibrate,
         workers=args.workers,
         dask=args.dask,
     )

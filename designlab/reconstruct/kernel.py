@@ -1,7 +1,7 @@
 """Photometric stereo by kernel regression that also says how far it may be trusted at each pixel."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -68,6 +68,16 @@ class KernelCalibration:
     _weights: Array
     _at_rest: Array
     _left_out: list[Array]
+
+    def on(self, background: ArrayLike) -> "KernelCalibration":
+        """Return the same map for another sensor of the kind, of which only the untouched gel was seen.
+
+        Raises
+        ------
+        ValueError
+            If its picture has another shape.
+        """
+        return replace(self, background=checked_image(background, self.background.shape, "background"))
 
     def estimate(self, image: ArrayLike, *, mask: Mask | None = None) -> Estimate:
         """Gradients of the indentation and their weights, each of shape (rows, columns).

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     import plotly.graph_objects
 
 BLUE, ORANGE, GREY = COLOURS[0], COLOURS[1], COLOURS[-1]
+_CALIBRATED = {
+    "each": "each calibrated on its own",
+    "once": "reconstructed with the calibration of the drawing",
+}
 SHOWN = 10  # worst offenders that are drawn
 
 
@@ -43,7 +47,7 @@ def tolerance_report(found: Tolerance, target: str | Path) -> Path:
         Section("What differs between copies", (_spreads(found),)),
         Section("Copies that cannot be built", _unbuilt(found)),
     ]
-    subtitle = f"{copies} copies of {found.design}, each calibrated on its own"
+    subtitle = f"{copies} copies of {found.design}, {_CALIBRATED[found.calibrate]}"
     return write_atomic(Path(target), page(f"Tolerance: {found.design}", sections, subtitle=subtitle))
 
 

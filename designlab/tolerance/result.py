@@ -46,6 +46,8 @@ class Tolerance:
         Unit of each score.
     spreads : tuple of Spread
         What was drawn from.
+    calibrate : str
+        Whether ``each`` copy was calibrated or the drawing ``once``.
     """
 
     folder: Path
@@ -55,6 +57,7 @@ class Tolerance:
     inputs: tuple[str, ...]
     units: Mapping[str, str]
     spreads: tuple[Spread, ...] = ()
+    calibrate: str = "each"
 
     @property
     def scores(self) -> tuple[str, ...]:
@@ -126,6 +129,7 @@ class Tolerance:
             "design": self.design,
             "folder": str(self.folder),
             "copies": len(self.copies),
+            "calibrate": self.calibrate,
             "unbuilt": int((~self.copies["built"].astype(bool)).sum()),
             "spec": {name: bound.model_dump(exclude_none=True) for name, bound in self.spec.items()},
             "good": self.passed() if self.spec else None,
@@ -208,7 +212,7 @@ def load_tolerance(folder: str | Path) -> Tolerance:
     frame = pd.DataFrame([_row(record, inputs, tuple(units)) for record in records])
     spec = {name: Bound.model_validate(bound) for name, bound in run["spec"].items()}
     spreads = tuple(Spread.model_validate(spread) for spread in run["spreads"])
-    return Tolerance(folder, run["design"], spec, frame, inputs, units, spreads)
+    return Tolerance(folder, run["design"], spec, frame, inputs, units, spreads, run["calibrate"])
 
 
 def require_scores(spec: Collection[str], known: Collection[str]) -> None:

@@ -5,12 +5,12 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.attempt import Evaluator, default_evaluator, evaluate_design
+from designlab.attempt import CalibratedOnce, Evaluator, default_evaluator, evaluate_design
 from designlab.bounds import Bound
 from designlab.design import Design, DesignError
 from designlab.effects import SensorModel
@@ -28,6 +28,7 @@ from designlab.tolerance.spreads import Input, Spread, copy, default_spreads, de
 from designlab.workers import calls_at_once, completed, submitter
 
 Array = NDArray[np.float64]
+Calibrate = Literal["each", "once"]
 COPIES = 200
 
 
@@ -44,6 +45,7 @@ def tolerance(
     spec: Mapping[str, Bound] | None = None,
     fidelity: str = "fast",
     seed: int = 0,
+    calibrate: Calibrate = "each",
     workers: int = 1,
     dask: str | None = None,
     progress: bool = True,
@@ -51,8 +53,7 @@ def tolerance(
 ) -> Tolerance:
     """Evaluate copies of a design as they would be built.
 
-    Every copy is calibrated on its own, as a lab does with a sensor that it has built, and sees the same
-    presses and random numbers: copies differ by how they are built alone.
+    All copies see the same presses and random numbers: they differ by how they are built alone.
 
     Parameters
     ----------
@@ -71,6 +72,9 @@ def tolerance(
         Effort of an evaluation.
     seed : int
         Seed of the draws and of every evaluation.
+    calibrate : {"each", "once"}
+        Whether each copy is calibrated on its own, as a laboratory does with a sensor that it has built, or
+        the drawing is once: copies are then reconstructed with its calibration and their own untouched gel.
     workers, dask, progress, evaluator
         As in `designlab.study.run_study`.
 
@@ -84,6 +88,8 @@ def tolerance(
     ToleranceInterrupted
         If the user pressed Ctrl-C; nothing that was finished is lost.
     """
+    if calibrate == "once" and evaluator is not None:
+        raise ValueError("calibrate: once is for the usual evaluator; one of yours calibrates as it likes")
     if copies < 2 or workers < 1:
         raise ValueError(f"copies and workers must be at least 2 and 1, got {copies} and {workers}")
     nominal = SensorModel.of(design)
@@ -93,7 +99,9 @@ def tolerance(
     if not drawn:
         raise ValueError("spreads: nothing differs between copies; give one or more")
     folder = Path(out)
-    _claim(folder, nominal, chosen, spec or {}, copies=copies, fidelity=fidelity, seed=seed)
+    _claim(
+        folder, nominal, chosen, spec or {}, copies=copies, fidelity=fidelity, seed=seed, calibrate=calibrate
+    )
     values = deviates(copies, len(drawn), seed)
     missing = [k for k in range(NOMINAL, copies) if not copy_path(folder, k).is_file()]
     for k in list(missing):
@@ -101,10 +109,12 @@ def tolerance(
         if reason is not None:
             write_json(copy_path(folder, k), _record(k, drawn, values, {"unbuilt": reason}))
             missing.remove(k)
-    calls = [
-        (evaluate_design, evaluator or default_evaluator, _built(nominal, drawn, values, k), fidelity, seed)
-        for k in missing
-    ]
+    scored = evaluator or default_evaluator
+    if calibrate == "once" and missing:
+        from designlab.evaluate import calibration_of
+
+        scored = CalibratedOnce(calibration_of(nominal, fidelity=fidelity, seed=seed))
+    calls = [(evaluate_design, scored, _built(nominal, drawn, values, k), fidelity, seed) for k in missing]
     at_once = calls_at_once(workers, dask)
     with Interrupts() as interrupts, _bar(copies + 1, len(missing), shown=progress) as step:
         try:
@@ -161,17 +171,18 @@ def _claim(
     copies: int,
     fidelity: str,
     seed: int,
+    calibrate: Calibrate,
 ) -> None:
     """Write what is run into a new folder; refuse the folder of another run."""
     path = folder / RUN_FILE
     stated = [spread.model_dump(mode="json") for spread in spreads]
-    ours = digest(nominal.digest, stated, fidelity, seed)
+    ours = digest(nominal.digest, stated, fidelity, seed, calibrate)
     if path.is_file():
         before = read_json(path)
         if before.get("digest") != ours:
             raise ValueError(
-                f"{folder}: holds another run, of {before.get('design')!r}: design, spreads, fidelity or "
-                "seed differ; choose another folder"
+                f"{folder}: holds another run, of {before.get('design')!r}: design, spreads, fidelity, "
+                "seed or calibration differ; choose another folder"
             )
     content = {
         "digest": ours,
@@ -179,6 +190,7 @@ def _claim(
         "copies": copies,
         "fidelity": fidelity,
         "seed": seed,
+        "calibrate": calibrate,
         "spreads": stated,
         "spec": {name: bound.model_dump(exclude_none=True) for name, bound in spec.items()},
     }

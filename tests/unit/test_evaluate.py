@@ -248,3 +248,18 @@ def test_what_cannot_be_scored_is_refused_before_any_work(tmp_path):
     with pytest.raises(FileExistsError, match="holds no earlier evaluation"):
         evaluate(FLAT, out=other)
     assert (other / "thesis.tex").read_text() == "x"
+
+
+def test_a_calibration_serves_its_own_sensor_as_before_and_others_less_well(score):
+    """What the drawing teaches holds for it exactly; LEDs that stand elsewhere make it wrong."""
+    taught = evaluation.calibration_of(FLAT, seed=1)
+    own = evaluate(FLAT, seed=1, calibration=taught)
+    assert own.normal_error_median_deg.value == pytest.approx(score.normal_error_median_deg.value, rel=1e-9)
+    assert own.uniformity_u0 == score.uniformity_u0
+    lower = FLAT.replace({"leds.height_mm": FLAT.leds.height_mm - 3.0})
+    each, once = (evaluate(lower, seed=1, calibration=given) for given in (None, taught))
+    assert once.normal_error_median_deg.value > 1.2 * each.normal_error_median_deg.value
+    with pytest.raises(
+        ValueError, match="calibration: must be of pictures of 320 x 240 pixels, is of 64 x 48"
+    ):
+        evaluate(FLAT, fidelity="standard", seed=1, calibration=taught)

@@ -217,3 +217,8 @@ def test_the_page_and_the_summary_say_what_was_found(tmp_path, monkeypatch, caps
         assert word in page
     assert cli.main([*words, str(tmp_path / "out"), "--seed", "4"]) == 2
     assert "holds another run" in capsys.readouterr().err
+
+
+def test_a_calibration_of_the_drawing_is_for_the_usual_evaluator(tmp_path):
+    with pytest.raises(ValueError, match="calibrate: once is for the usual evaluator"):
+        run(tmp_path, calibrate="once")
