@@ -1,5 +1,7 @@
 """Presets against the published figures of the sensors they stand for."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -13,15 +15,19 @@ CORES = tuple(f"{name}-core" for name in PUBLISHED)
 RADIANCE = {"red": 5.237, "green": 6.735, "blue": 6.839}
 AZIMUTH_DEG = {"red": 90.0, "green": 210.0, "blue": 330.0}
 PIXEL_MM = 0.0159
+LIKE = ("digit-like", "gelsight-mini-like", "pbr-fingertip-like")
 
 
 def test_names():
     assert preset_names() == (
         "default",
+        "digit-like",
         "gelsight-2020-dome",
         "gelsight-2020-dome-core",
         "gelsight-2020-flat",
         "gelsight-2020-flat-core",
+        "gelsight-mini-like",
+        "pbr-fingertip-like",
     )
 
 
@@ -34,7 +40,7 @@ def test_a_preset_is_feasible_named_and_reads_back(name):
     assert loads(dumps(design)) == design
 
 
-@pytest.mark.parametrize("name", [*PUBLISHED, *CORES])
+@pytest.mark.parametrize("name", [*PUBLISHED, *CORES, *LIKE])
 def test_every_figure_of_a_published_sensor_says_where_it_is_from(name):
     choices = (
         "package",
@@ -55,8 +61,9 @@ def test_every_figure_of_a_published_sensor_says_where_it_is_from(name):
             continue
         if line.split("=")[0].strip() in (*choices, "mixing"):
             continue
-        sources = "[P]", "[S]", "assumption", "radiance", "measured"
-        assert any(source in line for source in sources), line
+        assert re.search(
+            r"\[[A-Z]\]|assumption|radiance|measured|as above|default preset|presets of", line
+        ), line
 
 
 @pytest.mark.parametrize("name", PUBLISHED)
@@ -129,3 +136,20 @@ def test_the_published_crop_shows_the_published_press():
     column, row = design.project_px(1.510, 1.353)
     assert column == pytest.approx(1324, abs=4)
     assert row == pytest.approx(970, abs=4)
+
+
+@pytest.mark.parametrize(
+    ("name", "across_mm"),
+    [
+        # 12.3 px per mm in a frame of 320 px, measured by others on a Mini (paulotto/canfnet)
+        ("gelsight-mini-like", 320 / 12.3),
+        # 16 mm across, by the paper on DIGIT
+        ("digit-like", 16.0),
+    ],
+)
+def test_a_camera_sees_as_much_of_the_gel_as_the_sensors_does(name, across_mm):
+    design = preset(name)
+    seen = rays(design, design.camera.full_view()._replace(columns=80, rows=60))
+    middle = seen.x_mm[seen.x_mm.shape[0] // 2]
+    pitch = np.diff(middle).mean()
+    assert np.ptp(middle) + pitch == pytest.approx(across_mm, rel=0.06)
