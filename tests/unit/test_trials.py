@@ -4,27 +4,20 @@ import json
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-from matplotlib.image import imread
-from scipy.special import expit
+from trial_outcomes import outcome
 
 from designlab import cli
 from designlab.design import preset
 from designlab.effects import effect
-from designlab.gap.confidence import SIGNS
-from designlab.gap.learnt import known, left_of_nothing
 from designlab.gap.result import Level
 from designlab.measurement import Measurement
 from designlab.measurement.frames import Frame
 from designlab.plant import effects as planted
 from designlab.plant.beyond import outside_kinds
-from designlab.report import pool_report
-from designlab.report.pool_figures import limits_plot, reliability_plot
 from designlab.store import write_json
 from designlab.trials import (
     Crew,
-    Outcome,
     Transferred,
     Trial,
     development,
@@ -34,54 +27,13 @@ from designlab.trials import (
     score,
     transfers,
 )
-from designlab.trials.detection import in_units, limits
-from designlab.trials.learn import learnt, named, shares_right, spread, unlisted_sd
-from designlab.trials.learn import left_of_nothing as left_of
-from designlab.trials.pool import AIR, KITS, STRENGTHS, frames_of
+from designlab.trials.detection import in_units
+from designlab.trials.pool import AIR, KITS, frames_of
 from designlab.trials.runner import kept
 from designlab.trials.score import rate, reliability
 from designlab.trials.transfer import HIGHER_MM, MORE_TILT_DEG, other, removed, summary
 
 POOL = development()
-FLOOR = 1.0 / left_of_nothing()  # so that nothing hidden leaves 1
-
-
-def outcome(
-    trial: Trial,
-    *,
-    verdict: str,
-    sets: list[list[str]],
-    after: float = 2.0,
-    confidence: float = 0.8,
-    **truth: float,
-) -> Outcome:
-    effects = {name: dict(truth) for name in trial.effects}
-    found = {
-        names[0]: {
-            p: {"value": 1.1 * v, "low": v - 0.1, "high": v + 0.1, "sd": 0.125, "null": 0.0, "fit_sd": 0.0}
-            for p, v in truth.items()
-        }
-        for names in sets
-        if names[0] in effects
-    }
-    return Outcome(
-        trial=asdict(trial),
-        truth={"effects": effects},
-        verdict=verdict,
-        named=[names[0] for names in sets],
-        sets=sets,
-        parameters=found,
-        confidence=[confidence] * len(sets),
-        control=0.1,
-        next_frames=[],
-        gap={
-            use: {"before": 11.0, "after": after, "floor": FLOOR, "usual": 1.0, "removed": (11 - after) / 10}
-            for use in ("select", "final")
-        },
-        candidates=[],
-        seconds=1.0,
-        processor_seconds=1.0,
-    )
 
 
 def test_the_pool_holds_what_it_should() -> None:
@@ -134,7 +86,7 @@ def test_one_set_of_each_design_comes_first_and_what_is_there_is_not_run_again(t
 
 
 @pytest.mark.parametrize(
-    ("text", "words"), [('{"trial": ', "cannot be read"), ("[]", "no record"), ("{}", "otherwise")]
+    ("text", "words"), [('{"trial": ', "is damaged"), ("[]", "no record"), ("{}", "otherwise")]
 )
 def test_a_damaged_record_is_named(tmp_path, text, words) -> None:
     path = tmp_path / "outcomes" / "t-1.json"
@@ -211,114 +163,6 @@ def test_confidence_is_compared_with_how_often_names_are_right() -> None:
     assert reliability([(0.9, True)]) is None
 
 
-def tried(trial: Trial, name: str, *, after: float, gain: float, rival: float) -> Outcome:
-    """Record of a set of which one effect was named, with evidence 100, another having `rival`."""
-    own = {"name": name, "round": 1, "outcome": "passed", "gain": gain, "evidence": 100.0}
-    other = {"name": "banding", "round": 1, "outcome": "passed", "gain": 0.1, "evidence": rival}
-    found = outcome(trial, verdict="named", sets=[[name]], after=after)
-    return replace(found, candidates=[own, other])
-
-
-def test_confidence_is_the_share_of_right_names_among_those_alike() -> None:
-    random = np.random.default_rng(7)
-    hidden = Trial("single", AIR[0], 1, {"vignetting": 1.0})
-
-    def drawn(count: int) -> list[Outcome]:
-        found = []
-        for _ in range(count):
-            left, gain, rival = random.uniform(0.0, 3.0), random.uniform(0.05, 1.0), random.uniform(1.0, 99.0)
-            # What is left tells; evidence of rivals says nothing here.
-            right = random.random() < expit(4.0 - 2.5 * left + np.log(gain))
-            name = "vignetting" if right else "led_tilt"
-            found.append(tried(hidden, name, after=float(np.exp(left)), gain=gain, rival=rival))
-        return found
-
-    taught = shares_right(drawn(400), left_of_nothing())
-    weights = taught["weights"]
-    assert weights["left"] < -1.5
-    assert weights["gain"] > 0.4
-    assert abs(weights["margin"]) < 0.3
-    assert weights["set"] == weights["later"] == 0.0  # the same of all
-    assert np.all(np.diff(taught["right"]) >= 0)
-    seen, right = named(drawn(2000), left_of_nothing())
-    said = np.interp(seen @ [weights[name] for name in SIGNS], taught["scores"], taught["right"])
-    error = reliability(list(zip(said, right, strict=True)))
-    assert error is not None
-    assert error["error"] < 0.05
-    assert error["bins"][0]["right"] < 0.4 < 0.9 < error["bins"][-1]["right"]
-
-
-def test_a_sign_cannot_count_against_what_is_known_of_it() -> None:
-    """By chance, names that leave more may be right more often among few."""
-    hidden = Trial("single", AIR[0], 1, {"vignetting": 1.0})
-    few = [tried(hidden, "vignetting", after=5.0 + k, gain=0.5, rival=1.0) for k in range(8)]
-    few += [tried(hidden, "led_tilt", after=1.0 + 0.1 * k, gain=0.5, rival=1.0) for k in range(8)]
-    taught = shares_right(few, left_of_nothing())
-    assert taught["weights"]["left"] == 0.0
-    assert taught["right"] == [0.5]  # nothing tells them apart, in whatever order they come
-    assert shares_right(few[::-1], left_of_nothing())["right"] == [0.5]
-    with pytest.raises(ValueError, match="4 names teach nothing, 15 are needed"):
-        shares_right(few[:4], left_of_nothing())
-
-
-def test_a_pool_teaches_what_it_shows_and_keeps_the_rest() -> None:
-    nothing = [outcome(Trial(f"n{k}", AIR[0], k), verdict="at_floor", sets=[]) for k in range(3)]
-    assert left_of(nothing) == pytest.approx(11.0 / FLOOR, abs=1e-3)
-    with pytest.raises(ValueError, match="no set that hides nothing"):
-        left_of([])
-    hidden = Trial("single", AIR[0], 1, {"vignetting": 1.0})
-    one = tried(hidden, "vignetting", after=1.0, gain=0.5, rival=1.0)
-    far = outcome(hidden, verdict="named", sets=[["vignetting"]], corner_loss=1.0)
-    shown = replace(one, truth=far.truth, parameters=far.parameters)
-    found = learnt([*nothing, *[shown] * 15])
-    assert found["left_of_nothing"] == left_of(nothing)
-    assert found["confidence"]["names"] == 15
-    before = known()["unlisted_sd"]
-    assert found["unlisted_sd"].keys() == before.keys()
-    assert {k for k, v in found["unlisted_sd"].items() if v != before[k]} == {"vignetting"}
-    assert found["unlisted_sd"]["vignetting"] == pytest.approx(0.4, rel=0.1)  # a tenth, of 0.25 each
-
-
-def test_the_error_that_fits_do_not_know_is_found_again() -> None:
-    random = np.random.default_rng(5)
-    stated = random.uniform(0.0, 0.2, 2000)
-    errors = random.normal(0.0, np.hypot(0.3, stated))
-    assert spread(list(zip(errors, stated, strict=True))) == pytest.approx(0.3, rel=0.05)
-    # One value that is hit precisely does not outweigh one that is missed by ten stated errors.
-    assert spread([(0.0, 0.001), (1.0, 0.1)]) > 0.3
-    # What stated errors explain leaves what is usual; that is less the more sets there are.
-    few, many = (spread([(e, 0.05) for e in random.normal(0, 0.05, n)]) for n in (3, 3000))
-    assert many < few < 0.2
-    assert many < 0.03
-
-
-def test_intervals_with_what_was_learnt_hold_as_often_as_they_say() -> None:
-    random, held = np.random.default_rng(7), []
-    for _ in range(400):
-        true = abs(0.05 * random.standard_cauchy())
-        true = min(true, 2.0)
-        learnt = spread([(e, 0.02) for e in random.normal(0, np.hypot(true, 0.02), 6)])
-        held.append(abs(random.normal(0, np.hypot(true, 0.02))) < 1.96 * np.hypot(learnt, 0.02))
-    assert 0.92 < np.mean(held) < 0.99
-
-
-def test_values_of_named_effects_tell_what_is_unlisted() -> None:
-    # `outcome` finds values a tenth too large: 0.02 and 0.06 of a corner loss, whose prior spread is 0.25.
-    trial = Trial("v", AIR[0], 3, {"vignetting": 1.0})
-    sets = [
-        replace(
-            outcome(trial, verdict="named", sets=[["vignetting"]], corner_loss=loss),
-            trial={**asdict(trial), "name": f"v{k}"},
-        )
-        for k, loss in enumerate((0.2, 0.2, 0.6))
-    ]
-    found = unlisted_sd(sets)
-    assert found == {"vignetting": pytest.approx(spread([(0.08, 0.0), (0.08, 0.0), (0.24, 0.0)]), abs=1e-4)}
-    assert unlisted_sd(sets[:2]) == {}
-    both = replace(sets[0], trial={**asdict(trial), "effects": {"vignetting": 1.0, "banding": 1.0}})
-    assert unlisted_sd([*sets[:2], both]) == {}  # where one was missed the other's value may stand for it
-
-
 def test_kits_have_fewer_frames_of_the_same_set() -> None:
     frames = [
         Frame(file="dark.exr", kind="dark"),
@@ -388,61 +232,6 @@ def test_intervals_of_rates_are_those_of_tables() -> None:
     assert rate([]) is None
 
 
-def test_sets_of_the_power_curves_can_be_planted() -> None:
-    pool, known = power(), set(planted.names())
-    assert len({t.kind for t in pool}) >= 20
-    assert {t.kind for t in pool} <= known
-    assert len({t.name for t in pool}) == len({t.seed for t in pool}) == len(pool)
-    assert not {t.seed for t in pool} & {t.seed for t in POOL}
-
-
-def test_detection_limits_are_those_that_sets_were_drawn_with() -> None:
-    random = np.random.default_rng(3)
-    truth = {f"kind-{k}": s for k, s in enumerate(np.geomspace(0.2, 1.4, 12))}
-    held, errors = [], []
-    for _ in range(10):
-        named = {
-            kind: [(s, random.random() < expit(4.0 * np.log(s / limit)), "one") for s in STRENGTHS * 2]
-            for kind, limit in truth.items()
-        }
-        for kind, found in limits(named).items():
-            errors.append(np.log(found.strength / truth[kind]))
-            held.append((found.low or 0.0) <= truth[kind] <= (found.high or np.inf))
-    assert np.mean(held) >= 0.88
-    assert abs(np.mean(errors)) < 0.1
-    assert np.std(errors) < 0.5
-
-
-def test_designs_have_limits_of_their_own() -> None:
-    random = np.random.default_rng(4)
-    truth = {"flat": 0.2, "dome": 0.6}
-    errors = []
-    for _ in range(8):
-        sets = [
-            (s, random.random() < expit(4.0 * np.log(s / limit)), design)
-            for design, limit in truth.items()
-            for s in STRENGTHS * 12
-        ]
-        found = limits({"many": sets})["many"]
-        assert found.designs["flat"] < found.strength < found.designs["dome"]
-        errors.append([np.log(found.designs[design] / limit) for design, limit in truth.items()])
-    assert np.abs(np.mean(errors, axis=0)).max() < 0.12
-    few = limits({"few": [(s, s > 0.3, "flat") for s in STRENGTHS] + [(0.5, False, "dome")]})["few"]
-    # One set tells little: its design is taken to be much as the others.
-    assert 1.0 < few.designs["dome"] / few.designs["flat"] < 2.0
-
-
-def test_a_limit_is_open_where_all_sets_or_none_are_named() -> None:
-    seen = {"seen": True, "unseen": False}
-    found = limits({kind: [(s, right, "one") for s in STRENGTHS] for kind, right in seen.items()})
-    assert found["seen"].low is None
-    assert found["seen"].high is not None
-    assert found["seen"].high < 1.0
-    assert found["unseen"].high is None
-    assert found["unseen"].low is not None
-    assert found["unseen"].low > 1.0
-
-
 @pytest.mark.parametrize(
     ("words", "rule"),
     [
@@ -507,54 +296,3 @@ def test_the_share_of_the_gap_removed_and_its_median() -> None:
     assert found["median"] == pytest.approx(0.8)
     # The median of three drawn anew is the least or the greatest of them in 7 of 27 cases each.
     assert (found["low"], found["high"]) == pytest.approx((0.5, 1.0))
-
-
-def small_pool() -> list[Outcome]:
-    found = [outcome(Trial("n", AIR[0], 1), verdict="at_floor", sets=[])]
-    for k, (strength, first) in enumerate([(0.25, "led_tilt"), (0.5, "vignetting"), (1.0, "vignetting")]):
-        trial = Trial(f"s{k}", AIR[0], 2 + k, {"vignetting": strength})
-        sets = [[first, "albedo_field"]] if k == 2 else [[first]]
-        found += [outcome(trial, verdict="named", sets=sets, confidence=0.5 + 0.1 * k) for _ in range(4)]
-    missing = Trial("l", AIR[0], 9, {"led_tilt": 3.0}, without=("led_tilt",))
-    return [*found, outcome(missing, verdict="partial", sets=[["banding"]])]
-
-
-def test_the_page_shows_rates_confidence_limits_and_every_set(tmp_path: Path) -> None:
-    scored = score(small_pool())
-    text = pool_report(scored, tmp_path / "report.html", title="Pool <x>").read_text(encoding="utf-8")
-    assert "Pool &lt;x&gt;" in text
-    for words in (
-        "the right name first</td><td>66.7%",
-        "34.9% to 90.1%",  # Clopper and Pearson's interval of 8 of 12
-        "led tilt, not in the catalogue",
-        "vignetting 8, led tilt 4",
-        "albedo_field",
-        "over 12 names",
-    ):
-        assert words in text, words
-    assert text.count("<img") == 2
-    assert {path.name for path in tmp_path.iterdir()} == {"report.html", "reliability.png", "limits.png"}
-    bare = pool_report(score(small_pool()[:1]), tmp_path / "bare" / "report.html", title="Nothing")
-    assert "<img" not in bare.read_text(encoding="utf-8")
-
-
-def test_marks_stand_where_the_numbers_say(tmp_path: Path) -> None:
-    """Of two bins, one on the line of agreement and one far below it, the drawing tells which."""
-    bins = [
-        {"confidence": 0.9, "right": r, "low": r - 0.05, "high": r + 0.05, "names": 9} for r in (0.1, 0.9)
-    ]
-    drawn = [imread(reliability_plot(tmp_path / f"{k}.png", [b]))[..., :3] for k, b in enumerate(bins)]
-    rows = [np.mean(np.nonzero(_blue(image))[0]) for image in drawn]
-    assert rows[0] - rows[1] > 0.5 * drawn[0].shape[0]
-    limits = {
-        kind: {"strength": s, "low": low, "high": None, "tried": [(0.25, False, "flat"), (2.0, True, "flat")]}
-        for kind, s, low in (("small", 0.3, 0.2), ("large", 1.5, 1.0))
-    }
-    image = imread(limits_plot(tmp_path / "limits.png", limits))[..., :3]
-    rows_, columns = np.nonzero(_blue(image)[60:])  # below the legend
-    upper = rows_ < rows_.mean()
-    assert columns[upper].min() < columns[~upper].min()  # the smallest limit stands on top
-
-
-def _blue(image: np.ndarray) -> np.ndarray:
-    return (image[..., 2] - image[..., 0]) > 0.3
