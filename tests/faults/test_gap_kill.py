@@ -1,15 +1,13 @@
 """A diagnosis that is killed at any moment goes on where it was, and no report of it is half-written."""
 
 import json
-import os
 import shutil
 import signal
-import subprocess
-import sys
 import time
 
 import numpy as np
 import pytest
+from killing import until
 
 from designlab.design import preset
 from designlab.gap import diagnose
@@ -62,30 +60,13 @@ def whole(measured):
 
 
 @pytest.fixture
-def start(measured, tmp_path):
-    """Start the diagnosis in a process of its own; killed at the end whatever happens."""
-    program = tmp_path / "program.py"
-    program.write_text(PROGRAM)
-    processes = []
+def start(measured, processes):
+    """Start the diagnosis in a process of its own."""
 
     def starter(out, *, hang=False):
-        words = [str(measured), DESIGN.name, str(out), str(SEED), json.dumps(SETTINGS)]
-        words.append("hang" if hang else "")
-        environment = os.environ | {"OMP_NUM_THREADS": "1"}
-        process = subprocess.Popen(
-            [sys.executable, str(program), *words],
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        processes.append(process)
-        return process
+        return processes.start(measured, DESIGN.name, out, SEED, json.dumps(SETTINGS), "hang" if hang else "")
 
-    yield starter
-    for process in processes:
-        process.kill()
-        process.communicate()
+    return starter
 
 
 def contents(out):
@@ -133,11 +114,8 @@ def lines(process, number):
 
 
 def wait_for(path, process):
-    deadline = time.monotonic() + 300
-    while not path.exists():
-        assert process.poll() is None, process.communicate()[1]
-        assert time.monotonic() < deadline, f"{path} does not appear"
-        time.sleep(0.02)
+    until(lambda: path.exists() or process.poll() is not None, f"{path} does not appear", seconds=300)
+    assert path.exists(), process.communicate()[1]
 
 
 @pytest.mark.slow

@@ -1,18 +1,15 @@
 """A study whose process is killed without warning, at any moment, loses and repeats nothing."""
 
-import os
 import re
-import signal
-import subprocess
-import sys
 import time
 from collections import Counter
 
 import numpy as np
 import pandas as pd
 import pytest
+from killing import until
 
-from designlab.study import Parameter, Study, load_results
+from designlab.study import Parameter, Study, dumps_study, load_results
 
 TRIALS = 10
 
@@ -46,10 +43,8 @@ if __name__ == "__main__":
 
 
 @pytest.fixture
-def start(tmp_path):
-    """Start the study of a folder in a process of its own; killed at the end whatever happens."""
-    from designlab.study import dumps_study
-
+def start(tmp_path, processes):
+    """Start the study of a folder in a process of its own."""
     study = Study(
         base="gelsight-2020-flat",
         parameters={
@@ -59,42 +54,30 @@ def start(tmp_path):
         trials=TRIALS,
         seed=5,
     )
-    program = tmp_path / "program.py"
-    program.write_text(PROGRAM)
-    processes = []
 
     def starter(name, workers=1, **variables):
         (tmp_path / f"{name}.toml").write_text(dumps_study(study))
-        environment = os.environ | {"EVALUATIONS": str(tmp_path / f"{name}.log"), "OMP_NUM_THREADS": "1"}
-        environment |= variables
-        arguments = [sys.executable, str(program), str(tmp_path / name), str(workers)]
-        processes.append(subprocess.Popen(arguments, env=environment, stderr=subprocess.PIPE, text=True))
-        return processes[-1]
+        log = str(tmp_path / f"{name}.log")
+        return processes.start(tmp_path / name, workers, EVALUATIONS=log, **variables)
 
-    yield starter
-    for process in processes:
-        process.kill()
-        process.communicate()
-
-
-def finish(process):
-    _, errors = process.communicate(timeout=120)
-    assert process.returncode == 0, errors
+    return starter
 
 
 def kill_after(process, log, events, delay_s):
     """Kill the process some time after a number of new lines in its log; False if it ended before."""
-    already = len(log.read_text().splitlines()) if log.exists() else 0
-    deadline = time.monotonic() + 120
-    while not log.exists() or len(log.read_text().splitlines()) < already + events:
-        if process.poll() is not None:
-            return False
-        assert time.monotonic() < deadline, "no progress"
-        time.sleep(0.005)
+    already = count(log)
+    until(lambda: count(log) >= already + events or process.poll() is not None, "no progress")
+    if process.poll() is not None:
+        return False
     time.sleep(delay_s)
-    process.send_signal(signal.SIGKILL)
+    process.kill()
     process.wait()
     return True
+
+
+def count(log):
+    """Lines of a log."""
+    return len(log.read_text().splitlines()) if log.exists() else 0
 
 
 def complete(folder):
@@ -103,8 +86,8 @@ def complete(folder):
 
 
 @pytest.mark.slow
-def test_killed_studies_end_like_one_that_was_not(tmp_path, start):
-    finish(start("whole"))
+def test_killed_studies_end_like_one_that_was_not(tmp_path, start, processes):
+    processes.finish(start("whole"))
     folder, log = tmp_path / "cut", tmp_path / "cut.log"
     random = np.random.default_rng(0)
     kept = pd.DataFrame()
@@ -117,7 +100,7 @@ def test_killed_studies_end_like_one_that_was_not(tmp_path, start):
             pd.testing.assert_frame_equal(now.iloc[: len(kept)], kept)
         kept = now
     assert kills >= 3
-    finish(start("cut"))
+    processes.finish(start("cut"))
 
     whole, cut = complete(tmp_path / "whole"), complete(folder)
     assert len(cut) == TRIALS
@@ -132,17 +115,14 @@ def test_killed_studies_end_like_one_that_was_not(tmp_path, start):
 
 
 @pytest.mark.slow
-def test_workers_die_with_their_parent_and_the_study_goes_on(tmp_path, start):
+def test_workers_die_with_their_parent_and_the_study_goes_on(tmp_path, start, processes):
     folder, log = tmp_path / "many", tmp_path / "many.log"
     process = start("many", workers=2)
     assert kill_after(process, log, 5, 0.05)
     workers = {int(line.split()[2]) for line in log.read_text().splitlines()}
-    deadline = time.monotonic() + 20
-    while any(alive(worker) for worker in workers):
-        assert time.monotonic() < deadline, "a worker outlived its parent"
-        time.sleep(0.05)
+    until(lambda: not any(alive(worker) for worker in workers), "a worker outlived its parent", seconds=20)
     finished = len(complete(folder))
-    finish(start("many", workers=2))
+    processes.finish(start("many", workers=2))
     assert 1 <= finished < len(complete(folder)) == TRIALS
 
 
@@ -155,13 +135,13 @@ def alive(process_id):
 
 
 @pytest.mark.slow
-def test_a_design_that_kills_its_process_is_given_up_after_the_second_time(tmp_path, start):
+def test_a_design_that_kills_its_process_is_given_up_after_the_second_time(tmp_path, start, processes):
     folder, log = tmp_path / "deadly", tmp_path / "deadly.log"
     for _ in range(2):
         assert kill_after(start("deadly"), log, 1, 0.05)  # always within the first evaluation
     started = [line.split()[0] for line in log.read_text().splitlines()]
     assert started[0] == started[1]
-    finish(start("deadly"))
+    processes.finish(start("deadly"))
     results = load_results(folder)
     assert results.counts()["complete"] == TRIALS
     assert results.counts()["interrupted"] == 2
@@ -170,7 +150,7 @@ def test_a_design_that_kills_its_process_is_given_up_after_the_second_time(tmp_p
 
 
 @pytest.mark.slow
-def test_a_full_disk_is_named_and_costs_no_finished_trial(tmp_path, start):
+def test_a_full_disk_is_named_and_costs_no_finished_trial(tmp_path, start, processes):
     # Files that may not grow stand for a disk that is full: the record's log reaches 300 kB within the study.
     process = start("full", LARGEST_FILE="300000")
     _, errors = process.communicate(timeout=120)
@@ -180,9 +160,9 @@ def test_a_full_disk_is_named_and_costs_no_finished_trial(tmp_path, start):
     )
     finished = complete(tmp_path / "full")
     assert 1 <= len(finished) < TRIALS
-    finish(start("full"))
+    processes.finish(start("full"))
     whole = complete(tmp_path / "full")
     assert len(whole) == TRIALS
     pd.testing.assert_frame_equal(whole.iloc[: len(finished)], finished)
-    finish(start("whole"))
+    processes.finish(start("whole"))
     pd.testing.assert_frame_equal(whole, complete(tmp_path / "whole"))

@@ -1,14 +1,12 @@
 """Runs that share the record of a study in a PostgreSQL server: they work together, and one may die."""
 
-import os
 import re
-import subprocess
-import sys
 import time
 from collections import Counter
 
 import numpy as np
 import pytest
+from killing import until
 
 from designlab.study import Parameter, Plan, Study, StudyError, dumps_study, load_results, run_study
 
@@ -61,31 +59,15 @@ def make(**changes):
 
 
 @pytest.fixture
-def start(tmp_path, url):
-    """Start a run in a process and folder of its own; killed at the end whatever happens."""
-    (tmp_path / "program.py").write_text(PROGRAM)
-    processes = []
+def start(tmp_path, url, processes):
+    """Start a run in a process and folder of its own."""
 
     def starter(folder, study):
         definition = tmp_path / "study.toml"
         definition.write_text(dumps_study(study))
-        words = [sys.executable, tmp_path / "program.py", definition, tmp_path / folder, url]
-        environment = os.environ | {"EVALUATIONS": str(tmp_path / "log"), "OMP_NUM_THREADS": "1"}
-        process = subprocess.Popen(
-            [str(w) for w in words], env=environment, stderr=subprocess.PIPE, text=True
-        )
-        processes.append(process)
-        return process
+        return processes.start(definition, tmp_path / folder, url, EVALUATIONS=str(tmp_path / "log"))
 
-    yield starter
-    for process in processes:
-        process.kill()
-        process.communicate()
-
-
-def finish(process):
-    _, errors = process.communicate(timeout=240)
-    assert process.returncode == 0, errors
+    return starter
 
 
 def events(path):
@@ -94,11 +76,11 @@ def events(path):
 
 
 @pytest.mark.slow
-def test_runs_that_share_a_server_finish_a_study_together(tmp_path, start, url):
+def test_runs_that_share_a_server_finish_a_study_together(tmp_path, start, processes, url):
     study = make(name="together")
     runs = [start("one", study), start("two", study)]
     for process in runs:
-        finish(process)
+        processes.finish(process)
     ended = [(design, run) for design, event, run in events(tmp_path / "log") if event == "end"]
     assert {run for _, run in ended} == {str(tmp_path / "one"), str(tmp_path / "two")}
     results = load_results(tmp_path / "two", storage=url)
@@ -112,16 +94,14 @@ def test_runs_that_share_a_server_finish_a_study_together(tmp_path, start, url):
     assert results.pareto.iloc[0]["uniformity_u0"] == done["uniformity_u0"].max()
 
 
-def killed_again_and_again(tmp_path, start, url, *, kills, trials):
+def killed_again_and_again(tmp_path, start, processes, url, *, kills, trials):
     """Kill one of two runs at random moments and start it anew; what the record holds in the end."""
     study = make(name=f"killed {kills} times", trials=trials)
     random = np.random.default_rng(0)
     steady, finished = start("steady", study), set()
     for _ in range(kills):
         victim, already = start("victim", study), len(events(tmp_path / "log"))
-        deadline = time.monotonic() + 60
-        while len(events(tmp_path / "log")) < already + 4 and time.monotonic() < deadline:
-            time.sleep(0.01)
+        until(lambda: len(events(tmp_path / "log")) >= already + 4, "no progress")  # noqa: B023
         time.sleep(random.uniform(0, 0.4))
         victim.kill()
         victim.wait()
@@ -129,18 +109,18 @@ def killed_again_and_again(tmp_path, start, url, *, kills, trials):
         now = set(frame.loc[frame["state"] == "complete", "trial"])
         assert finished <= now
         finished = now
-    finish(steady)
+    processes.finish(steady)
     return load_results(tmp_path / "steady", storage=url)
 
 
 @pytest.mark.slow
-def test_a_run_that_dies_loses_nothing_and_leaves_no_design_stuck(tmp_path, start, url):
-    check(killed_again_and_again(tmp_path, start, url, kills=3, trials=40), tmp_path, kills=3)
+def test_a_run_that_dies_loses_nothing_and_leaves_no_design_stuck(tmp_path, start, processes, url):
+    check(killed_again_and_again(tmp_path, start, processes, url, kills=3, trials=40), tmp_path, kills=3)
 
 
 @pytest.mark.full
-def test_a_run_that_dies_twenty_times_loses_nothing(tmp_path, start, url):
-    check(killed_again_and_again(tmp_path, start, url, kills=20, trials=260), tmp_path, kills=20)
+def test_a_run_that_dies_twenty_times_loses_nothing(tmp_path, start, processes, url):
+    check(killed_again_and_again(tmp_path, start, processes, url, kills=20, trials=260), tmp_path, kills=20)
 
 
 def check(results, tmp_path, *, kills):

@@ -6,187 +6,29 @@ import os
 import signal
 import sqlite3
 import threading
-from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
-from toy_scores import Estimate, Score
+from toy_studies import RANGES, Counting, closed_form, make, run, write
 
 from designlab import design as designs
-from designlab.design import DesignError, InfeasibleDesign, preset
+from designlab.design import InfeasibleDesign, preset
 from designlab.effects.model import AppliedEffect, SensorModel, load_model
 from designlab.simulate import RenderFailed
 from designlab.study import (
     Parameter,
-    Study,
     StudyError,
     StudyInterrupted,
     dumps_study,
-    history,
-    importance,
     load_results,
     load_study,
-    optimise,
-    pareto,
-    picks,
-    run_study,
     sweep,
 )
-from designlab.study.results import STATES, hypervolume, losses
-
-RANGES = {"leds.tilt_deg": Parameter(low=-20, high=60), "leds.height_mm": Parameter(low=5, high=14)}
-BEST_TILT_DEG = {"uniformity_u0": 30.0, "normal_error_median_deg": 10.0}
-OBJECTIVES = {"uniformity_u0": "maximise", "normal_error_median_deg": "minimise"}
-
-
-def closed_form(design, *, fidelity, seed):
-    """Two scores that disagree about the tilt and agree about a height of 8 mm."""
-    tilt, height = design.leds.tilt_deg, design.leds.height_mm
-    loss = ((height - 8.0) / 10.0) ** 2
-    return Score(
-        {
-            "uniformity_u0": Estimate(math.exp(-(((tilt - 30.0) / 40.0) ** 2) - loss)),
-            "normal_error_median_deg": Estimate(1 + ((tilt - 10.0) / 20.0) ** 2 + loss, unit="deg"),
-            "height_mae_um": Estimate(10.0 * height, unit="um"),
-        }
-    )
-
-
-class Counting:
-    """The closed form, remembering which designs it was asked for."""
-
-    def __init__(self, answer=closed_form):
-        self.answer = answer
-        self.digests = []
-
-    def __call__(self, design, *, fidelity, seed):
-        self.digests.append(design.digest)
-        return self.answer(design, fidelity=fidelity, seed=seed)
-
-
-def make(**changes):
-    content = {"name": "ring", "base": "gelsight-2020-flat", "parameters": RANGES, "trials": 6}
-    return Study.model_validate(content | changes)
-
-
-def run(study, out, **options):
-    return run_study(study, out=out, progress=False, **({"evaluator": closed_form} | options))
+from designlab.study.results import STATES
 
 
 def counts(**given):
     return dict.fromkeys(STATES, 0) | given
-
-
-def write(folder: Path, text: str) -> Path:
-    path = folder / "study-file.toml"
-    path.write_text(text, encoding="utf-8")
-    return path
-
-
-HEAD = 'version = 1\nbase = "gelsight-2020-flat"\n'
-
-
-# --- definition -----------------------------------------------------------------------------------
-
-
-def test_a_study_file_is_read_with_defaults_and_written_back(tmp_path):
-    text = (
-        HEAD
-        + "[parameters.leds.tilt_deg]\nlow = 0\nhigh = 60\n[parameters.leds.height_mm]\nchoices = [6, 8]\n"
-    )
-    study = load_study(write(tmp_path, text))
-    assert set(study.parameters) == {"leds.tilt_deg", "leds.height_mm"}
-    assert study.parameters["leds.tilt_deg"].high == 60
-    assert study.objectives == OBJECTIVES
-    assert study.base == preset("gelsight-2020-flat")
-    again = load_study(write(tmp_path, dumps_study(study)))
-    assert again == study
-    assert again.digest == study.digest
-
-
-def test_a_design_file_is_found_beside_the_study_file(tmp_path):
-    design = preset("gelsight-2020-flat").replace({"leds.tilt_deg": 7.0})
-    (tmp_path / "mine.toml").write_text(designs.dumps(design), encoding="utf-8")
-    text = 'version = 1\nbase = "mine.toml"\n[parameters.leds.tilt_deg]\nlow = 0\nhigh = 60\n'
-    assert load_study(write(tmp_path, text)).base == design
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (HEAD.replace("1", "2"), r"field version: has format version 2, this designlab reads 1"),
-        ('base = "default"\n', r"field version: has no format version, this designlab reads 1"),
-        ("version = 1\nbase = ", r"study-file\.toml: not valid TOML"),
-        (HEAD, r"study-file\.toml: field parameters: Field required"),
-        (
-            HEAD + "trails = 3\n[parameters.leds.tilt_deg]\nlow = 0\nhigh = 1\n",
-            r"field trails: unknown field",
-        ),
-        (
-            HEAD + "[parameters.leds.tilt_deg]\nlow = 0\nhigh = 100\n",
-            r"field parameters: leds\.tilt_deg: .*less than or equal to 90, got 100\.0",
-        ),
-        (HEAD + "[parameters.leds.tilt]\nlow = 0\nhigh = 1\n", r"no field 'leds\.tilt' in a design"),
-        (
-            HEAD + '[parameters.optics.gelcore_material]\nchoices = ["acrylic", "chalk"]\n',
-            r"field parameters: optics\.gelcore_material: .*chalk",
-        ),
-        (
-            HEAD + "[parameters.leds.groups.0.count]\nlow = 1\nhigh = 3.5\n",
-            r"field parameters: leds\.groups\.0\.count: .*integer.*got 3\.5",
-        ),
-        (
-            HEAD + "[parameters.leds.tilt_deg]\nlow = 9\nhigh = 3\n",
-            r"field parameters\.leds\.tilt_deg: low must be below high, got low 9, high 3",
-        ),
-        (
-            HEAD + "[parameters.leds.tilt_deg]\nlow = 0\nhigh = 3\nlog = true\n",
-            r"logarithmic range needs low above 0, got low 0",
-        ),
-        (HEAD + "[parameters.leds.tilt_deg]\nlow = 0\n", r"give low and high, or choices"),
-        (HEAD + "[parameters.leds.tilt_deg]\nlow = 0\nchoices = [1]\n", r"either choices, or low and high"),
-        (
-            'version = 1\nbase = "nonesuch"\n[parameters.leds.tilt_deg]\nlow = 0\nhigh = 1\n',
-            r"base: nonesuch: no such file, and no preset of that name",
-        ),
-    ],
-)
-def test_a_bad_study_file_is_refused_by_file_field_and_rule(tmp_path, text, message):
-    with pytest.raises(StudyError, match=message) as caught:
-        load_study(write(tmp_path, text))
-    assert "study-file.toml" in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_missing_study_file_is_named(tmp_path):
-    with pytest.raises(StudyError, match=r"absent\.toml: cannot be read: No such file"):
-        load_study(tmp_path / "absent.toml")
-
-
-def test_elements_of_a_position_can_vary():
-    study = make(parameters={"camera.position_mm.2": Parameter(low=35, high=45)})
-    before = study.base.camera.position_mm
-    assert study.design({"camera.position_mm.2": 40.0}).camera.position_mm == (before[0], before[1], 40.0)
-    assert study.unit("camera.position_mm.2") == "mm"
-
-
-def test_the_digest_ignores_names_and_effort_and_nothing_else():
-    study = make()
-    assert study.digest == make(name="other", trials=99).digest
-    for change in (
-        {"seed": 1},
-        {"sampler": "random"},
-        {"fidelity": "standard"},
-        {"objectives": {"height_mae_um": "minimise"}},
-        {"parameters": RANGES | {"leds.height_mm": Parameter(low=5, high=13)}},
-        {"base": preset("gelsight-2020-flat").replace({"leds.radius_mm": 12.0})},
-    ):
-        assert make(**change).digest != study.digest
-        assert study.differences(make(**change)) == list(change)
-
-
-# --- search ---------------------------------------------------------------------------------------
 
 
 def test_each_evaluated_trial_keeps_its_design_and_its_score(tmp_path):
@@ -382,9 +224,6 @@ def test_workers_reach_the_same_number_of_designs(tmp_path):
     assert set(results.frame["leds.tilt_deg"]) == set(alone.frame["leds.tilt_deg"])
 
 
-# --- failures -------------------------------------------------------------------------------------
-
-
 def test_the_folder_of_another_study_is_refused_by_name(tmp_path):
     run(make(trials=1), tmp_path)
     with pytest.raises(
@@ -549,136 +388,3 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match=r"cannot write .*file/study/study\.toml"):
         run(make(), tmp_path / "file" / "study")
-
-
-# --- results --------------------------------------------------------------------------------------
-
-
-def table(loss):
-    names = [f"f{column}" for column in range(loss.shape[1])]
-    frame = pd.DataFrame(loss, columns=names).assign(state="complete", reuse_of=None, trial=range(len(loss)))
-    return frame, dict.fromkeys(names, "minimise")
-
-
-@pytest.mark.parametrize("count", [2, 3])
-def test_the_front_agrees_with_a_comparison_one_by_one(count):
-    frame, objectives = table(np.random.default_rng(count).integers(0, 6, (60, count)).astype(float))
-    rows = frame[list(objectives)].to_numpy()
-    expected = {
-        i for i, row in enumerate(rows) if not any(all(other <= row) and any(other < row) for other in rows)
-    }
-    assert set(pareto(frame, objectives)["trial"]) == expected
-
-
-def test_maximised_scores_count_upwards():
-    frame = pd.DataFrame(
-        {"trial": [0, 1, 2], "state": "complete", "reuse_of": None, "a": [1, 2, 3], "b": [1, 3, 2]}
-    )
-    assert list(pareto(frame, {"a": "maximise", "b": "minimise"})["trial"]) == [2, 0]
-    assert list(pareto(frame, {"a": "maximise", "b": "maximise"})["trial"]) == [2, 1]
-
-
-def test_the_shortlist_holds_the_extremes_and_the_knee():
-    x = np.linspace(0.05, 1, 40)
-    frame, objectives = table(np.stack([x, 0.05 / x], axis=1))
-    chosen = picks(frame, objectives)
-    assert len(chosen) == 5
-    assert list(chosen["pick"][:3]) == ["best f0", "best f1", "knee"]
-    # The curve y = c / x is symmetric about x = y, where it is nearest to the corner.
-    assert chosen.iloc[2]["f0"] == pytest.approx(math.sqrt(0.05), abs=0.03)
-
-
-def test_the_hypervolume_of_a_staircase_is_its_area():
-    loss = np.array([[0.0, 2.0], [1.0, 1.0], [2.0, 0.0], [2.5, 2.5], [9.0, 0.0]])
-    assert hypervolume(loss, np.array([3.0, 3.0])) == pytest.approx(6.0)  # 1 + 2 + 3 unit cells
-
-
-def test_the_history_never_gets_worse(tmp_path):
-    results = run(make(trials=12, sampler="random"), tmp_path)
-    progress = history(results.frame, results.study.objectives)
-    assert progress["uniformity_u0"].iloc[-1] == results.frame["uniformity_u0"].max()
-    assert progress["normal_error_median_deg"].is_monotonic_decreasing
-    assert progress["hypervolume"].is_monotonic_increasing
-    assert progress["hypervolume"].iloc[-1] == 1
-
-
-def test_importance_finds_the_parameter_that_matters(tmp_path):
-    study = make(trials=30, sampler="qmc")
-    run(study, tmp_path, trials=4)
-    assert importance(tmp_path) is None
-    run(study, tmp_path)
-    shares = importance(tmp_path)
-    assert shares is not None
-    for share in shares.values():  # the tilt moves both scores more than ten times as far as the height
-        assert share["leds.tilt_deg"] > 0.8
-        assert sum(share.values()) == pytest.approx(1)
-
-
-def test_results_as_json_hold_the_front(tmp_path):
-    results = run(make(), tmp_path)
-    content = json.loads(json.dumps(results.to_json(), allow_nan=False))
-    assert content["trials"]["complete"] == 6
-    assert [row["trial"] for row in content["pareto"]] == list(results.pareto["trial"])
-    assert {"leds.tilt_deg", "uniformity_u0", "uniformity_u0_se", "pick"} <= set(content["picks"][0])
-
-
-def test_losses_turn_maximised_scores():
-    frame = pd.DataFrame({"a": [1.0], "b": [2.0]})
-    np.testing.assert_array_equal(losses(frame, {"a": "maximise", "b": "minimise"}), [[-1.0, 2.0]])
-
-
-# --- sweep and optimise ---------------------------------------------------------------------------
-
-
-def test_a_sweep_has_one_row_for_each_combination():
-    counting = Counting()
-    grid = {"leds.tilt_deg": range(0, 60, 20), "leds.height_mm": [1.0, 8.0]}
-    frame = sweep(preset("gelsight-2020-flat"), grid, progress=False, evaluator=counting)
-    assert list(zip(frame["leds.tilt_deg"], frame["leds.height_mm"], strict=True)) == [
-        (tilt, height) for tilt in (0, 20, 40) for height in (1.0, 8.0)
-    ]
-    low = frame[frame["leds.height_mm"] == 1.0]
-    assert not low["feasible"].any()
-    assert low["uniformity_u0"].isna().all()
-    assert (low["reason"] == "leds_above_membrane").all()
-    high = frame[frame["leds.height_mm"] == 8.0]
-    assert high["feasible"].all()
-    np.testing.assert_allclose(high["uniformity_u0"], np.exp(-(((high["leds.tilt_deg"] - 30) / 40) ** 2)))
-    assert len(counting.digests) == 3
-
-
-def test_a_sweep_on_a_cluster_has_the_same_rows():
-    distributed = pytest.importorskip("distributed", reason="Dask is an extra")
-    grid = {"leds.tilt_deg": range(0, 60, 20), "leds.height_mm": [1.0, 8.0]}
-    here = sweep(preset("gelsight-2020-flat"), grid, progress=False, evaluator=closed_form)
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        there = sweep(
-            preset("gelsight-2020-flat"),
-            grid,
-            dask=cluster.scheduler_address,
-            progress=False,
-            evaluator=closed_form,
-        )
-    pd.testing.assert_frame_equal(there, here)
-
-
-def test_a_sweep_over_no_field_of_a_design_is_refused():
-    with pytest.raises(DesignError, match=r"no field 'leds\.tilt' in a design"):
-        sweep(preset("default"), {"leds.tilt": [1]}, progress=False, evaluator=closed_form)
-    with pytest.raises(ValueError, match="give at least one field"):
-        sweep(preset("default"), {"leds.tilt_deg": []}, progress=False, evaluator=closed_form)
-
-
-def test_optimise_takes_ranges_and_choices(tmp_path):
-    results = optimise(
-        preset("gelsight-2020-flat"),
-        {"leds.tilt_deg": (0.0, 60.0), "leds.height_mm": [7.0, 9.0]},
-        out=tmp_path,
-        trials=4,
-        progress=False,
-        evaluator=closed_form,
-    )
-    assert set(results.frame["leds.height_mm"]) <= {7.0, 9.0}
-    assert results.frame["leds.tilt_deg"].between(0, 60).all()
-    with pytest.raises(StudyError, match=r"optimise\(\): .*leds\.tilt_deg: .*got 120\.0"):
-        optimise(preset("default"), {"leds.tilt_deg": (0.0, 120.0)}, out=tmp_path, evaluator=closed_form)

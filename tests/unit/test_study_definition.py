@@ -1,0 +1,111 @@
+"""Studies as data: files, fields that cannot vary as asked, digests."""
+
+import pytest
+from toy_studies import OBJECTIVES, RANGES, make, write
+
+from designlab import design as designs
+from designlab.design import preset
+from designlab.study import (
+    Parameter,
+    StudyError,
+    dumps_study,
+    load_study,
+)
+
+HEAD = 'version = 1\nbase = "gelsight-2020-flat"\n'
+
+
+def test_a_study_file_is_read_with_defaults_and_written_back(tmp_path):
+    text = (
+        HEAD
+        + "[parameters.leds.tilt_deg]\nlow = 0\nhigh = 60\n[parameters.leds.height_mm]\nchoices = [6, 8]\n"
+    )
+    study = load_study(write(tmp_path, text))
+    assert set(study.parameters) == {"leds.tilt_deg", "leds.height_mm"}
+    assert study.parameters["leds.tilt_deg"].high == 60
+    assert study.objectives == OBJECTIVES
+    assert study.base == preset("gelsight-2020-flat")
+    again = load_study(write(tmp_path, dumps_study(study)))
+    assert again == study
+    assert again.digest == study.digest
+
+
+def test_a_design_file_is_found_beside_the_study_file(tmp_path):
+    design = preset("gelsight-2020-flat").replace({"leds.tilt_deg": 7.0})
+    (tmp_path / "mine.toml").write_text(designs.dumps(design), encoding="utf-8")
+    text = 'version = 1\nbase = "mine.toml"\n[parameters.leds.tilt_deg]\nlow = 0\nhigh = 60\n'
+    assert load_study(write(tmp_path, text)).base == design
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (HEAD.replace("1", "2"), r"field version: has format version 2, this designlab reads 1"),
+        ('base = "default"\n', r"field version: has no format version, this designlab reads 1"),
+        ("version = 1\nbase = ", r"study-file\.toml: not valid TOML"),
+        (HEAD, r"study-file\.toml: field parameters: Field required"),
+        (
+            HEAD + "trails = 3\n[parameters.leds.tilt_deg]\nlow = 0\nhigh = 1\n",
+            r"field trails: unknown field",
+        ),
+        (
+            HEAD + "[parameters.leds.tilt_deg]\nlow = 0\nhigh = 100\n",
+            r"field parameters: leds\.tilt_deg: .*less than or equal to 90, got 100\.0",
+        ),
+        (HEAD + "[parameters.leds.tilt]\nlow = 0\nhigh = 1\n", r"no field 'leds\.tilt' in a design"),
+        (
+            HEAD + '[parameters.optics.gelcore_material]\nchoices = ["acrylic", "chalk"]\n',
+            r"field parameters: optics\.gelcore_material: .*chalk",
+        ),
+        (
+            HEAD + "[parameters.leds.groups.0.count]\nlow = 1\nhigh = 3.5\n",
+            r"field parameters: leds\.groups\.0\.count: .*integer.*got 3\.5",
+        ),
+        (
+            HEAD + "[parameters.leds.tilt_deg]\nlow = 9\nhigh = 3\n",
+            r"field parameters\.leds\.tilt_deg: low must be below high, got low 9, high 3",
+        ),
+        (
+            HEAD + "[parameters.leds.tilt_deg]\nlow = 0\nhigh = 3\nlog = true\n",
+            r"logarithmic range needs low above 0, got low 0",
+        ),
+        (HEAD + "[parameters.leds.tilt_deg]\nlow = 0\n", r"give low and high, or choices"),
+        (HEAD + "[parameters.leds.tilt_deg]\nlow = 0\nchoices = [1]\n", r"either choices, or low and high"),
+        (
+            'version = 1\nbase = "nonesuch"\n[parameters.leds.tilt_deg]\nlow = 0\nhigh = 1\n',
+            r"base: nonesuch: no such file, and no preset of that name",
+        ),
+    ],
+)
+def test_a_bad_study_file_is_refused_by_file_field_and_rule(tmp_path, text, message):
+    with pytest.raises(StudyError, match=message) as caught:
+        load_study(write(tmp_path, text))
+    assert "study-file.toml" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_study_file_is_named(tmp_path):
+    with pytest.raises(StudyError, match=r"absent\.toml: cannot be read: No such file"):
+        load_study(tmp_path / "absent.toml")
+
+
+def test_elements_of_a_position_can_vary():
+    study = make(parameters={"camera.position_mm.2": Parameter(low=35, high=45)})
+    before = study.base.camera.position_mm
+    assert study.design({"camera.position_mm.2": 40.0}).camera.position_mm == (before[0], before[1], 40.0)
+    assert study.unit("camera.position_mm.2") == "mm"
+
+
+def test_the_digest_ignores_names_and_effort_and_nothing_else():
+    study = make()
+    assert study.digest == make(name="other", trials=99).digest
+    for change in (
+        {"seed": 1},
+        {"sampler": "random"},
+        {"fidelity": "standard"},
+        {"objectives": {"height_mae_um": "minimise"}},
+        {"parameters": RANGES | {"leds.height_mm": Parameter(low=5, high=13)}},
+        {"base": preset("gelsight-2020-flat").replace({"leds.radius_mm": 12.0})},
+    ):
+        assert make(**change).digest != study.digest
+        assert study.differences(make(**change)) == list(change)

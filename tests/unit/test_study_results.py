@@ -1,0 +1,148 @@
+"""What studies found: front, shortlist, history, importance; sweeps."""
+
+import json
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from toy_studies import Counting, closed_form, make, run
+
+from designlab.design import DesignError, preset
+from designlab.study import (
+    StudyError,
+    history,
+    importance,
+    optimise,
+    pareto,
+    picks,
+    sweep,
+)
+from designlab.study.results import hypervolume, losses
+
+
+def table(loss):
+    names = [f"f{column}" for column in range(loss.shape[1])]
+    frame = pd.DataFrame(loss, columns=names).assign(state="complete", reuse_of=None, trial=range(len(loss)))
+    return frame, dict.fromkeys(names, "minimise")
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_the_front_agrees_with_a_comparison_one_by_one(count):
+    frame, objectives = table(np.random.default_rng(count).integers(0, 6, (60, count)).astype(float))
+    rows = frame[list(objectives)].to_numpy()
+    expected = {
+        i for i, row in enumerate(rows) if not any(all(other <= row) and any(other < row) for other in rows)
+    }
+    assert set(pareto(frame, objectives)["trial"]) == expected
+
+
+def test_maximised_scores_count_upwards():
+    frame = pd.DataFrame(
+        {"trial": [0, 1, 2], "state": "complete", "reuse_of": None, "a": [1, 2, 3], "b": [1, 3, 2]}
+    )
+    assert list(pareto(frame, {"a": "maximise", "b": "minimise"})["trial"]) == [2, 0]
+    assert list(pareto(frame, {"a": "maximise", "b": "maximise"})["trial"]) == [2, 1]
+
+
+def test_the_shortlist_holds_the_extremes_and_the_knee():
+    x = np.linspace(0.05, 1, 40)
+    frame, objectives = table(np.stack([x, 0.05 / x], axis=1))
+    chosen = picks(frame, objectives)
+    assert len(chosen) == 5
+    assert list(chosen["pick"][:3]) == ["best f0", "best f1", "knee"]
+    # The curve y = c / x is symmetric about x = y, where it is nearest to the corner.
+    assert chosen.iloc[2]["f0"] == pytest.approx(math.sqrt(0.05), abs=0.03)
+
+
+def test_the_hypervolume_of_a_staircase_is_its_area():
+    loss = np.array([[0.0, 2.0], [1.0, 1.0], [2.0, 0.0], [2.5, 2.5], [9.0, 0.0]])
+    assert hypervolume(loss, np.array([3.0, 3.0])) == pytest.approx(6.0)  # 1 + 2 + 3 unit cells
+
+
+def test_the_history_never_gets_worse(tmp_path):
+    results = run(make(trials=12, sampler="random"), tmp_path)
+    progress = history(results.frame, results.study.objectives)
+    assert progress["uniformity_u0"].iloc[-1] == results.frame["uniformity_u0"].max()
+    assert progress["normal_error_median_deg"].is_monotonic_decreasing
+    assert progress["hypervolume"].is_monotonic_increasing
+    assert progress["hypervolume"].iloc[-1] == 1
+
+
+def test_importance_finds_the_parameter_that_matters(tmp_path):
+    study = make(trials=30, sampler="qmc")
+    run(study, tmp_path, trials=4)
+    assert importance(tmp_path) is None
+    run(study, tmp_path)
+    shares = importance(tmp_path)
+    assert shares is not None
+    for share in shares.values():  # the tilt moves both scores more than ten times as far as the height
+        assert share["leds.tilt_deg"] > 0.8
+        assert sum(share.values()) == pytest.approx(1)
+
+
+def test_results_as_json_hold_the_front(tmp_path):
+    results = run(make(), tmp_path)
+    content = json.loads(json.dumps(results.to_json(), allow_nan=False))
+    assert content["trials"]["complete"] == 6
+    assert [row["trial"] for row in content["pareto"]] == list(results.pareto["trial"])
+    assert {"leds.tilt_deg", "uniformity_u0", "uniformity_u0_se", "pick"} <= set(content["picks"][0])
+
+
+def test_losses_turn_maximised_scores():
+    frame = pd.DataFrame({"a": [1.0], "b": [2.0]})
+    np.testing.assert_array_equal(losses(frame, {"a": "maximise", "b": "minimise"}), [[-1.0, 2.0]])
+
+
+def test_a_sweep_has_one_row_for_each_combination():
+    counting = Counting()
+    grid = {"leds.tilt_deg": range(0, 60, 20), "leds.height_mm": [1.0, 8.0]}
+    frame = sweep(preset("gelsight-2020-flat"), grid, progress=False, evaluator=counting)
+    assert list(zip(frame["leds.tilt_deg"], frame["leds.height_mm"], strict=True)) == [
+        (tilt, height) for tilt in (0, 20, 40) for height in (1.0, 8.0)
+    ]
+    low = frame[frame["leds.height_mm"] == 1.0]
+    assert not low["feasible"].any()
+    assert low["uniformity_u0"].isna().all()
+    assert (low["reason"] == "leds_above_membrane").all()
+    high = frame[frame["leds.height_mm"] == 8.0]
+    assert high["feasible"].all()
+    np.testing.assert_allclose(high["uniformity_u0"], np.exp(-(((high["leds.tilt_deg"] - 30) / 40) ** 2)))
+    assert len(counting.digests) == 3
+
+
+def test_a_sweep_on_a_cluster_has_the_same_rows():
+    distributed = pytest.importorskip("distributed", reason="Dask is an extra")
+    grid = {"leds.tilt_deg": range(0, 60, 20), "leds.height_mm": [1.0, 8.0]}
+    here = sweep(preset("gelsight-2020-flat"), grid, progress=False, evaluator=closed_form)
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        there = sweep(
+            preset("gelsight-2020-flat"),
+            grid,
+            dask=cluster.scheduler_address,
+            progress=False,
+            evaluator=closed_form,
+        )
+    pd.testing.assert_frame_equal(there, here)
+
+
+def test_a_sweep_over_no_field_of_a_design_is_refused():
+    with pytest.raises(DesignError, match=r"no field 'leds\.tilt' in a design"):
+        sweep(preset("default"), {"leds.tilt": [1]}, progress=False, evaluator=closed_form)
+    with pytest.raises(ValueError, match="give at least one field"):
+        sweep(preset("default"), {"leds.tilt_deg": []}, progress=False, evaluator=closed_form)
+
+
+def test_optimise_takes_ranges_and_choices(tmp_path):
+    results = optimise(
+        preset("gelsight-2020-flat"),
+        {"leds.tilt_deg": (0.0, 60.0), "leds.height_mm": [7.0, 9.0]},
+        out=tmp_path,
+        trials=4,
+        progress=False,
+        evaluator=closed_form,
+    )
+    assert set(results.frame["leds.height_mm"]) <= {7.0, 9.0}
+    assert results.frame["leds.tilt_deg"].between(0, 60).all()
+    with pytest.raises(StudyError, match=r"optimise\(\): .*leds\.tilt_deg: .*got 120\.0"):
+        optimise(preset("default"), {"leds.tilt_deg": (0.0, 120.0)}, out=tmp_path, evaluator=closed_form)
