@@ -15,6 +15,7 @@ from geometries.leds import Body
 
 CLEARANCE_MM = 1e-3  # between parts that would otherwise touch and fight for a ray
 GAP_MM = 0.02  # of air where gel and core have come apart: thick for light, thin for everything else
+CAVITY_RINGS = 60  # of a hollow's mesh, from its bottom to its rim
 FACING_DEG = 20.0  # a side face that points at an LED row within this angle lets its light in
 
 
@@ -68,7 +69,7 @@ def core_and_gel(design: Design) -> Iterator[Shape]:
         normals = side * (1.0, 1.0, 0.0) / np.hypot(*side.T[:2])[:, None] if core.shape == "dome" else None
         matter = paint if painted else Dielectric(inner, air, rough)
         yield Shape(f"core-side-{number}", side, faces, matter, None if painted else normals)
-    yield sheet("window", [top * 0.0, top], [window_z, window_z], Dielectric(inner, air))
+    yield from _window(design, top, Dielectric(inner, air))
     # The gel's rim is cut soft silicone against the housing, taken as black.
     rim = elastomer.polygon(gel, segments=72) * 0.999999
     lower = np.column_stack([rim, elastomer.base_mm(gel, rim[:, 0], rim[:, 1])])
@@ -77,6 +78,25 @@ def core_and_gel(design: Design) -> Iterator[Shape]:
     inward = -band[ring].mean(axis=1) * (1.0, 1.0, 0.0)
     yield Shape("gel-rim", band, oriented(band, ring, inward), black)
     yield from _interface(design, outline)
+
+
+def _window(design: Design, top: FloatArray, matter: Dielectric) -> Iterator[Shape]:
+    """Camera side of the core: a plane, or a hollow with a plane rim around it."""
+    core = design.gelcore
+    level = np.full(len(top), design.elastomer.thickness_mm + core.height_mm)
+    if core.cavity is None:
+        yield sheet("window", [top * 0.0, top], [level, level], matter)
+        return
+    radius, depth = core.cavity
+    angles = np.arctan2(top[:, 1], top[:, 0])
+    edge = radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    yield sheet("window-rim", [edge, top], [level, level], matter)
+    turns = np.radians(np.linspace(0.0, 90.0, CAVITY_RINGS))
+    rings = [edge * np.sin(t) for t in turns]
+    hollow = sheet("window", rings, [level - depth * np.cos(t) for t in turns], matter)
+    inward = hollow.vertices - (0.0, 0.0, level[0])
+    normals = -inward / np.array([radius, radius, depth]) ** 2
+    yield replace(hollow, normals=normals / np.linalg.norm(normals, axis=1)[:, None])
 
 
 def _interface(design: Design, outline: FloatArray) -> Iterator[Shape]:

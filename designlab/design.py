@@ -18,7 +18,7 @@ from designlab.camera import Camera, View
 from designlab.margins import RULES, margins
 from designlab.materials import material
 from designlab.optics import Optics
-from designlab.refraction import apparent_tangent
+from designlab.refraction import Glass, apparent_tangent
 from designlab.spectra import response
 from geometries.elastomer import Elastomer, base_mm
 from geometries.gelcore import Gelcore
@@ -137,6 +137,13 @@ class Design(Spec):
                 f"leds.coupling: {self.leds.coupling!r} needs optics.light_path = 'core', "
                 "light in air meets no core"
             )
+        if self.gelcore.cavity is not None and self.optics.gelcore_scattering_per_mm:
+            raise ValueError("gelcore.cavity_radius_mm: haze is simulated in solid cores only")
+        if self.gelcore.cavity is not None and any(self.optics.housing_reflectance):
+            raise ValueError(
+                "gelcore.cavity_radius_mm: what a bright housing mirrors in the window is simulated for "
+                "plane windows only"
+            )
         if self.gelcore.shape == "dome" and self.elastomer.shape != "dome":
             raise ValueError("elastomer.shape: a dome gelcore carries a dome elastomer")
         return self
@@ -224,7 +231,7 @@ class Design(Spec):
         """Where a point of the undeformed membrane appears on the full sensor.
 
         Refraction at plane layers between membrane and camera is included; the gel side of a dome core is
-        taken as plane there.
+        taken as plane there, unless the core is hollow.
 
         Returns
         -------
@@ -236,18 +243,61 @@ class Design(Spec):
         InfeasibleDesign
             If the point lies beyond a dome, or the camera stands below the window.
         """
-        x_c, y_c, _ = self.camera.position_mm
-        dx, dy = x_mm - x_c, y_mm - y_c
-        distance = math.hypot(dx, dy)
         z = float(base_mm(self.elastomer, np.float64(x_mm), np.float64(y_mm)))
         if math.isnan(z):
             raise InfeasibleDesign(
                 f"sensing_area_mm: ({x_mm:g}, {y_mm:g}) mm lies outside the curved membrane"
             )
-        tangent = apparent_tangent(distance, self.layers_to_camera(z))
-        share = tangent / distance if distance > 0 else 0.0
-        column, row = self.camera.project(share * dx, share * dy)
+        tan_x, tan_y = self.tangents_to(np.array([[x_mm, y_mm, z]]))[0]
+        column, row = self.camera.project(tan_x, tan_y)
         return float(column), float(row)
+
+    def tangents_to(
+        self, points: NDArray[np.float64], *, camera_mm: float | None = None
+    ) -> NDArray[np.float64]:
+        """Directions in which the camera, which may be put at another height, sees membrane points.
+
+        Parameters
+        ----------
+        points : array, shape (n, 3)
+            Points of the undeformed membrane (mm).
+
+        Returns
+        -------
+        array, shape (n, 2)
+            Tangents of the angles to the axis, along x and y.
+
+        Raises
+        ------
+        InfeasibleDesign
+            If the camera stands below the window.
+        """
+        x_c, y_c, z_c = self.camera.position_mm
+        z_c = z_c if camera_mm is None else camera_mm
+        layers = [self.layers_to_camera(float(z), camera_mm=z_c) for z in points[:, 2]]
+        if self.glass is not None and self.glass.cavity is not None:
+            return self.glass.toward(np.array([x_c, y_c, z_c]), points)
+        away = points[:, :2] - (x_c, y_c)
+        distances = np.hypot(*away.T)
+        tangents = [apparent_tangent(float(d), each) for d, each in zip(distances, layers, strict=True)]
+        return np.asarray(away * (tangents / np.maximum(distances, 1e-300))[:, None])
+
+    @property
+    def glass(self) -> Glass | None:
+        """Core and gel as the camera looks through them; None where light does not see them."""
+        if self.optics.light_path == "air":
+            return None
+        gel, core = self.elastomer, self.gelcore
+        dome_mm = None if gel.radius_mm is None else gel.radius_mm - gel.thickness_mm
+        return Glass(
+            window_mm=gel.thickness_mm + core.height_mm,
+            interface_mm=gel.thickness_mm,
+            core_index=self.optics.core_index,
+            gel_index=self.optics.gel_index,
+            dome_mm=dome_mm,
+            reach_mm=math.inf if dome_mm is None else min(core.width_mm / 2, dome_mm),
+            cavity=core.cavity,
+        )
 
     def layers_to_camera(self, z: float, *, camera_mm: float | None = None) -> list[tuple[float, float]]:
         """Thickness (mm) and index of each plane layer from a membrane point at height z (mm) to the camera.

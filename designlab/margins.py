@@ -32,6 +32,7 @@ RULES: dict[str, str] = {
     "core_inside_housing": "gelcore and elastomer fit into the housing",
     "core_below_plate": "the gelcore ends below the camera plate",
     "elastomer_on_core": "the elastomer does not reach beyond the gelcore",
+    "cavity_in_core": f"around a hollow the gelcore is at least {MINIMUM_WALL_MM} mm thick",
     "dome_radius": "a dome's radius exceeds half its width",
     "dome_core": "gelcore and elastomer of a dome are concentric spheres",
     "sensing_area_on_membrane": "the sensing area lies on the membrane",
@@ -217,19 +218,14 @@ def _sensing_area_seen(design: "Design") -> tuple[Array, float]:
 
     A camera below the window is lifted just above it here; it breaks `camera_above_core` anyway.
     """
-    x_c, y_c, z_c = design.camera.position_mm
+    z_c = design.camera.position_mm[2]
     half_w, half_h = design.sensing_area_mm[0] / 2, design.sensing_area_mm[1] / 2
     corners = np.array([(sx * half_w, sy * half_h) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
     base = np.nan_to_num(elastomer.base_mm(design.elastomer, corners[:, 0], corners[:, 1]))
     lifted_mm = max(z_c, _window_mm(design) + 0.01, float(base.max()) + 0.01)
     distance_mm = apparent_distance_mm(design.layers_to_camera(0.0, camera_mm=lifted_mm))
-    seen = []
-    for (x, y), z in zip(corners, base, strict=True):
-        away = math.hypot(x - x_c, y - y_c)
-        tangent = apparent_tangent(away, design.layers_to_camera(float(z), camera_mm=lifted_mm))
-        share = tangent / away if away > 0 else 0.0
-        seen.append(((x - x_c) * share * distance_mm, (y - y_c) * share * distance_mm))
-    return np.array(seen), distance_mm
+    tangents = design.tangents_to(np.column_stack([corners, base]), camera_mm=lifted_mm)
+    return tangents * distance_mm, distance_mm
 
 
 def _window_mm(design: "Design") -> float:
@@ -254,11 +250,28 @@ def _body_margins(design: "Design") -> dict[str, float]:
         "core_inside_housing": float(reach) - housing.inner_radius_mm,
         "core_below_plate": _window_mm(design) - housing.top_mm,
         "elastomer_on_core": _beyond(gel_polygon, core_polygon),
+        "cavity_in_core": _thinnest_beside_cavity(design),
         "dome_radius": dome_radius,
         "dome_core": dome_core,
         "minimum_wall": MINIMUM_WALL_MM - min(housing.wall_mm, housing.plate_mm),
         "minimum_gel": MINIMUM_GEL_MM - elastomer.thinnest_mm(gel),
     }
+
+
+def _thinnest_beside_cavity(design: "Design") -> float:
+    """How far the core around its hollow is short of the least wall; -inf of a solid one."""
+    core, cavity = design.gelcore, design.gelcore.cavity
+    if cavity is None:
+        return -math.inf
+    turn = np.radians(np.linspace(0.0, 90.0, 91))
+    radius, depth = cavity[0] * np.cos(turn), core.height_mm - cavity[1] * np.sin(turn)
+    below = depth if core.radius_mm is None else core.radius_mm - np.hypot(radius, depth - core.radius_mm)
+    outline = gelcore.polygon(core)
+    outward, _ = _sides(outline)
+    sides = float((outline * outward).sum(-1).min())  # nearest side, from the axis
+    lean = math.tan(math.radians(core.draft_deg)) * depth
+    beside = sides - lean - radius
+    return MINIMUM_WALL_MM - float(min(below.min(), beside.min()))
 
 
 def _beyond(points: Array, polygon: Array) -> float:

@@ -1,18 +1,19 @@
-"""Snell's law at plane layers between the membrane and the camera."""
+"""Snell's law between the membrane and the camera: at plane layers, and at curved ones."""
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
+NEWTON_STEPS, NEWTON_STEP = 12, 1e-6
 Layers = Sequence[tuple[float, float]]
 """Thickness (mm) and refractive index of each layer, the camera's last."""
 
 
-def crossing_mm(
-    tangent: NDArray[np.float64], layers: Layers
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def crossing_mm(tangent: Array, layers: Layers) -> tuple[Array, Array]:
     """Follow rays that leave the camera at an angle to the layers' normal back through all of them.
 
     Parameters
@@ -56,3 +57,139 @@ def apparent_tangent(distance_mm: float, layers: Layers) -> float:
 def apparent_distance_mm(layers: Layers) -> float:
     """Distance at which something behind the layers seems to lie, seen along their normal."""
     return sum(thickness / index for thickness, index in layers) * layers[-1][1]
+
+
+class Glass(NamedTuple):
+    """Core and gel as the camera looks through them.
+
+    Attributes
+    ----------
+    window_mm, interface_mm : float
+        Heights of the window and, on the axis, of the boundary of gel and core above the membrane's apex.
+    core_index, gel_index : float
+        Refractive indices.
+    dome_mm : float or None
+        Radius of the boundary of gel and core where that is a sphere, which bulges towards the membrane.
+    reach_mm : float
+        How far from the axis a sphere goes.
+    cavity : (float, float) or None
+        Radius and depth of a hollow behind the window, half a spheroid.
+    """
+
+    window_mm: float
+    interface_mm: float
+    core_index: float
+    gel_index: float
+    dome_mm: float | None = None
+    reach_mm: float = math.inf
+    cavity: tuple[float, float] | None = None
+
+    def follow(self, start: Array, direction: Array) -> tuple[Array, Array, Array]:
+        """Follow rays from the camera into the gel.
+
+        Parameters
+        ----------
+        start : array, shape (3, ...)
+            Points above the window.
+        direction : array, shape (3, ...)
+            Unit vectors, downwards.
+
+        Returns
+        -------
+        point, direction : array, shape (3, ...)
+            Where they enter the gel and how they go on there.
+        met : bool array
+            Whether they meet the boundary of gel and core from above, on its sphere if it is one.
+        """
+        point, normal = self._at_window(start, direction)
+        direction = refracted(direction, normal, 1.0 / self.core_index)
+        if self.dome_mm is None:
+            point = point + (self.interface_mm - point[2]) / direction[2] * direction
+            normal, met = _down(point), np.ones(point.shape[1:], dtype=bool)
+        else:
+            centre = np.zeros_like(point)
+            centre[2] = self.interface_mm + self.dome_mm
+            point, inside = _leaving(point, direction, centre, np.full(3, self.dome_mm))
+            normal = (point - centre) / self.dome_mm
+            met = inside & (point[2] < centre[2]) & (np.hypot(point[0], point[1]) < self.reach_mm)
+        direction = refracted(direction, normal, self.core_index / self.gel_index)
+        return point, direction, met & (direction[2] < 0)
+
+    def toward(self, camera: Array, points: Array) -> Array:
+        """Directions in which the camera sees points in the gel, by Newton's method.
+
+        Parameters
+        ----------
+        camera : array, shape (3,)
+            Above the window.
+        points : array, shape (n, 3)
+            In the gel.
+
+        Returns
+        -------
+        array, shape (n, 2)
+            Tangents of the angles to the axis, along x and y.
+        """
+        tangents = (points[:, :2] - camera[:2]) / (camera[2] - points[:, 2:])
+        for _ in range(NEWTON_STEPS):
+            missed = self._passes(camera, tangents, points[:, 2]) - points[:, :2]
+            slopes = [
+                (self._passes(camera, tangents + step, points[:, 2]) - missed - points[:, :2]) / NEWTON_STEP
+                for step in NEWTON_STEP * np.eye(2)
+            ]
+            tangents = tangents - np.linalg.solve(np.stack(slopes, axis=-1), missed[..., None])[..., 0]
+        return np.asarray(tangents)
+
+    def _passes(self, camera: Array, tangents: Array, height_mm: Array) -> Array:
+        """Where rays from the camera pass heights in the gel, (n, 2)."""
+        direction = np.stack([*tangents.T, -np.ones(len(tangents))])
+        direction = direction / np.linalg.norm(direction, axis=0)
+        start = np.repeat(camera[:, None], len(tangents), axis=1)
+        point, bent, _ = self.follow(start, direction)
+        return np.asarray((point[:2] + (height_mm - point[2]) / bent[2] * bent[:2]).T)
+
+    def _at_window(self, start: Array, direction: Array) -> tuple[Array, Array]:
+        """Where rays meet the window, and its normal there, into the core."""
+        plane = start + (self.window_mm - start[2]) / direction[2] * direction
+        if self.cavity is None:
+            return plane, _down(plane)
+        radius, depth = self.cavity
+        axes = np.array([radius, radius, depth])
+        centre = np.zeros_like(start)
+        centre[2] = self.window_mm
+        hollow, _ = _leaving(start, direction, centre, axes)
+        normal = (hollow - centre) / (axes**2).reshape(3, *[1] * (start.ndim - 1))
+        normal = normal / np.linalg.norm(normal, axis=0)
+        opening = np.hypot(plane[0], plane[1]) < radius
+        return np.where(opening, hollow, plane), np.where(opening, normal, _down(plane))
+
+
+def _down(like: Array) -> Array:
+    """Unit vectors towards the membrane."""
+    found = np.zeros_like(like)
+    found[2] = -1.0
+    return found
+
+
+def _leaving(start: Array, direction: Array, centre: Array, axes: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Where rays leave an ellipsoid, and whether they meet it at all; the nearest point else."""
+    scale = axes.reshape(3, *[1] * (start.ndim - 1))
+    at, way = (start - centre) / scale, direction / scale
+    a, b, c = (way * way).sum(axis=0), (at * way).sum(axis=0), (at * at).sum(axis=0) - 1.0
+    root = b * b - a * c
+    return start + (np.sqrt(np.maximum(root, 0.0)) - b) / a * direction, root > 0
+
+
+def refracted(direction: Array, normal: Array, ratio: float) -> Array:
+    """Snell's law in vectors: unit direction behind a boundary, along it where light is reflected totally.
+
+    Parameters
+    ----------
+    direction, normal : array, shape (3, ...)
+        Unit vectors; the normal points to where the light goes.
+    ratio : float
+        Index before over index behind.
+    """
+    cosine = (normal * direction).sum(axis=0)
+    onward = np.sqrt(np.maximum(1 - ratio**2 * (1 - cosine**2), 0.0))
+    return np.asarray(ratio * direction + (onward - ratio * cosine) * normal)

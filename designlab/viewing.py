@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from designlab.camera import View
 from designlab.design import Design
 from designlab.press import Surface
-from designlab.refraction import crossing_mm
+from designlab.refraction import Glass, crossing_mm
 
 Array = NDArray[np.float64]
 STEEPEST = float(np.tan(np.radians(89.0)))  # tangent of the angle to the axis
@@ -58,8 +58,9 @@ class Rays:
 def rays(design: Design, view: View, *, lens_point: tuple[float, float] = (0.0, 0.0)) -> Rays:
     """Viewing rays through the centres of the output pixels of a view.
 
-    Refraction follows Snell's law at the window and at the gel side of the core, plane or dome. A fisheye's
-    directions beyond `STEEPEST` from the axis, which meet no membrane, are bent back to that angle.
+    Refraction follows Snell's law at the window, plane or hollow, and at the gel side of the core, plane or
+    dome. A fisheye's directions beyond `STEEPEST` from the axis, which meet no membrane, are bent back to
+    that angle.
 
     Parameters
     ----------
@@ -84,51 +85,32 @@ def rays(design: Design, view: View, *, lens_point: tuple[float, float] = (0.0, 
     x_c, y_c, _ = camera.position_mm
     binned = (view.width_px / view.columns) * (view.height_px / view.rows)
     found = Rays(x_c + u + scale * tan_x, y_c + v + scale * tan_y, -slope * tan_x, -slope * tan_y, binned)
-    if design.optics.light_path == "core" and design.elastomer.radius_mm is not None:
-        return _through_dome(found, design, x_c + u, y_c + v, tan_x, tan_y)
-    return found
+    glass = design.glass
+    if glass is None or (glass.dome_mm is None and glass.cavity is None):
+        return found
+    return _through_curves(found, glass, camera.position_mm[2], x_c + u, y_c + v, tan_x, tan_y)
 
 
-def _through_dome(plane: Rays, design: Design, x: float, y: float, tan_x: Array, tan_y: Array) -> Rays:
-    """Rays that leave the camera at (x, y), bent at the window and at the dome of the core.
+def _through_curves(
+    plane: Rays, glass: Glass, height_mm: float, x: float, y: float, tan_x: Array, tan_y: Array
+) -> Rays:
+    """Rays that leave the camera at (x, y), bent at a hollow of the core and at its dome.
 
-    Rays beside the dome keep the path they have in `plane`, through plane layers.
+    Rays beside a dome keep the path they have in `plane`, through plane layers.
     """
-    (_, gel_index), (_, core_index), (down_mm, _) = design.layers_to_camera(0.0)
-    thickness = design.elastomer.thickness_mm
-    radius = _dome_radius_mm(design) - thickness
-    # In the core: Snell's law keeps what a direction has along the window.
-    sine_x, sine_y = (t / np.sqrt(1 + tan_x**2 + tan_y**2) / core_index for t in (tan_x, tan_y))
-    direction = np.stack([sine_x, sine_y, -np.sqrt(1 - sine_x**2 - sine_y**2)])
-    window_mm = thickness + design.gelcore.height_mm - _dome_radius_mm(design)
-    from_centre = np.stack([x + down_mm * tan_x, y + down_mm * tan_y, np.full_like(tan_x, window_mm)])
-    along = (from_centre * direction).sum(axis=0)
-    inside = radius**2 - (from_centre**2).sum(axis=0) + along**2
-    point = from_centre + (np.sqrt(np.maximum(inside, 0.0)) - along) * direction
-    # At the dome: Snell's law in vectors; the sphere's radius is the normal, towards the gel.
-    normal = point / radius
-    ratio = core_index / gel_index
-    cosine = (normal * direction).sum(axis=0)
-    bent = (
-        ratio * direction
-        + (np.sqrt(np.maximum(1 - ratio**2 * (1 - cosine**2), 0.0)) - ratio * cosine) * normal
-    )
+    direction = np.stack([tan_x, tan_y, -np.ones_like(tan_x)])
+    direction = direction / np.linalg.norm(direction, axis=0)
+    start = np.stack([np.full_like(tan_x, value) for value in (x, y, height_mm)])
+    point, bent, met = glass.follow(start, direction)
     slope_x, slope_y = bent[0] / bent[2], bent[1] / bent[2]
-    height = point[2] + _dome_radius_mm(design)
-    reach = min(design.gelcore.width_mm / 2, radius)
-    met = (inside > 0) & (point[2] < 0) & (np.hypot(point[0], point[1]) < reach) & (bent[2] < -1 / STEEPEST)
+    met = met & (bent[2] < -1 / STEEPEST)
     return Rays(
-        np.where(met, point[0] - slope_x * height, plane.x_mm),
-        np.where(met, point[1] - slope_y * height, plane.y_mm),
+        np.where(met, point[0] - slope_x * point[2], plane.x_mm),
+        np.where(met, point[1] - slope_y * point[2], plane.y_mm),
         np.where(met, slope_x, plane.slope_x),
         np.where(met, slope_y, plane.slope_y),
         plane.binned,
     )
-
-
-def _dome_radius_mm(design: Design) -> float:
-    assert design.elastomer.radius_mm is not None
-    return design.elastomer.radius_mm
 
 
 def _tangents(right: Array, up: Array, forward: Array) -> tuple[Array, Array]:

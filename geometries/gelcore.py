@@ -49,6 +49,17 @@ class Gelcore(Spec):
     window_diameter_mm: float = quantity(
         12.0, unit="mm", gt=0, le=200, description="Diameter of the clear area the camera looks through."
     )
+    cavity_radius_mm: float | None = quantity(
+        None,
+        unit="mm",
+        gt=0.5,
+        le=100,
+        description="Radius, at the window, of a hollow behind it, half a spheroid around the axis: the core "
+        "is a shell then. Solid when absent.",
+    )
+    cavity_depth_mm: float | None = quantity(
+        None, unit="mm", gt=0.1, le=100, description="How deep the hollow reaches; its radius when absent."
+    )
     side_finish: Literal["polished", "ground", "painted"] = Field(
         "painted", description="Finish of the side faces away from the LEDs."
     )
@@ -70,12 +81,21 @@ class Gelcore(Spec):
     )
 
     @model_validator(mode="after")
-    def _dome_has_radius(self) -> Self:
+    def _goes_with_its_shape(self) -> Self:
         if self.shape == "dome" and self.radius_mm is None:
             raise ValueError("radius_mm: a dome needs the radius of its spherical side")
         if self.shape != "dome" and self.radius_mm is not None:
             raise ValueError(f"radius_mm: only a dome has a radius, shape is {self.shape!r}")
+        if self.cavity_depth_mm is not None and self.cavity_radius_mm is None:
+            raise ValueError("cavity_depth_mm: goes with cavity_radius_mm, which is absent")
         return self
+
+    @property
+    def cavity(self) -> tuple[float, float] | None:
+        """Radius and depth of the hollow behind the window."""
+        if self.cavity_radius_mm is None:
+            return None
+        return self.cavity_radius_mm, self.cavity_depth_mm or self.cavity_radius_mm
 
 
 def polygon(spec: Gelcore, *, segments: int = 360) -> NDArray[np.float64]:
@@ -94,6 +114,29 @@ def solid(spec: Gelcore) -> "cadquery.Workplane":
     ValueError
         If the sides meet before the window, or the dome's sphere does not fit the block.
     """
+    if spec.cavity is None:
+        return _block(spec)
+    return _block(spec).cut(_hollow(spec, *spec.cavity)).solids()
+
+
+def _hollow(spec: Gelcore, radius_mm: float, depth_mm: float) -> "cadquery.Workplane":
+    """Half a spheroid below the window."""
+    import cadquery
+
+    quarter = cadquery.Workplane("XZ").moveTo(0, spec.height_mm).lineTo(radius_mm, spec.height_mm)
+    across, down = cadquery.Vector(1, 0, 0), cadquery.Vector(0, -1, 0)  # the sketch is drawn in its own plane
+    if np.isclose(radius_mm, depth_mm):
+        middle = (radius_mm * np.sqrt(0.5), spec.height_mm - depth_mm * np.sqrt(0.5))
+        quarter = quarter.threePointArc(middle, (0, spec.height_mm - depth_mm))
+    else:
+        turn = np.radians(np.linspace(0.0, 90.0, 46))[1:]
+        points = [(radius_mm * np.cos(t), spec.height_mm - depth_mm * np.sin(t)) for t in turn]
+        quarter = quarter.spline(points, tangents=[down, -across], includeCurrent=True)
+    return quarter.close().revolve(360, (0, 0, 0), (0, 1, 0))
+
+
+def _block(spec: Gelcore) -> "cadquery.Workplane":
+    """Build the core without its hollow."""
     import cadquery
 
     if spec.radius_mm is not None:

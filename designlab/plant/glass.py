@@ -53,6 +53,8 @@ class Glass:
     @classmethod
     def of(cls, design: Design) -> "Glass":
         """Take the clear parts of a design."""
+        if design.gelcore.cavity is not None:
+            raise ValueError("gelcore.cavity_radius_mm: measurements are generated of solid cores only")
         optics, gel = design.optics, design.elastomer
         shapes = [shape for shape in core_and_gel(design) if shape.name not in INTERFACE]
         return cls(

@@ -14,6 +14,7 @@ from designlab.viewing import Rays
 
 Array = NDArray[np.float64]
 ON_THE_WAY = ("interface", "window")  # boundaries between membrane and camera
+RIM = "window-rim"  # the plane around a hollow window
 GAP = "gap-gel"  # the interface where gel and core have come apart: gel, then air, then core
 
 
@@ -25,7 +26,7 @@ def transmission(scene: Scene, surface: Surface, rays: Rays) -> Array:
     light, what the media absorb or scatter away, and the widening of the beam on leaving the gel. Of a gap
     between gel and core all reflections within it count, and its thickness does not.
     """
-    boundaries = {s.name: s for s in scene.shapes if s.name in (*ON_THE_WAY, GAP)}
+    boundaries = {s.name: s for s in scene.shapes if s.name in (*ON_THE_WAY, GAP, RIM)}
     passed = np.ones((scene.groups, *rays.x_mm.shape))
     if not boundaries:
         return passed

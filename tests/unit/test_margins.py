@@ -7,6 +7,7 @@ from designlab.design import InfeasibleDesign, preset
 from designlab.margins import RULES
 
 FLAT, DOME, CORE = (preset(name) for name in ("gelsight-2020-flat", "gelsight-2020-dome", "default"))
+TIP = preset("pbr-fingertip-like")
 
 BREAKING = {
     "leds_inside_housing": (FLAT, {"housing.inner_radius_mm": 13.0}),
@@ -18,6 +19,7 @@ BREAKING = {
     "core_inside_housing": (CORE, {"gelcore.width_mm": 29.0}),
     "core_below_plate": (CORE, {"gelcore.height_mm": 20.5}),
     "elastomer_on_core": (CORE, {"elastomer.width_mm": 26.5}),
+    "cavity_in_core": (TIP, {"gelcore.cavity_depth_mm": 12.0}),
     "dome_radius": (DOME, {"elastomer.radius_mm": 15.0}),
     "dome_core": (DOME, {"gelcore.radius_mm": 33.2}),
     "sensing_area_on_membrane": (FLAT, {"elastomer.width_mm": 14.0}),
