@@ -151,7 +151,8 @@ class Design(Spec):
     @property
     def digest(self) -> str:
         """SHA-256 of the canonical content, without name and description."""
-        content = self.model_dump(mode="json", exclude={"name", "description"})
+        # What is absent does not count: fields that a later version adds leave old designs as they are.
+        content = self.model_dump(mode="json", exclude={"name", "description"}, exclude_none=True)
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     @property

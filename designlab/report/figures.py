@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 BLUE, ORANGE, GREEN = COLOURS[:3]
 GREY = "#b6bdc8"
+MOST_ACROSS = 4  # panels of slices side by side
 
 
 def pareto(results: Results, first: str, second: str) -> "plotly.graph_objects.Figure":
@@ -53,6 +54,7 @@ def pareto(results: Results, first: str, second: str) -> "plotly.graph_objects.F
                 },
                 hovertext=_hover(results, rows),
                 hoverinfo="text",
+                customdata=[str(number) for number in rows["trial"]],
                 name=name,
             )
     figure.update_layout(
@@ -105,6 +107,40 @@ def parallel(results: Results) -> "plotly.graph_objects.Figure":
     figure.update_yaxes(visible=False, range=[-0.1, 1.1])
     figure.update_layout(margin={"l": 50, "r": 50, "t": 20, "b": 70}, hovermode="closest")
     return figure
+
+
+def slices(results: Results) -> tuple["plotly.graph_objects.Figure", int]:
+    """Each objective over each parameter, all evaluated designs; and the number of rows of panels."""
+    from plotly.subplots import make_subplots
+
+    study, done = results.study, results.valid[results.valid["reuse_of"].isna()]
+    names, objectives = list(study.parameters), list(study.objectives)
+    across = min(len(names), MOST_ACROSS)
+    bands = -(-len(names) // across)
+    rows = bands * len(objectives)
+    figure = make_subplots(rows=rows, cols=across, vertical_spacing=0.5 / rows / 2, horizontal_spacing=0.03)
+    front = done["trial"].isin(results.pareto["trial"])
+    for number, name in enumerate(names):
+        band, column = divmod(number, across)
+        for place, objective in enumerate(objectives):
+            row = band * len(objectives) + place + 1
+            for chosen, colour, size in ((~front, GREY, 5), (front, BLUE, 7)):
+                figure.add_scatter(
+                    x=done.loc[chosen, name], y=done.loc[chosen, objective], mode="markers",
+                    marker={"color": colour, "size": size}, hovertext=_hover(results, done[chosen]),
+                    hoverinfo="text", row=row, col=column + 1,
+                )  # fmt: skip
+            if column == 0:
+                unit = results.units.get(objective, "")
+                figure.update_yaxes(title_text=label(objective, unit).replace(" (", "<br>("), row=row, col=1)
+            else:
+                figure.update_yaxes(showticklabels=False, row=row, col=column + 1)
+            if place == len(objectives) - 1:
+                figure.update_xaxes(title_text=label(name, study.unit(name)), row=row, col=column + 1)
+            else:
+                figure.update_xaxes(showticklabels=False, row=row, col=column + 1)
+    figure.update_layout(showlegend=False, margin={"l": 90, "r": 20, "t": 15, "b": 55})
+    return figure, rows
 
 
 def importance(shares: Mapping[str, Mapping[str, float]], results: Results) -> "plotly.graph_objects.Figure":

@@ -2,6 +2,7 @@
 
 import base64
 import html
+import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
@@ -41,6 +42,10 @@ dl { display: grid; grid-template-columns: max-content 1fr; gap: .2rem 1.5rem; m
 dt { color: var(--soft); } dd { margin: 0; }
 figure { margin: 1.2rem 0; }
 figure img { max-width: 100%; height: auto; display: block; border: 1px solid var(--line); }
+figure.plotly { position: relative; }
+figure img.pointed { position: absolute; right: 1rem; top: 3rem; width: 13rem; z-index: 5;
+  pointer-events: none; }
+figure img.pointed[hidden] { display: none; }
 .gallery { display: grid; grid-template-columns: repeat(auto-fill, minmax(20rem, 1fr)); gap: 1.2rem; }
 .gallery figure { margin: 0; }
 footer { margin-top: 4rem; color: var(--soft); font-size: .8rem; }
@@ -188,8 +193,20 @@ def gallery(pictures: Iterable[Html]) -> Html:
     return Html(f'<div class="gallery">{inside}</div>' if inside else "")
 
 
-def plotly_figure(figure: "plotly.graph_objects.Figure", caption: str = "", *, height_px: int = 460) -> Html:
-    """An interactive figure in the style of the page."""
+def plotly_figure(
+    figure: "plotly.graph_objects.Figure",
+    caption: str = "",
+    *,
+    height_px: int = 460,
+    pictures: Mapping[str, Path] | None = None,
+) -> Html:
+    """An interactive figure in the style of the page.
+
+    Parameters
+    ----------
+    pictures : mapping of str to path, optional
+        PNG files to show while the pointer is on a mark with that key as its `customdata`.
+    """
     figure.update_layout(
         template="plotly_white",
         font={"family": FONT, "size": 13, "color": "#1c2330"},
@@ -203,8 +220,30 @@ def plotly_figure(figure: "plotly.graph_objects.Figure", caption: str = "", *, h
         full_html=False,
         include_plotlyjs=False,
         config={"displaylogo": False, "responsive": True, "modeBarButtons": [["toImage", "resetScale2d"]]},
+        post_script=[_SHOW_PICTURES] if pictures else None,
     )
-    return Html(f'<figure class="plotly">{drawn}{_caption(caption)}</figure>')
+    encoded = {
+        key: f"data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}"
+        for key, path in (pictures or {}).items()
+    }
+    beside = (
+        f'<img class="pointed" alt="" hidden><script type="application/json">{json.dumps(encoded)}</script>'
+        if encoded
+        else ""
+    )
+    return Html(f'<figure class="plotly">{beside}{drawn}{_caption(caption)}</figure>')
+
+
+_SHOW_PICTURES = """
+const plot = document.getElementById("{plot_id}"), figure = plot.closest("figure");
+const image = figure.querySelector("img.pointed");
+const pictures = JSON.parse(figure.querySelector('script[type="application/json"]').textContent);
+plot.on("plotly_hover", (event) => {
+  const found = pictures[event.points[0].customdata];
+  if (found) { image.src = found; image.hidden = false; }
+});
+plot.on("plotly_unhover", () => { image.hidden = true; });
+"""
 
 
 def label(name: str, unit: str = "") -> str:

@@ -26,6 +26,7 @@ from designlab.study import Results, importance, load_results
 from designlab.study.definition import VARIANT
 from designlab.study.folder import trial_folder
 
+MOST_DEPICTED = 16  # designs of the front that get pictures
 _CAPTIONS = {"untouched": "untouched gel", "press": "a ball of 4 mm, pressed"}
 
 
@@ -41,7 +42,7 @@ def study_report(
     target : path, optional
         HTML file to write; ``report.html`` in the folder of the study when absent.
     pictures : bool
-        Whether to render two pictures of each shortlisted design that has none yet (some seconds each).
+        Whether to render two pictures of each design of the front that has none yet (some seconds each).
 
     Returns
     -------
@@ -58,7 +59,7 @@ def study_report(
     found = results if isinstance(results, Results) else load_results(results)
     path = Path(target) if target is not None else found.folder / "report.html"
     if pictures:
-        for number in found.picks["trial"]:
+        for number in dict.fromkeys([*found.picks["trial"], *found.pareto["trial"].iloc[:MOST_DEPICTED]]):
             _depict(found, int(number))
     study, counts = found.study, found.counts()
     sections = [
@@ -67,6 +68,7 @@ def study_report(
         Section("Confirmed with fresh seeds", _confirmation(found)),
         Section("Trade-off", _trade_off(found)),
         Section("Parameters of all designs", _parallel(found)),
+        Section("Scores over parameters", _slices(found)),
         Section("What matters", _importance(found)),
         Section("Progress", _progress(found)),
         Section("Designs left out", _rejections(found)),
@@ -189,7 +191,12 @@ def _trade_off(results: Results) -> tuple[Html, ...]:
     caption = "Every evaluated design, with standard errors. Point at one to see its parameters and scores."
     first, *others = results.study.objectives
     drawn = [figures.pareto(results, first, other) for other in others]
-    return tuple(plotly_figure(figure, caption, height_px=520) for figure in drawn)
+    pictures = {
+        str(number): path
+        for number in results.pareto["trial"]
+        if (path := trial_folder(results.folder, int(number)) / "press.png").is_file()
+    }
+    return tuple(plotly_figure(figure, caption, height_px=520, pictures=pictures) for figure in drawn)
 
 
 def _parallel(results: Results) -> tuple[Html, ...]:
@@ -197,6 +204,14 @@ def _parallel(results: Results) -> tuple[Html, ...]:
         return ()
     caption = "Each line is a design; those of the Pareto front are blue, the shortlist is orange."
     return (plotly_figure(figures.parallel(results), caption),)
+
+
+def _slices(results: Results) -> tuple[Html, ...]:
+    if results.pareto.empty:
+        return ()
+    caption = "Each point is a design; those of the Pareto front are blue."
+    figure, rows = figures.slices(results)
+    return (plotly_figure(figure, caption, height_px=100 + 170 * rows),)
 
 
 def _importance(results: Results) -> tuple[Html, ...]:

@@ -230,7 +230,7 @@ class Study(Spec):
     @property
     def digest(self) -> str:
         """SHA-256 of all that decides the search: everything but names, the number of trials and the plan."""
-        content = self.model_dump(mode="json", exclude={"name", "trials", "base", "plan"})
+        content = self.model_dump(mode="json", exclude={"name", "trials", "base", "plan"}, exclude_none=True)
         return digest(content, self.base.digest)
 
     def design(self, values: Mapping[str, Any]) -> Design:
