@@ -32,6 +32,13 @@ class StudyError(ValueError):
     """A study file, field or folder that cannot be used; the text names it, the value and the rule."""
 
 
+class Tied(Spec):
+    """How a field follows a parameter: so many times its value, plus so much."""
+
+    times: float = Field(1.0, description="Factor on the value.")
+    plus: float = Field(0.0, description="What is added, in the unit of the field.")
+
+
 class Parameter(Spec):
     """Values that one field of the design may take: a range, or a list of choices."""
 
@@ -45,16 +52,17 @@ class Parameter(Spec):
     variant: str | None = Field(
         None, description="Name of the only variant that it is for; all variants if absent."
     )
-    also: dict[str, float] = Field(
+    also: dict[str, float | Tied] = Field(
         {},
         description="Further fields that move along, by dotted path: each takes the value plus this, for "
-        "example the radius of a core under a gel that is 2 mm thick.",
+        "example the radius of a core under a gel that is 2 mm thick, or so many times the value plus this.",
     )
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
         if self.choices is not None:
-            if any(self.also.values()) and any(isinstance(choice, bool | str) for choice in self.choices):
+            words = any(isinstance(choice, bool | str) for choice in self.choices)
+            if words and any(tie != Tied() for tie in self.ties.values()):
                 raise ValueError("also: only numbers can be moved by an offset; give 0")
             if self.low is not None or self.high is not None or self.step is not None or self.log:
                 raise ValueError("give either choices, or low and high with step or log; not both")
@@ -80,8 +88,16 @@ class Parameter(Spec):
 
     def fields(self, path: str, value: Any) -> dict[str, Any]:
         """Fields that a value of the parameter sets, and what each becomes."""
-        moved = {other: value + offset if offset else value for other, offset in self.also.items()}
+        moved = {
+            other: value if tie == Tied() else tie.times * value + tie.plus
+            for other, tie in self.ties.items()
+        }
         return {path: value, **moved}
+
+    @property
+    def ties(self) -> "dict[str, Tied]":
+        """What each further field becomes."""
+        return {other: tie if isinstance(tie, Tied) else Tied(plus=tie) for other, tie in self.also.items()}
 
     def holds(self, value: Any) -> bool:
         """Whether a value is one of those that the parameter may take."""

@@ -85,6 +85,11 @@ def test_fields_that_go_together_move_together():
     )
     groups = study.design({"leds.groups.0.flux_mw": 2.5}).leds.groups
     assert [group.flux_mw for group in groups[:2]] == [2.5, 3.0]
+    leaning = {
+        "leds.height_mm": {"low": 5, "high": 9, "also": {"leds.radius_mm": {"times": -0.5, "plus": 17}}}
+    }
+    leds = make(variants={}, parameters=leaning).design({"leds.height_mm": 8.0}).leds
+    assert (leds.height_mm, leds.radius_mm) == (8.0, 13.0)
 
 
 @pytest.mark.parametrize(
