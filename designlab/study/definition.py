@@ -32,6 +32,10 @@ class StudyError(ValueError):
     """A study file, field or folder that cannot be used; the text names it, the value and the rule."""
 
 
+DIGITS = 9
+"""After the point of fields that follow a parameter: so a base design is met again in spite of rounding."""
+
+
 class Tied(Spec):
     """How a field follows a parameter: so many times its value, plus so much."""
 
@@ -89,7 +93,7 @@ class Parameter(Spec):
     def fields(self, path: str, value: Any) -> dict[str, Any]:
         """Fields that a value of the parameter sets, and what each becomes."""
         moved = {
-            other: value if tie == Tied() else tie.times * value + tie.plus
+            other: value if tie == Tied() else round(tie.times * value + tie.plus, DIGITS)
             for other, tie in self.ties.items()
         }
         return {path: value, **moved}
