@@ -114,6 +114,8 @@ class Picture:
         Factor that takes chance away from pictures of this press, where there are repeats.
     stand : Stand or None
         Where light was rendered besides, if the press seems to stand far from where it was stated.
+    exact_at : array, shape (4,), or None
+        Pose, in steps, at which `light` and changes together are exact, if that is not the stated one.
     """
 
     light: Single
@@ -125,6 +127,7 @@ class Picture:
     spread: Single | None = None
     calming: Single | None = None
     stand: Stand | None = None
+    exact_at: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -155,13 +155,15 @@ class Renders:
 def _transport(model: SensorModel, press: Press | None) -> list[object]:
     """What decides light transport: not mixing, power or camera noise, and no contact without a press."""
     design: Design = model.effective_design()
-    content = design.model_dump(mode="json", exclude={"name", "description", "mixing", "housing"})
+    # What is absent does not count: fields that a later version adds leave kept pictures as they are.
+    left_out = {"name", "description", "mixing", "housing"}
+    content = design.model_dump(mode="json", exclude=left_out, exclude_none=True)
     if press is None:
         del content["contact"]
     for group in content["leds"]["groups"]:
         del group["flux_mw"]
     for name in ("exposure", "full_well_e", "read_noise_e", "black_level", "bit_depth", "response"):
-        del content["camera"][name]
+        content["camera"].pop(name, None)
     acting = [
         [applied.name, applied.values]
         for applied in model.effects

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from designlab.effects import effect
 from designlab.gap.bank import POSE_STEP, Bank, Stand, rendered_at
@@ -47,7 +46,8 @@ def exact(
     pictures = [bank.of(number) for number in range(len(bank.shots))]
     for number, light in rendered_at(source, bank, values, poses):
         error = light - forward.light(combined, number)
-        pictures[number] = replace(pictures[number], light=pictures[number].light + error)
+        at = poses[number] / POSE_STEP
+        pictures[number] = replace(pictures[number], light=pictures[number].light + error, exact_at=at)
     return replace(bank, pictures=tuple(pictures), place=tuple(range(len(pictures))), stands=values)
 
 
@@ -91,28 +91,43 @@ def placed(source: Renders, fitter: Fitter, train: Sequence[int], others: Sequen
     train, others : sequence of int
         Shots that gains are fitted to, and all others with a press, which are registered each by itself.
     """
-    given = fitter
-    stands: dict[int, Stand] = {}
     for _ in range(PLACINGS):
         state = fitter.fit(fitter.start(train), (), train).state
         fitter.measure(state)
         state = judge(fitter, state, others).state
-        poses = {number: state.pose(number) for number in (*train, *others)}
-        far = {n: pose for n, pose in poses.items() if _beyond(pose / POSE_STEP, stands.get(n))}
+        far = beyond(fitter, state, [*train, *others])
         if not far:
             break
-        bare = replace(state, numerical=0.0)
-        for number, light in rendered_at(source, given.bank, {}, far):
-            stands[number] = Stand(far[number] / POSE_STEP, light - given.forward.light(bare, number))
-        pictures = [given.bank.of(number) for number in range(len(given.bank.shots))]
-        for number, stand in stands.items():
-            pictures[number] = replace(pictures[number], stand=stand)
-        fitter = Fitter(replace(given.bank, pictures=tuple(pictures), place=tuple(range(len(pictures)))))
+        fitter = standing(source, fitter, state, far)
     return fitter
 
 
-def _beyond(pose: NDArray[np.float64], stand: Stand | None) -> bool:
-    """Whether a pose, in steps, is further than pictures about the stated or the rendered one reach."""
-    if stand is None:
-        return bool(np.abs(pose).max() > REACH)
-    return bool(np.abs(pose - stand.pose).max() > NEAR)
+def standing(source: Renders, fitter: Fitter, state: State, shots: Sequence[int]) -> Fitter:
+    """Fitter whose pictures of some shots are exact where these stand in a state, see `Stand`."""
+    bank = fitter.bank
+    pictures = [bank.of(number) for number in range(len(bank.shots))]
+    for number in shots:
+        pictures[number] = replace(pictures[number], stand=None)
+    place = tuple(range(len(pictures)))
+    without = Forward(replace(bank, pictures=tuple(pictures), place=place))
+    values = {name: state.values[name] for name in state.values if effect(name).rendered}
+    combined = replace(state, values=values, numerical=0.0)
+    poses = {number: fitter.forward.pose(state, number) for number in shots}
+    for number, light in rendered_at(source, bank, values, poses):
+        stand = Stand(poses[number] / POSE_STEP, light - without.light(combined, number))
+        pictures[number] = replace(pictures[number], stand=stand)
+    return fitter.of(replace(bank, pictures=tuple(pictures), place=place), fitter.noises)
+
+
+def beyond(fitter: Fitter, state: State, shots: Sequence[int]) -> list[int]:
+    """Shots whose poses are further than pictures about the stated or a rendered one reach."""
+    found = []
+    for number in shots:
+        pose = fitter.forward.pose(state, number) / POSE_STEP
+        picture = fitter.bank.of(number)
+        if picture.stand is not None and np.abs(pose - picture.stand.pose).max() <= NEAR:
+            continue
+        centre = np.zeros(len(pose)) if picture.exact_at is None else picture.exact_at
+        if picture.pose and np.abs(pose - centre).max() > REACH:
+            found.append(number)
+    return found

@@ -11,7 +11,7 @@ from designlab.effects import effect
 from designlab.gap.basis import Renders
 from designlab.gap.coordinates import coordinate
 from designlab.gap.evidence import System, log_evidence
-from designlab.gap.exact import exact_fitter, is_far
+from designlab.gap.exact import beyond, exact_fitter, is_far, standing
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter, with_strength
 from designlab.gap.forward import State
 from designlab.gap.judge import LEAST_IMPROVED, LEAST_SHARE, Gain, Judged, gain, judge, squared
@@ -171,20 +171,21 @@ class Search:
         found = []
         for attempt, seconds in attempts:
             begun = time.perf_counter()
-            near = None
-            if attempt.evidence >= max(CONTENDING * most, DECISIVE):
-                near = self._near(self.fitter, attempt.judged.state)
-            again = (
-                attempt if near is None else self._judged(attempt.name, base, now, attempt.fit.state, near)
-            )
-            found.append((again, seconds + time.perf_counter() - begun))
+            contends = attempt.evidence >= max(CONTENDING * most, DECISIVE)
+            if contends and (near := self._near(self.fitter, attempt.judged.state)):
+                attempt = self._judged(attempt.name, base, now, attempt.fit.state, near)
+            found.append((attempt, seconds + time.perf_counter() - begun))
         return found
 
     def _near(self, fitter: Fitter, state: State) -> Fitter | None:
         """Fitter whose pictures are rendered where a state stands; None if its own are near enough."""
-        if self.source is None or not is_far(fitter, state):
+        shots = [*self.train, *self.select]
+        if self.source is None:
             return None
-        return exact_fitter(self.source, fitter, state, [*self.train, *self.select])
+        if is_far(fitter, state):
+            return exact_fitter(self.source, fitter, state, shots)
+        far = beyond(fitter, state, shots)
+        return standing(self.source, fitter, state, far) if far else None
 
     def _leading(self, passed: Sequence[Attempt]) -> list[Attempt]:
         """Those that no other surely surpasses on held-out shots.

@@ -12,7 +12,7 @@ from designlab.gap.bank import POSE_STEP, Bank, fill, moved
 from designlab.gap.basis import Renders
 from designlab.gap.control import control
 from designlab.gap.evidence import System
-from designlab.gap.exact import placed
+from designlab.gap.exact import beyond, placed, standing
 from designlab.gap.fit import Fit, Fitter, with_strength
 from designlab.gap.forward import Forward, State, Unknown, bands
 from designlab.gap.grain import grains
@@ -418,6 +418,30 @@ def test_what_counts_as_closing_more_goes_by_what_is_left(bank) -> None:
     assert search._closes_more(much, little)
     assert not search._closes_more(little, much)
     assert not search._closes_more(replace(much, left=1000.0), replace(little, left=1000.0))
+
+
+def test_pictures_are_exact_where_a_press_stands_far_off(bank, renders) -> None:
+    """Also with an effect beside it; a press that stands elsewhere in another model is rendered anew."""
+    fitter = seeing(bank, SensorModel.of(DESIGN))
+    far, farther = np.array([0.09, -0.02, 0.03, 0.0]), np.array([0.11, 0.1, 0.0, 0.0])
+    state = State(GAINS, {"contact_kernel": {"length_ratio": 1.1}}, {1: far})
+    assert beyond(fitter, state, [0, 1, 2]) == [1]
+    near = standing(renders, fitter, state, [1])
+    model = SensorModel(
+        design=DESIGN, effects=(AppliedEffect(name="contact_kernel", values={"length_ratio": 1.1}),)
+    )
+    rendered = Simulator(model, view=VIEW, samples=SAMPLES, seed=SEED).frame(moved(PRESSES[0], far)).basis
+    np.testing.assert_allclose(near.forward.light(state, 1), rendered, rtol=1e-3, atol=1e-5)
+    assert not beyond(near, state, [0, 1, 2])
+    other = replace(state, poses={1: farther})
+    assert beyond(near, other, [1]) == [1]
+    again = standing(renders, near, other, [1])
+    elsewhere = moved(PRESSES[0], farther)
+    rendered = Simulator(model, view=VIEW, samples=SAMPLES, seed=SEED).frame(elsewhere).basis
+    np.testing.assert_allclose(again.forward.light(other, 1), rendered, rtol=1e-3, atol=1e-5)
+    # At the stated pose nothing has changed.
+    stated = replace(state, poses={})
+    np.testing.assert_array_equal(again.forward.light(stated, 1), fitter.forward.light(stated, 1))
 
 
 def test_what_closes_less_of_held_out_presses_does_not_lead(bank) -> None:
