@@ -6,6 +6,7 @@ The record may lie in a database instead, which runs on several machines share.
 import contextlib
 import os
 import sqlite3
+import time
 import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -27,6 +28,7 @@ HEARTBEAT_S = 30
 SILENT_S = 150
 """How long a run must be silent before another takes its trials over."""
 
+CREATING_TRIES, CREATING_S = 5, 1.0
 SCORE = "score"
 """Attribute of a trial in a shared record with all that is otherwise kept in the folder."""
 
@@ -131,18 +133,32 @@ def _database(url: str, on_stale: OnStale | None) -> "optuna.storages.RDBStorage
     import warnings
 
     import optuna
-    from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
+    from sqlalchemy.exc import (
+        ArgumentError,
+        IntegrityError,
+        NoSuchModuleError,
+        ProgrammingError,
+        SQLAlchemyError,
+    )
+
+    def connect() -> optuna.storages.RDBStorage:
+        return optuna.storages.RDBStorage(
+            url,
+            heartbeat_interval=HEARTBEAT_S,
+            grace_period=SILENT_S,
+            heartbeat_stale_trial_callback=on_stale,
+        )
 
     try:
         with warnings.catch_warnings():
             # Optuna calls heartbeats experimental; its version is pinned.
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-            return optuna.storages.RDBStorage(
-                url,
-                heartbeat_interval=HEARTBEAT_S,
-                grace_period=SILENT_S,
-                heartbeat_stale_trial_callback=on_stale,
-            )
+            for _ in range(CREATING_TRIES):
+                # Runs that begin at once in an empty database all create its tables; one of them does.
+                with contextlib.suppress(IntegrityError, ProgrammingError):
+                    return connect()
+                time.sleep(CREATING_S)
+            return connect()
     except (ArgumentError, NoSuchModuleError) as error:
         raise StudyError(f"storage: must be the URL of a database, got {url!r}: {error}") from None
     except ImportError as error:

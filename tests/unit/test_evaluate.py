@@ -254,8 +254,9 @@ def test_a_calibration_serves_its_own_sensor_as_before_and_others_less_well(scor
     """What the drawing teaches holds for it exactly; LEDs that stand elsewhere make it wrong."""
     taught = evaluation.calibration_of(FLAT, seed=1)
     own = evaluate(FLAT, seed=1, calibration=taught)
-    assert own.normal_error_median_deg.value == pytest.approx(score.normal_error_median_deg.value, rel=1e-9)
-    assert own.uniformity_u0 == score.uniformity_u0
+    # The order in which photons are added up is left to threads.
+    assert own.normal_error_median_deg.value == pytest.approx(score.normal_error_median_deg.value, rel=1e-6)
+    assert own.uniformity_u0.value == pytest.approx(score.uniformity_u0.value, rel=1e-6)
     lower = FLAT.replace({"leds.height_mm": FLAT.leds.height_mm - 3.0})
     each, once = (evaluate(lower, seed=1, calibration=given) for given in (None, taught))
     assert once.normal_error_median_deg.value > 1.2 * each.normal_error_median_deg.value
