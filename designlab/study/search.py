@@ -128,36 +128,25 @@ class Search:
         """Evaluate designs until `total` trials are complete, by all runs that share the record together."""
         running: dict[Future[dict[str, Any]], Task] = {}
         with self._heartbeats():
-            self._run(running, total, workers, submit, interrupts, on_progress)
-
-    def _run(
-        self,
-        running: "dict[Future[dict[str, Any]], Task]",
-        total: int,
-        workers: int,
-        submit: Submit,
-        interrupts: Interrupts,
-        on_progress: Callable[[], None],
-    ) -> None:
-        while True:
-            while len(running) < workers and self._started(running) < total:
-                interrupts.check()
-                task = self._propose()
-                if task is not None:
-                    arguments = (self.evaluator, task.subject, self.study.fidelity, self.study.seed)
-                    running[submit(evaluate_design, *arguments)] = task
-                    self._followers[task.design.digest] = []
+            while True:
+                while len(running) < workers and self._started(running) < total:
+                    interrupts.check()
+                    task = self._propose()
+                    if task is not None:
+                        arguments = (self.evaluator, task.subject, self.study.fidelity, self.study.seed)
+                        running[submit(evaluate_design, *arguments)] = task
+                        self._followers[task.design.digest] = []
+                    on_progress()
+                if not running and (self.done >= total or not self._others()):
+                    return
+                with interrupts.allowed():
+                    if not running:
+                        time.sleep(POLL_S)  # should another run die, its designs are evaluated here
+                    finished = wait(running, return_when=FIRST_COMPLETED).done
+                for future in finished:
+                    self._finish(running[future], future.result())
+                    del running[future]
                 on_progress()
-            if not running and (self.done >= total or not self._others()):
-                return
-            with interrupts.allowed():
-                if not running:
-                    time.sleep(POLL_S)  # should another run die, its designs are evaluated here
-                finished = wait(running, return_when=FIRST_COMPLETED).done
-            for future in finished:
-                self._finish(running[future], future.result())
-                del running[future]
-            on_progress()
 
     def _started(self, running: Mapping[Any, Task]) -> int:
         waiting = sum(len(tasks) for tasks in self._followers.values())
