@@ -264,12 +264,14 @@ def _thinnest_beside_cavity(design: "Design") -> float:
     if cavity is None:
         return -math.inf
     turn = np.radians(np.linspace(0.0, 90.0, 91))
-    radius, depth = cavity[0] * np.cos(turn), core.height_mm - cavity[1] * np.sin(turn)
-    below = depth if core.radius_mm is None else core.radius_mm - np.hypot(radius, depth - core.radius_mm)
+    radius, height = cavity[0] * np.cos(turn), core.height_mm - cavity[1] * np.sin(turn)
+    below = height
+    if core.radius_mm is not None:  # above the centre of its sphere a dome is a cylinder
+        below = core.radius_mm - np.hypot(radius, np.minimum(height - core.radius_mm, 0.0))
     outline = gelcore.polygon(core)
     outward, _ = _sides(outline)
     sides = float((outline * outward).sum(-1).min())  # nearest side, from the axis
-    lean = math.tan(math.radians(core.draft_deg)) * depth
+    lean = math.tan(math.radians(core.draft_deg)) * height
     beside = sides - lean - radius
     return MINIMUM_WALL_MM - float(min(below.min(), beside.min()))
 

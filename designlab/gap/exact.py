@@ -41,8 +41,9 @@ def exact(
     """
     bank = forward.bank
     values = {name: state.values[name] for name in names}
-    combined = replace(state, values=values, numerical=0.0)
+    # A common offset of the depth is part of poses; rendered, it would be counted once more.
     poses = {number: forward.pose(state, number) for number in shots}
+    combined = replace(state, values=values, poses=poses, numerical=0.0)
     pictures = [bank.of(number) for number in range(len(bank.shots))]
     for number, light in rendered_at(source, bank, values, poses):
         error = light - forward.light(combined, number)
@@ -63,17 +64,21 @@ def is_far(fitter: Fitter, state: State, reach: float = FAR_SD) -> bool:
     Parameters
     ----------
     reach : float
-        How far values may be from there that are far from null, in prior standard deviations.
+        How far values may be from where pictures were rendered anew, in prior standard deviations.
     """
     stands = fitter.bank.stands
-    return any(
-        abs(values[p.name] - p.null) > FAR_SD * p.sd
-        and abs(values[p.name] - stands.get(name, {}).get(p.name, p.null)) > reach * p.sd
-        for name, values in state.values.items()
-        if effect(name).rendered
-        for p in fitter.forward.parameters[name]
-        if not p.shape  # what only shapes an effect is known least, and cannot be far alone
-    )
+    for name, values in state.values.items():
+        if not effect(name).rendered:
+            continue
+        for p in fitter.forward.parameters[name]:
+            if p.shape:
+                continue  # what only shapes an effect is known least, and cannot be far alone
+            moved = name in stands
+            away = abs(values[p.name] - (stands[name][p.name] if moved else p.null)) / p.sd
+            # About null derivatives are known best; pictures rendered elsewhere are exact there alone.
+            if away > (reach if moved else FAR_SD):
+                return True
+    return False
 
 
 def placed(source: Renders, fitter: Fitter, train: Sequence[int], others: Sequence[int]) -> Fitter:
@@ -111,8 +116,8 @@ def standing(source: Renders, fitter: Fitter, state: State, shots: Sequence[int]
     place = tuple(range(len(pictures)))
     without = Forward(replace(bank, pictures=tuple(pictures), place=place))
     values = {name: state.values[name] for name in state.values if effect(name).rendered}
-    combined = replace(state, values=values, numerical=0.0)
     poses = {number: fitter.forward.pose(state, number) for number in shots}
+    combined = replace(state, values=values, poses=poses, numerical=0.0)
     for number, light in rendered_at(source, bank, values, poses):
         stand = Stand(poses[number] / POSE_STEP, light - without.light(combined, number))
         pictures[number] = replace(pictures[number], stand=stand)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from designlab.gap.basis import Renders
-from designlab.gap.exact import exact_fitter, is_far
+from designlab.gap.exact import beyond, exact_fitter, is_far, standing
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter, with_strength
 from designlab.gap.judge import judge
 from designlab.gap.repeats import shot_error
@@ -38,10 +38,12 @@ def refined(source: Renders, fitter: Fitter, found: Fit, train: Sequence[int]) -
             break
         near = exact_fitter(source, near, now.state, train)
         now = near.fit(now.state, names, train)
+    others = [number for number in range(len(fitter.bank.shots)) if number not in train]
+    registered = judge(near, now.state, others).state
     if near.bank.stands:
-        others = [number for number in range(len(fitter.bank.shots)) if number not in train]
-        standing = judge(near, now.state, others).state
-        near = exact_fitter(source, near, standing, others)
+        near = exact_fitter(source, near, registered, others)
+    elif far := beyond(near, registered, others):
+        near = standing(source, near, registered, far)
     for name in DRAWN_SD.keys() & now.state.values.keys():
         now = replace(now, state=with_strength(now.state, name))
     return near, now

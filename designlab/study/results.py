@@ -312,9 +312,11 @@ def _rows(frame: "pd.DataFrame", columns: list[str]) -> list[dict[str, Any]]:
 
 
 def _gain(base: float, value: float, way: str, unit: str) -> float:
-    """Share of what a score lacks at the base that another has not."""
+    """Share of what a score lacks at the base that another has not; NaN where the base lacks nothing."""
     if way == "minimise":
-        return 1.0 - value / base
+        return 1.0 - value / base if base else math.nan
+    if not base:
+        return math.nan if unit != "1" else value
     return 1.0 - (1.0 - value) / (1.0 - base) if unit == "1" and base < 1.0 else value / base - 1.0
 
 

@@ -92,9 +92,9 @@ class Search:
             if trial.state != TrialState.RUNNING or (self.shared and trial.number not in self._own):
                 continue
             saved = read_trial(self.folder, trial)
-            if saved is not None:
+            if saved is not None and saved.get("parameters") == trial.params:
                 live = optuna.trial.Trial(self.record, trial._trial_id)
-                self._tell(live, saved["scores"])
+                self._tell(live, saved["scores"], {SCORE: saved} if self.shared else {})
                 continue
             retry(self.study, self.record, trial, died=not interrupted)
             self.record.tell(trial.number, state=TrialState.FAIL, skip_if_finished=self.shared)

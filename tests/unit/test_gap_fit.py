@@ -12,7 +12,7 @@ from designlab.gap.bank import POSE_STEP, Bank, fill, moved
 from designlab.gap.basis import Renders
 from designlab.gap.control import control
 from designlab.gap.evidence import System
-from designlab.gap.exact import beyond, placed, standing
+from designlab.gap.exact import beyond, exact_fitter, placed, standing
 from designlab.gap.fit import Fit, Fitter, with_strength
 from designlab.gap.forward import Forward, State, Unknown, bands
 from designlab.gap.grain import grains
@@ -442,6 +442,18 @@ def test_pictures_are_exact_where_a_press_stands_far_off(bank, renders) -> None:
     # At the stated pose nothing has changed.
     stated = replace(state, poses={})
     np.testing.assert_array_equal(again.forward.light(stated, 1), fitter.forward.light(stated, 1))
+
+
+def test_a_common_offset_of_the_depth_is_counted_once(bank, renders) -> None:
+    """It is part of where a press stands, so that rendering it there must not add it again."""
+    fitter = seeing(bank, SensorModel.of(DESIGN))
+    fitter.measure(State(GAINS))
+    state = State(GAINS, {"depth_offset": {"offset_mm": -0.08}})
+    deeper = moved(PRESSES[0], np.array([0.0, 0.0, -0.08, 0.0]))
+    rendered = Simulator(SensorModel.of(DESIGN), view=VIEW, samples=SAMPLES, seed=SEED).frame(deeper).basis
+    assert beyond(fitter, state, [1]) == [1]
+    for near in (standing(renders, fitter, state, [1]), exact_fitter(renders, fitter, state, [1])):
+        np.testing.assert_allclose(near.forward.light(state, 1), rendered, rtol=1e-3, atol=1e-5)
 
 
 def test_what_closes_less_of_held_out_presses_does_not_lead(bank) -> None:
