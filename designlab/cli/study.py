@@ -37,7 +37,7 @@ def _again(args: Namespace) -> str:
     words += ["--workers", str(args.workers)] if args.workers > 1 else []
     words += ["--trials", str(args.trials)] if args.trials else []
     if args.storage and args.storage != os.environ.get(STORAGE_VARIABLE):
-        words += ["--storage", args.storage]
+        words += ["--storage", "URL"]  # it may hold a password
     return shlex.join(words)
 
 
@@ -99,7 +99,11 @@ def _confirmed(results: "Results") -> list[str]:
     if again.empty:
         return []
     fidelity = "reference" if "reference" in set(again["fidelity"]) else "standard"
-    better = {(g["trial"], g["objective"]): f" ({g['gain']:+.0%})" for _, g in results.gains().iterrows()}
+    better = {
+        (g["trial"], g["objective"]): f" ({g['gain']:+.0%})"
+        for _, g in results.gains().iterrows()
+        if g["gain"] == g["gain"]  # of what the base lacks nothing of, there is no share
+    }
     rows = [
         (
             "base" if row["trial"] == BASE else f"{row['trial']}",

@@ -118,7 +118,7 @@ class CoreScatter(Effect):
 
     def parameters(self, design: Design) -> tuple[Parameter, ...]:
         """One coefficient; printed clear parts have up to 0.02 per mm (Appl. Opt. 60, 2021, 6573)."""
-        if design.optics.light_path != "core":
+        if design.optics.light_path != "core" or design.gelcore.cavity is not None:
             return ()
         return (Parameter("per_mm", "1/mm", 0.0, 0.01, 0.0, 0.5, "added to the scattering coefficient"),)
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from designlab.design import dumps
 from designlab.margins import RULES
 from designlab.report import figures
 from designlab.report.page import (
@@ -157,7 +158,7 @@ def _confirmation(results: Results) -> tuple[Html, ...]:
             **{str(name): value for name, value in row.items()},
             "design": f"trial {row['trial']}",
             "score": label(row["objective"], units.get(row["objective"], "")),
-            "gain": f"{row['gain']:.0%}",
+            "gain": f"{row['gain']:.0%}" if row["gain"] == row["gain"] else "–",
             "apart": "yes" if row["apart"] else "no",
         }
         for row in gains.to_dict(orient="records")
@@ -313,7 +314,9 @@ def _depict(results: Results, number: int) -> None:
     subject, seed = results.subject(number), results.study.seed
     depth_mm = min(0.8, 0.4 * results.study.base.elastomer.thickness_mm)
     press = Press(probe=parse("sphere:4"), depth_mm=depth_mm)
-    folder.mkdir(parents=True, exist_ok=True)  # designs of other machines have none here
+    folder.mkdir(parents=True, exist_ok=True)
+    if not (folder / "design.toml").is_file():  # another machine has evaluated it
+        write_atomic(folder / "design.toml", dumps(results.design(number)))
     untouched = render(subject, columns=320, samples=32, seed=seed).mixed
     pressed = render(subject, press, columns=320, samples=32, seed=seed).mixed
     white = float(np.percentile(untouched, 99.9))  # the same for both, so that they can be compared

@@ -7,7 +7,6 @@ import contextlib
 import os
 import sqlite3
 import time
-import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -67,6 +66,7 @@ def opened(
     from optuna.study import StudyDirection
 
     _claim(folder, study)
+    _one_record(folder, storage)
     sense = {"maximise": StudyDirection.MAXIMIZE, "minimise": StudyDirection.MINIMIZE}
     directions = [sense[way] for way in study.objectives.values()]
     with _locked(folder), _quiet(), _storage(folder, storage, on_stale) as record:
@@ -160,7 +160,7 @@ def _database(url: str, on_stale: OnStale | None) -> "optuna.storages.RDBStorage
                 time.sleep(CREATING_S)
             return connect()
     except (ArgumentError, NoSuchModuleError) as error:
-        raise StudyError(f"storage: must be the URL of a database, got {url!r}: {error}") from None
+        raise StudyError(f"storage: must be the URL of a database: {_first_line(error)}") from None
     except ImportError as error:
         raise StudyError(
             f"storage: {_shown(url)}: its driver is not installed ({error}); for PostgreSQL: "
@@ -245,6 +245,19 @@ def _claim(folder: Path, study: Study) -> None:
         )
 
 
+def _one_record(folder: Path, storage: str | None) -> None:
+    """Refuse a folder whose trials are those of another record."""
+    own, trials = (folder / RECORD_FILE).is_file(), (folder / TRIALS_FOLDER).is_dir()
+    if storage is not None and own:
+        raise StudyError(
+            f"{folder}: has a record of its own ({RECORD_FILE}); choose another folder for the database's"
+        )
+    if storage is None and trials and not own:
+        raise StudyError(
+            f"{folder}: holds trials of a record in a database; give its URL, or choose another folder"
+        )
+
+
 @contextlib.contextmanager
 def _locked(folder: Path) -> Iterator[None]:
     """Hold the folder; the system lets go of it when this process ends, however it ends."""
@@ -273,11 +286,6 @@ def read_trial(folder: Path, trial: "optuna.trial.FrozenTrial") -> dict[str, Any
     if not path.is_file():
         return None
     return read_json(path)
-
-
-def read_design(folder: Path, number: int) -> dict[str, Any]:
-    """Return the stored design of an evaluated trial as plain data."""
-    return tomllib.loads((trial_folder(folder, number) / "design.toml").read_text(encoding="utf-8"))
 
 
 def confirmation_path(folder: Path, name: str) -> Path:

@@ -1,6 +1,7 @@
 """The search: draw designs, set aside what cannot be built, evaluate the rest, and record all of it."""
 
 import contextlib
+import datetime
 import math
 import secrets
 import threading
@@ -18,7 +19,7 @@ from designlab.design import Design, DesignError, dumps
 from designlab.interrupts import Interrupts
 from designlab.store import atomic_folder, write_atomic, write_json
 from designlab.study.definition import VARIANT, Parameter, Study, StudyError
-from designlab.study.folder import HEARTBEAT_S, SCORE, read_trial, trial_folder
+from designlab.study.folder import HEARTBEAT_S, SCORE, SILENT_S, read_trial, trial_folder
 from designlab.workers import Submit
 
 if TYPE_CHECKING:
@@ -31,6 +32,9 @@ REFUSED_MM = 1000.0
 
 POLL_S = 5.0
 """How often a run that has nothing to do asks what the others of a shared record do."""
+
+RUN = "run"
+"""Attribute of a trial in a shared record that tells which run has it; set once that gives signs of life."""
 
 _PATIENCE = 20  # infeasible designs in a row after which every other one is drawn at random
 _GIVE_UP = 1000  # infeasible designs in a row after which the ranges are taken to hold no feasible one
@@ -113,8 +117,10 @@ class Search:
         pruned = self.record.get_trials(deepcopy=False, states=(TrialState.PRUNED,))
         self.infeasible = sum("rejected" in trial.user_attrs for trial in pruned)
         self.done = len(complete)
+        known = set(self._known.values())
         for trial in complete:
-            self._known.setdefault(self.study.design(trial.params).digest, trial.number)
+            if trial.number not in known:
+                self._known.setdefault(self.study.design(trial.params).digest, trial.number)
 
     def run(
         self,
@@ -137,7 +143,7 @@ class Search:
                         running[submit(evaluate_design, *arguments)] = task
                         self._followers[task.design.digest] = []
                     on_progress()
-                if not running and (self.done >= total or not self._others()):
+                if not running and self.done >= total:
                     return
                 with interrupts.allowed():
                     if not running:
@@ -164,7 +170,13 @@ class Search:
             fail_stale_trials(self.record)
         self._count()
         running = self.record.get_trials(deepcopy=False, states=(TrialState.RUNNING,))
-        return sum(trial.number not in self._own for trial in running)
+        others = [trial for trial in running if trial.number not in self._own]
+        for trial in others:
+            age = datetime.datetime.now() - (trial.datetime_start or datetime.datetime.now())
+            if RUN not in trial.user_attrs and age.total_seconds() > SILENT_S:  # died before its first sign
+                retry(self.study, self.record, trial)
+                self.record.tell(trial.number, state=TrialState.FAIL, skip_if_finished=True)
+        return len(others)
 
     @contextlib.contextmanager
     def _heartbeats(self) -> Iterator[None]:
@@ -202,6 +214,7 @@ class Search:
         if self.shared:
             self._own[trial.number] = trial._trial_id
             self.record._storage.record_heartbeat(trial._trial_id)  # type: ignore[attr-defined]
+            trial.set_user_attr(RUN, self._luck[0])
         if "slot" not in trial.user_attrs:
             trial.set_user_attr("slot", slot)
         try:
@@ -266,10 +279,12 @@ class Search:
                 self._fail(trial, reason)
             return
         self._failed = 0
-        self._complete(task, outcome)
-        self._known[task.design.digest] = task.trial.number
-        for follower in followers:
-            self._reuse(follower, task.trial.number)
+        done = next((one for one in (task, *followers) if self._complete(one, outcome)), None)
+        if done is None:
+            return
+        self._known[task.design.digest] = done.trial.number
+        for follower in followers[followers.index(done) + 1 if done in followers else 0 :]:
+            self._reuse(follower, done.trial.number)
 
     def _fail(self, trial: "optuna.Trial", reason: str) -> None:
         """Record a design of which no score can be had; the sampler learns to keep away from it."""
@@ -281,7 +296,8 @@ class Search:
                 f"the last one (trial {trial.number}) because: {reason}"
             )
 
-    def _complete(self, task: Task, outcome: Mapping[str, Any]) -> None:
+    def _complete(self, task: Task, outcome: Mapping[str, Any]) -> bool:
+        """Keep the score of a design; False if another run has taken the trial over meanwhile."""
         # The folder comes first: after a kill before the record knows of it, the trial is completed from it.
         content = {
             "trial": task.trial.number,
@@ -294,21 +310,23 @@ class Search:
             if not isinstance(task.subject, Design):
                 write_atomic(folder / "model.toml", task.subject.dumps())
             write_json(folder / "score.json", content)
-        self._tell(task.trial, outcome["scores"], {SCORE: content} if self.shared else {})
+        if not self._tell(task.trial, outcome["scores"], {SCORE: content} if self.shared else {}):
+            return False
         self.done += 1
+        return True
 
     def _tell(
         self,
         trial: "optuna.Trial",
         scores: Mapping[str, Mapping[str, Any]],
         notes: Mapping[str, Any] | None = None,
-    ) -> None:
-        """Give a trial its objectives, and by how much it breaks the constraints."""
+    ) -> bool:
+        """Give a trial its objectives, and by how much it breaks the constraints; see `_settle`."""
         broken = {
             name: bound.broken_by(float(scores[name]["value"]))
             for name, bound in self.study.constraints.items()
         }
-        self._settle(trial, self._values(scores), notes or {}, broken)
+        return self._settle(trial, self._values(scores), notes or {}, broken)
 
     def _settle(
         self,
@@ -316,22 +334,31 @@ class Search:
         values: list[float] | None,
         notes: Mapping[str, Any],
         constraints: Mapping[str, float],
-    ) -> None:
-        """End a trial: complete with its objectives, or pruned without."""
+    ) -> bool:
+        """End a trial: complete with its objectives, or pruned without.
+
+        Returns
+        -------
+        bool
+            False if another run has taken the trial over, since this one was not heard of for long.
+        """
         from optuna.exceptions import UpdateFinishedTrialError
         from optuna.trial import TrialState
 
+        self._own.pop(trial.number, None)
         try:
             for name, note in notes.items():
                 trial.set_user_attr(name, note)
             for name, violation in constraints.items():
                 trial.set_constraint(name, violation)
             state = TrialState.PRUNED if values is None else None
-            self.record.tell(trial, values, state=state, skip_if_finished=self.shared)
-        except UpdateFinishedTrialError:
-            if not self.shared:  # another run took it over, since this one was not heard of for long
+            self.record.tell(trial, values, state=state)
+        except (UpdateFinishedTrialError, ValueError):
+            # A trial that has ended takes no notes (the former) and no end (the latter).
+            if not self.shared:
                 raise
-        self._own.pop(trial.number, None)
+            return False
+        return True
 
     def _reuse(self, task: Task, number: int) -> None:
         """Complete a trial with the score of an equal design."""

@@ -136,6 +136,7 @@ def optimise(
     workers: int = 1,
     progress: bool = True,
     evaluator: Evaluator | None = None,
+    storage: str | None = None,
 ) -> Results:
     """Search for better designs; the same call again resumes, see `run_study`.
 
@@ -149,7 +150,7 @@ def optimise(
         Folder of the study.
     objectives : mapping, optional
         Score to ``"maximise"`` or ``"minimise"``; best uniformity and least normal error when absent.
-    trials, fidelity, seed, sampler, workers, progress, evaluator
+    trials, fidelity, seed, sampler, workers, progress, evaluator, storage
         As in `Study` and `run_study`.
 
     Raises
@@ -172,7 +173,7 @@ def optimise(
         )
     except ValidationError as error:
         raise StudyError(f"optimise(): {explain(error)}") from None
-    return run_study(study, out=out, workers=workers, progress=progress, evaluator=evaluator)
+    return run_study(study, out=out, workers=workers, progress=progress, evaluator=evaluator, storage=storage)
 
 
 def _parameter(given: Parameter | tuple[float, float] | Sequence[Any]) -> Parameter:

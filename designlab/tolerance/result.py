@@ -212,7 +212,7 @@ def load_tolerance(folder: str | Path) -> Tolerance:
     frame = pd.DataFrame([_row(record, inputs, tuple(units)) for record in records])
     spec = {name: Bound.model_validate(bound) for name, bound in run["spec"].items()}
     spreads = tuple(Spread.model_validate(spread) for spread in run["spreads"])
-    return Tolerance(folder, run["design"], spec, frame, inputs, units, spreads, run["calibrate"])
+    return Tolerance(folder, run["design"], spec, frame, inputs, units, spreads, run.get("calibrate", "each"))
 
 
 def require_scores(spec: Collection[str], known: Collection[str]) -> None:
