@@ -385,6 +385,8 @@ def picks(frame: "pd.DataFrame", objectives: Mapping[str, str], *, most: int = 5
         reasons.setdefault(int(np.linalg.norm(scaled, axis=1).argmin()), []).append("knee")
     while len(reasons) < min(most, len(front)):
         distance = np.linalg.norm(scaled[:, None] - scaled[list(reasons)][None], axis=-1).min(axis=1)
+        if not distance.max() > 0:
+            break  # the rest score as one of those chosen
         reasons[int(distance.argmax())] = ["different"]
     chosen = front.iloc[list(reasons)]
     return chosen.assign(pick=[", ".join(texts) for texts in reasons.values()]).iloc[:most]

@@ -175,3 +175,38 @@ def test_a_study_whose_record_is_elsewhere_says_so(tmp_path, url):
     run_study(make(trials=2), out=tmp_path, storage=url, progress=False, evaluator=quick)
     with pytest.raises(StudyError, match="if it lies in a database, give its URL"):
         load_results(tmp_path)
+
+
+def test_a_folder_serves_one_record(tmp_path, url):
+    study = make(name="one folder", trials=2)
+    run_study(study, out=tmp_path / "local", progress=False, evaluator=quick)
+    with pytest.raises(StudyError, match=r"has a record of its own \(study\.db\)"):
+        run_study(study, out=tmp_path / "local", storage=url, progress=False, evaluator=quick)
+    run_study(study, out=tmp_path / "shared", storage=url, progress=False, evaluator=quick)
+    with pytest.raises(StudyError, match="holds trials of a record in a database; give its URL"):
+        run_study(study, out=tmp_path / "shared", progress=False, evaluator=quick)
+
+
+def test_a_run_that_was_taken_for_dead_does_not_spoil_what_others_did(tmp_path, url):
+    """Its trial has ended; its score counts for the design that the others queued again."""
+    from optuna.trial import TrialState
+
+    from designlab.study import folder as folders
+    from designlab.study.search import retry
+
+    study = make(name="revived", trials=3)
+
+    def sleepy(design, *, fidelity, seed):
+        if not (tmp_path / "slept").exists():
+            (tmp_path / "slept").touch()
+            with folders.opened(tmp_path / "other", study, storage=url) as record:
+                (mine,) = record.get_trials(states=(TrialState.RUNNING,))
+                record.tell(mine.number, state=TrialState.FAIL)
+                retry(study, record, mine)
+        return quick(design, fidelity=fidelity, seed=seed)
+
+    results = run_study(study, out=tmp_path / "out", storage=url, progress=False, evaluator=sleepy)
+    counts = results.counts()
+    assert (counts["complete"], counts["interrupted"], counts["running"]) == (3, 1, 0)
+    assert results.frame["reuse_of"].isna().all()
+    assert not results.pareto.empty

@@ -246,3 +246,19 @@ def test_the_page_shows_variants_bounds_and_what_was_confirmed(tmp_path):
     assert "nan" not in shown.lower()
     best = history(results.frame, study.objectives).iloc[-1]["uniformity_u0"]
     assert best == results.valid["uniformity_u0"].max() < results.frame["uniformity_u0"].max()
+
+
+def test_of_what_the_base_lacks_nothing_of_there_is_no_share(tmp_path):
+    def perfect(design, *, fidelity, seed):
+        return Score({"uniformity_u0": Estimate(0.0, 0.0)})
+
+    study = make(
+        variants={},
+        parameters={"leds.tilt_deg": {"low": 0, "high": 40}},
+        objectives={"uniformity_u0": "minimise"},
+        trials=3,
+        plan=Plan(promoted=1, confirmed=1, seeds=1),
+    )
+    results = run(study, tmp_path / "out", perfect)
+    assert results.gains()["gain"].isna().all()
+    study_report(results, tmp_path / "page.html", pictures=False)
