@@ -82,15 +82,18 @@ def core_and_gel(design: Design) -> Iterator[Shape]:
 
 def _window(design: Design, top: FloatArray, matter: Dielectric) -> Iterator[Shape]:
     """Camera side of the core: a plane, or a hollow with a plane rim around it."""
-    core = design.gelcore
-    level = np.full(len(top), design.elastomer.thickness_mm + core.height_mm)
+    core, window_mm = design.gelcore, design.elastomer.thickness_mm + design.gelcore.height_mm
     if core.cavity is None:
+        level = np.full(len(top), window_mm)
         yield sheet("window", [top * 0.0, top], [level, level], matter)
         return
     radius, depth = core.cavity
-    angles = np.arctan2(top[:, 1], top[:, 0])
-    edge = radius * np.column_stack([np.cos(angles), np.sin(angles)])
-    yield sheet("window-rim", [edge, top], [level, level], matter)
+    # As round as a circle is, whatever the outline; its corners are kept.
+    corners = np.arctan2(top[:, 1], top[:, 0])
+    angles = np.unique(np.round(np.concatenate([corners, np.linspace(-np.pi, np.pi, 96, endpoint=False)]), 9))
+    round_ = np.column_stack([np.cos(angles), np.sin(angles)])
+    level, edge = np.full(len(angles), window_mm), radius * round_
+    yield sheet("window-rim", [edge, round_ * _reach_mm(top, round_)[:, None]], [level, level], matter)
     turns = np.radians(np.linspace(0.0, 90.0, CAVITY_RINGS))
     rings = [edge * np.sin(t) for t in turns]
     hollow = sheet("window", rings, [level - depth * np.cos(t) for t in turns], matter)

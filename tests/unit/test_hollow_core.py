@@ -62,8 +62,10 @@ def test_a_shallow_wide_hollow_is_a_weak_lens():
     assert bent[0, 0] / -bent[2, 0] == pytest.approx(expected, rel=1e-4)
 
 
-@pytest.mark.parametrize("depth", [None, 6.0])
-def test_rays_followed_back_through_the_mesh_meet_the_camera(backend, depth):
+@pytest.mark.parametrize(
+    ("shape", "depth"), [("dome", None), ("dome", 6.0), ("hexagonal", 3.0), ("slab", 3.0)]
+)
+def test_rays_followed_back_through_the_mesh_meet_the_camera(backend, shape, depth):
     """The mesh that photons meet and the formulas that the camera uses are of the same core."""
     import mitsuba as mi
 
@@ -71,6 +73,9 @@ def test_rays_followed_back_through_the_mesh_meet_the_camera(backend, depth):
     from designlab.render import bridge
 
     design = HOLLOW.replace({"gelcore.cavity_depth_mm": depth})
+    if shape != "dome":
+        changes = {"gelcore.shape": shape, "gelcore.cavity_radius_mm": 9.0, "gelcore.cavity_depth_mm": depth}
+        design = preset("gelsight-2020-flat-core").replace(changes | {"gelcore.length_mm": 31.4})
     glass = design.optics
     view = design.view(24)
     seen = rays(design, view)
