@@ -15,6 +15,7 @@ from designlab.viewing import Rays
 Array = NDArray[np.float64]
 ON_THE_WAY = ("interface", "window")  # boundaries between membrane and camera
 RIM = "window-rim"  # the plane around a hollow window
+OFF_EDGES_MM = (1.3e-3, 0.7e-3)  # along edges of a round mesh, as on the axis, rays miss it
 GAP = "gap-gel"  # the interface where gel and core have come apart: gel, then air, then core
 
 
@@ -40,7 +41,8 @@ def transmission(scene: Scene, surface: Surface, rays: Rays) -> Array:
         mi.Float(np.ascontiguousarray(a, dtype=np.float32).ravel())
         for a in (at_x, at_y, at_z, rays.slope_x, rays.slope_y)
     )
-    ray = mi.Ray3f(mi.Point3f(x, y, z), dr.normalize(mi.Vector3f(slope_x, slope_y, 1.0)))
+    beside = mi.Vector3f(*OFF_EDGES_MM, 0.0)
+    ray = mi.Ray3f(mi.Point3f(x, y, z) + beside, dr.normalize(mi.Vector3f(slope_x, slope_y, 1.0)))
     for name in ON_THE_WAY:
         boundary = boundaries[name].material
         assert isinstance(boundary, Dielectric)

@@ -183,6 +183,15 @@ def _first_line(error: object) -> str:
     return str(error).strip().partition("\n")[0]
 
 
+def beat(record: "optuna.Study", trial_id: int) -> None:
+    """Write in a shared record that the run of a trial is alive."""
+    from optuna.storages._heartbeat import BaseHeartbeat
+
+    storage = record._storage
+    assert isinstance(storage, BaseHeartbeat)
+    storage.record_heartbeat(trial_id)
+
+
 def _own_storage(folder: Path) -> "optuna.storages.RDBStorage":
     # SQLite, because its transactions survive a kill at any moment: in Optuna's journal file, a line cut off
     # by a kill makes the file useless to the next run.

@@ -19,7 +19,7 @@ from designlab.design import Design, DesignError, dumps
 from designlab.interrupts import Interrupts
 from designlab.store import atomic_folder, write_atomic, write_json
 from designlab.study.definition import VARIANT, Parameter, Study, StudyError
-from designlab.study.folder import HEARTBEAT_S, SCORE, SILENT_S, read_trial, trial_folder
+from designlab.study.folder import HEARTBEAT_S, SCORE, SILENT_S, beat, read_trial, trial_folder
 from designlab.workers import Submit
 
 if TYPE_CHECKING:
@@ -186,15 +186,15 @@ class Search:
             return
         from optuna.exceptions import StorageInternalError
 
-        storage, ended = self.record._storage, threading.Event()
+        ended = threading.Event()
 
-        def beat() -> None:
+        def live() -> None:
             while not ended.wait(HEARTBEAT_S):
                 for key in list(self._own.values()):
                     with contextlib.suppress(StorageInternalError):  # which the search itself will meet
-                        storage.record_heartbeat(key)  # type: ignore[attr-defined]
+                        beat(self.record, key)
 
-        thread = threading.Thread(target=beat, daemon=True)
+        thread = threading.Thread(target=live, daemon=True)
         thread.start()
         try:
             yield
@@ -213,7 +213,7 @@ class Search:
             trial = self.record.ask(self.distributions)
         if self.shared:
             self._own[trial.number] = trial._trial_id
-            self.record._storage.record_heartbeat(trial._trial_id)  # type: ignore[attr-defined]
+            beat(self.record, trial._trial_id)
             trial.set_user_attr(RUN, self._luck[0])
         if "slot" not in trial.user_attrs:
             trial.set_user_attr("slot", slot)

@@ -100,8 +100,8 @@ def killed_again_and_again(tmp_path, start, processes, url, *, kills, trials):
     random = np.random.default_rng(0)
     steady, finished = start("steady", study), set()
     for _ in range(kills):
-        victim, already = start("victim", study), len(events(tmp_path / "log"))
-        until(lambda: len(events(tmp_path / "log")) >= already + 4, "no progress")  # noqa: B023
+        victim, enough = start("victim", study), len(events(tmp_path / "log")) + 4
+        until(lambda enough=enough: len(events(tmp_path / "log")) >= enough, "no progress")
         time.sleep(random.uniform(0, 0.4))
         victim.kill()
         victim.wait()
