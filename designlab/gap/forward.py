@@ -18,6 +18,7 @@ from designlab.measurement.shots import POSE, Shot
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
+Light = NDArray[np.floating]
 
 Values = Mapping[str, Mapping[str, float]]
 HALF_STEP = 0.25  # of a prior standard deviation: differences of effects that are not rendered
@@ -339,7 +340,7 @@ class Forward:
                 looks.append(self._look_slope(state, number, unknown, warped))
                 looking.append(place)
             else:
-                found[..., place] = self._difference(state, number, unknown, light, here)
+                found[..., place] = self._difference(state, number, unknown, (light, warped, optics))
         if slopes:
             looks.append(np.asarray(self._warped(state, number, np.concatenate(slopes), straight=True)))
         if looks:
@@ -414,21 +415,41 @@ class Forward:
                 cross.added(slope, at[q.name])
         return slope / np.float32(p.sd)
 
-    def _difference(self, state: State, number: int, unknown: Unknown, light: Single, here: Array) -> Array:
-        """Change of the signal per standard deviation of a parameter that is not rendered."""
+    def _difference(
+        self, state: State, number: int, unknown: Unknown, stages: tuple[Single, Light, Light]
+    ) -> Array:
+        """Change of the signal per standard deviation of a parameter that is not rendered.
+
+        `stages` is the light in front of the camera, as the camera sees it, and behind its optics.
+        """
+        changing = effect(unknown.effect)
         p = next(p for p in self.parameters[unknown.effect] if p.name == unknown.name)
-        values = dict(state.values.get(unknown.effect) or effect(unknown.effect).null(self.bank.model.design))
+        values = dict(state.values.get(unknown.effect) or changing.null(self.bank.model.design))
         now = coordinate(p, values[p.name])
         far = 1.0 if p.squared and now == 0 else HALF_STEP
-        ends = []
-        for step in (0.0, far) if p.one_sided and now < far else (-far, far):
-            if step == 0.0:
-                ends.append((here, 0.0))
-                continue
-            changed = state.with_values(unknown.effect, values | {p.name: value_at(p, now + step)})
-            ends.append((self._signal(changed, number, light), step))
-        (low, start), (high, end) = ends
+        start, end = (0.0, far) if p.one_sided and now < far else (-far, far)
+        low, high = (
+            self._again(
+                state.with_values(unknown.effect, values | {p.name: value_at(p, now + step)}),
+                number,
+                changing,
+                stages,
+            )
+            for step in (start, end)
+        )
         return (high - low) / (end - start)
+
+    def _again(
+        self, state: State, number: int, changing: Effect, stages: tuple[Single, Light, Light]
+    ) -> Array:
+        """Signal of a state that differs in one effect from one whose light is known at every stage."""
+        light, warped, optics = stages
+        if type(changing).on_light is not Effect.on_light:
+            if changing.stage != "camera":
+                # Errors of straight lines between pixels cancel in a difference.
+                warped = self._warped(state, number, light, straight=True)
+            optics = self._after_warp(state, number, warped)
+        return self._of_optics(state, number, optics)
 
 
 WARPING = tuple(e.name for e in CATALOGUE if e.warps)
