@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from threadpoolctl import threadpool_limits
 
 from designlab.render.backend import Backend, activate, choose
 
@@ -14,6 +15,18 @@ settings.load_profile("designlab")
 
 MEASURED_VARIABLE = "DESIGNLAB_MEASURED"
 NO_MEASURED = f"{MEASURED_VARIABLE} does not name a folder of real images"
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Give each of several test processes its share of the cores: their threads get in each other's way."""
+    workers = getattr(config, "workerinput", None)
+    if workers is None or not hasattr(os, "sched_setaffinity"):
+        return
+    cores = sorted(os.sched_getaffinity(0))
+    number = int(workers["workerid"].removeprefix("gw"))
+    own = cores[number :: workers["workercount"]] or [cores[number % len(cores)]]
+    os.sched_setaffinity(0, own)
+    threadpool_limits(len(own))
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
