@@ -54,5 +54,5 @@ class Size:
 
 SIZES: dict[str, Size] = {
     "full": Size("full", ("flat", "dome"), 1, 3, 4, 10, 6, 150, 36, 40, (128, 256, 512, 1024), (4, 8, 16)),
-    "reduced": Size("reduced", ("dome",), 5, 1, 1, 1, 1, 75, 16, 1, (64, 128), (4, 8)),
+    "reduced": Size("reduced", ("dome",), 8, 1, 1, 1, 1, 50, 16, 1, (64, 128), (4, 8)),
 }

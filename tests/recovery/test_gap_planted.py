@@ -70,6 +70,7 @@ def test_hidden_effect_is_named_and_its_gap_closed(tmp_path, renders, name) -> N
     assert sum(place.share for place in report.where) > 0.8
 
 
+@pytest.mark.full  # test_gap_kill.py kills one that is cheaper
 def test_an_interrupted_diagnosis_goes_on_where_it_stopped(tmp_path) -> None:
     class Stop(Exception):
         pass
