@@ -4,6 +4,7 @@ import contextlib
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -116,7 +117,7 @@ def _processes(workers: int) -> Iterator[Submit]:
 @contextlib.contextmanager
 def _cluster(address: str) -> Iterator[Submit]:
     try:
-        from distributed import Client
+        from distributed import Client, KilledWorker
     except ImportError:
         raise ValueError("--dask: needs Dask: pip install 'designlab[dask]'") from None
     try:
@@ -126,11 +127,29 @@ def _cluster(address: str) -> Iterator[Submit]:
             f"--dask: must be an address such as tcp://host:8786, got {address!r}: {error}"
         ) from None
     with client:
-        executor = client.get_executor(pure=False, retries=2)
+        executor = client.get_executor(pure=False)
+
+        def submit(function: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":
+            future: Future[Any] = Future()
+
+            def ended(theirs: "Future[Any]") -> None:
+                error = None if theirs.cancelled() else theirs.exception()
+                if theirs.cancelled():
+                    future.cancel()
+                elif isinstance(error, KilledWorker):
+                    future.set_exception(BrokenProcessPool(f"Dask: {error}".partition(". ")[0]))
+                elif error is not None:
+                    future.set_exception(error)
+                else:
+                    future.set_result(theirs.result())
+
+            executor.submit(function, *arguments).add_done_callback(ended)
+            return future
+
         try:
-            yield executor.submit
+            yield submit
         except BaseException:
-            executor.shutdown(wait=False, cancel_futures=True)
+            executor.shutdown(wait=False)  # which cancels what is left
             raise
 
 

@@ -143,7 +143,9 @@ HOLLOW = preset("pbr-fingertip-like")
     ("design", "samples"),
     [
         pytest.param(CORE, 1024, id="core"),
-        pytest.param(HOLLOW, 4096, id="hollow", marks=pytest.mark.full),  # small LEDs, which paths seldom find
+        pytest.param(
+            HOLLOW, 4096, id="hollow", marks=pytest.mark.full
+        ),  # small LEDs, which paths seldom find
     ],
 )
 def test_behind_glass_both_estimators_agree_with_the_path_tracer(design, samples):

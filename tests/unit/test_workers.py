@@ -5,6 +5,7 @@ import os
 import signal
 import time
 from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
 
 import pytest
 
@@ -65,6 +66,33 @@ def test_a_dask_cluster_runs_calls() -> None:
     distributed = pytest.importorskip("distributed", reason="Dask is an extra")
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
         assert results(7, CALLS, dask=cluster.scheduler_address) == EXPECTED
+        with pytest.raises(ValueError, match="factorial"):
+            results(7, [*CALLS, (math.factorial, -1)], dask=cluster.scheduler_address)
+
+
+@pytest.mark.parametrize("allowed", [3, 0])
+def test_dask_gives_the_call_of_a_dead_worker_to_another_but_not_for_ever(tmp_path, allowed) -> None:
+    distributed = pytest.importorskip("distributed", reason="Dask is an extra")
+    import dask
+
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": allowed}),
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+    ):
+        calls = [(_die_once, tmp_path / "died"), *CALLS[1:]]
+        if allowed:
+            assert results(2, calls, dask=cluster.scheduler_address) == {**EXPECTED, 0: "alive"}
+        else:
+            with pytest.raises(BrokenProcessPool, match="_die_once"):
+                results(2, calls, dask=cluster.scheduler_address)
+
+
+def _die_once(mark: Path) -> str:
+    if mark.exists():
+        return "alive"
+    mark.touch()
+    os.kill(os.getpid(), signal.SIGKILL)
+    return "dead"
 
 
 def test_a_scheduler_that_does_not_answer_is_an_error_and_not_a_wait() -> None:
