@@ -28,7 +28,8 @@ def shot_error(fitter: Fitter, state: State, shots: Sequence[int]) -> float:
     fitter : Fitter
         Shots and their noise.
     state : State
-        What was found; repeats are compared with each other, not with it.
+        What was found. Repeats are compared with each other, not with it, but for what it says that each has
+        alone: bands found are no error.
     shots : sequence of int
         Shots among which repeats are looked for.
     """
@@ -41,6 +42,8 @@ def shot_error(fitter: Fitter, state: State, shots: Sequence[int]) -> float:
         scale = np.where(shot.valid, 1.0 / noise.sigma, 0.0)
         rows.append((shot.signal * scale, fitter.forward.predict(state, number) * scale))
     signal, light = (np.array(part) for part in zip(*rows, strict=True))
+    typical = light.mean(axis=0)
+    signal, light = signal - (light - typical), np.broadcast_to(typical, light.shape)
     # Brightness of a whole frame is a drift, an effect of its own.
     scale = (signal * light).sum(axis=(1, 2), keepdims=True) / (light**2).sum(axis=(1, 2), keepdims=True)
     alike = signal / scale
