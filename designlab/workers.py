@@ -117,7 +117,7 @@ def _processes(workers: int) -> Iterator[Submit]:
 @contextlib.contextmanager
 def _cluster(address: str) -> Iterator[Submit]:
     try:
-        from distributed import Client, KilledWorker
+        from distributed import Client
     except ImportError:
         raise ValueError("--dask: needs Dask: pip install 'designlab[dask]'") from None
     try:
@@ -131,19 +131,7 @@ def _cluster(address: str) -> Iterator[Submit]:
 
         def submit(function: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":
             future: Future[Any] = Future()
-
-            def ended(theirs: "Future[Any]") -> None:
-                error = None if theirs.cancelled() else theirs.exception()
-                if theirs.cancelled():
-                    future.cancel()
-                elif isinstance(error, KilledWorker):
-                    future.set_exception(BrokenProcessPool(f"Dask: {error}".partition(". ")[0]))
-                elif error is not None:
-                    future.set_exception(error)
-                else:
-                    future.set_result(theirs.result())
-
-            executor.submit(function, *arguments).add_done_callback(ended)
+            executor.submit(function, *arguments).add_done_callback(lambda theirs: _settle(future, theirs))
             return future
 
         try:
@@ -151,6 +139,27 @@ def _cluster(address: str) -> Iterator[Submit]:
         except BaseException:
             executor.shutdown(wait=False)  # which cancels what is left
             raise
+
+
+def _settle(future: "Future[Any]", theirs: "Future[Any]") -> None:
+    """End a future as Dask's has ended; a call that kills its workers breaks the pool, as it does here."""
+    from distributed import KilledWorker
+
+    if theirs.cancelled():
+        future.cancel()
+    elif isinstance(error := theirs.exception(), KilledWorker):
+        future.set_exception(BrokenProcessPool(f"Dask: {error}".partition(". ")[0]))
+    elif error is not None:
+        future.set_exception(error)
+    else:
+        future.set_result(theirs.result())
+
+
+def keep_to_share(number: int, workers: int) -> None:
+    """Have this process, one of several, run on its own share of the cores alone, where the system can."""
+    if hasattr(os, "sched_setaffinity"):
+        cores = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, cores[number::workers] or [cores[number % len(cores)]])
 
 
 def _start_worker(receiver: "Connection[Any, Any]", started: Any, workers: int) -> None:
@@ -164,9 +173,7 @@ def _start_worker(receiver: "Connection[Any, Any]", started: Any, workers: int) 
     with started.get_lock():
         number = started.value
         started.value += 1
-    if hasattr(os, "sched_setaffinity"):
-        cores = sorted(os.sched_getaffinity(0))
-        os.sched_setaffinity(0, cores[number::workers] or [cores[number % len(cores)]])
+    keep_to_share(number, workers)
 
     def leave_with_parent() -> None:
         with contextlib.suppress(EOFError, OSError):

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
-from designlab.render.backend import Backend, activate, choose
+from designlab.render.backend import Backend, activate, choose, usable_cores
+from designlab.workers import keep_to_share
 
 # examples render and solve, so their time says nothing; the same ones are drawn at every run
 settings.register_profile("designlab", deadline=None, derandomize=True)
@@ -19,14 +20,9 @@ NO_MEASURED = f"{MEASURED_VARIABLE} does not name a folder of real images"
 
 def pytest_configure(config: pytest.Config) -> None:
     """Give each of several test processes its share of the cores: their threads get in each other's way."""
-    workers = getattr(config, "workerinput", None)
-    if workers is None or not hasattr(os, "sched_setaffinity"):
-        return
-    cores = sorted(os.sched_getaffinity(0))
-    number = int(workers["workerid"].removeprefix("gw"))
-    own = cores[number :: workers["workercount"]] or [cores[number % len(cores)]]
-    os.sched_setaffinity(0, own)
-    threadpool_limits(len(own))
+    if worker := getattr(config, "workerinput", None):
+        keep_to_share(int(worker["workerid"].removeprefix("gw")), worker["workercount"])
+        threadpool_limits(usable_cores())
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

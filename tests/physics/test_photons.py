@@ -146,9 +146,8 @@ HOLLOW = preset("pbr-fingertip-like")
     ("design", "samples"),
     [
         pytest.param(CORE, 1024, id="core"),
-        pytest.param(
-            HOLLOW, 4096, id="hollow", marks=pytest.mark.full
-        ),  # small LEDs, which paths seldom find
+        # Paths seldom find its small LEDs.
+        pytest.param(HOLLOW, 4096, id="hollow", marks=pytest.mark.full),
     ],
 )
 def test_behind_glass_both_estimators_agree_with_the_path_tracer(design, samples):

@@ -8,7 +8,7 @@ from designlab.design import preset
 from designlab.effects import AppliedEffect, SensorModel
 from designlab.gap.bank import Bank, moved
 from designlab.gap.fit import Fitter
-from designlab.measurement.shots import Shot
+from designlab.measurement.shots import Shot, Use
 from designlab.press import Press
 from designlab.simulate import Simulator
 from geometries.probes import parse
@@ -39,7 +39,7 @@ def applied(name: str) -> SensorModel:
     return SensorModel(design=DESIGN, effects=(AppliedEffect(name=name, values=VALUES[name]),))
 
 
-def taken(model: SensorModel, press: Press | None, error: np.ndarray, use: str, seed: int) -> Shot:
+def taken(model: SensorModel, press: Press | None, error: np.ndarray, use: Use, seed: int) -> Shot:
     """A picture of a model; its membrane is as fine as the bank's."""
     simulator = Simulator(model, view=VIEW, samples=SAMPLES, seed=SEED)
     frame = simulator.frame(None if press is None else moved(press, error))
@@ -47,7 +47,7 @@ def taken(model: SensorModel, press: Press | None, error: np.ndarray, use: str, 
     sigma = NOISE * light
     return Shot(
         files=(f"{seed}.exr",),
-        use=use,  # type: ignore[arg-type]
+        use=use,
         press=press,
         pose_sigma=np.array([0.05, 0.05, 0.02, 0.0]) if press else np.zeros(4),
         lit=np.ones(3),
@@ -60,7 +60,7 @@ def taken(model: SensorModel, press: Press | None, error: np.ndarray, use: str, 
 
 
 def shots(model: SensorModel) -> tuple[Shot, ...]:
-    uses = ("train", "train", "select", "final")
+    uses: tuple[Use, ...] = ("train", "train", "select", "final")
     pressed = [
         taken(model, p, e, u, 10 + k) for k, (p, e, u) in enumerate(zip(PRESSES, ERRORS, uses, strict=True))
     ]
