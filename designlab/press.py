@@ -11,12 +11,11 @@ from scipy.signal import fftconvolve
 
 from designlab.design import Contact
 from geometries.elastomer import Elastomer, base_gradient, base_mm
-from geometries.probes import Probe, profile_mm
+from geometries.probes import REACH, Probe, profile_mm
 from geometries.spec import Spec, quantity
 
 Array = NDArray[np.float64]
 SUBSAMPLES = 3  # along each side of a grid cell
-REACH_SIZES = 2.2  # no probe extends further from its axis than this times its size
 
 
 class Press(Spec):
@@ -149,9 +148,22 @@ def _penetration(
     Averaged over sub-samples of each grid cell, so that sharp rims do not turn into stairs.
     """
     offsets = (np.arange(SUBSAMPLES) + 0.5) / SUBSAMPLES - 0.5
-    raised = [_above(press, base, x + dx * pitch_mm, y + dy * pitch_mm) for dx in offsets for dy in offsets]
+    reach = _reach_mm(press) + pitch_mm
+    near = np.ix_(np.abs(y[:, 0] - press.centre_mm[1]) <= reach, np.abs(x[0] - press.centre_mm[0]) <= reach)
+    raised = [
+        _above(press, base[near], x[near] + dx * pitch_mm, y[near] + dy * pitch_mm)
+        for dx in offsets
+        for dy in offsets
+    ]
     lifted = press.depth_mm - _first_touch(press, elastomer)
-    return np.asarray(np.mean([np.maximum(r + lifted, 0.0) for r in raised], axis=0))
+    penetration = np.zeros(base.shape)
+    penetration[near] = np.mean([np.maximum(r + lifted, 0.0) for r in raised], axis=0)
+    return penetration
+
+
+def _reach_mm(press: Press) -> float:
+    """Largest distance from the probe's axis to its outline."""
+    return REACH[press.probe.kind] * press.probe.size_mm
 
 
 def _with_tail(penetration: Array, contact: Contact, depth_mm: float, pitch_mm: float) -> Array:
@@ -170,7 +182,7 @@ def _first_touch(press: Press, elastomer: Elastomer) -> float:
     """Greatest height of the probe over the base, wherever that is: its depth counts from there."""
     if elastomer.shape == "flat":
         return 0.0  # a profile is zero at its foremost point
-    reach = REACH_SIZES * press.probe.size_mm
+    reach = _reach_mm(press)
     x, y = np.meshgrid(*(centre + np.linspace(-reach, reach, 401) for centre in press.centre_mm))
     return float(_above(press, base_mm(elastomer, x, y), x, y).max())
 

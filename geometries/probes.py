@@ -46,6 +46,19 @@ DOT_SHARE = 0.6
 WAVE_AMPLITUDE = 1 / 8
 """Amplitude (half the height from trough to crest) of the wave as a share of its wavelength."""
 
+REACH: dict[ProbeKind, float] = {
+    "sphere": 1 / 2,
+    "triangle": 3**-0.5,
+    "star": 1 / 2,
+    "cylinder": 5**0.5 / 2,
+    "cone": 1 / 2,
+    "prism": 5**0.5 / 2,
+    "dots": 3 * 2**-0.5,
+    "wave": 3 * 2**-0.5,
+    "mesh": 2**-0.5,
+}
+"""Largest distance from the axis to the outline as a share of the size, by kind of probe."""
+
 WAVE_POINTS = 48
 """Points per wavelength of the cubic spline that stands for the sine in CAD."""
 MIN_SHANK_MM = 5.0

@@ -5,7 +5,7 @@ import pytest
 
 from geometries import probes
 from geometries.mesh import height_map
-from geometries.probes import SIZES, Probe, parse, profile_mm
+from geometries.probes import REACH, SIZES, Probe, parse, profile_mm
 
 LIBRARY = [kind for kind in SIZES if kind != "mesh"]
 TOLERANCE_MM = 0.005
@@ -37,6 +37,21 @@ def test_profile_is_the_upper_surface_of_the_mesh(kind: str, size_mm: float) -> 
     slope = np.hypot(right - left, up - down) / (2 * step)
     distance = np.abs(profile[on_probe] - meshed[on_probe]) / np.sqrt(1 + slope**2)
     assert distance.max() <= TOLERANCE_MM
+
+
+@pytest.mark.parametrize("kind", LIBRARY)
+def test_nothing_of_a_probe_lies_beyond_its_reach_and_something_just_within(kind: str) -> None:
+    angle = np.radians(np.arange(0.0, 360.0, 0.05))
+    beyond, within = (
+        profile_mm(
+            parse(f"{kind}:3"),
+            share * 3 * REACH[kind] * np.cos(angle),
+            share * 3 * REACH[kind] * np.sin(angle),
+        )
+        for share in (1.0001, 0.999)
+    )
+    assert np.isinf(beyond).all()
+    assert np.isfinite(within).any()
 
 
 @pytest.mark.parametrize("kind", LIBRARY)

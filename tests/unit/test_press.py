@@ -7,7 +7,7 @@ from scipy.ndimage import center_of_mass
 from designlab.design import Contact
 from designlab.press import Press, indent
 from geometries.elastomer import Elastomer
-from geometries.probes import from_file, parse
+from geometries.probes import SIZES, from_file, parse
 
 FLAT = Elastomer(shape="flat", outline="rectangle", width_mm=30, length_mm=30, thickness_mm=3)
 SHARP = Contact(kernel_length_mm=0.0)
@@ -181,6 +181,14 @@ def test_a_ball_meets_a_dome_in_the_lens_of_two_spheres():
     found = np.sqrt(surface.contact.sum() * surface.pitch_mm**2 / np.pi)
     assert found == pytest.approx(expected, abs=0.02)
     assert surface.height_mm.max() == pytest.approx(d, abs=1e-3)
+
+
+@pytest.mark.parametrize("text", ["sphere:3", "triangle:4", "cylinder:2", "dots:1"])
+def test_nothing_is_raised_beyond_the_reach_of_a_probe(text, monkeypatch):
+    one = press(text, 0.4, centre_mm=(1.2, -0.7), yaw_deg=33.0)
+    near = indented(one)
+    monkeypatch.setattr("designlab.press.REACH", dict.fromkeys(SIZES, 20.0))
+    np.testing.assert_array_equal(near.height_mm, indented(one).height_mm)
 
 
 def test_a_mesh_presses_like_the_shape_it_was_made_of(tmp_path):
