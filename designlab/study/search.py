@@ -2,7 +2,6 @@
 
 import contextlib
 import datetime
-import math
 import secrets
 import threading
 import time
@@ -18,8 +17,9 @@ from designlab.attempt import Evaluator, evaluate_design
 from designlab.design import Design, DesignError, dumps
 from designlab.interrupts import Interrupts
 from designlab.store import atomic_folder, write_atomic, write_json
-from designlab.study.definition import VARIANT, Parameter, Study, StudyError
+from designlab.study.definition import Study, StudyError
 from designlab.study.folder import HEARTBEAT_S, SCORE, SILENT_S, beat, read_trial, trial_folder
+from designlab.study.samplers import distributions, sampler
 from designlab.workers import Submit
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ class Search:
         self._own: dict[int, int] = {}  # number of each trial that this run holds -> its key in the database
         # Runs that share a record draw at the same time: each has luck of its own.
         self._luck = [secrets.randbits(32)] if shared else []
-        self._rejected = 0
+        self._rejected = 0  # in a row: before a picture is made, or by the evaluation itself
         self._failed = 0
         self.done = 0
         self.infeasible = 0
@@ -227,7 +227,6 @@ class Search:
         if broken:
             self._reject(trial, ", ".join(broken), broken)
             return None
-        self._rejected = 0
         task = Task(trial, design, subject)
         if design.digest in self._known:
             self._reuse(task, self._known[design.digest])
@@ -273,6 +272,7 @@ class Search:
             for trial, _, _ in (task, *followers):
                 self._reject(trial, outcome["infeasible"], {})
             return
+        self._rejected = 0
         reason = outcome.get("failed") or self._unusable(outcome["scores"])
         if reason:
             for trial, _, _ in (task, *followers):
@@ -362,6 +362,7 @@ class Search:
 
     def _reuse(self, task: Task, number: int) -> None:
         """Complete a trial with the score of an equal design."""
+        self._rejected = 0
         (first,) = [t for t in self.record.get_trials(deepcopy=False) if t.number == number]
         saved = read_trial(self.folder, first)
         if saved is None:
@@ -393,66 +394,3 @@ def retry(
     if complete and deaths < 2 and trial.number not in retried:
         attributes = {"slot": trial.user_attrs["slot"], "retry_of": trial.number, "deaths": deaths}
         record.enqueue_trial(dict(trial.params), user_attrs=attributes)
-
-
-def distributions(study: Study) -> "dict[str, optuna.distributions.BaseDistribution]":
-    """Return the search range of every parameter, and the choice among variants.
-
-    Parameters of other variants are drawn too and then ignored: every sampler takes a space that stays the
-    same, and few one that depends on what was drawn.
-    """
-    from optuna.distributions import CategoricalDistribution
-
-    found = {path: distribution(study, path) for path in study.parameters}
-    return {VARIANT: CategoricalDistribution(tuple(study.variants)), **found} if study.variants else found
-
-
-def distribution(study: Study, path: str) -> "optuna.distributions.BaseDistribution":
-    """Return the search range of a parameter."""
-    from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
-
-    parameter: Parameter = study.parameters[path]
-    if parameter.choices is not None or parameter.low is None or parameter.high is None:
-        return CategoricalDistribution(parameter.choices or ())
-    low, high, step = parameter.low, parameter.high, parameter.step
-    if step is not None:
-        high = low + math.floor((high - low) / step + 1e-9) * step
-    if study.is_integer(path):
-        return IntDistribution(int(low), int(high), log=parameter.log, step=int(step or 1))
-    return FloatDistribution(low, high, log=parameter.log, step=step)
-
-
-def sampler(study: Study, seed: int, *, at_random: bool = False) -> "optuna.samplers.BaseSampler":
-    """Return the sampler of a study for one draw."""
-    import optuna
-
-    with warnings.catch_warnings():
-        # Optuna calls some samplers experimental; its version is pinned.
-        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-        return _sampler("random" if at_random else study.sampler, study, seed)
-
-
-def _sampler(name: str, study: Study, seed: int) -> "optuna.samplers.BaseSampler":
-    from optuna import samplers
-
-    if name == "random":
-        return samplers.RandomSampler(seed=seed)
-    population = min(50, max(8, study.trials // 4))
-    if name == "nsga2":
-        return samplers.NSGAIISampler(population_size=population, seed=seed)
-    if name == "nsga3":
-        return samplers.NSGAIIISampler(population_size=population, seed=seed)
-    if name == "cmaes":
-        return samplers.CmaEsSampler(seed=seed, warn_independent_sampling=False)
-    if name == "qmc":
-        # The sequence is one for the whole study; its position is kept in the record.
-        return samplers.QMCSampler(
-            scramble=True, seed=study.seed, warn_asynchronous_seeding=False, warn_independent_sampling=False
-        )
-    if name == "gp":
-        import importlib.util
-
-        if importlib.util.find_spec("torch") is None:
-            raise StudyError("field sampler: 'gp' needs PyTorch, which is not installed (pip install torch)")
-        return samplers.GPSampler(seed=seed, warn_independent_sampling=False)
-    return samplers.TPESampler(seed=seed)

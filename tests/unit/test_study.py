@@ -186,6 +186,18 @@ def test_a_search_without_any_feasible_design_ends_and_says_why(tmp_path, monkey
     assert counting.digests == []
 
 
+def test_a_search_that_only_evaluations_find_infeasible_ends_too(tmp_path, monkeypatch):
+    def refuse(design, *, fidelity, seed):
+        assert len(counting.digests) <= 30
+        raise InfeasibleDesign("the camera sees a LED")
+
+    monkeypatch.setattr("designlab.study.search._GIVE_UP", 30)
+    counting = Counting(refuse)
+    with pytest.raises(RuntimeError, match=r"no feasible design among the last 30; .* sees a LED"):
+        run(make(sampler="random"), tmp_path, evaluator=counting)
+    assert len(counting.digests) == 30
+
+
 def test_equal_designs_are_evaluated_once(tmp_path):
     study = make(parameters={"leds.tilt_deg": Parameter(choices=(10.0, 30.0))}, sampler="random", trials=10)
     counting = Counting()

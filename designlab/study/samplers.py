@@ -1,0 +1,73 @@
+"""What Optuna is told of a study: the range of each parameter, and the sampler of each draw."""
+
+import math
+import warnings
+from typing import TYPE_CHECKING
+
+from designlab.study.definition import VARIANT, Parameter, Study, StudyError
+
+if TYPE_CHECKING:
+    import optuna
+
+
+def distributions(study: Study) -> "dict[str, optuna.distributions.BaseDistribution]":
+    """Return the search range of every parameter, and the choice among variants.
+
+    Parameters of other variants are drawn too and then ignored: every sampler takes a space that stays the
+    same, and few one that depends on what was drawn.
+    """
+    from optuna.distributions import CategoricalDistribution
+
+    found = {path: distribution(study, path) for path in study.parameters}
+    return {VARIANT: CategoricalDistribution(tuple(study.variants)), **found} if study.variants else found
+
+
+def distribution(study: Study, path: str) -> "optuna.distributions.BaseDistribution":
+    """Return the search range of a parameter."""
+    from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
+
+    parameter: Parameter = study.parameters[path]
+    if parameter.choices is not None or parameter.low is None or parameter.high is None:
+        return CategoricalDistribution(parameter.choices or ())
+    low, high, step = parameter.low, parameter.high, parameter.step
+    if step is not None:
+        high = low + math.floor((high - low) / step + 1e-9) * step
+    if study.is_integer(path):
+        return IntDistribution(int(low), int(high), log=parameter.log, step=int(step or 1))
+    return FloatDistribution(low, high, log=parameter.log, step=step)
+
+
+def sampler(study: Study, seed: int, *, at_random: bool = False) -> "optuna.samplers.BaseSampler":
+    """Return the sampler of a study for one draw."""
+    import optuna
+
+    with warnings.catch_warnings():
+        # Optuna calls some samplers experimental; its version is pinned.
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        return _sampler("random" if at_random else study.sampler, study, seed)
+
+
+def _sampler(name: str, study: Study, seed: int) -> "optuna.samplers.BaseSampler":
+    from optuna import samplers
+
+    if name == "random":
+        return samplers.RandomSampler(seed=seed)
+    population = min(50, max(8, study.trials // 4))
+    if name == "nsga2":
+        return samplers.NSGAIISampler(population_size=population, seed=seed)
+    if name == "nsga3":
+        return samplers.NSGAIIISampler(population_size=population, seed=seed)
+    if name == "cmaes":
+        return samplers.CmaEsSampler(seed=seed, warn_independent_sampling=False)
+    if name == "qmc":
+        # The sequence is one for the whole study; its position is kept in the record.
+        return samplers.QMCSampler(
+            scramble=True, seed=study.seed, warn_asynchronous_seeding=False, warn_independent_sampling=False
+        )
+    if name == "gp":
+        import importlib.util
+
+        if importlib.util.find_spec("torch") is None:
+            raise StudyError("field sampler: 'gp' needs PyTorch, which is not installed (pip install torch)")
+        return samplers.GPSampler(seed=seed, warn_independent_sampling=False)
+    return samplers.TPESampler(seed=seed)
