@@ -10,6 +10,7 @@ from designlab.bounds import Bound
 from designlab.design import Design, DesignError, explain, preset, preset_names
 from designlab.store import digest, read_toml, require_version
 from designlab.study.robust import Robust
+from designlab.tolerance.spreads import require_applicable
 from geometries.spec import Spec
 
 if TYPE_CHECKING:
@@ -232,6 +233,16 @@ class Study(Spec):
             if parameter.step is not None and _is_integer(home, path) and parameter.step % 1:
                 raise ValueError(f"{path}: takes whole numbers, so must its step, got {parameter.step:g}")
         return parameters
+
+    @field_validator("robust")
+    @classmethod
+    def _spreads_apply(cls, robust: Robust | None, info: ValidationInfo) -> Robust | None:
+        base, variants = info.data.get("base"), info.data.get("variants")
+        if robust is None or robust.spread is None or base is None or variants is None:
+            return robust
+        designs = [base.replace(fields) for fields in variants.values()] or [base]
+        require_applicable(designs, robust.spread)
+        return robust
 
     @model_validator(mode="after")
     def _a_search_for_its_objectives(self) -> Self:

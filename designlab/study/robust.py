@@ -11,7 +11,7 @@ from designlab.attempt import Evaluator
 from designlab.design import DesignError, InfeasibleDesign
 from designlab.effects import SensorModel
 from designlab.scores import Estimate
-from designlab.tolerance.spreads import Spread, copy, default_spreads, deviates, inputs
+from designlab.tolerance.spreads import Spread, applicable, copy, default_spreads, deviates, inputs
 from geometries.spec import Spec
 
 if TYPE_CHECKING:
@@ -32,7 +32,10 @@ class Robust(Spec):
     )
     sigmas: float = Field(1.0, ge=0, le=6, description="Standard deviations taken from the mean.")
     spread: tuple[Spread, ...] | None = Field(
-        None, description="What differs between copies; the usual spreads of each design when absent."
+        None,
+        min_length=1,
+        description="What differs between copies, each for the designs that have it; the usual spreads of "
+        "each design when absent.",
     )
 
 
@@ -65,7 +68,8 @@ class RobustEvaluator:
             If one of the copies cannot be built.
         """
         nominal = SensorModel.of(subject)
-        spreads = self.robust.spread or default_spreads(nominal.design)
+        stated = self.robust.spread
+        spreads = default_spreads(nominal.design) if stated is None else applicable(nominal.design, stated)
         drawn = inputs(nominal.design, spreads)
         values = deviates(self.robust.copies, len(drawn), DRAWS)
         built = []
@@ -76,7 +80,10 @@ class RobustEvaluator:
             except (DesignError, InfeasibleDesign) as error:
                 raise InfeasibleDesign(f"copy {number} cannot be built: {error}") from None
             built.append(model)
+        if not drawn:  # nothing of this design differs
+            built = [nominal]
         found = [self.evaluator(model, fidelity=fidelity, seed=seed) for model in built]
+        found *= self.robust.copies // len(found)
         names = found[0].scores.keys()
         warnings = dict.fromkeys(text for one in found for text in getattr(one, "warnings", ()))
         return RobustScore(

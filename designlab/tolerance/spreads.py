@@ -149,6 +149,36 @@ def inputs(design: Design, spreads: Sequence[Spread]) -> tuple[Input, ...]:
     return tuple(found)
 
 
+def applicable(design: Design, spreads: Sequence[Spread]) -> tuple[Spread, ...]:
+    """Those spreads that a design has: a radius is for a dome, not for a flat gel."""
+    return tuple(spread for spread in spreads if _misfit(design, spread) is None)
+
+
+def require_applicable(designs: Sequence[Design], spreads: Sequence[Spread]) -> None:
+    """Refuse a spread that none of some designs has, and two that move the same thing.
+
+    Raises
+    ------
+    ValueError
+        That names the spread by its place.
+    """
+    for number, spread in enumerate(spreads):
+        misfits = [_misfit(design, spread) for design in designs]
+        if all(misfits):
+            raise ValueError(f"spread.{number}: {misfits[0]}")
+    for design in designs:
+        inputs(design, applicable(design, spreads))
+
+
+def _misfit(design: Design, spread: Spread) -> str | None:
+    """Why a design does not have a spread, if so."""
+    try:
+        inputs(design, (spread,))
+    except ValueError as error:
+        return str(error).removeprefix("spreads: ")
+    return None
+
+
 def _names(design: Design, spread: Spread) -> Iterator[str]:
     first, *rest = spread.field.split(".")
     if first == EFFECTS:

@@ -101,6 +101,15 @@ def test_fields_that_go_together_move_together():
         ({"constraints": {"coverage": {}}}, "give least, most or both"),
         ({"constraints": {"coverage": {"least": 1, "most": 0}}}, "least must not be above most"),
         (
+            {"robust": {"spread": [{"field": "leds.tilt", "sd": 1}]}},
+            r"robust\n.*spread\.0: no field 'leds.tilt'",
+        ),
+        (
+            {"variants": {}, "robust": {"spread": [{"field": "gelcore.radius_mm", "sd": 1}]}},
+            "spread.0: gelcore.radius_mm is no number",
+        ),
+        ({"robust": {"spread": [{"field": "leds.tilt_deg", "sd": 1}] * 2}}, "leds.tilt_deg is given twice"),
+        (
             {"parameters": {"gelcore.shape": {"choices": ["dome"], "also": {"elastomer.shape": 1}}}},
             "only numbers can be moved",
         ),
@@ -226,6 +235,24 @@ def test_a_design_of_which_a_copy_cannot_be_built_is_infeasible(tmp_path):
     results = run(study, tmp_path / "out", fragile)
     refused = results.frame[results.frame["state"] == "infeasible"]
     assert refused["reason"].str.contains("cannot be built").any()
+
+
+def test_a_spread_is_for_the_variants_that_have_it(tmp_path):
+    """A radius is drawn for domes; a flat gel, of which nothing differs then, is scored as drawn."""
+    asked = []
+
+    def remember(model, *, fidelity, seed):
+        asked.append(SensorModel.of(model).design)
+        return closed_form(SensorModel.of(model).design, fidelity=fidelity, seed=seed)
+
+    spread = Spread(field="elastomer.radius_mm", sd=0.2, also=("gelcore.radius_mm",))
+    study = make(robust=Robust(spread=(spread,), copies=4), trials=6, sampler="random")
+    results = run(study, tmp_path / "out", remember)
+    done = results.frame[results.frame["state"] == "complete"]
+    assert set(done["variant"]) == {"flat", "dome"}
+    flat = [design for design in asked if design.elastomer.shape == "flat"]
+    assert len(flat) == (done["variant"] == "flat").sum()
+    assert len(asked) - len(flat) == 4 * (done["variant"] == "dome").sum()
 
 
 def test_the_page_shows_variants_bounds_and_what_was_confirmed(tmp_path):
