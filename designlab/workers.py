@@ -77,6 +77,14 @@ def completed(
             yield running.pop(future), future.result()
 
 
+def death(workers: int) -> str:
+    """What to say where workers die over and over."""
+    return (
+        f"a worker process died again and again, perhaps for lack of memory with {workers} workers; what is "
+        "finished is kept: the same command goes on"
+    )
+
+
 def _here(interrupts: Interrupts) -> Submit:
     def submit(function: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":
         future: Future[Any] = Future()

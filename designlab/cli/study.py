@@ -75,9 +75,9 @@ def _summary(results: "Results", wanted: int) -> str:
         f"{results.study.name}: {counts['complete']} of {wanted} designs evaluated, "
         f"{counts['infeasible']} infeasible, {counts['failed']} failed, {counts['running']} running"
     ]
-    rejections = results.rejections()
-    if rejections:
-        lines.append("rejected by: " + ", ".join(f"{rule} ({count})" for rule, count in rejections.items()))
+    for words, reasons in (("rejected by", results.rejections()), ("failed since", results.failures())):
+        if reasons:
+            lines.append(f"{words}: " + ", ".join(f"{reason} ({n})" for reason, n in reasons.items()))
     columns = [*results.study.varied, *results.study.objectives]
     rows = [
         (f"{row['trial']}", row["pick"], *(_cell(row[column]) for column in columns))

@@ -29,6 +29,8 @@ BASE = -1
 CONFIRMING = ("standard", "reference")
 """Fidelities at which designs are evaluated again, in this order."""
 
+DEADLY = "the process that evaluated it died twice"
+
 NORMAL = 1.96  # standard errors to either side that hold 95 %
 _FEWEST_FOR_IMPORTANCE = 10
 
@@ -159,6 +161,11 @@ class Results:
                 counts[rule] = counts.get(rule, 0) + 1
         return dict(sorted(counts.items(), key=lambda item: -item[1]))
 
+    def failures(self) -> dict[str, int]:
+        """Why no score could be had of feasible designs, and of how many, most frequent first."""
+        reasons = self.frame.loc[self.frame["state"] == "failed", "reason"].value_counts()
+        return {str(reason): int(count) for reason, count in reasons.items()}
+
     def to_json(self) -> dict[str, Any]:
         """Plain data: counts, rejections, Pareto front and shortlist with parameters and scores."""
         columns = ["trial", *self.study.varied, *_score_columns(self.frame, self.study)]
@@ -170,6 +177,7 @@ class Results:
             "warnings": list(self.warnings),
             "trials": self.counts(),
             "rejections": self.rejections(),
+            "failures": self.failures(),
             "pareto": _rows(self.pareto, columns),
             "picks": _rows(self.picks, [*columns, "pick"]),
             "confirmed": _rows(
@@ -210,7 +218,9 @@ def load_results(out: str | Path, *, storage: str | None = None) -> Results:
     with reading(folder, storage) as (study, record):
         units: dict[str, str] = {}
         warnings: dict[str, None] = {}
-        rows = [_row(study, folder, trial, units, warnings) for trial in record.get_trials(deepcopy=False)]
+        trials = record.get_trials(deepcopy=False)
+        retried = {trial.user_attrs.get("retry_of") for trial in trials}
+        rows = [_row(study, folder, trial, trial.number in retried, units, warnings) for trial in trials]
     columns = ["trial", "state", *study.varied]
     frame = pd.DataFrame(rows, columns=columns if not rows else None)
     for name in (*columns, "violation_mm", "reason", "broken", "violated", "reuse_of"):
@@ -255,10 +265,12 @@ def _row(
     study: Study,
     folder: Path,
     trial: "optuna.trial.FrozenTrial",
+    retried: bool,
     units: dict[str, str],
     warnings: dict[str, None],
 ) -> dict[str, Any]:
-    state = _state(trial)
+    deadly = trial.user_attrs.get("deaths", 0) > 0 and trial.state.name == "FAIL" and not retried
+    state = "failed" if deadly else _state(trial)
     used = (VARIANT, *study.active(trial.params.get(VARIANT)))
     values = {name: value for name, value in trial.params.items() if name in used}
     row: dict[str, Any] = {"trial": trial.number, "state": state, **values}
@@ -276,7 +288,7 @@ def _row(
         row["violated"] = broken or None
     rejected = trial.user_attrs.get("rejected", {})
     row["violation_mm"] = trial.constraints.get("violation_mm")
-    row["reason"] = rejected.get("reason", trial.user_attrs.get("failed"))
+    row["reason"] = DEADLY if deadly else rejected.get("reason", trial.user_attrs.get("failed"))
     row["broken"] = list(rejected.get("broken", {})) or None
     return row
 

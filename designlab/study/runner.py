@@ -16,9 +16,9 @@ from designlab.study.folder import opened
 from designlab.study.results import Results, load_results
 from designlab.study.robust import RobustEvaluator
 from designlab.study.search import Search, retry
-from designlab.workers import submitter
+from designlab.workers import death, submitter
 
-_DEATHS = 3  # deaths of worker processes in one run after which it stops
+_DEATHS = 5  # deaths in a row, no design being finished between, after which more than designs is at fault
 
 
 class StudyInterrupted(KeyboardInterrupt):
@@ -124,26 +124,24 @@ def _confirm(
                 results, evaluator, submit=submit, workers=workers, interrupts=interrupts, on_progress=update
             )
         except BrokenProcessPool as error:
-            raise RuntimeError(
-                f"a worker process died, perhaps for lack of memory with {workers} workers; "
-                "what is finished is kept: the same command goes on"
-            ) from error
+            raise RuntimeError(death(workers)) from error
 
 
 def _run(
     search: Search, total: int, workers: int, interrupts: Interrupts, update: Callable[[], None]
 ) -> None:
-    for deaths in range(1, _DEATHS + 1):
+    deaths = 0
+    while True:
+        before = search.done
         try:
             with submitter(workers, interrupts) as submit:
                 search.run(total, workers=workers, submit=submit, interrupts=interrupts, on_progress=update)
                 return
         except BrokenProcessPool as error:
             search.recover()
+            deaths = deaths + 1 if search.done == before else 1
             if deaths == _DEATHS:
-                raise RuntimeError(
-                    f"worker processes died {deaths} times, perhaps for lack of memory with {workers} workers"
-                ) from error
+                raise RuntimeError(death(workers)) from error
         except BaseException:
             search.recover(interrupted=True)
             raise

@@ -85,8 +85,8 @@ class Search:
         """Settle the trials that were running when their run ended.
 
         One whose score had been written is completed from it. Any other is marked failed and its design tried
-        again: always after an interruption by the user, once after a death of the process, since the design
-        may have been its cause.
+        again: always after an interruption by the user, once, and alone, after a death of the process, since
+        the design may have been its cause.
         """
         import optuna
         from optuna.trial import TrialState
@@ -135,24 +135,36 @@ class Search:
         running: dict[Future[dict[str, Any]], Task] = {}
         with self._heartbeats():
             while True:
-                while len(running) < workers and self._started(running) < total:
+                while self._has_room(running, workers) and self._started(running) < total:
                     interrupts.check()
                     task = self._propose()
                     if task is not None:
+                        while running and _suspected(task):
+                            self._collect(running, interrupts)
                         arguments = (self.evaluator, task.subject, self.study.fidelity, self.study.seed)
                         running[submit(evaluate_design, *arguments)] = task
                         self._followers[task.design.digest] = []
                     on_progress()
                 if not running and self.done >= total:
                     return
-                with interrupts.allowed():
-                    if not running:
+                if running:
+                    self._collect(running, interrupts)
+                else:
+                    with interrupts.allowed():
                         time.sleep(POLL_S)  # should another run die, its designs are evaluated here
-                    finished = wait(running, return_when=FIRST_COMPLETED).done
-                for future in finished:
-                    self._finish(running[future], future.result())
-                    del running[future]
                 on_progress()
+
+    def _collect(self, running: dict[Future[dict[str, Any]], Task], interrupts: Interrupts) -> None:
+        """Wait for an evaluation to end, and record what has ended."""
+        with interrupts.allowed():
+            finished = wait(running, return_when=FIRST_COMPLETED).done
+        for future in sorted(finished, key=lambda one: one.exception() is not None):
+            self._finish(running[future], future.result())
+            del running[future]
+
+    def _has_room(self, running: Mapping[Any, Task], workers: int) -> bool:
+        """Whether one more evaluation may start: none does beside a design that may kill its worker."""
+        return len(running) < workers and not any(map(_suspected, running.values()))
 
     def _started(self, running: Mapping[Any, Task]) -> int:
         waiting = sum(len(tasks) for tasks in self._followers.values())
@@ -382,6 +394,11 @@ class Search:
                 if scores[name]["value"] is None:
                     return f"{name} is not a finite number"
         return None
+
+
+def _suspected(task: Task) -> bool:
+    """Whether a process died over this design or one that was evaluated beside it."""
+    return bool(task.trial.user_attrs.get("deaths", 0))
 
 
 def retry(

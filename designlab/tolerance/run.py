@@ -25,7 +25,7 @@ from designlab.tolerance.result import (
     require_scores,
 )
 from designlab.tolerance.spreads import Input, Spread, copy, default_spreads, deviates, inputs
-from designlab.workers import calls_at_once, completed, submitter
+from designlab.workers import calls_at_once, completed, death, submitter
 
 Array = NDArray[np.float64]
 Calibrate = Literal["each", "once"]
@@ -131,10 +131,7 @@ def tolerance(
                 f"same folder, {folder}, to resume"
             ) from None
         except BrokenProcessPool as error:
-            raise RuntimeError(
-                f"a worker process died, perhaps for lack of memory with {workers} workers; copies that are "
-                "finished are kept: the same command goes on"
-            ) from error
+            raise RuntimeError(death(workers)) from error
     return load_tolerance(folder)
 
 

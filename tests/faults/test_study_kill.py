@@ -144,7 +144,8 @@ def test_a_design_that_kills_its_process_is_given_up_after_the_second_time(tmp_p
     processes.finish(start("deadly"))
     results = load_results(folder)
     assert results.counts()["complete"] == TRIALS
-    assert results.counts()["interrupted"] == 2
+    assert results.counts()["interrupted"] == results.counts()["failed"] == 1
+    assert results.failures() == {"the process that evaluated it died twice": 1}
     assert started[0] not in {results.design(int(t)).digest for t in results.pareto["trial"]}
     assert log.read_text().count(f"{started[0]} start") == 2
 

@@ -6,10 +6,11 @@ import os
 import signal
 import sqlite3
 import threading
+import time
 
 import pandas as pd
 import pytest
-from toy_studies import RANGES, Counting, closed_form, make, run, write
+from toy_studies import RANGES, Counting, Death, closed_form, make, mortal, run, write
 
 from designlab import design as designs
 from designlab.design import InfeasibleDesign, preset
@@ -366,6 +367,37 @@ def test_ctrl_c_says_how_to_resume_and_loses_nothing(tmp_path, workers):
 def slow_closed_form(design, *, fidelity, seed):
     threading.Event().wait(0.1)
     return closed_form(design, fidelity=fidelity, seed=seed)
+
+
+def test_a_design_that_kills_its_worker_is_given_up_and_those_beside_it_are_not(tmp_path, monkeypatch):
+    monkeypatch.setattr("designlab.study.runner.submitter", mortal)
+    deadly = preset("gelsight-2020-flat").digest
+
+    def evaluator(design, *, fidelity, seed):
+        time.sleep(0.02 if design.digest == deadly else 0.06)
+        if design.digest == deadly:
+            raise Death
+        return closed_form(design, fidelity=fidelity, seed=seed)
+
+    counting = Counting(evaluator)
+    results = run(make(sampler="random"), tmp_path, workers=2, evaluator=counting)
+    assert results.counts() == counts(complete=6, interrupted=2, failed=1)
+    assert results.failures() == {"the process that evaluated it died twice": 1}
+    assert counting.digests.count(deadly) == 2
+    done = results.frame.loc[results.frame["state"] == "complete", "trial"]
+    assert {results.design(trial).digest for trial in done} == set(counting.digests) - {deadly}
+
+
+def test_workers_that_all_die_end_the_study_which_says_how_to_go_on(tmp_path, monkeypatch):
+    def evaluator(design, *, fidelity, seed):
+        raise Death
+
+    monkeypatch.setattr("designlab.study.runner.submitter", mortal)
+    counting = Counting(evaluator)
+    with pytest.raises(RuntimeError, match=r"again and again, .* 2 workers; .*: the same command goes on"):
+        run(make(sampler="random"), tmp_path, workers=2, evaluator=counting)
+    assert 5 <= len(counting.digests) <= 7
+    assert run(make(sampler="random"), tmp_path).counts()["complete"] == 6
 
 
 def test_a_folder_without_a_study_is_named(tmp_path):

@@ -1,6 +1,9 @@
 """Small studies of an evaluator with a closed form."""
 
+import contextlib
 import math
+from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 from toy_scores import Estimate, Score
@@ -35,6 +38,35 @@ class Counting:
     def __call__(self, design, *, fidelity, seed):
         self.digests.append(design.digest)
         return self.answer(design, fidelity=fidelity, seed=seed)
+
+
+class Death(Exception):
+    """Stands for the death of the process that evaluates."""
+
+
+@contextlib.contextmanager
+def mortal(workers, interrupts, **_):
+    """In place of processes, threads: a call that raises Death breaks all that run beside it."""
+    running = []
+
+    def call(future, function, arguments):
+        try:
+            result = function(*arguments)
+        except Death:
+            for broken in [other for other in running if not other.done()]:
+                broken.set_exception(BrokenProcessPool())
+        else:
+            if not future.done():
+                future.set_result(result)
+
+    with ThreadPoolExecutor(workers) as pool:
+
+        def submit(function, *arguments):
+            running.append(Future())
+            pool.submit(call, running[-1], function, arguments)
+            return running[-1]
+
+        yield submit
 
 
 def make(**changes):
