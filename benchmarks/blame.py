@@ -24,7 +24,7 @@ def main() -> None:
         for case in range(CASES):
             weights = np.random.default_rng(case).exponential(size=INPUTS)
             shares = weights**2 / (weights**2).sum()
-            drawn = deviates(copies, INPUTS, seed=case)
+            drawn = deviates(copies, names, seed=case)
             frame = pd.DataFrame(drawn, columns=list(names))
             frame = frame.assign(copy=np.arange(copies), built=True, score=drawn @ weights)
             found = Tolerance(Path(), "linear", {}, frame, names, {"score": "1"}).offenders("score")

@@ -1,7 +1,8 @@
 """Confirmation: the best designs of a search are evaluated again, with more effort and other random numbers.
 
 The best of many noisy scores is too good on average (winner's curse), since its noise was chosen with it.
-Fresh seeds have no part in that choice.
+Fresh seeds have no part in that choice. Of a robust study they draw fresh copies too: those that the search
+was made with suited its best by chance.
 """
 
 from collections.abc import Callable

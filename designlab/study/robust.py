@@ -1,10 +1,12 @@
 """Robust scores: a design counts as its copies would score when they are built, not as its drawing does."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from designlab.attempt import Evaluator
@@ -17,14 +19,11 @@ from geometries.spec import Spec
 if TYPE_CHECKING:
     from designlab.design import Design
 
-DRAWS = 0
-"""Seed of the draws: all designs of all studies are built with the same luck."""
-
 
 class Robust(Spec):
     """How a design is scored by copies of it as they would be built."""
 
-    copies: int = Field(8, ge=2, le=1000, description="Copies of every design.")
+    copies: int = Field(8, ge=3, le=1000, description="Copies of every design.")
     aim: Literal["mean_minus_sigma", "worst"] = Field(
         "mean_minus_sigma",
         description="mean_minus_sigma: the mean of the copies, on the worse side by `sigmas` of their "
@@ -52,7 +51,8 @@ class RobustScore:
 class RobustEvaluator:
     """Evaluates the copies of a design, each of which must be buildable; see `Robust`.
 
-    Objectives are turned to their worse side, all other scores are means.
+    Objectives are turned to their worse side, all other scores are means. The seed is that of the draws too:
+    designs of one search are built with the same luck, and another seed draws other copies.
     """
 
     evaluator: Evaluator
@@ -71,7 +71,7 @@ class RobustEvaluator:
         stated = self.robust.spread
         spreads = default_spreads(nominal.design) if stated is None else applicable(nominal.design, stated)
         drawn = inputs(nominal.design, spreads)
-        values = deviates(self.robust.copies, len(drawn), DRAWS)
+        values = deviates(self.robust.copies, [each.name for each in drawn], seed)
         built = []
         for number, row in enumerate(values):
             try:
@@ -92,13 +92,24 @@ class RobustEvaluator:
         )
 
     def _over_copies(self, name: str, found: list[Any]) -> Estimate:
-        """One score of all copies; its error is that of a mean, the presses being the same for all."""
+        """One score of all copies.
+
+        Its error has two parts: that of a mean over presses, which are the same for all copies, and that of
+        having drawn these copies and no others, from leaving out one at a time (jackknife).
+        """
         values, errors = (np.array([getattr(one, key) for one in found]) for key in ("value", "se"))
         bounds = [one.bias_bound for one in found if one.bias_bound is not None]
-        value, way = float(values.mean()), self.objectives.get(name)
-        if way is not None:
-            worse = -1.0 if way == "maximise" else 1.0
-            value += worse * self.robust.sigmas * float(values.std(ddof=1))
-            if self.robust.aim == "worst":
-                value = float(values.min() if way == "maximise" else values.max())
-        return Estimate(value, float(errors.mean()), found[0].unit, max(bounds, default=None))
+        way = self.objectives.get(name)
+        without = [self._statistic(np.delete(values, k), way) for k in range(len(values))]
+        drawn = math.sqrt(len(values) - 1) * float(np.std(without))
+        se = math.hypot(drawn, float(errors.mean()))
+        return Estimate(self._statistic(values, way), se, found[0].unit, max(bounds, default=None))
+
+    def _statistic(self, values: NDArray[np.float64], way: str | None) -> float:
+        """What counts of the scores of copies: of an objective the worse side, else the mean."""
+        if way is None:
+            return float(values.mean())
+        if self.robust.aim == "worst":
+            return float(values.min() if way == "maximise" else values.max())
+        worse = -1.0 if way == "maximise" else 1.0
+        return float(values.mean() + worse * self.robust.sigmas * values.std(ddof=1))

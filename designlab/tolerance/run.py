@@ -102,7 +102,7 @@ def tolerance(
     _claim(
         folder, nominal, chosen, spec or {}, copies=copies, fidelity=fidelity, seed=seed, calibrate=calibrate
     )
-    values = deviates(copies, len(drawn), seed)
+    values = deviates(copies, [each.name for each in drawn], seed)
     missing = [k for k in range(NOMINAL, copies) if not copy_path(folder, k).is_file()]
     for k in list(missing):
         reason = _unbuildable(nominal, drawn, values, k)

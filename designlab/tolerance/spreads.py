@@ -1,6 +1,5 @@
 """What differs from one built copy of a design to the next: fields and effects, by how much, who says so."""
 
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -8,10 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError
-from scipy.stats import qmc, truncnorm
+from scipy.stats import truncnorm
 
 from designlab.design import Design, DesignError, explain
 from designlab.effects import AppliedEffect, SensorModel, effect
+from designlab.store import digest
 from geometries.spec import Spec
 
 Array = NDArray[np.float64]
@@ -216,16 +216,29 @@ def _number(design: Design, path: str) -> float | tuple[float, ...]:
     return node if isinstance(node, tuple) else float(node)
 
 
-def deviates(count: int, dimensions: int, seed: int) -> Array:
-    """Standard normal draws, cut at `CUT_SD`, that fill all dimensions evenly: (count, dimensions).
+def deviates(count: int, names: Sequence[str], seed: int) -> Array:
+    """Standard normal draws, cut at `CUT_SD`, for things by name: (count, names).
 
-    A scrambled Sobol sequence (Owen 1998): means over copies are better known than from independent draws,
-    and the first ones stay the same when more are asked for.
+    What is drawn for a name depends on it, the number and the seed alone: sensors that differ in other things
+    have the same luck in this one, and the first draws stay the same when more are asked for.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # numbers of copies need not be powers of two
-        even = qmc.Sobol(dimensions, rng=np.random.default_rng(seed)).random(count)
-    return np.asarray(truncnorm.ppf(even, -CUT_SD, CUT_SD))
+    seeds = ([seed, int(digest(name)[:16], 16)] for name in names)
+    even = [_stratified(count, np.random.default_rng(own)) for own in seeds]
+    return np.asarray(truncnorm.ppf(np.reshape(even, (len(names), count)).T, -CUT_SD, CUT_SD))
+
+
+def _stratified(count: int, random: np.random.Generator) -> Array:
+    """Numbers that fill 0 to 1 evenly: of the first 2^k, one lies in each of 2^k equal intervals.
+
+    Their order within each doubling is random, so that columns of a table are independent: it is a Latin
+    hypercube (McKay, Beckman and Conover 1979) that can be extended.
+    """
+    points = random.random(1)
+    while len(points) < count:
+        intervals = 2 * len(points)
+        empty = np.setdiff1d(np.arange(intervals), (points * intervals).astype(int))
+        points = np.append(points, (random.permutation(empty) + random.random(len(empty))) / intervals)
+    return points[:count]
 
 
 def copy(nominal: SensorModel, drawn: Sequence[Input], values: Array) -> SensorModel:

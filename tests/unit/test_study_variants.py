@@ -224,6 +224,35 @@ def test_a_robust_study_gives_up_a_peak_that_cannot_be_built(aim, tmp_path):
     assert yields[1] > 0.95
 
 
+def test_a_robust_study_is_confirmed_with_other_copies_and_knows_its_error(tmp_path):
+    """Scores are the tilt that a copy came out with, so that they tell what was drawn."""
+    built = {}
+
+    def remember(model, *, fidelity, seed):
+        tilt = SensorModel.of(model).design.leds.tilt_deg
+        built.setdefault((fidelity, seed), []).append(tilt)
+        return Score({"uniformity_u0": Estimate(tilt, se=0.0), "tilt": Estimate(tilt, se=0.0)})
+
+    spread = Spread(field="leds.tilt_deg", sd=2.0)
+    study = make(
+        variants={},
+        parameters={"leds.tilt_deg": {"low": 0, "high": 40}},
+        robust=Robust(spread=(spread,), copies=16),
+        plan=Plan(promoted=1, confirmed=1, seeds=2),
+        trials=2,
+    )
+    results = run(study, tmp_path, remember)
+    base = study.base.leds.tilt_deg
+    search = built.pop(("fast", 0))[:16]
+    assert len(built) == 3
+    for tilts in built.values():
+        assert not np.isclose(tilts[:16], search).any()
+        assert np.mean(tilts[:16]) == pytest.approx(base, abs=0.5)
+    row = results.confirmed.set_index(["trial", "fidelity"]).loc[(BASE, "standard")]
+    assert row["tilt_se"] == pytest.approx(2.0 / math.sqrt(16), rel=0.1)
+    assert row["uniformity_u0_se"] == pytest.approx(2.0 * math.sqrt(1 / 16 + 1 / 32), rel=0.3)
+
+
 def test_a_design_of_which_a_copy_cannot_be_built_is_infeasible(tmp_path):
     spread = Spread(field="leds.height_mm", sd=2.0)
     study = make(

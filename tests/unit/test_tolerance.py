@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.stats import norm, truncnorm
 from toy_scores import Estimate, Score
 
 from designlab import cli
@@ -68,12 +68,27 @@ def test_what_moves_along_moves_by_the_same_distance(tmp_path):
 
 
 def test_draws_are_normal_even_cut_and_the_same_when_more_are_asked_for():
-    values = deviates(256, 3, seed=4)
+    values = deviates(256, "abc", seed=4)
     assert np.abs(values.mean(axis=0)).max() < 0.02
     assert values.std(axis=0) == pytest.approx(0.987, abs=0.02)  # of a normal cut at three
     assert np.abs(values).max() <= CUT_SD
-    assert np.abs(np.corrcoef(values.T) - np.eye(3)).max() < 0.1
-    np.testing.assert_array_equal(deviates(50, 3, seed=4), values[:50])
+    assert np.abs(np.corrcoef(values.T) - np.eye(3)).max() < 3 / math.sqrt(256)  # as of independent draws
+    for count in (8, 32, 64):
+        shares = truncnorm.cdf(deviates(count, "a", seed=4)[:, 0], -CUT_SD, CUT_SD)
+        assert sorted((shares * count).astype(int)) == list(range(count))
+    np.testing.assert_array_equal(deviates(50, "abc", seed=4), values[:50])
+
+
+def test_what_two_designs_have_in_common_is_built_with_the_same_luck():
+    """A dome draws its radius too; tilt, thickness and the rest differ from its drawing as the flat's do."""
+    flat, dome = ([each.name for each in inputs(one, default_spreads(one))] for one in (FLAT, DOME))
+    shared = [name for name in flat if name in dome]
+    assert 15 < len(shared) < len(dome)
+    of_flat, of_dome = (
+        deviates(8, names, seed=3)[:, [names.index(name) for name in shared]] for names in (flat, dome)
+    )
+    np.testing.assert_array_equal(of_flat, of_dome)
+    assert not np.isclose(of_flat, deviates(8, shared, seed=4)).any()
 
 
 @pytest.mark.parametrize(
@@ -81,7 +96,7 @@ def test_draws_are_normal_even_cut_and_the_same_when_more_are_asked_for():
 )
 def test_default_copies_of_every_preset_can_be_built(design):
     drawn = inputs(design, default_spreads(design))
-    values = deviates(24, len(drawn), seed=1)
+    values = deviates(24, [each.name for each in drawn], seed=1)
     built = [copy(SensorModel.of(design), drawn, row) for row in values]
     assert len({model.digest for model in built}) == 24
     for model in built:
