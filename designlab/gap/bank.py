@@ -4,6 +4,7 @@ Every picture is rendered once, for the stated presses and the model as given. W
 combined from these: a quadratic through three pictures for each pose coordinate and each effect parameter.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -408,5 +409,5 @@ def moved(press: Press, pose: Array) -> Press:
         probe=press.probe,
         depth_mm=max(press.depth_mm + depth, LEAST_DEPTH_MM),
         centre_mm=(press.centre_mm[0] + x, press.centre_mm[1] + y),
-        yaw_deg=press.yaw_deg + yaw,
+        yaw_deg=turned if abs(turned := press.yaw_deg + yaw) <= 360.0 else math.remainder(turned, 360.0),
     )

@@ -15,7 +15,7 @@ from designlab.gap.result import Found, GapReport
 from designlab.measurement import Measurement, MeasurementError, check, refuse
 from designlab.measurement.damage import FULL_SCALE
 from designlab.measurement.invariants import Check, invariants
-from designlab.measurement.shots import Observations, Shot
+from designlab.measurement.shots import LEFT_OUT, Observations, Shot
 from designlab.measurement.suspicion import Suspicion
 
 Array = NDArray[np.float64]
@@ -75,9 +75,15 @@ def check_frames(measurement: Measurement, model: SensorModel, trust: Sequence[s
         )
     found = [
         replace(each, strong=False) if each.name == "not_additive" else each
-        for each in check(measurement, design)
+        for each in check(_compared(measurement), design)
     ]
     return refuse(measurement, found, trust)
+
+
+def _compared(measurement: Measurement) -> Measurement:
+    """The set without frames that a diagnosis does not look at."""
+    frames = tuple(frame for frame in measurement.frames if frame.kind not in LEFT_OUT)
+    return measurement.model_copy(update={"frames": frames})
 
 
 def _same_sensor(measurement: Measurement, design: Design) -> None:
@@ -144,7 +150,7 @@ def examine(
     notes = (*notes, *said)
     return Examined(
         checks=(*invariants(measurement, design), agree),
-        notes=tuple(note for note in notes),
+        notes=notes,
         reserves=tuple(_reserves(measurement, seen, [note for note in notes if note.startswith(DOUBTED)])),
         alike=_alike(seen),
     )
@@ -182,7 +188,7 @@ def _reserves(measurement: Measurement, seen: Observations, doubted: Sequence[st
             "camera's stated one"
         )
         yield Reserve(why, NO_DARK, name_stands=True)
-    lit = [frame for frame in measurement.frames if frame.lit]
+    lit = [frame for frame in _compared(measurement).frames if frame.lit]
     saturated = max(float((measurement.image(frame) >= FULL_SCALE).mean()) for frame in lit)
     if saturated > SATURATED:
         why = (
@@ -235,7 +241,10 @@ def weakened(report: GapReport, examined: Examined, tried: Sequence[str]) -> Gap
     verdict = report.verdict
     if verdict == "named" and any(len(found.coherence_set) > 1 for found in effects):
         verdict = "ambiguous"
-    if verdict in ("named", "ambiguous") and not all(r.name_stands for r in examined.reserves):
+    barred: tuple[str, ...] = ()
+    if verdict in ("named", "ambiguous"):
+        barred = tuple(reserve.why for reserve in examined.reserves if not reserve.name_stands)
+    if barred:
         verdict = "partial"
     notes = [*examined.notes]
     if verdict != report.verdict:
@@ -250,4 +259,5 @@ def weakened(report: GapReport, examined: Examined, tried: Sequence[str]) -> Gap
         notes=tuple(dict.fromkeys([*report.notes, *notes])),
         checks=examined.checks,
         reserves=tuple(reserve.why for reserve in examined.reserves),
+        barred=barred,
     )

@@ -2,7 +2,7 @@
 
 import shutil
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,12 +19,12 @@ from designlab.gap.control import control
 from designlab.gap.exact import placed
 from designlab.gap.fit import Fitter
 from designlab.gap.intervals import values
-from designlab.gap.judge import judge, level
+from designlab.gap.judge import Judged, judge, level
 from designlab.gap.learnt import left_of_nothing
 from designlab.gap.observe import observe
 from designlab.gap.pictures import draw
 from designlab.gap.refine import refined
-from designlab.gap.result import Found, GapReport, Overlap, Verdict
+from designlab.gap.result import Found, GapReport, Level, Overlap, Verdict
 from designlab.gap.run import begin_run, end_run, frames_digest, provenance
 from designlab.gap.search import Search
 from designlab.gap.single_press.blocks import is_single
@@ -36,13 +36,14 @@ from designlab.measurement import Measurement
 from designlab.measurement.shots import Observations
 
 SAMPLES = 256
-COLUMNS = 160
+COLUMNS = 96  # those that all limits and confidence were learnt at: evidence grows with the pixels
 OVERLAPPING = 0.5  # share of an effect's signature from which a pair is reported
 USUAL_SELECT = 6  # presses to choose by of the sets that confidence was learnt from
 UNEXPLAINED_ABOVE = 0.5  # leftover share of the gap from which nothing is named
 PARTIAL_ABOVE = 0.1  # leftover share from which an explanation is partial
 PARTIAL_ABOVE_FLOOR = 0.03  # likewise, where what is left is more than the simulation may be wrong by
 AT_FLOOR = 1.3  # mean squared residual over the floor below which there is no gap to explain
+GIVEN_BACK = 0.1  # of what a search removes of the gap, which the last fit must not give back
 NEAR = 0.8  # likewise, below which names leave nothing to explain; sets that hide nothing are below it
 
 
@@ -110,9 +111,9 @@ def diagnose(
         if value < least:
             raise ValueError(f"{name}: must be at least {least}, got {value}")
     model = SensorModel.of(model)
-    names = _names(model, catalogue)
     noted = check_frames(measurement, model, trust)
     seen = observe(measurement, model.effective_design(), columns=columns)
+    names = _names(model, catalogue, seen)
     folder = renders or out / "renders"
     if not resume:
         shutil.rmtree(folder, ignore_errors=True)
@@ -143,20 +144,24 @@ def diagnose(
     if verdict in ("unexplained", "at_floor"):
         best, after = replace(best, state=before.state), before
     else:
-        last, best = refined(source, search.fitter, best, train)
-        after = judge(last, best.state, select)
+        last = search.fitter
+        exactly, fitted = refined(source, last, best, train)
+        judged = judge(exactly, fitted.state, select)
+        if not _gives_back(before, after, judged):
+            last, best, after = exactly, fitted, judged
     source.begin("report", 1)
     stands = (fitter, before.state), (last, best.state)
     ends = [judge(own, state, final) for own, state in stands]
-    fitted = [judge(own, state, seen.of("train")) for own, state in stands]
+    trained = [judge(own, state, seen.of("train")) for own, state in stands]
     gap = {
         name: level(first, last)
         for name, (first, last) in {
-            "train": fitted,
+            "train": trained,
             "select": (before, after),
             "final": ends,
         }.items()
     }
+    verdict = _settled(verdict, alike, gap)
     found = {name: values(last, best, name, train) for name in best.state.values}
     winners = [] if verdict in ("unexplained", "at_floor") else search.winners
     effects = tuple(
@@ -227,10 +232,13 @@ def _sure(report: GapReport, presses: int) -> GapReport:
     return replace(report, effects=tuple(effects))
 
 
-def _names(model: SensorModel, catalogue: Sequence[str] | None) -> list[str]:
+def _names(model: SensorModel, catalogue: Sequence[str] | None, seen: Observations) -> list[str]:
+    """Effects to try."""
     # What a picture or unit has alone is not in the simulation of the model given, and may be found again.
     present = {applied.name for applied in model.effects if not effect(applied.name).drawn}
     wanted = [e.name for e in CATALOGUE] if catalogue is None else [effect(n).name for n in catalogue]
+    if len({shot.view for shot in seen.shots}) > 1:
+        present.add("fixed_pattern")  # of pixels, which frames of several crops do not share
     return [name for name in wanted if name not in present and effect(name).parameters(model.design)]
 
 
@@ -259,6 +267,21 @@ def verdict_of(alike: Sequence[Sequence[str]], before: float, after: float, floo
     return "named" if _left(before, after, left_of_nothing() * floor) <= most else "partial"
 
 
+def _gives_back(before: Judged, searched: Judged, refined: Judged) -> bool:
+    """Whether a last fit undoes on the select presses what the search has reached there."""
+    return refined.mean - searched.mean > GIVEN_BACK * (before.mean - searched.mean)
+
+
+def _settled(verdict: Verdict, alike: Sequence[Sequence[str]], gap: Mapping[str, Level]) -> Verdict:
+    """Verdict that presses which had no say in it do not speak against: it can become weaker only."""
+    if verdict == "at_floor":
+        others = max(gap[name].before / gap[name].floor for name in ("train", "final"))
+        return verdict if others < AT_FLOOR else "unexplained"
+    final = gap["final"]
+    own = verdict_of(alike, final.before, final.after, final.floor)
+    return "partial" if verdict in ("named", "ambiguous") and own in ("partial", "unexplained") else verdict
+
+
 def _left(before: float, after: float, level: float) -> float:
     """Share of the excess over a level that is left."""
     return max(after - level, 0.0) / max(before - level, 1e-12)
@@ -274,6 +297,8 @@ def _overlaps(search: Search) -> tuple[Overlap, ...]:
 
 def _notes(seen: Observations, measurement: Measurement, model: SensorModel) -> tuple[str, ...]:
     notes = list(seen.notes)
+    if len({shot.view for shot in seen.shots}) > 1:
+        notes.append("fixed_pattern was not tried: frames show several parts of the camera's sensor")
     stated = measurement.design()
     if stated is not None and stated.digest != model.design.digest:
         notes.append(

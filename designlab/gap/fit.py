@@ -99,7 +99,7 @@ class Fitter:
             if not gain > 0:
                 raise ValueError(
                     f"model: the light of LED group {name!r} fits the measurement only with a negative gain, "
-                    f"{gain:.3g}: are the groups, their places or the colour channels mixed up?"
+                    f"{gain:.3g}: is it dead or off, or are groups, places or colour channels mixed up?"
                 )
         state = State(np.asarray(gains))
         self.measure(state)

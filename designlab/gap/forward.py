@@ -130,11 +130,9 @@ class Forward:
 
     def untouched(self, state: State, number: int) -> Array:
         """Signal that a shot would have without a press, effects on light transport left aside."""
-        place = self.bank.place[number]
-        size = self.bank.pictures[place].light.shape
-        bare = (p for p in self.bank.pictures if not p.pose and p.light.shape == size)
-        picture = next(bare, self.bank.pictures[place])
-        return self._signal(state, number, picture.light)
+        view = self.shot(number).view
+        bare = (n for n, shot in enumerate(self.bank.shots) if shot.press is None and shot.view == view)
+        return self._signal(state, number, self.bank.of(next(bare, number)).light)
 
     def light(self, state: State, number: int) -> Single:
         """Light of every group in front of the camera, before what the camera's optics do."""

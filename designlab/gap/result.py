@@ -184,6 +184,7 @@ class GapReport:
     overlaps: tuple[Overlap, ...] = ()
     checks: tuple[Check, ...] = ()
     reserves: tuple[str, ...] = ()
+    barred: tuple[str, ...] = ()  # those of the reserves for which a name has fallen
 
     def to_json(self) -> dict[str, Any]:
         """Plain data, ready for JSON."""
@@ -227,8 +228,3 @@ class GapReport:
         from designlab.gap.words import statement
 
         return statement(self)
-
-    @property
-    def summary(self) -> str:
-        """A few lines for people."""
-        return "\n".join([*self.statement, f"model: {self.model}"])

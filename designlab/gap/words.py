@@ -28,8 +28,8 @@ def statement(report: GapReport) -> tuple[str, ...]:
     """The verdict in sentences: what is missing, how sure, how much of the gap is gone, what to do."""
     final = report.gap["final"]
     said = [_missing(report), *_how_sure(report)]
-    if report.reserves and report.verdict != "partial":
-        said.append(f"With reserve: {'; '.join(report.reserves)}.")
+    if others := [reserve for reserve in report.reserves if reserve not in report.barred]:
+        said.append(f"With reserve: {'; '.join(others)}.")
     if report.effects:
         said.append(_gone(final, report.control, report.effects))
     if report.verdict != "at_floor" and report.where:
@@ -51,11 +51,15 @@ def _missing(report: GapReport) -> str:
         choices = "; ".join(
             " or ".join(effect.coherence_set) for effect in report.effects if len(effect.coherence_set) > 1
         )
-        return f"The model lacks one of several effects that these frames do not tell apart: {choices}."
-    if report.verdict == "partial" and report.reserves:
+        certain = [_called(effect) for effect in report.effects if len(effect.coherence_set) == 1]
+        beside = f"{' and '.join(certain)}, and " if certain else ""
+        return (
+            f"The model lacks {beside}one of several effects that these frames do not tell apart: {choices}."
+        )
+    if report.barred:
         return (
             f"The model seems to lack {effects}, but this measurement does not bear a name without reserve: "
-            f"{'; '.join(report.reserves)}."
+            f"{'; '.join(report.barred)}."
         )
     if report.verdict == "partial":
         return f"Part of the gap is explained: the model lacks {effects}. The rest is more than is {USUAL}."
@@ -174,8 +178,8 @@ def _to_do(report: GapReport) -> list[str]:
             "Nothing was added to the model. Look at the pictures of what is left; usual causes that the "
             f"catalogue does not hold are {OUTSIDE}."
         ]
-    if report.verdict == "partial" and report.reserves:
-        return ["Take the frames that are missing before you rely on the name."]
+    if report.barred:
+        return ["Settle what the reserve is about, with other frames, before you rely on the name."]
     if report.verdict == "partial":
         return ["The updated model is better but not right; look at what is left before designing with it."]
     if report.verdict == "ambiguous":

@@ -11,6 +11,7 @@ from designlab.measurement.sizes import check_size
 from designlab.measurement.suspicion import Suspicion
 
 FULL_SCALE = 0.999  # values above are saturated
+BEYOND_SCALE = 1.01  # what only files of floating-point numbers hold
 MOST_SATURATED = 0.05  # of the pixels of a channel, above which a frame is refused
 PLATEAU_SHARE = 0.01  # of the pixels at the one highest value of a channel that is cut below full scale
 PLATEAU_LEVELS = 8  # next lower values that the highest is compared with
@@ -88,8 +89,7 @@ def _saturation(measurement: Measurement) -> list[Suspicion]:
                     (frame.file,),
                     f"{share[channel]:.1%} of the pixels of {_letter(channel, image)} stand at full scale "
                     f"(more than {MOST_SATURATED:.0%} are refused)",
-                    "exposure or gain too high, or automatic",
-                    "take it again with less exposure, the same for all frames; gain and white balance fixed",
+                    *_too_bright(float(image.max())),
                 )
             )
             continue
@@ -111,6 +111,19 @@ def _saturation(measurement: Measurement) -> list[Suspicion]:
                 )
                 break
     return found
+
+
+def _too_bright(highest: float) -> tuple[str, str]:
+    """Suspected cause of values at full scale, and remedy."""
+    if highest > BEYOND_SCALE:
+        return (
+            f"the file holds numbers up to {highest:.3g}, in a unit of its own",
+            "divide all files by one number, so that the camera's full scale is 1",
+        )
+    return (
+        "exposure or gain too high, or automatic",
+        "take it again with less exposure, the same for all frames; gain and white balance fixed",
+    )
 
 
 def _plateau(values: NDArray[np.float32]) -> tuple[float, float] | None:

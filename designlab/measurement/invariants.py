@@ -93,7 +93,7 @@ def _repeats(measurement: Measurement) -> Check:
     for group in groups:
         levels = np.stack([_small(measurement, frame).mean(axis=(0, 1)) for frame in group])
         drift = max(drift, float((levels / levels.mean(axis=0)).std(axis=0, ddof=1).max()))
-        shapes = np.stack([_shape(measurement, frame) for frame in group])
+        shapes = _shapes(measurement, group)
         change = max(change, float(np.sqrt(((shapes - shapes.mean(axis=0)) ** 2).mean(axis=(1, 2, 3)).max())))
     figure = (
         f"levels spread by {drift:.2%} (at most {MOST_DRIFT:.1%}), shapes differ by {change:.2%} "
@@ -163,8 +163,8 @@ def _turned(measurement: Measurement) -> Check:
     for frame in measurement.frames:
         alike = [b for b in plain if (b.crop_px, b.leds) == (frame.crop_px, frame.leds)]
         if frame.kind == "background" and frame.gel_rotation_deg and frame.lit and alike:
-            apart = _shape(measurement, frame) - _shape(measurement, alike[0])
-            change = float(np.sqrt((apart**2).mean()))
+            one, other = _shapes(measurement, (frame, alike[0]))
+            change = float(np.sqrt(((one - other) ** 2).mean()))
             figure = (
                 f"differs in shape by {change:.2%} from the gel as it is (at most {MOST_TURNED:.0%}): "
                 "that much is fixed to the gel"
@@ -177,6 +177,8 @@ def _ends(measurement: Measurement) -> Check:
     """Values at the ends of the scale."""
     top, bottom, files = 0.0, 0.0, [measurement.frames[0].file] * 2
     for frame in measurement.frames:
+        if frame.kind == "light_probe":  # mirrors LEDs, whose images may well be saturated
+            continue
         image = measurement.image(frame)
         if frame.lit and (share := float((image >= FULL_SCALE).mean())) > top:
             top, files[0] = share, frame.file
@@ -224,8 +226,9 @@ def _small(measurement: Measurement, frame: Frame) -> Array:
     return np.asarray(resize_area(image, rows, columns), dtype=float)
 
 
-def _shape(measurement: Measurement, frame: Frame) -> Array:
-    """The same over the mean of each channel, dark channels left out."""
-    small = _small(measurement, frame)
-    level = small.mean(axis=(0, 1))
-    return np.asarray(small[..., level > 0.1 * level.max()] / level[level > 0.1 * level.max()])
+def _shapes(measurement: Measurement, frames: Sequence[Frame]) -> Array:
+    """The same of some frames over the mean of each channel; channels that are dark in any are left out."""
+    small = np.stack([_small(measurement, frame) for frame in frames])
+    level = small.mean(axis=(1, 2))
+    lit = (level > 0.1 * level.max(axis=1, keepdims=True)).all(axis=0)
+    return np.asarray(small[..., lit] / level[:, None, None, lit])

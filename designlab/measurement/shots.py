@@ -193,7 +193,7 @@ def _usable(
         notes.append(f"{frame.file}: left out, it has no three colour channels")
         return False
     if frame.crop_px is None and design is not None:
-        notes.append(f"{frame.file}: no crop_px, so it is taken to show the whole sensor")
+        notes.append("frames without crop_px are taken to show the whole sensor")
     if frame.kind == "press":
         try:
             measurement.press(frame)
@@ -256,7 +256,9 @@ def _noise(
     measurement: Measurement, frames: list[Frame], design: Design, notes: list[str]
 ) -> tuple[_Noise, str, bool]:
     """Variance as read plus photon noise: from repeats, or from the camera's description without any."""
-    pairs = [group for group in _groups(frame for frame in frames if frame.lit) if len(group) > 1]
+    # A probe that was put there again stands elsewhere by a little, which is no noise of the pixels.
+    still = (frame for frame in frames if frame.lit and frame.kind != "press")
+    pairs = [group for group in _groups(still) if len(group) > 1]
     dark = [measurement.linear(frame).astype(float) for frame in frames if not frame.lit]
     first = next(frame for frame in frames if frame.lit)
     view = measurement.view(first, design)
@@ -282,7 +284,8 @@ def _noise(
         stack = np.stack([measurement.linear(frame).astype(float) for frame in group])
         used = stack.max(axis=(0, -1)) < FULL_SCALE
         # Drift of the whole level between repeats is not noise of the pixels.
-        stack *= (stack.mean(axis=(0, 1, 2)) / stack.mean(axis=(1, 2)))[:, None, None, :]
+        levels = np.maximum(stack.mean(axis=(1, 2)), 1e-9)
+        stack *= (levels.mean(axis=0) / levels)[:, None, None, :]
         variance += _spread(stack, used)
         level += (stack.mean(axis=0)[used] - black).mean(axis=0)
     photon = np.maximum(variance - len(pairs) * read, 0.0) / np.maximum(level, 1e-9)

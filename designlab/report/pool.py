@@ -100,6 +100,12 @@ def _rates(score: Mapping[str, Any]) -> tuple[Html, ...]:
         blocks.append(
             table(medians, [Column("family", "of sets with"), Column("what", ""), Column("value", "")])
         )
+    if len(codes := score["codes"]) > 1:
+        blocks.append(
+            paragraph(
+                f"The code changed on the way; digests of the {len(codes)} versions: {', '.join(codes)}."
+            )
+        )
     return tuple(blocks)
 
 

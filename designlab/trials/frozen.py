@@ -1,8 +1,11 @@
-"""The commit that froze the thresholds: what runs must be what was frozen."""
+"""Which code ran trials: for the test pool, that of the commit that froze the thresholds."""
 
 import re
 import subprocess
+from functools import cache
 from pathlib import Path
+
+from designlab.store import digest
 
 CODE = ("designlab", "geometries")
 ROOT = Path(__file__).parents[2]
@@ -42,6 +45,18 @@ def frozen(commit: str, *, root: Path = ROOT) -> str:
             f"{different[0]} is one; check that commit out, or freeze anew"
         )
     return full
+
+
+@cache
+def code_digest(root: Path = ROOT) -> str:
+    """First digits of a digest of the code, data files of the packages among it."""
+    files = sorted(
+        path
+        for package in CODE
+        for path in (root / package).rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    )
+    return digest({str(path.relative_to(root)): path.read_bytes() for path in files})[:12]
 
 
 def _git(root: Path, *arguments: str) -> str | None:

@@ -11,17 +11,17 @@ from typing import Any
 from designlab.design import preset
 from designlab.effects import CATALOGUE
 from designlab.gap import diagnose
-from designlab.gap.diagnose import SAMPLES
+from designlab.gap.diagnose import COLUMNS, SAMPLES
 from designlab.interrupts import Interrupts
-from designlab.measurement import MeasurementError, load_measurement
+from designlab.measurement import load_measurement
 from designlab.plant import plant, unseal
 from designlab.plant.effects import draw
 from designlab.plant.rig import Rig
 from designlab.store import read_json, write_json
+from designlab.trials.frozen import code_digest
 from designlab.trials.pool import Trial, frames_of
 from designlab.workers import calls_at_once, completed, submitter
 
-COLUMNS = 96
 SMALL_COLUMNS, SMALL_SAMPLES = 32, 64
 SEED = 1
 NOT_PLANTED = ("kit", "without")  # fields of a trial that its set does not depend on
@@ -40,6 +40,8 @@ class Outcome:
         Share of the gap that a wrong effect of the same size takes away.
     next_frames : list of dict
         Frames that would tell apart what this measurement does not.
+    code : str
+        Digest of the code that ran it.
     """
 
     trial: dict[str, Any]
@@ -55,6 +57,7 @@ class Outcome:
     candidates: list[dict[str, Any]]
     seconds: float
     processor_seconds: float
+    code: str
 
 
 @dataclass(frozen=True)
@@ -211,7 +214,7 @@ def _one(trial: Trial, folder: Path) -> Outcome:
             catalogue=_catalogue(trial),
             pictures=False,
         ).to_json()
-    except MeasurementError as error:
+    except ValueError as error:  # what a user would be told; one such set must not end a pool
         report = {
             "verdict": f"refused: {error}",
             "effects": [],
@@ -235,4 +238,5 @@ def _one(trial: Trial, folder: Path) -> Outcome:
         candidates=report["candidates"],
         seconds=ended.elapsed - begun.elapsed,
         processor_seconds=ended.user + ended.system - begun.user - begun.system,
+        code=code_digest(),
     )

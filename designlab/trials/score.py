@@ -32,7 +32,8 @@ def score(outcomes: Iterable[Outcome]) -> dict[str, Any]:
         catalogue): numbers of sets, rates with their 95 % interval, medians; `confidence`: how it agrees
         with how often names are right; `confusion`: for each thing hidden, how often which name came first,
         or which verdict where none did; `limits`: see `detection.Limit`, of effects planted at several
-        strengths; `rows`: of each set what these are counted from.
+        strengths; `codes`: digests of the code that ran them, one unless a pool went on after a change;
+        `rows`: of each set what these are counted from.
     """
     outcomes = list(outcomes)
     by_family: dict[str, list[Outcome]] = {}
@@ -44,6 +45,7 @@ def score(outcomes: Iterable[Outcome]) -> dict[str, Any]:
         "confidence": reliability(sure(outcomes)),
         "confusion": _confusion(outcomes),
         "limits": _limits(single),
+        "codes": sorted({o.code for o in outcomes}),
         "rows": [_row(o) for o in outcomes],
     }
 
@@ -68,6 +70,7 @@ def _row(o: Outcome) -> dict[str, Any]:
         "value_errors": [round(error, 4) for error in value_errors(o)],
         "intervals": [sum(inside), len(inside)],
         "seconds": round(o.processor_seconds, 1),
+        "code": o.code,
     }
 
 

@@ -12,7 +12,7 @@ from designlab.design import Design, preset
 from designlab.effects import SensorModel, effect, load_model
 from designlab.gap.bank import fill
 from designlab.gap.basis import Renders
-from designlab.gap.diagnose import SAMPLES
+from designlab.gap.diagnose import COLUMNS, SAMPLES
 from designlab.gap.fit import Fitter
 from designlab.gap.judge import Judged, judge, level
 from designlab.gap.noise import Noise
@@ -21,7 +21,7 @@ from designlab.gap.result import Level
 from designlab.measurement import Measurement, load_measurement
 from designlab.plant import plant
 from designlab.trials.pool import AIR, Trial
-from designlab.trials.runner import ALONE, COLUMNS, SEED, Crew, Progress, kept, model_path, run, set_path
+from designlab.trials.runner import ALONE, SEED, Crew, Progress, kept, model_path, run, set_path
 
 HIGHER_MM = 3.0
 MORE_TILT_DEG = 15.0

@@ -15,7 +15,7 @@ from designlab.gap.checks import Examined, Reserve, check_frames, examine, weake
 from designlab.gap.observe import observe
 from designlab.gap.result import Advice, Found, GapReport, Level
 from designlab.images import to_srgb
-from designlab.measurement import MeasurementError, check, load_measurement, write_measurement
+from designlab.measurement import MeasurementError, check, load_measurement, refuse, write_measurement
 from designlab.measurement.invariants import corners, invariants
 from designlab.plant import plant
 from designlab.plant.effects import draw
@@ -197,6 +197,17 @@ class TestInvariants:
 class TestPresses:
     """What shows against the model as given."""
 
+    def test_frames_that_are_not_compared_may_be_as_they_are(self, whole, tmp_path):
+        """A lens in front of a bright wall may be saturated: no diagnosis looks at it."""
+        lens = whole.frames[0].model_copy(update={"file": "lens.exr", "kind": "flat_field", "leds": None})
+        images = {frame.file: np.array(whole.image(frame)) for frame in whole.frames}
+        images["lens.exr"] = np.ones_like(images[whole.frames[0].file])
+        both = whole.model_copy(update={"frames": (*whole.frames, lens)})
+        both = load_measurement(write_measurement(both, images, tmp_path / "m"))
+        with pytest.raises(MeasurementError, match=r"saturated: lens\.exr"):
+            refuse(both, check(both))
+        assert check_frames(both, MODEL) == check_frames(whole, MODEL)
+
     def test_a_set_without_a_fault_passes(self, whole, renders):
         found = examined(whole, renders)
         assert all(each.passed is not False for each in found.checks)
@@ -287,6 +298,7 @@ class TestVerdict:
         assert (said.verdict, said.effects[0].confidence) == ("partial", 0.5)
         assert "verdict lowered from named to partial" in said.notes
         assert said.to_json()["reserves"] == ["the floor is unknown"]
+        assert said.barred == ("the floor is unknown",)
 
     def test_without_a_dark_frame_a_floor_is_not_told_from_stray_light(self):
         no_dark = [Reserve("no frame without light", 0.7, name_stands=True)]
@@ -296,6 +308,7 @@ class TestVerdict:
         assert said.effects[0].confidence == 0.5
         other = self.said(report(), no_dark, floors)
         assert (other.verdict, other.effects[0].confidence) == ("named", 0.7)
+        assert other.barred == ()
 
     @pytest.mark.parametrize("verdict", ["at_floor", "unexplained", "partial"])
     def test_other_verdicts_stay_with_their_reserve_said(self, verdict):

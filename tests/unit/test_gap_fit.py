@@ -23,7 +23,6 @@ from toy_gap import (
 
 from designlab.effects import AppliedEffect, SensorModel
 from designlab.gap.bank import POSE_STEP, Bank, fill, moved
-from designlab.gap.basis import Renders
 from designlab.gap.exact import beyond, exact_fitter, placed, standing
 from designlab.gap.fit import Fitter
 from designlab.gap.forward import Forward, State, Unknown
@@ -32,15 +31,12 @@ from designlab.gap.repeats import shot_error
 from designlab.gap.where import geometry, regions, where
 from designlab.plant.converter import Converter
 from designlab.plant.rig import Rig
+from designlab.press import Press
 from designlab.simulate import Simulator
+from geometries.probes import parse
 
 NAMES = ("led_position", "albedo_field", "translucency", "contact_kernel", "depth_offset")
 NAMES += ("vignetting", "colour_mixing")
-
-
-@pytest.fixture(scope="module")
-def renders(tmp_path_factory) -> Renders:
-    return Renders(tmp_path_factory.mktemp("renders"), SAMPLES, SEED)
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +70,25 @@ def test_pictures_about_values_found_are_those_rendered_there(renders) -> None:
     frame = Simulator(moved_leds, view=VIEW, samples=SAMPLES, seed=SEED).frame(None)
     rendered = np.einsum("cg,grk->rkc", frame.weights * GAINS, frame.basis.astype(float))
     assert np.sqrt(((combined - rendered) ** 2).mean()) < 0.003 * np.sqrt((rendered**2).mean())
+
+
+def test_the_untouched_gel_of_a_shot_is_that_of_its_own_part_of_the_sensor(tmp_path) -> None:
+    model = SensorModel.of(DESIGN)
+    (whole, *_) = shots(model)
+    beside = VIEW._replace(x_px=VIEW.x_px + VIEW.width_px / 8, width_px=VIEW.width_px * 7 / 8)
+    seen = (whole, replace(whole, view=beside))
+    forward = Forward(fill(Renders(tmp_path, 2, SEED), model, seen, [], finer=False))
+    state = State(GAINS)
+    np.testing.assert_array_equal(forward.untouched(state, 1), forward.predict(state, 1))
+    assert np.abs(forward.untouched(state, 1) - forward.predict(state, 0)).max() > 0.01
+
+
+@pytest.mark.parametrize("yaw_deg", [360.0, -360.0, 359.5, 20.0])
+def test_a_press_can_be_turned_further_from_any_angle(yaw_deg) -> None:
+    press = Press(probe=parse("triangle:4"), depth_mm=0.5, yaw_deg=yaw_deg)
+    for turn in (-1.0, 1.0):
+        there = moved(press, np.array([0.0, 0.0, 0.0, turn]))
+        assert (there.yaw_deg - yaw_deg - turn) % 360.0 == pytest.approx(0.0, abs=1e-9)
 
 
 def test_what_the_given_model_adds_to_the_signal_is_predicted(bank) -> None:

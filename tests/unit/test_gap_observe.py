@@ -5,6 +5,7 @@ from designlab.camera import Camera
 from designlab.design import preset
 from designlab.gap.observe import observe as observe_apart
 from designlab.measurement import Frame, Measurement, MeasurementError, load_measurement, write_measurement
+from designlab.measurement.invariants import invariants
 from designlab.measurement.shots import observe
 
 DESIGN = preset("gelsight-2020-flat")
@@ -65,6 +66,41 @@ def test_noise_without_repeats_is_the_stated_one_and_said_to_be_assumed(tmp_path
     np.testing.assert_allclose(np.median(background.variance / stated), 1.0, rtol=0.05)
     assert any("floor is assumed" in note for note in seen.notes)
     assert not seen.repeats
+
+
+def test_a_probe_put_there_again_says_nothing_of_noise(tmp_path) -> None:
+    """Its place differs by a little, which would pass for noise of the pixels at the edge of the imprint."""
+    again = {"kind": "press", "probe": "sphere:4", "depth_mm": 0.5, "centre_mm": PLACES[0], "repeat": 1}
+    again |= {"sigma": {"depth_mm": 0.02, "centre_mm": 0.05}, "split": "train"}
+    presses = [("press-9.exr", 0.3, again), ("press-8.exr", 0.2, again | {"repeat": 2})]
+    seen = observe(measured(tmp_path / "m", repeats=1, extra=presses), DESIGN, columns=128)
+    assert not seen.repeats
+    with_background = observe(measured(tmp_path / "n", extra=presses), DESIGN, columns=128)
+    without = observe(measured(tmp_path / "o"), DESIGN, columns=128)
+    background = [next(s for s in o.shots if s.press is None).variance for o in (with_background, without)]
+    np.testing.assert_allclose(*background, rtol=0.02)
+
+
+def test_a_channel_that_is_zero_in_all_repeats_has_the_noise_of_the_camera(tmp_path) -> None:
+    whole = measured(tmp_path / "m", dark=False)
+    images = {frame.file: np.array(whole.image(frame)) for frame in whole.frames}
+    for frame in whole.frames:
+        if frame.kind == "background":
+            images[frame.file][..., 2] = 0.0
+    blank = load_measurement(write_measurement(whole, images, tmp_path / "blank"))
+    seen = observe(blank, DESIGN, columns=128)
+    assert all(np.isfinite(shot.variance).all() and (shot.variance > 0).all() for shot in seen.shots)
+
+
+def test_repeats_in_which_a_channel_is_about_dark_can_be_compared(tmp_path) -> None:
+    """A tenth of the brightest channel is the limit; one repeat is a little above, the other below."""
+    whole = measured(tmp_path / "m", repeats=2)
+    images = {frame.file: np.array(whole.image(frame)) for frame in whole.frames}
+    images["background-0.exr"][..., 2] *= 0.1002
+    images["background-1.exr"][..., 2] *= 0.0998
+    dim = load_measurement(write_measurement(whole, images, tmp_path / "dim"))
+    (repeats,) = (each for each in invariants(dim, DESIGN) if each.name == "repeats")
+    assert repeats.passed
 
 
 def test_drift_between_repeats_is_not_taken_for_noise(tmp_path) -> None:

@@ -7,8 +7,6 @@ import pytest
 from toy_gap import (
     DESIGN,
     GAINS,
-    SAMPLES,
-    SEED,
     applied,
     seeing,
     shots,
@@ -16,7 +14,6 @@ from toy_gap import (
 
 from designlab.effects import SensorModel
 from designlab.gap.bank import Bank, fill
-from designlab.gap.basis import Renders
 from designlab.gap.fit import Fitter, with_strength
 from designlab.gap.forward import Forward, State, bands
 from designlab.gap.grain import grains
@@ -25,11 +22,6 @@ from designlab.gap.judge import judge
 from designlab.gap.noise import DARK_LIGHT
 from designlab.gap.pattern import found_pattern, in_few_waves
 from designlab.gap.search import MOST_IN_WAVES, PERIODS, Search
-
-
-@pytest.fixture(scope="module")
-def renders(tmp_path_factory) -> Renders:
-    return Renders(tmp_path_factory.mktemp("renders"), SAMPLES, SEED)
 
 
 @pytest.fixture(scope="module")

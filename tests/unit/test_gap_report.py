@@ -12,7 +12,7 @@ from designlab.design import preset
 from designlab.effects import SensorModel
 from designlab.gap.basis import Renders
 from designlab.gap.confidence import SIGNS, confidence
-from designlab.gap.diagnose import _provenance, _sure, verdict_of
+from designlab.gap.diagnose import _gives_back, _provenance, _settled, _sure, verdict_of
 from designlab.gap.intervals import of_amplitudes, of_deviation
 from designlab.gap.learnt import shares_right
 from designlab.gap.result import Advice, Candidate, Control, Found, GapReport, Level, Overlap, Value, Where
@@ -126,9 +126,29 @@ def test_the_fields_of_the_provenance_are_those_that_a_diagnosis_writes(tmp_path
             "unexplained",
         ),
         (
-            {"verdict": "partial", "reserves": ("no frame was repeated",)},
+            {
+                "verdict": "partial",
+                "reserves": ("no frame was repeated",),
+                "barred": ("no frame was repeated",),
+            },
             ["seems to lack vignetting", "does not bear a name without reserve: no frame was repeated."],
             "The rest",
+        ),
+        (
+            {"verdict": "partial", "reserves": ("0.6 % are saturated",)},
+            ["Part of the gap is explained", "With reserve: 0.6 % are saturated.", "The rest is more"],
+            "seems",
+        ),
+        (
+            {
+                "verdict": "ambiguous",
+                "effects": (
+                    FOUND,
+                    replace(FOUND, name="led_tilt", coherence_set=("led_tilt", "led_profile")),
+                ),
+            },
+            ["lacks vignetting (corners are darker), and one of several", "apart: led_tilt or led_profile."],
+            "or vignetting",
         ),
         (
             {"verdict": "unexplained", "effects": (), "control": None},
@@ -183,6 +203,30 @@ def test_the_verdict_follows_from_what_is_left(alike, before, after, verdict) ->
     """In units of the floor; sets that hide nothing leave 0.5 to 0.7 of it."""
     assert verdict_of(alike, before, after, 1.0) == verdict
     assert verdict_of(alike, 7 * before, 7 * after, 7.0) == verdict
+
+
+@pytest.mark.parametrize(
+    ("verdict", "train", "final", "settled"),
+    [
+        ("at_floor", (1.1, 1.1), (0.9, 0.9), "at_floor"),
+        ("at_floor", (1.1, 1.1), (2.0, 2.0), "unexplained"),  # something that was not where one looked
+        ("at_floor", (2.0, 2.0), (1.1, 1.1), "unexplained"),
+        ("named", (9.0, 0.7), (9.0, 0.7), "named"),
+        ("named", (9.0, 0.7), (0.75, 0.74), "named"),  # the final presses hardly show it
+        ("named", (9.0, 0.7), (9.0, 3.0), "partial"),
+        ("named", (9.0, 0.7), (0.77, 1.4), "partial"),  # there it makes things worse
+        ("unexplained", (9.0, 9.0), (9.0, 9.0), "unexplained"),
+    ],
+)
+def test_other_presses_can_weaken_a_verdict(verdict, train, final, settled) -> None:
+    gap = {name: Level(*ends, 1.0, 0.58) for name, ends in (("train", train), ("final", final))}
+    assert _settled(verdict, ONE, gap) == settled
+
+
+@pytest.mark.parametrize(("after", "given_back"), [(0.9, False), (1.7, False), (2.0, True), (12.0, True)])
+def test_a_last_fit_may_not_undo_what_the_search_reached(after, given_back) -> None:
+    before, searched, refined = (SimpleNamespace(mean=mean) for mean in (9.0, 1.0, after))
+    assert _gives_back(before, searched, refined) is given_back  # type: ignore[arg-type]
 
 
 def test_a_region_stands_out_by_its_own_excess_and_an_even_one_does_not() -> None:

@@ -19,7 +19,6 @@ from toy_gap import (
 
 from designlab.effects import AppliedEffect, SensorModel, effect
 from designlab.gap.bank import Bank, fill, moved
-from designlab.gap.basis import Renders
 from designlab.gap.control import control
 from designlab.gap.evidence import System
 from designlab.gap.fit import Fit, Fitter
@@ -32,11 +31,6 @@ from designlab.gap.search import Attempt, Search, Winner
 from designlab.simulate import Simulator
 
 NAMES = ("albedo_field", "translucency", "contact_kernel", "depth_offset", "vignetting", "colour_mixing")
-
-
-@pytest.fixture(scope="module")
-def renders(tmp_path_factory) -> Renders:
-    return Renders(tmp_path_factory.mktemp("renders"), SAMPLES, SEED)
 
 
 @pytest.fixture(scope="module")

@@ -216,6 +216,14 @@ class TestWithoutModel:
         if named:
             assert "20.0% of the pixels of green" in found[0].evidence
 
+    def test_floating_point_numbers_in_another_unit_are_no_long_exposure(self, tmp_path):
+        image = np.random.default_rng(0).uniform(0.2, 9.0, (50, 60, 3)).astype(np.float32)
+        (found,) = check(
+            self.written(tmp_path / "m", [Frame(file="a.exr", kind="background")], {"a.exr": image})
+        )
+        assert "a unit of its own" in found.cause
+        assert "full scale is 1" in found.remedy
+
     def test_values_cut_below_full_scale_are_saturated_too(self, tmp_path):
         row, column = np.indices((60, 80)) / 60
         smooth = (0.9 - 1.2 * (row - 0.5) ** 2 - 0.9 * (column - 0.6) ** 2)[..., None] * np.ones(3)

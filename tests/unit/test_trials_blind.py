@@ -14,7 +14,7 @@ from designlab.plant import effects as planted
 from designlab.plant.beyond import outside_kinds
 from designlab.trials import calibration, development, power, sealed
 from designlab.trials.blind import CONFOUNDED, NAMED_KINDS, OVER_LIMIT, STRONG, TEST, detection_limits
-from designlab.trials.frozen import frozen
+from designlab.trials.frozen import code_digest, frozen
 from designlab.trials.pool import AIR, Trial, shard
 from designlab.trials.score import same
 
@@ -125,6 +125,18 @@ def test_the_code_must_be_what_was_frozen(checkout: Path) -> None:
     (checkout / "designlab" / "file.py").write_text("two")
     with pytest.raises(ValueError, match=r"2 files differ, designlab/file\.py"):
         frozen(first, root=checkout)
+
+
+def test_the_digest_of_the_code_changes_with_it_alone(checkout: Path) -> None:
+    def now() -> str:
+        code_digest.cache_clear()
+        return code_digest(checkout)
+
+    before = now()
+    (checkout / "docs" / "file.py").write_text("third")
+    assert now() == before
+    (checkout / "geometries" / "data.toml").write_text("a = 1")
+    assert now() != before
 
 
 def hashes(checkout: Path) -> list[str]:

@@ -1,5 +1,6 @@
 """The page about a pool of planted sets."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +44,12 @@ def test_the_page_shows_rates_confidence_limits_and_every_set(tmp_path: Path) ->
     assert {path.name for path in tmp_path.iterdir()} == {"report.html", "reliability.png", "limits.png"}
     bare = pool_report(score(small_pool()[:1]), tmp_path / "bare" / "report.html", title="Nothing")
     assert "<img" not in bare.read_text(encoding="utf-8")
+    assert "The code changed" not in text
+    mixed = [*small_pool(), replace(small_pool()[0], code="76543210dcba")]
+    text = pool_report(score(mixed), tmp_path / "report.html", title="Two").read_text(
+        encoding="utf-8"
+    )
+    assert "2 versions: 0123abcd4567, 76543210dcba" in text
 
 
 def test_marks_stand_where_the_numbers_say(tmp_path: Path) -> None:

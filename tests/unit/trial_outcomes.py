@@ -43,4 +43,5 @@ def outcome(
         candidates=[],
         seconds=1.0,
         processor_seconds=1.0,
+        code="0123abcd4567",
     )

@@ -1,0 +1,17 @@
+"""Fixtures that files of these tests share."""
+
+import os
+
+import pytest
+from toy_gap import SAMPLES, SEED
+
+from designlab.gap.basis import Renders
+
+
+@pytest.fixture(scope="session")
+def renders(tmp_path_factory: pytest.TempPathFactory) -> Renders:
+    """Pictures of the small made sensor, rendered once for all files and test processes of a run."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    return Renders(folder / "renders-of-the-small-sensor", SAMPLES, SEED)
