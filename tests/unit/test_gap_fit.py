@@ -23,6 +23,7 @@ from toy_gap import (
 
 from designlab.effects import AppliedEffect, SensorModel
 from designlab.gap.bank import POSE_STEP, Bank, fill, moved
+from designlab.gap.basis import Renders
 from designlab.gap.exact import beyond, exact_fitter, placed, standing
 from designlab.gap.fit import Fitter
 from designlab.gap.forward import Forward, State, Unknown

@@ -8,9 +8,11 @@ from scipy.stats import norm, truncnorm
 from toy_scores import Estimate, Score
 
 from designlab import cli
+from designlab.attempt import built_evaluator, default_evaluator
 from designlab.bounds import Bound
-from designlab.design import preset
+from designlab.design import InfeasibleDesign, preset, preset_names
 from designlab.effects import AppliedEffect, SensorModel
+from designlab.simulate import RenderFailed
 from designlab.tolerance import Spread, default_spreads, load_terms, load_tolerance, tolerance
 from designlab.tolerance.spreads import CUT_SD, copy, deviates, inputs
 
@@ -91,19 +93,32 @@ def test_what_two_designs_have_in_common_is_built_with_the_same_luck():
     assert not np.isclose(of_flat, deviates(8, shared, seed=4)).any()
 
 
-@pytest.mark.parametrize(
-    "design", [FLAT, DOME, preset("gelsight-2020-flat-core"), preset("gelsight-2020-dome-core")]
-)
-def test_default_copies_of_every_preset_can_be_built(design):
+@pytest.mark.parametrize("name", preset_names())
+def test_default_copies_of_every_preset_can_be_built(name):
+    design = preset(name)
     drawn = inputs(design, default_spreads(design))
     values = deviates(24, [each.name for each in drawn], seed=1)
     built = [copy(SensorModel.of(design), drawn, row) for row in values]
     assert len({model.digest for model in built}) == 24
     for model in built:
-        assert not [m for m in model.effective_design().margins().values() if m > 0]
+        model.effective_design().require_feasible(as_built=True)
     assert all(spread.source for spread in default_spreads(design))
     means = np.mean([m.effective_design().elastomer.thickness_mm for m in built])
     assert means == pytest.approx(design.elastomer.thickness_mm, abs=0.05)
+
+
+def test_a_copy_that_lost_some_of_its_view_is_built_and_a_drawing_is_refused(tmp_path, monkeypatch):
+    def stop(*_):
+        raise RenderFailed("as far as the simulator")
+
+    monkeypatch.setattr("designlab.evaluate._simulator", stop)
+    tight = preset("digit-like")  # 0.03 mm more at the camera's side, and the corners are cut
+    near = tight.replace({"camera.position_mm.2": tight.camera.position_mm[2] - 0.1})
+    assert list(near.broken()) == ["camera_sees_membrane"]
+    with pytest.raises(InfeasibleDesign, match="camera_sees_membrane"):
+        default_evaluator(near, fidelity="fast", seed=0)
+    with pytest.raises(RenderFailed, match="as far as the simulator"):
+        built_evaluator(near, fidelity="fast", seed=0)
 
 
 def test_a_dome_stays_a_dome_when_its_gel_is_thicker():
@@ -221,7 +236,7 @@ def test_terms_are_read_and_wrong_ones_named(tmp_path):
 def test_the_page_and_the_summary_say_what_was_found(tmp_path, monkeypatch, capsys):
     path = tmp_path / "terms.toml"
     path.write_text(TERMS, encoding="utf-8")
-    monkeypatch.setattr("designlab.tolerance.run.default_evaluator", closed_form)
+    monkeypatch.setattr("designlab.tolerance.run.built_evaluator", closed_form)
     words = ["tolerance", "gelsight-2020-flat", "--terms", str(path), "--copies", "60", "--out"]
     assert cli.main([*words, str(tmp_path / "out")]) == 0
     said = capsys.readouterr().out
