@@ -1,15 +1,17 @@
 """One evaluation as plain data, whatever becomes of it: it can cross processes and be stored as JSON."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, TypeVar
 
-from designlab.design import Design, InfeasibleDesign
+from designlab.design import Design, DesignError, InfeasibleDesign
 
 if TYPE_CHECKING:
     from designlab.effects.model import SensorModel
     from designlab.reconstruct import KernelCalibration
+
+Subject = TypeVar("Subject", bound="Design | SensorModel")
 
 
 class Evaluator(Protocol):
@@ -26,17 +28,45 @@ def default_evaluator(design: "Design | SensorModel", /, *, fidelity: str, seed:
     return evaluate(design, fidelity=fidelity, seed=seed)
 
 
+def built_evaluator(copy: "Design | SensorModel", /, *, fidelity: str, seed: int) -> Any:
+    """Score a sensor as it was built, which may have lost some of its view."""
+    from designlab.evaluate import evaluate
+
+    return evaluate(copy, fidelity=fidelity, seed=seed, as_built=True)
+
+
 @dataclass(frozen=True)
 class CalibratedOnce:
-    """Scores designs with the calibration of another sensor of the kind, see `designlab.evaluate`."""
+    """Scores copies as built with the calibration of another sensor of the kind, see `designlab.evaluate`."""
 
     calibration: "KernelCalibration"
 
-    def __call__(self, design: "Design | SensorModel", /, *, fidelity: str, seed: int) -> Any:
-        """Return the score of a feasible design."""
+    def __call__(self, copy: "Design | SensorModel", /, *, fidelity: str, seed: int) -> Any:
+        """Return the score of a copy."""
         from designlab.evaluate import evaluate
 
-        return evaluate(design, fidelity=fidelity, seed=seed, calibration=self.calibration)
+        return evaluate(copy, fidelity=fidelity, seed=seed, calibration=self.calibration, as_built=True)
+
+
+class Prepared(NamedTuple, Generic[Subject]):
+    """What can be evaluated; or None, why not in words, and the rules that it breaks with their margins."""
+
+    subject: Subject | None
+    reason: str = ""
+    broken: Mapping[str, float] = {}
+
+
+def prepared(make: Callable[[], Subject], *, as_built: bool = False) -> Prepared[Subject]:
+    """Make a design or sensor model, unless its fields do not go together or it breaks a rule."""
+    from designlab.effects.model import SensorModel
+
+    try:
+        subject = make()
+        design = SensorModel.of(subject).effective_design()
+    except DesignError as error:
+        return Prepared(None, str(error).removeprefix("replace(): "))
+    broken = design.broken(as_built=as_built)
+    return Prepared(None, ", ".join(broken), broken) if broken else Prepared(subject)
 
 
 def evaluate_design(

@@ -15,7 +15,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from designlab import parts
 from designlab.camera import Camera, View
-from designlab.margins import RULES, margins
+from designlab.margins import RULES, SEEN, margins
 from designlab.materials import material
 from designlab.optics import Optics
 from designlab.refraction import Glass, apparent_tangent
@@ -336,10 +336,14 @@ class Design(Spec):
         """
         return margins(self)
 
-    def require_feasible(self) -> None:
-        """Raise `InfeasibleDesign` that names every violated rule and by how much."""
-        broken = {rule: margin for rule, margin in self.margins().items() if margin > 0}
-        if broken:
+    def broken(self, *, as_built: bool = False) -> dict[str, float]:
+        """Return the violated rules with their margins; `as_built`, only those about what can be made."""
+        forgiven = SEEN if as_built else ()
+        return {rule: m for rule, m in self.margins().items() if m > 0 and rule not in forgiven}
+
+    def require_feasible(self, *, as_built: bool = False) -> None:
+        """Raise `InfeasibleDesign` that names every violated rule, see `broken`, and by how much."""
+        if broken := self.broken(as_built=as_built):
             reasons = "; ".join(
                 f"{rule}: {RULES[rule]} (violated by {margin:.3g} mm)" for rule, margin in broken.items()
             )

@@ -132,6 +132,7 @@ def evaluate(
     out: str | Path | None = None,
     progress: Progress | None = None,
     calibration: KernelCalibration | None = None,
+    as_built: bool = False,
 ) -> Score:
     """Score a design by simulation.
 
@@ -155,6 +156,8 @@ def evaluate(
     calibration : KernelCalibration, optional
         Of another sensor of the kind, see `calibration_of`, which stands in for calibrating this one: of it
         only the untouched gel is seen. Its pictures must be as large as those of `fidelity`.
+    as_built : bool
+        Whether it is a sensor as it was built, which may have lost some of its view: ``coverage`` tells.
 
     Raises
     ------
@@ -165,7 +168,7 @@ def evaluate(
     """
     effort = _effort(fidelity)
     model = SensorModel.of(design)
-    model.effective_design().require_feasible()
+    model.effective_design().require_feasible(as_built=as_built)
     if out is not None:
         _require_writable(Path(out))
     clock = _Clock()

@@ -45,6 +45,13 @@ RULES: dict[str, str] = {
     "minimum_gel": f"the gel is at least {MINIMUM_GEL_MM} mm thick",
 }
 
+SEEN = ("camera_sees_membrane",)
+"""Rules about what the camera sees, not about what can be made.
+
+A sensor that was built a little off its drawing may break them and works all the same: its coverage says how
+much of the sensing area it has lost.
+"""
+
 
 def margins(design: "Design") -> dict[str, float]:
     """Signed distance to every rule in `RULES` that applies to the design, in mm; positive means violated."""

@@ -3,14 +3,15 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from designlab.attempt import Evaluator
-from designlab.design import DesignError, InfeasibleDesign
+from designlab.attempt import Evaluator, prepared
+from designlab.design import InfeasibleDesign
 from designlab.effects import SensorModel
 from designlab.scores import Estimate
 from designlab.tolerance.spreads import Spread, applicable, copy, default_spreads, deviates, inputs
@@ -74,11 +75,9 @@ class RobustEvaluator:
         values = deviates(self.robust.copies, [each.name for each in drawn], seed)
         built = []
         for number, row in enumerate(values):
-            try:
-                model = copy(nominal, drawn, row)
-                model.effective_design().require_feasible()
-            except (DesignError, InfeasibleDesign) as error:
-                raise InfeasibleDesign(f"copy {number} cannot be built: {error}") from None
+            model, reason, _ = prepared(partial(copy, nominal, drawn, row), as_built=True)
+            if model is None:
+                raise InfeasibleDesign(f"copy {number} cannot be built: {reason}")
             built.append(model)
         if not drawn:  # nothing of this design differs
             built = [nominal]

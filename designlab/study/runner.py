@@ -8,7 +8,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from designlab.attempt import Evaluator, default_evaluator
+from designlab.attempt import Evaluator, built_evaluator, default_evaluator
 from designlab.interrupts import Interrupts
 from designlab.study.confirm import confirm
 from designlab.study.definition import Study
@@ -85,7 +85,7 @@ def run_study(
     with opened(folder, study, storage=storage, on_stale=stale) as record:
         scored = evaluator or default_evaluator
         if study.robust is not None:
-            scored = RobustEvaluator(scored, study.robust, study.objectives)
+            scored = RobustEvaluator(evaluator or built_evaluator, study.robust, study.objectives)
         search = Search(study, folder, record, scored, shared=storage is not None)
         search.recover()
         with Interrupts() as interrupts:

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from designlab.attempt import Evaluator, evaluate_design
-from designlab.design import Design, DesignError, dumps
+from designlab.attempt import Evaluator, evaluate_design, prepared
+from designlab.design import Design, dumps
 from designlab.interrupts import Interrupts
 from designlab.store import atomic_folder, write_atomic, write_json
 from designlab.study.definition import Study, StudyError
@@ -229,16 +229,11 @@ class Search:
             trial.set_user_attr(RUN, self._luck[0])
         if "slot" not in trial.user_attrs:
             trial.set_user_attr("slot", slot)
-        try:
-            design = self.study.design(trial.params)
-            subject = self.study.subject(design)
-        except DesignError as error:
-            self._reject(trial, str(error).removeprefix("replace(): "), {})
+        subject, reason, broken = prepared(lambda: self.study.subject(self.study.design(trial.params)))
+        if subject is None:
+            self._reject(trial, reason, broken)
             return None
-        broken = {rule: margin for rule, margin in design.margins().items() if margin > 0}
-        if broken:
-            self._reject(trial, ", ".join(broken), broken)
-            return None
+        design = subject if isinstance(subject, Design) else subject.design
         task = Task(trial, design, subject)
         if design.digest in self._known:
             self._reuse(task, self._known[design.digest])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import ValidationError
 
-from designlab.attempt import Evaluator, default_evaluator, evaluate_design
+from designlab.attempt import Evaluator, default_evaluator, evaluate_design, prepared
 from designlab.design import Design, DesignError, explain
 from designlab.interrupts import Interrupts
 from designlab.study.definition import DEFAULT_OBJECTIVES, Parameter, Sampler, Study, StudyError, carried
@@ -96,21 +96,12 @@ def _sweep_row(
     fidelity: str,
     seed: int,
 ) -> dict[str, Any]:
-    subject: Design | SensorModel
-    try:
-        if isinstance(base, Design):
-            subject = design = base.replace(values)
-        else:
-            subject = base.transferable().replace(values)
-            design = subject.design
-    except DesignError as error:
-        text = str(error).removeprefix("replace(): ")
-        if text.startswith("no field"):
-            raise
-        return {**values, "feasible": False, "reason": text}
-    broken = [rule for rule, margin in design.margins().items() if margin > 0]
-    if broken:
-        return {**values, "feasible": False, "reason": ", ".join(broken)}
+    drawing = base if isinstance(base, Design) else base.transferable()
+    subject, reason, _ = prepared(lambda: drawing.replace(values))
+    if reason.startswith("no field"):
+        raise DesignError(reason)
+    if subject is None:
+        return {**values, "feasible": False, "reason": reason}
     outcome = evaluate_design(evaluator, subject, fidelity, seed)
     if "scores" not in outcome:
         reason = outcome.get("infeasible") or outcome["failed"]

@@ -4,15 +4,16 @@ import contextlib
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.attempt import CalibratedOnce, Evaluator, default_evaluator, evaluate_design
+from designlab.attempt import CalibratedOnce, Evaluator, built_evaluator, evaluate_design, prepared
 from designlab.bounds import Bound
-from designlab.design import Design, DesignError
+from designlab.design import Design
 from designlab.effects import SensorModel
 from designlab.interrupts import Interrupts
 from designlab.store import digest, read_json, write_json
@@ -105,11 +106,11 @@ def tolerance(
     values = deviates(copies, [each.name for each in drawn], seed)
     missing = [k for k in range(NOMINAL, copies) if not copy_path(folder, k).is_file()]
     for k in list(missing):
-        reason = _unbuildable(nominal, drawn, values, k)
-        if reason is not None:
+        _, reason, _ = prepared(partial(_built, nominal, drawn, values, k), as_built=True)
+        if reason:
             write_json(copy_path(folder, k), _record(k, drawn, values, {"unbuilt": reason}))
             missing.remove(k)
-    scored = evaluator or default_evaluator
+    scored = evaluator or built_evaluator
     if calibrate == "once" and missing:
         from designlab.evaluate import calibration_of
 
@@ -138,16 +139,6 @@ def tolerance(
 def _built(nominal: SensorModel, drawn: Sequence[Input], values: Array, number: int) -> SensorModel:
     """Copy of a number, or the drawing itself."""
     return nominal if number == NOMINAL else copy(nominal, drawn, values[number])
-
-
-def _unbuildable(nominal: SensorModel, drawn: Sequence[Input], values: Array, number: int) -> str | None:
-    """Why a copy cannot be put together, if so."""
-    try:
-        model = _built(nominal, drawn, values, number)
-        margins = model.effective_design().margins()
-    except (DesignError, ValueError) as error:
-        return str(error)
-    return ", ".join(rule for rule, margin in margins.items() if margin > 0) or None
 
 
 def _record(number: int, drawn: Sequence[Input], values: Array, found: Mapping[str, Any]) -> dict[str, Any]:

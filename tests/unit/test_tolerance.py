@@ -1,6 +1,7 @@
 """Copies of a design on evaluators with closed forms, so that yield and blame are known beforehand."""
 
 import math
+import sys
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from designlab.attempt import built_evaluator, default_evaluator
 from designlab.bounds import Bound
 from designlab.design import InfeasibleDesign, preset, preset_names
 from designlab.effects import AppliedEffect, SensorModel
+from designlab.evaluate import evaluate
 from designlab.simulate import RenderFailed
 from designlab.tolerance import Spread, default_spreads, load_terms, load_tolerance, tolerance
 from designlab.tolerance.spreads import CUT_SD, copy, deviates, inputs
@@ -111,7 +113,7 @@ def test_a_copy_that_lost_some_of_its_view_is_built_and_a_drawing_is_refused(tmp
     def stop(*_):
         raise RenderFailed("as far as the simulator")
 
-    monkeypatch.setattr("designlab.evaluate._simulator", stop)
+    monkeypatch.setattr(sys.modules[evaluate.__module__], "_simulator", stop)
     tight = preset("digit-like")  # 0.03 mm more at the camera's side, and the corners are cut
     near = tight.replace({"camera.position_mm.2": tight.camera.position_mm[2] - 0.1})
     assert list(near.broken()) == ["camera_sees_membrane"]
