@@ -40,8 +40,11 @@ def tolerance(args: Namespace) -> Result:
 
 def _summary(found: "Tolerance") -> str:
     """Share of good copies, how scores vary, and the worst offenders."""
-    built, copies = found.built(), len(found.copies)
-    lines = [f"{found.design}: {copies} copies, {copies - len(built)} of them cannot be built"]
+    built = found.built()
+    lines = [f"{found.design}: {len(found.copies)} copies, {len(found.unbuilt)} of them cannot be built"]
+    if len(found.failed):
+        reason = found.failed["reason"].iloc[0]
+        lines.append(f"{len(found.failed)} could not be evaluated; the same command tries again: {reason}")
     if found.spec:
         share = found.passed()
         bounds = ", ".join(f"{name} {bound.text()}" for name, bound in found.spec.items())

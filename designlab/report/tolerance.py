@@ -45,7 +45,7 @@ def tolerance_report(found: Tolerance, target: str | Path) -> Path:
         Section("What is to blame", _blame(found)),
         Section("All scores", (_scores(found),)),
         Section("What differs between copies", (_spreads(found),)),
-        Section("Copies that cannot be built", _unbuilt(found)),
+        Section("Copies that cannot be built, or not be evaluated", _left_out(found)),
     ]
     subtitle = f"{copies} copies of {found.design}, {_CALIBRATED[found.calibrate]}"
     return write_atomic(Path(target), page(f"Tolerance: {found.design}", sections, subtitle=subtitle))
@@ -70,6 +70,8 @@ def _yield(found: Tolerance, name: str) -> Html:
     import plotly.graph_objects as go
 
     curve, unit = found.yield_curve(name), found.units[name]
+    if curve.empty:
+        return paragraph(f"{label(name)}: no copy could be evaluated.")
     figure = go.Figure()
     figure.add_scatter(
         x=curve["value"],
@@ -171,10 +173,11 @@ def _spreads(found: Tolerance) -> Html:
     return table(rows, columns)
 
 
-def _unbuilt(found: Tolerance) -> tuple[Html, ...]:
-    refused = found.copies[~found.copies["built"].astype(bool)]
-    if refused.empty:
-        return (paragraph("None."),)
-    counts = refused["reason"].value_counts()
-    rows = [{"reason": reason, "copies": int(count)} for reason, count in counts.items()]
-    return (table(rows, [Column("reason", "rule that is broken"), Column("copies", "copies")]),)
+def _left_out(found: Tolerance) -> tuple[Html, ...]:
+    """Copies that cannot be built, and those of which nothing is known."""
+    blocks = []
+    for copies, words in ((found.unbuilt, "rule that is broken"), (found.failed, "why not evaluated")):
+        rows = [{"reason": why, "copies": int(n)} for why, n in copies["reason"].value_counts().items()]
+        if rows:
+            blocks.append(table(rows, [Column("reason", words), Column("copies", "copies")]))
+    return tuple(blocks) or (paragraph("None."),)

@@ -1,5 +1,6 @@
 """What copies of a design scored: how many are good, how scores vary, and which spread is to blame."""
 
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,8 +39,8 @@ class Tolerance:
         What scores a copy must reach to be good.
     frame : DataFrame
         One row a copy: ``copy`` (`NOMINAL` is the drawing), a column for each thing drawn (in standard
-        deviations), ``built`` and ``reason`` (why it could not be), and for each score its value and
-        ``<score>_se``.
+        deviations), ``built``, ``reason`` (why it could not be built, or not be evaluated), and for each
+        score its value and ``<score>_se``.
     inputs : tuple of str
         Columns of what is drawn.
     units : mapping of str to str
@@ -76,17 +77,27 @@ class Tolerance:
 
     def built(self) -> "pd.DataFrame":
         """The copies that could be built and evaluated."""
-        return self.copies[self.copies["built"].astype(bool)]
+        return self.copies[self.copies["reason"] == ""]
+
+    @property
+    def failed(self) -> "pd.DataFrame":
+        """The copies that could be built and of which no score could be had; nothing is said of them."""
+        return self.copies[self.copies["built"].astype(bool) & (self.copies["reason"] != "")]
+
+    @property
+    def unbuilt(self) -> "pd.DataFrame":
+        """The copies that could not be built."""
+        return self.copies[~self.copies["built"].astype(bool)]
 
     def headline(self) -> tuple[str, ...]:
         """Scores to look at first: those of the specification, or the usual ones."""
         return tuple(self.spec) or tuple(name for name in USUAL if name in self.units) or self.scores[:2]
 
     def good(self) -> "pd.Series[bool]":
-        """Whether each copy could be built and meets the specification."""
+        """Whether each copy could be built and meets the specification; those that failed are left out."""
         import pandas as pd
 
-        copies = self.copies
+        copies = self.copies.drop(self.failed.index)
         fine = copies["built"].astype(bool)
         for name, bound in self.spec.items():
             values = copies[name].to_numpy(dtype=float)
@@ -98,6 +109,8 @@ class Tolerance:
         from scipy.stats import binomtest
 
         good = self.good()
+        if good.empty:
+            return {"share": math.nan, "low": 0.0, "high": 1.0}
         interval = binomtest(int(good.sum()), len(good)).proportion_ci(0.95, method="exact")
         return {"share": float(good.mean()), "low": float(interval.low), "high": float(interval.high)}
 
@@ -106,8 +119,8 @@ class Tolerance:
         import pandas as pd
 
         values = np.sort(self.built()[score].dropna().to_numpy(dtype=float))
-        grid = np.linspace(values.min(), values.max(), points)
-        share = np.searchsorted(values, grid, side="right") / len(self.copies)
+        grid = np.linspace(values[0], values[-1], points) if len(values) else values
+        share = np.searchsorted(values, grid, side="right") / max(len(self.good()), 1)
         return pd.DataFrame({"value": grid, "share": share})
 
     def to_json(self) -> dict[str, Any]:
@@ -130,7 +143,8 @@ class Tolerance:
             "folder": str(self.folder),
             "copies": len(self.copies),
             "calibrate": self.calibrate,
-            "unbuilt": int((~self.copies["built"].astype(bool)).sum()),
+            "unbuilt": len(self.unbuilt),
+            "failed": len(self.failed),
             "spec": {name: bound.model_dump(exclude_none=True) for name, bound in self.spec.items()},
             "good": self.passed() if self.spec else None,
             "scores": spread,
@@ -155,7 +169,7 @@ class Tolerance:
         import pandas as pd
         from SALib.analyze import rbd_fast
 
-        built = self.built()
+        built = self.built().dropna(subset=[score])
         if len(built) < FEWEST or not built[score].std() > 0:
             return None
         problem = {
@@ -184,6 +198,12 @@ def copy_path(folder: Path, number: int) -> Path:
     return folder / COPIES_FOLDER / ("nominal.json" if number == NOMINAL else f"{number:05d}.json")
 
 
+def is_finished(folder: Path, number: int) -> bool:
+    """Whether nothing is left to do for a copy: what failed is tried again."""
+    path = copy_path(folder, number)
+    return path.is_file() and "failed" not in read_json(path)
+
+
 def load_tolerance(folder: str | Path) -> Tolerance:
     """Read what copies of a design scored so far.
 
@@ -207,7 +227,8 @@ def load_tolerance(folder: str | Path) -> Tolerance:
     inputs = tuple(next((r["deviates"] for r in records if r["deviates"]), {}))
     units = {name: estimate["unit"] for r in records for name, estimate in r.get("scores", {}).items()}
     if not inputs or not units:
-        raise ValueError(f"{folder}: no copy is finished yet")
+        reason = next((f", since {r['failed']}" for r in records if "failed" in r), "")
+        raise ValueError(f"{folder}: no copy is evaluated yet{reason}")
     require_scores(run["spec"], units)
     frame = pd.DataFrame([_row(record, inputs, tuple(units)) for record in records])
     spec = {name: Bound.model_validate(bound) for name, bound in run["spec"].items()}
@@ -223,7 +244,8 @@ def require_scores(spec: Collection[str], known: Collection[str]) -> None:
 
 def _row(record: Mapping[str, Any], inputs: tuple[str, ...], scores: tuple[str, ...]) -> dict[str, Any]:
     reason = next((str(record[why]) for why in ("unbuilt", "infeasible", "failed") if why in record), "")
-    row: dict[str, Any] = {"copy": record["copy"], "built": not reason, "reason": reason}
+    built = not reason or "failed" in record
+    row: dict[str, Any] = {"copy": record["copy"], "built": built, "reason": reason}
     row |= {name: record["deviates"].get(name, 0.0) for name in inputs}
     for name in scores:
         estimate = record.get("scores", {}).get(name, {})

@@ -22,6 +22,7 @@ from designlab.tolerance.result import (
     RUN_FILE,
     Tolerance,
     copy_path,
+    is_finished,
     load_tolerance,
     require_scores,
 )
@@ -104,7 +105,7 @@ def tolerance(
         folder, nominal, chosen, spec or {}, copies=copies, fidelity=fidelity, seed=seed, calibrate=calibrate
     )
     values = deviates(copies, [each.name for each in drawn], seed)
-    missing = [k for k in range(NOMINAL, copies) if not copy_path(folder, k).is_file()]
+    missing = [k for k in range(NOMINAL, copies) if not is_finished(folder, k)]
     for k in list(missing):
         _, reason, _ = prepared(partial(_built, nominal, drawn, values, k), as_built=True)
         if reason:
@@ -126,7 +127,7 @@ def tolerance(
                     write_json(copy_path(folder, k), _record(k, drawn, values, found))
                     step()
         except KeyboardInterrupt:
-            done = sum(copy_path(folder, k).is_file() for k in range(NOMINAL, copies))
+            done = sum(is_finished(folder, k) for k in range(NOMINAL, copies))
             raise ToleranceInterrupted(
                 f"tolerance run interrupted after {done} of {copies + 1} evaluations; run it again with the "
                 f"same folder, {folder}, to resume"

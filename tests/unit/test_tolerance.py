@@ -157,6 +157,45 @@ def test_a_copy_that_cannot_be_built_is_not_good(tmp_path):
     assert found.passed()["share"] == pytest.approx(1 - len(refused) / 30)
 
 
+def test_a_design_of_which_no_copy_can_be_built_is_reported(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("designlab.tolerance.run.built_evaluator", closed_form)
+    terms = tmp_path / "terms.toml"
+    terms.write_text(
+        'version = 1\n[[spread]]\nfield = "leds.height_mm"\nsd = 0.1\nalso = ["elastomer.thickness_mm"]\n'
+    )
+    monkeypatch.setattr("designlab.tolerance.run.copy", lambda *_: FLAT.replace({"leds.height_mm": 0.5}))
+    words = ["tolerance", "gelsight-2020-flat", "--terms", str(terms), "--copies", "5"]
+    assert cli.main([*words, "--out", str(tmp_path / "out")]) == 0
+    assert "5 copies, 5 of them cannot be built" in capsys.readouterr().out
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "leds_above_membrane" in page
+    assert load_tolerance(tmp_path / "out").passed()["share"] == 0
+
+
+def test_a_copy_whose_picture_fails_is_not_called_unbuildable_and_tried_again(tmp_path):
+    asked = []
+
+    def failing(model, *, fidelity, seed):
+        asked.append(model)
+        if len(asked) in (3, 5):
+            raise RenderFailed("the picture is black")
+        score = closed_form(model, fidelity=fidelity, seed=seed)
+        if len(asked) == 6:
+            score.scores["blur"].value = math.nan  # of one copy this score is not known
+        return score
+
+    spec = {"blur": Bound(most=100.0)}
+    found = run(tmp_path / "out", evaluator=failing, copies=60, spec=spec)
+    assert (len(found.unbuilt), len(found.failed), len(found.built())) == (0, 2, 58)
+    assert found.passed()["share"] == pytest.approx(57 / 58)
+    blame = found.offenders("blur")
+    assert blame is not None
+    assert blame["share"].iloc[0] == pytest.approx(0.9, abs=0.1)
+    again = run(tmp_path / "out", evaluator=failing, copies=60, spec=spec)
+    assert len(asked) == 63
+    assert len(again.failed) == 0
+
+
 def test_a_run_goes_on_and_takes_more_copies(tmp_path):
     asked = []
 
