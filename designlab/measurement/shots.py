@@ -22,7 +22,7 @@ Use = Literal["background", "light_probe", "train", "select", "final", "dark"]
 
 POSE = ("x_mm", "y_mm", "depth_mm", "yaw_deg")
 DEFAULT_SIGMA = (0.1, 0.1, 0.05, 1.0)  # mm, mm, mm, deg: a press placed by hand, where the set states nothing
-ROUND = ("sphere", "cylinder", "cone")  # probes of revolution look the same at every yaw
+ROUND = ("sphere", "cone")  # probes of revolution look the same at every yaw
 PROBE_COLUMNS = 160  # of a light probe
 BURIED = 0.02  # of the stated variance of dark values: less is no noise but a cut
 APART_PX = 4

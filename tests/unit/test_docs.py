@@ -18,15 +18,18 @@ from PIL import Image
 
 from designlab.camera import Camera, Vignetting
 from designlab.cli import arguments
-from designlab.design import Design, dumps, loads, preset_names, preset_text
+from designlab.design import Contact, Design, dumps, loads, preset, preset_names, preset_text
+from designlab.effects import CATALOGUE
 from designlab.lens import Distortion
 from designlab.materials import MATERIALS
 from designlab.optics import AlbedoImage, Optics
 from designlab.parts import PARTS
 from designlab.response import Response
 from designlab.spectra import SENSITIVITIES, Sensitivity
+from geometries.elastomer import Elastomer
 from geometries.emission import AngularProfile
 from geometries.gelcore import Gelcore
+from geometries.housing import Housing
 from geometries.leds import LedArray, LedGroup
 
 ROOT = Path(__file__).parents[2]
@@ -35,12 +38,15 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 OPTICS = (ROOT / "docs" / "optics.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"^```toml\n(.*?)^```", OPTICS, re.DOTALL | re.MULTILINE)
 KEPT_BY_THE_PROGRAM = {"rows", "columns", "pixels"}
-GEOMETRY = {"layout", "groups", "radius_mm", "height_mm", "tilt_deg", "pitch_mm"}  # of the LEDs
+TABLES = {"gelcore", "elastomer", "leds", "housing", "contact", "optics", "camera"}  # of a design
 DESCRIBED = (
-    ("leds", LedArray, set(LedArray.model_fields) - GEOMETRY),
-    ("leds.groups", LedGroup, set(LedGroup.model_fields) - {"name", "azimuth_deg", "count"}),
+    ("leds", LedArray, set(LedArray.model_fields)),
+    ("leds.groups", LedGroup, set(LedGroup.model_fields)),
     ("leds.profile", AngularProfile, set(AngularProfile.model_fields)),
-    ("gelcore", Gelcore, {"side_finish", "ground_roughness", "paint_reflectance", "window_diameter_mm"}),
+    ("gelcore", Gelcore, set(Gelcore.model_fields)),
+    ("elastomer", Elastomer, set(Elastomer.model_fields)),
+    ("housing", Housing, set(Housing.model_fields)),
+    ("contact", Contact, set(Contact.model_fields)),
     ("optics", Optics, set(Optics.model_fields)),
     ("optics.albedo_image", AlbedoImage, set(AlbedoImage.model_fields) - KEPT_BY_THE_PROGRAM),
     ("camera", Camera, set(Camera.model_fields)),
@@ -48,7 +54,7 @@ DESCRIBED = (
     ("camera.vignetting", Vignetting, set(Vignetting.model_fields)),
     ("camera.response", Response, set(Response.model_fields)),
     ("camera.sensitivity", Sensitivity, set(Sensitivity.model_fields)),
-    ("design", Design, {"mixing"}),
+    ("design", Design, set(Design.model_fields) - TABLES),
 )
 IES = """IESNA:LM-63-2002
 TILT=NONE
@@ -122,10 +128,38 @@ def row(prefix, name, field):
 
 
 @pytest.mark.parametrize(("prefix", "model", "names"), DESCRIBED, ids=[prefix for prefix, _, _ in DESCRIBED])
-def test_every_field_of_the_optics_has_its_row(prefix, model, names):
-    """A row that is missing or out of date is printed as it should stand in docs/optics.md."""
+def test_every_field_of_a_design_has_its_row(prefix, model, names):
+    """A row that is missing or out of date is printed as it should stand."""
+    rows = [*OPTICS.splitlines(), *(ROOT / "docs" / "geometry.md").read_text(encoding="utf-8").splitlines()]
     for name in names:
-        assert row(prefix, name, model.model_fields[name]) in OPTICS.splitlines()
+        assert row(prefix, name, model.model_fields[name]) in rows
+
+
+def test_every_rule_of_a_design_is_listed():
+    told = (ROOT / "docs" / "geometry.md").read_text(encoding="utf-8")
+    for rule in preset("default").margins():
+        assert f"| `{rule}` |" in told
+
+
+def test_every_effect_is_listed_with_its_parameters():
+    """In the order of the catalogue, with the summary and kind that reports give."""
+    told = (ROOT / "docs" / "gap.md").read_text(encoding="utf-8")
+    rows = [
+        line.split(" | ")
+        for line in told.splitlines()
+        if re.match(r"\| `[a-z_]+` \| .* \| (unit|design) \|", line)
+    ]
+    assert [line[0].strip("| `") for line in rows] == [each.name for each in CATALOGUE]
+    design = preset("gelsight-2020-flat-core")
+    for each, (_, summary, parameters, _, kind) in zip(CATALOGUE, rows, strict=True):
+        assert summary == each.summary
+        assert kind.strip(" |") == ("design" if each.transferable else "unit")
+        for p in each.parameters(design):
+            name = p.name.replace(p.group, "GROUP") if p.group else p.name
+            assert re.sub(r"_\d+$", "_1", name) in parameters.replace("`C_from_GROUP`", name), (
+                each.name,
+                name,
+            )
 
 
 def test_every_material_part_and_camera_that_is_known_is_listed():

@@ -103,6 +103,13 @@ def test_repeats_in_which_a_channel_is_about_dark_can_be_compared(tmp_path) -> N
     assert repeats.passed
 
 
+@pytest.mark.parametrize(("probe", "turns"), [("sphere:4", False), ("cone:4", False), ("cylinder:4", True)])
+def test_probes_of_revolution_alone_are_not_turned(tmp_path, probe, turns) -> None:
+    """The cylinder lies: its imprint is a bar."""
+    seen = observe(measured(tmp_path / "m", probe=probe), DESIGN, columns=128)
+    assert {shot.pose_sigma[3] > 0 for shot in seen.shots if shot.press is not None} == {turns}
+
+
 def test_drift_between_repeats_is_not_taken_for_noise(tmp_path) -> None:
     drifted = [("background-9.exr", 0.21, {"kind": "background", "repeat": 9})]
     seen = observe(measured(tmp_path / "m", extra=drifted), DESIGN, columns=128)
