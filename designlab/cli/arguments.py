@@ -82,7 +82,7 @@ def parser() -> argparse.ArgumentParser:
         return added
 
     add("doctor", f"{_START}:doctor", "what this machine offers, what is missing and how to get it")
-    presets = add("presets", f"{_DESIGNS}:presets", "designs to start from, published sensors among them; one as TOML")
+    presets = add("presets", f"{_DESIGNS}:presets", "designs to start from, published sensors among them")
     presets.add_argument("name", nargs="?", metavar="NAME", help="preset to print")
     parts = add("parts", f"{_DESIGNS}:parts", "LEDs with the figures of their data sheets")
     parts.add_argument("name", nargs="?", metavar="NAME", help="part to show, with its source")
