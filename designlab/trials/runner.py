@@ -216,7 +216,7 @@ def _one(trial: Trial, folder: Path) -> Outcome:
         ).to_json()
     except ValueError as error:  # what a user would be told; one such set must not end a pool
         report = {
-            "verdict": f"refused: {error}",
+            "verdict": f"refused: {str(error).replace(str(measurement), trial.name)}",
             "effects": [],
             "gap": {},
             "control": None,
