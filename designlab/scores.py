@@ -30,6 +30,36 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 UNIFORMITY_DRAWS, DETAIL_DRAWS = 30, 10
+SCORES = {
+    "uniformity_u0": "1",
+    "uniformity_cv": "1",
+    "normal_error_median_deg": "deg",
+    "normal_error_mean_deg": "deg",
+    "height_mae_um": "um",
+    "height_rmse_um": "um",
+    "information_deg": "deg",
+    "information_flat_deg": "deg",
+    "slant_deg": "deg",
+    "shadow_share_30deg": "1",
+    "uniformity_min_max": "1",
+    "uniformity_nine_point": "1",
+    "uniformity_gradient": "1",
+    "combined_u0": "1",
+    "combined_cv": "1",
+    "combined_min_max": "1",
+    "combined_nine_point": "1",
+    "combined_gradient": "1",
+    "colour_balance": "1",
+    "dynamic_range_use": "1",
+    "coverage": "1",
+    "saturation_share": "1",
+    "stray_share": "1",
+    "normals_within_5deg": "1",
+    "rgb2normal": "1",
+    "press_saturation_share": "1",
+}
+"""Every score of an evaluation, and its unit."""
+
 COARSER = 2  # most figures are those of pixels of so many `thinned` ones along each side
 NOISE_REACH_SHARE = 0.04  # of a picture's width, over which the power of noise is alike
 GRADIENT_MM = 0.5  # over which gradients are smoothed: render noise is steep

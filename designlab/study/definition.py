@@ -323,6 +323,19 @@ class Study(Spec):
         suffix = names[-1].rpartition("_")[2]
         return {"mm": "mm", "deg": "deg", "nm": "nm", "mw": "mW", "px": "px"}.get(suffix, "")
 
+    def require_scores(self, known: Collection[str]) -> None:
+        """Refuse objectives and bounds of what is no score.
+
+        Raises
+        ------
+        StudyError
+            That names the field and the scores there are.
+        """
+        for field in ("objectives", "constraints"):
+            for name in getattr(self, field):
+                if name not in known:
+                    raise StudyError(f"field {field}: no score is called {name!r}, only {', '.join(known)}")
+
     def differences(self, other: "Study") -> list[str]:
         """Names of the fields that decide the search in which two studies differ."""
         free = ("name", "trials", "base", "plan")

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 RECORD_FILE = "study.db"
 DEFINITION_FILE = "study.toml"
 TRIALS_FOLDER = "trials"
+SCORE_FILE = "score.json"
 CONFIRMED_FOLDER = "confirmed"
 HEARTBEAT_S = 30
 """How often a run says that it is alive, where others share its record."""
@@ -65,11 +66,14 @@ def opened(
     import optuna
     from optuna.study import StudyDirection
 
-    _claim(folder, study)
-    _one_record(folder, storage)
     sense = {"maximise": StudyDirection.MAXIMIZE, "minimise": StudyDirection.MINIMIZE}
     directions = [sense[way] for way in study.objectives.values()]
-    with _locked(folder), _quiet(), _storage(folder, storage, on_stale) as record:
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(_locked(folder))
+        _claim(folder, study)
+        _one_record(folder, storage)
+        stack.enter_context(_quiet())
+        record = stack.enter_context(_storage(folder, storage, on_stale))
         remove_partial(folder / TRIALS_FOLDER)
         try:
             yield optuna.create_study(
@@ -238,20 +242,25 @@ def _quiet() -> Iterator[None]:
 
 
 def _claim(folder: Path, study: Study) -> None:
-    """Write the definition into a new folder; refuse the folder of another study."""
-    definition = folder / DEFINITION_FILE
+    """Write the definition into the folder; refuse that of another study which has finished a design."""
+    definition, text = folder / DEFINITION_FILE, dumps_study(study)
     if not definition.exists():
         if (folder / RECORD_FILE).exists():
             raise StudyError(f"{folder}: holds the record of a study whose {DEFINITION_FILE} is missing")
-        write_atomic(definition, dumps_study(study))
+        write_atomic(definition, text)
         return
     present = load_study(definition)
     if present.digest != study.digest:
-        fields = ", ".join(present.differences(study))
-        raise StudyError(
-            f"{folder}: holds another study, {present.name!r}, which differs from {study.name!r} in "
-            f"{fields}; choose another folder"
-        )
+        if any(folder.glob(f"{TRIALS_FOLDER}/*/{SCORE_FILE}")):
+            fields = ", ".join(present.differences(study))
+            raise StudyError(
+                f"{folder}: holds another study, {present.name!r}, which differs from {study.name!r} in "
+                f"{fields}; choose another folder"
+            )
+        for suffix in ("", "-wal", "-shm"):  # drawn for what was asked for by mistake, none evaluated
+            (folder / f"{RECORD_FILE}{suffix}").unlink(missing_ok=True)
+    if definition.read_text(encoding="utf-8") != text:  # name, number of trials or plan may change
+        write_atomic(definition, text)
 
 
 def _one_record(folder: Path, storage: str | None) -> None:
@@ -274,9 +283,10 @@ def _locked(folder: Path) -> Iterator[None]:
 
     path = folder / ".lock"
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
     except OSError as error:
-        raise OSError(error.errno, f"cannot write {path}: {error.strerror}") from error
+        raise OSError(error.errno, f"cannot write {folder}: {error.strerror}") from error
     try:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -291,7 +301,7 @@ def read_trial(folder: Path, trial: "optuna.trial.FrozenTrial") -> dict[str, Any
     """Return the score of a trial as plain data, or None if there is none."""
     if SCORE in trial.user_attrs:
         return dict(trial.user_attrs[SCORE])
-    path = trial_folder(folder, trial.number) / "score.json"
+    path = trial_folder(folder, trial.number) / SCORE_FILE
     if not path.is_file():
         return None
     return read_json(path)

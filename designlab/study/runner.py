@@ -4,12 +4,12 @@ import contextlib
 import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from designlab.attempt import Evaluator, built_evaluator, default_evaluator
 from designlab.interrupts import Interrupts
+from designlab.scores import SCORES
 from designlab.study.confirm import confirm
 from designlab.study.definition import Study
 from designlab.study.folder import opened
@@ -80,6 +80,8 @@ def run_study(
     total = study.trials if trials is None else trials
     if total < 1 or workers < 1:
         raise ValueError(f"trials and workers must be at least 1, got trials {total}, workers {workers}")
+    if evaluator is None:
+        study.require_scores(SCORES)
     folder = Path(out)
     stale = partial(retry, study)
     with opened(folder, study, storage=storage, on_stale=stale) as record:
@@ -93,7 +95,7 @@ def run_study(
                 with _bar(total, search, shown=progress) as update:
                     _run(search, total, workers, interrupts, update)
                 if study.plan is not None:
-                    found = replace(load_results(folder, storage=storage), study=study)
+                    found = load_results(folder, storage=storage)
                     _confirm(found, search.evaluator, workers, interrupts, shown=progress)
             except KeyboardInterrupt:
                 raise StudyInterrupted(

@@ -18,7 +18,7 @@ from designlab.design import Design, dumps
 from designlab.interrupts import Interrupts
 from designlab.store import atomic_folder, write_atomic, write_json
 from designlab.study.definition import Study, StudyError
-from designlab.study.folder import HEARTBEAT_S, SCORE, SILENT_S, beat, read_trial, trial_folder
+from designlab.study.folder import HEARTBEAT_S, SCORE, SCORE_FILE, SILENT_S, beat, read_trial, trial_folder
 from designlab.study.samplers import distributions, sampler
 from designlab.workers import Submit
 
@@ -316,7 +316,7 @@ class Search:
             write_atomic(folder / "design.toml", dumps(task.design))
             if not isinstance(task.subject, Design):
                 write_atomic(folder / "model.toml", task.subject.dumps())
-            write_json(folder / "score.json", content)
+            write_json(folder / SCORE_FILE, content)
         if not self._tell(task.trial, outcome["scores"], {SCORE: content} if self.shared else {}):
             return False
         self.done += 1
@@ -382,12 +382,10 @@ class Search:
 
     def _unusable(self, scores: Mapping[str, Mapping[str, Any]]) -> str | None:
         """Why scores cannot serve the study, if so; an objective or bound that is no score is an error."""
-        for field in ("objectives", "constraints"):
-            for name in getattr(self.study, field):
-                if name not in scores:
-                    raise StudyError(f"field {field}: no score is called {name!r}, only {', '.join(scores)}")
-                if scores[name]["value"] is None:
-                    return f"{name} is not a finite number"
+        self.study.require_scores(scores)
+        for name in (*self.study.objectives, *self.study.constraints):
+            if scores[name]["value"] is None:
+                return f"{name} is not a finite number"
         return None
 
 

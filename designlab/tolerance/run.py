@@ -16,6 +16,7 @@ from designlab.bounds import Bound
 from designlab.design import Design
 from designlab.effects import SensorModel
 from designlab.interrupts import Interrupts
+from designlab.scores import SCORES
 from designlab.store import digest, read_json, write_json
 from designlab.tolerance.result import (
     NOMINAL,
@@ -94,6 +95,8 @@ def tolerance(
         raise ValueError("calibrate: once is for the usual evaluator; one of yours calibrates as it likes")
     if copies < 2 or workers < 1:
         raise ValueError(f"copies and workers must be at least 2 and 1, got {copies} and {workers}")
+    if evaluator is None:
+        require_scores(spec or {}, SCORES)
     nominal = SensorModel.of(design)
     nominal.effective_design().require_feasible()
     chosen = default_spreads(nominal.design) if spreads is None else tuple(spreads)

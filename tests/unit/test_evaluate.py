@@ -10,7 +10,7 @@ from scipy.ndimage import uniform_filter
 from designlab.design import InfeasibleDesign, load, preset
 from designlab.effects import AppliedEffect, SensorModel
 from designlab.maps import sensing_area
-from designlab.scores import transport_error
+from designlab.scores import SCORES, transport_error
 from designlab.simulate import Simulator
 
 evaluation = import_module("designlab.evaluate")  # the package's own `evaluate` is the function
@@ -18,34 +18,6 @@ evaluate = evaluation.evaluate
 
 FLAT = preset("gelsight-2020-flat")
 BEHIND_GLASS = preset("default")
-NAMES = {
-    "uniformity_u0": "1",
-    "uniformity_cv": "1",
-    "normal_error_median_deg": "deg",
-    "normal_error_mean_deg": "deg",
-    "height_mae_um": "um",
-    "height_rmse_um": "um",
-    "information_deg": "deg",
-    "information_flat_deg": "deg",
-    "slant_deg": "deg",
-    "shadow_share_30deg": "1",
-    "uniformity_min_max": "1",
-    "uniformity_nine_point": "1",
-    "uniformity_gradient": "1",
-    "combined_u0": "1",
-    "combined_cv": "1",
-    "combined_min_max": "1",
-    "combined_nine_point": "1",
-    "combined_gradient": "1",
-    "colour_balance": "1",
-    "dynamic_range_use": "1",
-    "coverage": "1",
-    "saturation_share": "1",
-    "stray_share": "1",
-    "normals_within_5deg": "1",
-    "rgb2normal": "1",
-    "press_saturation_share": "1",
-}
 EXACT = {"coverage", "saturation_share", "stray_share", "press_saturation_share"}  # of this design
 
 
@@ -72,7 +44,7 @@ def score(folder, steps):
 
 
 def test_scores_have_value_error_and_unit(score):
-    assert {name: estimate.unit for name, estimate in score.scores.items()} == NAMES
+    assert {name: estimate.unit for name, estimate in score.scores.items()} == SCORES
     for name, estimate in score.scores.items():
         assert getattr(score, name) is estimate
         if name in EXACT:
@@ -135,7 +107,7 @@ def test_json_is_complete_and_strict(score, folder):
     assert content["design"] == "gelsight-2020-flat"
     assert content["digest"] == FLAT.digest
     assert (content["fidelity"], content["seed"]) == ("fast", 1)
-    for name, unit in NAMES.items():
+    for name, unit in SCORES.items():
         assert set(content["scores"][name]) == {"value", "se", "bias_bound", "unit"}
         assert content["scores"][name]["unit"] == unit
     assert content["margins"] == FLAT.margins()

@@ -26,6 +26,7 @@ from designlab.report import (
 )
 from designlab.report.page import rounded
 from designlab.report.yardsticks import ALARMS, HEADLINES, YARDSTICKS
+from designlab.scores import SCORES
 from designlab.study import Parameter, Study, run_study
 
 VOID = {"meta", "link", "img", "br", "hr", "input"}
@@ -279,6 +280,7 @@ def test_a_yardstick_turns_a_value_into_a_word(name, value, se, verdict):
 
 
 def test_every_main_score_has_a_yardstick():
+    assert set(YARDSTICKS) == set(SCORES)
     for name in (*HEADLINES, *ALARMS):
         known = YARDSTICKS[name]
         assert known.good != known.fair

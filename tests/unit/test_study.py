@@ -18,6 +18,7 @@ from designlab.effects.model import AppliedEffect, SensorModel, load_model
 from designlab.simulate import RenderFailed
 from designlab.study import (
     Parameter,
+    Plan,
     StudyError,
     StudyInterrupted,
     dumps_study,
@@ -329,6 +330,27 @@ def test_an_objective_that_is_no_score_is_named(tmp_path):
         run(study, tmp_path)
 
 
+@pytest.mark.parametrize("field", ["objectives", "constraints"])
+def test_of_simulated_scores_a_wrong_name_is_found_beforehand(tmp_path, field):
+    """And a folder where it was found too late takes the corrected study."""
+    values = {"objectives": "minimise", "constraints": {"most": 3}}
+    study = make(**{field: {"normal_eror": values[field]}})
+    with pytest.raises(StudyError, match=rf"field {field}: no score is called 'normal_eror', only u"):
+        run(study, tmp_path, evaluator=None)
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(StudyError, match="'normal_eror'"):
+        run(study, tmp_path)  # an evaluator of one's own gives scores of its own
+    assert run(make(), tmp_path).counts() == counts(complete=6)
+
+
+def test_the_folder_states_the_study_as_it_was_last_run(tmp_path):
+    run(make(trials=2), tmp_path)
+    run(make(trials=3, plan=Plan(seeds=4), name="longer"), tmp_path)
+    kept = load_study(tmp_path / "study.toml")
+    assert (kept.trials, kept.plan, kept.name) == (3, Plan(seeds=4), "longer")
+    assert load_results(tmp_path).study == kept
+
+
 def test_gaussian_processes_need_torch(tmp_path):
     try:
         import torch  # noqa: F401
@@ -430,5 +452,5 @@ def test_a_damaged_record_is_named(tmp_path):
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(OSError, match=r"cannot write .*file/study/study\.toml"):
+    with pytest.raises(OSError, match=r"cannot write .*file/study"):
         run(make(), tmp_path / "file" / "study")
