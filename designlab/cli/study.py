@@ -93,7 +93,7 @@ def _summary(results: "Results", wanted: int) -> str:
 
 def _confirmed(results: "Results") -> list[str]:
     """Lines about the designs that were evaluated again: at the highest fidelity that was reached."""
-    from designlab.study.results import BASE
+    from designlab.study.definition import BASE
 
     again, objectives = results.confirmed, list(results.study.objectives)
     if again.empty:

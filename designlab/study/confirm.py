@@ -6,18 +6,16 @@ was made with suited its best by chance.
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from designlab.attempt import Evaluator, evaluate_design
 from designlab.store import write_json
-from designlab.study.definition import Study
+from designlab.study.definition import BASE, Study
 from designlab.study.folder import confirmation_path
-from designlab.study.results import BASE, CONFIRMING, Results, confirmed, picks
+from designlab.study.results import CONFIRMING, Results, picks
 from designlab.workers import Submit, completed
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     import pandas as pd
 
     from designlab.interrupts import Interrupts
@@ -55,8 +53,10 @@ def confirm(
         trials = tuple(int(trial) for trial in best["trial"].iloc[:most])
         stage = Stage((BASE, *trials), fidelity, fresh(study, fidelity, seeds))
         _run(stage, results, evaluator, submit, workers, interrupts, on_progress)
-        again = confirmed(results.folder)
+        again = results.confirmed
         best = picks(_as_trials(again[again["fidelity"] == fidelity], study), study.objectives, most=most)
+        if best.empty:
+            return
 
 
 def fresh(study: Study, fidelity: str, count: int) -> tuple[int, ...]:
@@ -75,28 +75,21 @@ def _run(
     on_progress: Callable[[str, int, int], None],
 ) -> None:
     wanted = [(trial, seed) for trial in stage.trials for seed in stage.seeds]
-    missing = [call for call in wanted if not _path(results, *call, stage).is_file()]
+    subjects = {trial: results.subject(trial) for trial in stage.trials}
+    paths = {
+        (trial, seed): confirmation_path(results.folder, trial, subjects[trial].digest, stage.fidelity, seed)
+        for trial, seed in wanted
+    }
+    missing = [call for call in wanted if not paths[call].is_file()]
     done = len(wanted) - len(missing)
     on_progress(stage.fidelity, done, len(wanted))
-    calls = [
-        (evaluate_design, evaluator, _subject(results, trial), stage.fidelity, seed)
-        for trial, seed in missing
-    ]
+    calls = [(evaluate_design, evaluator, subjects[trial], stage.fidelity, seed) for trial, seed in missing]
     for place, outcome in completed(submit, calls, at_once=workers, interrupts=interrupts):
         trial, seed = missing[place]
-        content = {"trial": trial, "fidelity": stage.fidelity, "seed": seed, **outcome}
-        write_json(_path(results, trial, seed, stage), content)
+        about = {"trial": trial, "design": subjects[trial].digest, "fidelity": stage.fidelity, "seed": seed}
+        write_json(paths[trial, seed], about | outcome)
         done += 1
         on_progress(stage.fidelity, done, len(wanted))
-
-
-def _path(results: Results, trial: int, seed: int, stage: Stage) -> "Path":
-    name = "base" if trial == BASE else f"{trial:04d}"
-    return confirmation_path(results.folder, f"{name}-{stage.fidelity}-{seed}")
-
-
-def _subject(results: Results, trial: int) -> Any:
-    return results.study.subject(results.study.base) if trial == BASE else results.subject(trial)
 
 
 def _as_trials(again: "pd.DataFrame", study: Study) -> "pd.DataFrame":

@@ -23,6 +23,9 @@ Sampler = Literal["tpe", "nsga2", "nsga3", "cmaes", "gp", "qmc", "random"]
 VARIANT = "variant"
 """Name of the choice among variants, beside the parameters of a trial."""
 
+BASE = -1
+"""Stands for the base design among trials; it need not be a trial of the search."""
+
 DEFAULT_OBJECTIVES: dict[str, Literal["maximise", "minimise"]] = {
     "uniformity_u0": "maximise",
     "normal_error_median_deg": "minimise",

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from designlab.store import read_json, remove_partial, write_atomic
-from designlab.study.definition import Study, StudyError, dumps_study, load_study
+from designlab.study.definition import BASE, Study, StudyError, dumps_study, load_study
 
 if TYPE_CHECKING:
     import optuna
@@ -307,9 +307,10 @@ def read_trial(folder: Path, trial: "optuna.trial.FrozenTrial") -> dict[str, Any
     return read_json(path)
 
 
-def confirmation_path(folder: Path, name: str) -> Path:
-    """Where the scores of a design that was evaluated again are kept."""
-    return folder / CONFIRMED_FOLDER / f"{name}.json"
+def confirmation_path(folder: Path, trial: int, design: str, fidelity: str, seed: int) -> Path:
+    """Where the scores of a design, given by its digest, that was evaluated again are kept."""
+    name = "base" if trial == BASE else f"{trial:04d}"
+    return folder / CONFIRMED_FOLDER / f"{name}-{design[:12]}-{fidelity}-{seed}.json"
 
 
 def read_confirmations(folder: Path) -> Iterator[dict[str, Any]]:

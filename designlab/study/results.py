@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.design import Design
-from designlab.study.definition import VARIANT, Study
+from designlab.study.definition import BASE, VARIANT, Study
 from designlab.study.folder import read_confirmations, read_trial, reading
 
 if TYPE_CHECKING:
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 
 STATES = ("complete", "infeasible", "failed", "interrupted", "running", "waiting")
 """What may become of a trial; the design of an interrupted one is tried again in another trial."""
-
-BASE = -1
-"""Stands for the base design among confirmed trials; it need not be a trial of the search."""
 
 CONFIRMING = ("standard", "reference")
 """Fidelities at which designs are evaluated again, in this order."""
@@ -53,7 +50,12 @@ class Results:
     @property
     def confirmed(self) -> "pd.DataFrame":
         """Scores of the designs that were evaluated again, see `confirmed`."""
-        return confirmed(self.folder)
+        known = {BASE, *self.frame.loc[self.frame["state"] == "complete", "trial"]}
+        return confirmed(
+            record
+            for record in read_confirmations(self.folder)
+            if record["trial"] in known and self.subject(record["trial"]).digest == record["design"]
+        )
 
     @property
     def start(self) -> "pd.Series[Any] | None":
@@ -90,8 +92,8 @@ class Results:
         return self.study.design({VARIANT: variant, **values}).replace({"name": name})
 
     def subject(self, trial: int) -> "Design | SensorModel":
-        """Return what was evaluated in a trial: its design, with the effects of the study if it has some."""
-        return self.study.subject(self.design(trial))
+        """Return what is evaluated in a trial, or in `BASE`: its design with the effects of the study."""
+        return self.study.subject(self.study.base if trial == BASE else self.design(trial))
 
     def curse(self) -> dict[str, dict[str, float]]:
         """How much of the search's gains over the base design was chance: the winner's curse.
@@ -232,8 +234,13 @@ def load_results(out: str | Path, *, storage: str | None = None) -> Results:
     return Results(folder, study, frame, units, tuple(warnings), storage)
 
 
-def confirmed(folder: Path) -> "pd.DataFrame":
+def confirmed(records: Iterable[Mapping[str, Any]]) -> "pd.DataFrame":
     """Scores of designs that were evaluated again after a search, means over seeds.
+
+    Parameters
+    ----------
+    records : iterable of mapping
+        What is kept of each evaluation.
 
     Returns
     -------
@@ -245,7 +252,7 @@ def confirmed(folder: Path) -> "pd.DataFrame":
     import pandas as pd
 
     found: dict[tuple[int, str], list[Mapping[str, Any]]] = {}
-    for record in read_confirmations(folder):
+    for record in records:
         if "scores" in record:
             found.setdefault((record["trial"], record["fidelity"]), []).append(record["scores"])
     rows = []
@@ -363,6 +370,7 @@ def pareto(frame: "pd.DataFrame", objectives: Mapping[str, str]) -> "pd.DataFram
     """
     done = _valid(frame)
     done = done[done["reuse_of"].isna()]
+    done = done.iloc[np.flatnonzero(np.isfinite(losses(done, objectives)).all(axis=1))]
     if done.empty:
         return done
     loss = losses(done, objectives)

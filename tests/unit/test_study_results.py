@@ -37,6 +37,12 @@ def test_the_front_agrees_with_a_comparison_one_by_one(count):
     assert set(pareto(frame, objectives)["trial"]) == expected
 
 
+def test_a_score_that_is_no_number_is_never_best():
+    frame, objectives = table(np.array([[math.nan, 1.0], [2.0, math.nan], [3.0, 3.0]]))
+    assert list(picks(frame, objectives)["trial"]) == [2]
+    assert picks(frame.iloc[:2], objectives).empty
+
+
 def test_maximised_scores_count_upwards():
     frame = pd.DataFrame(
         {"trial": [0, 1, 2], "state": "complete", "reuse_of": None, "a": [1, 2, 3], "b": [1, 3, 2]}

@@ -1,5 +1,6 @@
 """Studies with variants, fields that go together, bounds on scores, and confirmation of what they found."""
 
+import json
 import math
 import re
 
@@ -11,7 +12,8 @@ from designlab.bounds import Bound
 from designlab.effects import SensorModel
 from designlab.report import study_report
 from designlab.study import Plan, Robust, Study, StudyError, load_results, load_study, run_study
-from designlab.study.results import BASE, history
+from designlab.study.definition import BASE
+from designlab.study.results import history
 from designlab.tolerance import Spread, tolerance
 
 DOME = {
@@ -186,6 +188,22 @@ def test_confirmation_is_not_repeated_and_goes_on(tmp_path):
     assert len({seed for fidelity, seed in asked if fidelity != "fast"}) == 3
     assert run(study, tmp_path / "out", counted).confirmed.equals(load_results(tmp_path / "out").confirmed)
     assert len(asked) == 37
+
+
+def test_confirmations_of_other_designs_do_not_count(tmp_path):
+    """Trials of a record that was lost are numbered anew: a design is known by its digest."""
+    study = make(variants={}, parameters={"leds.tilt_deg": {"low": 0, "high": 40}}, plan=Plan(), trials=6)
+    results = run(study, tmp_path, noisy)
+    before = results.confirmed
+    best = int(results.pareto.iloc[0]["trial"])
+    for path in (tmp_path / "confirmed").glob(f"{best:04d}-*.json"):
+        record = json.loads(path.read_text()) | {"design": "0" * 64}
+        path.write_text(json.dumps(record))
+        (tmp_path / "confirmed" / f"lost-{path.name}").write_text(json.dumps(record | {"trial": 99}))
+    after = load_results(tmp_path)
+    assert set(before["trial"]) == {BASE, best}
+    assert set(after.confirmed["trial"]) == {BASE}
+    assert after.curse() == {}
 
 
 def fragile(model, *, fidelity, seed):
