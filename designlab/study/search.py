@@ -1,7 +1,6 @@
 """The search: draw designs, set aside what cannot be built, evaluate the rest, and record all of it."""
 
 import contextlib
-import datetime
 import secrets
 import threading
 import time
@@ -74,6 +73,7 @@ class Search:
         self._known: dict[str, int] = {}  # design digest -> number of the trial that evaluated it
         self._followers: dict[str, list[Task]] = {}  # trials that wait for an equal design under evaluation
         self._own: dict[int, int] = {}  # number of each trial that this run holds -> its key in the database
+        self._unsigned: dict[int, float] = {}  # number of each trial that no run has signed -> since when
         # Runs that share a record draw at the same time: each has luck of its own.
         self._luck = [secrets.randbits(32)] if shared else []
         self._rejected = 0  # in a row: before a picture is made, or by the evaluation itself
@@ -183,9 +183,12 @@ class Search:
         self._count()
         running = self.record.get_trials(deepcopy=False, states=(TrialState.RUNNING,))
         others = [trial for trial in running if trial.number not in self._own]
-        for trial in others:
-            age = datetime.datetime.now() - (trial.datetime_start or datetime.datetime.now())
-            if RUN not in trial.user_attrs and age.total_seconds() > SILENT_S:  # died before its first sign
+        # A run may die before its first sign, of which the database cannot tell; clocks of machines differ.
+        now = time.monotonic()
+        unsigned = [trial for trial in others if RUN not in trial.user_attrs]
+        self._unsigned = {trial.number: self._unsigned.get(trial.number, now) for trial in unsigned}
+        for trial in unsigned:
+            if now - self._unsigned[trial.number] > SILENT_S:
                 retry(self.study, self.record, trial)
                 self.record.tell(trial.number, state=TrialState.FAIL, skip_if_finished=True)
         return len(others)
@@ -216,19 +219,14 @@ class Search:
 
     def _propose(self) -> Task | None:
         """Draw one design; None if it is settled without an evaluation: infeasible, or known already."""
-        slot, attempt = self._free_slot()
-        entropy = np.random.SeedSequence([self.study.seed, slot, attempt, *self._luck])
-        at_random = self._rejected > _PATIENCE and self._rejected % 2 == 1
-        self.record.sampler = sampler(self.study, int(entropy.generate_state(1)[0]), at_random=at_random)
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "Heartbeat of storage")  # which `_heartbeats` sees to
-            trial = self.record.ask(self.distributions)
-        if self.shared:
-            self._own[trial.number] = trial._trial_id
-            beat(self.record, trial._trial_id)
-            trial.set_user_attr(RUN, self._luck[0])
-        if "slot" not in trial.user_attrs:
-            trial.set_user_attr("slot", slot)
+        from optuna.exceptions import UpdateFinishedTrialError
+
+        try:
+            trial = self._draw()
+        except UpdateFinishedTrialError:
+            if not self.shared:
+                raise
+            return None  # drawing took so long that another run took this one for dead
         subject, reason, broken = prepared(lambda: self.study.subject(self.study.design(trial.params)))
         if subject is None:
             self._reject(trial, reason, broken)
@@ -242,6 +240,23 @@ class Search:
             self._followers[design.digest].append(task)
             return None
         return task
+
+    def _draw(self) -> "optuna.Trial":
+        """Draw the parameters of a trial and sign it."""
+        slot, attempt = self._free_slot()
+        entropy = np.random.SeedSequence([self.study.seed, slot, attempt, *self._luck])
+        at_random = self._rejected > _PATIENCE and self._rejected % 2 == 1
+        self.record.sampler = sampler(self.study, int(entropy.generate_state(1)[0]), at_random=at_random)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Heartbeat of storage")  # which `_heartbeats` sees to
+            trial = self.record.ask(self.distributions)
+        if self.shared:
+            self._own[trial.number] = trial._trial_id
+            beat(self.record, trial._trial_id)
+            trial.set_user_attr(RUN, self._luck[0])
+        if "slot" not in trial.user_attrs:
+            trial.set_user_attr("slot", slot)
+        return trial
 
     def _free_slot(self) -> tuple[int, int]:
         """Smallest slot that no trial holds, and how many designs drawn for it were abandoned."""

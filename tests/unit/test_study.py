@@ -8,6 +8,7 @@ import sqlite3
 import threading
 import time
 
+import optuna
 import pandas as pd
 import pytest
 from toy_studies import RANGES, Counting, Death, closed_form, make, mortal, run, write
@@ -26,7 +27,9 @@ from designlab.study import (
     load_study,
     sweep,
 )
+from designlab.study.folder import opened
 from designlab.study.results import STATES
+from designlab.study.search import Search
 
 
 def counts(**given):
@@ -359,6 +362,35 @@ def test_gaussian_processes_need_torch(tmp_path):
             run(make(sampler="gp"), tmp_path)
     else:
         assert run(make(sampler="gp", trials=12), tmp_path).counts()["complete"] == 12
+
+
+@pytest.mark.filterwarnings("ignore:Heartbeat of storage")
+def test_the_clocks_of_machines_that_share_a_study_may_differ(tmp_path, monkeypatch):
+    """What another run has just drawn is its own, whatever time it is there; unsigned for long, it died."""
+    study, url = make(), f"sqlite:///{tmp_path}/shared.db"
+    with opened(tmp_path / "out", study, storage=url) as record:
+        search = Search(study, tmp_path / "out", record, closed_form, shared=True)
+        theirs = record.ask()
+        with sqlite3.connect(tmp_path / "shared.db") as database:
+            database.execute("update trials set datetime_start = '2001-01-01 00:00:00'")
+        assert [search._others(), search._others()] == [1, 1]
+        assert record.get_trials()[theirs.number].state.name == "RUNNING"
+        monkeypatch.setattr("designlab.study.search.SILENT_S", 0)
+        search._others()
+        assert record.get_trials()[theirs.number].state.name == "FAIL"
+
+
+def test_a_run_that_is_taken_for_dead_while_it_draws_draws_anew(tmp_path, monkeypatch):
+    taken = []
+
+    def take(record, trial_id):
+        if not taken:
+            taken.append(trial_id)
+            record._storage.set_trial_state_values(trial_id, optuna.trial.TrialState.FAIL)
+
+    monkeypatch.setattr("designlab.study.search.beat", take)
+    results = run(make(trials=3), tmp_path / "out", storage=f"sqlite:///{tmp_path}/shared.db")
+    assert results.counts() == counts(complete=3, interrupted=1)
 
 
 @pytest.mark.parametrize("workers", [1, 2])
