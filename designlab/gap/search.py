@@ -36,6 +36,7 @@ LEAST_OF_FIRST = 0.005  # of the first gap that any later effect must close
 MOST_IN_WAVES = 0.25  # of the energy of a fixed pattern in its strongest waves
 RIVAL = "numerical"
 PERIODS = np.geomspace(40.0, 2000.0, 120)  # rows of the full sensor
+LONGEST_PERIOD = 1.05  # heights of a picture: a longer wave is a slope there, which much else may bring about
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,7 +285,8 @@ class Search:
                 axis=(1, 2)
             )
             rows.append((shot, left / np.sqrt(np.maximum(weight, 1e-9))))
-        for period in PERIODS:
+        longest = LONGEST_PERIOD * min(shot.view.height_px for shot, _ in rows)
+        for period in PERIODS[longest >= PERIODS]:
             energy = 0.0
             for shot, left in rows:
                 _, row = shot.view.centres()

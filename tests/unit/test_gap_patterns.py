@@ -4,13 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from toy_gap import (
-    DESIGN,
-    GAINS,
-    applied,
-    seeing,
-    shots,
-)
+from toy_gap import DESIGN, GAINS, VIEW, applied, seeing, shots
 
 from designlab.effects import SensorModel
 from designlab.gap.bank import Bank, fill
@@ -96,6 +90,21 @@ def test_strength_and_period_of_bands_lie_in_their_intervals(bank) -> None:
     assert found["amplitude"].high < 1.6 * amplitude
     assert found["period_rows"].low < period < found["period_rows"].high
     assert found["period_rows"].high < 1.2 * period
+
+
+def test_a_slope_of_brightness_is_no_long_wave(bank) -> None:
+    """Of a sensor of few rows, the longest bands of large ones would be slopes."""
+    train, view = [0, 1, 2], VIEW._replace(height_px=240.0)
+    rows = np.linspace(-1, 1, VIEW.rows)[:, None, None]
+    tilted = [
+        replace(bank.shots[n], view=view, signal=bank.shots[n].signal * (1 + slope * rows))
+        for n, slope in zip(train, (0.02, -0.01, 0.015), strict=True)
+    ]
+    fitter = Fitter(replace(bank, shots=(*tilted, *bank.shots[3:])))
+    state = fitter.start(train)
+    fitter.measure(state)
+    found = Search(fitter, ("banding",), train, [3])._with_period(state)
+    assert found.values["banding"]["period_rows"] < 1.1 * view.height_px
 
 
 SHARED, OWN = 0.012, 0.006  # relative grain of all pictures alike, and of each press alone
