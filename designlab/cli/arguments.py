@@ -267,6 +267,9 @@ def _add_study(add: Any) -> None:
     run.add_argument(
         "--trials", type=_whole(1, 100_000), metavar="N", help="designs in all, instead of the study's own"
     )
+    run.add_argument(
+        "--rebuild", action="store_true", help="make a new record of the scores kept; the old one stays"
+    )
 
 
 def _add_tolerance(add: Any) -> None:

@@ -23,7 +23,14 @@ def run(args: Namespace) -> Result:
     study = load_study(given / "study.toml" if given.is_dir() else given)
     results_folder(folder)
     try:
-        results = run_study(study, out=folder, workers=args.workers, trials=args.trials, storage=args.storage)
+        results = run_study(
+            study,
+            out=folder,
+            workers=args.workers,
+            trials=args.trials,
+            storage=args.storage,
+            rebuild=args.rebuild,
+        )
     except StudyInterrupted as interrupt:
         text = str(interrupt).partition(";")[0]
         raise StudyInterrupted(f"{text}; to resume: {_again(args)}") from None

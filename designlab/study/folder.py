@@ -34,6 +34,8 @@ SCORE = "score"
 
 OnStale = Callable[["optuna.Study", "optuna.trial.FrozenTrial"], None]
 _RECORD_NAME = "study"
+_PARTS = ("", "-wal", "-shm")  # endings of the files of one SQLite database
+REBUILD = "`study run --rebuild` makes a new one of all that was finished"
 
 
 def trial_folder(folder: Path, number: int) -> Path:
@@ -43,7 +45,12 @@ def trial_folder(folder: Path, number: int) -> Path:
 
 @contextlib.contextmanager
 def opened(
-    folder: Path, study: Study, *, storage: str | None = None, on_stale: OnStale | None = None
+    folder: Path,
+    study: Study,
+    *,
+    storage: str | None = None,
+    on_stale: OnStale | None = None,
+    rebuild: bool = False,
 ) -> Iterator["optuna.Study"]:
     """Open the record of a study for writing; start it if there is none.
 
@@ -53,6 +60,8 @@ def opened(
         URL of a database that holds the record; without it, it lies in the folder, for one run alone.
     on_stale : callable, optional
         Called with record and trial when a run that shares the database has not been heard of for long.
+    rebuild : bool
+        Whether to set the record in the folder aside and start a new one.
 
     Raises
     ------
@@ -71,7 +80,10 @@ def opened(
     with contextlib.ExitStack() as stack:
         stack.enter_context(_locked(folder))
         _claim(folder, study)
-        _one_record(folder, storage)
+        if rebuild:
+            _set_aside(folder, storage)
+        else:
+            _one_record(folder, storage)
         stack.enter_context(_quiet())
         record = stack.enter_context(_storage(folder, storage, on_stale))
         remove_partial(folder / TRIALS_FOLDER)
@@ -83,9 +95,7 @@ def opened(
                 load_if_exists=True,
             )
         except optuna.exceptions.StorageInternalError as error:
-            cause = error.__cause__ or error
-            place = folder / RECORD_FILE if storage is None else _shown(storage)
-            raise OSError(f"cannot write {place}: {_first_line(getattr(cause, 'orig', cause))}") from error
+            raise _broken("write", folder, storage, error) from error
 
 
 @contextlib.contextmanager
@@ -105,14 +115,18 @@ def reading(folder: Path, storage: str | None = None) -> Iterator[tuple[Study, "
     study = load_study(definition)
     if storage is None and not own.is_file():
         raise StudyError(
-            f"{folder}: holds no record of trials ({RECORD_FILE}); if it lies in a database, give its URL"
+            f"{folder}: holds no record of trials ({RECORD_FILE}): if it lies in a database, give its URL; if "
+            f"it is lost, {REBUILD}"
         )
     with _quiet(), _storage(folder, storage) as record:
         try:
-            loaded = optuna.load_study(study_name=_record_name(study, storage), storage=record)
-        except KeyError:
-            raise StudyError(f"{folder}: the study was not started yet") from None
-        yield study, loaded
+            try:
+                loaded = optuna.load_study(study_name=_record_name(study, storage), storage=record)
+            except KeyError:
+                raise StudyError(f"{folder}: the study was not started yet") from None
+            yield study, loaded
+        except optuna.exceptions.StorageInternalError as error:
+            raise _broken("read", folder, storage, error) from error
 
 
 def _record_name(study: Study, storage: str | None) -> str:
@@ -176,6 +190,17 @@ def _database(url: str, on_stale: OnStale | None) -> "optuna.storages.RDBStorage
         raise StudyError(f"storage: {_shown(url)}: is of another version: {_first_line(error)}") from error
 
 
+def _broken(what: str, folder: Path, storage: str | None, error: Exception) -> Exception:
+    """What to raise where a record cannot be used: it is damaged, or its disk or server does not answer."""
+    cause = error.__cause__ or error
+    cause = getattr(cause, "orig", None) or cause
+    place = folder / RECORD_FILE if storage is None else _shown(storage)
+    damaged = isinstance(cause, sqlite3.DatabaseError) and not isinstance(cause, sqlite3.OperationalError)
+    if storage is None and damaged:
+        return StudyError(f"{place}: is damaged: {_first_line(cause)}; {REBUILD}")
+    return OSError(f"cannot {what} {place}: {_first_line(cause)}")
+
+
 def _shown(url: str) -> str:
     """URL of a database without its password."""
     from sqlalchemy.engine import make_url
@@ -214,18 +239,9 @@ def _own_storage(folder: Path) -> "optuna.storages.RDBStorage":
     try:
         return RDBStorage(f"sqlite:///{record}", engine_kwargs={"creator": connect})
     except (DatabaseError, sqlite3.DatabaseError) as error:
-        _explain_damage(record, error)
-        raise
+        raise _broken("use", folder, None, error) from error
     except RuntimeError as error:
         raise StudyError(f"{record}: is of another version: {_first_line(error)}") from error
-
-
-def _explain_damage(record: Path, error: Exception) -> None:
-    cause = error if isinstance(error, sqlite3.Error) else error.__cause__
-    if isinstance(cause, sqlite3.OperationalError):
-        raise OSError(f"cannot use {record}: {cause}") from error
-    if isinstance(cause, sqlite3.DatabaseError):
-        raise StudyError(f"{record}: is not a record of trials: {cause}") from error
 
 
 @contextlib.contextmanager
@@ -257,7 +273,7 @@ def _claim(folder: Path, study: Study) -> None:
                 f"{folder}: holds another study, {present.name!r}, which differs from {study.name!r} in "
                 f"{fields}; choose another folder"
             )
-        for suffix in ("", "-wal", "-shm"):  # drawn for what was asked for by mistake, none evaluated
+        for suffix in _PARTS:  # drawn for what was asked for by mistake, none evaluated
             (folder / f"{RECORD_FILE}{suffix}").unlink(missing_ok=True)
     if definition.read_text(encoding="utf-8") != text:  # name, number of trials or plan may change
         write_atomic(definition, text)
@@ -272,8 +288,19 @@ def _one_record(folder: Path, storage: str | None) -> None:
         )
     if storage is None and trials and not own:
         raise StudyError(
-            f"{folder}: holds trials of a record in a database; give its URL, or choose another folder"
+            f"{folder}: holds trials without their record: if it lies in a database, give its URL; if "
+            f"{RECORD_FILE} is lost, {REBUILD}"
         )
+
+
+def _set_aside(folder: Path, storage: str | None) -> None:
+    """Make room for a new record in the folder; the one that is there is kept under another name."""
+    if storage is not None:
+        raise StudyError("rebuild: only a record in the folder can be rebuilt, not one in a database")
+    number = 1 + sum(1 for _ in folder.glob(f"{RECORD_FILE}.damaged-*[0-9]"))
+    for suffix in _PARTS:
+        with contextlib.suppress(FileNotFoundError):
+            (folder / f"{RECORD_FILE}{suffix}").rename(folder / f"{RECORD_FILE}.damaged-{number}{suffix}")
 
 
 @contextlib.contextmanager
@@ -317,3 +344,9 @@ def read_confirmations(folder: Path) -> Iterator[dict[str, Any]]:
     """Return what designs scored when they were evaluated again, as plain data."""
     for path in sorted((folder / CONFIRMED_FOLDER).glob("*.json")):
         yield read_json(path)
+
+
+def finished_trials(folder: Path) -> dict[int, dict[str, Any]]:
+    """Return what is kept of each evaluated trial by its number, as plain data."""
+    paths = sorted((folder / TRIALS_FOLDER).glob(f"*/{SCORE_FILE}"))
+    return {int(path.parent.name): read_json(path) for path in paths if path.parent.name.isdigit()}

@@ -34,6 +34,7 @@ def run_study(
     progress: bool = True,
     evaluator: Evaluator | None = None,
     storage: str | None = None,
+    rebuild: bool = False,
 ) -> Results:
     """Run a study until its number of designs is evaluated; go on where an earlier run in the folder ended.
 
@@ -62,6 +63,9 @@ def run_study(
         URL of a database, ``postgresql+psycopg://user@host/name``, that holds the record instead of
         ``study.db``: runs of the same study on other machines, each with a folder of its own, work together.
         Designs of a run that dies are tried again by the others.
+    rebuild : bool
+        Whether to set the record in the folder aside, if it is damaged or lost, and make a new one of the
+        scores that are kept beside it. Infeasible designs are drawn anew.
 
     Returns
     -------
@@ -84,11 +88,13 @@ def run_study(
         study.require_scores(SCORES)
     folder = Path(out)
     stale = partial(retry, study)
-    with opened(folder, study, storage=storage, on_stale=stale) as record:
+    with opened(folder, study, storage=storage, on_stale=stale, rebuild=rebuild) as record:
         scored = evaluator or default_evaluator
         if study.robust is not None:
             scored = RobustEvaluator(evaluator or built_evaluator, study.robust, study.objectives)
         search = Search(study, folder, record, scored, shared=storage is not None)
+        if rebuild:
+            search.rebuild()
         search.recover()
         with Interrupts() as interrupts:
             try:

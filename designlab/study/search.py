@@ -17,7 +17,16 @@ from designlab.design import Design, dumps
 from designlab.interrupts import Interrupts
 from designlab.store import atomic_folder, write_atomic, write_json
 from designlab.study.definition import Study, StudyError
-from designlab.study.folder import HEARTBEAT_S, SCORE, SCORE_FILE, SILENT_S, beat, read_trial, trial_folder
+from designlab.study.folder import (
+    HEARTBEAT_S,
+    SCORE,
+    SCORE_FILE,
+    SILENT_S,
+    beat,
+    finished_trials,
+    read_trial,
+    trial_folder,
+)
 from designlab.study.samplers import distributions, sampler
 from designlab.workers import Submit
 
@@ -80,6 +89,25 @@ class Search:
         self._failed = 0
         self.done = 0
         self.infeasible = 0
+
+    def rebuild(self) -> None:
+        """Fill an empty record with the trials whose scores are kept in the folder, under their numbers.
+
+        What was infeasible or failed is not kept there, and drawn again.
+        """
+        from optuna.samplers import RandomSampler
+        from optuna.trial import TrialState
+
+        kept = finished_trials(self.folder)
+        self.record.sampler = RandomSampler(seed=0)  # nothing is drawn
+        for number in range(max(kept, default=-1) + 1):
+            if number not in kept:
+                self.record.tell(self.record.ask(), state=TrialState.FAIL)
+                continue
+            attributes = {"slot": number}
+            self.record.enqueue_trial(dict(kept[number]["parameters"]), user_attrs=attributes)
+            trial = self.record.ask(self.distributions)
+            self._tell(trial, kept[number]["scores"])
 
     def recover(self, *, interrupted: bool = False) -> None:
         """Settle the trials that were running when their run ended.

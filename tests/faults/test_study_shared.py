@@ -183,7 +183,9 @@ def test_a_folder_serves_one_record(tmp_path, url):
     with pytest.raises(StudyError, match=r"has a record of its own \(study\.db\)"):
         run_study(study, out=tmp_path / "local", storage=url, progress=False, evaluator=quick)
     run_study(study, out=tmp_path / "shared", storage=url, progress=False, evaluator=quick)
-    with pytest.raises(StudyError, match="holds trials of a record in a database; give its URL"):
+    with pytest.raises(
+        StudyError, match="holds trials without their record: if it lies in a database, give its URL"
+    ):
         run_study(study, out=tmp_path / "shared", progress=False, evaluator=quick)
 
 

@@ -23,11 +23,12 @@ from designlab.study import (
     StudyError,
     StudyInterrupted,
     dumps_study,
+    importance,
     load_results,
     load_study,
     sweep,
 )
-from designlab.study.folder import opened
+from designlab.study.folder import opened, reading
 from designlab.study.results import STATES
 from designlab.study.search import Search
 
@@ -478,8 +479,62 @@ def test_what_a_newer_version_wrote_is_named_and_kept(tmp_path, use):
 def test_a_damaged_record_is_named(tmp_path):
     run(make(trials=1), tmp_path)
     (tmp_path / "study.db").write_bytes(b"not a database" * 100)
-    with pytest.raises(StudyError, match=r"study\.db: is not a record of trials"):
-        load_results(tmp_path)
+    for use in (load_results, lambda folder: run(make(trials=1), folder)):
+        with pytest.raises(StudyError, match=r"study\.db: is damaged: .*; `study run --rebuild`"):
+            use(tmp_path)
+
+
+def test_damage_inside_a_record_is_named(tmp_path):
+    run(make(trials=2), tmp_path)
+    record = tmp_path / "study.db"
+    content = bytearray(record.read_bytes())
+    page = int.from_bytes(content[16:18], "big")
+    content[2 * page :] = b"\xff" * (len(content) - 2 * page)  # the head is that of a database still
+    record.write_bytes(content)
+    for use in (load_results, importance, lambda folder: run(make(trials=2), folder)):
+        with pytest.raises(StudyError, match=r"study\.db: is damaged: database disk image is malformed"):
+            use(tmp_path)
+
+
+def test_a_database_that_drops_is_named(tmp_path):
+    url = f"sqlite:///{tmp_path}/shared.db"
+    run(make(trials=1), tmp_path / "out", storage=url)
+    with (
+        pytest.raises(OSError, match=r"cannot read sqlite:.*shared\.db: no such table"),
+        reading(tmp_path / "out", url) as (_, record),
+    ):
+        with sqlite3.connect(tmp_path / "shared.db") as database:
+            database.execute("drop table trials")
+        record.get_trials()
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_a_record_is_rebuilt_of_what_was_finished(tmp_path, lost):
+    study = make(
+        parameters=RANGES | {"leds.height_mm": Parameter(low=0, high=14)},
+        sampler="random",
+        trials=8,
+        constraints={"uniformity_u0": {"least": 0.5}},
+        plan=Plan(promoted=1, confirmed=1, seeds=1),
+    )
+    before = run(study, tmp_path)
+    if lost:
+        (tmp_path / "study.db").unlink()
+    else:
+        (tmp_path / "study.db").write_bytes(b"not a database" * 100)
+    counting = Counting()
+    with pytest.raises(StudyError, match=r"study\.db .*`study run --rebuild`|study\.db: is damaged"):
+        run(study, tmp_path, evaluator=counting)
+    after = run(study, tmp_path, evaluator=counting, rebuild=True)
+    assert counting.digests == []
+    assert len(list(tmp_path.glob("study.db.damaged-1"))) == 1 - lost
+    columns = ["trial", "leds.tilt_deg", "leds.height_mm", "uniformity_u0", "violated"]
+    for frame in (before.frame, after.frame):
+        frame["violated"] = frame["violated"].astype(str)
+    done = [frame.loc[frame["state"] == "complete", columns] for frame in (before.frame, after.frame)]
+    pd.testing.assert_frame_equal(done[1].reset_index(drop=True), done[0].reset_index(drop=True))
+    pd.testing.assert_frame_equal(after.confirmed, before.confirmed)
+    assert run(study, tmp_path, trials=10).counts()["complete"] == 10
 
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path):
