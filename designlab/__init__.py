@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from designlab.press import Press, Surface
     from designlab.simulate import render
     from designlab.study.sweep import optimise, sweep
+    from designlab.tolerance import tolerance
     from geometries.probes import Probe, sphere, star, triangle
 
 __version__ = "0.1.0"
@@ -32,6 +33,7 @@ _HOMES = {
     "evaluate": "designlab.evaluate",
     "sweep": "designlab.study",
     "optimise": "designlab.study",
+    "tolerance": "designlab.tolerance",
     "Probe": "geometries.probes",
     "sphere": "geometries.probes",
     "star": "geometries.probes",
@@ -54,6 +56,7 @@ __all__ = [
     "sphere",
     "star",
     "sweep",
+    "tolerance",
     "triangle",
 ]
 

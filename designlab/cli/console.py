@@ -90,8 +90,6 @@ def _judge(error: Exception) -> tuple[int, str]:
     """Exit status and one line for a failure: the user's input, the machine, or a defect of this program."""
     if isinstance(error, UsageError):
         return BAD_INPUT, str(error)
-    if type(error).__name__ == "StudyInterrupted":  # by name: its module loads pydantic and more
-        return INTERRUPTED, _one_line(error)
     if isinstance(error, ValueError) and _is_ours(error):
         return BAD_INPUT, _one_line(error)
     if isinstance(error, OSError) and not isinstance(error, ImportError):

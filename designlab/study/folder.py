@@ -115,8 +115,8 @@ def reading(folder: Path, storage: str | None = None) -> Iterator[tuple[Study, "
     study = load_study(definition)
     if storage is None and not own.is_file():
         raise StudyError(
-            f"{folder}: holds no record of trials ({RECORD_FILE}): if it lies in a database, give its URL; if "
-            f"it is lost, {REBUILD}"
+            f"{folder}: holds no record of trials ({RECORD_FILE}): if it lies in a database, give its URL; "
+            f"if it is lost, {REBUILD}"
         )
     with _quiet(), _storage(folder, storage) as record:
         try:

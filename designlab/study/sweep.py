@@ -9,10 +9,20 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import ValidationError
 
 from designlab.attempt import Evaluator, default_evaluator, evaluate_design, prepared
+from designlab.bounds import Bound
 from designlab.design import Design, DesignError, explain
 from designlab.interrupts import Interrupts
-from designlab.study.definition import DEFAULT_OBJECTIVES, Parameter, Sampler, Study, StudyError, carried
+from designlab.study.definition import (
+    DEFAULT_OBJECTIVES,
+    Parameter,
+    Plan,
+    Sampler,
+    Study,
+    StudyError,
+    carried,
+)
 from designlab.study.results import Results
+from designlab.study.robust import Robust
 from designlab.study.runner import run_study
 from designlab.workers import calls_at_once, completed, submitter
 
@@ -116,10 +126,14 @@ def _sweep_row(
 
 def optimise(
     design: "Design | SensorModel",
-    parameters: Mapping[str, Parameter | tuple[float, float] | Sequence[Any]],
+    parameters: Mapping[str, Parameter | tuple[float, float] | Sequence[Any] | Mapping[str, Any]],
     *,
     out: str | Path,
     objectives: Mapping[str, Literal["maximise", "minimise"]] | None = None,
+    constraints: Mapping[str, Bound | Mapping[str, float]] | None = None,
+    variants: Mapping[str, Mapping[str, Any]] | None = None,
+    plan: Plan | Mapping[str, Any] | None = None,
+    robust: Robust | Mapping[str, Any] | None = None,
     trials: int = 40,
     fidelity: Fidelity = "fast",
     seed: int = 0,
@@ -136,11 +150,21 @@ def optimise(
     design : Design or SensorModel
         The design to start from; of a model, the effects that hold for other designs too go with it.
     parameters : mapping
-        Field by dotted path to a range as a tuple ``(low, high)``, a list of choices, or a `Parameter`.
+        Field by dotted path to a range as a tuple ``(low, high)``, a list of choices, or a `Parameter`, also
+        as a mapping of its fields.
     out : str or Path
         Folder of the study.
     objectives : mapping, optional
         Score to ``"maximise"`` or ``"minimise"``; best uniformity and least normal error when absent.
+    constraints : mapping, optional
+        Score to a `Bound`, for example ``{"coverage": {"least": 0.95}}``; designs that break one are not
+        recommended.
+    variants : mapping, optional
+        Name to fields and values: every design is one of these alternatives.
+    plan : Plan, optional
+        How the best are confirmed after the search, for example ``{"promoted": 4}``.
+    robust : Robust, optional
+        How copies as they would be built decide, for example ``{"copies": 8}``.
     trials, fidelity, seed, sampler, workers, progress, evaluator, storage
         As in `Study` and `run_study`.
 
@@ -150,26 +174,39 @@ def optimise(
         If a parameter does not fit its field; names field, value and rule.
     """
     base = design if isinstance(design, Design) else design.design
+    content = {
+        "name": f"{base.name} search",
+        "base": base,
+        **({} if isinstance(design, Design) else carried(design)),
+        "parameters": {path: _parameter(path, given) for path, given in parameters.items()},
+        "objectives": dict(objectives or DEFAULT_OBJECTIVES),
+        "constraints": dict(constraints or {}),
+        "variants": dict(variants or {}),
+        "plan": plan,
+        "robust": robust,
+        "trials": trials,
+        "fidelity": fidelity,
+        "seed": seed,
+        "sampler": sampler,
+    }
     try:
-        study = Study(
-            name=f"{base.name} search",
-            base=base,
-            **({} if isinstance(design, Design) else carried(design)),
-            parameters={path: _parameter(given) for path, given in parameters.items()},
-            objectives=dict(objectives or DEFAULT_OBJECTIVES),
-            trials=trials,
-            fidelity=fidelity,
-            seed=seed,
-            sampler=sampler,
-        )
+        study = Study.model_validate(content)
     except ValidationError as error:
         raise StudyError(f"optimise(): {explain(error)}") from None
     return run_study(study, out=out, workers=workers, progress=progress, evaluator=evaluator, storage=storage)
 
 
-def _parameter(given: Parameter | tuple[float, float] | Sequence[Any]) -> Parameter:
+def _parameter(path: str, given: Any) -> Parameter | dict[str, Any]:
+    """What a study states of a parameter; the study checks it."""
     if isinstance(given, Parameter):
         return given
+    if isinstance(given, Mapping):
+        return dict(given)
     if isinstance(given, tuple) and len(given) == 2:
-        return Parameter(low=given[0], high=given[1])
-    return Parameter(choices=tuple(given))
+        return {"low": given[0], "high": given[1]}
+    if isinstance(given, str) or not isinstance(given, Iterable):
+        raise StudyError(
+            f"optimise(): field parameters.{path}: must be a range (low, high), a list of choices or a "
+            f"Parameter, got {given!r}"
+        )
+    return {"choices": tuple(given)}

@@ -8,11 +8,16 @@ import pandas as pd
 import pytest
 from toy_studies import Counting, closed_form, make, run
 
+import designlab
+from designlab.bounds import Bound
 from designlab.design import DesignError, preset
+from designlab.effects import SensorModel
 from designlab.study import (
+    Plan,
     StudyError,
     history,
     importance,
+    load_results,
     optimise,
     pareto,
     picks,
@@ -150,5 +155,38 @@ def test_optimise_takes_ranges_and_choices(tmp_path):
     )
     assert set(results.frame["leds.height_mm"]) <= {7.0, 9.0}
     assert results.frame["leds.tilt_deg"].between(0, 60).all()
+    wrong = {
+        (40, 10): r"field parameters\.leds\.tilt_deg: low must be below high, got low 40, high 10",
+        5: r"field parameters\.leds\.tilt_deg: must be a range \(low, high\), a list .*, got 5",
+        "steep": r"field parameters\.leds\.tilt_deg: must be a range .*, got 'steep'",
+    }
+    for given, message in wrong.items():
+        with pytest.raises(StudyError, match=message):
+            optimise(preset("default"), {"leds.tilt_deg": given}, out=tmp_path, evaluator=closed_form)
     with pytest.raises(StudyError, match=r"optimise\(\): .*leds\.tilt_deg: .*got 120\.0"):
         optimise(preset("default"), {"leds.tilt_deg": (0.0, 120.0)}, out=tmp_path, evaluator=closed_form)
+
+
+def test_optimise_takes_all_that_a_study_file_states(tmp_path):
+    study = designlab.optimise(
+        preset("gelsight-2020-flat"),
+        {"leds.tilt_deg": {"low": 0, "high": 40, "step": 5}},
+        out=tmp_path,
+        constraints={"uniformity_u0": {"least": 0.2}},
+        variants={"low": {"leds.height_mm": 6.0}, "high": {"leds.height_mm": 9.0}},
+        plan={"promoted": 2, "confirmed": 1, "seeds": 1},
+        robust={"copies": 3, "spread": [{"field": "leds.height_mm", "sd": 0.1}]},
+        trials=2,
+        progress=False,
+        evaluator=of_copy,
+    ).study
+    assert study.constraints == {"uniformity_u0": Bound(least=0.2)}
+    assert set(study.variants) == {"low", "high"}
+    assert study.plan == Plan(promoted=2, confirmed=1, seeds=1)
+    assert study.robust is not None
+    assert study.robust.copies == 3
+    assert load_results(tmp_path).study == study
+
+
+def of_copy(model, *, fidelity, seed):
+    return closed_form(SensorModel.of(model).design, fidelity=fidelity, seed=seed)

@@ -18,6 +18,7 @@ from designlab.simulate import RenderFailed
 from designlab.tolerance import Spread, default_spreads, load_terms, load_tolerance, tolerance
 from designlab.tolerance.spreads import CUT_SD, copy, deviates, inputs
 
+RUN = sys.modules["designlab.tolerance.run"]
 FLAT, DOME = preset("gelsight-2020-flat"), preset("gelsight-2020-dome")
 TILT = Spread(field="leds.tilt_deg", sd=2.0)
 HEIGHT = Spread(field="leds.height_mm", sd=0.1)
@@ -158,12 +159,12 @@ def test_a_copy_that_cannot_be_built_is_not_good(tmp_path):
 
 
 def test_a_design_of_which_no_copy_can_be_built_is_reported(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("designlab.tolerance.run.built_evaluator", closed_form)
+    monkeypatch.setattr(RUN, "built_evaluator", closed_form)
     terms = tmp_path / "terms.toml"
     terms.write_text(
         'version = 1\n[[spread]]\nfield = "leds.height_mm"\nsd = 0.1\nalso = ["elastomer.thickness_mm"]\n'
     )
-    monkeypatch.setattr("designlab.tolerance.run.copy", lambda *_: FLAT.replace({"leds.height_mm": 0.5}))
+    monkeypatch.setattr(RUN, "copy", lambda *_: FLAT.replace({"leds.height_mm": 0.5}))
     words = ["tolerance", "gelsight-2020-flat", "--terms", str(terms), "--copies", "5"]
     assert cli.main([*words, "--out", str(tmp_path / "out")]) == 0
     assert "5 copies, 5 of them cannot be built" in capsys.readouterr().out
@@ -277,7 +278,8 @@ def test_terms_are_read_and_wrong_ones_named(tmp_path):
 def test_the_page_and_the_summary_say_what_was_found(tmp_path, monkeypatch, capsys):
     path = tmp_path / "terms.toml"
     path.write_text(TERMS, encoding="utf-8")
-    monkeypatch.setattr("designlab.tolerance.run.built_evaluator", closed_form)
+    monkeypatch.setattr(RUN, "built_evaluator", closed_form)
+    monkeypatch.setattr(RUN, "SCORES", ("blur", "distance"))
     words = ["tolerance", "gelsight-2020-flat", "--terms", str(path), "--copies", "60", "--out"]
     assert cli.main([*words, str(tmp_path / "out")]) == 0
     said = capsys.readouterr().out
