@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import Connection
@@ -77,12 +77,51 @@ def completed(
             yield running.pop(future), future.result()
 
 
+def finished(
+    calls: Sequence[tuple[Any, ...]],
+    *,
+    workers: int,
+    interrupts: Interrupts,
+    dask: str | None = None,
+    goes_on: str = "what is finished is kept: the same command goes on",
+) -> Generator[tuple[int, Any]]:
+    """Run calls as `completed` does, on workers started for them; a death of one is no end.
+
+    What was in flight then is run again one at a time, which tells the guilty call.
+
+    Parameters
+    ----------
+    calls, workers, interrupts, dask
+        As of `completed` and `submitter`.
+    goes_on : str
+        What to say of what is finished, where this ends early.
+
+    Raises
+    ------
+    RuntimeError
+        If a worker dies over the same call again. Dask has tried it several times by then.
+    """
+    left, suspects = list(range(len(calls))), 0
+    while left:
+        batch = left[:suspects] or left[:]
+        at_once = 1 if suspects else calls_at_once(workers, dask)
+        try:
+            with submitter(workers, interrupts, dask=dask) as submit:
+                some = [calls[number] for number in batch]
+                for place, found in completed(submit, some, at_once=at_once, interrupts=interrupts):
+                    left.remove(batch[place])
+                    yield batch[place], found
+        except BrokenProcessPool as error:
+            if suspects or dask is not None:
+                raise RuntimeError(f"{death(workers)}; {goes_on}") from error
+            suspects = min(at_once, len(left))  # calls are started in order
+        else:
+            suspects = 0
+
+
 def death(workers: int) -> str:
     """What to say where workers die over and over."""
-    return (
-        f"a worker process died again and again, perhaps for lack of memory with {workers} workers; what is "
-        "finished is kept: the same command goes on"
-    )
+    return f"a worker process died again and again, perhaps for lack of memory with {workers} workers"
 
 
 def _here(interrupts: Interrupts) -> Submit:

@@ -5,7 +5,7 @@ from designlab.study.definition import Parameter, Plan, Study, StudyError, dumps
 from designlab.study.results import Results, history, importance, load_results, pareto, picks
 from designlab.study.robust import Robust
 from designlab.study.runner import StudyInterrupted, run_study
-from designlab.study.sweep import optimise, sweep
+from designlab.study.sweep import SweepInterrupted, optimise, sweep
 
 __all__ = [
     "Bound",
@@ -16,6 +16,7 @@ __all__ = [
     "Study",
     "StudyError",
     "StudyInterrupted",
+    "SweepInterrupted",
     "dumps_study",
     "history",
     "importance",

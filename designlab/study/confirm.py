@@ -6,6 +6,7 @@ was made with suited its best by chance.
 """
 
 from collections.abc import Callable
+from contextlib import closing
 from typing import TYPE_CHECKING, NamedTuple
 
 from designlab.attempt import Evaluator, evaluate_design
@@ -13,7 +14,7 @@ from designlab.store import write_json
 from designlab.study.definition import BASE, Study
 from designlab.study.folder import confirmation_path
 from designlab.study.results import CONFIRMING, Results, picks
-from designlab.workers import Submit, completed
+from designlab.workers import finished
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,7 +36,6 @@ def confirm(
     results: Results,
     evaluator: Evaluator,
     *,
-    submit: Submit,
     workers: int,
     interrupts: "Interrupts",
     on_progress: Callable[[str, int, int], None],
@@ -52,7 +52,7 @@ def confirm(
     for fidelity, (most, seeds) in zip(CONFIRMING, efforts, strict=True):
         trials = tuple(int(trial) for trial in best["trial"].iloc[:most])
         stage = Stage((BASE, *trials), fidelity, fresh(study, fidelity, seeds))
-        _run(stage, results, evaluator, submit, workers, interrupts, on_progress)
+        _run(stage, results, evaluator, workers, interrupts, on_progress)
         again = results.confirmed
         best = picks(_as_trials(again[again["fidelity"] == fidelity], study), study.objectives, most=most)
         if best.empty:
@@ -69,7 +69,6 @@ def _run(
     stage: Stage,
     results: Results,
     evaluator: Evaluator,
-    submit: Submit,
     workers: int,
     interrupts: "Interrupts",
     on_progress: Callable[[str, int, int], None],
@@ -84,12 +83,14 @@ def _run(
     done = len(wanted) - len(missing)
     on_progress(stage.fidelity, done, len(wanted))
     calls = [(evaluate_design, evaluator, subjects[trial], stage.fidelity, seed) for trial, seed in missing]
-    for place, outcome in completed(submit, calls, at_once=workers, interrupts=interrupts):
-        trial, seed = missing[place]
-        about = {"trial": trial, "design": subjects[trial].digest, "fidelity": stage.fidelity, "seed": seed}
-        write_json(paths[trial, seed], about | outcome)
-        done += 1
-        on_progress(stage.fidelity, done, len(wanted))
+    with closing(finished(calls, workers=workers, interrupts=interrupts)) as outcomes:
+        for place, outcome in outcomes:
+            trial, seed = missing[place]
+            digest = subjects[trial].digest
+            about = {"trial": trial, "design": digest, "fidelity": stage.fidelity, "seed": seed}
+            write_json(paths[trial, seed], about | outcome)
+            done += 1
+            on_progress(stage.fidelity, done, len(wanted))
 
 
 def _as_trials(again: "pd.DataFrame", study: Study) -> "pd.DataFrame":

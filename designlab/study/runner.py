@@ -117,22 +117,14 @@ def _confirm(
     """Evaluate the best designs again; what a run before it has done is there."""
     from tqdm import tqdm
 
-    with (
-        submitter(workers, interrupts) as submit,
-        tqdm(unit="evaluation", file=sys.stderr, disable=not shown, leave=True) as bar,
-    ):
+    with tqdm(unit="evaluation", file=sys.stderr, disable=not shown, leave=True) as bar:
 
         def update(fidelity: str, done: int, total: int) -> None:
             bar.set_description(f"confirming, {fidelity}", refresh=False)
             bar.total, bar.n = total, done
             bar.refresh()
 
-        try:
-            confirm(
-                results, evaluator, submit=submit, workers=workers, interrupts=interrupts, on_progress=update
-            )
-        except BrokenProcessPool as error:
-            raise RuntimeError(death(workers)) from error
+        confirm(results, evaluator, workers=workers, interrupts=interrupts, on_progress=update)
 
 
 def _run(
@@ -149,7 +141,9 @@ def _run(
             search.recover()
             deaths = deaths + 1 if search.done == before else 1
             if deaths == _DEATHS:
-                raise RuntimeError(death(workers)) from error
+                raise RuntimeError(
+                    f"{death(workers)}; what is finished is kept: the same command goes on"
+                ) from error
         except BaseException:
             search.recover(interrupted=True)
             raise

@@ -1,5 +1,6 @@
 """Sweeps over full grids, and the optimisation as a notebook would call it."""
 
+import contextlib
 import itertools
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,6 +13,7 @@ from designlab.attempt import Evaluator, default_evaluator, evaluate_design, pre
 from designlab.bounds import Bound
 from designlab.design import Design, DesignError, explain
 from designlab.interrupts import Interrupts
+from designlab.store import digest, read_json, write_json
 from designlab.study.definition import (
     DEFAULT_OBJECTIVES,
     Parameter,
@@ -24,14 +26,20 @@ from designlab.study.definition import (
 from designlab.study.results import Results
 from designlab.study.robust import Robust
 from designlab.study.runner import run_study
-from designlab.workers import calls_at_once, completed, submitter
+from designlab.workers import finished
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from designlab.effects.model import SensorModel
 
+SWEEP_FILE = "sweep.json"
+ROWS_FOLDER = "rows"
 Fidelity = Literal["fast", "standard", "reference"]
+
+
+class SweepInterrupted(KeyboardInterrupt):
+    """A sweep was stopped by the user; the text says how far it came and how to go on."""
 
 
 def sweep(
@@ -44,6 +52,7 @@ def sweep(
     dask: str | None = None,
     progress: bool = True,
     evaluator: Evaluator | None = None,
+    out: str | Path | None = None,
 ) -> "pd.DataFrame":
     """Evaluate every combination of the given values.
 
@@ -66,6 +75,9 @@ def sweep(
         Whether to show a bar with the time left on stderr.
     evaluator : callable, optional
         Called as ``evaluator(design, fidelity=..., seed=...)``; simulation when absent.
+    out : str or Path, optional
+        Folder that keeps each row as soon as it is finished: the same call goes on there, also with more
+        values. Without it nothing is kept.
 
     Returns
     -------
@@ -78,6 +90,12 @@ def sweep(
     ------
     DesignError
         If a path names no field of a design.
+    ValueError
+        If the folder holds another sweep.
+    SweepInterrupted
+        If the user pressed Ctrl-C.
+    RuntimeError
+        If worker processes die over and over.
     """
     import pandas as pd
     from tqdm import tqdm
@@ -87,16 +105,63 @@ def sweep(
         raise ValueError("values: give at least one field, and at least one value for each")
     combinations = [dict(zip(grid, chosen, strict=True)) for chosen in itertools.product(*grid.values())]
     scored = evaluator or default_evaluator
-    calls = [(_sweep_row, design, combination, scored, fidelity, seed) for combination in combinations]
-    rows: list[dict[str, Any]] = [{}] * len(calls)
-    bar = tqdm(total=len(calls), unit="design", file=sys.stderr, disable=not progress)
-    with Interrupts() as interrupts, bar, submitter(workers, interrupts, dask=dask) as submit:
-        for place, row in completed(
-            submit, calls, at_once=calls_at_once(workers, dask), interrupts=interrupts
-        ):
-            rows[place] = row
-            bar.update()
-    return pd.DataFrame(rows)
+    paths: list[Path | None] = [None] * len(combinations)
+    if out is not None:
+        paths = _claim(Path(out), design, combinations, fidelity, seed)
+    rows = [_kept(path) for path in paths]
+    missing = [place for place, row in enumerate(rows) if row is None]
+    calls = [(_sweep_row, design, combinations[place], scored, fidelity, seed) for place in missing]
+    goes_on = "give `out` a folder that keeps what is finished"
+    if out is not None:
+        goes_on = f"what is finished is kept: the same call with out {str(out)!r} goes on"
+    done = len(rows) - len(missing)
+    bar = tqdm(total=len(rows), initial=done, unit="design", file=sys.stderr, disable=not progress)
+    try:
+        with Interrupts() as interrupts, bar:
+            outcomes = finished(calls, workers=workers, interrupts=interrupts, dask=dask, goes_on=goes_on)
+            with contextlib.closing(outcomes):
+                for number, row in outcomes:
+                    rows[missing[number]] = row
+                    path = paths[missing[number]]
+                    if path is not None:
+                        write_json(path, row)
+                    done += 1
+                    bar.update()
+    except KeyboardInterrupt:
+        text = f"sweep interrupted after {done} of {len(rows)} designs; {goes_on}"
+        raise SweepInterrupted(text) from None
+    return pd.DataFrame([values | (row or {}) for values, row in zip(combinations, rows, strict=True)])
+
+
+def _claim(
+    folder: Path,
+    design: "Design | SensorModel",
+    combinations: Sequence[Mapping[str, Any]],
+    fidelity: str,
+    seed: int,
+) -> list[Path | None]:
+    """Where the rows of a sweep are kept; refuse the folder of another one."""
+    path, ours = folder / SWEEP_FILE, digest(design.digest, fidelity, seed)
+    name = design.name if isinstance(design, Design) else design.design.name
+    if not path.is_file():
+        write_json(path, {"digest": ours, "design": name, "fidelity": fidelity, "seed": seed})
+    elif (before := read_json(path)).get("digest") != ours:
+        raise ValueError(
+            f"{folder}: holds another sweep, of {before.get('design')!r}: design, fidelity or seed differ; "
+            "choose another folder"
+        )
+    return [folder / ROWS_FOLDER / f"{digest(_plain(values))[:24]}.json" for values in combinations]
+
+
+def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values as Python's own, so that 5.0 of an array is 5.0 of a list."""
+    return {path: value.item() if hasattr(value, "item") else value for path, value in values.items()}
+
+
+def _kept(path: Path | None) -> dict[str, Any] | None:
+    """Row that is finished; one whose picture failed is not."""
+    row = read_json(path) if path is not None and path.is_file() else None
+    return None if row is None or (row["feasible"] and row["reason"]) else row
 
 
 def _sweep_row(
@@ -106,17 +171,17 @@ def _sweep_row(
     fidelity: str,
     seed: int,
 ) -> dict[str, Any]:
-    drawing = base if isinstance(base, Design) else base.transferable()
-    subject, reason, _ = prepared(lambda: drawing.replace(values))
+    start = base if isinstance(base, Design) else base.transferable()
+    subject, reason, _ = prepared(lambda: start.replace(values))
     if reason.startswith("no field"):
         raise DesignError(reason)
     if subject is None:
-        return {**values, "feasible": False, "reason": reason}
+        return {"feasible": False, "reason": reason}
     outcome = evaluate_design(evaluator, subject, fidelity, seed)
     if "scores" not in outcome:
         reason = outcome.get("infeasible") or outcome["failed"]
-        return {**values, "feasible": "failed" in outcome, "reason": reason}
-    row = {**values, "feasible": True, "reason": ""}
+        return {"feasible": "failed" in outcome, "reason": reason}
+    row: dict[str, Any] = {"feasible": True, "reason": ""}
     for name, estimate in outcome["scores"].items():
         row |= {name: estimate["value"], f"{name}_se": estimate["se"]}
     if outcome.get("warnings"):

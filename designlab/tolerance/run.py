@@ -3,7 +3,6 @@
 import contextlib
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -28,7 +27,7 @@ from designlab.tolerance.result import (
     require_scores,
 )
 from designlab.tolerance.spreads import Input, Spread, copy, default_spreads, deviates, inputs
-from designlab.workers import calls_at_once, completed, death, submitter
+from designlab.workers import finished
 
 Array = NDArray[np.float64]
 Calibrate = Literal["each", "once"]
@@ -120,11 +119,11 @@ def tolerance(
 
         scored = CalibratedOnce(calibration_of(nominal, fidelity=fidelity, seed=seed))
     calls = [(evaluate_design, scored, _built(nominal, drawn, values, k), fidelity, seed) for k in missing]
-    at_once = calls_at_once(workers, dask)
     with Interrupts() as interrupts, _bar(copies + 1, len(missing), shown=progress) as step:
         try:
-            with submitter(workers, interrupts, dask=dask) as submit:
-                for place, found in completed(submit, calls, at_once=at_once, interrupts=interrupts):
+            outcomes = finished(calls, workers=workers, interrupts=interrupts, dask=dask)
+            with contextlib.closing(outcomes):
+                for place, found in outcomes:
                     require_scores(spec or {}, found.get("scores", spec or {}))
                     k = missing[place]
                     write_json(copy_path(folder, k), _record(k, drawn, values, found))
@@ -135,8 +134,6 @@ def tolerance(
                 f"tolerance run interrupted after {done} of {copies + 1} evaluations; run it again with the "
                 f"same folder, {folder}, to resume"
             ) from None
-        except BrokenProcessPool as error:
-            raise RuntimeError(death(workers)) from error
     return load_tolerance(folder)
 
 

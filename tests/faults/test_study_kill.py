@@ -9,12 +9,13 @@ import pandas as pd
 import pytest
 from killing import until
 
-from designlab.study import Parameter, Study, dumps_study, load_results
+from designlab.study import Parameter, Plan, Study, dumps_study, load_results
 
 TRIALS = 10
+PLAN = Plan(promoted=2, confirmed=1, seeds=2)
 
 PROGRAM = """
-import math, os, sys, time
+import contextlib, math, os, signal, sys, time
 from types import SimpleNamespace
 from designlab.study import load_study, run_study
 
@@ -22,6 +23,10 @@ def evaluator(design, *, fidelity, seed):
     log(design, "start")
     time.sleep(0.15)
     log(design, "end")
+    if "DEADLY" in os.environ and fidelity != "standard":
+        with contextlib.suppress(FileExistsError):
+            open(os.environ["DEADLY"] + "-" + fidelity, "x").close()
+            os.kill(os.getpid(), signal.SIGKILL)
     tilt = design.leds.tilt_deg
     estimate = lambda value: SimpleNamespace(value=value, se=0.0, bias_bound=0.0, unit="1")
     return SimpleNamespace(scores={
@@ -55,8 +60,9 @@ def start(tmp_path, processes):
         seed=5,
     )
 
-    def starter(name, workers=1, **variables):
-        (tmp_path / f"{name}.toml").write_text(dumps_study(study))
+    def starter(name, workers=1, plan=None, **variables):
+        planned = study.model_copy(update={"plan": plan})
+        (tmp_path / f"{name}.toml").write_text(dumps_study(planned))
         log = str(tmp_path / f"{name}.log")
         return processes.start(tmp_path / name, workers, EVALUATIONS=log, **variables)
 
@@ -124,6 +130,20 @@ def test_workers_die_with_their_parent_and_the_study_goes_on(tmp_path, start, pr
     finished = len(complete(folder))
     processes.finish(start("many", workers=2))
     assert 1 <= finished < len(complete(folder)) == TRIALS
+
+
+@pytest.mark.slow
+def test_the_death_of_a_worker_costs_nothing_in_search_and_confirmation(tmp_path, start, processes):
+    processes.finish(start("whole", plan=PLAN))
+    finished = start("deaths", plan=PLAN, workers=2, DEADLY=str(tmp_path / "died"))
+    processes.finish(finished)
+    assert sorted(path.name for path in tmp_path.glob("died-*")) == ["died-fast", "died-reference"]
+    results, whole = (load_results(tmp_path / name) for name in ("deaths", "whole"))
+    assert results.counts()["complete"] == TRIALS
+    assert results.counts()["failed"] == results.counts()["running"] == 0
+    assert set(results.confirmed["fidelity"]) == {"standard", "reference"}
+    base = [found.confirmed.set_index(["trial", "fidelity"]).loc[-1] for found in (results, whole)]
+    pd.testing.assert_frame_equal(*base)
 
 
 def alive(process_id):

@@ -499,13 +499,18 @@ def test_damage_inside_a_record_is_named(tmp_path):
 def test_a_database_that_drops_is_named(tmp_path):
     url = f"sqlite:///{tmp_path}/shared.db"
     run(make(trials=1), tmp_path / "out", storage=url)
-    with (
-        pytest.raises(OSError, match=r"cannot read sqlite:.*shared\.db: no such table"),
-        reading(tmp_path / "out", url) as (_, record),
-    ):
-        with sqlite3.connect(tmp_path / "shared.db") as database:
+
+    def read():
+        with (
+            reading(tmp_path / "out", url) as (_, record),
+            sqlite3.connect(tmp_path / "shared.db") as database,
+        ):
             database.execute("drop table trials")
-        record.get_trials()
+            database.commit()
+            record.get_trials()
+
+    with pytest.raises(OSError, match=r"cannot read sqlite:.*shared\.db: no such table"):
+        read()
 
 
 @pytest.mark.parametrize("lost", [False, True])

@@ -12,9 +12,11 @@ import designlab
 from designlab.bounds import Bound
 from designlab.design import DesignError, preset
 from designlab.effects import SensorModel
+from designlab.simulate import RenderFailed
 from designlab.study import (
     Plan,
     StudyError,
+    SweepInterrupted,
     history,
     importance,
     load_results,
@@ -120,6 +122,32 @@ def test_a_sweep_has_one_row_for_each_combination():
     assert high["feasible"].all()
     np.testing.assert_allclose(high["uniformity_u0"], np.exp(-(((high["leds.tilt_deg"] - 30) / 40) ** 2)))
     assert len(counting.digests) == 3
+
+
+def test_a_sweep_keeps_what_is_finished_and_goes_on(tmp_path):
+    def stopped(design, *, fidelity, seed):
+        if len(counting.digests) == 3:
+            raise KeyboardInterrupt
+        if len(counting.digests) == 2:
+            raise RenderFailed("the picture is black")
+        return closed_form(design, fidelity=fidelity, seed=seed)
+
+    base, heights = preset("gelsight-2020-flat"), {"leds.height_mm": [1.0, 8.0]}
+    common = {"progress": False, "out": tmp_path}
+    counting = Counting(stopped)
+    with pytest.raises(
+        SweepInterrupted, match=r"after 5 of 6 designs; what is finished is kept: the same call"
+    ):
+        sweep(base, {"leds.tilt_deg": range(0, 60, 20)} | heights, evaluator=counting, **common)
+    counting = Counting()
+    grid = {"leds.tilt_deg": np.arange(0, 80, 20)} | heights
+    frame = sweep(base, grid, evaluator=counting, **common)
+    assert len(counting.digests) == 3  # one failed, one was cut off, one is new
+    assert frame.equals(sweep(base, grid, evaluator=closed_form, progress=False))
+    assert sweep(base, grid, evaluator=counting, **common).equals(frame)
+    assert len(counting.digests) == 3
+    with pytest.raises(ValueError, match=r"holds another sweep, of .*: design, fidelity or seed differ"):
+        sweep(base, grid, evaluator=counting, seed=1, **common)
 
 
 def test_a_sweep_on_a_cluster_has_the_same_rows():

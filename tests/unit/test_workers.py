@@ -8,9 +8,10 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import pytest
+from toy_studies import Death, mortal
 
 from designlab.interrupts import Interrupts
-from designlab.workers import completed, submitter
+from designlab.workers import completed, finished, submitter
 
 
 def results(workers: int, calls: list[tuple], *, dask: str | None = None) -> dict[int, object]:
@@ -50,6 +51,31 @@ def test_the_death_of_any_worker_is_noticed_while_the_others_go_on() -> None:
 def _die_after(seconds: float) -> None:
     time.sleep(seconds)
     os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_death_costs_no_result_and_a_call_that_kills_again_is_the_end(monkeypatch) -> None:
+    """In place of processes, threads whose calls may break all that run beside them."""
+    started: list[int] = []
+
+    def call(number: int, deaths: int) -> int:
+        started.append(number)
+        time.sleep(0.02 if deaths else 0.06)
+        if started.count(number) <= deaths:
+            raise Death
+        return number
+
+    def given(deaths: dict[int, int]) -> dict[int, int]:
+        started.clear()
+        calls = [(call, number, deaths.get(number, 0)) for number in range(5)]
+        with Interrupts() as interrupts:
+            return dict(finished(calls, workers=2, interrupts=interrupts))
+
+    monkeypatch.setattr("designlab.workers.submitter", mortal)
+    assert given({1: 1}) == {number: number for number in range(5)}
+    assert started.count(1) == 2
+    with pytest.raises(RuntimeError, match=r"again and again, .* 2 workers; what is finished is kept"):
+        given({3: 2})
+    assert started.count(3) == 2
 
 
 def test_results_before_a_failure_are_given() -> None:
