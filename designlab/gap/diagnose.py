@@ -3,7 +3,7 @@
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,7 @@ from designlab.gap.checks import check_frames, examine, weakened
 from designlab.gap.confidence import confidence
 from designlab.gap.control import control
 from designlab.gap.exact import placed
-from designlab.gap.fit import Fitter
+from designlab.gap.fit import Fit, Fitter
 from designlab.gap.intervals import values
 from designlab.gap.judge import Judged, judge, level
 from designlab.gap.learnt import left_of_nothing
@@ -42,6 +42,7 @@ USUAL_SELECT = 6  # presses to choose by of the sets that confidence was learnt 
 UNEXPLAINED_ABOVE = 0.5  # leftover share of the gap from which nothing is named
 PARTIAL_ABOVE = 0.1  # leftover share from which an explanation is partial
 PARTIAL_ABOVE_FLOOR = 0.03  # likewise, where what is left is more than the simulation may be wrong by
+NAMELESS = ("unexplained", "at_floor")  # verdicts that name nothing
 AT_FLOOR = 1.3  # mean squared residual over the floor below which there is no gap to explain
 GIVEN_BACK = 0.1  # of what a search removes of the gap, which the last fit must not give back
 NEAR = 0.8  # likewise, below which names leave nothing to explain; sets that hide nothing are below it
@@ -140,30 +141,20 @@ def diagnose(
     best, before, after = search.run(start)
     alike = [winner.coherence_set for winner in search.winners]
     verdict = verdict_of(alike, before.mean, after.mean, float(after.floor.mean()))
-    last = fitter
-    if verdict in ("unexplained", "at_floor"):
-        best, after = replace(best, state=before.state), before
-    else:
-        last = search.fitter
-        exactly, fitted = refined(source, last, best, train)
-        judged = judge(exactly, fitted.state, select)
-        if not _gives_back(before, after, judged):
-            last, best, after = exactly, fitted, judged
+    given = last = _Stand(fitter, replace(best, state=before.state), before)
+    if verdict not in NAMELESS:
+        last = _last_fit(source, given, _Stand(search.fitter, best, after), train, select)
     source.begin("report", 1)
-    stands = (fitter, before.state), (last, best.state)
-    ends = [judge(own, state, final) for own, state in stands]
-    trained = [judge(own, state, seen.of("train")) for own, state in stands]
+    ends = [judge(stand.fitter, stand.fit.state, final) for stand in (given, last)]
+    trained = [judge(stand.fitter, stand.fit.state, seen.of("train")) for stand in (given, last)]
     gap = {
-        name: level(first, last)
-        for name, (first, last) in {
-            "train": trained,
-            "select": (before, after),
-            "final": ends,
-        }.items()
+        "train": level(*trained),
+        "select": level(given.judged, last.judged),
+        "final": level(*ends),
     }
     verdict = _settled(verdict, alike, gap)
-    found = {name: values(last, best, name, train) for name in best.state.values}
-    winners = [] if verdict in ("unexplained", "at_floor") else search.winners
+    found = {name: values(last.fitter, last.fit, name, train) for name in last.fit.state.values}
+    winners = [] if verdict in NAMELESS else search.winners
     effects = tuple(
         Found(
             w.name,
@@ -175,6 +166,19 @@ def diagnose(
         )
         for w in winners
     )
+    wrong = None
+    if winners:
+        wrong = control(
+            fitter,
+            before.state,
+            named=[w.name for w in winners],
+            as_good={name for w in winners for name in w.coherence_set},
+            tried=search.screened[0],
+            seed=int(frames_digest(measurement)[:8], 16),
+            train=train,
+            final=final,
+            before=ends[0],
+        )
     report = GapReport(
         verdict=verdict,
         effects=effects,
@@ -186,24 +190,12 @@ def diagnose(
         candidates=tuple(search.tried),
         notes=(*_notes(seen, measurement, model), *_chance(fitter)),
         provenance=_provenance(seen, measurement, model, source, begun),
-        control=control(
-            fitter,
-            before.state,
-            named=[w.name for w in winners],
-            as_good={name for w in winners for name in w.coherence_set},
-            tried=search.screened[0],
-            seed=int(frames_digest(measurement)[:8], 16),
-            train=train,
-            final=final,
-            before=ends[0],
-        )
-        if winners
-        else None,
+        control=wrong,
         limits=limits(seen, effects),
         overlaps=_overlaps(search),
     )
     report = weakened(_sure(report, len(select)), examined, names)
-    better = updated(last, best, measurement, seen, report, found, seed=seed, samples=samples)
+    better = updated(last.fitter, last.fit, measurement, seen, report, found, seed=seed, samples=samples)
     report = replace(report, updated=better)
 
     def finished() -> GapReport:
@@ -211,7 +203,7 @@ def diagnose(
             return report
         drawn = draw(
             (fitter, ends[0].state),
-            (last, ends[1].state),
+            (last.fitter, ends[1].state),
             lambda number: geometry(fitter, source, ends[0].state, number),
             out,
         )
@@ -265,6 +257,24 @@ def verdict_of(alike: Sequence[Sequence[str]], before: float, after: float, floo
         return "named"
     most = PARTIAL_ABOVE if after < floor else PARTIAL_ABOVE_FLOOR
     return "named" if _left(before, after, left_of_nothing() * floor) <= most else "partial"
+
+
+@dataclass(frozen=True, eq=False)
+class _Stand:
+    """A model where a fit has left it, and the select presses judged by it."""
+
+    fitter: Fitter
+    fit: Fit
+    judged: Judged
+
+
+def _last_fit(
+    source: Renders, given: _Stand, searched: _Stand, train: Sequence[int], select: Sequence[int]
+) -> _Stand:
+    """Fit what a search has found exactly, unless the select presses speak against it."""
+    fitter, fit = refined(source, searched.fitter, searched.fit, train)
+    last = _Stand(fitter, fit, judge(fitter, fit.state, select))
+    return searched if _gives_back(given.judged, searched.judged, last.judged) else last
 
 
 def _gives_back(before: Judged, searched: Judged, refined: Judged) -> bool:

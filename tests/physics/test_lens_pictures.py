@@ -215,7 +215,7 @@ def test_a_defocused_light_field_is_the_average_over_the_opening():
     area_mm = CORE.sensing_area_mm
     shade = shader(sim._undeformed, sim.surface(None), area_mm=area_mm, samples=16, seed=1).radiance
     # rings of equal area, whose mean square radius is that of the disc
-    radius, turn = np.meshgrid(np.sqrt((np.arange(3) + 0.5) / 3), np.arange(12) * np.pi / 6)
+    radius, turn = np.meshgrid(np.sqrt((np.arange(2) + 0.5) / 2), np.arange(8) * np.pi / 4)
     points = np.column_stack([(radius * np.cos(turn)).ravel(), (radius * np.sin(turn)).ravel()])
     exact = np.mean(
         [shade(surface, scene, rays(design, sim.view, lens_point=(u, v))) for u, v in points],
