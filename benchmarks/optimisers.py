@@ -22,7 +22,7 @@ from designlab.interrupts import Interrupts
 from designlab.scores import Estimate
 from designlab.study import Parameter, Study, run_study
 from designlab.study.definition import Sampler
-from designlab.study.results import hypervolume
+from designlab.study.front import hypervolume
 from designlab.study.robust import RobustScore
 from designlab.workers import completed, submitter
 

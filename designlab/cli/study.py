@@ -11,6 +11,8 @@ from designlab.cli.console import Result
 from designlab.cli.shared import results_folder, table
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from designlab.study import Results
 
 
@@ -85,13 +87,23 @@ def _summary(results: "Results", wanted: int) -> str:
     for words, reasons in (("rejected by", results.rejections()), ("failed since", results.failures())):
         if reasons:
             lines.append(f"{words}: " + ", ".join(f"{reason} ({n})" for reason, n in reasons.items()))
-    columns = [*results.study.varied, *results.study.objectives]
+    study = results.study
+    titles = [*study.varied, *(study.called(name) for name in study.objectives)]
     rows = [
-        (f"{row['trial']}", row["pick"], *(_cell(row[column]) for column in columns))
+        (
+            f"{row['trial']}",
+            row["pick"],
+            *(_cell(row[path]) for path in study.varied),
+            *(_score(row, name) for name in study.objectives),
+        )
         for _, row in results.picks.iterrows()
     ]
     if rows:
-        lines += ["shortlist:", table(("trial", "why", *columns), rows)]
+        lines += ["shortlist, with standard errors:", table(("trial", "why", *titles), rows)]
+    if results.trades:
+        other = "the first" if results.start is None else "the base design"
+        lines.append(f"what each trades against {other}:")
+        lines += [f"  trial {number}: {words}" for number, words in results.trades.items()]
     lines += _confirmed(results)
     lines += [f"warning: {warning}" for warning in results.warnings]
     lines.append(f"results: {results.folder}")
@@ -114,19 +126,24 @@ def _confirmed(results: "Results") -> list[str]:
     rows = [
         (
             "base" if row["trial"] == BASE else f"{row['trial']}",
-            *(
-                f"{row[name]:.4g} ± {row[f'{name}_se']:.2g}{better.get((row['trial'], name), '')}"
-                for name in objectives
-            ),
+            *(_score(row, name) + better.get((row["trial"], name), "") for name in objectives),
         )
         for _, row in again[again["fidelity"] == fidelity].iterrows()
     ]
-    lines = [f"confirmed at {fidelity} fidelity with fresh seeds:", table(("trial", *objectives), rows)]
+    lines = [
+        f"confirmed at {fidelity} fidelity with fresh seeds:",
+        table(("trial", *(results.study.called(name) for name in objectives)), rows),
+    ]
     gone = results.curse().get(fidelity, {})
     if gone:
         shares = ", ".join(f"{name} {share:.0%}" for name, share in gone.items())
         lines.append(f"of the search's gains over the base, this was chance: {shares}")
     return lines
+
+
+def _score(row: "pd.Series[Any]", name: str) -> str:
+    error = row.get(f"{name}_se")
+    return f"{row[name]:.4g}" + ("" if error is None or error != error else f" ± {error:.2g}")
 
 
 def _cell(value: Any) -> str:

@@ -100,7 +100,8 @@ def parallel(results: Results) -> "plotly.graph_objects.Figure":
                 x=position, y=height, text=text, showarrow=False, yshift=-14 if height == 0 else 14
             )
     units = {path: study.unit(path) for path in study.varied} | dict(results.units)
-    titles = [label(name, units.get(name, "")).replace(" (", "<br>(") for name in names]
+    called = {name: study.called(name) for name in study.objectives}
+    titles = [label(called.get(name, name), units.get(name, "")).replace(" (", "<br>(") for name in names]
     figure.update_xaxes(
         tickvals=list(range(len(names))), ticktext=titles, showgrid=False, side="bottom", zeroline=False
     )
@@ -131,8 +132,8 @@ def slices(results: Results) -> tuple["plotly.graph_objects.Figure", int]:
                     hoverinfo="text", row=row, col=column + 1,
                 )  # fmt: skip
             if column == 0:
-                unit = results.units.get(objective, "")
-                figure.update_yaxes(title_text=label(objective, unit).replace(" (", "<br>("), row=row, col=1)
+                title = label(study.called(objective), results.units.get(objective, ""))
+                figure.update_yaxes(title_text=title.replace(" (", "<br>("), row=row, col=1)
             else:
                 figure.update_yaxes(showticklabels=False, row=row, col=column + 1)
             if place == len(objectives) - 1:
@@ -154,7 +155,7 @@ def importance(shares: Mapping[str, Mapping[str, float]], results: Results) -> "
             y=[label(path, study.unit(path)) for path in study.varied],
             x=[100 * share.get(path, 0.0) for path in study.varied],
             orientation="h",
-            name=label(name, results.units.get(name, "")),
+            name=label(study.called(name), results.units.get(name, "")),
             hovertemplate="%{y}: %{x:.0f} %",
         )
     figure.update_xaxes(title="share of variation explained (%)", range=[0, 100])
@@ -182,7 +183,7 @@ def progress(results: Results) -> tuple["plotly.graph_objects.Figure", int]:
             x=order, y=best[name], mode="lines", line={"color": BLUE, "shape": "hv"}, hoverinfo="skip",
             row=row, col=1,
         )  # fmt: skip
-        title = label(name, results.units.get(name, "")).replace(" (", "<br>(")
+        title = label(results.study.called(name), results.units.get(name, "")).replace(" (", "<br>(")
         figure.update_yaxes(
             title_text=title if name in done else "hypervolume<br>(share of last)", row=row, col=1
         )
@@ -200,7 +201,7 @@ def _bars(rows: "pd.DataFrame", name: str, colour: str) -> dict[str, Any]:
 
 def _aim(results: Results, name: str) -> str:
     arrow = "larger is better →" if results.study.objectives[name] == "maximise" else "← smaller is better"
-    return f"{label(name, results.units.get(name, ''))}   {arrow}"
+    return f"{label(results.study.called(name), results.units.get(name, ''))}   {arrow}"
 
 
 def _hover(results: Results, rows: "pd.DataFrame") -> list[str]:
@@ -211,9 +212,8 @@ def _hover(results: Results, rows: "pd.DataFrame") -> list[str]:
         lines = [f"<b>trial {row['trial']}</b>"]
         for name, unit in results.units.items():
             if name in row and row[name] == row[name]:
-                lines.append(
-                    f"{label(name, unit)}: {rounded(float(row[name]), float(row.get(f'{name}_se', np.nan)))}"
-                )
+                value = rounded(float(row[name]), float(row.get(f"{name}_se", np.nan)))
+                lines.append(f"{label(study.called(name), unit)}: {value}")
         for path in study.varied:
             value = row[path]
             if value is None or value != value:  # a parameter of another variant

@@ -85,12 +85,13 @@ def _result(results: Results) -> tuple[Html, ...]:
         return (paragraph("No design has been evaluated yet."),)
     start = results.start
     rows = []
-    for name, way in results.study.objectives.items():
+    study = results.study
+    for name, way in study.objectives.items():
         values = results.valid[name].to_numpy(dtype=float)
         best = results.valid.iloc[int(values.argmax() if way == "maximise" else values.argmin())]
         rows.append(
             {
-                "score": label(name, results.units.get(name, "")),
+                "score": label(study.called(name), results.units.get(name, "")),
                 "aim": f"{way}",
                 "start": None if start is None else start[name],
                 "start_se": None if start is None else start.get(f"{name}_se"),
@@ -109,6 +110,8 @@ def _result(results: Results) -> tuple[Html, ...]:
         "better than one of these in every objective. The values after ± are standard errors; they cover the "
         "choice of presses, which is the same for all designs, so differences are surer than they suggest."
     )
+    if study.robust is not None:
+        text += f" Every value is one over {study.robust.copies} copies of the design as they would be built."
     unfinished = (
         [paragraph(f"The study is not finished: {waiting} more trials are under way.")] if waiting else []
     )
@@ -127,7 +130,8 @@ def _shortlist(results: Results) -> tuple[Html, ...]:
     scores = [*study.objectives, *(name for name in units if name not in study.objectives)]
     rows: list[dict[str, Any]] = []
     for name in (*scores, *study.varied):
-        row: dict[str, Any] = {"quantity": label(name, units.get(name) or study.unit(name))}
+        said = study.called(name) if name in scores else name
+        row: dict[str, Any] = {"quantity": label(said, units.get(name) or study.unit(name))}
         for title, _, design in designs:
             row |= {title: design.get(name), f"{title} se": design.get(f"{name}_se")}
         rows.append(row)
@@ -144,7 +148,11 @@ def _shortlist(results: Results) -> tuple[Html, ...]:
         "Each design is kept in the study's folder as `trials/NNNN/design.toml`. To get the files to make "
         f"one: `designlab export {file} --out DIR`"
     )
-    return (table(rows, columns), gallery(shown), paragraph(note, note=True))
+    other = "the first" if results.start is None else "the starting design"
+    words = [
+        paragraph(f"Trial {number}, against {other}: {text}.") for number, text in results.trades.items()
+    ]
+    return (table(rows, columns), *words, gallery(shown), paragraph(note, note=True))
 
 
 def _confirmation(results: Results) -> tuple[Html, ...]:
@@ -157,7 +165,7 @@ def _confirmation(results: Results) -> tuple[Html, ...]:
         {
             **{str(name): value for name, value in row.items()},
             "design": f"trial {row['trial']}",
-            "score": label(row["objective"], units.get(row["objective"], "")),
+            "score": label(results.study.called(row["objective"]), units.get(row["objective"], "")),
             "gain": f"{row['gain']:.0%}" if row["gain"] == row["gain"] else "–",
             "apart": "yes" if row["apart"] else "no",
         }
@@ -264,11 +272,8 @@ def _rejections(results: Results) -> tuple[Html, ...]:
         columns = [Column("score", "score"), Column("bound", "must be"), Column("count", "designs break it")]
         text = f"{len(broken)} evaluated designs break a constraint and are left out above."
         blocks += [paragraph(text), table(rows, columns)]
-    failed = results.frame[results.frame["state"] == "failed"]
-    if len(failed):
-        rows = [
-            {"reason": reason, "count": count} for reason, count in failed["reason"].value_counts().items()
-        ]
+    if failures := results.failures():
+        rows = [{"reason": reason, "count": count} for reason, count in failures.items()]
         columns = [Column("reason", "could not be scored because"), Column("count", "designs")]
         blocks.append(table(rows, columns))
     return tuple(blocks)

@@ -2,9 +2,11 @@
 
 from designlab.bounds import Bound
 from designlab.study.definition import Parameter, Plan, Study, StudyError, dumps_study, load_study
-from designlab.study.results import Results, history, importance, load_results, pareto, picks
+from designlab.study.front import history, pareto
+from designlab.study.results import Results, importance, load_results
 from designlab.study.robust import Robust
 from designlab.study.runner import StudyInterrupted, run_study
+from designlab.study.shortlist import picks
 from designlab.study.sweep import SweepInterrupted, optimise, sweep
 
 __all__ = [

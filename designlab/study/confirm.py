@@ -13,7 +13,8 @@ from designlab.attempt import Evaluator, evaluate_design
 from designlab.store import write_json
 from designlab.study.definition import BASE, Study
 from designlab.study.folder import confirmation_path
-from designlab.study.results import CONFIRMING, Results, picks
+from designlab.study.results import CONFIRMING, Results
+from designlab.study.shortlist import picks
 from designlab.workers import finished
 
 if TYPE_CHECKING:
@@ -47,14 +48,15 @@ def confirm(
     study = results.study
     if study.plan is None or results.pareto.empty:
         return
-    best = picks(results.frame, study.objectives, most=study.plan.promoted)
+    best = picks(results.frame, study.objectives, most=study.plan.promoted, parameters=study.varied)
     efforts = (study.plan.promoted, 1), (study.plan.confirmed, study.plan.seeds)
     for fidelity, (most, seeds) in zip(CONFIRMING, efforts, strict=True):
         trials = tuple(int(trial) for trial in best["trial"].iloc[:most])
         stage = Stage((BASE, *trials), fidelity, fresh(study, fidelity, seeds))
         _run(stage, results, evaluator, workers, interrupts, on_progress)
         again = results.confirmed
-        best = picks(_as_trials(again[again["fidelity"] == fidelity], study), study.objectives, most=most)
+        rows = _as_trials(again[again["fidelity"] == fidelity], results)
+        best = picks(rows, study.objectives, most=most, parameters=study.varied)
         if best.empty:
             return
 
@@ -93,11 +95,12 @@ def _run(
             on_progress(stage.fidelity, done, len(wanted))
 
 
-def _as_trials(again: "pd.DataFrame", study: Study) -> "pd.DataFrame":
+def _as_trials(again: "pd.DataFrame", results: Results) -> "pd.DataFrame":
     """Confirmed designs as rows of the table of trials, those that break a constraint now marked."""
     import pandas as pd
 
-    own = again[again["trial"] != BASE]
+    study = results.study
+    own = again[again["trial"] != BASE].merge(results.frame[["trial", *study.varied]], on="trial")
     broken = [
         [name for name, bound in study.constraints.items() if bound.broken_by(float(row[name])) > 0] or None
         for _, row in own.iterrows()

@@ -326,6 +326,17 @@ class Study(Spec):
         suffix = names[-1].rpartition("_")[2]
         return {"mm": "mm", "deg": "deg", "nm": "nm", "mw": "mW", "px": "px"}.get(suffix, "")
 
+    def called(self, score: str) -> str:
+        """Return what a value of a score is: of a robust study, one over the copies of a design."""
+        if self.robust is None:
+            return score
+        if score not in self.objectives:
+            return f"mean of {score}"
+        if self.robust.aim == "worst":
+            return f"worst of {score}"
+        sign = "-" if self.objectives[score] == "maximise" else "+"
+        return f"mean {sign} {self.robust.sigmas:g} sigma of {score}"
+
     def require_scores(self, known: Collection[str]) -> None:
         """Refuse objectives and bounds of what is no score.
 

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from designlab.design import Design
 from designlab.study.definition import BASE, VARIANT, Study
 from designlab.study.folder import read_confirmations, read_trial, reading
+from designlab.study.front import losses, pareto, valid
+from designlab.study.shortlist import NORMAL, picks, trades
 
 if TYPE_CHECKING:
     import optuna
@@ -28,7 +29,6 @@ CONFIRMING = ("standard", "reference")
 
 DEADLY = "the process that evaluated it died twice"
 
-NORMAL = 1.96  # standard errors to either side that hold 95 %
 _FEWEST_FOR_IMPORTANCE = 10
 
 
@@ -69,7 +69,7 @@ class Results:
     @property
     def valid(self) -> "pd.DataFrame":
         """The evaluated designs that keep the constraints."""
-        return _valid(self.frame)
+        return valid(self.frame)
 
     @property
     def pareto(self) -> "pd.DataFrame":
@@ -79,7 +79,16 @@ class Results:
     @property
     def picks(self) -> "pd.DataFrame":
         """A shortlist of the Pareto front, see `picks`."""
-        return picks(self.frame, self.study.objectives)
+        return picks(self.frame, self.study.objectives, parameters=self.study.varied)
+
+    @property
+    def trades(self) -> dict[int, str]:
+        """What each design of the shortlist trades, in words: against the base, or else the first."""
+        chosen = self.picks
+        if chosen.empty:
+            return {}
+        reference = chosen.iloc[0] if self.start is None else self.start
+        return trades(chosen, reference, self.frame, self.study.objectives, self.study.varied)
 
     def design(self, trial: int) -> Design:
         """Return the design of a trial by its number."""
@@ -182,6 +191,8 @@ class Results:
             "failures": self.failures(),
             "pareto": _rows(self.pareto, columns),
             "picks": _rows(self.picks, [*columns, "pick"]),
+            "trades": {str(number): words for number, words in self.trades.items()},
+            "robust": None if self.study.robust is None else self.study.robust.model_dump(mode="json"),
             "confirmed": _rows(
                 self.confirmed, ["trial", "fidelity", "seeds", *_score_columns(self.frame, self.study)]
             ),
@@ -337,117 +348,6 @@ def _gain(base: float, value: float, way: str, unit: str) -> float:
     if not base:
         return math.nan if unit != "1" else value
     return 1.0 - (1.0 - value) / (1.0 - base) if unit == "1" and base < 1.0 else value / base - 1.0
-
-
-def losses(frame: "pd.DataFrame", objectives: Mapping[str, str]) -> NDArray[np.float64]:
-    """Objectives of the rows of a table, turned so that smaller is better; shape (rows, objectives)."""
-    columns = [
-        np.asarray(frame[name], dtype=float) * (-1.0 if way == "maximise" else 1.0)
-        for name, way in objectives.items()
-    ]
-    return np.stack(columns, axis=1)
-
-
-def _valid(frame: "pd.DataFrame") -> "pd.DataFrame":
-    done = frame[frame["state"] == "complete"]
-    return done[done["violated"].isna()] if "violated" in done else done
-
-
-def pareto(frame: "pd.DataFrame", objectives: Mapping[str, str]) -> "pd.DataFrame":
-    """Rows that no other complete row beats or equals in all objectives while beating it in one.
-
-    Parameters
-    ----------
-    frame : DataFrame
-        Table as of `load_results`.
-    objectives : mapping
-        Score to ``"maximise"`` or ``"minimise"``.
-
-    Returns
-    -------
-    DataFrame
-        The rows of the front, best first in the first objective; of equal designs the first one.
-    """
-    done = _valid(frame)
-    done = done[done["reuse_of"].isna()]
-    done = done.iloc[np.flatnonzero(np.isfinite(losses(done, objectives)).all(axis=1))]
-    if done.empty:
-        return done
-    loss = losses(done, objectives)
-    no_worse = (loss[:, None] <= loss[None]).all(axis=-1)
-    better = (loss[:, None] < loss[None]).any(axis=-1)
-    front = done.iloc[np.flatnonzero(~(no_worse & better).any(axis=0))]
-    first = losses(front, objectives)[:, 0]
-    return front.iloc[np.argsort(first, kind="stable")]
-
-
-def picks(frame: "pd.DataFrame", objectives: Mapping[str, str], *, most: int = 5) -> "pd.DataFrame":
-    """Shortlist of the Pareto front: the best in each objective, the knee, then the most different ones.
-
-    The knee is the design nearest to the point that is best in every objective, with each objective scaled to
-    its range over the front. A front of thousands helps nobody choose; these are the ones to compare first.
-
-    Returns
-    -------
-    DataFrame
-        At most `most` rows of the front with a column ``pick`` that says why each was chosen.
-    """
-    front = pareto(frame, objectives)
-    if front.empty:
-        return front.assign(pick=[])
-    loss = losses(front, objectives)
-    span = np.ptp(loss, axis=0)
-    scaled = (loss - loss.min(axis=0)) / np.where(span > 0, span, 1.0)
-    reasons: dict[int, list[str]] = {}
-    for column, name in enumerate(objectives):
-        reasons.setdefault(int(loss[:, column].argmin()), []).append(f"best {name}")
-    if len(front) > 1 and len(objectives) > 1:
-        reasons.setdefault(int(np.linalg.norm(scaled, axis=1).argmin()), []).append("knee")
-    while len(reasons) < min(most, len(front)):
-        distance = np.linalg.norm(scaled[:, None] - scaled[list(reasons)][None], axis=-1).min(axis=1)
-        if not distance.max() > 0:
-            break  # the rest score as one of those chosen
-        reasons[int(distance.argmax())] = ["different"]
-    chosen = front.iloc[list(reasons)]
-    return chosen.assign(pick=[", ".join(texts) for texts in reasons.values()]).iloc[:most]
-
-
-def hypervolume(loss: NDArray[np.float64], reference: NDArray[np.float64]) -> float:
-    """Area dominated by points of two losses, up to a reference point; shape (n, 2) and (2,)."""
-    inside = loss[(loss < reference).all(axis=1)]
-    area, ceiling = 0.0, float(reference[1])
-    for first, second in inside[np.lexsort((inside[:, 1], inside[:, 0]))]:
-        if second < ceiling:
-            area += (reference[0] - first) * (ceiling - second)
-            ceiling = float(second)
-    return float(area)
-
-
-def history(frame: "pd.DataFrame", objectives: Mapping[str, str]) -> "pd.DataFrame":
-    """Progress of a study: best value of each objective, and with two objectives the hypervolume.
-
-    Returns
-    -------
-    DataFrame
-        One row a complete trial: ``trial``, each objective's best value so far, and ``hypervolume`` as a
-        share of its last value, with the worst value of each objective as the reference. Designs that break
-        a constraint do not count.
-    """
-    import pandas as pd
-
-    done = _valid(frame)
-    table: dict[str, Any] = {"trial": done["trial"].to_numpy()}
-    if done.empty:
-        return pd.DataFrame(table | {name: [] for name in objectives})
-    loss = losses(done, objectives)
-    best = np.minimum.accumulate(loss, axis=0)
-    for column, (name, way) in enumerate(objectives.items()):
-        table[name] = -best[:, column] if way == "maximise" else best[:, column]
-    if len(objectives) == 2:
-        reference = loss.max(axis=0)
-        areas = np.array([hypervolume(loss[: count + 1], reference) for count in range(len(loss))])
-        table["hypervolume"] = areas / areas[-1] if areas[-1] > 0 else areas
-    return pd.DataFrame(table)
 
 
 def importance(out: str | Path, *, storage: str | None = None) -> dict[str, dict[str, float]] | None:

@@ -25,7 +25,8 @@ from designlab.study import (
     picks,
     sweep,
 )
-from designlab.study.results import hypervolume, losses
+from designlab.study.front import hypervolume, losses
+from designlab.study.shortlist import trades
 
 
 def table(loss):
@@ -66,6 +67,27 @@ def test_the_shortlist_holds_the_extremes_and_the_knee():
     assert list(chosen["pick"][:3]) == ["best f0", "best f1", "knee"]
     # The curve y = c / x is symmetric about x = y, where it is nearest to the corner.
     assert chosen.iloc[2]["f0"] == pytest.approx(math.sqrt(0.05), abs=0.03)
+
+
+def test_of_designs_that_cannot_be_told_apart_one_is_shortlisted():
+    """Within error bars and close in parameters; the same scores by other parameters are another design."""
+    frame, objectives = table(np.array([[0.0, 3.0], [0.1, 2.9], [3.0, 0.0], [3.1, -0.1], [1.0, 1.0]]))
+    frame = frame.assign(tilt=[0.0, 1.0, 50.0, 90.0, 20.0], side=list("gggpg"), f0_se=0.1, f1_se=0.1)
+    by_score = picks(frame, objectives)
+    assert set(by_score["trial"]) == {0, 1, 2, 3, 4}
+    chosen = picks(frame, objectives, parameters=("tilt", "side"))
+    assert dict(zip(chosen["trial"], chosen["pick"], strict=True)) == {
+        0: "best f0",
+        3: "best f1",
+        4: "knee",
+        2: "different",
+    }
+    said = trades(chosen, frame.iloc[0], frame, objectives, ("tilt", "side"))
+    assert said[3] == (
+        "better in f1 (-0.1, not 3); worse in f0 (3.1, not 0); changed most: tilt 90, not 0; side p, not g"
+    )
+    assert "not told apart in f0 (0.1, not 0)" in trades(frame, frame.iloc[0], frame, objectives, ())[1]
+    assert 0 not in said
 
 
 def test_the_hypervolume_of_a_staircase_is_its_area():

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from toy_scores import Estimate, Score
 
+from designlab import cli
 from designlab.bounds import Bound
 from designlab.effects import SensorModel
 from designlab.report import study_report
 from designlab.study import Plan, Robust, Study, StudyError, load_results, load_study, run_study
 from designlab.study.definition import BASE
-from designlab.study.results import history
+from designlab.study.front import history
 from designlab.tolerance import Spread, tolerance
 
 DOME = {
@@ -269,6 +270,27 @@ def test_a_robust_study_is_confirmed_with_other_copies_and_knows_its_error(tmp_p
     row = results.confirmed.set_index(["trial", "fidelity"]).loc[(BASE, "standard")]
     assert row["tilt_se"] == pytest.approx(2.0 / math.sqrt(16), rel=0.1)
     assert row["uniformity_u0_se"] == pytest.approx(2.0 * math.sqrt(1 / 16 + 1 / 32), rel=0.3)
+
+
+def test_values_of_a_robust_study_say_what_they_are(tmp_path, capsys):
+    spread = Spread(field="leds.tilt_deg", sd=2.0)
+    study = make(
+        parameters={"leds.tilt_deg": {"low": 0, "high": 40}},
+        variants={},
+        trials=6,
+        robust=Robust(spread=(spread,), copies=3, sigmas=1.5),
+    )
+    results = run(study, tmp_path, fragile)
+    assert results.to_json()["robust"]["copies"] == 3
+    assert cli.main(["study", "status", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert "mean - 1.5 sigma of uniformity_u0" in said
+    assert re.search(r"0\.\d+ ± 0\.\d+", said)
+    page = study_report(results, tmp_path / "page.html", pictures=False).read_text("utf-8")
+    assert "mean - 1.5 sigma of uniformity u0" in page
+    assert "one over 3 copies of the design" in page
+    worst = study.model_copy(update={"robust": Robust(aim="worst")})
+    assert (worst.called("uniformity_u0"), worst.called("x")) == ("worst of uniformity_u0", "mean of x")
 
 
 def test_a_design_of_which_a_copy_cannot_be_built_is_infeasible(tmp_path):
