@@ -42,9 +42,9 @@ def pareto(frame: "pd.DataFrame", objectives: Mapping[str, str]) -> "pd.DataFram
     """
     done = valid(frame)
     done = done[done["reuse_of"].isna()]
-    done = done.iloc[np.flatnonzero(np.isfinite(losses(done, objectives)).all(axis=1))]
-    if done.empty:
+    if done.empty:  # then the table may lack the scores
         return done
+    done = done.iloc[np.flatnonzero(np.isfinite(losses(done, objectives)).all(axis=1))]
     loss = losses(done, objectives)
     no_worse = (loss[:, None] <= loss[None]).all(axis=-1)
     better = (loss[:, None] < loss[None]).any(axis=-1)

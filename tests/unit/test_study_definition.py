@@ -1,10 +1,14 @@
 """Studies as data: files, fields that cannot vary as asked, digests."""
 
+import shutil
+from pathlib import Path
+
 import pytest
 from toy_studies import OBJECTIVES, RANGES, make, write
 
 from designlab import design as designs
 from designlab.design import preset
+from designlab.scores import SCORES
 from designlab.study import (
     Parameter,
     StudyError,
@@ -109,3 +113,20 @@ def test_the_digest_ignores_names_and_effort_and_nothing_else():
     ):
         assert make(**change).digest != study.digest
         assert study.differences(make(**change)) == list(change)
+
+
+ROOT = Path(__file__).parents[2]
+FILES = [*sorted((ROOT / "studies").glob("*.toml")), ROOT / "designlab" / "templates" / "study.toml"]
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_studies_that_come_with_it_start_from_their_base_and_seek_scores_there_are(path, tmp_path):
+    """A change of a preset must not put it out of the ranges unnoticed: gains are over the base."""
+    if path.parent.name == "templates":
+        path = Path(shutil.copy(path, tmp_path))
+        (tmp_path / "design.toml").write_text(designs.dumps(preset("gelsight-2020-flat")), encoding="utf-8")
+    study = load_study(path)
+    start = study.start()
+    assert start is not None
+    assert study.design(start) == study.base
+    study.require_scores(SCORES)
