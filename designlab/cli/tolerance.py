@@ -45,7 +45,7 @@ def _summary(found: "Tolerance") -> str:
     if len(found.failed):
         reason = found.failed["reason"].iloc[0]
         lines.append(f"{len(found.failed)} could not be evaluated; the same command tries again: {reason}")
-    if found.spec:
+    if found.spec and len(found.good()):
         share = found.passed()
         bounds = ", ".join(f"{name} {bound.text()}" for name, bound in found.spec.items())
         lines.append(

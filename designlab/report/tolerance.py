@@ -54,6 +54,8 @@ def tolerance_report(found: Tolerance, target: str | Path) -> Path:
 def _result(found: Tolerance) -> tuple[Html, ...]:
     if not found.spec:
         return (paragraph("No specification was given: yield is shown for every value of the scores below."),)
+    if found.good().empty:
+        return (paragraph("No copy could be evaluated."),)
     share = found.passed()
     bounds = "; ".join(
         f"{label(name, found.units[name])} {bound.text()}" for name, bound in found.spec.items()

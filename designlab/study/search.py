@@ -50,11 +50,15 @@ _FAILURES = 10  # failed evaluations in a row after which something other than t
 
 
 class Task(NamedTuple):
-    """A design under evaluation, what is evaluated for it, and the trial it belongs to."""
+    """A design under evaluation, what is evaluated for it, and the trial it belongs to.
+
+    One over which, or beside which, a process has died is evaluated `alone`.
+    """
 
     trial: "optuna.Trial"
     design: Design
     subject: "Design | SensorModel"
+    alone: bool
 
 
 class Search:
@@ -167,7 +171,7 @@ class Search:
                     interrupts.check()
                     task = self._propose()
                     if task is not None:
-                        while running and _suspected(task):
+                        while running and task.alone:
                             self._collect(running, interrupts)
                         arguments = (self.evaluator, task.subject, self.study.fidelity, self.study.seed)
                         running[submit(evaluate_design, *arguments)] = task
@@ -192,7 +196,7 @@ class Search:
 
     def _has_room(self, running: Mapping[Any, Task], workers: int) -> bool:
         """Whether one more evaluation may start: none does beside a design that may kill its worker."""
-        return len(running) < workers and not any(map(_suspected, running.values()))
+        return len(running) < workers and not any(task.alone for task in running.values())
 
     def _started(self, running: Mapping[Any, Task]) -> int:
         waiting = sum(len(tasks) for tasks in self._followers.values())
@@ -260,7 +264,7 @@ class Search:
             self._reject(trial, reason, broken)
             return None
         design = subject if isinstance(subject, Design) else subject.design
-        task = Task(trial, design, subject)
+        task = Task(trial, design, subject, alone=bool(trial.user_attrs.get("deaths", 0)))
         if design.digest in self._known:
             self._reuse(task, self._known[design.digest])
             return None
@@ -319,14 +323,14 @@ class Search:
     def _finish(self, task: Task, outcome: dict[str, Any]) -> None:
         followers = self._followers.pop(task.design.digest, [])
         if "infeasible" in outcome:
-            for trial, _, _ in (task, *followers):
-                self._reject(trial, outcome["infeasible"], {})
+            for each in (task, *followers):
+                self._reject(each.trial, outcome["infeasible"], {})
             return
         self._rejected = 0
         reason = outcome.get("failed") or self._unusable(outcome["scores"])
         if reason:
-            for trial, _, _ in (task, *followers):
-                self._fail(trial, reason)
+            for each in (task, *followers):
+                self._fail(each.trial, reason)
             return
         self._failed = 0
         done = next((one for one in (task, *followers) if self._complete(one, outcome)), None)
@@ -430,11 +434,6 @@ class Search:
             if scores[name]["value"] is None:
                 return f"{name} is not a finite number"
         return None
-
-
-def _suspected(task: Task) -> bool:
-    """Whether a process died over this design or one that was evaluated beside it."""
-    return bool(task.trial.user_attrs.get("deaths", 0))
 
 
 def retry(
