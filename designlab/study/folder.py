@@ -6,8 +6,9 @@ The record may lie in a database instead, which runs on several machines share.
 import contextlib
 import os
 import sqlite3
+import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -221,6 +222,36 @@ def beat(record: "optuna.Study", trial_id: int) -> None:
     storage.record_heartbeat(trial_id)
 
 
+@contextlib.contextmanager
+def heartbeats(record: "optuna.Study", own: Mapping[int, int]) -> Iterator[None]:
+    """Tell the other runs of a shared record that this one is alive.
+
+    Parameters
+    ----------
+    record : optuna.Study
+        The record.
+    own : mapping of int to int
+        Number of each trial that this run holds, and its key in the database; may change meanwhile.
+    """
+    from optuna.exceptions import StorageInternalError
+
+    ended = threading.Event()
+
+    def live() -> None:
+        while not ended.wait(HEARTBEAT_S):
+            for key in list(own.values()):
+                with contextlib.suppress(StorageInternalError):  # which the search itself will meet
+                    beat(record, key)
+
+    thread = threading.Thread(target=live, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
 def _own_storage(folder: Path) -> "optuna.storages.RDBStorage":
     # SQLite, because its transactions survive a kill at any moment: in Optuna's journal file, a line cut off
     # by a kill makes the file useless to the next run.
@@ -348,5 +379,10 @@ def read_confirmations(folder: Path) -> Iterator[dict[str, Any]]:
 
 def finished_trials(folder: Path) -> dict[int, dict[str, Any]]:
     """Return what is kept of each evaluated trial by its number, as plain data."""
-    paths = sorted((folder / TRIALS_FOLDER).glob(f"*/{SCORE_FILE}"))
-    return {int(path.parent.name): read_json(path) for path in paths if path.parent.name.isdigit()}
+    return {number: read_json(trial_folder(folder, number) / SCORE_FILE) for number in kept_numbers(folder)}
+
+
+def kept_numbers(folder: Path) -> list[int]:
+    """Numbers of the evaluated trials whose scores the folder keeps."""
+    names = (path.parent.name for path in (folder / TRIALS_FOLDER).glob(f"*/{SCORE_FILE}"))
+    return sorted(int(name) for name in names if name.isdigit())

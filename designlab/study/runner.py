@@ -93,10 +93,10 @@ def run_study(
         if study.robust is not None:
             scored = RobustEvaluator(evaluator or built_evaluator, study.robust, study.objectives)
         search = Search(study, folder, record, scored, shared=storage is not None)
-        if rebuild:
-            search.rebuild()
-        search.recover()
         with Interrupts() as interrupts:
+            if rebuild:
+                search.rebuild()
+            search.recover()
             try:
                 with _bar(total, search, shown=progress) as update:
                     _run(search, total, workers, interrupts, update)

@@ -2,10 +2,9 @@
 
 import contextlib
 import secrets
-import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -18,12 +17,14 @@ from designlab.interrupts import Interrupts
 from designlab.store import atomic_folder, write_atomic, write_json
 from designlab.study.definition import Study, StudyError
 from designlab.study.folder import (
-    HEARTBEAT_S,
+    REBUILD,
     SCORE,
     SCORE_FILE,
     SILENT_S,
     beat,
     finished_trials,
+    heartbeats,
+    kept_numbers,
     read_trial,
     trial_folder,
 )
@@ -37,6 +38,9 @@ if TYPE_CHECKING:
 
 REFUSED_MM = 1000.0
 """Violation of a design that is refused before its rules can be measured: worse than any that can."""
+
+COVERAGE, COVERAGE_COLUMNS = "coverage", 64
+"""Score that is known without light, and the columns of the view that it is told from."""
 
 POLL_S = 5.0
 """How often a run that has nothing to do asks what the others of a shared record do."""
@@ -124,6 +128,9 @@ class Search:
         from optuna.trial import TrialState
 
         trials = self.record.get_trials(deepcopy=False)
+        lost = [number for number in kept_numbers(self.folder) if number >= len(trials)]
+        if lost and not self.shared:  # what is drawn next would take their place
+            raise StudyError(f"{self.folder}: the record lacks trial {lost[0]}, which is kept; {REBUILD}")
         for trial in trials:
             if trial.state != TrialState.RUNNING or (self.shared and trial.number not in self._own):
                 continue
@@ -165,7 +172,7 @@ class Search:
     ) -> None:
         """Evaluate designs until `total` trials are complete, by all runs that share the record together."""
         running: dict[Future[dict[str, Any]], Task] = {}
-        with self._heartbeats():
+        with heartbeats(self.record, self._own) if self.shared else contextlib.nullcontext():
             while True:
                 while self._has_room(running, workers) and self._started(running) < total:
                     interrupts.check()
@@ -225,30 +232,6 @@ class Search:
                 self.record.tell(trial.number, state=TrialState.FAIL, skip_if_finished=True)
         return len(others)
 
-    @contextlib.contextmanager
-    def _heartbeats(self) -> Iterator[None]:
-        """Tell the other runs of a shared record that this one is alive."""
-        if not self.shared:
-            yield
-            return
-        from optuna.exceptions import StorageInternalError
-
-        ended = threading.Event()
-
-        def live() -> None:
-            while not ended.wait(HEARTBEAT_S):
-                for key in list(self._own.values()):
-                    with contextlib.suppress(StorageInternalError):  # which the search itself will meet
-                        beat(self.record, key)
-
-        thread = threading.Thread(target=live, daemon=True)
-        thread.start()
-        try:
-            yield
-        finally:
-            ended.set()
-            thread.join()
-
     def _propose(self) -> Task | None:
         """Draw one design; None if it is settled without an evaluation: infeasible, or known already."""
         from optuna.exceptions import UpdateFinishedTrialError
@@ -263,6 +246,11 @@ class Search:
         if subject is None:
             self._reject(trial, reason, broken)
             return None
+        if unseen := self._unseen(subject):
+            share, short = unseen
+            bound = self.study.constraints[COVERAGE].text()
+            self._reject(trial, f"{COVERAGE}: must be {bound}, is {share:.3f}", {}, {COVERAGE: short})
+            return None
         design = subject if isinstance(subject, Design) else subject.design
         task = Task(trial, design, subject, alone=bool(trial.user_attrs.get("deaths", 0)))
         if design.digest in self._known:
@@ -272,6 +260,20 @@ class Search:
             self._followers[design.digest].append(task)
             return None
         return task
+
+    def _unseen(self, subject: "Design | SensorModel") -> tuple[float, float] | None:
+        """Share that the camera sees, which takes no light to know, and by how much it breaks its bound."""
+        from designlab.effects.model import SensorModel
+        from designlab.maps import covered
+        from designlab.viewing import rays
+
+        bound = self.study.constraints.get(COVERAGE)
+        if bound is None or self.study.robust is not None:  # of copies it is another number
+            return None
+        design = SensorModel.of(subject).effective_design()
+        share = covered(design, rays(design, design.view(COVERAGE_COLUMNS)))
+        short = bound.broken_by(share)
+        return (share, short) if short > 0 else None
 
     def _draw(self) -> "optuna.Trial":
         """Draw the parameters of a trial and sign it."""
@@ -307,11 +309,17 @@ class Search:
         slot = next(slot for slot in range(len(taken) + 1) if slot not in taken)
         return slot, attempts.get(slot, 0)
 
-    def _reject(self, trial: "optuna.Trial", reason: str, broken: Mapping[str, float]) -> None:
+    def _reject(
+        self,
+        trial: "optuna.Trial",
+        reason: str,
+        broken: Mapping[str, float],
+        constraints: Mapping[str, float] | None = None,
+    ) -> None:
         """Record an infeasible design: pruned, with a constraint from which the sampler learns."""
         violation_mm = sum(broken.values()) if broken else REFUSED_MM
         note = {"rejected": {"reason": reason, "broken": dict(broken)}}
-        self._settle(trial, None, note, {"violation_mm": violation_mm})
+        self._settle(trial, None, note, constraints or {"violation_mm": violation_mm})
         self.infeasible += 1
         self._rejected += 1
         if self._rejected >= _GIVE_UP:

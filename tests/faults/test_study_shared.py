@@ -19,7 +19,7 @@ import designlab.study.folder, designlab.study.search as search
 from designlab.study import load_study, run_study
 
 designlab.study.folder.HEARTBEAT_S, designlab.study.folder.SILENT_S = 1, 3
-search.HEARTBEAT_S, search.POLL_S = 1, 0.2
+search.POLL_S = 0.2
 
 def evaluator(design, *, fidelity, seed):
     log(design, "start")

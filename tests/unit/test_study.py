@@ -542,6 +542,19 @@ def test_a_record_is_rebuilt_of_what_was_finished(tmp_path, lost):
     assert run(study, tmp_path, trials=10).counts()["complete"] == 10
 
 
+def test_a_record_that_lacks_finished_trials_is_refused(tmp_path):
+    """An old copy of it, say: new trials would overwrite what is kept under their numbers."""
+    study = make(trials=3)
+    run(study, tmp_path)
+    with opened(tmp_path, study, rebuild=True):
+        pass
+    with pytest.raises(StudyError, match=r"the record lacks trial 0, which is kept; `study run --rebuild`"):
+        run(study, tmp_path)
+    counting = Counting()
+    assert run(study, tmp_path, rebuild=True, evaluator=counting).counts() == counts(complete=3)
+    assert counting.digests == []
+
+
 def test_a_place_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match=r"cannot write .*file/study"):
