@@ -39,9 +39,6 @@ if TYPE_CHECKING:
 REFUSED_MM = 1000.0
 """Violation of a design that is refused before its rules can be measured: worse than any that can."""
 
-COVERAGE, COVERAGE_COLUMNS = "coverage", 64
-"""Score that is known without light, and the columns of the view that it is told from."""
-
 POLL_S = 5.0
 """How often a run that has nothing to do asks what the others of a shared record do."""
 
@@ -246,11 +243,6 @@ class Search:
         if subject is None:
             self._reject(trial, reason, broken)
             return None
-        if unseen := self._unseen(subject):
-            share, short = unseen
-            bound = self.study.constraints[COVERAGE].text()
-            self._reject(trial, f"{COVERAGE}: must be {bound}, is {share:.3f}", {}, {COVERAGE: short})
-            return None
         design = subject if isinstance(subject, Design) else subject.design
         task = Task(trial, design, subject, alone=bool(trial.user_attrs.get("deaths", 0)))
         if design.digest in self._known:
@@ -260,20 +252,6 @@ class Search:
             self._followers[design.digest].append(task)
             return None
         return task
-
-    def _unseen(self, subject: "Design | SensorModel") -> tuple[float, float] | None:
-        """Share that the camera sees, which takes no light to know, and by how much it breaks its bound."""
-        from designlab.effects.model import SensorModel
-        from designlab.maps import covered
-        from designlab.viewing import rays
-
-        bound = self.study.constraints.get(COVERAGE)
-        if bound is None or self.study.robust is not None:  # of copies it is another number
-            return None
-        design = SensorModel.of(subject).effective_design()
-        share = covered(design, rays(design, design.view(COVERAGE_COLUMNS)))
-        short = bound.broken_by(share)
-        return (share, short) if short > 0 else None
 
     def _draw(self) -> "optuna.Trial":
         """Draw the parameters of a trial and sign it."""
@@ -309,17 +287,11 @@ class Search:
         slot = next(slot for slot in range(len(taken) + 1) if slot not in taken)
         return slot, attempts.get(slot, 0)
 
-    def _reject(
-        self,
-        trial: "optuna.Trial",
-        reason: str,
-        broken: Mapping[str, float],
-        constraints: Mapping[str, float] | None = None,
-    ) -> None:
+    def _reject(self, trial: "optuna.Trial", reason: str, broken: Mapping[str, float]) -> None:
         """Record an infeasible design: pruned, with a constraint from which the sampler learns."""
         violation_mm = sum(broken.values()) if broken else REFUSED_MM
         note = {"rejected": {"reason": reason, "broken": dict(broken)}}
-        self._settle(trial, None, note, constraints or {"violation_mm": violation_mm})
+        self._settle(trial, None, note, {"violation_mm": violation_mm})
         self.infeasible += 1
         self._rejected += 1
         if self._rejected >= _GIVE_UP:
