@@ -46,9 +46,7 @@ def test_the_page_shows_rates_confidence_limits_and_every_set(tmp_path: Path) ->
     assert "<img" not in bare.read_text(encoding="utf-8")
     assert "The code changed" not in text
     mixed = [*small_pool(), replace(small_pool()[0], code="76543210dcba")]
-    text = pool_report(score(mixed), tmp_path / "report.html", title="Two").read_text(
-        encoding="utf-8"
-    )
+    text = pool_report(score(mixed), tmp_path / "report.html", title="Two").read_text(encoding="utf-8")
     assert "2 versions: 0123abcd4567, 76543210dcba" in text
 
 
