@@ -274,12 +274,13 @@ def _last_fit(
     """Fit what a search has found exactly, unless the select presses speak against it."""
     fitter, fit = refined(source, searched.fitter, searched.fit, train)
     last = _Stand(fitter, fit, judge(fitter, fit.state, select))
-    return searched if _gives_back(given.judged, searched.judged, last.judged) else last
+    means = (stand.judged.mean for stand in (given, searched, last))
+    return searched if _gives_back(*means) else last
 
 
-def _gives_back(before: Judged, searched: Judged, refined: Judged) -> bool:
-    """Whether a last fit undoes on the select presses what the search has reached there."""
-    return refined.mean - searched.mean > GIVEN_BACK * (before.mean - searched.mean)
+def _gives_back(before: float, searched: float, refined: float) -> bool:
+    """Whether a last fit undoes on the select presses what the search has reached there, by mean squares."""
+    return refined - searched > GIVEN_BACK * (before - searched)
 
 
 def _settled(verdict: Verdict, alike: Sequence[Sequence[str]], gap: Mapping[str, Level]) -> Verdict:

@@ -225,8 +225,7 @@ def test_other_presses_can_weaken_a_verdict(verdict, train, final, settled) -> N
 
 @pytest.mark.parametrize(("after", "given_back"), [(0.9, False), (1.7, False), (2.0, True), (12.0, True)])
 def test_a_last_fit_may_not_undo_what_the_search_reached(after, given_back) -> None:
-    before, searched, refined = (SimpleNamespace(mean=mean) for mean in (9.0, 1.0, after))
-    assert _gives_back(before, searched, refined) is given_back  # type: ignore[arg-type]
+    assert _gives_back(9.0, 1.0, after) is given_back
 
 
 def test_a_region_stands_out_by_its_own_excess_and_an_even_one_does_not() -> None:
