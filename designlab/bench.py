@@ -188,12 +188,23 @@ class Bench:
         return fit_kernel(images, background, [p for p, _ in truths], [q for _, q in truths], x, y, like=like)
 
     def reconstruct(
-        self, calibration: KernelCalibration, tests: Sequence[Frame], *, extra: RenderNoise | None = None
+        self,
+        calibration: KernelCalibration,
+        tests: Sequence[Frame],
+        *,
+        extra: RenderNoise | None = None,
+        only: Sequence[int] | None = None,
     ) -> list[Reconstruction]:
-        """Reconstruct the test presses, from pictures with added render noise if `extra` is given."""
-        return each_of(
-            lambda k: self._one(calibration, tests[k], self.picture(tests[k], 100 + k, extra)), len(tests)
-        )
+        """Reconstruct the test presses, from pictures with added render noise if `extra` is given.
+
+        If given, those with the numbers `only`, of which the camera's noise is the same.
+        """
+        chosen = range(len(tests)) if only is None else only
+
+        def one(k: int) -> Reconstruction:
+            return self._one(calibration, tests[k], self.picture(tests[k], 100 + k, extra))
+
+        return each_of(lambda place: one(chosen[place]), len(chosen))
 
     def noise_limits_deg(self, untouched: Frame, balls: Sequence[Frame]) -> list[Array]:
         """Least tilt that camera noise makes up at each pixel of the untouched gel, see `information`.

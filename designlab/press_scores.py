@@ -40,6 +40,10 @@ TYPICAL = np.array(
 """How hard each of the six test probes is, relative to their mean: geometric means over random designs, see
 ``benchmarks/information_ranking.py``. How many pixels saturate depends on the design alone."""
 
+NOISE_LEFT = 0.3
+"""Share of what render noise adds that may be left of it, or taken off too much, see
+``benchmarks/render_noise.py``."""
+
 
 def reconstruction_scores(
     bench: Bench,
@@ -59,7 +63,8 @@ def reconstruction_scores(
     background : array, shape (rows, columns, channels)
         Its picture, as the calibration has it.
     results, noisier : sequence of Reconstruction
-        The presses, and every other of them with a second dose of render noise.
+        The presses, and those of `dosed` with a second dose of render noise. What the second dose adds to a
+        score, the first one has added as well: it is taken off.
     """
     units = {
         "normal_error_median_deg": "deg",
@@ -72,18 +77,24 @@ def reconstruction_scores(
     }
     base = normals(*base_gradient(bench.design.elastomer, *untouched.seen_mm))
     each = _errors(bench, results, background, base)
-    value, once = pooled(each), pooled(each[::2])
-    doubled = pooled(_errors(bench, noisier, background, base))
+    value, once = pooled(each), pooled(each[dosed(len(each))])
+    twice = pooled(_errors(bench, noisier, background, base))
     chances = press_chances(each)
     estimates = {}
     for name, unit in units.items():
         if not np.isfinite(value[name]):
             continue
         choice = float(np.linalg.norm(chances[name]))
-        # Doubling the variance of the render noise moves a score by about what that noise already moved it.
-        bias = abs(doubled[name] - once[name]) if np.isfinite(doubled[name] - once[name]) else 0.0
-        estimates[name] = Estimate(value[name], float(np.hypot(choice, bias)), unit, bias)
+        added = twice[name] - once[name] if np.isfinite(twice[name] - once[name]) else 0.0
+        freed = float(np.clip(value[name] - added, 0.0, 1.0 if unit == "1" else np.inf))
+        left = NOISE_LEFT * abs(added)
+        estimates[name] = Estimate(freed, float(np.hypot(choice, left)), unit, left)
     return estimates, dict(zip(PRESS_FIGURES, each.T.tolist(), strict=True))
+
+
+def dosed(count: int) -> list[int]:
+    """Which test presses get a second dose of render noise: every other, of two rounds each probe once."""
+    return [k for k in range(count) if (k + k // len(TEST_PROBES)) % 2 == 0]
 
 
 def _errors(bench: Bench, results: Sequence[Reconstruction], background: Array, base: Array) -> Array:

@@ -1,8 +1,10 @@
 """Studies: search designs for the best scores, resumably; sweeps over full grids."""
 
 from designlab.bounds import Bound
-from designlab.study.definition import Parameter, Plan, Study, StudyError, dumps_study, load_study
+from designlab.study.defaults import default_parameters
+from designlab.study.definition import Plan, Study, StudyError, dumps_study, load_study
 from designlab.study.front import history, pareto
+from designlab.study.parameter import Parameter
 from designlab.study.results import Results, importance, load_results
 from designlab.study.robust import Robust
 from designlab.study.runner import StudyInterrupted, run_study
@@ -19,6 +21,7 @@ __all__ = [
     "StudyError",
     "StudyInterrupted",
     "SweepInterrupted",
+    "default_parameters",
     "dumps_study",
     "history",
     "importance",

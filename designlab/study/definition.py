@@ -9,6 +9,8 @@ from pydantic import Field, ValidationError, ValidationInfo, field_validator, mo
 from designlab.bounds import Bound
 from designlab.design import Design, DesignError, explain, preset, preset_names
 from designlab.store import digest, read_toml, require_version
+from designlab.study.defaults import default_parameters
+from designlab.study.parameter import Parameter
 from designlab.study.robust import Robust
 from designlab.tolerance.spreads import require_applicable
 from geometries.spec import Spec
@@ -34,91 +36,6 @@ DEFAULT_OBJECTIVES: dict[str, Literal["maximise", "minimise"]] = {
 
 class StudyError(ValueError):
     """A study file, field or folder that cannot be used; the text names it, the value and the rule."""
-
-
-DIGITS = 9
-"""After the point of fields that follow a parameter: so a base design is met again in spite of rounding."""
-
-
-class Tied(Spec):
-    """How a field follows a parameter: so many times its value, plus so much."""
-
-    times: float = Field(1.0, description="Factor on the value.")
-    plus: float = Field(0.0, description="What is added, in the unit of the field.")
-
-
-class Parameter(Spec):
-    """Values that one field of the design may take: a range, or a list of choices."""
-
-    low: float | None = Field(None, description="Smallest value, in the unit of the field.")
-    high: float | None = Field(None, description="Largest value, in the unit of the field.")
-    step: float | None = Field(None, gt=0, description="Spacing of the values; continuous if absent.")
-    log: bool = Field(False, description="Whether to search on a logarithmic scale.")
-    choices: tuple[bool | int | float | str, ...] | None = Field(
-        None, min_length=1, description="The values themselves, instead of a range."
-    )
-    variant: str | None = Field(
-        None, description="Name of the only variant that it is for; all variants if absent."
-    )
-    also: dict[str, float | Tied] = Field(
-        {},
-        description="Further fields that move along, by dotted path: each takes the value plus this, for "
-        "example the radius of a core under a gel that is 2 mm thick, or so many times the value plus this.",
-    )
-
-    @model_validator(mode="after")
-    def _one_kind(self) -> Self:
-        if self.choices is not None:
-            words = any(isinstance(choice, bool | str) for choice in self.choices)
-            if words and any(tie != Tied() for tie in self.ties.values()):
-                raise ValueError("also: only numbers can be moved by an offset; give 0")
-            if self.low is not None or self.high is not None or self.step is not None or self.log:
-                raise ValueError("give either choices, or low and high with step or log; not both")
-            if len(set(self.choices)) != len(self.choices):
-                raise ValueError(f"choices must differ, got {list(self.choices)}")
-            return self
-        if self.low is None or self.high is None:
-            raise ValueError("give low and high, or choices")
-        if not self.low < self.high:
-            raise ValueError(f"low must be below high, got low {self.low:g}, high {self.high:g}")
-        if self.log and self.low <= 0:
-            raise ValueError(f"a logarithmic range needs low above 0, got low {self.low:g}")
-        if self.log and self.step is not None:
-            raise ValueError("give step or log, not both")
-        return self
-
-    @property
-    def extremes(self) -> tuple[bool | int | float | str, ...]:
-        """The values to check against the field: both ends, or every choice."""
-        if self.choices is not None:
-            return self.choices
-        return tuple(value for value in (self.low, self.high) if value is not None)
-
-    def fields(self, path: str, value: Any) -> dict[str, Any]:
-        """Fields that a value of the parameter sets, and what each becomes."""
-        moved = {
-            other: value if tie == Tied() else round(tie.times * value + tie.plus, DIGITS)
-            for other, tie in self.ties.items()
-        }
-        return {path: value, **moved}
-
-    @property
-    def ties(self) -> "dict[str, Tied]":
-        """What each further field becomes."""
-        return {other: tie if isinstance(tie, Tied) else Tied(plus=tie) for other, tie in self.also.items()}
-
-    def holds(self, value: Any) -> bool:
-        """Whether a value is one of those that the parameter may take."""
-        if self.choices is not None or self.low is None or self.high is None:
-            return value in (self.choices or ())
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int | float)
-            or not self.low <= value <= self.high
-        ):
-            return False
-        steps = 0.0 if self.step is None else (value - self.low) / self.step
-        return abs(steps - round(steps)) < 1e-9
 
 
 class Plan(Spec):
@@ -149,7 +66,10 @@ class Study(Spec):
         description="Alternatives of the base design, each design being one: name to fields and values.",
     )
     parameters: dict[str, Parameter] = Field(
-        min_length=1, description="Fields of the design by dotted path, and the values they may take."
+        default_factory=lambda given: _usual(given),
+        validate_default=True,
+        description="Fields of the design by dotted path, and the values they may take; if absent, where the "
+        "LEDs stand, their size or spacing, the core's sides, boards and coating, as far as the rules allow.",
     )
     objectives: dict[str, Literal["maximise", "minimise"]] = Field(
         DEFAULT_OBJECTIVES, min_length=1, description="Scores, and which way each is better."
@@ -225,6 +145,10 @@ class Study(Spec):
         base, variants = info.data.get("base"), info.data.get("variants")
         if base is None or variants is None:  # their own error is reported
             return parameters
+        if not parameters:
+            rules = ", ".join(base.broken())
+            why = f"; none can be had from the base, which breaks {rules}" if rules else ""
+            raise ValueError(f"give at least one{why}")
         for path, parameter in parameters.items():
             if parameter.variant is not None and parameter.variant not in variants:
                 known = ", ".join(variants) or "there are none"
@@ -356,6 +280,23 @@ class Study(Spec):
         fields = [field for field in type(self).model_fields if field not in free]
         differing = [field for field in fields if getattr(self, field) != getattr(other, field)]
         return differing + (["base"] if self.base.digest != other.base.digest else [])
+
+
+def _usual(given: Mapping[str, Any]) -> dict[str, Parameter]:
+    """Default parameters of the base, but for fields that variants set."""
+    if "base" not in given or "variants" not in given:  # their own error is reported
+        return {}
+    held = {field for fields in given["variants"].values() for field in fields}
+    return {
+        path: parameter
+        for path, parameter in default_parameters(given["base"]).items()
+        if not any(_overlap(field, other) for field in (path, *parameter.also) for other in held)
+    }
+
+
+def _overlap(field: str, other: str) -> bool:
+    """Whether one dotted path is the other, or part of what it names."""
+    return f"{field}.".startswith(f"{other}.") or f"{other}.".startswith(f"{field}.")
 
 
 def carried(model: "SensorModel") -> dict[str, Any]:

@@ -4,7 +4,8 @@ import math
 import warnings
 from typing import TYPE_CHECKING
 
-from designlab.study.definition import VARIANT, Parameter, Study, StudyError
+from designlab.study.definition import VARIANT, Study, StudyError
+from designlab.study.parameter import Parameter
 
 if TYPE_CHECKING:
     import optuna

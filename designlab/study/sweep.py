@@ -16,13 +16,13 @@ from designlab.interrupts import Interrupts
 from designlab.store import digest, read_json, write_json
 from designlab.study.definition import (
     DEFAULT_OBJECTIVES,
-    Parameter,
     Plan,
     Sampler,
     Study,
     StudyError,
     carried,
 )
+from designlab.study.parameter import Parameter
 from designlab.study.results import Results
 from designlab.study.robust import Robust
 from designlab.study.runner import run_study
@@ -191,7 +191,8 @@ def _sweep_row(
 
 def optimise(
     design: "Design | SensorModel",
-    parameters: Mapping[str, Parameter | tuple[float, float] | Sequence[Any] | Mapping[str, Any]],
+    parameters: Mapping[str, Parameter | tuple[float, float] | Sequence[Any] | Mapping[str, Any]]
+    | None = None,
     *,
     out: str | Path,
     objectives: Mapping[str, Literal["maximise", "minimise"]] | None = None,
@@ -214,9 +215,9 @@ def optimise(
     ----------
     design : Design or SensorModel
         The design to start from; of a model, the effects that hold for other designs too go with it.
-    parameters : mapping
+    parameters : mapping, optional
         Field by dotted path to a range as a tuple ``(low, high)``, a list of choices, or a `Parameter`, also
-        as a mapping of its fields.
+        as a mapping of its fields; those of `default_parameters` when absent.
     out : str or Path
         Folder of the study.
     objectives : mapping, optional
@@ -243,7 +244,11 @@ def optimise(
         "name": f"{base.name} search",
         "base": base,
         **({} if isinstance(design, Design) else carried(design)),
-        "parameters": {path: _parameter(path, given) for path, given in parameters.items()},
+        **(
+            {}
+            if parameters is None
+            else {"parameters": {p: _parameter(p, its) for p, its in parameters.items()}}
+        ),
         "objectives": dict(objectives or DEFAULT_OBJECTIVES),
         "constraints": dict(constraints or {}),
         "variants": dict(variants or {}),

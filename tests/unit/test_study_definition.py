@@ -11,6 +11,7 @@ from designlab.design import preset
 from designlab.scores import SCORES
 from designlab.study import (
     Parameter,
+    Study,
     StudyError,
     dumps_study,
     load_study,
@@ -47,7 +48,8 @@ def test_a_design_file_is_found_beside_the_study_file(tmp_path):
         (HEAD.replace("1", "2"), r"field version: has format version 2, this designlab reads 1"),
         ('base = "default"\n', r"field version: has no format version, this designlab reads 1"),
         ("version = 1\nbase = ", r"study-file\.toml: not valid TOML"),
-        (HEAD, r"study-file\.toml: field parameters: Field required"),
+        (HEAD + "parameters = {}\n", r"study-file\.toml: field parameters: give at least one$"),
+        ("version = 1\n", r"study-file\.toml: field base: Field required"),
         (
             HEAD + "trails = 3\n[parameters.leds.tilt_deg]\nlow = 0\nhigh = 1\n",
             r"field trails: unknown field",
@@ -86,6 +88,47 @@ def test_a_bad_study_file_is_refused_by_file_field_and_rule(tmp_path, text, mess
         load_study(write(tmp_path, text))
     assert "study-file.toml" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_parameters_are_not_guessed_around_a_base_that_cannot_be_built(tmp_path):
+    base = preset("gelsight-2020-flat").replace({"leds.height_mm": 60.0})
+    (tmp_path / "high.toml").write_text(designs.dumps(base), encoding="utf-8")
+    with pytest.raises(StudyError, match=r"parameters: give at least one; none .* breaks leds_below_plate"):
+        load_study(write(tmp_path, 'version = 1\nbase = "high.toml"\n'))
+
+
+@pytest.mark.parametrize(
+    ("name", "fields"),
+    [
+        ("gelsight-2020-flat", {"leds.radius_mm", "leds.tilt_deg", "leds.emitting_width_mm"}),
+        (
+            "gelsight-2020-flat-core",
+            {"leds.emitting_width_mm", "gelcore.paint_reflectance", "gelcore.side_finish"},
+        ),
+        ("gelsight-2020-dome-core", {"leds.radius_mm", "leds.tilt_deg", "leds.emitting_width_mm"}),
+        ("default", {"leds.radius_mm", "leds.tilt_deg", "leds.pitch_mm"}),
+    ],
+)
+def test_a_study_that_says_no_more_than_its_base_varies_the_light_as_far_as_can_be_built(
+    tmp_path, name, fields
+):
+    study = load_study(write(tmp_path, f'version = 1\nbase = "{name}"\n'))
+    assert {"leds.height_mm", *fields} <= set(study.parameters)
+    assert ("leds.tilt_deg" in study.parameters) == (study.base.leds.coupling == "air_gap")
+    own = study.start()
+    assert own is not None
+    assert study.design(own) == study.base
+    for path, parameter in study.parameters.items():
+        for end in parameter.extremes:
+            assert not study.design(own | {path: end}).broken(), (path, end)
+    assert load_study(write(tmp_path, dumps_study(study))) == study
+
+
+def test_default_parameters_leave_alone_what_variants_set():
+    variants = {"low": {"leds.height_mm": 6.0}, "high": {"leds": {"height_mm": 9.0, "tilt_deg": 5.0}}}
+    study = Study(base=preset("gelsight-2020-flat"), variants=variants)
+    assert study.parameters
+    assert not {"leds.height_mm", "leds.tilt_deg"} & set(study.parameters)
 
 
 def test_a_missing_study_file_is_named(tmp_path):
