@@ -121,13 +121,6 @@ class Reconstruction:
         return np.asarray(1000 * (self.height_mm - self.frame.height_mm)[self.region])
 
 
-class RenderNoise(NamedTuple):
-    """Relative error of rendering: `shared` by all pictures, (groups, rows, columns), and `grain` of each."""
-
-    shared: Array
-    grain: Array
-
-
 @dataclass(frozen=True)
 class Bench:
     """Camera and reconstruction around rendered frames.
@@ -146,65 +139,36 @@ class Bench:
             return signal
         return np.clip(self.model.on_signal(signal), 0.0, 1.0)
 
-    def picture(self, frame: Frame, number: int, extra: RenderNoise | None) -> NDArray[np.float32]:
-        """What the camera reports, the curve of the design undone; `extra` is added render noise."""
-        mixed = frame.mixed
-        if extra is not None:
-            random = np.random.default_rng(sub_seed(self.seed, 5, number))
-            grain = random.standard_normal(frame.basis.shape) * extra.grain[:, None, None]
-            noisy = frame.basis * (1 + extra.shared + grain)
-            mixed = np.einsum("cg,grk->rkc", frame.weights, noisy).astype(np.float32)
+    def picture(self, frame: Frame, number: int) -> NDArray[np.float32]:
+        """What the camera reports, the curve of the design undone; its noise follows from the number."""
         camera = self.design.camera
         seen = camera.expose(
-            mixed, exposure=self.exposure, seed=sub_seed(self.seed, 4, number), binned=_binned(frame)
+            frame.mixed, exposure=self.exposure, seed=sub_seed(self.seed, 4, number), binned=_binned(frame)
         )
         return self.reported(camera.response.decode(seen)).astype(np.float32)
 
-    def background(
-        self, untouched: Frame, again: Frame, extra: RenderNoise | None = None
-    ) -> NDArray[np.floating]:
+    def background(self, untouched: Frame, again: Frame) -> NDArray[np.floating]:
         """Picture of the untouched gel that presses are compared with."""
         # A lab averages many frames of it; smoothing stands for that.
-        mean = (self.picture(untouched, 0, extra) + self.picture(again, 1, extra)) / 2
+        mean = (self.picture(untouched, 0) + self.picture(again, 1)) / 2
         return np.asarray(gaussian_filter(mean, sigma=(SMOOTHING_PX, SMOOTHING_PX, 0)))
 
-    def calibrate(
-        self,
-        untouched: Frame,
-        again: Frame,
-        balls: Sequence[Frame],
-        *,
-        extra: RenderNoise | None = None,
-        like: KernelCalibration | None = None,
-    ) -> KernelCalibration:
-        """Calibrate on the balls, on pictures with added render noise if `extra` is given.
-
-        Of an earlier calibration, `like`, the kernel is taken over instead of being chosen anew.
-        """
-        background = self.background(untouched, again, extra)
+    def calibrate(self, untouched: Frame, again: Frame, balls: Sequence[Frame]) -> KernelCalibration:
+        """Calibrate on the balls."""
+        background = self.background(untouched, again)
         x, y = untouched.rays.x_mm, untouched.rays.y_mm
-        images = each_of(lambda k: self.picture(balls[k], 10 + k, extra), len(balls))
+        images = each_of(lambda k: self.picture(balls[k], 10 + k), len(balls))
         truths = each_of(lambda k: balls[k].gradient, len(balls))
-        return fit_kernel(images, background, [p for p, _ in truths], [q for _, q in truths], x, y, like=like)
+        return fit_kernel(images, background, [p for p, _ in truths], [q for _, q in truths], x, y)
 
     def reconstruct(
-        self,
-        calibration: KernelCalibration,
-        tests: Sequence[Frame],
-        *,
-        extra: RenderNoise | None = None,
-        only: Sequence[int] | None = None,
+        self, calibration: KernelCalibration, tests: Sequence[Frame], *, numbers: Sequence[int] | None = None
     ) -> list[Reconstruction]:
-        """Reconstruct the test presses, from pictures with added render noise if `extra` is given.
-
-        If given, those with the numbers `only`, of which the camera's noise is the same.
-        """
-        chosen = range(len(tests)) if only is None else only
-
-        def one(k: int) -> Reconstruction:
-            return self._one(calibration, tests[k], self.picture(tests[k], 100 + k, extra))
-
-        return each_of(lambda place: one(chosen[place]), len(chosen))
+        """Reconstruct test presses; of those with equal numbers, the camera's noise is the same."""
+        chosen = range(len(tests)) if numbers is None else numbers
+        return each_of(
+            lambda k: self._one(calibration, tests[k], self.picture(tests[k], 100 + chosen[k])), len(tests)
+        )
 
     def noise_limits_deg(self, untouched: Frame, balls: Sequence[Frame]) -> list[Array]:
         """Least tilt that camera noise makes up at each pixel of the untouched gel, see `information`.
@@ -294,17 +258,3 @@ def _binned(frame: Frame) -> float:
 
 def _grown(mask: NDArray[np.bool_], radius_px: float) -> NDArray[np.bool_]:
     return np.asarray(distance_transform_edt(~mask) <= radius_px) & mask.any()
-
-
-def render_noise(a: Frame, b: Frame) -> RenderNoise:
-    """Noise of the mean of two renders of one scene, from their difference.
-
-    What differs between neighbouring pixels is drawn anew in each picture; a smooth error is that of a light
-    field, which all presses share.
-    """
-    level = (a.basis + b.basis).mean(axis=(1, 2), keepdims=True) / 2
-    half = (a.basis - b.basis) / 2 / np.maximum((a.basis + b.basis) / 2, 0.1 * level)
-    smooth = gaussian_filter(half, sigma=(0, GRAIN_PX, GRAIN_PX))
-    # A picture of its own has twice the variance of the mean of two.
-    grain = np.sqrt(2.0) * (half - smooth).std(axis=(1, 2))
-    return RenderNoise(smooth if a.grain_mm > 0 else np.zeros_like(smooth), np.asarray(grain))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from designlab import maps, press_scores, scores
-from designlab.bench import Bench, Presses, Reconstruction, plan_presses, render_noise, sub_seed
+from designlab.bench import Bench, Presses, Reconstruction, plan_presses, sub_seed
 from designlab.design import Design
 from designlab.effects.model import SensorModel
 from designlab.press import Surface
@@ -139,8 +139,8 @@ def evaluate(
     The untouched gel tells how each LED group lights it and what the camera makes of it. Ball presses
     calibrate photometric stereo, which then reconstructs other probes at other places, with camera noise; and
     they tell how well the picture's response to slope stands out of the camera's noise. What render noise
-    adds to the errors of the presses is told by a second dose of it and taken off. Standard errors cover the
-    choice of presses, render noise and camera noise.
+    adds to the errors of the presses is told by pictures from half of the light, and taken off. Standard
+    errors cover the choice of presses, render noise and camera noise.
 
     Parameters
     ----------
@@ -177,7 +177,8 @@ def evaluate(
     if calibration is not None:
         _require_fitting(calibration, simulator)
     presses = plan_presses(simulator.design, rounds=effort.rounds, seed=seed, grids=effort.grids)
-    steps = _Steps(progress, 1 + len(presses.calibration) + len(presses.test) + 1)
+    twice = press_scores.noisier_presses(len(presses.test))
+    steps = _Steps(progress, 1 + len(presses.calibration) + len(presses.test) + 2 * len(twice) + 1)
 
     # Surfaces are laid out, and what pictures show of them is found, while light is traced.
     with ThreadPoolExecutor(1) as beside:
@@ -191,6 +192,7 @@ def evaluate(
             beside.submit(_find_truth, balls)
         with clock.part("test presses"):
             tests = list(frames)
+            halves = _by_halves(simulator, [tests[k] for k in twice], steps)
         # Threads of the linear algebra wait for each other longer than its small products take.
         with clock.part("reconstruction and scores"), threadpool_limits(limits=1, user_api="blas"):
             steps("reconstruction")
@@ -199,10 +201,10 @@ def evaluate(
             )
             of_gel = beside.submit(_scores_of_gel, simulator, bench, (untouched, again), balls)
             if calibration is None:
-                own, told_by = bench.calibrate(untouched, again, balls), balls
+                own = bench.calibrate(untouched, again, balls)
             else:
-                own, told_by = calibration.on(bench.background(untouched, again)), []
-            noisier = beside.submit(_noisier, bench, own, (untouched, again), told_by, tests)
+                own = calibration.on(bench.background(untouched, again))
+            noisier = beside.submit(_noisier, bench, own, (untouched, again), halves, twice)
             results = bench.reconstruct(own, tests)
             errors, of_presses = press_scores.reconstruction_scores(
                 bench, untouched, own.background, results, noisier.result()
@@ -332,23 +334,30 @@ def _pressed(
             surface = following or surface
 
 
+def _by_halves(simulator: Simulator, tests: Sequence[Frame], steps: "_Steps") -> list[list[Frame]]:
+    """Presses again, from either half of the light alone: with twice the variance of render noise."""
+    halves: list[list[Frame]] = [[], []]
+    for half, frames in enumerate(halves):
+        for number, frame in enumerate(tests):
+            assert frame.press is not None  # every test frame has one
+            steps(f"render noise, {frame.press.probe.text}")
+            own = sub_seed(simulator.seed, 5 + half, number)
+            frames.append(simulator.frame(frame.press, seed=own, half=half, surface=frame.surface))
+    return halves
+
+
 def _noisier(
     bench: Bench,
     calibration: KernelCalibration,
-    renders: tuple[Frame, Frame],
-    balls: Sequence[Frame],
-    tests: Sequence[Frame],
-) -> list[Reconstruction]:
-    """Every other test press with a second dose of render noise in all pictures: it tells what noise adds.
-
-    Without balls the calibration is another sensor's, and has no such noise.
-    """
-    extra = render_noise(*renders)
-    if balls:
-        again = bench.calibrate(*renders, balls, extra=extra, like=calibration)
-    else:
-        again = calibration.on(bench.background(*renders, extra))
-    return bench.reconstruct(again, tests, extra=extra, only=press_scores.dosed(len(tests)))
+    untouched: Sequence[Frame],
+    halves: Sequence[Sequence[Frame]],
+    numbers: Sequence[int],
+) -> list[list[Reconstruction]]:
+    """Test presses as either half of the light shows them, each beside its own untouched gel."""
+    return [
+        bench.reconstruct(calibration.on(bench.background(alone, alone)), frames, numbers=numbers)
+        for alone, frames in zip(untouched, halves, strict=True)
+    ]
 
 
 def _find_truth(frames: Sequence[Frame]) -> None:

@@ -50,7 +50,7 @@ def reconstruction_scores(
     untouched: Frame,
     background: Array,
     results: Sequence[Reconstruction],
-    noisier: Sequence[Reconstruction],
+    noisier: Sequence[Sequence[Reconstruction]],
 ) -> tuple[Scores, dict[str, list[float]]]:
     """Errors of the test presses, pooled, and `PRESS_FIGURES` of each.
 
@@ -62,9 +62,11 @@ def reconstruction_scores(
         The untouched gel.
     background : array, shape (rows, columns, channels)
         Its picture, as the calibration has it.
-    results, noisier : sequence of Reconstruction
-        The presses, and those of `dosed` with a second dose of render noise. What the second dose adds to a
-        score, the first one has added as well: it is taken off.
+    results : sequence of Reconstruction
+        The presses.
+    noisier : sequence of sequence of Reconstruction
+        `noisier_presses` of them with twice the variance of render noise, one or several times. What is added
+        to a score then, render noise has added as well: it is taken off.
     """
     units = {
         "normal_error_median_deg": "deg",
@@ -77,23 +79,24 @@ def reconstruction_scores(
     }
     base = normals(*base_gradient(bench.design.elastomer, *untouched.seen_mm))
     each = _errors(bench, results, background, base)
-    value, once = pooled(each), pooled(each[dosed(len(each))])
-    twice = pooled(_errors(bench, noisier, background, base))
+    value, once = pooled(each), pooled(each[noisier_presses(len(each))])
+    again = [pooled(_errors(bench, half, background, base)) for half in noisier]
     chances = press_chances(each)
     estimates = {}
     for name, unit in units.items():
         if not np.isfinite(value[name]):
             continue
         choice = float(np.linalg.norm(chances[name]))
-        added = twice[name] - once[name] if np.isfinite(twice[name] - once[name]) else 0.0
+        added = float(np.mean([half[name] for half in again])) - once[name]
+        added = added if np.isfinite(added) else 0.0
         freed = float(np.clip(value[name] - added, 0.0, 1.0 if unit == "1" else np.inf))
         left = NOISE_LEFT * abs(added)
         estimates[name] = Estimate(freed, float(np.hypot(choice, left)), unit, left)
     return estimates, dict(zip(PRESS_FIGURES, each.T.tolist(), strict=True))
 
 
-def dosed(count: int) -> list[int]:
-    """Which test presses get a second dose of render noise: every other, of two rounds each probe once."""
+def noisier_presses(count: int) -> list[int]:
+    """Which test presses are seen with more render noise too: every other, of two rounds each probe once."""
     return [k for k in range(count) if (k + k // len(TEST_PROBES)) % 2 == 0]
 
 

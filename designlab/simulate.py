@@ -206,7 +206,8 @@ class Simulator:
         seed : int, optional
             Seed of the light transport where each picture is traced; the simulator's own when absent.
         half : int, optional
-            0 or 1: shade from that half of the light field alone, which shows its random error.
+            0 or 1: shade from that half of the light field alone, or trace with half the effort, which shows
+            the random error.
         surface : Surface, optional
             What `surface(press)` gave.
         following : Surface, optional
@@ -325,6 +326,8 @@ class Simulator:
     ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """Radiance of every LED group at unit flux, and its stray part where the estimator knows it."""
         effort = self.traced_samples if estimator == "corrected" else self.samples
+        if half is not None:
+            effort = max(1, effort // 2)
         if estimator in ("reference", "path"):
             return trace(scene, surface, seen, estimator=estimator, samples=effort, seed=seed), None
         shading = self._shader(half)

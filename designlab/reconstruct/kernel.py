@@ -67,7 +67,6 @@ class KernelCalibration:
     error_deg: float
     _weights: Array
     _at_rest: Array
-    _left_out: list[Array]
 
     def on(self, background: ArrayLike) -> "KernelCalibration":
         """Return the same map for another sensor of the kind, of which only the untouched gel was seen.
@@ -116,8 +115,6 @@ def fit_kernel(
     gradients_q: Sequence[ArrayLike],
     x_mm: ArrayLike,
     y_mm: ArrayLike,
-    *,
-    like: KernelCalibration | None = None,
 ) -> KernelCalibration:
     """Calibrate on presses of known shape.
 
@@ -134,9 +131,6 @@ def fit_kernel(
         True gradients dz/dx and dz/dy of the indentation above the undeformed membrane.
     x_mm, y_mm : array, shape (rows, columns)
         Membrane point that each pixel sees (mm).
-    like : KernelCalibration, optional
-        Earlier calibration on pictures of the same presses, whose kernel, and whose error on presses left
-        out, are taken over.
 
     Raises
     ------
@@ -176,16 +170,13 @@ def fit_kernel(
     if not (spread > 0).all():
         raise ValueError("images: each channel must change colour where the presses slope")
     presses = [press._replace(signal=press.signal / spread) for press in presses]
-    if like is None:
-        error_deg, kernel, left_out = _chosen(presses, sloping)
-    else:
-        error_deg, kernel, left_out = like.error_deg, like.kernel, like._left_out
+    error_deg, kernel, left_out = _chosen(presses, sloping)
     errors, _ = log_errors(presses, left_out)
     weights = kernel.weights(
         [p._replace(slope=np.concatenate([p.slope, e], axis=1)) for p, e in zip(presses, errors, strict=True)]
     )
     at_rest = _sums(kernel, weights, np.zeros((len(position), background.shape[-1])), position)
-    return KernelCalibration(background, position, spread, kernel, error_deg, weights, at_rest, left_out)
+    return KernelCalibration(background, position, spread, kernel, error_deg, weights, at_rest)
 
 
 def _sums(kernel: Kernel, weights: Array, signal: Array, position: Array) -> Array:

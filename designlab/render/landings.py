@@ -5,9 +5,8 @@ into that line stops the photon earlier, on the side that faces the light, and l
 dark. Following each photon to where it lands now needs no cells and no direction bins.
 """
 
-from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,22 @@ from designlab.render.tables import held
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 STEP_MM = 0.06  # along a photon's way through the indentation
+
+
+class Change(NamedTuple):
+    """Change of irradiance at every grid node, shape (rows, columns), grainy but right on average.
+
+    Attributes
+    ----------
+    light : array
+        Change of power over projected area (1/mm2).
+    squares : array
+        Sum of the squares of what each photon adds or takes, over projected area (1/mm2): the variance of
+        the sum over any area, photons counted as independent.
+    """
+
+    light: Single
+    squares: Single
 
 
 class FirstLight:
@@ -39,45 +54,49 @@ class FirstLight:
         self._untouched = untouched
 
     @cached_property
-    def _at_rest(self) -> Single:
-        """Power over projected area (1/mm2) on the undeformed membrane."""
+    def _at_rest(self) -> tuple[Single, Single]:
+        """Power, and squared power of each photon, over projected area (1/mm2) on the undeformed membrane."""
         x, y, *_, power = self._photons
-        shape = self._untouched.height_mm.shape
-        return _density(Grid.of(self._untouched), shape, [(x, y, power)])
+        grid, shape = Grid.of(self._untouched), self._untouched.height_mm.shape
+        return _density(grid, shape, x, y, power), _density(grid, shape, x, y, power * power)
 
-    def change(self, surface: Surface) -> Single:
-        """Change of irradiance (1/mm2) at every grid node by a press, shape (rows, columns).
-
-        It is grainy, but right on average.
-        """
+    def change(self, surface: Surface) -> Change:
+        """Change of irradiance by a press."""
         import drjit as dr
         import mitsuba as mi
 
         raised = surface.height_mm > RAISED_MM
+        none = np.zeros(raised.shape, dtype=np.float32)
         if not raised.any() or not dr.width(self._photons):
-            return np.zeros(raised.shape, dtype=np.float32)
+            return Change(none, none)
         enters, leaves = _within(surface, raised, *self._photons[:6])
         near = dr.compress(enters < leaves)
         if not dr.width(near):
-            return np.zeros(raised.shape, dtype=np.float32)
+            return Change(none, none)
         x, y, z, dx, dy, dz, power, enters, leaves = (
             dr.gather(mi.Float, column, near) for column in (*self._photons, enters, leaves)
         )
         grid = Grid.of(surface)
         back = _last_crossing(grid, (x, y, z), (dx, dy, dz), enters, leaves)
         stopped = dr.compress(back > 0)
-        if not dr.width(stopped):
-            moved = np.zeros(raised.shape, dtype=np.float32)
-        else:
+        left, arrived, left_squares, arrived_squares = 4 * [none]
+        if dr.width(stopped):
             x, y, dx, dy, power, back = (
                 dr.gather(mi.Float, column, stopped) for column in (x, y, dx, dy, power, back)
             )
-            there = x + back * dx, y + back * dy, power
-            moved = _density(grid, raised.shape, [there, (x, y, -power)])
-        rest = self._at_rest
+            there = x + back * dx, y + back * dy
+            left, left_squares = (_density(grid, raised.shape, x, y, p) for p in (power, power * power))
+            arrived, arrived_squares = (
+                _density(grid, raised.shape, *there, p) for p in (power, power * power)
+            )
+        rest, squares = self._at_rest
         upright, flat = surface.normals[..., 2], base_normals(surface)[2]
-        change = (rest + moved) * upright - rest * flat
-        return np.where(np.isfinite(surface.base_mm), change, 0.0).astype(np.float32)
+        on_gel = np.isfinite(surface.base_mm)
+        light = (rest - left + arrived) * upright - rest * flat
+        # Photons that stay count by what the slope makes of them, the others by where they come and go.
+        varies = (squares - left_squares) * (upright - flat) ** 2 + arrived_squares * upright**2
+        varies += left_squares * flat**2
+        return Change(*(np.where(on_gel, one, 0.0).astype(np.float32) for one in (light, varies)))
 
 
 def _within(
@@ -126,22 +145,21 @@ def _last_crossing(grid: Grid, place: Any, way: Any, enters: Any, leaves: Any) -
     return found
 
 
-def _density(grid: Grid, shape: tuple[int, ...], landings: Sequence[tuple[Any, Any, Any]]) -> Single:
-    """Power over projected area (1/mm2), each photon (x, y, power) shared among the four nodes around it."""
+def _density(grid: Grid, shape: tuple[int, ...], x: Any, y: Any, amount: Any) -> Single:
+    """Amount over projected area (1/mm2), each photon's shared among the four nodes around it."""
     import drjit as dr
     import mitsuba as mi
 
     rows, columns = shape
     table = dr.zeros(mi.Float, rows * columns)
-    for x, y, power in landings:
-        u, v = grid.place(x, y)
-        column, row = mi.Int32(dr.floor(u)), mi.Int32(dr.floor(v))
-        a, b = u - mi.Float(column), v - mi.Float(row)
-        share = power / (grid.pitch_mm * grid.pitch_mm)
-        for i, down in ((0, 1 - b), (1, b)):
-            for j, across in ((0, 1 - a), (1, a)):
-                r, c = row + i, column + j
-                inside = (r >= 0) & (r < mi.Int32(grid.rows)) & (c >= 0) & (c < mi.Int32(grid.columns))
-                index = mi.UInt32(dr.maximum(r * mi.Int32(grid.columns) + c, 0))
-                dr.scatter_add(table, share * down * across, index, inside)
+    u, v = grid.place(x, y)
+    column, row = mi.Int32(dr.floor(u)), mi.Int32(dr.floor(v))
+    a, b = u - mi.Float(column), v - mi.Float(row)
+    share = amount / (grid.pitch_mm * grid.pitch_mm)
+    for i, down in ((0, 1 - b), (1, b)):
+        for j, across in ((0, 1 - a), (1, a)):
+            r, c = row + i, column + j
+            inside = (r >= 0) & (r < mi.Int32(grid.rows)) & (c >= 0) & (c < mi.Int32(grid.columns))
+            index = mi.UInt32(dr.maximum(r * mi.Int32(grid.columns) + c, 0))
+            dr.scatter_add(table, share * down * across, index, inside)
     return np.asarray(table).reshape(rows, columns)

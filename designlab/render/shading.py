@@ -29,7 +29,7 @@ from designlab.press import Surface
 from designlab.render.binned import Binned
 from designlab.render.direct import Direct
 from designlab.render.eye import Eye
-from designlab.render.landings import FirstLight
+from designlab.render.landings import Change, FirstLight
 from designlab.render.lightfield import LightField, on_membrane
 from designlab.render.look import look
 from designlab.render.nodes import Choice, Nodes, Response, base_normals, facing, nodes_of
@@ -49,6 +49,8 @@ LATTICE_MM = 2.0  # between the points at which the most grazing light is looked
 SMALL_SLOPE = 0.02  # by which the gel is tilted to see how the lobe answers
 LOBE_STRIDE = 10  # of the nodes at which the untouched gel's lobe is summed
 KERNEL_MM = 0.2  # standard deviation of the kernel over which photons correct the sums
+WIDE_MM = 0.4  # likewise, of the kernel for what the narrow one cannot tell from the grain of the photons
+SIGNIFICANT = 2.0  # times the variance of the grain, below which a difference between the two is grain
 PASSES = 3  # of the correction: each takes what the kernel of the one before has left at sharp edges
 KERNEL_REACH = 4.0  # standard deviations after which it ends
 LEAST_SHARE = 0.02  # of the mean irradiance: where less is left than that, ratios mean nothing
@@ -236,7 +238,7 @@ class Shader:
         surface: Surface,
         choice: Choice,
         sums: tuple[Single, Single],
-        landed: Sequence[Single],
+        landed: Sequence[Change],
     ) -> Single:
         """By how much a press changes the irradiance of every grid node, but for light from wall to wall."""
         changes = []
@@ -250,22 +252,32 @@ class Shader:
             straight = self._corrected(group, surface.pitch_mm, straight, landed[group])
         return straight + again
 
-    def _corrected(self, group: int, pitch_mm: float, change: Single, landed: Single) -> Single:
+    def _corrected(self, group: int, pitch_mm: float, change: Single, landed: Change) -> Single:
         """Change of straight light whose mean over a kernel is that of photons, its detail that of the sums.
 
         The sums over direction bins know neither the edges of beams nor the horizon between two azimuths.
+        Where photons and sums differ by no more than the grain of the photons, a wider kernel compares them.
         """
         rest = self._there * self._straight[group].irradiance
         if not rest.any():
             return change
-        sigma_px, least = KERNEL_MM / pitch_mm, LEAST_SHARE * float(rest.mean())
+        narrow, wide = KERNEL_MM / pitch_mm, WIDE_MM / pitch_mm
+        least = LEAST_SHARE * float(rest.mean())
         found = np.zeros_like(change)
-        part = _window((change != 0) | (landed != 0), round((PASSES + 1) * KERNEL_REACH * sigma_px))
-        rest, change, landed = rest[part], change[part], landed[part]
+        margin = KERNEL_REACH * max((PASSES + 1) * narrow, 2 * wide)
+        part = _window((change != 0) | (landed.light != 0), round(margin))
+        rest, change, by_photons, squares = (a[part] for a in (rest, change, landed.light, landed.squares))
         light = np.maximum(rest + change, 0.0)
-        wanted = gaussian_filter(rest + landed, sigma_px, truncate=KERNEL_REACH)
+        wanted = _mean(rest + by_photons, narrow)
+        ratio = (_mean(rest + by_photons, wide) + least) / (_mean(light, wide) + least)
+        smooth = np.maximum(ratio, 0.0) * _mean(light, narrow)
+        # The variance of a Gaussian mean: the kernel's square is narrower by the root of two.
+        grain = _mean(squares, narrow / np.sqrt(2)) / (4 * np.pi * KERNEL_MM**2)
+        seen = _mean((wanted - smooth) ** 2, wide)
+        sure = np.clip(1 - SIGNIFICANT * _mean(grain, wide) / np.maximum(seen, 1e-30), 0.0, 1.0)
+        wanted = smooth + sure * (wanted - smooth)
         for _ in range(PASSES):
-            mean = gaussian_filter(light, sigma_px, truncate=KERNEL_REACH)
+            mean = _mean(light, narrow)
             # Less light than in the sums dims them, which leaves dark what both call dark; more is added.
             dimmed = np.minimum((np.maximum(wanted, 0.0) + least) / (mean + least), 1.0)
             light = light * dimmed + np.maximum(wanted - mean, 0.0)
@@ -345,6 +357,11 @@ class Shader:
             untouched = self._light(group, before, None, at_rest)
             found.append(choice.spread(np.asarray(after - untouched), 0.0))
         return np.array(found)
+
+
+def _mean(image: Single, sigma_px: float) -> Single:
+    """Mean over a Gaussian kernel."""
+    return np.asarray(gaussian_filter(image, sigma_px, truncate=KERNEL_REACH))
 
 
 def _window(mask: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:

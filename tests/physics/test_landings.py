@@ -49,7 +49,7 @@ def test_parallel_light_on_a_press_follows_the_cosine_and_leaves_a_shadow(elevat
     )
     flat = surface_of(FLAT, None)
     pressed = surface_of(FLAT, Press(probe=parse("sphere:4"), depth_mm=0.6, centre_mm=(0.5, -0.3)))
-    found = 1 + FirstLight(parallel_light(flat, towards), flat).change(pressed)
+    found = 1 + FirstLight(parallel_light(flat, towards), flat).change(pressed).light
     cosine = np.maximum(pressed.normals @ towards, 0.0)
     closed = np.where(lit(pressed, towards), cosine / towards[2], 0.0)
     assert (closed.min() == 0) == (elevation_deg == 20)  # steeper light casts no shadow here
@@ -67,7 +67,7 @@ def test_no_light_is_lost_or_made_on_a_dome():
     rest = surface_of(DOME, None)
     pressed = surface_of(DOME, Press(probe=parse("triangle:4"), depth_mm=0.5, centre_mm=(1.0, 0.6)))
     towards = np.array([0.8, 0.1, np.sqrt(1 - 0.65)])
-    change = FirstLight(parallel_light(rest, towards), rest).change(pressed)
+    change = FirstLight(parallel_light(rest, towards), rest).change(pressed).light
     area, before = (1 / s.normals[..., 2] for s in (pressed, rest))  # of the membrane above a level square
     light = np.nansum((1 / before + change) * area) * PITCH_MM**2
     assert np.abs(change).max() > 0.5
@@ -76,7 +76,7 @@ def test_no_light_is_lost_or_made_on_a_dome():
 
 def test_a_press_that_is_not_there_changes_nothing():
     flat = surface_of(FLAT, None)
-    assert not FirstLight(parallel_light(flat, (0.6, 0.0, 0.8), side=50), flat).change(flat).any()
+    assert not FirstLight(parallel_light(flat, (0.6, 0.0, 0.8), side=50), flat).change(flat).light.any()
 
 
 BEHIND_GLASS = preset("default").replace({"optics.path_length": 8})

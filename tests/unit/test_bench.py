@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from designlab.bench import plan_presses, render_noise
+from designlab.bench import plan_presses
 from designlab.design import preset
 from designlab.maps import sensing_area
 from designlab.press import indent
@@ -73,21 +73,6 @@ def test_evenness_is_unbiased_and_scatters_as_stated(design, sigma, correlation_
     truth = worst_evenness(clean.basis, sensing_area(design, clean))
     deviation = (np.mean(values, axis=0) - truth) / (scatter / np.sqrt(len(values)))
     assert (np.abs(deviation) < 4).all(), deviation
-
-
-def test_render_noise_is_that_of_single_pixels():
-    a, b = frames(np.random.default_rng(1), sigma=0.05, correlation_px=0.0)
-    noise = render_noise(a, b)
-    np.testing.assert_allclose(noise.grain, 0.05, rtol=0.05)
-    assert not noise.shared.any()
-
-
-def test_smooth_errors_are_shared_by_all_pictures():
-    a, b = frames(np.random.default_rng(1), sigma=0.05, correlation_px=10.0)
-    noise = render_noise(a, b)
-    assert (noise.grain < 0.01).all()
-    # the mean of two pictures errs by 1 / sqrt(2) of one
-    np.testing.assert_allclose(noise.shared.std(axis=(1, 2)), 0.05 / np.sqrt(2), rtol=0.25)
 
 
 @pytest.mark.parametrize("name", ["default", "gelsight-2020-dome"])
