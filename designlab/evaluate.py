@@ -37,7 +37,7 @@ class Fidelity(NamedTuple):
     """Effort of an evaluation.
 
     Samples per pixel and LED group, rounds of the six test probes, grids of nine calibration balls,
-    estimator, width of the pictures.
+    estimator, width of the pictures, samples of the unbiased part of the estimator "corrected".
     """
 
     samples: int
@@ -45,12 +45,13 @@ class Fidelity(NamedTuple):
     grids: int = 1
     estimator: Estimator = "fast"
     columns: int = 320
+    traced: int = 64
 
 
 FIDELITIES: dict[str, Fidelity] = {
     "fast": Fidelity(samples=48, rounds=1),
     "standard": Fidelity(samples=192, rounds=2, grids=2),
-    # Each of its pictures takes a quarter of a minute; calibrated as fast is, it shows what the light is off.
+    # Each of its pictures takes many seconds; calibrated as fast is, it shows what the light is off.
     "reference": Fidelity(samples=1024, rounds=2, estimator="corrected"),
 }
 
@@ -270,7 +271,14 @@ def _effort(fidelity: str) -> Fidelity:
 
 def _simulator(model: SensorModel, effort: Fidelity, seed: int) -> Simulator:
     columns = effort.columns if activate().is_jit else SCALAR_COLUMNS
-    return Simulator(model, columns=columns, samples=effort.samples, seed=seed, estimator=effort.estimator)
+    return Simulator(
+        model,
+        columns=columns,
+        samples=effort.samples,
+        seed=seed,
+        estimator=effort.estimator,
+        traced_samples=effort.traced,
+    )
 
 
 def _require_fitting(calibration: KernelCalibration, simulator: Simulator) -> None:

@@ -40,7 +40,7 @@ TYPICAL = np.array(
 """How hard each of the six test probes is, relative to their mean: geometric means over random designs, see
 ``benchmarks/information_ranking.py``. How many pixels saturate depends on the design alone."""
 
-NOISE_LEFT = 0.3
+NOISE_LEFT = 0.5
 """Share of what render noise adds that may be left of it, or taken off too much, see
 ``benchmarks/render_noise.py``."""
 
