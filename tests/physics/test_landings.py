@@ -6,7 +6,7 @@ from closed_forms import block_means
 
 from designlab.design import preset
 from designlab.press import Press, indent
-from designlab.render import baking, lightfield
+from designlab.render import baking, lightfield, shading
 from designlab.render.landings import FirstLight
 from designlab.simulate import RenderFailed, Simulator
 from geometries.probes import parse
@@ -140,3 +140,23 @@ def test_a_group_without_light_is_named_and_nothing_else_breaks():
     press = Press(probe=parse("sphere:4"), depth_mm=0.4)
     with pytest.raises(RenderFailed, match=r"red.*black"):
         Simulator(dark, columns=16, samples=1, seed=1).frame(press)
+
+
+def test_grain_of_photons_is_taken_out_and_shadows_stay():
+    """A few photons against many others that the narrow kernel takes as they are."""
+    press = Press(probe=parse("cylinder:4"), depth_mm=0.7)
+
+    def change(samples, seed, significant):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(shading, "SIGNIFICANT", significant)
+            simulator = Simulator(BEHIND_GLASS, columns=80, samples=samples, seed=seed)
+            pressed = simulator.frame(press)
+            return pressed.basis / simulator.frame(None).basis - 1, pressed.contact
+
+    truth, contact = change(96, 5, 0.0)
+    plain, smooth = (change(8, 1, significant)[0] - truth for significant in (0.0, shading.SIGNIFICANT))
+    shadow = truth < -0.5
+    assert shadow.sum() > 300
+    assert smooth[:, contact].std() < 0.65 * plain[:, contact].std()
+    assert abs(smooth[:, contact].mean()) < 0.02
+    assert abs(smooth[shadow].mean()) < 0.02

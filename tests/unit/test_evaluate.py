@@ -10,6 +10,7 @@ from scipy.ndimage import uniform_filter
 from designlab.design import InfeasibleDesign, load, preset
 from designlab.effects import AppliedEffect, SensorModel
 from designlab.maps import sensing_area
+from designlab.press_scores import NOISE_LEFT, PRESS_FIGURES, pooled
 from designlab.scores import SCORES, transport_error
 from designlab.simulate import Simulator
 
@@ -236,3 +237,21 @@ def test_a_calibration_serves_its_own_sensor_as_before_and_others_less_well(scor
         ValueError, match="calibration: must be of pictures of 320 x 240 pixels, is of 64 x 48"
     ):
         evaluate(FLAT, fidelity="standard", seed=1, calibration=taught)
+
+
+@pytest.mark.llvm
+def test_what_render_noise_adds_to_errors_is_taken_off():
+    """Against eight times the light, of which noise adds little."""
+
+    def found(samples):
+        with pytest.MonkeyPatch.context() as patch:
+            effort = evaluation.Fidelity(samples=samples, rounds=1, columns=64)
+            patch.setitem(evaluation.FIDELITIES, "fast", effort)
+            score = evaluate(BEHIND_GLASS, seed=1)
+        presses = np.array([score.presses[name] for name in PRESS_FIGURES]).T
+        return pooled(presses)["normal_error_median_deg"], score.normal_error_median_deg
+
+    (noisy, stated), (_, true) = found(16), found(128)
+    assert noisy > 1.2 * true.value
+    assert stated.bias_bound == pytest.approx(NOISE_LEFT * (noisy - stated.value))
+    assert 0.8 * true.value < stated.value < noisy - 0.2 * (noisy - true.value)
