@@ -211,7 +211,7 @@ def test_a_ball_is_reconstructed_without_calibration():
     frame = simulator.frame(press, seed=sub_seed(0, 2, 0))
     bench = Bench(design, exposure(design, untouched), 0)
     known = bench.near_field(untouched, simulator.slope_response())
-    image = bench.picture(frame, 100, None)
+    image = bench.picture(frame, 100)
     pitch_mm = frame.rays.pitch_mm
     first = known.estimate(image)
     second = known.shadowed(first.height_mm(pitch_mm=pitch_mm), pitch_mm=pitch_mm).estimate(image)
