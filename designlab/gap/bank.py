@@ -23,6 +23,7 @@ from designlab.store import digest
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
+MARGIN_PX = 4  # rendered around what shots show
 POSE_STEP = (0.05, 0.05, 0.06, 1.0)  # x, y, depth (mm) and yaw (deg): steps of the differences
 LEAST_DEPTH_MM = 0.01
 REPEATS = 8  # further pictures of the given model where light comes through a core, each with its own chance
@@ -98,6 +99,10 @@ class Picture:
     ----------
     light : array, shape (groups, rows, columns)
         Radiance of every LED group at unit flux; of repeats their mean, chance taken away as far as known.
+    view : View
+        What is rendered: more than the shots show, since a camera that stands or looks otherwise sees beyond.
+    place : tuple of slice
+        Rows and columns where the view of the shots lies in it.
     seen_mm : tuple of arrays, shape (rows, columns)
         Membrane point every pixel sees.
     numerical : array, shape (groups, rows, columns)
@@ -120,6 +125,8 @@ class Picture:
     """
 
     light: Single
+    view: View
+    place: tuple[slice, slice]
     seen_mm: tuple[Array, Array]
     numerical: Single
     pitch_mm: tuple[float, float]
@@ -221,14 +228,15 @@ def rendered_at(
     for number, pose in poses.items():
         shot = bank.shots[number]
         press = moved(shot.press, pose) if shot.press is not None and pose.any() else shot.press
-        light, calming = lamp.light(model, press, shot.view), bank.of(number).calming
-        yield number, light if calming is None else light * calming
+        picture = bank.of(number)
+        light = lamp.light(model, press, picture.view)
+        yield number, light if picture.calming is None else light * picture.calming
 
 
 def _fill(
     renders: Renders,
     given: SensorModel,
-    presses: Sequence[tuple[Press | None, View]],
+    shown: Sequence[tuple[Press | None, View]],
     effects: Sequence[str],
     origin: Mapping[str, Values],
     finer: bool,
@@ -241,6 +249,9 @@ def _fill(
     model = given
     for name, values in origin.items():
         model = _with(model, name, values)
+    camera = given.effective_design().camera
+    wider = [view.grown(MARGIN_PX, camera) for _, view in shown]
+    presses = [(press, view) for (press, _), (view, _) in zip(shown, wider, strict=True)]
     touched = sum(press is not None for press, _ in presses)
     repeats = _repeats(given)
     each = 2 + repeats + 2 * len(chosen)
@@ -263,7 +274,10 @@ def _fill(
             for press, view in presses:
                 if press is not None or _acts_untouched(step.effect):
                     lamp.light(varied, press, view)
-    return tuple(_picture(lamp, model, press, view, chosen, finer) for press, view in presses)
+    return tuple(
+        _picture(lamp, model, press, *view, chosen, finer)
+        for (press, _), view in zip(presses, wider, strict=True)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,7 +321,13 @@ def _with(model: SensorModel, name: str, values: Values) -> SensorModel:
 
 
 def _picture(
-    lamp: _Lamp, model: SensorModel, press: Press | None, view: View, chosen: Sequence[Step], finer: bool
+    lamp: _Lamp,
+    model: SensorModel,
+    press: Press | None,
+    view: View,
+    place: tuple[slice, slice],
+    chosen: Sequence[Step],
+    finer: bool,
 ) -> Picture:
     here = lamp.light(model, press, view)
     simulator = lamp.renders.simulator(model, view)
@@ -333,7 +353,7 @@ def _picture(
         pose = tuple(_quadratic(here, around[2 * axis : 2 * axis + 2], None) for axis in range(len(POSE)))
     repeated = lamp.repeated(press, view)
     if repeated is None:
-        return Picture(here, seen, numerical, simulator.rays.pitch_mm, pose, changes)
+        return Picture(here, view, place, seen, numerical, simulator.rays.pitch_mm, pose, changes)
     mean = repeated.mean(axis=0)
     spread = repeated - mean
     still = lamp.calm(view)
@@ -345,6 +365,8 @@ def _picture(
     }
     return Picture(
         light=own * here,
+        view=view,
+        place=place,
         seen_mm=seen,
         numerical=own * numerical,
         pitch_mm=simulator.rays.pitch_mm,

@@ -135,7 +135,10 @@ class Forward:
         return self._signal(state, number, self.bank.of(next(bare, number)).light)
 
     def light(self, state: State, number: int) -> Single:
-        """Light of every group in front of the camera, before what the camera's optics do."""
+        """Light of every group in front of the camera, before what the camera's optics do.
+
+        Like all light before these, it is of the wider view of a picture.
+        """
         picture = self.bank.of(number)
         light = picture.light + np.float32(state.numerical) * picture.numerical
         for name, values in state.values.items():
@@ -177,12 +180,15 @@ class Forward:
             pose[DEPTH] += state.values[DEEPER]["offset_mm"]
         return pose
 
-    def sight(self, state: State, number: int) -> Sight:
-        """What effects on the light of a shot need to know."""
-        shot = self.shot(number)
-        picture = self.bank.of(number)
-        seen = picture.seen_mm
-        return Sight(self.design, shot.view, seen, picture.pitch_mm, shot.gel_rotation_deg)
+    def sight(self, state: State, number: int, *, wide: bool = False) -> Sight:
+        """What effects on the light of a shot, or of its picture's wider view, need to know."""
+        shot, picture = self.shot(number), self.bank.of(number)
+        view, (x, y) = shot.view, picture.seen_mm
+        if wide:
+            view = picture.view
+        else:
+            x, y = x[picture.place], y[picture.place]
+        return Sight(self.design, view, (x, y), picture.pitch_mm, shot.gel_rotation_deg)
 
     def _optics(self, state: State, number: int, light: NDArray[np.floating]) -> NDArray[np.floating]:
         """Light after the effects that act on it; linear in it, any number of pictures at once."""
@@ -191,11 +197,11 @@ class Forward:
     def _warped(
         self, state: State, number: int, light: NDArray[np.floating], *, straight: bool = False
     ) -> NDArray[np.floating]:
-        """Light as the camera of a state sees it, before what its optics and sensor do.
+        """Light as the camera of a state sees it, before what its optics and sensor do; of the wider view.
 
         Many pictures at once are resampled by straight lines between pixels, which is faster.
         """
-        sight = self.sight(state, number)
+        sight = self.sight(state, number, wide=True)
         for e in CATALOGUE:
             if e.stage != "camera" and e.name in state.values:
                 light = e.on_light(light, state.values[e.name], sight)
@@ -205,8 +211,9 @@ class Forward:
         return warp.straight(light) if straight else warp(light)
 
     def _after_warp(self, state: State, number: int, light: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Light after what the camera's optics and sensor do."""
+        """Light of the shot's own view after what the camera's optics and sensor do."""
         sight = self.sight(state, number)
+        light = light[:, *self.bank.of(number).place]
         for e in CATALOGUE:
             if e.stage == "camera" and e.name in state.values:
                 light = e.on_light(light, state.values[e.name], sight)
@@ -302,7 +309,7 @@ class Forward:
     def linear(self, state: State, number: int, unknowns: Sequence[Unknown]) -> tuple[Array, Single]:
         """Signal of a shot and its derivatives, see `predict` and `columns`."""
         picture, shot = self.bank.of(number), self.shot(number)
-        rows, width = picture.light.shape[1:]
+        rows, width = shot.view.rows, shot.view.columns
         found = np.zeros((rows, width, 3, len(unknowns)), dtype=np.float32)
         light = self.light(state, number)
         warped = self._warped(state, number, light)
@@ -351,12 +358,12 @@ class Forward:
     def _look_slope(
         self, state: State, number: int, unknown: Unknown, warped: NDArray[np.floating]
     ) -> NDArray[np.floating]:
-        """Change of the light by a parameter that turns where pixels look: (groups, rows, columns).
+        """Change of the light by a parameter that turns where pixels look, of the wider view.
 
         Every pixel takes the light a little beside its own. The steps are as wide as the errors that are
         looked for: a tangent would lose an edge that is pixels away.
         """
-        view, here = self.shot(number).view, _warping(state.values)
+        view, here = self.bank.of(number).view, _warping(state.values)
         p = next(p for p in self.parameters[unknown.effect] if p.name == unknown.name)
         values = state.values.get(unknown.effect) or effect(unknown.effect).null(self.bank.model.design)
         ends = []

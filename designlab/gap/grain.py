@@ -48,16 +48,18 @@ def _chance(forward: Forward, state: State, number: int) -> Array | None:
 
     Shape (repeats, rows, columns, 3).
     """
-    spread = forward.bank.of(number).spread
-    if spread is None:
+    picture = forward.bank.of(number)
+    if picture.spread is None:
         return None
+    spread = picture.spread[:, :, *picture.place]
     repeats = len(spread)
     channels = np.tensordot(forward.weights(state, number), spread, axes=([1], [1]))
     return np.asarray(np.moveaxis(channels, 0, -1) / np.sqrt(repeats * (repeats - 1)))
 
 
 def _light(forward: Forward, state: State, number: int) -> Array:
-    channels = np.tensordot(forward.weights(state, number), forward.bank.of(number).light, axes=1)
+    picture = forward.bank.of(number)
+    channels = np.tensordot(forward.weights(state, number), picture.light[:, *picture.place], axes=1)
     return np.asarray(np.moveaxis(channels, 0, -1))
 
 

@@ -50,9 +50,10 @@ def test_combined_pictures_are_those_rendered_at_the_same_values(bank, name) -> 
     forward = Forward(bank)
     state = State(GAINS, {name: VALUES[name]})
     for number, press in [(0, None), (1, PRESSES[0])]:
-        combined = forward.predict(state, number)
-        frame = Simulator(applied(name), view=VIEW, samples=SAMPLES, seed=SEED).frame(press)
-        rendered = np.einsum("cg,grk->rkc", frame.weights * GAINS, frame.basis.astype(float))
+        combined, picture = forward.predict(state, number), bank.of(number)
+        frame = Simulator(applied(name), view=picture.view, samples=SAMPLES, seed=SEED).frame(press)
+        basis = frame.basis[:, *picture.place].astype(float)
+        rendered = np.einsum("cg,grk->rkc", frame.weights * GAINS, basis)
         assert np.sqrt(((combined - rendered) ** 2).mean()) < 0.01 * np.sqrt((rendered**2).mean())
         without = forward.predict(State(GAINS), number)
         assert (
@@ -133,7 +134,7 @@ def test_presses_far_from_where_they_were_stated_are_rendered_there(bank, render
     assert stand is not None
     pose = stand.pose * POSE_STEP
     assert pose[:3] == pytest.approx(away[:3], abs=0.01)
-    rendered = Simulator(SensorModel.of(DESIGN), view=VIEW, samples=SAMPLES, seed=SEED)
+    rendered = Simulator(SensorModel.of(DESIGN), view=bank.of(1).view, samples=SAMPLES, seed=SEED)
     there = rendered.frame(moved(PRESSES[0], pose)).basis
     state = State(GAINS, poses={1: pose})
     combined, exact = (np.abs(f.forward.light(state, 1) - there).max() for f in (fitter, near))
@@ -165,18 +166,35 @@ def test_pictures_are_exact_where_a_press_stands_far_off(bank, renders) -> None:
     model = SensorModel(
         design=DESIGN, effects=(AppliedEffect(name="contact_kernel", values={"length_ratio": 1.1}),)
     )
-    rendered = Simulator(model, view=VIEW, samples=SAMPLES, seed=SEED).frame(moved(PRESSES[0], far)).basis
+    rendered = (
+        Simulator(model, view=bank.of(1).view, samples=SAMPLES, seed=SEED).frame(moved(PRESSES[0], far)).basis
+    )
     np.testing.assert_allclose(near.forward.light(state, 1), rendered, rtol=1e-3, atol=1e-5)
     assert not beyond(near, state, [0, 1, 2])
     other = replace(state, poses={1: farther})
     assert beyond(near, other, [1]) == [1]
     again = standing(renders, near, other, [1])
     elsewhere = moved(PRESSES[0], farther)
-    rendered = Simulator(model, view=VIEW, samples=SAMPLES, seed=SEED).frame(elsewhere).basis
+    rendered = Simulator(model, view=bank.of(1).view, samples=SAMPLES, seed=SEED).frame(elsewhere).basis
     np.testing.assert_allclose(again.forward.light(other, 1), rendered, rtol=1e-3, atol=1e-5)
     # At the stated pose nothing has changed.
     stated = replace(state, poses={})
     np.testing.assert_array_equal(again.forward.light(stated, 1), fitter.forward.light(stated, 1))
+
+
+def test_a_lens_that_shows_more_sees_what_lies_beside_the_picture(renders) -> None:
+    """A press that the edge of the picture cuts must not speak against a wrong lens."""
+    values = {"radial": 0.0, "magnification": -0.06}
+    wrong = SensorModel(design=DESIGN, effects=(AppliedEffect(name="lens_distortion", values=values),))
+    press = Press(probe=parse("sphere:4"), depth_mm=0.7, centre_mm=(-7.0, 0.0))
+    shot = taken(SensorModel.of(DESIGN), press, np.zeros(4), "train", 30)
+    forward = Forward(fill(renders, SensorModel.of(DESIGN), (shot,), []))
+    seen = forward.predict(State(GAINS, {"lens_distortion": values}), 0)
+    frame = Simulator(wrong, view=VIEW, samples=SAMPLES, seed=SEED).frame(press)
+    rendered = np.einsum("cg,grk->rkc", frame.weights * GAINS, frame.basis.astype(float))
+    change = np.abs(rendered - forward.predict(State(GAINS), 0)).max()
+    assert np.abs(seen - rendered)[:, :2].max() < 0.1 * change
+    assert np.abs(seen - rendered).max() < 0.2 * change
 
 
 def test_a_common_offset_of_the_depth_is_counted_once(bank, renders) -> None:
@@ -185,7 +203,11 @@ def test_a_common_offset_of_the_depth_is_counted_once(bank, renders) -> None:
     fitter.measure(State(GAINS))
     state = State(GAINS, {"depth_offset": {"offset_mm": -0.08}})
     deeper = moved(PRESSES[0], np.array([0.0, 0.0, -0.08, 0.0]))
-    rendered = Simulator(SensorModel.of(DESIGN), view=VIEW, samples=SAMPLES, seed=SEED).frame(deeper).basis
+    rendered = (
+        Simulator(SensorModel.of(DESIGN), view=bank.of(1).view, samples=SAMPLES, seed=SEED)
+        .frame(deeper)
+        .basis
+    )
     assert beyond(fitter, state, [1]) == [1]
     for near in (standing(renders, fitter, state, [1]), exact_fitter(renders, fitter, state, [1])):
         np.testing.assert_allclose(near.forward.light(state, 1), rendered, rtol=1e-3, atol=1e-5)

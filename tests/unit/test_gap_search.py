@@ -11,7 +11,6 @@ from toy_gap import (
     SAMPLES,
     SEED,
     VALUES,
-    VIEW,
     applied,
     seeing,
     shots,
@@ -140,7 +139,7 @@ def test_the_last_fit_is_closer_than_that_of_the_search(bank, renders) -> None:
     assert after < before
     assert after < 0.5 * values(near, last, "contact_kernel", train)["length_ratio"].fit_sd
     model = SensorModel(design=DESIGN, effects=(AppliedEffect(name="contact_kernel", values=found),))
-    simulator = Simulator(model, view=VIEW, samples=SAMPLES, seed=SEED)
+    simulator = Simulator(model, view=bank.of(1).view, samples=SAMPLES, seed=SEED)
     for number, press in enumerate(PRESSES[:2], start=1):
         rendered = simulator.frame(moved(press, last.state.pose(number))).basis
         still = replace(last.state, numerical=0.0)
