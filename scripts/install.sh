@@ -36,5 +36,6 @@ if ! is_recent .venv/bin/python; then
 fi
 
 echo "installing into .venv (some minutes the first time) ..."
-.venv/bin/python -m pip install -qq --no-input --disable-pip-version-check \
+# Of some 3 GB of packages few are ever imported; Python compiles those when they are.
+.venv/bin/python -m pip install -qq --no-input --disable-pip-version-check --no-compile \
     -c constraints.txt -e '.[mesh,dev]' || fail "pip failed; the network is needed for the first run"
