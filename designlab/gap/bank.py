@@ -25,6 +25,7 @@ Single = NDArray[np.float32]
 
 MARGIN_PX = 4  # rendered around what shots show
 POSE_STEP = (0.05, 0.05, 0.06, 1.0)  # x, y, depth (mm) and yaw (deg): steps of the differences
+SIZE_STEP = 0.02  # likewise of the probe, relative
 LEAST_DEPTH_MM = 0.01
 REPEATS = 8  # further pictures of the given model where light comes through a core, each with its own chance
 FILLED_KEPT = 2
@@ -111,6 +112,8 @@ class Picture:
         Size of a pixel on the plane z = 0.
     pose : tuple of Change
         By steps `POSE_STEP` of x, y, depth and yaw; empty without a press.
+    size : Change or None
+        By steps `SIZE_STEP` of the probe; None without a press.
     changes : mapping of (effect, parameter) to Change
         By coordinates from where the bank stands.
     spread : array, shape (repeats, groups, rows, columns), or None
@@ -131,6 +134,7 @@ class Picture:
     numerical: Single
     pitch_mm: tuple[float, float]
     pose: tuple[Change, ...] = ()
+    size: Change | None = None
     changes: Mapping[tuple[str, str], Change] = field(default_factory=dict)
     spread: Single | None = None
     calming: Single | None = None
@@ -209,7 +213,11 @@ _filled: dict[str, tuple["Picture", ...]] = {}
 
 
 def rendered_at(
-    renders: Renders, bank: Bank, values: Mapping[str, Values], poses: Mapping[int, Array]
+    renders: Renders,
+    bank: Bank,
+    values: Mapping[str, Values],
+    poses: Mapping[int, Array],
+    sizes: Mapping[str, float],
 ) -> Iterator[tuple[int, Single]]:
     """Light of shots of a bank, rendered with values of effects: their numbers, (groups, rows, columns).
 
@@ -219,6 +227,8 @@ def rendered_at(
         Of effects that are rendered; the others leave no trace in it.
     poses : mapping of int to array
         Shots to render, by number, and the departure of their poses: x, y, depth (mm), yaw (deg).
+    sizes : mapping of str to float
+        By how much probes are larger than stated, relative.
     """
     model = bank.model
     for name, its in values.items():
@@ -227,7 +237,10 @@ def rendered_at(
     renders.begin("pictures", len(poses))
     for number, pose in poses.items():
         shot = bank.shots[number]
-        press = moved(shot.press, pose) if shot.press is not None and pose.any() else shot.press
+        press = shot.press
+        if press is not None:
+            press = resized(press, sizes.get(press.probe.text, 0.0))
+            press = moved(press, pose) if pose.any() else press
         picture = bank.of(number)
         light = lamp.light(model, press, picture.view)
         yield number, light if picture.calming is None else light * picture.calming
@@ -255,7 +268,7 @@ def _fill(
     touched = sum(press is not None for press, _ in presses)
     repeats = _repeats(given)
     each = 2 + repeats + 2 * len(chosen)
-    renders.begin("pictures", len(presses) * each + touched * 2 * len(POSE))
+    renders.begin("pictures", len(presses) * each + touched * 2 * (len(POSE) + 1))
     # One model after the other: what its light is shaded from is large and not kept for long.
     lamp = _Lamp(renders, given)
     variants: tuple[Variant, ...] = ("value", "fine") if finer else ("value",)
@@ -348,12 +361,14 @@ def _picture(
             else:
                 changes[step.effect, p.name] = _quadratic(here, ends, group)
     pose: tuple[Change, ...] = ()
+    size = None
     if press is not None:
         around = [(lamp.light(model, there, view), s) for s, there in _around(press)]
-        pose = tuple(_quadratic(here, around[2 * axis : 2 * axis + 2], None) for axis in range(len(POSE)))
+        *of_pose, size = (_quadratic(here, around[k : k + 2], None) for k in range(0, len(around), 2))
+        pose = tuple(of_pose)
     repeated = lamp.repeated(press, view)
     if repeated is None:
-        return Picture(here, view, place, seen, numerical, simulator.rays.pitch_mm, pose, changes)
+        return Picture(here, view, place, seen, numerical, simulator.rays.pitch_mm, pose, size, changes)
     mean = repeated.mean(axis=0)
     spread = repeated - mean
     still = lamp.calm(view)
@@ -371,6 +386,7 @@ def _picture(
         numerical=own * numerical,
         pitch_mm=simulator.rays.pitch_mm,
         pose=tuple(_times(change, own) for change in pose),
+        size=None if size is None else _times(size, own),
         changes=changes,
         spread=spread - mean * still.taken,
         calming=own,
@@ -418,10 +434,18 @@ def _quadratic(here: Single, sides: Sequence[tuple[Single, float]], group: int |
 
 
 def _around(press: Press) -> Iterator[tuple[float, Press]]:
-    """Presses one step to either side along each pose coordinate."""
+    """Presses one step to either side along each pose coordinate, and with a smaller and a larger probe."""
     for axis in range(len(POSE)):
         for sign in (-1.0, 1.0):
             yield sign, moved(press, sign * np.eye(len(POSE))[axis] * POSE_STEP)
+    for sign in (-1.0, 1.0):
+        yield sign, resized(press, sign * SIZE_STEP)
+
+
+def resized(press: Press, larger: float) -> Press:
+    """Scale the probe of a press by one and this."""
+    size_mm = press.probe.size_mm * (1.0 + float(np.round(larger, 6)))
+    return press.model_copy(update={"probe": press.probe.model_copy(update={"size_mm": size_mm})})
 
 
 def moved(press: Press, pose: Array) -> Press:

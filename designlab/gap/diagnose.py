@@ -17,7 +17,7 @@ from designlab.gap.checks import check_frames, examine, weakened
 from designlab.gap.confidence import confidence
 from designlab.gap.control import control
 from designlab.gap.exact import placed
-from designlab.gap.fit import Fit, Fitter
+from designlab.gap.fit import SIZE_SD, Fit, Fitter
 from designlab.gap.intervals import values
 from designlab.gap.judge import Judged, judge, level
 from designlab.gap.learnt import left_of_nothing
@@ -45,6 +45,7 @@ PARTIAL_ABOVE_FLOOR = 0.03  # likewise, where what is left is more than the simu
 NAMELESS = ("unexplained", "at_floor")  # verdicts that name nothing
 AT_FLOOR = 1.3  # mean squared residual over the floor below which there is no gap to explain
 GIVEN_BACK = 0.1  # of what a search removes of the gap, which the last fit must not give back
+OTHER_SIZE_SD = 2.5  # usual errors of the size of a probe from which it is worth a note
 NEAR = 0.8  # likewise, below which names leave nothing to explain; sets that hide nothing are below it
 
 
@@ -188,7 +189,7 @@ def diagnose(
         updated=model,
         model=out / "model.toml",
         candidates=tuple(search.tried),
-        notes=(*_notes(seen, measurement, model), *_chance(fitter)),
+        notes=(*_notes(seen, measurement, model), *_chance(fitter), *_sizes(last)),
         provenance=_provenance(seen, measurement, model, source, begun),
         control=wrong,
         limits=limits(seen, effects),
@@ -330,6 +331,14 @@ def _chance(fitter: Fitter) -> Iterator[str]:
             "light behind the core is counted in photons; what chance leaves of it, "
             f"{np.median(shares):.1%} of the light, is part of the floor"
         )
+
+
+def _sizes(last: _Stand) -> Iterator[str]:
+    """Note probes that seem to be of another size than stated."""
+    for probe, larger in last.fit.state.sizes.items():
+        if abs(larger) > OTHER_SIZE_SD * SIZE_SD:
+            than = "larger" if larger > 0 else "smaller"
+            yield f"probe {probe} fits best {abs(larger):.1%} {than} than stated: measure it"
 
 
 def _provenance(

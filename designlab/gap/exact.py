@@ -45,7 +45,7 @@ def exact(
     poses = {number: forward.pose(state, number) for number in shots}
     combined = replace(state, values=values, poses=poses, numerical=0.0)
     pictures = [bank.of(number) for number in range(len(bank.shots))]
-    for number, light in rendered_at(source, bank, values, poses):
+    for number, light in rendered_at(source, bank, values, poses, state.sizes):
         error = light - forward.light(combined, number)
         at = poses[number] / POSE_STEP
         pictures[number] = replace(pictures[number], light=pictures[number].light + error, exact_at=at)
@@ -118,7 +118,7 @@ def standing(source: Renders, fitter: Fitter, state: State, shots: Sequence[int]
     values = {name: state.values[name] for name in state.values if effect(name).rendered}
     poses = {number: fitter.forward.pose(state, number) for number in shots}
     combined = replace(state, values=values, poses=poses, numerical=0.0)
-    for number, light in rendered_at(source, bank, values, poses):
+    for number, light in rendered_at(source, bank, values, poses, state.sizes):
         stand = Stand(poses[number] / POSE_STEP, light - without.light(combined, number))
         pictures[number] = replace(pictures[number], stand=stand)
     return fitter.of(replace(bank, pictures=tuple(pictures), place=place), fitter.noises)

@@ -11,7 +11,7 @@ from designlab.effects import effect
 from designlab.gap.bank import Bank
 from designlab.gap.coordinates import coordinate, value_at
 from designlab.gap.evidence import ALIKE, System, system
-from designlab.gap.forward import Forward, State, Unknown
+from designlab.gap.forward import SIZE, Forward, State, Unknown
 from designlab.gap.grain import grains
 from designlab.gap.noise import SMOOTH_ALIKE, Noise, noise
 from designlab.measurement.shots import POSE
@@ -23,7 +23,8 @@ DRAWN_SD = {
     "exposure_drift": 0.02,
     "banding": 0.015,
 }  # of one shot's own gain, and of its bands' sine and cosine
-POSE_BOUND_SD = 5.0
+SIZE_SD = 0.01  # of a probe, relative: 0.05 mm of 5 mm, as printed and machined ones are off by
+BOUND_SD = 5.0  # of poses and sizes of probes
 BEYOND_SD = 3.0  # prior standard deviations from null that speak against an effect
 AT_BOUND = 0.01  # share of a parameter's range that counts as its bound
 ITERATIONS = 12
@@ -119,7 +120,8 @@ class Fitter:
     ) -> list[Unknown]:
         """Parameters of effects, gains, the simulation's own error, and what each shot has alone.
 
-        That error is a rival of every effect and is fitted with each: what a finer mesh explains is none.
+        That error is a rival of every effect and is fitted with each: what a finer mesh explains is none. So
+        are sizes of probes, which no lab knows exactly: a smaller punch looks as if the lens magnified less.
         """
         found = [
             Unknown(name, p.name, p.sd)
@@ -133,6 +135,9 @@ class Fitter:
                 Unknown("gain", name, GAIN_SD * float(gain))
                 for name, gain in zip(self.forward.design.group_names, state.gains, strict=True)
             ]
+        pressed = [press for number in shots if (press := self.bank.shots[number].press) is not None]
+        probes = dict.fromkeys(press.probe.text for press in pressed)
+        found += [Unknown(SIZE, probe, SIZE_SD) for probe in probes if gains or probe not in state.sizes]
         for number in shots:
             shot = self.bank.shots[number]
             if shot.press is not None:
@@ -174,6 +179,8 @@ class Fitter:
             return 0.0 if drawn is None else float(drawn[int(u.name)] / u.sd)
         if u.effect == "numerical":
             return state.numerical
+        if u.effect == SIZE:
+            return state.sizes.get(u.name, 0.0) / u.sd
         values = state.values.get(u.effect)
         if values is None:
             return 0.0
@@ -184,8 +191,8 @@ class Fitter:
         """Bounds of unknowns in prior standard deviations from null."""
         low, high = np.full(len(unknowns), -np.inf), np.full(len(unknowns), np.inf)
         for k, u in enumerate(unknowns):
-            if u.effect == "pose":
-                low[k], high[k] = -POSE_BOUND_SD, POSE_BOUND_SD
+            if u.effect in ("pose", SIZE):
+                low[k], high[k] = -BOUND_SD, BOUND_SD
             elif u.effect in self.forward.parameters and u.shot < 0:
                 p = next(p for p in self.forward.parameters[u.effect] if p.name == u.name)
                 ends = coordinate(p, p.low), coordinate(p, p.high)
@@ -198,7 +205,7 @@ class Fitter:
         values = {name: dict(own) for name, own in state.values.items()}
         poses = {number: pose.copy() for number, pose in state.poses.items()}
         drawn = {name: dict(own) for name, own in state.drawn.items()}
-        numerical = state.numerical
+        numerical, sizes = state.numerical, dict(state.sizes)
         for u, change in zip(unknowns, step, strict=True):
             if u.effect == "gain":
                 group = self.forward.design.group_names.index(u.name)
@@ -212,11 +219,13 @@ class Fitter:
                 own[u.shot] = before + change * u.sd * np.eye(len(before))[int(u.name)]
             elif u.effect == "numerical":
                 numerical += float(change)
+            elif u.effect == SIZE:
+                sizes[u.name] = sizes.get(u.name, 0.0) + float(change) * u.sd
             else:
                 p = next(p for p in self.forward.parameters[u.effect] if p.name == u.name)
                 own_values = values.setdefault(u.effect, effect(u.effect).null(self.bank.model.design))
                 own_values[p.name] = value_at(p, coordinate(p, own_values[p.name]) + float(change))
-        return replace(state, gains=gains, values=values, poses=poses, drawn=drawn, numerical=numerical)
+        return State(gains, values, poses, drawn, state.pattern, numerical, sizes)
 
     def fit(
         self,
@@ -300,7 +309,7 @@ class Fitter:
 
 def _within_trust(found: System, step: Array, low: Array, high: Array) -> Array:
     """Damp a step that goes further than derivatives can be trusted (Levenberg 1944)."""
-    effects = np.array([u.shot < 0 and u.effect not in ("gain", "numerical") for u in found.unknowns])
+    effects = np.array([u.shot < 0 and u.effect not in ("gain", "numerical", SIZE) for u in found.unknowns])
     damping = 1e-8 * float(np.diag(found.gram).max(initial=0.0))
     while effects.any() and np.abs(step[effects]).max() > TRUST and damping < np.diag(found.gram).max():
         damping *= 10.0

@@ -11,7 +11,7 @@ from designlab.camera import View
 from designlab.design import Design, DesignError
 from designlab.effects import CATALOGUE, AppliedEffect, Effect, Parameter, SensorModel, Sight, effect
 from designlab.effects.camera import mixed
-from designlab.gap.bank import POSE_STEP, Bank, Change, Picture
+from designlab.gap.bank import POSE_STEP, SIZE_STEP, Bank, Change, Picture
 from designlab.gap.coordinates import coordinate, value_at
 from designlab.gap.warp import Warp
 from designlab.measurement.shots import POSE, Shot
@@ -24,6 +24,7 @@ Values = Mapping[str, Mapping[str, float]]
 HALF_STEP = 0.25  # of a prior standard deviation: differences of effects that are not rendered
 DEPTH = POSE.index("depth_mm")
 DEEPER = "depth_offset"
+SIZE = "probe_size"
 WARPS_KEPT = 64
 BANDS_KEPT = 16
 DEVIATES = np.linspace(-5.0, 5.0, 101)  # of the noise of one pixel
@@ -63,6 +64,8 @@ class State:
         Relative pattern that all shots carry, of unit strength.
     numerical : float
         How far light goes from that of the membrane's mesh to that of a finer one; beyond 1 it extrapolates.
+    sizes : mapping of str to float
+        By how much probes are larger than stated, relative, by their text.
     """
 
     gains: Array
@@ -71,6 +74,7 @@ class State:
     drawn: Mapping[str, Mapping[int, Array]] = field(default_factory=dict)
     pattern: Array | None = None
     numerical: float = 0.0
+    sizes: Mapping[str, float] = field(default_factory=dict)
 
     def pose(self, number: int) -> Array:
         """Departure of a shot's pose."""
@@ -148,6 +152,8 @@ class Forward:
         for change, t in zip(picture.pose, pose, strict=False):
             if t:
                 change.added(light, t)
+        if picture.size is not None and (larger := state.sizes.get(self._probe(number), 0.0)):
+            picture.size.added(light, larger / SIZE_STEP)
         if picture.stand is not None:
             light += np.float32(picture.stand.share(pose)) * picture.stand.error
         return light
@@ -179,6 +185,11 @@ class Forward:
         if DEEPER in state.values:
             pose[DEPTH] += state.values[DEEPER]["offset_mm"]
         return pose
+
+    def _probe(self, number: int) -> str:
+        """Text of the probe of a shot; empty without a press."""
+        press = self.shot(number).press
+        return "" if press is None else press.probe.text
 
     def sight(self, state: State, number: int, *, wide: bool = False) -> Sight:
         """What effects on the light of a shot, or of its picture's wider view, need to know."""
@@ -326,6 +337,8 @@ class Forward:
         for place, unknown in enumerate(unknowns):
             if unknown.shot not in (-1, number):
                 continue
+            if unknown.effect == SIZE and unknown.name != self._probe(number):
+                continue
             slope = self._light_slope(state, number, unknown, picture)
             if slope is not None:
                 slopes.append(slope * np.float32(unknown.sd))
@@ -395,6 +408,9 @@ class Forward:
         shape = picture.light.shape
         if unknown.effect == "numerical":
             return picture.numerical
+        if unknown.effect == SIZE and picture.size is not None:
+            larger = state.sizes.get(unknown.name, 0.0) / SIZE_STEP
+            return picture.size.slope(shape, larger) / np.float32(SIZE_STEP)
         if unknown.effect in ("pose", DEEPER):
             if not picture.pose:
                 return np.zeros(shape, dtype=np.float32)

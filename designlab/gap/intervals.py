@@ -4,6 +4,7 @@ What the fit itself says of the error is joined by what no catalogue lists, see 
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,7 +159,7 @@ def _misfit(fitter: Fitter, state: State, period: float, train: Sequence[int]) -
 def _of_pattern(fitter: Fitter, state: State, train: Sequence[int]) -> Ends:
     """Ends where the evidence for a strength has fallen as a Gaussian's would."""
     others = {name: own for name, own in state.values.items() if name != "fixed_pattern"}
-    bare = State(state.gains, others, state.poses, state.drawn, None, state.numerical)
+    bare = replace(state, values=others, pattern=None)
     return strengths_as_good(fitter, bare, train, within=ALIKE * NORMAL**2 / 2)
 
 

@@ -13,7 +13,7 @@ from designlab.gap.coordinates import coordinate
 from designlab.gap.evidence import System, log_evidence
 from designlab.gap.exact import beyond, exact_fitter, is_far, standing
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter, with_strength
-from designlab.gap.forward import State
+from designlab.gap.forward import SIZE, State
 from designlab.gap.judge import LEAST_IMPROVED, LEAST_SHARE, Gain, Judged, gain, judge, squared
 from designlab.gap.overlap import Overlaps, overlaps
 from designlab.gap.pattern import found_pattern, in_few_waves
@@ -25,7 +25,7 @@ MOST_EFFECTS = 4
 FITTED = 6  # candidates of a round that are fitted to the end
 PROMISING = 5.0  # logarithm of the Bayes factor by linear approximation from which a candidate is fitted
 DECISIVE = 16.0  # logarithm of the Bayes factor from which an effect counts as seen
-LATER_DECISIVE = 60.0  # likewise beside other effects
+LATER_DECISIVE = 30.0  # likewise beside other effects
 CONTENDING = 0.5  # of the highest such logarithm from which a candidate may turn out to be the best
 AS_GOOD = 3.0  # difference of such logarithms within which effects are not told apart
 AS_GOOD_SHARE = 0.05  # likewise, of the whole: to no better than that an effect itself is known to be right
@@ -126,6 +126,7 @@ class Search:
         screened = self.screen(base)
         self.screened.append(screened)
         amount = {f"{RIVAL}.amount": base.state.numerical}
+        amount |= {f"{SIZE}.{probe}": larger for probe, larger in base.state.sizes.items()}
         self.tried.append(Candidate(number, RIVAL, "fitted with every candidate", parameters=amount))
         order = sorted(screened, key=lambda name: -screened[name])
         promising = [name for name in order[:FITTED] if screened[name] >= PROMISING]
@@ -189,11 +190,17 @@ class Search:
         return standing(self.source, fitter, state, far) if far else None
 
     def _leading(self, passed: Sequence[Attempt]) -> list[Attempt]:
-        """Those that no other surely surpasses on held-out shots.
+        """Those that no other which may be the best surely surpasses on held-out shots.
 
-        One press may hold most of the evidence: of another size than stated, it is as if the lens were wrong.
+        One press may hold most of the evidence. Far less evidence surpasses nothing: frames of other light or
+        exposure, which all are fitted to, tell what presses cannot.
         """
-        return [a for a in passed if not any(self._closes_more(other, a) for other in passed)]
+
+        def surpassed(a: Attempt) -> bool:
+            rivals = [other for other in passed if other.evidence >= CONTENDING * a.evidence]
+            return any(self._closes_more(other, a) for other in rivals)
+
+        return [a for a in passed if not surpassed(a)]
 
     def _closes_more(self, one: Attempt, other: Attempt) -> bool:
         """Whether one candidate closes more of the gap than another, press by press."""

@@ -22,11 +22,11 @@ from toy_gap import (
 )
 
 from designlab.effects import AppliedEffect, SensorModel
-from designlab.gap.bank import POSE_STEP, Bank, fill, moved
+from designlab.gap.bank import POSE_STEP, Bank, fill, moved, resized
 from designlab.gap.basis import Renders
 from designlab.gap.exact import beyond, exact_fitter, placed, standing
-from designlab.gap.fit import Fitter
-from designlab.gap.forward import Forward, State, Unknown
+from designlab.gap.fit import SIZE_SD, Fitter
+from designlab.gap.forward import SIZE, Forward, State, Unknown
 from designlab.gap.noise import SHOT_BUDGET, spectrum
 from designlab.gap.repeats import shot_error
 from designlab.gap.where import geometry, regions, where
@@ -121,6 +121,33 @@ def test_poses_and_gains_are_found_without_any_effect(bank) -> None:
     np.testing.assert_allclose(found.gains, GAINS, rtol=2e-3)
     for number in (1, 2):
         np.testing.assert_allclose(found.pose(number)[:3], ERRORS[number - 1][:3], atol=0.004)
+
+
+def test_a_probe_of_another_size_than_stated_is_found(bank, renders) -> None:
+    """With all that the pictures tell, few and coarse as they are; light combined for it is that rendered."""
+    larger = 0.017
+    away = [
+        taken(SensorModel.of(DESIGN), resized(press, larger), error, "train", 30 + k)
+        for k, (press, error) in enumerate(zip(PRESSES[:2], ERRORS[:2], strict=True))
+    ]
+    stated = [replace(shot, press=press) for shot, press in zip(away, PRESSES[:2], strict=True)]
+    fitter = Fitter(replace(bank, shots=(bank.shots[0], *stated)))
+    fitter.alike = 1.0
+    found = fitter.fit(fitter.start([0, 1, 2]), (), [0, 1, 2])
+    place = [k for k, u in enumerate(found.system.unknowns) if u.effect == SIZE]
+    information, _ = found.system.reduced(place)
+    error = SIZE_SD / np.sqrt(1.0 + information.item())
+    assert error < 0.2 * larger
+    assert found.state.sizes == {"sphere:4": pytest.approx(larger, abs=3 * error)}
+    for number in (1, 2):
+        np.testing.assert_allclose(found.state.pose(number)[:3], ERRORS[number - 1][:3], atol=0.004)
+    simulator = Simulator(SensorModel.of(DESIGN), view=bank.of(1).view, samples=SAMPLES, seed=SEED)
+    there = simulator.frame(resized(PRESSES[0], larger)).basis
+    state = State(GAINS, sizes={"sphere:4": larger})
+    combined, without = (fitter.forward.light(s, 1) - there for s in (state, State(GAINS)))
+    assert np.sqrt((combined**2).mean()) < 0.1 * np.sqrt((without**2).mean())
+    exact = exact_fitter(renders, fitter, state, [1]).forward.light(state, 1)
+    np.testing.assert_allclose(exact, there, rtol=1e-5, atol=1e-5 * float(there.max()))
 
 
 def test_presses_far_from_where_they_were_stated_are_rendered_there(bank, renders) -> None:
