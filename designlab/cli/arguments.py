@@ -386,6 +386,12 @@ def _add_gap(add: Any) -> None:
         "--shard", metavar="K/N", help="the k-th of n parts of the pool, 1/4 to 4/4 (default: all)"
     )
     benchmark.add_argument(
+        "--records",
+        metavar="FILE",
+        help="records.jsonl of an earlier run by the same code: its sets are not run again, and count; "
+        "records.jsonl in --out holds both",
+    )
+    benchmark.add_argument(
         "--base", type=_whole(0, 2**31 - 1), default=0, metavar="N", help="start of the seeds (default: 0)"
     )
     benchmark.add_argument(

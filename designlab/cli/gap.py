@@ -111,14 +111,14 @@ def diagnose(args: Namespace) -> Result:
 
 def benchmark(args: Namespace) -> Result:
     """Diagnose a pool of generated sets and score the diagnoses."""
-    import json
-
     from designlab.report import pool_report
-    from designlab.store import write_atomic, write_json
-    from designlab.trials import Crew, run, score
+    from designlab.store import write_json
+    from designlab.trials import Crew, record, run, scored
     from designlab.trials.learn import learnt
+    from designlab.trials.records import key, missing, read_records, write_records
 
     trials = _trials(args)
+    before = {} if args.records is None else read_records(Path(args.records))
     results_folder(args.out)
     crew = Crew(args.workers, args.dask)
     if args.transfer:
@@ -126,14 +126,15 @@ def benchmark(args: Namespace) -> Result:
     if args.further:
         return _further(trials, Path(args.out), crew)
     with bar("set") as progress:
-        outcomes = run(trials, Path(args.out), progress=progress, crew=crew)
-    found = score(outcomes)
+        todo = missing(trials, before)
+        outcomes = run(todo, Path(args.out), progress=progress, crew=crew)
+    records = before | {key(trial): record(o) for trial, o in zip(todo, outcomes, strict=True)}
+    found = scored([records[key(trial)] for trial in trials])
     write_json(Path(args.out) / "score.json", found)
-    records = "".join(json.dumps(row) + "\n" for row in found["rows"])
-    write_atomic(Path(args.out) / "records.jsonl", records)
+    write_records(Path(args.out) / "records.jsonl", records.values())
     page = pool_report(found, Path(args.out) / "report.html", title=_title(args))
     # Part of a pool, or of a kit, is not to be learnt from.
-    if not args.only and args.shard is None and args.kit == "hour":
+    if len(outcomes) == len(trials) and not args.only and args.shard is None and args.kit == "hour":
         if args.pool == "power":
             write_json(Path(args.out) / "limits.json", found["limits"])
         if args.pool == "calibration":
@@ -178,6 +179,8 @@ def _trials(args: Namespace) -> "list[Trial]":
         raise ValueError("--transfer: is for --kit hour")
     if args.transfer and args.further:
         raise ValueError("--further: cannot be asked for together with --transfer")
+    if args.records is not None and (args.transfer or args.further):
+        raise ValueError("--records: hold scores alone, --transfer and --further need the sets themselves")
     if (args.pool == "test") != (args.frozen is not None):
         raise ValueError(
             "--frozen: the commit that froze the thresholds goes with --pool test, and only there"

@@ -3,7 +3,7 @@
 from designlab.trials.blind import calibration, sealed
 from designlab.trials.pool import Trial, development, power, quick
 from designlab.trials.runner import Crew, Outcome, run
-from designlab.trials.score import score
+from designlab.trials.score import record, score, scored
 from designlab.trials.transfer import Transferred, run_transfers, transfers
 
 __all__ = [
@@ -15,9 +15,11 @@ __all__ = [
     "development",
     "power",
     "quick",
+    "record",
     "run",
     "run_transfers",
     "score",
+    "scored",
     "sealed",
     "transfers",
 ]

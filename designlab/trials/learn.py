@@ -13,7 +13,7 @@ from designlab.effects import effect
 from designlab.gap.confidence import SIGNS, signs
 from designlab.gap.learnt import known
 from designlab.trials.runner import Outcome
-from designlab.trials.score import BINS, all_named, equal_mass, family, same
+from designlab.trials.score import BINS, all_named, equal_mass, family, record, same
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ def unlisted_sd(outcomes: Iterable[Outcome]) -> dict[str, float]:
     it hides was named: otherwise a value may stand for what was not.
     """
     found: dict[str, list[list[tuple[float, float]]]] = {}
-    for o in filter(all_named, outcomes):
+    for o in (o for o in outcomes if all_named(record(o))):
         for name, truth in o.truth["effects"].items():
             values = o.parameters.get(name, {})
             own: dict[str, list[tuple[float, float]]] = {}
@@ -73,7 +73,7 @@ def left_of_nothing(outcomes: Iterable[Outcome]) -> float:
     ValueError
         If there is no such set.
     """
-    levels = [o.gap["select"] for o in outcomes if family(o) == "nothing" and o.gap]
+    levels = [o.gap["select"] for o in outcomes if family(o.trial) == "nothing" and o.gap]
     if not levels:
         raise ValueError("pool: no set that hides nothing, so that nothing tells what such leave")
     return round(float(np.median([level["before"] / level["floor"] for level in levels])), 3)

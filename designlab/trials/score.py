@@ -1,6 +1,6 @@
 """What a pool of trials shows: names right and wrong, sets, gap removed, values and their intervals."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -13,6 +13,9 @@ from designlab.trials.detection import in_units, limits
 from designlab.trials.pool import AIR
 from designlab.trials.runner import Outcome
 
+Row = Mapping[str, Any]
+"""What is kept of a set, see `record`."""
+
 CLASSES: tuple[frozenset[str], ...] = (frozenset({"lens_distortion", "camera_pose"}),)
 """Effects declared indistinguishable in advance: naming one of a class counts as naming any.
 
@@ -23,7 +26,12 @@ BINS = 5  # of equal mass, for the error of the confidence
 
 
 def score(outcomes: Iterable[Outcome]) -> dict[str, Any]:
-    """Score trials.
+    """Score trials, see `scored`."""
+    return scored([record(o) for o in outcomes])
+
+
+def scored(rows: Iterable[Row]) -> dict[str, Any]:
+    """Score trials by their records.
 
     Returns
     -------
@@ -33,24 +41,23 @@ def score(outcomes: Iterable[Outcome]) -> dict[str, Any]:
         with how often names are right; `confusion`: for each thing hidden, how often which name came first,
         or which verdict where none did; `limits`: see `detection.Limit`, of effects planted at several
         strengths; `codes`: digests of the code that ran them, one unless a pool went on after a change;
-        `rows`: of each set what these are counted from.
+        `rows`: the records.
     """
-    outcomes = list(outcomes)
-    by_family: dict[str, list[Outcome]] = {}
-    for o in outcomes:
-        by_family.setdefault(family(o), []).append(o)
-    single = by_family.get("single", [])
+    rows = list(rows)
+    by_family: dict[str, list[Row]] = {}
+    for row in rows:
+        by_family.setdefault(row["family"], []).append(row)
     found = {name: _FAMILIES[name](by_family.get(name, [])) for name in _FAMILIES}
     return found | {
-        "confidence": reliability(sure(outcomes)),
-        "confusion": _confusion(outcomes),
-        "limits": _limits(single),
-        "codes": sorted({o.code for o in outcomes}),
-        "rows": [_row(o) for o in outcomes],
+        "confidence": reliability(sure(rows)),
+        "confusion": _confusion(rows),
+        "limits": _limits(by_family.get("single", [])),
+        "codes": sorted({row["code"] for row in rows}),
+        "rows": rows,
     }
 
 
-def _row(o: Outcome) -> dict[str, Any]:
+def record(o: Outcome) -> Row:
     """Record of a set: all that rates and medians are counted from."""
     inside = _inside(o)
     return {
@@ -58,7 +65,7 @@ def _row(o: Outcome) -> dict[str, Any]:
         "design": o.trial["design"],
         "seed": o.trial["seed"],
         "kit": o.trial["kit"],
-        "family": family(o),
+        "family": family(o.trial),
         "hidden": {**o.trial["effects"], **o.trial["outside"]},
         "without": list(o.trial["without"]),
         "verdict": o.verdict,
@@ -74,54 +81,55 @@ def _row(o: Outcome) -> dict[str, Any]:
     }
 
 
-def family(o: Outcome) -> str:
-    """Which part of a pool a set belongs to."""
-    if o.trial["outside"]:
+def family(trial: Mapping[str, Any]) -> str:
+    """Which part of a pool a set belongs to, by the fields of its trial."""
+    if trial["outside"]:
         return "outside"
-    if o.trial.get("without"):
+    if trial["without"]:
         return "left_out"
-    return {0: "nothing", 1: "single"}.get(len(o.trial["effects"]), "pair")
+    return {0: "nothing", 1: "single"}.get(len(trial["effects"]), "pair")
 
 
-def _nothing(sets: Sequence[Outcome]) -> dict[str, Any]:
-    return {"sets": len(sets), "named": rate(bool(o.named) for o in sets)}
+def _nothing(sets: Sequence[Row]) -> dict[str, Any]:
+    return {"sets": len(sets), "named": rate(bool(row["named"]) for row in sets)}
 
 
-def _hidden(sets: Sequence[Outcome]) -> dict[str, Any]:
+def _hidden(sets: Sequence[Row]) -> dict[str, Any]:
     """Of sets whose effects are in the catalogue."""
-    removed = [share for o in sets if (share := gap_removed(o)) is not None]
-    controls = [o.control for o in sets if o.control is not None]
-    errors = [error for o in sets for error in value_errors(o)]
-    sizes = [len(names) for o in sets for names in o.sets[:1]]
+    removed = [row["gap_removed"] for row in sets if row["gap_removed"] is not None]
+    controls = [row["control_removed"] for row in sets if row["control_removed"] is not None]
+    errors = [error for row in sets for error in row["value_errors"]]
+    sizes = [len(names) for row in sets for names in row["sets"][:1]]
+    held = [number < row["intervals"][0] for row in sets for number in range(row["intervals"][1])]
     return {
         "sets": len(sets),
-        "right_first": rate(_first_right(o) for o in sets),
-        "all_named": rate(all_named(o) for o in sets),
-        "truth_in_set": rate(_in_set(o) for o in sets),
+        "right_first": rate(_first_right(row) for row in sets),
+        "all_named": rate(all_named(row) for row in sets),
+        "truth_in_set": rate(_in_set(row) for row in sets),
         "set_size_mean": float(np.mean(sizes)) if sizes else None,
         "gap_removed_median": float(np.median(removed)) if removed else None,
         "control_removed_median": float(np.median(controls)) if controls else None,
         "value_error_median": float(np.median(errors)) if errors else None,
-        "intervals_hold": rate(inside for o in sets for inside in _inside(o)),
+        "intervals_hold": rate(held),
     }
 
 
-def _foreign(sets: Sequence[Outcome]) -> dict[str, Any]:
+def _foreign(sets: Sequence[Row]) -> dict[str, Any]:
     """Of sets whose cause is not in the catalogue: any name without reserve is wrong."""
     return {
         "sets": len(sets),
-        "named": rate(o.verdict == "named" for o in sets),
-        "named_or_ambiguous": rate(o.verdict in WITHOUT_RESERVE for o in sets),
-        "abstained": rate(_abstained(o) for o in sets),
+        "named": rate(row["verdict"] == "named" for row in sets),
+        "named_or_ambiguous": rate(row["verdict"] in WITHOUT_RESERVE for row in sets),
+        "abstained": rate(_abstained(row) for row in sets),
     }
 
 
-def _abstained(o: Outcome) -> bool:
+def _abstained(row: Row) -> bool:
     """Whether a report says that it does not know all: unexplained, partial, or refused by name."""
-    return o.verdict.split(":")[0] in ("unexplained", "partial", "refused")
+    return row["verdict"].split(":")[0] in ("unexplained", "partial", "refused")
 
 
-_FAMILIES: dict[str, Callable[[Sequence[Outcome]], dict[str, Any]]] = {
+_FAMILIES: dict[str, Callable[[Sequence[Row]], dict[str, Any]]] = {
     "nothing": _nothing,
     "single": _hidden,
     "pair": _hidden,
@@ -130,13 +138,13 @@ _FAMILIES: dict[str, Callable[[Sequence[Outcome]], dict[str, Any]]] = {
 }
 
 
-def sure(outcomes: Iterable[Outcome]) -> list[tuple[float, bool]]:
+def sure(rows: Iterable[Row]) -> list[tuple[float, bool]]:
     """Confidence of every name given without reserve, and whether it was right."""
     return [
-        (confidence, any(same(name, truth) for truth in o.trial["effects"]))
-        for o in outcomes
-        if o.verdict in WITHOUT_RESERVE
-        for name, confidence in zip(o.named, o.confidence, strict=True)
+        (confidence, any(same(name, truth) for truth in row["hidden"]))
+        for row in rows
+        if row["verdict"] in WITHOUT_RESERVE
+        for name, confidence in zip(row["named"], row["confidence"], strict=True)
     ]
 
 
@@ -180,12 +188,12 @@ def equal_mass(values: NDArray[np.float64]) -> list[NDArray[np.intp]]:
     return np.split(order, [edge for edge in edges if edge > 0])
 
 
-def _limits(single: Iterable[Outcome]) -> dict[str, dict[str, Any]]:
+def _limits(single: Iterable[Row]) -> dict[str, dict[str, Any]]:
     """Detection limit of each kind that was planted at several strengths, and the sets that tell it."""
     sets: dict[str, list[tuple[float, bool, str]]] = {}
-    for o in single:
-        ((kind, strength),) = o.trial["effects"].items()
-        sets.setdefault(kind, []).append((strength, _first_right(o), o.trial["design"]))
+    for row in single:
+        ((kind, strength),) = row["hidden"].items()
+        sets.setdefault(kind, []).append((strength, _first_right(row), row["design"]))
     sets = {kind: sorted(tried) for kind, tried in sets.items() if len({s for s, *_ in tried}) > 1}
     return {
         kind: asdict(limit)
@@ -210,16 +218,16 @@ def rate(events: Iterable[bool]) -> dict[str, float] | None:
     }
 
 
-def _confusion(outcomes: Iterable[Outcome]) -> dict[str, dict[str, int]]:
+def _confusion(rows: Iterable[Row]) -> dict[str, dict[str, int]]:
     """How often each first name, or verdict without one, came of what was hidden."""
     found: dict[str, dict[str, int]] = {}
-    for o in outcomes:
-        hidden = "+".join([*o.trial["effects"], *o.trial["outside"]]) or "nothing"
-        if o.trial.get("without"):
+    for row in rows:
+        hidden = "+".join(row["hidden"]) or "nothing"
+        if row["without"]:
             hidden += ", not in the catalogue"
-        said = o.named[0] if o.named else o.verdict.split(":")[0]
-        row = found.setdefault(hidden, {})
-        row[said] = row.get(said, 0) + 1
+        said = row["named"][0] if row["named"] else row["verdict"].split(":")[0]
+        counts = found.setdefault(hidden, {})
+        counts[said] = counts.get(said, 0) + 1
     return found
 
 
@@ -228,18 +236,18 @@ def same(one: str, other: str) -> bool:
     return one == other or any(one in names and other in names for names in CLASSES)
 
 
-def _first_right(o: Outcome) -> bool:
-    return bool(o.named) and any(same(o.named[0], truth) for truth in o.trial["effects"])
+def _first_right(row: Row) -> bool:
+    return bool(row["named"]) and any(same(row["named"][0], truth) for truth in row["hidden"])
 
 
-def all_named(o: Outcome) -> bool:
+def all_named(row: Row) -> bool:
     """Whether every hidden effect was named."""
-    return all(any(same(name, truth) for name in o.named) for truth in o.trial["effects"])
+    return all(any(same(name, truth) for name in row["named"]) for truth in row["hidden"])
 
 
-def _in_set(o: Outcome) -> bool:
+def _in_set(row: Row) -> bool:
     """Whether each hidden effect is in one of the reported sets."""
-    return all(any(same(name, truth) for names in o.sets for name in names) for truth in o.trial["effects"])
+    return all(any(same(name, truth) for names in row["sets"] for name in names) for truth in row["hidden"])
 
 
 def gap_removed(o: Outcome) -> float | None:

@@ -28,6 +28,7 @@ from designlab.trials import (
     transfers,
 )
 from designlab.trials.detection import in_units
+from designlab.trials.frozen import code_digest
 from designlab.trials.pool import AIR, KITS, frames_of
 from designlab.trials.runner import kept
 from designlab.trials.score import rate, reliability
@@ -274,6 +275,39 @@ def test_a_finished_pool_is_scored_from_its_records(tmp_path, capsys) -> None:
     assert record["hidden"] == {"vignetting": 2.0}
     assert record["named"] == ["vignetting"]
     assert record["family"] == "single"
+
+
+def test_sets_on_record_are_not_run_again_and_count(tmp_path, capsys) -> None:
+    """Sets that lie in neither folder would be run, which takes minutes: the other half is on record."""
+    there, here = tmp_path / "there", tmp_path / "here"
+    for trial in power():
+        if trial.name.startswith("power-vignetting"):
+            folder = there if trial.design == AIR[0] else here
+            named = replace(outcome(trial, verdict="named", sets=[["vignetting"]]), code=code_digest())
+            write_json(folder / "outcomes" / f"{trial.name}-{trial.seed}.json", asdict(named))
+    words = ["gap", "benchmark", "--pool", "power", "--only"]
+    assert cli.main([*words, "vignetting-flat", "--out", str(there)]) == 0
+    records = there / "records.jsonl"
+    both = [*words, "vignetting", "--out", str(here), "--records", str(records)]
+    assert cli.main([*both, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert found["single"]["sets"] == len(found["rows"]) == 24
+    assert len((here / "records.jsonl").read_text().splitlines()) == 24
+
+    text = records.read_text()
+    for changed, said in (
+        (text.replace(code_digest(), "0123abcd4567"), "line 1: set power-vignetting-flat-0.0625-a was run"),
+        (text.replace('"seed"', '"sead"'), "line 1: is no record"),
+        (text[:-5], "line 12: is no record"),
+    ):
+        records.write_text(changed)
+        assert cli.main(both) == 2
+        assert said in capsys.readouterr().err
+    records.unlink()
+    assert cli.main(both) == 2
+    assert "--records" in capsys.readouterr().err
+    assert cli.main([*both, "--further"]) == 2
+    assert "hold scores alone" in capsys.readouterr().err
 
 
 def transferred(before: float, after: float, floor: float) -> Transferred:
