@@ -36,6 +36,10 @@ class View(NamedTuple):
         grid_columns, grid_rows = np.meshgrid(columns, rows)
         return grid_columns, grid_rows
 
+    def finer(self, times: int) -> "View":
+        """The same rectangle by more output pixels, `times` as many along each side."""
+        return self._replace(columns=self.columns * times, rows=self.rows * times)
+
     def grown(self, pixels: int, camera: "Camera") -> tuple["View", tuple[slice, slice]]:
         """Widen by up to so many output pixels a side, as far as the sensor goes.
 

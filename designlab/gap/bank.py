@@ -27,6 +27,7 @@ MARGIN_PX = 4  # rendered around what shots show
 POSE_STEP = (0.05, 0.05, 0.06, 1.0)  # x, y, depth (mm) and yaw (deg): steps of the differences
 SIZE_STEP = 0.02  # likewise of the probe, relative
 LEAST_DEPTH_MM = 0.01
+SHARPER = 2  # times as many pixels along each side of pictures that are moved where a camera looks elsewhere
 REPEATS = 8  # further pictures of the given model where light comes through a core, each with its own chance
 FILLED_KEPT = 2
 
@@ -123,6 +124,11 @@ class Picture:
         Factor that takes chance away from pictures of this press, where there are repeats.
     stand : Stand or None
         Where light was rendered besides, if the press seems to stand far from where it was stated.
+    sharp : array, shape (groups, SHARPER * rows, SHARPER * columns), or None
+        Light of the stated press in finer pixels, of which edges move as they should; None where chance in it
+        is more than that is worth.
+    sharp_at : array, shape (4,), or None
+        Pose, in steps, of the press in `sharp`, if that is not the stated one.
     exact_at : array, shape (4,), or None
         Pose, in steps, at which `light` and changes together are exact, if that is not the stated one.
     """
@@ -139,6 +145,8 @@ class Picture:
     spread: Single | None = None
     calming: Single | None = None
     stand: Stand | None = None
+    sharp: Single | None = None
+    sharp_at: Array | None = None
     exact_at: Array | None = None
 
 
@@ -218,6 +226,8 @@ def rendered_at(
     values: Mapping[str, Values],
     poses: Mapping[int, Array],
     sizes: Mapping[str, float],
+    *,
+    times: int = 1,
 ) -> Iterator[tuple[int, Single]]:
     """Light of shots of a bank, rendered with values of effects: their numbers, (groups, rows, columns).
 
@@ -229,6 +239,8 @@ def rendered_at(
         Shots to render, by number, and the departure of their poses: x, y, depth (mm), yaw (deg).
     sizes : mapping of str to float
         By how much probes are larger than stated, relative.
+    times : int
+        As many pixels along each side.
     """
     model = bank.model
     for name, its in values.items():
@@ -242,7 +254,7 @@ def rendered_at(
             press = resized(press, sizes.get(press.probe.text, 0.0))
             press = moved(press, pose) if pose.any() else press
         picture = bank.of(number)
-        light = lamp.light(model, press, picture.view)
+        light = lamp.light(model, press, picture.view.finer(times))
         yield number, light if picture.calming is None else light * picture.calming
 
 
@@ -267,7 +279,7 @@ def _fill(
     presses = [(press, view) for (press, _), (view, _) in zip(shown, wider, strict=True)]
     touched = sum(press is not None for press, _ in presses)
     repeats = _repeats(given)
-    each = 2 + repeats + 2 * len(chosen)
+    each = (2 + repeats if repeats else 3) + 2 * len(chosen)
     renders.begin("pictures", len(presses) * each + touched * 2 * (len(POSE) + 1))
     # One model after the other: what its light is shaded from is large and not kept for long.
     lamp = _Lamp(renders, given)
@@ -275,6 +287,8 @@ def _fill(
     for variant in variants:
         for press, view in presses:
             lamp.light(model, press, view, variant=variant)
+            if variant == "value" and not repeats:
+                lamp.light(model, press, view.finer(SHARPER))
             if press is not None and variant == "value":
                 for _, there in _around(press):
                     lamp.light(model, there, view)
@@ -368,7 +382,18 @@ def _picture(
         pose = tuple(of_pose)
     repeated = lamp.repeated(press, view)
     if repeated is None:
-        return Picture(here, view, place, seen, numerical, simulator.rays.pitch_mm, pose, size, changes)
+        return Picture(
+            light=here,
+            view=view,
+            place=place,
+            seen_mm=seen,
+            numerical=numerical,
+            pitch_mm=simulator.rays.pitch_mm,
+            pose=pose,
+            size=size,
+            changes=changes,
+            sharp=lamp.light(model, press, view.finer(SHARPER)),
+        )
     mean = repeated.mean(axis=0)
     spread = repeated - mean
     still = lamp.calm(view)

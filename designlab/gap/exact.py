@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from designlab.effects import effect
-from designlab.gap.bank import POSE_STEP, Bank, Stand, rendered_at
+from designlab.gap.bank import POSE_STEP, SHARPER, Bank, Stand, rendered_at
 from designlab.gap.basis import Renders
 from designlab.gap.fit import Fitter
 from designlab.gap.forward import Forward, State
@@ -49,6 +49,10 @@ def exact(
         error = light - forward.light(combined, number)
         at = poses[number] / POSE_STEP
         pictures[number] = replace(pictures[number], light=pictures[number].light + error, exact_at=at)
+    if any(effect(name).warps for name in state.values):
+        edged = {number: pose for number, pose in poses.items() if pictures[number].sharp is not None}
+        for number, sharp in rendered_at(source, bank, values, edged, state.sizes, times=SHARPER):
+            pictures[number] = replace(pictures[number], sharp=sharp, sharp_at=poses[number] / POSE_STEP)
     return replace(bank, pictures=tuple(pictures), place=tuple(range(len(pictures))), stands=values)
 
 
@@ -67,9 +71,11 @@ def is_far(fitter: Fitter, state: State, reach: float = FAR_SD) -> bool:
         How far values may be from where pictures were rendered anew, in prior standard deviations.
     """
     stands = fitter.bank.stands
-    for name, values in state.values.items():
-        if not effect(name).rendered:
-            continue
+    rendered = [name for name in state.values if effect(name).rendered]
+    if len(rendered) > 1 and not stands.keys() >= set(rendered):
+        return True  # no picture of one effect shows what several do together
+    for name in rendered:
+        values = state.values[name]
         for p in fitter.forward.parameters[name]:
             if p.shape:
                 continue  # what only shapes an effect is known least, and cannot be far alone
@@ -78,6 +84,30 @@ def is_far(fitter: Fitter, state: State, reach: float = FAR_SD) -> bool:
             # About null derivatives are known best; pictures rendered elsewhere are exact there alone.
             if away > (reach if moved else FAR_SD):
                 return True
+    return False
+
+
+def looks_elsewhere(fitter: Fitter, state: State, shots: Sequence[int]) -> bool:
+    """Whether the camera of a state looks far from where it was stated, and edges of presses are not sharp.
+
+    What a camera that looks elsewhere shows of an edge depends on where in a pixel it lies.
+    """
+    forward = fitter.forward
+    looks = [
+        abs(values[p.name] - p.null) / p.sd
+        for name, values in state.values.items()
+        if effect(name).warps
+        for p in forward.parameters[name]
+    ]
+    if max(looks, default=0.0) <= FAR_SD:
+        return False
+    for number in shots:
+        picture = fitter.bank.of(number)
+        if picture.sharp is None or not picture.pose:
+            continue
+        at = np.zeros(len(POSE_STEP)) if picture.sharp_at is None else picture.sharp_at
+        if np.abs(forward.pose(state, number) / POSE_STEP - at).max() > NEAR:
+            return True
     return False
 
 

@@ -11,7 +11,7 @@ from designlab.camera import View
 from designlab.design import Design, DesignError
 from designlab.effects import CATALOGUE, AppliedEffect, Effect, Parameter, SensorModel, Sight, effect
 from designlab.effects.camera import mixed
-from designlab.gap.bank import POSE_STEP, SIZE_STEP, Bank, Change, Picture
+from designlab.gap.bank import POSE_STEP, SHARPER, SIZE_STEP, Bank, Change, Picture
 from designlab.gap.coordinates import coordinate, value_at
 from designlab.gap.warp import Warp
 from designlab.measurement.shots import POSE, Shot
@@ -130,13 +130,15 @@ class Forward:
 
     def predict(self, state: State, number: int) -> Array:
         """Signal of a shot, (rows, columns, 3)."""
-        return self._signal(state, number, self.light(state, number))
+        seen, _ = self._seen(state, number, self.light(state, number))
+        return self._of_optics(state, number, self._after_warp(state, number, seen))
 
     def untouched(self, state: State, number: int) -> Array:
         """Signal that a shot would have without a press, effects on light transport left aside."""
         view = self.shot(number).view
         bare = (n for n, shot in enumerate(self.bank.shots) if shot.press is None and shot.view == view)
-        return self._signal(state, number, self.bank.of(next(bare, number)).light)
+        warped = self._warped(state, number, self.bank.of(next(bare, number)).light)
+        return self._of_optics(state, number, self._after_warp(state, number, warped))
 
     def light(self, state: State, number: int) -> Single:
         """Light of every group in front of the camera, before what the camera's optics do.
@@ -201,10 +203,6 @@ class Forward:
             x, y = x[picture.place], y[picture.place]
         return Sight(self.design, view, (x, y), picture.pitch_mm, shot.gel_rotation_deg)
 
-    def _optics(self, state: State, number: int, light: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Light after the effects that act on it; linear in it, any number of pictures at once."""
-        return self._after_warp(state, number, self._warped(state, number, light))
-
     def _warped(
         self, state: State, number: int, light: NDArray[np.floating], *, straight: bool = False
     ) -> NDArray[np.floating]:
@@ -220,6 +218,28 @@ class Forward:
         if warp is None:
             return light
         return warp.straight(light) if straight else warp(light)
+
+    def _seen(self, state: State, number: int, light: Single) -> tuple[Light, Light | None]:
+        """Light of one picture as the camera of a state sees it, of the wider view; what sharp pictures give.
+
+        Edges are resampled less well than smooth light: what a sharper picture shows of them is put right.
+        """
+        warped, sharp = self._warped(state, number, light), self._sharp(state, number)
+        picture = self.bank.of(number)
+        warp = self._warp((), _warping(state.values), picture.view)
+        if sharp is None or warp is None or picture.sharp is None:
+            return warped, None
+        return np.asarray(warped + sharp - warp(_binned(picture.sharp)), dtype=np.float32), sharp
+
+    def _sharp(self, state: State, number: int, *, straight: bool = False) -> Light | None:
+        """Nominal light as the camera of a state sees it, by a sharper picture; None where none is needed."""
+        picture, looks = self.bank.of(number), _warping(state.values)
+        if picture.sharp is None:
+            return None
+        warp = self._warp((), looks, picture.view.finer(SHARPER))
+        if warp is None:
+            return None
+        return _binned(warp.straight(picture.sharp) if straight else warp(picture.sharp))
 
     def _after_warp(self, state: State, number: int, light: NDArray[np.floating]) -> NDArray[np.floating]:
         """Light of the shot's own view after what the camera's optics and sensor do."""
@@ -277,9 +297,6 @@ class Forward:
             mixing = mixed(self.design, state.values["colour_mixing"])
         return np.asarray(mixing * self.flux * state.gains * self.shot(number).lit)
 
-    def _signal(self, state: State, number: int, light: NDArray[np.floating]) -> Array:
-        return self._of_optics(state, number, self._optics(state, number, light))
-
     def _of_optics(self, state: State, number: int, optics: NDArray[np.floating]) -> Array:
         channels = np.moveaxis(np.tensordot(self.weights(state, number), optics, axes=1), 0, -1)
         reported = self._reported(state, channels * _pattern(state))
@@ -323,7 +340,7 @@ class Forward:
         rows, width = shot.view.rows, shot.view.columns
         found = np.zeros((rows, width, 3, len(unknowns)), dtype=np.float32)
         light = self.light(state, number)
-        warped = self._warped(state, number, light)
+        warped, sharp = self._seen(state, number, light)
         optics = self._after_warp(state, number, warped)
         here = self._of_optics(state, number, optics)
         if not unknowns or not (shot.lit.any() or any(_reaches_dark(u.effect) for u in unknowns)):
@@ -355,7 +372,7 @@ class Forward:
                 part = np.tensordot(mixing, optics * wave, axes=1)
                 found[..., place] = unknown.sd * np.moveaxis(part, 0, -1) * gain
             elif unknown.effect in WARPING:
-                looks.append(self._look_slope(state, number, unknown, warped))
+                looks.append(self._look_slope(state, number, unknown, warped, sharp))
                 looking.append(place)
             else:
                 found[..., place] = self._difference(state, number, unknown, (light, warped, optics))
@@ -369,14 +386,18 @@ class Forward:
         return here, found
 
     def _look_slope(
-        self, state: State, number: int, unknown: Unknown, warped: NDArray[np.floating]
+        self, state: State, number: int, unknown: Unknown, warped: Light, sharp: Light | None
     ) -> NDArray[np.floating]:
         """Change of the light by a parameter that turns where pixels look, of the wider view.
 
         Every pixel takes the light a little beside its own. The steps are as wide as the errors that are
-        looked for: a tangent would lose an edge that is pixels away.
+        looked for: a tangent would lose an edge that is pixels away. `sharp` is the part of the light that
+        sharper pictures show, where they show another than the nominal one.
         """
         view, here = self.bank.of(number).view, _warping(state.values)
+        if sharp is None and (nominal := self.bank.of(number).sharp) is not None:
+            sharp = _binned(nominal)
+        rest = warped if sharp is None else warped - sharp
         p = next(p for p in self.parameters[unknown.effect] if p.name == unknown.name)
         values = state.values.get(unknown.effect) or effect(unknown.effect).null(self.bank.model.design)
         ends = []
@@ -387,7 +408,11 @@ class Forward:
             except DesignError:  # no lens turns back within the picture
                 there, warp = values, None
             # Errors of straight lines between pixels cancel in a difference.
-            ends.append((warped if warp is None else warp.straight(warped), coordinate(p, there[p.name])))
+            shown = rest if warp is None else warp.straight(rest)
+            if sharp is not None:
+                other = self._sharp(state.with_values(unknown.effect, there), number, straight=True)
+                shown = shown + (sharp if other is None else other)
+            ends.append((shown, coordinate(p, there[p.name])))
         (low, start), (high, end) = ends
         return np.asarray((high - low) / np.float32(end - start), dtype=np.float32)
 
@@ -474,6 +499,13 @@ class Forward:
 
 
 WARPING = tuple(e.name for e in CATALOGUE if e.warps)
+
+
+def _binned(sharp: Light) -> Light:
+    """Mean of the pixels of a sharper picture in each of the usual ones."""
+    groups, rows, columns = sharp.shape
+    parts = sharp.reshape(groups, rows // SHARPER, SHARPER, columns // SHARPER, SHARPER)
+    return np.asarray(parts.mean(axis=(2, 4)))
 
 
 def _warping(values: Values) -> WarpKey:

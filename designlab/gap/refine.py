@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from designlab.gap.basis import Renders
-from designlab.gap.exact import beyond, exact_fitter, is_far, standing
+from designlab.gap.exact import beyond, exact_fitter, is_far, looks_elsewhere, standing
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter, with_strength
 from designlab.gap.judge import judge
 from designlab.gap.repeats import shot_error
@@ -34,13 +34,13 @@ def refined(source: Renders, fitter: Fitter, found: Fit, train: Sequence[int]) -
     near = fitter.of(fitter.bank, noises)
     now = near.fit(found.state, names, train)
     for _ in range(RECENTRINGS):
-        if not is_far(near, now.state, SETTLED_SD):
+        if not (is_far(near, now.state, SETTLED_SD) or looks_elsewhere(near, now.state, train)):
             break
         near = exact_fitter(source, near, now.state, train)
         now = near.fit(now.state, names, train)
     others = [number for number in range(len(fitter.bank.shots)) if number not in train]
     registered = judge(near, now.state, others).state
-    if near.bank.stands:
+    if near.bank.stands or looks_elsewhere(near, registered, others):
         near = exact_fitter(source, near, registered, others)
     elif far := beyond(near, registered, others):
         near = standing(source, near, registered, far)

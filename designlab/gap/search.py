@@ -11,7 +11,7 @@ from designlab.effects import effect
 from designlab.gap.basis import Renders
 from designlab.gap.coordinates import coordinate
 from designlab.gap.evidence import System, log_evidence
-from designlab.gap.exact import beyond, exact_fitter, is_far, standing
+from designlab.gap.exact import beyond, exact_fitter, is_far, looks_elsewhere, standing
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter, with_strength
 from designlab.gap.forward import SIZE, State
 from designlab.gap.judge import LEAST_IMPROVED, LEAST_SHARE, Gain, Judged, gain, judge, squared
@@ -27,8 +27,9 @@ PROMISING = 5.0  # logarithm of the Bayes factor by linear approximation from wh
 DECISIVE = 16.0  # logarithm of the Bayes factor from which an effect counts as seen
 LATER_DECISIVE = 30.0  # likewise beside other effects
 CONTENDING = 0.5  # of the highest such logarithm from which a candidate may turn out to be the best
-AS_GOOD = 3.0  # difference of such logarithms within which effects are not told apart
-AS_GOOD_SHARE = 0.05  # likewise, of the whole: to no better than that an effect itself is known to be right
+RECENTRINGS = 2  # times that pictures of one that may win are rendered anew where it stands
+AS_GOOD = 6.0  # difference of such logarithms within which effects are not told apart
+AS_GOOD_SHARE = 0.2  # likewise, of the whole: how many values count as one is known no better
 LEAST_OWN = 0.1  # of the own gap of a press, in the mean, where few presses show most of an effect
 SURE_SE = 1.5  # standard errors that a gain must be beyond: presses differ in how much they show of an effect
 OVERLAP = 0.95  # share of a signature from which another effect can stand for it
@@ -58,11 +59,15 @@ class Attempt:
 
 @dataclass(frozen=True, eq=False)
 class Winner:
-    """An effect that was accepted, with the effects that do as well and the share of the gap it closed."""
+    """An effect that was accepted, with the effects that do as well and the share of the gap it closed.
+
+    `rivals` are those that might have been accepted in its place, and where their fits ended.
+    """
 
     name: str
     coherence_set: tuple[str, ...]
     gain: float
+    rivals: Mapping[str, State] = field(default_factory=dict)
 
 
 @dataclass
@@ -129,7 +134,8 @@ class Search:
         amount |= {f"{SIZE}.{probe}": larger for probe, larger in base.state.sizes.items()}
         self.tried.append(Candidate(number, RIVAL, "fitted with every candidate", parameters=amount))
         order = sorted(screened, key=lambda name: -screened[name])
-        promising = [name for name in order[:FITTED] if screened[name] >= PROMISING]
+        fitted = [*order[:FITTED], *(name for name in order[FITTED:] if name == self._mover)]
+        promising = [name for name in fitted if screened[name] >= PROMISING]
         for name in order:
             if name not in promising:
                 self.tried.append(Candidate(number, name, "screened out", evidence=screened[name]))
@@ -139,6 +145,8 @@ class Search:
             begun = time.perf_counter()
             attempts.append((self._attempt(name, base, now), time.perf_counter() - begun))
         attempts = self._contended(attempts, base, now)
+        most = max((attempt.evidence for attempt, _ in attempts), default=0.0)
+        rivals = {a.name: a.judged.state for a, _ in attempts if self._contends(a, most)}
         passed = []
         for attempt, seconds in attempts:
             reason = self._refused(attempt, base.state, self.fitter)
@@ -150,14 +158,14 @@ class Search:
         leading = self._leading(passed)
         most_likely = max(leading, key=lambda attempt: attempt.evidence)
         nearly = max(AS_GOOD, AS_GOOD_SHARE * most_likely.evidence)
-        equal = [a for a in leading if most_likely.evidence - a.evidence <= nearly]
+        equal = [a for a in passed if most_likely.evidence - a.evidence <= nearly]
         # Of effects that explain as much, the simplest: another has parameters for what nobody has listed.
-        as_much = [a for a in equal if not self._closes_more(most_likely, a)]
+        as_much = [a for a in equal if a in leading and not self._closes_more(most_likely, a)]
         best = min(as_much, key=lambda a: (len(self.fitter.forward.parameters[a.name]), -a.evidence))
         alike = self._alike(best, base, [a.name for a in passed])
         equal += [a for a in passed if a.name in alike and a not in equal]
         equal.sort(key=lambda a: (a is not best, -a.evidence))
-        self.winners.append(Winner(best.name, tuple(a.name for a in equal), best.gain.value))
+        self.winners.append(Winner(best.name, tuple(a.name for a in equal), best.gain.value, rivals))
         if len(equal) > 1:
             self.alternatives = {a.name: a.fit.state for a in equal}
         return best
@@ -173,18 +181,36 @@ class Search:
         found = []
         for attempt, seconds in attempts:
             begun = time.perf_counter()
-            contends = attempt.evidence >= max(CONTENDING * most, DECISIVE)
-            if contends and (near := self._near(self.fitter, attempt.judged.state)):
+            for _ in range(RECENTRINGS if self._contends(attempt, most) else 0):
+                near = self._near(attempt.fitter, attempt.judged.state)
+                if near is None:
+                    break
                 attempt = self._judged(attempt.name, base, now, attempt.fit.state, near)
             found.append((attempt, seconds + time.perf_counter() - begun))
         return found
+
+    def _contends(self, attempt: Attempt, most: float) -> bool:
+        """Whether a candidate may turn out to be the best beside one with most evidence."""
+        least = DECISIVE if attempt.name == self._mover else max(CONTENDING * most, DECISIVE)
+        return attempt.evidence >= least
+
+    @property
+    def _mover(self) -> str:
+        """Simplest effect that moves edges.
+
+        What pictures about null tell of it is little, so it is fitted and looked at where it stands even
+        where others seem to be better.
+        """
+        parameters = self.fitter.forward.parameters
+        movers = [name for name in self.names if effect(name).warps]
+        return min(movers, key=lambda name: len(parameters[name]), default="")
 
     def _near(self, fitter: Fitter, state: State) -> Fitter | None:
         """Fitter whose pictures are rendered where a state stands; None if its own are near enough."""
         shots = [*self.train, *self.select]
         if self.source is None:
             return None
-        if is_far(fitter, state):
+        if is_far(fitter, state) or looks_elsewhere(fitter, state, shots):
             return exact_fitter(self.source, fitter, state, shots)
         far = beyond(fitter, state, shots)
         return standing(self.source, fitter, state, far) if far else None
@@ -223,7 +249,10 @@ class Search:
         return {name for name in linear if table.get((best.name, name), 0.0) >= OVERLAP}
 
     def _pruned(self, number: int, best: Fit, now: Judged) -> tuple[Fit, Judged]:
-        """Drop effects of earlier rounds that the later ones have made needless."""
+        """Drop effects of earlier rounds that the later ones have made needless, or put better ones there.
+
+        What explains most alone need not do so beside another.
+        """
         for winner in self.winners[:-1]:
             state = best.state.without(winner.name)
             names = [name for name in state.values if name != "fixed_pattern"]
@@ -243,7 +272,38 @@ class Search:
                 self.winners.remove(winner)
                 best, now, self.fitter = without, judged, own
                 self._inherit(number, winner, best.state)
+            elif other := self._better(winner, attempt, without, own):
+                self._note(number, attempt, f"dropped: {other.name} does more beside the others")
+                self._note(number, other, "passed")
+                place = self.winners.index(winner)
+                self.winners[place] = Winner(other.name, (other.name,), winner.gain, winner.rivals)
+                best, now, self.fitter = other.fit, other.judged, other.fitter
         return best, now
+
+    def _better(self, winner: Winner, attempt: Attempt, without: Fit, own: Fitter) -> Attempt | None:
+        """Rival of a winner that surely does more in its place beside the effects found since.
+
+        Parameters
+        ----------
+        attempt : Attempt
+            The winner, judged against the model without it.
+        without : Fit
+            That model.
+        own : Fitter
+            What it was fitted with.
+        """
+        base = judge(own, without.state, self.select)
+        rivals = []
+        for name, ended in winner.rivals.items():
+            if name != winner.name and name not in without.state.values:
+                begin = replace(ended, values={**without.state.values, name: ended.values[name]})
+                near = self._near(own, begin) or own
+                rival = self._judged(name, without, base, begin, near)
+                if not self._refused(rival, without.state, own):
+                    rivals.append(rival)
+        best = max(rivals, key=lambda rival: rival.evidence, default=None)
+        least = attempt.evidence + max(AS_GOOD, AS_GOOD_SHARE * attempt.evidence)
+        return best if best is not None and best.evidence > least else None
 
     def _inherit(self, number: int, dropped: Winner, state: State) -> None:
         """Count what a dropped effect had closed as closed by the newest, which made it needless."""
