@@ -24,7 +24,7 @@ from toy_gap import (
 from designlab.effects import AppliedEffect, SensorModel
 from designlab.gap.bank import POSE_STEP, Bank, fill, moved, resized
 from designlab.gap.basis import Renders
-from designlab.gap.exact import beyond, exact_fitter, placed, standing
+from designlab.gap.exact import beyond, exact_fitter, looks_elsewhere, placed, standing
 from designlab.gap.fit import SIZE_SD, Fitter
 from designlab.gap.forward import SIZE, Forward, State, Unknown
 from designlab.gap.noise import SHOT_BUDGET, spectrum
@@ -222,6 +222,37 @@ def test_a_lens_that_shows_more_sees_what_lies_beside_the_picture(renders) -> No
     change = np.abs(rendered - forward.predict(State(GAINS), 0)).max()
     assert np.abs(seen - rendered)[:, :2].max() < 0.1 * change
     assert np.abs(seen - rendered).max() < 0.2 * change
+
+
+def test_edges_move_as_they_should_where_a_lens_looks_elsewhere(tmp_path) -> None:
+    """By resampling alone an edge within a pixel blurs; in sharper pictures, where it stands, it does not."""
+    samples = 256
+    renders = Renders(tmp_path, samples, SEED)
+    lens = {"radial": -0.05, "magnification": 0.02}
+    away = np.array([0.06, -0.04, 0.0, 0.0])
+    punch = Press(probe=parse("triangle:5"), depth_mm=0.5, centre_mm=(0.5, -0.3))
+    shot = taken(SensorModel.of(DESIGN), punch, np.zeros(4), "train", 40)
+    shot = replace(shot, view=DESIGN.view(96))  # as diagnoses have; only what is predicted counts here
+    bank = fill(renders, SensorModel.of(DESIGN), (shot,), ["lens_distortion"])
+    state = State(GAINS, {"lens_distortion": lens}, {0: away})
+    model = SensorModel(design=DESIGN, effects=(AppliedEffect(name="lens_distortion", values=lens),))
+    frame = Simulator(model, view=bank.of(0).view, samples=samples, seed=SEED).frame(moved(punch, away))
+    basis = frame.basis[:, *bank.of(0).place].astype(float)
+    rendered = np.einsum("cg,grk->rkc", frame.weights * GAINS, basis)
+
+    fitter = Fitter(bank)
+    exact = exact_fitter(renders, fitter, state, [0])
+    (picture,) = exact.bank.pictures
+    blurred = Forward(replace(exact.bank, pictures=(replace(picture, sharp=None),)))
+    soft, sharp = (forward.predict(state, 0) for forward in (blurred, exact.forward))
+    edges = np.abs(sharp - soft) > np.quantile(np.abs(sharp - soft), 0.97)
+    off = [float(np.sqrt(((seen - rendered)[edges] ** 2).mean())) for seen in (soft, sharp)]
+    assert off[1] < 0.4 * off[0]
+    assert looks_elsewhere(fitter, state, [0])
+    assert not looks_elsewhere(exact, state, [0])
+    # A lens that is all but right needs no picture of its own.
+    near = state.with_values("lens_distortion", {"radial": 0.005, "magnification": 0.0})
+    assert not looks_elsewhere(fitter, near, [0])
 
 
 def test_a_common_offset_of_the_depth_is_counted_once(bank, renders) -> None:

@@ -251,6 +251,28 @@ def test_what_closes_less_of_held_out_presses_does_not_lead(bank) -> None:
     assert search._leading([wrong, unsure]) == [wrong, unsure]
 
 
+def test_a_rival_that_surely_does_more_beside_the_others_takes_an_effects_place(bank, monkeypatch) -> None:
+    """One that did more alone must not stay where another explains far more together with later ones."""
+    search = Search(Fitter(bank), NAMES, [0], [3], gap=1000.0)
+    before = judged([250.0, 252.0, 248.0])
+    monkeypatch.setattr("designlab.gap.search.judge", lambda *_: before)
+    kept = attempt(search.fitter, "contact_kernel", 500.0, [160.0, 162.0, 158.0], before, evidence=100.0)
+
+    def better(evidence: float) -> str | None:
+        rival = attempt(search.fitter, "albedo_field", 500.0, [130.0, 132.0, 128.0], before)
+        monkeypatch.setattr(search, "_judged", lambda *_: replace(rival, evidence=evidence))
+        rivals = {"albedo_field": rival.fit.state, "vignetting": State(GAINS)}
+        winner = Winner("contact_kernel", ("contact_kernel",), 0.5, rivals)
+        without = Fit(State(GAINS).with_values("vignetting", {"corner_loss": 0.1}), kept.fit.system, 0.0)
+        monkeypatch.setattr(search, "_refused", lambda *_: "" if evidence < 1000 else "at a bound")
+        found = search._better(winner, kept, without, search.fitter)
+        return found.name if found else None
+
+    assert better(130.0) == "albedo_field"
+    assert better(115.0) is None  # evidence is not known that well
+    assert better(1001.0) is None  # refused for what it is
+
+
 def test_a_needless_effect_leaves_what_it_closed_to_the_one_that_made_it_so(bank) -> None:
     search = Search(Fitter(bank), NAMES, [0], [3], gap=1000.0)
     for name, share, evidence in (("vignetting", 0.5, 300.0), ("albedo_field", 0.1, 40.0)):
