@@ -54,6 +54,8 @@ def advise(fitter: Fitter, seen: Observations, search: Search, verdict: Verdict)
             minutes=float(len(missing)),
             frames=tuple({"kind": "background", "leds": [name]} for name in missing),
         )
+    if verdict == "partial" and any(len(winner.coherence_set) > 1 for winner in search.winners):
+        return _separating(fitter, seen, search)
     if verdict == "unexplained":
         return Advice(
             "the same press at two more depths, and turned by 180 deg with the gel: the first tells effects "

@@ -252,12 +252,10 @@ def verdict_of(alike: Sequence[Sequence[str]], before: float, after: float, floo
         return "at_floor" if after < AT_FLOOR * floor else "unexplained"
     if _left(before, after, floor) > UNEXPLAINED_ABOVE:
         return "unexplained"
-    if any(len(names) > 1 for names in alike):
-        return "ambiguous"
-    if after < NEAR * floor:
-        return "named"
     most = PARTIAL_ABOVE if after < floor else PARTIAL_ABOVE_FLOOR
-    return "named" if _left(before, after, left_of_nothing() * floor) <= most else "partial"
+    if after >= NEAR * floor and _left(before, after, left_of_nothing() * floor) > most:
+        return "partial"
+    return "ambiguous" if any(len(names) > 1 for names in alike) else "named"
 
 
 @dataclass(frozen=True, eq=False)

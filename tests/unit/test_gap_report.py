@@ -196,6 +196,7 @@ ONE, SEVERAL = [("vignetting",)], [("vignetting",), ("led_tilt", "led_profile")]
         (ONE, 9.0, 1.5, "partial"),  # more than the simulation may be wrong by
         (ONE, 9.0, 5.5, "unexplained"),
         (SEVERAL, 9.0, 0.7, "ambiguous"),
+        (SEVERAL, 9.0, 1.5, "partial"),  # whichever of them it is
         (SEVERAL, 9.0, 5.5, "unexplained"),
     ],
 )
