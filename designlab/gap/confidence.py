@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.gap.learnt import shares_right
+from designlab.gap.learnt import share_of_partial, shares_right
 
 Array = NDArray[np.float64]
 
@@ -27,6 +27,8 @@ MOST_LEFT, MOST_MARGIN, LEAST_GAIN = 4.0, 3.0, 1e-3
 
 def confidence(report: Mapping[str, Any], place: int) -> float:
     """Share of right names among those that looked like one of a report's.
+
+    Where a report says that it explains a part only, names are right as seldom as those of such reports.
 
     Parameters
     ----------
@@ -46,7 +48,8 @@ def confidence(report: Mapping[str, Any], place: int) -> float:
         later=place > 0,
     )
     total = float(seen @ np.array([weights[name] for name in SIGNS]))
-    return round(float(np.interp(total, scores, right)), 3)
+    share = float(np.interp(total, scores, right))
+    return round(min(share, share_of_partial()) if report["verdict"] == "partial" else share, 3)
 
 
 def signs(

@@ -45,6 +45,11 @@ def shares_right() -> tuple[dict[str, float], list[float], list[float]]:
     return found["weights"], found["scores"], found["right"]
 
 
+def share_of_partial() -> float:
+    """Share of names of partial verdicts that were right."""
+    return float(known()["confidence"]["partial"])
+
+
 @cache
 def known() -> Mapping[str, Any]:
     """All of it, by the names of what is learnt."""

@@ -13,7 +13,7 @@ from designlab.effects import effect
 from designlab.gap.confidence import SIGNS, signs
 from designlab.gap.learnt import known
 from designlab.trials.runner import Outcome
-from designlab.trials.score import BINS, all_named, equal_mass, family, record, same
+from designlab.trials.score import BINS, WITHOUT_RESERVE, all_named, equal_mass, family, record, same
 
 Array = NDArray[np.float64]
 
@@ -83,8 +83,9 @@ def shares_right(outcomes: Iterable[Outcome], nothing: float) -> dict[str, Any]:
     """Weights of the signs of a name (logistic regression), and the share of right names along their sum.
 
     A sign counts in the direction that is known of it or not at all. The sums are cut into bins of equal
-    mass; the shares of right names in them, one right and one wrong name added to each bin, are made to rise
-    (isotonic regression).
+    mass; the shares of right names in them, half a right and half a wrong name added to each bin (Jeffreys'
+    prior), are made to rise (isotonic regression). Names of partial verdicts are no part of it: they are
+    right far less often, and have one share, `partial`.
 
     Parameters
     ----------
@@ -98,7 +99,9 @@ def shares_right(outcomes: Iterable[Outcome], nothing: float) -> dict[str, Any]:
     ValueError
         If too few names were given.
     """
-    seen, right = named(outcomes, nothing)
+    outcomes = list(outcomes)
+    seen, right = named((o for o in outcomes if o.verdict in WITHOUT_RESERVE), nothing)
+    _, of_partial = named((o for o in outcomes if o.verdict == "partial"), nothing)
     if len(right) < FEWEST * BINS:
         raise ValueError(f"pool: {len(right)} names teach nothing, {FEWEST * BINS} are needed")
     direction = np.array(list(SIGNS.values()), dtype=float)
@@ -115,14 +118,20 @@ def shares_right(outcomes: Iterable[Outcome], nothing: float) -> dict[str, Any]:
     best = minimize(lost, np.zeros(len(bounds)), bounds=bounds, method="L-BFGS-B").x[1:] / scale
     total = seen @ best
     bins = equal_mass(total)
-    share = [(right[part].sum() + 1) / (len(part) + 2) for part in bins]
+    share = [_share(right[part]) for part in bins]
     rising = isotonic_regression(share, weights=[len(part) for part in bins]).x
     return {
         "weights": {name: round(float(weight), 4) for name, weight in zip(SIGNS, best, strict=True)},
         "scores": [round(float(total[part].mean()), 4) for part in bins],
         "right": [round(float(each), 4) for each in rising],
         "names": len(right),
+        "partial": round(_share(of_partial), 4),
     }
+
+
+def _share(right: NDArray[np.bool_]) -> float:
+    """Share of right names, half a right and half a wrong one added."""
+    return float((right.sum() + 0.5) / (len(right) + 1))
 
 
 def named(outcomes: Iterable[Outcome], nothing: float) -> tuple[Array, NDArray[np.bool_]]:

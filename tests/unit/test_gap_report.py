@@ -14,7 +14,7 @@ from designlab.gap.basis import Renders
 from designlab.gap.confidence import SIGNS, confidence
 from designlab.gap.diagnose import _gives_back, _provenance, _settled, _sure, verdict_of
 from designlab.gap.intervals import of_amplitudes, of_deviation
-from designlab.gap.learnt import shares_right
+from designlab.gap.learnt import share_of_partial, shares_right
 from designlab.gap.result import Advice, Candidate, Control, Found, GapReport, Level, Overlap, Value, Where
 from designlab.gap.words import places
 from designlab.measurement.invariants import Check
@@ -347,6 +347,8 @@ def test_confidence_of_a_report_is_what_was_learnt_of_names_like_it() -> None:
     assert round(min(right), 3) <= worse <= good <= round(max(right), 3) < 1.0
     assert weights.keys() == SIGNS.keys()
     assert list(scores) == sorted(scores)
+    shown["verdict"] = "partial"
+    assert said(0.6, ["vignetting"]) == round(share_of_partial(), 3) < good
 
 
 @pytest.mark.parametrize(("presses", "most"), [(2, 0.75), (5, 6 / 7), (6, 1.0)])

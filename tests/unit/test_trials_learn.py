@@ -60,6 +60,17 @@ def test_confidence_is_the_share_of_right_names_among_those_alike() -> None:
     assert error["bins"][0]["right"] < 0.4 < 0.9 < error["bins"][-1]["right"]
 
 
+def test_names_of_partial_verdicts_have_a_share_of_their_own() -> None:
+    """They are wrong most of the time, which must not make those given without reserve less sure."""
+    hidden = Trial("single", AIR[0], 1, {"vignetting": 1.0})
+    sure = [tried(hidden, "vignetting", after=1.0, gain=0.9, rival=9.0) for _ in range(20)]
+    doubtful = [tried(hidden, "led_tilt", after=1.0, gain=0.9, rival=9.0) for _ in range(8)]
+    doubtful += [tried(hidden, "vignetting", after=1.0, gain=0.9, rival=9.0)]
+    taught = shares_right([*sure, *(replace(o, verdict="partial") for o in doubtful)], left_of_nothing())
+    assert (taught["right"], taught["partial"]) == ([pytest.approx(20.5 / 21, abs=1e-4)], 0.15)
+    assert taught["names"] == 20
+
+
 def test_a_sign_cannot_count_against_what_is_known_of_it() -> None:
     """By chance, names that leave more may be right more often among few."""
     hidden = Trial("single", AIR[0], 1, {"vignetting": 1.0})
