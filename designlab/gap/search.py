@@ -272,7 +272,7 @@ class Search:
                 self.winners.remove(winner)
                 best, now, self.fitter = without, judged, own
                 self._inherit(number, winner, best.state)
-            elif other := self._better(winner, attempt, without, own):
+            elif other := self._better(winner, attempt, without, judged, own):
                 self._note(number, attempt, f"dropped: {other.name} does more beside the others")
                 self._note(number, other, "passed")
                 place = self.winners.index(winner)
@@ -280,19 +280,20 @@ class Search:
                 best, now, self.fitter = other.fit, other.judged, other.fitter
         return best, now
 
-    def _better(self, winner: Winner, attempt: Attempt, without: Fit, own: Fitter) -> Attempt | None:
+    def _better(
+        self, winner: Winner, attempt: Attempt, without: Fit, base: Judged, own: Fitter
+    ) -> Attempt | None:
         """Rival of a winner that surely does more in its place beside the effects found since.
 
         Parameters
         ----------
         attempt : Attempt
             The winner, judged against the model without it.
-        without : Fit
+        without, base : Fit, Judged
             That model.
         own : Fitter
             What it was fitted with.
         """
-        base = judge(own, without.state, self.select)
         rivals = []
         for name, ended in winner.rivals.items():
             if name != winner.name and name not in without.state.values:

@@ -255,7 +255,6 @@ def test_a_rival_that_surely_does_more_beside_the_others_takes_an_effects_place(
     """One that did more alone must not stay where another explains far more together with later ones."""
     search = Search(Fitter(bank), NAMES, [0], [3], gap=1000.0)
     before = judged([250.0, 252.0, 248.0])
-    monkeypatch.setattr("designlab.gap.search.judge", lambda *_: before)
     kept = attempt(search.fitter, "contact_kernel", 500.0, [160.0, 162.0, 158.0], before, evidence=100.0)
 
     def better(evidence: float) -> str | None:
@@ -265,7 +264,7 @@ def test_a_rival_that_surely_does_more_beside_the_others_takes_an_effects_place(
         winner = Winner("contact_kernel", ("contact_kernel",), 0.5, rivals)
         without = Fit(State(GAINS).with_values("vignetting", {"corner_loss": 0.1}), kept.fit.system, 0.0)
         monkeypatch.setattr(search, "_refused", lambda *_: "" if evidence < 1000 else "at a bound")
-        found = search._better(winner, kept, without, search.fitter)
+        found = search._better(winner, kept, without, before, search.fitter)
         return found.name if found else None
 
     assert better(130.0) == "albedo_field"
