@@ -11,7 +11,7 @@ from designlab.effects import effect
 from designlab.gap.basis import Renders
 from designlab.gap.coordinates import coordinate
 from designlab.gap.evidence import System, log_evidence
-from designlab.gap.exact import beyond, exact_fitter, is_far, looks_elsewhere, standing
+from designlab.gap.exact import beyond, exact_fitter, is_far, looks_elsewhere
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter, with_strength
 from designlab.gap.forward import SIZE, State
 from designlab.gap.judge import LEAST_IMPROVED, LEAST_SHARE, Gain, Judged, gain, judge, squared
@@ -59,15 +59,21 @@ class Attempt:
 
 @dataclass(frozen=True, eq=False)
 class Winner:
-    """An effect that was accepted, with the effects that do as well and the share of the gap it closed.
+    """An effect that was accepted, and the share of the gap it closed.
 
-    `rivals` are those that might have been accepted in its place, and where their fits ended.
+    `equals` are the attempts that do as well, its own first; `rivals` those that might have been accepted in
+    its place, and where their fits ended.
     """
 
     name: str
-    coherence_set: tuple[str, ...]
+    equals: tuple[Attempt, ...]
     gain: float
     rivals: Mapping[str, State] = field(default_factory=dict)
+
+    @property
+    def coherence_set(self) -> tuple[str, ...]:
+        """Names of effects that do as well, its own first."""
+        return tuple(attempt.name for attempt in self.equals)
 
 
 @dataclass
@@ -95,7 +101,6 @@ class Search:
     source: Renders | None = None
     tried: list[Candidate] = field(default_factory=list)
     winners: list[Winner] = field(default_factory=list)
-    alternatives: dict[str, State] = field(default_factory=dict)
     overlaps: Overlaps = field(default_factory=dict)
     gap: float = 0.0
     progress: Callable[[str, int, int], None] | None = None
@@ -144,12 +149,12 @@ class Search:
             self._tell(name, len(promising) - place)
             begun = time.perf_counter()
             attempts.append((self._attempt(name, base, now), time.perf_counter() - begun))
-        attempts = self._contended(attempts, base, now)
+        attempts, own, base, now = self._contended(attempts, base, now)
         most = max((attempt.evidence for attempt, _ in attempts), default=0.0)
         rivals = {a.name: a.judged.state for a, _ in attempts if self._contends(a, most)}
         passed = []
         for attempt, seconds in attempts:
-            reason = self._refused(attempt, base.state, self.fitter)
+            reason = self._refused(attempt, base.state, own)
             self._note(number, attempt, reason or "passed", seconds)
             if not reason:
                 passed.append(attempt)
@@ -157,7 +162,7 @@ class Search:
             return None
         leading = self._leading(passed)
         most_likely = max(leading, key=lambda attempt: attempt.evidence)
-        nearly = max(AS_GOOD, AS_GOOD_SHARE * most_likely.evidence)
+        nearly = least_lead(most_likely.evidence)
         equal = [a for a in passed if most_likely.evidence - a.evidence <= nearly]
         # Of effects that explain as much, the simplest: another has parameters for what nobody has listed.
         as_much = [a for a in equal if a in leading and not self._closes_more(most_likely, a)]
@@ -165,29 +170,50 @@ class Search:
         alike = self._alike(best, base, [a.name for a in passed])
         equal += [a for a in passed if a.name in alike and a not in equal]
         equal.sort(key=lambda a: (a is not best, -a.evidence))
-        self.winners.append(Winner(best.name, tuple(a.name for a in equal), best.gain.value, rivals))
-        if len(equal) > 1:
-            self.alternatives = {a.name: a.fit.state for a in equal}
-        return best
+        self.winners.append(Winner(best.name, tuple(equal), best.gain.value, rivals))
+        near = self._near(best.fitter, best.judged.state, exactly=True)
+        return best if near is None else self._judged(best.name, base, now, best.fit.state, near)
 
     def _contended(
         self, attempts: Sequence[tuple[Attempt, float]], base: Fit, now: Judged
-    ) -> list[tuple[Attempt, float]]:
+    ) -> tuple[list[tuple[Attempt, float]], Fitter, Fit, Judged]:
         """Fit those that may win again where they stand, if pictures about null are far from there.
 
-        What these lack there grows with an effect, until another one seems to be more likely.
+        What these lack there grows with an effect, until another one seems to be more likely. Pictures
+        rendered where presses stand fit better whatever the effect: then all that may win get such, and so
+        does the model without any.
+
+        Returns
+        -------
+        list of (Attempt, float), Fitter, Fit, Judged
+            The attempts with their seconds, and the model without any with what it was fitted with.
         """
         most = max((attempt.evidence for attempt, _ in attempts), default=0.0)
+        names = {attempt.name for attempt, _ in attempts if self._contends(attempt, most)}
+        near = {a.name: self._near(a.fitter, a.judged.state) for a, _ in attempts if a.name in names}
+        if not any(near.values()):
+            return list(attempts), self.fitter, base, now
+        own, base, now = self._standing(base, now)
         found = []
         for attempt, seconds in attempts:
             begun = time.perf_counter()
-            for _ in range(RECENTRINGS if self._contends(attempt, most) else 0):
-                near = self._near(attempt.fitter, attempt.judged.state)
-                if near is None:
-                    break
-                attempt = self._judged(attempt.name, base, now, attempt.fit.state, near)
+            if attempt.name in names:
+                fitter = near[attempt.name] or own
+                attempt = self._judged(attempt.name, base, now, attempt.fit.state, fitter)
+                for _ in range(RECENTRINGS - 1):
+                    if (again := self._near(attempt.fitter, attempt.judged.state)) is None:
+                        break
+                    attempt = self._judged(attempt.name, base, now, attempt.fit.state, again)
             found.append((attempt, seconds + time.perf_counter() - begun))
-        return found
+        return found, own, base, now
+
+    def _standing(self, base: Fit, now: Judged) -> tuple[Fitter, Fit, Judged]:
+        """Fit a model with pictures that are rendered where it has the presses."""
+        assert self.source is not None
+        own = exact_fitter(self.source, self.fitter, now.state, [*self.train, *self.select])
+        names = [name for name in base.state.values if name != "fixed_pattern"]
+        fit = own.fit(now.state, names, self.train)
+        return own, fit, judge(own, fit.state, self.select)
 
     def _contends(self, attempt: Attempt, most: float) -> bool:
         """Whether a candidate may turn out to be the best beside one with most evidence."""
@@ -205,15 +231,24 @@ class Search:
         movers = [name for name in self.names if effect(name).warps]
         return min(movers, key=lambda name: len(parameters[name]), default="")
 
-    def _near(self, fitter: Fitter, state: State) -> Fitter | None:
-        """Fitter whose pictures are rendered where a state stands; None if its own are near enough."""
+    def _near(self, fitter: Fitter, state: State, *, exactly: bool = False) -> Fitter | None:
+        """Fitter whose pictures are rendered where a state stands; None if its own are near enough.
+
+        Parameters
+        ----------
+        exactly : bool
+            Whether only pictures of all that is rendered together are near enough: what is tried beside it
+            gets these, and must not take up what others lack.
+        """
         shots = [*self.train, *self.select]
         if self.source is None:
             return None
-        if is_far(fitter, state) or looks_elsewhere(fitter, state, shots):
-            return exact_fitter(self.source, fitter, state, shots)
-        far = beyond(fitter, state, shots)
-        return standing(self.source, fitter, state, far) if far else None
+        rendered = {name for name in state.values if effect(name).rendered}
+        missing = exactly and not fitter.bank.stands.keys() >= rendered
+        far = missing or is_far(fitter, state) or looks_elsewhere(fitter, state, shots)
+        return (
+            exact_fitter(self.source, fitter, state, shots) if far or beyond(fitter, state, shots) else None
+        )
 
     def _leading(self, passed: Sequence[Attempt]) -> list[Attempt]:
         """Those that no other which may be the best surely surpasses on held-out shots.
@@ -259,7 +294,7 @@ class Search:
             own = self._given
             without = own.fit(state, names, self.train)
             judged = judge(own, without.state, self.select)
-            if near := self._near(own, judged.state):
+            if near := self._near(own, judged.state, exactly=True):
                 own = near
                 without = own.fit(without.state, names, self.train)
                 judged = judge(own, without.state, self.select)
@@ -276,7 +311,7 @@ class Search:
                 self._note(number, attempt, f"dropped: {other.name} does more beside the others")
                 self._note(number, other, "passed")
                 place = self.winners.index(winner)
-                self.winners[place] = Winner(other.name, (other.name,), winner.gain, winner.rivals)
+                self.winners[place] = Winner(other.name, (other,), winner.gain, winner.rivals)
                 best, now, self.fitter = other.fit, other.judged, other.fitter
         return best, now
 
@@ -298,12 +333,12 @@ class Search:
         for name, ended in winner.rivals.items():
             if name != winner.name and name not in without.state.values:
                 begin = replace(ended, values={**without.state.values, name: ended.values[name]})
-                near = self._near(own, begin) or own
+                near = self._near(own, begin, exactly=True) or own
                 rival = self._judged(name, without, base, begin, near)
                 if not self._refused(rival, without.state, own):
                     rivals.append(rival)
         best = max(rivals, key=lambda rival: rival.evidence, default=None)
-        least = attempt.evidence + max(AS_GOOD, AS_GOOD_SHARE * attempt.evidence)
+        least = attempt.evidence + least_lead(attempt.evidence)
         return best if best is not None and best.evidence > least else None
 
     def _inherit(self, number: int, dropped: Winner, state: State) -> None:
@@ -479,6 +514,11 @@ class Search:
         self.tried.append(
             fitted(number, attempt.name, outcome, attempt.gain, values, attempt.evidence, seconds)
         )
+
+
+def least_lead(evidence: float) -> float:
+    """By how much the evidence of an effect must be ahead of another's for the other to count as worse."""
+    return max(AS_GOOD, AS_GOOD_SHARE * evidence)
 
 
 def fitted(

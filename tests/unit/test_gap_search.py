@@ -261,7 +261,7 @@ def test_a_rival_that_surely_does_more_beside_the_others_takes_an_effects_place(
         rival = attempt(search.fitter, "albedo_field", 500.0, [130.0, 132.0, 128.0], before)
         monkeypatch.setattr(search, "_judged", lambda *_: replace(rival, evidence=evidence))
         rivals = {"albedo_field": rival.fit.state, "vignetting": State(GAINS)}
-        winner = Winner("contact_kernel", ("contact_kernel",), 0.5, rivals)
+        winner = Winner("contact_kernel", (kept,), 0.5, rivals)
         without = Fit(State(GAINS).with_values("vignetting", {"corner_loss": 0.1}), kept.fit.system, 0.0)
         monkeypatch.setattr(search, "_refused", lambda *_: "" if evidence < 1000 else "at a bound")
         found = search._better(winner, kept, without, before, search.fitter)
@@ -275,7 +275,7 @@ def test_a_rival_that_surely_does_more_beside_the_others_takes_an_effects_place(
 def test_a_needless_effect_leaves_what_it_closed_to_the_one_that_made_it_so(bank) -> None:
     search = Search(Fitter(bank), NAMES, [0], [3], gap=1000.0)
     for name, share, evidence in (("vignetting", 0.5, 300.0), ("albedo_field", 0.1, 40.0)):
-        search.winners.append(Winner(name, (name,), share))
+        search.winners.append(Winner(name, (), share))
         search.tried.append(Candidate(1, name, "passed", share, 0.01, 1.0, {}, evidence))
     dropped = search.winners.pop(0)
     search._inherit(2, dropped, State(GAINS).with_values("albedo_field", {"x": 0.03}))
