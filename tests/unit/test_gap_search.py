@@ -126,6 +126,34 @@ def test_what_is_far_is_judged_by_pictures_rendered_where_it_stands(bank, render
     assert closer < 0.5 * off
 
 
+def test_all_that_may_win_have_pictures_of_one_quality(bank, renders) -> None:
+    """Pictures rendered where presses stand fit otherwise than others, whatever the effect."""
+    far = SensorModel(
+        design=DESIGN, effects=(AppliedEffect(name="contact_kernel", values={"length_ratio": 1.8}),)
+    )
+    fitter = seeing(bank, far)
+    train, select = [0, 1, 2], [3]
+    start = fitter.fit(fitter.start(train), (), train)
+    fitter.measure(start.state)
+    search = Search(fitter, NAMES, train, select, renders)
+    now = judge(fitter, start.state, select)
+    search.gap = now.gap
+    rendered, combined = (search._attempt(name, start, now) for name in ("contact_kernel", "albedo_field"))
+    given = [(rendered, 0.0), (replace(combined, evidence=rendered.evidence), 0.0)]
+    found, own, base, judged = search._contended(given, start, now)
+    assert base is not start
+    for attempt, _ in found:
+        assert all(attempt.fitter.bank.of(n).exact_at is not None for n in (1, 2, 3)), attempt.name
+        less = 0.5 * (base.objective - attempt.fit.objective) - search._occam(attempt.fit, attempt.name)
+        less += 0.5 * float((judged.objective - attempt.judged.objective).sum())
+        assert attempt.evidence == pytest.approx(less)
+    assert found[1][0].fitter is own
+    # Where none is far, nothing is rendered.
+    same, kept, *_ = search._contended([given[1]], start, now)
+    assert same == [given[1]]
+    assert kept is fitter
+
+
 def test_the_last_fit_is_closer_than_that_of_the_search(bank, renders) -> None:
     fitter = seeing(bank, applied("contact_kernel"))
     train = [0, 1, 2]

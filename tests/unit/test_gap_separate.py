@@ -1,0 +1,106 @@
+"""What to measure next: what frames are predicted to tell, and which are asked for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from toy_gap import DESIGN, VALUES, shots
+
+from designlab.effects import SensorModel
+from designlab.gap.bank import Bank, fill
+from designlab.gap.fit import Fitter
+from designlab.gap.forward import State
+from designlab.gap.judge import gain, judge
+from designlab.gap.search import Attempt
+from designlab.gap.separate import Action, doubt_of, separating
+
+NAMES = ("albedo_field", "vignetting")
+TRAIN = [0, 1, 2]
+
+
+@pytest.fixture(scope="module")
+def bank(renders) -> Bank:
+    """Frames of a coat of uneven reflectance, without noise."""
+    found = fill(renders, SensorModel.of(DESIGN), shots(SensorModel.of(DESIGN)), NAMES)
+    truth = State(np.ones(3)).with_values("albedo_field", VALUES["albedo_field"])
+    predict = Fitter(found).forward.predict
+    seen = (replace(s, signal=predict(truth, n), pose_sigma=np.zeros(4)) for n, s in enumerate(found.shots))
+    return replace(found, shots=tuple(seen))
+
+
+@pytest.fixture(scope="module")
+def fitted(bank) -> tuple[Attempt, Attempt]:
+    """The effect that is there, and a wrong one, as if they did as well."""
+    fitter = Fitter(bank)
+    start = fitter.fit(fitter.start(TRAIN), (), TRAIN).state
+    fitter.measure(start)
+    base = judge(fitter, start, [3])
+    made = []
+    for name, evidence in (("albedo_field", 60.0), ("vignetting", 57.0)):
+        fit = fitter.fit(start, [name], TRAIN)
+        judged = judge(fitter, fit.state, [3])
+        made.append(Attempt(name, base.gap, fitter, fit, judged, gain(base, judged, base.gap), evidence))
+    return made[0], made[1]
+
+
+def action(bank: Bank, like: int, lit: np.ndarray) -> Action:
+    return Action("", replace(bank.shots[like], lit=lit), like, 1.0, {})
+
+
+def risen(bank: Bank, actions: list[Action], true: Attempt, wrong: Attempt) -> float:
+    """How much further the truth leads once frames have been taken and all are fitted together."""
+    place = (*bank.place, *(bank.place[a.like] for a in actions))
+    taken = replace(bank, shots=(*bank.shots, *(a.shot for a in actions)), place=place)
+    further = range(len(bank.shots), len(taken.shots))
+    predict = Fitter(taken).forward.predict
+    new = [replace(a.shot, signal=predict(true.fit.state, n)) for n, a in zip(further, actions, strict=True)]
+    fitter = Fitter(replace(taken, shots=(*bank.shots, *new)))
+    fitter.measure(true.fit.state)
+    fitter.noises[: len(bank.shots)] = true.fitter.noises
+    right, other = (
+        fitter.fit(a.fit.state, [a.name], [*TRAIN, *further]).objective - a.fit.objective
+        for a in (true, wrong)
+    )
+    return 0.5 * (other - right)
+
+
+def test_frames_tell_at_least_what_was_predicted(bank, fitted) -> None:
+    """Smooth errors that frames share are better known from all of them than from each."""
+    actions = [action(bank, 0, np.eye(3)[0]), action(bank, 0, np.eye(3)[2]), action(bank, 1, np.eye(3)[1])]
+    doubt = doubt_of(*fitted, actions)
+    before = 0.0
+    for count in (1, 2, 3):
+        predicted = doubt.lead(range(count))
+        assert predicted > before + 5.0
+        assert predicted <= risen(bank, actions[:count], *fitted) <= 3.0 * predicted
+        before = predicted
+    assert doubt.needed == pytest.approx(12.0 - 3.0)  # a fifth of the evidence, of which it has some
+
+
+def test_what_shows_neither_effect_tells_nothing(bank, fitted) -> None:
+    doubt = doubt_of(*fitted, [action(bank, 0, np.zeros(3))])
+    assert doubt.lead([0]) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_frames_are_asked_for_until_they_suffice(fitted) -> None:
+    """More where the doubt is greater, each once, and the words say where they may not do."""
+    true, wrong = fitted
+    asked = separating(true.fitter, [true, wrong])
+    assert asked.separation_sd is not None
+    assert 0.5 * asked.separation_sd**2 >= 9.0
+    assert "may not" not in asked.text
+    far = [replace(each, evidence=10 * each.evidence) for each in fitted]
+    more = separating(true.fitter, far)
+    assert len(more.frames) > len(asked.frames)
+    assert len({str(frame) for frame in more.frames}) == len(more.frames)
+    assert more.minutes > asked.minutes
+    endless = [replace(each, evidence=1e4 * each.evidence) for each in fitted]
+    assert separating(true.fitter, endless).text.endswith("; even that may not tell them apart")
+
+
+def test_frames_that_differ_by_their_light_are_said_at_once(fitted) -> None:
+    far = [replace(each, evidence=1e4 * each.evidence) for each in fitted]
+    text = separating(far[0].fitter, far).text
+    pressed = [part for part in text.split("; ") if part.startswith("sphere:4 pressed 0.6 mm deep")]
+    assert len(pressed) == 1
+    assert pressed[0].endswith("LEDs, each alone")
