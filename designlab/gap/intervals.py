@@ -17,7 +17,7 @@ from designlab.gap.forward import State, Unknown
 from designlab.gap.learnt import unlisted_sd
 from designlab.gap.pattern import strengths_as_good
 from designlab.gap.result import Value
-from designlab.gap.search import PERIODS
+from designlab.gap.screen import PERIODS
 
 Array = NDArray[np.float64]
 Ends = tuple[float, float]

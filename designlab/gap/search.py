@@ -8,53 +8,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.effects import effect
+from designlab.gap.attempt import DECISIVE, Attempt, closes_more, least_lead, refused
 from designlab.gap.basis import Renders
 from designlab.gap.coordinates import coordinate
-from designlab.gap.evidence import System, log_evidence
 from designlab.gap.exact import beyond, exact_fitter, is_far, looks_elsewhere
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter, with_strength
 from designlab.gap.forward import SIZE, State
-from designlab.gap.judge import LEAST_IMPROVED, LEAST_SHARE, Gain, Judged, gain, judge, squared
+from designlab.gap.judge import Gain, Judged, gain, judge
 from designlab.gap.overlap import Overlaps, overlaps
-from designlab.gap.pattern import found_pattern, in_few_waves
+from designlab.gap.pattern import found_pattern
 from designlab.gap.result import Candidate
+from designlab.gap.screen import PERIODS, screen, with_period
 
 Array = NDArray[np.float64]
 
 MOST_EFFECTS = 4
 FITTED = 6  # candidates of a round that are fitted to the end
 PROMISING = 5.0  # logarithm of the Bayes factor by linear approximation from which a candidate is fitted
-DECISIVE = 16.0  # logarithm of the Bayes factor from which an effect counts as seen
-LATER_DECISIVE = 30.0  # likewise beside other effects
 CONTENDING = 0.5  # of the highest such logarithm from which a candidate may turn out to be the best
 RECENTRINGS = 2  # times that pictures of one that may win are rendered anew where it stands
-AS_GOOD = 6.0  # difference of such logarithms within which effects are not told apart
-AS_GOOD_SHARE = 0.2  # likewise, of the whole: how many values count as one is known no better
-LEAST_OWN = 0.1  # of the own gap of a press, in the mean, where few presses show most of an effect
-SURE_SE = 1.5  # standard errors that a gain must be beyond: presses differ in how much they show of an effect
 OVERLAP = 0.95  # share of a signature from which another effect can stand for it
-LEAST_OF_FIRST = 0.005  # of the first gap that any later effect must close
-MOST_IN_WAVES = 0.25  # of the energy of a fixed pattern in its strongest waves
 RIVAL = "numerical"
-PERIODS = np.geomspace(40.0, 2000.0, 120)  # rows of the full sensor
-LONGEST_PERIOD = 1.05  # heights of a picture: a longer wave is a slope there, which much else may bring about
-
-
-@dataclass(frozen=True, eq=False)
-class Attempt:
-    """One candidate, fitted and judged.
-
-    `evidence` is the logarithm of the Bayes factor against the model without it, on the shots fitted to and
-    on held-out ones together; `left` is the gap it began from, `fitter` has the pictures it was fitted with.
-    """
-
-    name: str
-    left: float
-    fitter: Fitter
-    fit: Fit
-    judged: Judged
-    gain: Gain
-    evidence: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +107,8 @@ class Search:
 
     def _round(self, number: int, base: Fit, now: Judged) -> Attempt | None:
         self._tell("screening", 1 + FITTED)
-        screened = self.screen(base)
+        screened, overlapping = screen(self.fitter, base.state, self.names, self.train)
+        self.overlaps = self.overlaps or overlapping
         self.screened.append(screened)
         amount = {f"{RIVAL}.amount": base.state.numerical}
         amount |= {f"{SIZE}.{probe}": larger for probe, larger in base.state.sizes.items()}
@@ -165,7 +140,7 @@ class Search:
         nearly = least_lead(most_likely.evidence)
         equal = [a for a in passed if most_likely.evidence - a.evidence <= nearly]
         # Of effects that explain as much, the simplest: another has parameters for what nobody has listed.
-        as_much = [a for a in equal if a in leading and not self._closes_more(most_likely, a)]
+        as_much = [a for a in equal if a in leading and not closes_more(most_likely, a, self.gap)]
         best = min(as_much, key=lambda a: (len(self.fitter.forward.parameters[a.name]), -a.evidence))
         alike = self._alike(best, base, [a.name for a in passed])
         equal += [a for a in passed if a.name in alike and a not in equal]
@@ -259,15 +234,9 @@ class Search:
 
         def surpassed(a: Attempt) -> bool:
             rivals = [other for other in passed if other.evidence >= CONTENDING * a.evidence]
-            return any(self._closes_more(other, a) for other in rivals)
+            return any(closes_more(other, a, self.gap) for other in rivals)
 
         return [a for a in passed if not surpassed(a)]
-
-    def _closes_more(self, one: Attempt, other: Attempt) -> bool:
-        """Whether one candidate closes more of the gap than another, press by press."""
-        more = gain(other.judged, one.judged, self.gap)
-        least = LEAST_SHARE * one.left / self.gap
-        return more.value >= least and more.value > SURE_SE * more.se
 
     def _alike(self, best: Attempt, base: Fit, passed: Sequence[str]) -> set[str]:
         """Effects that bring about nearly all of what the best one was found to do.
@@ -351,58 +320,10 @@ class Search:
         last = replace(own[-1], round=number, gain=newest.gain, evidence=evidence, parameters=values)
         self.tried.append(replace(last, name=newest.name, seconds=None))
 
-    def screen(self, base: Fit) -> dict[str, float]:
-        """Logarithm of the Bayes factor of every candidate by linear approximation, on the training shots."""
-        present = set(base.state.values)
-        names = [name for name in self.names if name not in present]
-        state = base.state
-        if "banding" in names:
-            state = self._with_period(state)
-        linear = [name for name in names if name != "fixed_pattern"]
-        held = [name for name in present if name != "fixed_pattern"]
-        unknowns = self.fitter.unknowns(state, [*held, *linear], self.train)
-        whole = self.fitter.system(state, self.train, unknowns)
-        if not self.overlaps:
-            self.overlaps = overlaps(whole, linear)
-        found = {name: _linear_evidence(whole, name, linear) for name in linear}
-        if "banding" in names:
-            found["banding"] -= float(np.log(len(PERIODS)))
-        if "fixed_pattern" in names:
-            found["fixed_pattern"] = found_pattern(self.fitter, base.state, self.train).evidence
-        return found
-
     def _step(self, state: State, name: str) -> Array:
         """How far the parameters of an effect lie from null, in prior standard deviations."""
         values = state.values[name]
         return np.array([coordinate(p, values[p.name]) for p in self.fitter.forward.parameters[name]])
-
-    def _with_period(self, state: State) -> State:
-        """Give banding the period of which the training shots hold most."""
-        fitter, best, most = self.fitter, 400.0, 0.0
-        rows = []
-        for n in self.train:
-            shot, sigma = fitter.bank.shots[n], fitter.noises[n].sigma
-            predicted = fitter.forward.predict(state, n)
-            weight = np.where(shot.valid, (predicted / sigma) ** 2, 0.0).sum(axis=(1, 2))
-            left = np.where(shot.valid, (shot.signal - predicted) * predicted / sigma**2, 0.0).sum(
-                axis=(1, 2)
-            )
-            rows.append((shot, left / np.sqrt(np.maximum(weight, 1e-9))))
-        longest = LONGEST_PERIOD * min(shot.view.height_px for shot, _ in rows)
-        for period in PERIODS[longest >= PERIODS]:
-            energy = 0.0
-            for shot, left in rows:
-                _, row = shot.view.centres()
-                turn = 2 * np.pi * row[:, 0] / period
-                waves = np.stack([np.sin(turn), np.cos(turn)])
-                waves -= waves.mean(axis=1, keepdims=True)
-                norm = np.maximum((waves**2).sum(axis=1), 1e-9)
-                energy += float((((waves @ (left - left.mean())) ** 2) / norm).sum())
-            if energy > most:
-                best, most = float(period), energy
-        return state.with_values(
-            "banding", effect("banding").null(fitter.bank.model.design) | {"period_rows": best}
-        )
 
     def _attempt(self, name: str, base: Fit, now: Judged) -> Attempt:
         return self._judged(name, base, now, self._beginning(name, base.state), self.fitter)
@@ -440,68 +361,14 @@ class Search:
         if name == "fixed_pattern":
             return base
         if name == "banding":
-            return replace(self._with_period(base), poses={})
+            return replace(with_period(self.fitter, base, self.train), poses={})
         if name not in self._reached:
             return replace(base, poses={})  # a wrong model may have driven poses far off
         before = self._reached[name]
         return replace(base.with_values(name, before.values[name]), poses=before.poses)
 
-    def _untouched_worse(self, attempt: Attempt, base: State, fitter: Fitter) -> float:
-        """Rise of the squared residual of the untouched gel, as a share of it or of the floor.
-
-        No effect may explain presses by what the gel does not show without them.
-        """
-        taken = fitter.bank.shots
-        shots = [n for n in self.train if taken[n].press is None and taken[n].valid.any()]
-        before, after = (
-            np.mean([squared(own, state, n) for n in shots], axis=0)
-            for own, state in ((fitter, base), (attempt.fitter, attempt.fit.state))
-        )
-        return float((after[0] - before[0]) / max(before))
-
-    def _unsure(self, attempt: Attempt, *, later: bool) -> str:
-        """Why evidence and gain of a candidate do not suffice; empty if they do.
-
-        Beside other effects more is asked: what their models miss has a shape, which another may take up.
-        """
-        needed = LATER_DECISIVE if later else DECISIVE
-        if attempt.evidence < needed:
-            return f"evidence {attempt.evidence:.3g}, below {needed:g}"
-        least = max(LEAST_SHARE * attempt.left / self.gap, LEAST_OF_FIRST)
-        share, se = attempt.gain.value, attempt.gain.se
-        if share < least:
-            return f"{_share_gone(share)} of the gap, less than {least:.1%}"
-        # Draws of shots differ by their nature, and poses are judged together: the spread is no error there.
-        joint = attempt.name in DRAWN_SD or attempt.gain.settles_poses
-        sure = share - SURE_SE * se >= least
-        sure_own = attempt.gain.own - SURE_SE * attempt.gain.own_se >= LEAST_OWN
-        if not (joint or sure or sure_own):
-            return f"closes {share:.1%} of the gap, give or take {se:.1%}: {least:.1%} are not sure"
-        return ""
-
-    def _refused(self, attempt: Attempt, base: State, fitter: Fitter) -> str:
-        """Why a candidate does not pass, beside a state fitted with a fitter's pictures; empty if it does."""
-        if unsure := self._unsure(attempt, later=bool(base.values)):
-            return unsure
-        drawn = attempt.name in DRAWN_SD
-        settles = attempt.gain.settles_poses and attempt.gain.squares > -LEAST_SHARE
-        if attempt.gain.squares < LEAST_SHARE and not settles:
-            return (
-                f"takes {attempt.gain.squares:.1%} of the squared residual away, less than {LEAST_SHARE:.1%}"
-            )
-        # Some draws of a single shot are small: not every one can gain.
-        if not drawn and attempt.gain.improved < LEAST_IMPROVED:
-            return f"only {attempt.gain.improved:.0%} of the held-out presses improve"
-        if (worse := self._untouched_worse(attempt, base, fitter)) > LEAST_SHARE:
-            return f"adds {worse:.1%} to the residual of the untouched gel"
-        if bound := self.fitter.at_bound(attempt.fit.state, attempt.name):
-            return f"at the bound of {', '.join(bound)}"
-        pattern = attempt.fit.state.pattern if attempt.name == "fixed_pattern" else None
-        if pattern is not None and (share := in_few_waves(pattern)) > MOST_IN_WAVES:
-            return f"{share:.0%} of it lie in few waves, which no sensor's own pattern does"
-        if far := self.fitter.beyond_prior(attempt.fit.state, attempt.name):
-            return f"beyond what is likely of {', '.join(far)}"
-        return ""
+    def _refused(self, attempt: Attempt, base: State, own: Fitter) -> str:
+        return refused(attempt, base, own, self.train, self.gap)
 
     def _tell(self, what: str, left: int) -> None:
         """Report that a step begins, after which `left` - 1 are known to follow."""
@@ -514,11 +381,6 @@ class Search:
         self.tried.append(
             fitted(number, attempt.name, outcome, attempt.gain, values, attempt.evidence, seconds)
         )
-
-
-def least_lead(evidence: float) -> float:
-    """By how much the evidence of an effect must be ahead of another's for the other to count as worse."""
-    return max(AS_GOOD, AS_GOOD_SHARE * evidence)
 
 
 def fitted(
@@ -542,14 +404,3 @@ def fitted(
         evidence,
         None if seconds is None else round(seconds, 2),
     )
-
-
-def _share_gone(share: float) -> str:
-    return f"closes {share:.1%}" if share >= 0 else f"adds {-share:.1%} instead of closing any"
-
-
-def _linear_evidence(whole: System, name: str, others: Sequence[str]) -> float:
-    """Evidence for an effect, the other candidates held at their null."""
-    part = whole.only(lambda u: u.effect == name or u.effect not in others)
-    places = [k for k, u in enumerate(part.unknowns) if u.effect == name]
-    return log_evidence(*part.reduced(places))

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.gap.attempt import Attempt, least_lead
 from designlab.gap.fit import Fitter
 from designlab.gap.forward import Forward
 from designlab.gap.noise import noise
 from designlab.gap.result import Advice
-from designlab.gap.search import Attempt, least_lead
 from designlab.measurement.shots import Shot
 
 Array = NDArray[np.float64]

@@ -7,6 +7,7 @@ import pytest
 from toy_gap import DESIGN, GAINS, VIEW, applied, seeing, shots
 
 from designlab.effects import SensorModel
+from designlab.gap.attempt import MOST_IN_WAVES
 from designlab.gap.bank import Bank, fill
 from designlab.gap.fit import Fitter, with_strength
 from designlab.gap.forward import Forward, State, bands
@@ -15,7 +16,8 @@ from designlab.gap.intervals import values
 from designlab.gap.judge import judge
 from designlab.gap.noise import DARK_LIGHT
 from designlab.gap.pattern import found_pattern, in_few_waves
-from designlab.gap.search import MOST_IN_WAVES, PERIODS, Search
+from designlab.gap.screen import PERIODS, with_period
+from designlab.gap.search import Search
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +105,7 @@ def test_a_slope_of_brightness_is_no_long_wave(bank) -> None:
     fitter = Fitter(replace(bank, shots=(*tilted, *bank.shots[3:])))
     state = fitter.start(train)
     fitter.measure(state)
-    found = Search(fitter, ("banding",), train, [3])._with_period(state)
+    found = with_period(fitter, state, train)
     assert found.values["banding"]["period_rows"] < 1.1 * view.height_px
 
 

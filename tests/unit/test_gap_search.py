@@ -17,6 +17,7 @@ from toy_gap import (
 )
 
 from designlab.effects import AppliedEffect, SensorModel, effect
+from designlab.gap.attempt import Attempt, closes_more, unsure
 from designlab.gap.bank import Bank, fill, moved
 from designlab.gap.control import control
 from designlab.gap.evidence import System
@@ -26,7 +27,7 @@ from designlab.gap.intervals import values
 from designlab.gap.judge import Judged, gain, judge
 from designlab.gap.refine import refined
 from designlab.gap.result import Candidate
-from designlab.gap.search import Attempt, Search, Winner
+from designlab.gap.search import Search, Winner
 from designlab.simulate import Simulator
 
 NAMES = ("albedo_field", "translucency", "contact_kernel", "depth_offset", "vignetting", "colour_mixing")
@@ -255,9 +256,9 @@ def test_what_counts_as_closing_more_goes_by_what_is_left(bank) -> None:
     much, little = (
         attempt(search.fitter, "a", 50.0, [100.0 + s, 102.0 + s, 98.0 + s], before) for s in (10.0, 35.0)
     )
-    assert search._closes_more(much, little)
-    assert not search._closes_more(little, much)
-    assert not search._closes_more(replace(much, left=1000.0), replace(little, left=1000.0))
+    assert closes_more(much, little, 1000.0)
+    assert not closes_more(little, much, 1000.0)
+    assert not closes_more(replace(much, left=1000.0), replace(little, left=1000.0), 1000.0)
 
 
 def test_what_closes_less_of_held_out_presses_does_not_lead(bank) -> None:
@@ -319,16 +320,16 @@ def test_more_is_asked_of_an_effect_beside_others(bank) -> None:
     before = judged([250.0, 252.0, 248.0])
     weak = attempt(search.fitter, "contact_kernel", 150.0, [210.0, 212.0, 208.0], before, evidence=25.0)
     faint = replace(weak, evidence=15.0)
-    assert search._unsure(faint, later=False).startswith("evidence 15, below 16")
-    assert not search._unsure(weak, later=False)
-    assert search._unsure(weak, later=True).startswith("evidence 25, below 30")
+    assert unsure(faint, 1000.0, later=False).startswith("evidence 15, below 16")
+    assert not unsure(weak, 1000.0, later=False)
+    assert unsure(weak, 1000.0, later=True).startswith("evidence 25, below 30")
     # Of presses that differ, a gain above nothing is sure, one above 3 % of what is left is not; but
     # where few show most of it, or where poses that all presses share are put right.
     differing = attempt(search.fitter, "contact_kernel", 500.0, [220.0, 245.0, 210.0], before)
     differing = replace(differing, gain=replace(differing.gain, own=0.0))
     assert 0.0 < differing.gain.value - 1.5 * differing.gain.se < 0.03 * 0.5 < differing.gain.value
-    assert search._unsure(differing, later=False).endswith("1.5% are not sure")
+    assert unsure(differing, 1000.0, later=False).endswith("1.5% are not sure")
     sharp = replace(differing, gain=replace(differing.gain, own=0.5, own_se=0.1))
-    assert not search._unsure(sharp, later=False)
+    assert not unsure(sharp, 1000.0, later=False)
     settled = replace(differing, gain=replace(differing.gain, settles_poses=True))
-    assert not search._unsure(settled, later=False)
+    assert not unsure(settled, 1000.0, later=False)

@@ -7,11 +7,11 @@ import pytest
 from toy_gap import DESIGN, VALUES, shots
 
 from designlab.effects import SensorModel
+from designlab.gap.attempt import Attempt
 from designlab.gap.bank import Bank, fill
 from designlab.gap.fit import Fitter
 from designlab.gap.forward import State
 from designlab.gap.judge import gain, judge
-from designlab.gap.search import Attempt
 from designlab.gap.separate import Action, doubt_of, separating
 
 NAMES = ("albedo_field", "vignetting")

@@ -19,7 +19,8 @@ from designlab.gap.fit import Fit
 from designlab.gap.forward import State
 from designlab.gap.judge import LEAST_SHARE, Gain, standard_error
 from designlab.gap.result import Candidate
-from designlab.gap.search import PROMISING, Search, fitted
+from designlab.gap.screen import screen
+from designlab.gap.search import PROMISING, fitted
 from designlab.gap.single_press.blocks import SCALE, SELECT, TRAIN, FrameFitter, block_numbers, centred
 from designlab.measurement.shots import POSE, Shot
 
@@ -177,7 +178,7 @@ class FrameSearch:
 
     def _round(self, number: int, now: Stand, nearby: Picture, names: Sequence[str]) -> Attempt | None:
         fitter, base = now.fitter.knowing(nearby), now.fit
-        screened = Search(fitter, names, (TRAIN,), (SELECT,)).screen(base)
+        screened, _ = screen(fitter, base.state, names, (TRAIN,))
         order = sorted(screened, key=lambda name: -screened[name])
         before = self.blocks(now)
         passed = []
