@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter
-from designlab.gap.forward import State
 from designlab.gap.judge import LEAST_IMPROVED, LEAST_SHARE, Gain, Judged, gain, squared
 from designlab.gap.pattern import in_few_waves
+from designlab.gap.state import State
 
 DECISIVE = 16.0  # logarithm of the Bayes factor from which an effect counts as seen
 LATER_DECISIVE = 30.0  # likewise beside other effects

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from designlab.gap.fit import DRAWN_SD, Fitter
-from designlab.gap.forward import State
 from designlab.gap.judge import Judged, judge, level
 from designlab.gap.result import Control
+from designlab.gap.state import State
 
 NOT_COUNTED = (*DRAWN_SD, "fixed_pattern")
 """Effects with a number of their own for every picture or pixel: they have no size to compare."""

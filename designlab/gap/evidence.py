@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.gap.forward import Forward, State, Unknown
+from designlab.gap.forward import Forward
 from designlab.gap.noise import SMOOTH_ALIKE, Noise, transformed
+from designlab.gap.state import State, Unknown
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,9 @@ from designlab.effects import effect
 from designlab.gap.bank import POSE_STEP, SHARPER, Bank, Stand, rendered_at
 from designlab.gap.basis import Renders
 from designlab.gap.fit import Fitter
-from designlab.gap.forward import Forward, State
+from designlab.gap.forward import Forward
 from designlab.gap.judge import judge
+from designlab.gap.state import State
 
 PLACINGS = 2  # times that presses are rendered anew where they seem to stand
 REACH = 1.0  # steps of a pose about the stated one between which pictures are combined well

@@ -11,9 +11,10 @@ from designlab.effects import effect
 from designlab.gap.bank import Bank
 from designlab.gap.coordinates import coordinate, value_at
 from designlab.gap.evidence import ALIKE, System, system
-from designlab.gap.forward import SIZE, Forward, State, Unknown
+from designlab.gap.forward import Forward
 from designlab.gap.grain import grains
 from designlab.gap.noise import SMOOTH_ALIKE, Noise, noise
+from designlab.gap.state import SIZE, State, Unknown
 from designlab.measurement.shots import POSE
 
 Array = NDArray[np.float64]

@@ -1,18 +1,17 @@
 """What a state of the model predicts for a shot, and by how much each unknown changes it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from designlab.camera import View
 from designlab.design import Design, DesignError
-from designlab.effects import CATALOGUE, AppliedEffect, Effect, Parameter, SensorModel, Sight, effect
+from designlab.effects import CATALOGUE, Effect, Parameter, Sight, effect
 from designlab.effects.camera import mixed
 from designlab.gap.bank import POSE_STEP, SHARPER, SIZE_STEP, Bank, Change, Picture
 from designlab.gap.coordinates import coordinate, value_at
+from designlab.gap.state import SIZE, State, Unknown, Values
 from designlab.gap.warp import Warp
 from designlab.measurement.shots import POSE, Shot
 
@@ -20,84 +19,15 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Light = NDArray[np.floating]
 
-Values = Mapping[str, Mapping[str, float]]
 HALF_STEP = 0.25  # of a prior standard deviation: differences of effects that are not rendered
 DEPTH = POSE.index("depth_mm")
 DEEPER = "depth_offset"
-SIZE = "probe_size"
 WARPS_KEPT = 64
 BANDS_KEPT = 16
 DEVIATES = np.linspace(-5.0, 5.0, 101)  # of the noise of one pixel
 LEVELS = 400  # of a sampled curve
 WarpKey = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
 """Values of the effects that decide where pixels look."""
-
-
-class Unknown(NamedTuple):
-    """One column of a linear fit: a parameter, the gain of an LED group, or what one shot has alone.
-
-    `shot` is its number, or -1 where all shots share it. `sd` is the prior standard deviation in the unit of
-    the state; columns are per standard deviation.
-    """
-
-    effect: str
-    name: str
-    sd: float
-    shot: int = -1
-
-
-@dataclass(frozen=True, eq=False)
-class State:
-    """Values of all unknowns.
-
-    Attributes
-    ----------
-    values : mapping of effect to values
-        Effects added to the model of the bank.
-    gains : array, shape (groups,)
-        Of the LED groups.
-    poses : mapping of int to array
-        Departure of a shot's pose from the stated one: x, y, depth (mm), yaw (deg).
-    drawn : mapping of effect to mapping of int to array
-        What a shot has alone, in units of the effect's strength: gain, or sine and cosine of its bands.
-    pattern : array, shape (rows, columns, 3), or None
-        Relative pattern that all shots carry, of unit strength.
-    numerical : float
-        How far light goes from that of the membrane's mesh to that of a finer one; beyond 1 it extrapolates.
-    sizes : mapping of str to float
-        By how much probes are larger than stated, relative, by their text.
-    """
-
-    gains: Array
-    values: Values = field(default_factory=dict)
-    poses: Mapping[int, Array] = field(default_factory=dict)
-    drawn: Mapping[str, Mapping[int, Array]] = field(default_factory=dict)
-    pattern: Array | None = None
-    numerical: float = 0.0
-    sizes: Mapping[str, float] = field(default_factory=dict)
-
-    def pose(self, number: int) -> Array:
-        """Departure of a shot's pose."""
-        return self.poses.get(number, np.zeros(len(POSE)))
-
-    def with_values(self, name: str, values: Mapping[str, float]) -> "State":
-        """Give an effect other values."""
-        return replace(self, values={**self.values, name: dict(values)})
-
-    def without(self, name: str) -> "State":
-        """Take an effect away."""
-        values = {n: v for n, v in self.values.items() if n != name}
-        drawn = {n: v for n, v in self.drawn.items() if n != name}
-        pattern = None if name == "fixed_pattern" else self.pattern
-        return replace(self, values=values, drawn=drawn, pattern=pattern)
-
-    def model(self, bank: Bank) -> SensorModel:
-        """Model with the added effects, those that are at their null left out."""
-        found = bank.model
-        for name, values in self.values.items():
-            if effect(name).acts(values, bank.model.design):
-                found = found.with_effect(AppliedEffect(name=name, values=dict(values)))
-        return found
 
 
 class Forward:

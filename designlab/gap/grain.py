@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from designlab.gap.chance import bands, by_band, coefficients
-from designlab.gap.forward import Forward, State
+from designlab.gap.forward import Forward
 from designlab.gap.noise import DARK_LIGHT, Grain
+from designlab.gap.state import State
 
 Array = NDArray[np.float64]
 

@@ -13,11 +13,11 @@ from designlab.effects import Parameter
 from designlab.gap.coordinates import coordinate
 from designlab.gap.evidence import ALIKE
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter
-from designlab.gap.forward import State, Unknown
 from designlab.gap.learnt import unlisted_sd
 from designlab.gap.pattern import strengths_as_good
 from designlab.gap.result import Value
 from designlab.gap.screen import PERIODS
+from designlab.gap.state import State, Unknown
 
 Array = NDArray[np.float64]
 Ends = tuple[float, float]

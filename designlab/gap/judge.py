@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from designlab.gap.evidence import ALIKE
 from designlab.gap.fit import Fitter
-from designlab.gap.forward import State
 from designlab.gap.learnt import left_of_nothing
 from designlab.gap.result import Level
+from designlab.gap.state import State
 from designlab.measurement.shots import POSE
 
 Array = NDArray[np.float64]

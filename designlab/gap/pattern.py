@@ -10,8 +10,8 @@ from scipy.optimize import minimize_scalar
 
 from designlab.gap.evidence import ALIKE
 from designlab.gap.fit import Fitter
-from designlab.gap.forward import State
 from designlab.gap.noise import Noise, transformed
+from designlab.gap.state import State
 
 Array = NDArray[np.float64]
 

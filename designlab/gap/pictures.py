@@ -11,8 +11,8 @@ from scipy.ndimage import gaussian_filter
 from designlab.design import CHANNELS, Design
 from designlab.figures import CHANNEL_COLOURS, Extent, extent_mm
 from designlab.gap.fit import Fitter
-from designlab.gap.forward import State
 from designlab.gap.judge import squared
+from designlab.gap.state import State
 from designlab.simulate import Frame
 from designlab.store import write_atomic
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.gap.fit import Fitter
-from designlab.gap.forward import State
 from designlab.gap.noise import SHOT_BUDGET, spectrum, transformed
+from designlab.gap.state import State
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ import numpy as np
 from designlab.effects import effect
 from designlab.gap.evidence import System, log_evidence
 from designlab.gap.fit import Fitter
-from designlab.gap.forward import State
 from designlab.gap.overlap import Overlaps, overlaps
 from designlab.gap.pattern import found_pattern
+from designlab.gap.state import State
 
 PERIODS = np.geomspace(40.0, 2000.0, 120)  # rows of the full sensor
 LONGEST_PERIOD = 1.05  # heights of a picture: a longer wave is a slope there, which much else may bring about

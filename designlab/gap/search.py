@@ -13,12 +13,12 @@ from designlab.gap.basis import Renders
 from designlab.gap.coordinates import coordinate
 from designlab.gap.exact import beyond, exact_fitter, is_far, looks_elsewhere
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter, with_strength
-from designlab.gap.forward import SIZE, State
 from designlab.gap.judge import Gain, Judged, gain, judge
 from designlab.gap.overlap import Overlaps, overlaps
 from designlab.gap.pattern import found_pattern
 from designlab.gap.result import Candidate
 from designlab.gap.screen import PERIODS, screen, with_period
+from designlab.gap.state import SIZE, State
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from designlab.design import CHANNELS, Design
 from designlab.gap.bank import moved
 from designlab.gap.basis import Renders
 from designlab.gap.fit import Fitter
-from designlab.gap.forward import State
 from designlab.gap.result import Where
+from designlab.gap.state import State
 from designlab.press import Press
 from designlab.simulate import Frame
 

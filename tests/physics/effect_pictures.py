@@ -12,7 +12,8 @@ from designlab.design import preset
 from designlab.effects import AppliedEffect, SensorModel, effect
 from designlab.gap.bank import fill
 from designlab.gap.basis import Renders
-from designlab.gap.forward import Forward, State
+from designlab.gap.forward import Forward
+from designlab.gap.state import State
 from designlab.measurement.shots import Shot
 from designlab.plant import effects, generate, kit
 from designlab.plant.rig import Rig

@@ -8,9 +8,9 @@ from scipy.fft import dct
 from scipy.stats import multivariate_normal
 
 from designlab.gap.evidence import ALIKE, System, log_evidence, system
-from designlab.gap.forward import Unknown
 from designlab.gap.noise import SHOT_BUDGET, SMOOTH_ALIKE, SMOOTH_BUDGET, Grain, Noise, spectrum
 from designlab.gap.overlap import overlaps
+from designlab.gap.state import Unknown
 
 ROWS, COLUMNS = 5, 6
 SHAPE = (ROWS, COLUMNS, 3)

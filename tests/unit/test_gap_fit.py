@@ -26,9 +26,10 @@ from designlab.gap.bank import POSE_STEP, Bank, fill, moved, resized
 from designlab.gap.basis import Renders
 from designlab.gap.exact import beyond, exact_fitter, looks_elsewhere, placed, standing
 from designlab.gap.fit import SIZE_SD, Fitter
-from designlab.gap.forward import SIZE, Forward, State, Unknown
+from designlab.gap.forward import Forward
 from designlab.gap.noise import SHOT_BUDGET, spectrum
 from designlab.gap.repeats import shot_error
+from designlab.gap.state import SIZE, State, Unknown
 from designlab.gap.where import geometry, regions, where
 from designlab.plant.converter import Converter
 from designlab.plant.rig import Rig

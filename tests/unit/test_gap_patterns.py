@@ -10,7 +10,7 @@ from designlab.effects import SensorModel
 from designlab.gap.attempt import MOST_IN_WAVES
 from designlab.gap.bank import Bank, fill
 from designlab.gap.fit import Fitter, with_strength
-from designlab.gap.forward import Forward, State, bands
+from designlab.gap.forward import Forward, bands
 from designlab.gap.grain import grains
 from designlab.gap.intervals import values
 from designlab.gap.judge import judge
@@ -18,6 +18,7 @@ from designlab.gap.noise import DARK_LIGHT
 from designlab.gap.pattern import found_pattern, in_few_waves
 from designlab.gap.screen import PERIODS, with_period
 from designlab.gap.search import Search
+from designlab.gap.state import State
 
 
 @pytest.fixture(scope="module")

@@ -22,12 +22,12 @@ from designlab.gap.bank import Bank, fill, moved
 from designlab.gap.control import control
 from designlab.gap.evidence import System
 from designlab.gap.fit import Fit, Fitter
-from designlab.gap.forward import State
 from designlab.gap.intervals import values
 from designlab.gap.judge import Judged, gain, judge
 from designlab.gap.refine import refined
 from designlab.gap.result import Candidate
 from designlab.gap.search import Search, Winner
+from designlab.gap.state import State
 from designlab.simulate import Simulator
 
 NAMES = ("albedo_field", "translucency", "contact_kernel", "depth_offset", "vignetting", "colour_mixing")

@@ -10,9 +10,9 @@ from designlab.effects import SensorModel
 from designlab.gap.attempt import Attempt
 from designlab.gap.bank import Bank, fill
 from designlab.gap.fit import Fitter
-from designlab.gap.forward import State
 from designlab.gap.judge import gain, judge
 from designlab.gap.separate import Action, doubt_of, separating
+from designlab.gap.state import State
 
 NAMES = ("albedo_field", "vignetting")
 TRAIN = [0, 1, 2]

@@ -10,8 +10,8 @@ from designlab.design import preset
 from designlab.effects import effect
 from designlab.gap.evidence import System
 from designlab.gap.fit import Fit
-from designlab.gap.forward import State, Unknown
 from designlab.gap.intervals import values
+from designlab.gap.state import State, Unknown
 from designlab.gap.update import covariance, domain
 from designlab.measurement.shots import Shot
 from designlab.press import Press

@@ -11,7 +11,7 @@ from designlab.gap.bank import POSE_STEP, Bank, Picture, fill, moved
 from designlab.gap.basis import Renders
 from designlab.gap.evidence import ALIKE
 from designlab.gap.fit import Fitter
-from designlab.gap.forward import State, Unknown
+from designlab.gap.state import State, Unknown
 from designlab.gap.steps import NEAR_SD
 from designlab.measurement.shots import POSE, Observations, Shot, Use
 

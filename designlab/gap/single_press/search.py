@@ -16,12 +16,12 @@ from designlab.effects import SensorModel, effect
 from designlab.gap.bank import Picture
 from designlab.gap.basis import Renders
 from designlab.gap.fit import Fit
-from designlab.gap.forward import State
 from designlab.gap.judge import LEAST_SHARE, Gain, standard_error
 from designlab.gap.result import Candidate
 from designlab.gap.screen import screen
 from designlab.gap.search import PROMISING, fitted
 from designlab.gap.single_press.blocks import SCALE, SELECT, TRAIN, FrameFitter, block_numbers, centred
+from designlab.gap.state import State
 from designlab.measurement.shots import POSE, Shot
 
 Array = NDArray[np.float64]
