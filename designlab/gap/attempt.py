@@ -13,7 +13,7 @@ from designlab.gap.state import State
 DECISIVE = 16.0  # logarithm of the Bayes factor from which an effect counts as seen
 LATER_DECISIVE = 30.0  # likewise beside other effects
 AS_GOOD = 6.0  # difference of such logarithms within which effects are not told apart
-AS_GOOD_SHARE = 0.2  # likewise, of the whole: how many values count as one is known no better
+AS_GOOD_SHARE = 0.1  # likewise, of the whole: how many values count as one is known no better
 LEAST_OWN = 0.1  # of the own gap of a press, in the mean, where few presses show most of an effect
 SURE_SE = 1.5  # standard errors that a gain must be beyond: presses differ in how much they show of an effect
 LEAST_OF_FIRST = 0.005  # of the first gap that any later effect must close

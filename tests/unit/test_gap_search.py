@@ -297,7 +297,7 @@ def test_a_rival_that_surely_does_more_beside_the_others_takes_an_effects_place(
         return found.name if found else None
 
     assert better(130.0) == "albedo_field"
-    assert better(115.0) is None  # evidence is not known that well
+    assert better(108.0) is None  # evidence is not known that well
     assert better(1001.0) is None  # refused for what it is
 
 
