@@ -103,6 +103,11 @@ def judge(fitter: Fitter, state: State, shots: Sequence[int]) -> Judged:
     )
 
 
+def all_leave_much(*judged: Judged) -> bool:
+    """Whether every one of several states leaves more than is left where nothing is hidden."""
+    return all(each.mean > left_of_nothing() * each.floor.mean() for each in judged)
+
+
 def _departures(fitter: Fitter, state: State, shots: Sequence[int]) -> Array:
     """Mean squares of departures from stated poses by x, y, depth and yaw, in stated errors."""
     sigma = np.array([fitter.bank.shots[n].pose_sigma for n in shots]).reshape(-1, len(POSE))

@@ -13,7 +13,7 @@ from designlab.gap.basis import Renders
 from designlab.gap.coordinates import coordinate
 from designlab.gap.exact import beyond, exact_fitter, is_far, looks_elsewhere
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter, with_strength
-from designlab.gap.judge import Gain, Judged, gain, judge
+from designlab.gap.judge import Gain, Judged, all_leave_much, gain, judge
 from designlab.gap.overlap import Overlaps, overlaps
 from designlab.gap.pattern import found_pattern
 from designlab.gap.result import Candidate
@@ -26,6 +26,7 @@ MOST_EFFECTS = 4
 FITTED = 6  # candidates of a round that are fitted to the end
 PROMISING = 5.0  # logarithm of the Bayes factor by linear approximation from which a candidate is fitted
 CONTENDING = 0.5  # of the highest such logarithm from which a candidate may turn out to be the best
+MOVER_CONTENDING = 0.1  # likewise of one that moves edges, of which pictures about null tell little
 RECENTRINGS = 2  # times that pictures of one that may win are rendered anew where it stands
 OVERLAP = 0.95  # share of a signature from which another effect can stand for it
 RIVAL = "numerical"
@@ -114,16 +115,21 @@ class Search:
         amount |= {f"{SIZE}.{probe}": larger for probe, larger in base.state.sizes.items()}
         self.tried.append(Candidate(number, RIVAL, "fitted with every candidate", parameters=amount))
         order = sorted(screened, key=lambda name: -screened[name])
-        fitted = [*order[:FITTED], *(name for name in order[FITTED:] if name == self._mover)]
-        promising = [name for name in fitted if screened[name] >= PROMISING]
-        for name in order:
-            if name not in promising:
-                self.tried.append(Candidate(number, name, "screened out", evidence=screened[name]))
-        attempts: list[tuple[Attempt, float]] = []
+        promising = [name for name in order[:FITTED] if screened[name] >= PROMISING]
+        attempts = []
         for place, name in enumerate(promising):
             self._tell(name, len(promising) - place)
-            begun = time.perf_counter()
-            attempts.append((self._attempt(name, base, now), time.perf_counter() - begun))
+            attempts.append(self._timed(name, base, now))
+        # What is screened tells little of what moves edges: that is tried wherever much is left.
+        if self._mover in set(order) - set(promising) and all_leave_much(
+            now, *(a.judged for a, _ in attempts)
+        ):
+            self._tell(self._mover, 1)
+            attempts.append(self._timed(self._mover, base, now))
+        tried = {attempt.name for attempt, _ in attempts}
+        for name in order:
+            if name not in tried:
+                self.tried.append(Candidate(number, name, "screened out", evidence=screened[name]))
         attempts, own, base, now = self._contended(attempts, base, now)
         most = max((attempt.evidence for attempt, _ in attempts), default=0.0)
         rivals = {a.name: a.judged.state for a, _ in attempts if self._contends(a, most)}
@@ -192,15 +198,15 @@ class Search:
 
     def _contends(self, attempt: Attempt, most: float) -> bool:
         """Whether a candidate may turn out to be the best beside one with most evidence."""
-        least = DECISIVE if attempt.name == self._mover else max(CONTENDING * most, DECISIVE)
-        return attempt.evidence >= least
+        share = MOVER_CONTENDING if attempt.name == self._mover else CONTENDING
+        return attempt.evidence >= max(share * most, DECISIVE)
 
     @property
     def _mover(self) -> str:
         """Simplest effect that moves edges.
 
-        What pictures about null tell of it is little, so it is fitted and looked at where it stands even
-        where others seem to be better.
+        What pictures about null tell of it is little, so it is looked at where it stands even where others
+        seem to be better.
         """
         parameters = self.fitter.forward.parameters
         movers = [name for name in self.names if effect(name).warps]
@@ -302,8 +308,12 @@ class Search:
         for name, ended in winner.rivals.items():
             if name != winner.name and name not in without.state.values:
                 begin = replace(ended, values={**without.state.values, name: ended.values[name]})
-                near = self._near(own, begin, exactly=True) or own
-                rival = self._judged(name, without, base, begin, near)
+                rival = self._judged(name, without, base, begin, own)
+                near = None
+                if rival.evidence >= CONTENDING * attempt.evidence:
+                    near = self._near(own, rival.judged.state, exactly=True)
+                if near is not None:
+                    rival = self._judged(name, without, base, rival.fit.state, near)
                 if not self._refused(rival, without.state, own):
                     rivals.append(rival)
         best = max(rivals, key=lambda rival: rival.evidence, default=None)
@@ -324,6 +334,10 @@ class Search:
         """How far the parameters of an effect lie from null, in prior standard deviations."""
         values = state.values[name]
         return np.array([coordinate(p, values[p.name]) for p in self.fitter.forward.parameters[name]])
+
+    def _timed(self, name: str, base: Fit, now: Judged) -> tuple[Attempt, float]:
+        begun = time.perf_counter()
+        return self._attempt(name, base, now), time.perf_counter() - begun
 
     def _attempt(self, name: str, base: Fit, now: Judged) -> Attempt:
         return self._judged(name, base, now, self._beginning(name, base.state), self.fitter)
