@@ -309,9 +309,8 @@ class Search:
             if name != winner.name and name not in without.state.values:
                 begin = replace(ended, values={**without.state.values, name: ended.values[name]})
                 rival = self._judged(name, without, base, begin, own)
-                near = None
-                if rival.evidence >= CONTENDING * attempt.evidence:
-                    near = self._near(own, rival.judged.state, exactly=True)
+                contends = self._contends(rival, attempt.evidence)
+                near = self._near(own, rival.judged.state, exactly=True) if contends else None
                 if near is not None:
                     rival = self._judged(name, without, base, rival.fit.state, near)
                 if not self._refused(rival, without.state, own):
