@@ -308,11 +308,13 @@ class Search:
         for name, ended in winner.rivals.items():
             if name != winner.name and name not in without.state.values:
                 begin = replace(ended, values={**without.state.values, name: ended.values[name]})
-                rival = self._judged(name, without, base, begin, own)
-                contends = self._contends(rival, attempt.evidence)
-                near = self._near(own, rival.judged.state, exactly=True) if contends else None
-                if near is not None:
-                    rival = self._judged(name, without, base, rival.fit.state, near)
+                # Only what moves edges may look far worse in pictures that are not rendered where it stands.
+                near = self._near(own, begin, exactly=True) if name == self._mover else None
+                rival = self._judged(name, without, base, begin, near or own)
+                if near is None and self._contends(rival, attempt.evidence):
+                    near = self._near(own, rival.judged.state, exactly=True)
+                    if near is not None:
+                        rival = self._judged(name, without, base, rival.fit.state, near)
                 if not self._refused(rival, without.state, own):
                     rivals.append(rival)
         best = max(rivals, key=lambda rival: rival.evidence, default=None)
