@@ -63,6 +63,11 @@ def exact_fitter(source: Renders, fitter: Fitter, state: State, shots: Sequence[
     return fitter.of(exact(source, fitter.forward, state, names, shots), fitter.noises)
 
 
+def is_exact(fitter: Fitter) -> bool:
+    """Whether pictures of a fitter were rendered where a fit stands."""
+    return any(picture.exact_at is not None for picture in fitter.bank.pictures)
+
+
 def is_far(fitter: Fitter, state: State, reach: float = FAR_SD) -> bool:
     """Whether a state is too far from where the light of a fitter's pictures is exact.
 

@@ -11,7 +11,7 @@ from designlab.effects import effect
 from designlab.gap.attempt import DECISIVE, Attempt, closes_more, least_lead, refused
 from designlab.gap.basis import Renders
 from designlab.gap.coordinates import coordinate
-from designlab.gap.exact import beyond, exact_fitter, is_far, looks_elsewhere
+from designlab.gap.exact import beyond, exact_fitter, is_exact, is_far, looks_elsewhere
 from designlab.gap.fit import DRAWN_SD, Fit, Fitter, with_strength
 from designlab.gap.judge import Gain, Judged, all_leave_much, gain, judge
 from designlab.gap.overlap import Overlaps, overlaps
@@ -190,8 +190,7 @@ class Search:
 
     def _standing(self, base: Fit, now: Judged) -> tuple[Fitter, Fit, Judged]:
         """Fit a model with pictures that are rendered where it has the presses."""
-        assert self.source is not None
-        own = exact_fitter(self.source, self.fitter, now.state, [*self.train, *self.select])
+        own = self._exact(self.fitter, now.state)
         names = [name for name in base.state.values if name != "fixed_pattern"]
         fit = own.fit(now.state, names, self.train)
         return own, fit, judge(own, fit.state, self.select)
@@ -227,9 +226,12 @@ class Search:
         rendered = {name for name in state.values if effect(name).rendered}
         missing = exactly and not fitter.bank.stands.keys() >= rendered
         far = missing or is_far(fitter, state) or looks_elsewhere(fitter, state, shots)
-        return (
-            exact_fitter(self.source, fitter, state, shots) if far or beyond(fitter, state, shots) else None
-        )
+        return self._exact(fitter, state) if far or beyond(fitter, state, shots) else None
+
+    def _exact(self, fitter: Fitter, state: State) -> Fitter:
+        """Fitter whose pictures are rendered where a state stands."""
+        assert self.source is not None
+        return exact_fitter(self.source, fitter, state, [*self.train, *self.select])
 
     def _leading(self, passed: Sequence[Attempt]) -> list[Attempt]:
         """Those that no other which may be the best surely surpasses on held-out shots.
@@ -269,7 +271,10 @@ class Search:
             own = self._given
             without = own.fit(state, names, self.train)
             judged = judge(own, without.state, self.select)
-            if near := self._near(own, judged.state, exactly=True):
+            near = self._near(own, judged.state, exactly=True)
+            if near is None and is_exact(self.fitter):
+                near = self._exact(own, judged.state)
+            if near is not None:
                 own = near
                 without = own.fit(without.state, names, self.train)
                 judged = judge(own, without.state, self.select)
