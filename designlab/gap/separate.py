@@ -51,7 +51,7 @@ def separating(fitter: Fitter, equals: Sequence[Attempt]) -> Advice:
     doubts = [doubt_of(*pair, actions) for pair in permutations(equals, 2)]
     chosen: list[int] = []
     leads = [0.0] * len(doubts)
-    while len(chosen) < MOST_FRAMES and any(
+    while len(chosen) < min(MOST_FRAMES, len(actions)) and any(
         lead < SURELY * doubt.needed for lead, doubt in zip(leads, doubts, strict=True)
     ):
         worth = {}

@@ -98,6 +98,15 @@ def test_frames_are_asked_for_until_they_suffice(fitted) -> None:
     assert separating(true.fitter, endless).text.endswith("; even that may not tell them apart")
 
 
+def test_all_that_there_is_may_be_asked_for(fitted, monkeypatch) -> None:
+    true, wrong = fitted
+    monkeypatch.setattr("designlab.gap.separate.MOST_FRAMES", 1000)
+    endless = [replace(each, evidence=1e4 * each.evidence) for each in (true, wrong)]
+    frames = separating(true.fitter, endless).frames
+    # Three backgrounds, dark, short, turned, and two places of presses with three groups.
+    assert len(frames) == 12
+
+
 def test_frames_that_differ_by_their_light_are_said_at_once(fitted) -> None:
     far = [replace(each, evidence=1e4 * each.evidence) for each in fitted]
     text = separating(far[0].fitter, far).text
