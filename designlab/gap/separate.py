@@ -18,7 +18,7 @@ from designlab.measurement.shots import Shot
 Array = NDArray[np.float64]
 
 MOST_FRAMES = 12
-SURELY = 1.5  # times what is needed, since what is predicted leaves out what no model knows
+SURELY = 1.5  # times what is needed: predicted frames do not have what the model lacks in all real ones
 DARK = {"kind": "dark", "leds": []}
 
 
@@ -46,6 +46,11 @@ def separating(fitter: Fitter, equals: Sequence[Attempt]) -> Advice:
         What is fitted to the frames there are.
     equals : sequence of Attempt
         Fits of effects that do as well as each other, more than one.
+
+    Returns
+    -------
+    Advice
+        The frames, and by how many standard deviations the closest two would differ there.
     """
     actions = _actions(fitter)
     doubts = [doubt_of(*pair, actions) for pair in permutations(equals, 2)]
