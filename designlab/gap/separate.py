@@ -18,6 +18,7 @@ from designlab.measurement.shots import Shot
 Array = NDArray[np.float64]
 
 MOST_FRAMES = 12
+LEAST_USE = 0.1  # rise of the logarithm of the Bayes factor below which no frame is asked for
 SURELY = 1.5  # times what is needed: predicted frames do not have what the model lacks in all real ones
 DARK = {"kind": "dark", "leds": []}
 
@@ -54,24 +55,11 @@ def separating(fitter: Fitter, equals: Sequence[Attempt]) -> Advice:
     """
     actions = _actions(fitter)
     doubts = [doubt_of(*pair, actions) for pair in permutations(equals, 2)]
-    chosen: list[int] = []
-    leads = [0.0] * len(doubts)
-    while len(chosen) < min(MOST_FRAMES, len(actions)) and any(
-        lead < SURELY * doubt.needed for lead, doubt in zip(leads, doubts, strict=True)
-    ):
-        worth = {}
-        for number in range(len(actions)):
-            if number not in chosen:
-                then = [doubt.lead([*chosen, number]) for doubt in doubts]
-                useful = sum(
-                    min(after, SURELY * doubt.needed) - min(before, SURELY * doubt.needed)
-                    for before, after, doubt in zip(leads, then, doubts, strict=True)
-                )
-                worth[number] = useful / actions[number].minutes, then
-        best = max(worth, key=lambda number: worth[number][0])
-        chosen.append(best)
-        leads = worth[best][1]
+    chosen = _chosen(doubts, [action.minutes for action in actions])
+    if not chosen:
+        return Advice("no frame is known that would tell apart what does as well")
     taken = [actions[number] for number in chosen]
+    leads = [doubt.lead(chosen) for doubt in doubts]
     enough = all(lead >= doubt.needed for lead, doubt in zip(leads, doubts, strict=True))
     return Advice(
         _in_words(taken) + ("" if enough else "; even that may not tell them apart"),
@@ -79,6 +67,25 @@ def separating(fitter: Fitter, equals: Sequence[Attempt]) -> Advice:
         sum(action.minutes for action in taken),
         tuple(action.frame for action in taken),
     )
+
+
+def _chosen(doubts: Sequence["Doubt"], minutes: Sequence[float]) -> list[int]:
+    """Numbers of frames, by what each tells for its minutes, until they suffice or none tells more."""
+    chosen: list[int] = []
+    told = _told(doubts, chosen)
+    while len(chosen) < MOST_FRAMES:
+        use = {n: _told(doubts, [*chosen, n]) - told for n in range(len(minutes)) if n not in chosen}
+        best = max(use, key=lambda number: use[number] / minutes[number], default=-1)
+        if use.get(best, 0.0) < LEAST_USE:
+            break
+        chosen.append(best)
+        told += use[best]
+    return chosen
+
+
+def _told(doubts: Sequence["Doubt"], chosen: Sequence[int]) -> float:
+    """What frames tell of all doubts, of each no more than surely suffices."""
+    return sum(min(doubt.lead(chosen), SURELY * doubt.needed) for doubt in doubts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,9 +211,12 @@ def _in_words(actions: Sequence[Action]) -> str:
     groups: dict[str, list[str]] = {}
     for action in actions:
         groups.setdefault(action.text, []).extend([] if action.alone is None else [action.alone])
-    return "; ".join(
-        f"{text} with the {' and the '.join(names)} LEDs{', each' if len(names) > 1 else ''} alone"
-        if names
-        else text
-        for text, names in groups.items()
-    )
+    return "; ".join(_with_light(text, names) for text, names in groups.items())
+
+
+def _with_light(text: str, names: Sequence[str]) -> str:
+    if not names:
+        return text
+    if len(names) == 1:
+        return f"{text} with the {names[0]} LEDs alone"
+    return f"{text} with the {', '.join(names[:-1])} and {names[-1]} LEDs, each alone"

@@ -103,8 +103,16 @@ def test_all_that_there_is_may_be_asked_for(fitted, monkeypatch) -> None:
     monkeypatch.setattr("designlab.gap.separate.MOST_FRAMES", 1000)
     endless = [replace(each, evidence=1e4 * each.evidence) for each in (true, wrong)]
     frames = separating(true.fitter, endless).frames
-    # Three backgrounds, dark, short, turned, and two places of presses with three groups.
-    assert len(frames) == 12
+    # Backgrounds alone, short and turned, two places of presses with each group; dark shows neither effect.
+    assert len(frames) == 11
+    assert {"kind": "dark", "leds": []} not in frames
+
+
+def test_where_no_frame_tells_anything_that_is_said(fitted) -> None:
+    true, _ = fitted
+    asked = separating(true.fitter, [true, replace(true)])
+    assert not asked.frames
+    assert asked.text.startswith("no frame is known")
 
 
 def test_frames_that_differ_by_their_light_are_said_at_once(fitted) -> None:
@@ -112,4 +120,5 @@ def test_frames_that_differ_by_their_light_are_said_at_once(fitted) -> None:
     text = separating(far[0].fitter, far).text
     pressed = [part for part in text.split("; ") if part.startswith("sphere:4 pressed 0.6 mm deep")]
     assert len(pressed) == 1
-    assert pressed[0].endswith("LEDs, each alone")
+    assert pressed[0].endswith(" LEDs, each alone")
+    assert " and " in pressed[0]
