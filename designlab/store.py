@@ -22,6 +22,10 @@ CACHE_VARIABLE = "DESIGNLAB_CACHE"
 CACHE_LIMIT_BYTES = 4 * 2**30
 """Size above which the entries used longest ago are deleted."""
 
+CACHE_SLACK = 0.01
+"""Share of that size which a process writes before it measures the cache again: with ten thousand entries a
+measurement takes as long as rendering a small picture."""
+
 _PARTIAL = ".partial"
 
 
@@ -236,7 +240,10 @@ def write_cache(
     folder: str | Path | None = None,
     limit_bytes: int = CACHE_LIMIT_BYTES,
 ) -> Path:
-    """Store arrays under a key and delete the entries used longest ago while the cache is above its limit.
+    """Store arrays under a key, and delete the entries used longest ago where the cache is above its limit.
+
+    The cache is measured at the first write of a process and each time that it has written `CACHE_SLACK` of
+    the limit.
 
     Parameters
     ----------
@@ -247,7 +254,7 @@ def write_cache(
     folder : str or Path, optional
         Cache folder; `cache_dir` when absent.
     limit_bytes : int
-        Largest total size; the entry just written is kept even when it alone exceeds it.
+        Largest total size when measured; the entry just written is kept even when it alone exceeds it.
 
     Raises
     ------
@@ -257,8 +264,15 @@ def write_cache(
     path = _entry(key, folder)
     with _atomic_file(path) as file:
         np.savez(file, allow_pickle=False, **arrays)
-    _prune(path.parent, keep=path, limit_bytes=limit_bytes)
+    written = _written.get(path.parent, limit_bytes) + path.stat().st_size
+    if written > CACHE_SLACK * limit_bytes:
+        _prune(path.parent, keep=path, limit_bytes=limit_bytes)
+        written = 0
+    _written[path.parent] = written
     return path
+
+
+_written: dict[Path, int] = {}  # by cache: bytes that this process has written since it measured it
 
 
 def _entry(key: str, folder: str | Path | None) -> Path:
@@ -269,16 +283,18 @@ def _entry(key: str, folder: str | Path | None) -> Path:
 
 def _prune(folder: Path, *, keep: Path, limit_bytes: int) -> None:
     entries = []
-    for path in folder.glob("*.npz"):
-        with contextlib.suppress(FileNotFoundError):  # another process may be pruning as well
-            status = path.stat()
-            entries.append((status.st_mtime, status.st_size, path))
+    with os.scandir(folder) as found:
+        for entry in found:
+            if entry.name.endswith(".npz"):
+                with contextlib.suppress(FileNotFoundError):  # another process may be pruning as well
+                    status = entry.stat()
+                    entries.append((status.st_mtime, status.st_size, entry.path))
     total = sum(size for _, size, _ in entries)
     for _, size, path in sorted(entries):
         if total <= limit_bytes:
             return
-        if path != keep:
-            path.unlink(missing_ok=True)
+        if path != str(keep):
+            Path(path).unlink(missing_ok=True)
             total -= size
 
 

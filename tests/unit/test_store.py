@@ -144,6 +144,17 @@ def test_the_cache_forgets_what_was_used_longest_ago(tmp_path):
     assert sorted(path.stem for path in tmp_path.iterdir()) == ["a0", "a3"]
 
 
+def test_the_cache_is_measured_when_a_hundredth_of_its_limit_is_written(tmp_path, monkeypatch):
+    measured = []
+    monkeypatch.setattr(store, "_prune", lambda folder, **_: measured.append(len(list(folder.iterdir()))))
+    entry = np.zeros(1000)
+    size = store.write_cache("a0", {"x": entry}, folder=tmp_path).stat().st_size
+    for number in range(1, 12):
+        store.write_cache(f"a{number}", {"x": entry}, folder=tmp_path, limit_bytes=450 * size)
+    # At first, then each time that more than four and a half entries have been added.
+    assert measured == [1, 6, 11]
+
+
 def test_cache_keys_cannot_leave_the_folder(tmp_path):
     with pytest.raises(ValueError, match=r"letters and digits, got '\.\./x'"):
         store.read_cache("../x", folder=tmp_path)
