@@ -7,6 +7,7 @@ combined from these: a quadratic through three pictures for each pose coordinate
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,6 +149,11 @@ class Picture:
     sharp: Single | None = None
     sharp_at: Array | None = None
     exact_at: Array | None = None
+
+    @cached_property
+    def blunt(self) -> Single | None:
+        """`sharp` in pixels as wide as those of `light`."""
+        return None if self.sharp is None else binned(self.sharp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -465,6 +471,13 @@ def _around(press: Press) -> Iterator[tuple[float, Press]]:
             yield sign, moved(press, sign * np.eye(len(POSE))[axis] * POSE_STEP)
     for sign in (-1.0, 1.0):
         yield sign, resized(press, sign * SIZE_STEP)
+
+
+def binned(sharp: Single) -> Single:
+    """Mean of `SHARPER` by `SHARPER` pixels."""
+    groups, rows, columns = sharp.shape
+    parts = sharp.reshape(groups, rows // SHARPER, SHARPER, columns // SHARPER, SHARPER)
+    return np.asarray(parts.mean(axis=(2, 4)))
 
 
 def resized(press: Press, larger: float) -> Press:

@@ -9,7 +9,7 @@ from designlab.camera import View
 from designlab.design import Design, DesignError
 from designlab.effects import CATALOGUE, Effect, Parameter, Sight, effect
 from designlab.effects.camera import mixed
-from designlab.gap.bank import POSE_STEP, SHARPER, SIZE_STEP, Bank, Change, Picture
+from designlab.gap.bank import POSE_STEP, SHARPER, SIZE_STEP, Bank, Change, Picture, binned
 from designlab.gap.coordinates import coordinate, value_at
 from designlab.gap.state import SIZE, State, Unknown, Values
 from designlab.gap.warp import Warp
@@ -23,6 +23,7 @@ HALF_STEP = 0.25  # of a prior standard deviation: differences of effects that a
 DEPTH = POSE.index("depth_mm")
 DEEPER = "depth_offset"
 WARPS_KEPT = 64
+EDGES_KEPT = 64
 BANDS_KEPT = 16
 DEVIATES = np.linspace(-5.0, 5.0, 101)  # of the noise of one pixel
 LEVELS = 400  # of a sampled curve
@@ -43,6 +44,7 @@ class Forward:
         self.bank = bank
         self.design = bank.model.effective_design()
         self._warps: dict[tuple[WarpKey, WarpKey, View], Warp | None] = {}
+        self._edged: dict[tuple[int, WarpKey], tuple[Light, Light] | None] = {}
         self._bands: dict[tuple[View, float], Array] = {}
         self.flux = np.array([group.flux_mw for group in self.design.leds.groups])
         self.parameters: dict[str, tuple[Parameter, ...]] = {
@@ -154,12 +156,28 @@ class Forward:
 
         Edges are resampled less well than smooth light: what a sharper picture shows of them is put right.
         """
-        warped, sharp = self._warped(state, number, light), self._sharp(state, number)
-        picture = self.bank.of(number)
-        warp = self._warp((), _warping(state.values), picture.view)
-        if sharp is None or warp is None or picture.sharp is None:
+        warped, edges = self._warped(state, number, light), self._edges(state, number)
+        if edges is None:
             return warped, None
-        return np.asarray(warped + sharp - warp(_binned(picture.sharp)), dtype=np.float32), sharp
+        sharp, blunt = edges
+        return np.asarray(warped + sharp - blunt, dtype=np.float32), sharp
+
+    def _edges(self, state: State, number: int) -> tuple[Light, Light] | None:
+        """Nominal light as the camera of a state sees it, by a sharper and by a usual picture.
+
+        The light of a fit changes at every step, edges where its camera does alone.
+        """
+        place, looks = self.bank.place[number], _warping(state.values)
+        picture = self.bank.pictures[place]
+        warp = self._warp((), looks, picture.view)
+        if warp is None or picture.blunt is None:
+            return None
+        if (place, looks) not in self._edged:
+            if len(self._edged) >= EDGES_KEPT:
+                self._edged.clear()
+            sharp = self._sharp(state, number)
+            self._edged[place, looks] = None if sharp is None else (sharp, warp(picture.blunt))
+        return self._edged[place, looks]
 
     def _sharp(self, state: State, number: int, *, straight: bool = False) -> Light | None:
         """Nominal light as the camera of a state sees it, by a sharper picture; None where none is needed."""
@@ -169,7 +187,7 @@ class Forward:
         warp = self._warp((), looks, picture.view.finer(SHARPER))
         if warp is None:
             return None
-        return _binned(warp.straight(picture.sharp) if straight else warp(picture.sharp))
+        return binned(warp.straight(picture.sharp) if straight else warp(picture.sharp))
 
     def _after_warp(self, state: State, number: int, light: NDArray[np.floating]) -> NDArray[np.floating]:
         """Light of the shot's own view after what the camera's optics and sensor do."""
@@ -325,8 +343,8 @@ class Forward:
         sharper pictures show, where they show another than the nominal one.
         """
         view, here = self.bank.of(number).view, _warping(state.values)
-        if sharp is None and (nominal := self.bank.of(number).sharp) is not None:
-            sharp = _binned(nominal)
+        if sharp is None:
+            sharp = self.bank.of(number).blunt
         rest = warped if sharp is None else warped - sharp
         p = next(p for p in self.parameters[unknown.effect] if p.name == unknown.name)
         values = state.values.get(unknown.effect) or effect(unknown.effect).null(self.bank.model.design)
@@ -429,13 +447,6 @@ class Forward:
 
 
 WARPING = tuple(e.name for e in CATALOGUE if e.warps)
-
-
-def _binned(sharp: Light) -> Light:
-    """Mean of the pixels of a sharper picture in each of the usual ones."""
-    groups, rows, columns = sharp.shape
-    parts = sharp.reshape(groups, rows // SHARPER, SHARPER, columns // SHARPER, SHARPER)
-    return np.asarray(parts.mean(axis=(2, 4)))
 
 
 def _warping(values: Values) -> WarpKey:

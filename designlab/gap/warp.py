@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 MOST_PX = 16  # by which pictures are continued in proportion beyond their edges
 ITERATIONS = 6
+SETTLED_PX = 1e-6  # steps below which no further ones are taken
 
 
 class Warp:
@@ -84,7 +85,10 @@ class Warp:
         per_mm = np.linalg.inv(np.moveaxis(slopes, (0, 1), (-2, -1)))
         for _ in range(ITERATIONS):
             off = changed - np.stack([self._at(part, place) for part in nominal])
-            place = place + np.einsum("rkab,brk->ark", per_mm, off)
+            step = np.einsum("rkab,brk->ark", per_mm, off)
+            place = place + step
+            if np.abs(step).max() < SETTLED_PX:
+                break
         return place
 
     def _at(self, layer: NDArray[np.floating], place: Array) -> Array:

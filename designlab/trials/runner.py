@@ -151,10 +151,14 @@ def _check_same(path: Path, ours: Mapping[str, Any], theirs: object) -> None:
 
 
 def _waves(trials: Sequence[tuple[int, Trial]]) -> Iterator[list[tuple[int, Trial]]]:
-    """One set of each design before all others: it renders the pictures that they share."""
+    """One set of each design before all others: it renders the pictures that they share.
+
+    Of the others the last come first: a pool ends with those that take longest, and a worker that is done
+    should not have to wait for one of them.
+    """
     first = {trial.design: number for number, trial in reversed(trials)}
     ahead = [one for one in trials if first[one[1].design] == one[0]]
-    yield from filter(None, (ahead, [one for one in trials if one not in ahead]))
+    yield from filter(None, (ahead, [one for one in reversed(trials) if one not in ahead]))
 
 
 def set_path(trial: Trial, folder: Path) -> Path:
