@@ -68,15 +68,17 @@ class Warp:
         last = np.array(shape)[:, None] + 2 * self._pad - 1
         low = np.clip(np.floor(place), 0, last - 1).astype(int)
         share = np.clip(place - low, 0.0, 1.0)
-        found = csr_array((share.shape[1],) * 2, dtype=np.float32)
+        parts = []
         for corner in np.ndindex(2, 2):
             weight = np.where(np.array(corner)[:, None], share, 1.0 - share).prod(axis=0)
             wide = low + np.array(corner)[:, None] - self._pad
             for factor, pixel in _continued(wide, shape):
-                entries = (weight * factor).astype(np.float32)
-                found += csr_array((entries, (np.arange(len(pixel)), pixel)), shape=found.shape)
-        found.eliminate_zeros()
-        return found
+                entries = weight * factor
+                (there,) = np.nonzero(entries)
+                parts.append((entries[there], there, pixel[there]))
+        entries, to, of = (np.concatenate(part) for part in zip(*parts, strict=True))
+        # Entries of one pixel in another are added up.
+        return csr_array((entries.astype(np.float32), (to, of)), shape=(share.shape[1],) * 2)
 
     def _inverse(self, nominal: Array, changed: Array) -> Array:
         """Row and column where the nominal picture shows what each pixel of the other sees."""
