@@ -53,7 +53,7 @@ def test_every_set_can_be_planted() -> None:
         assert set(trial.outside) <= set(outside_kinds())
 
 
-def test_one_set_of_each_design_comes_first_then_the_last_and_what_is_there_is_not_run_again(tmp_path) -> None:
+def test_one_set_of_each_design_comes_first_then_the_last_and_what_is_there_is_kept(tmp_path) -> None:
     @dataclass(frozen=True)
     class Record:
         trial: dict
