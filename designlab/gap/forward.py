@@ -23,7 +23,7 @@ HALF_STEP = 0.25  # of a prior standard deviation: differences of effects that a
 DEPTH = POSE.index("depth_mm")
 DEEPER = "depth_offset"
 WARPS_KEPT = 64
-EDGES_KEPT = 64
+EDGES_KEPT = 64  # a fit asks for those of all its shots twice, at every step
 BANDS_KEPT = 16
 DEVIATES = np.linspace(-5.0, 5.0, 101)  # of the noise of one pixel
 LEVELS = 400  # of a sampled curve
@@ -167,17 +167,17 @@ class Forward:
 
         The light of a fit changes at every step, edges where its camera does alone.
         """
-        place, looks = self.bank.place[number], _warping(state.values)
-        picture = self.bank.pictures[place]
-        warp = self._warp((), looks, picture.view)
-        if warp is None or picture.blunt is None:
-            return None
-        if (place, looks) not in self._edged:
+        key = self.bank.place[number], _warping(state.values)
+        if key not in self._edged:
             if len(self._edged) >= EDGES_KEPT:
                 self._edged.clear()
-            sharp = self._sharp(state, number)
-            self._edged[place, looks] = None if sharp is None else (sharp, warp(picture.blunt))
-        return self._edged[place, looks]
+            blunt, sharp = self.bank.of(number).blunt, self._sharp(state, number)
+            warp = self._warp((), key[1], self.bank.of(number).view)
+            if warp is None or sharp is None or blunt is None:
+                self._edged[key] = None
+            else:
+                self._edged[key] = sharp, warp(blunt)
+        return self._edged[key]
 
     def _sharp(self, state: State, number: int, *, straight: bool = False) -> Light | None:
         """Nominal light as the camera of a state sees it, by a sharper picture; None where none is needed."""
