@@ -350,3 +350,13 @@ def test_the_black_level_lifts_what_is_left_of_light_and_its_noise(bank, exponen
     state = State(GAINS).with_values("black_level", dict(zip("RGB", black, strict=True)))
     state = state.with_values("response_curve", {"exponent": exponent})
     np.testing.assert_allclose(Forward(bank)._reported(state, light), reported, rtol=0.01)
+
+
+def test_edges_that_are_remembered_are_those_of_the_camera_of_each_state(bank) -> None:
+    remembers = Forward(bank)
+    for tilt in (0.3, -0.8, 0.3):
+        for number in range(len(bank.shots)):
+            values = {"x_mm": 0.1, "y_mm": 0.0, "z_mm": 0.0, "tilt_x_deg": tilt, "tilt_y_deg": 0.0}
+            state = State(GAINS * (1.0 + tilt), {"camera_pose": values})
+            found = remembers.predict(state, number)
+            assert np.array_equal(found, Forward(bank).predict(state, number))

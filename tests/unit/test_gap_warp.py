@@ -39,3 +39,15 @@ def test_a_camera_moved_aside_sees_a_pattern_on_the_membrane_moved() -> None:
     within = there < x.max()  # beyond the edge the picture can only be continued
     np.testing.assert_allclose(warp(light)[0][within], np.sin(0.6 * there)[within], atol=4e-3)
     np.testing.assert_allclose(warp.straight(light)[0][within], np.sin(0.6 * there)[within], atol=0.02)
+
+
+@pytest.mark.parametrize("name", ["gelsight-2020-flat", "gelsight-2020-dome"])
+def test_places_are_found_to_a_hundred_thousandth_of_a_pixel_though_the_search_ends_early(name) -> None:
+    nominal = preset(name)
+    x, y, z = nominal.camera.position_mm
+    changed = nominal.replace({"camera.position_mm": (x + 0.3, y - 0.2, z), "camera.tilt_deg": (0.6, 0.0)})
+    view = nominal.view(40)
+    seen, wanted = (np.stack(seen_mm(design, view)) for design in (nominal, changed))
+    off = np.abs(Warp(nominal, changed, view)(seen) - wanted)
+    pixel_mm = np.abs(np.diff(seen[0], axis=1)).min()
+    assert off[:, 5:-5, 5:-5].max() < 1e-5 * pixel_mm
