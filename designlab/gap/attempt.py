@@ -44,7 +44,8 @@ def refused(attempt: Attempt, base: State, fitter: Fitter, train: Sequence[int],
     drawn = attempt.name in DRAWN_SD
     settles = attempt.gain.settles_poses and attempt.gain.squares > -LEAST_SHARE
     if attempt.gain.squares < LEAST_SHARE and not settles:
-        return f"takes {attempt.gain.squares:.1%} of the squared residual away, less than {LEAST_SHARE:.1%}"
+        taken = f"takes {attempt.gain.squares:.1%} of the squared residual beyond noise away"
+        return f"{taken}, less than {LEAST_SHARE:.1%}"
     # Some draws of a single shot are small: not every one can gain.
     if not drawn and attempt.gain.improved < LEAST_IMPROVED:
         return f"only {attempt.gain.improved:.0%} of the held-out presses improve"
@@ -100,6 +101,18 @@ def closes_more(one: Attempt, other: Attempt, gap: float) -> bool:
     more = gain(other.judged, one.judged, gap)
     least = LEAST_SHARE * one.left / gap
     return more.value >= least and more.value > SURE_SE * more.se
+
+
+def as_good(one: Attempt, most_likely: Attempt, gap: float) -> bool:
+    """Whether a candidate explains as much as the most likely one, as far as the shots tell.
+
+    A lead of evidence that is small beside the whole tells candidates apart only where held-out presses,
+    one by one, say the same.
+    """
+    lead = most_likely.evidence - one.evidence
+    if lead <= AS_GOOD:
+        return True
+    return lead <= least_lead(most_likely.evidence) and not closes_more(most_likely, one, gap)
 
 
 def least_lead(evidence: float) -> float:

@@ -32,6 +32,8 @@ class Judged:
         With the poses of these shots.
     per_shot : array, shape (shots,)
         Mean squared residual of each, in units of camera noise and white error of the simulation.
+    noise : array, shape (shots,)
+        What noise of the camera leaves of it.
     floor : array, shape (shots,)
         What noise of the camera and the errors granted to the simulation leave of it.
     objective : array, shape (shots,)
@@ -44,6 +46,7 @@ class Judged:
 
     state: State
     per_shot: Array
+    noise: Array
     floor: Array
     objective: Array
     least: Array
@@ -59,13 +62,18 @@ class Judged:
         """Mean squared residual of all shots."""
         return float(self.per_shot.mean())
 
+    @property
+    def beyond_noise(self) -> float:
+        """Mean squared residual beyond the noise of the camera, no less than a small share of the whole."""
+        return max(self.mean - float(self.noise.mean()), LEAST_SHARE * self.mean)
+
 
 @dataclass(frozen=True)
 class Gain:
     """Fall of the misfit between two states as a share of the first gap, its error, share of shots improved.
 
     Smooth errors are counted as covariance here: a fall that they could bring about counts little. `squares`
-    is the share of the plain squared residual over camera noise that is gone: an effect may not move error
+    is the share of the plain squared residual beyond camera noise that is gone: an effect may not move error
     from where it counts to where it is granted. `settles_poses` tells whether poses that stood off what was
     stated by more than its errors do so no longer: what poses take up leaves no residual. `own` is the mean
     of what each shot that has a gap gains as a share of its own, `own_se` its error: where few shots show
@@ -83,19 +91,22 @@ class Gain:
 
 def judge(fitter: Fitter, state: State, shots: Sequence[int]) -> Judged:
     """Register each shot by itself, with what it has alone, and compare."""
-    per_shot, floor, objective, least = [], [], [], []
+    per_shot, floor, objective, least, noise = [], [], [], [], []
     for number in shots:
         found = fitter.fit(state, (), [number], gains=False, held=tuple(state.values))
         state = found.state
         objective.append(found.objective)
-        squares, noise = squared(fitter, state, number)
+        squares, granted = squared(fitter, state, number)
         per_shot.append(squares)
-        floor.append(noise)
+        floor.append(granted)
         shot, own = fitter.bank.shots[number], fitter.noises[number]
-        least.append(float(((own.camera / own.sigma) ** 2)[shot.valid].sum()) / ALIKE)
+        camera = ((own.camera / own.sigma) ** 2)[shot.valid]
+        noise.append(float(camera.mean()))
+        least.append(float(camera.sum()) / ALIKE)
     return Judged(
         state,
         np.array(per_shot),
+        np.array(noise),
         np.array(floor),
         np.array(objective),
         np.array(least),
@@ -136,7 +147,7 @@ def gain(base: Judged, other: Judged, gap: float) -> Gain:
     falls = (base.objective - other.objective) / gap
     gaps = base.objective - base.least
     own = ((base.objective - other.objective) / np.maximum(gaps, 1.0))[gaps > LEAST_GAP]
-    squares = 1.0 - other.mean / base.mean
+    squares = (base.mean - other.mean) / base.beyond_noise
     worst = int(np.argmax(base.poses))
     off, left = float(base.poses[worst]), float(other.poses.max())
     settles = off > POSES_OFF and left < POSES_SETTLED * off

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.effects import effect
-from designlab.gap.attempt import DECISIVE, Attempt, closes_more, least_lead, refused
+from designlab.gap.attempt import DECISIVE, Attempt, as_good, closes_more, least_lead, refused
 from designlab.gap.basis import Renders
 from designlab.gap.coordinates import coordinate
 from designlab.gap.exact import beyond, exact_fitter, is_exact, is_far, looks_elsewhere
@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 MOST_EFFECTS = 4
 FITTED = 6  # candidates of a round that are fitted to the end
 PROMISING = 5.0  # logarithm of the Bayes factor by linear approximation from which a candidate is fitted
+TRIED_ANYWAY = 2  # most promising ones that are fitted whatever that says, where much is left
 CONTENDING = 0.5  # of the highest such logarithm from which a candidate may turn out to be the best
 MOVER_CONTENDING = 0.1  # likewise of one that moves edges, of which pictures about null tell little
 RECENTRINGS = 2  # times that pictures of one that may win are rendered anew where it stands
@@ -104,6 +105,7 @@ class Search:
                 break
             self.fitter = attempt.fitter
             best, now = self._pruned(number, attempt.fit, attempt.judged)
+        self._drop_named()
         return best, first, now
 
     def _round(self, number: int, base: Fit, now: Judged) -> Attempt | None:
@@ -115,7 +117,8 @@ class Search:
         amount |= {f"{SIZE}.{probe}": larger for probe, larger in base.state.sizes.items()}
         self.tried.append(Candidate(number, RIVAL, "fitted with every candidate", parameters=amount))
         order = sorted(screened, key=lambda name: -screened[name])
-        promising = [name for name in order[:FITTED] if screened[name] >= PROMISING]
+        least = TRIED_ANYWAY if all_leave_much(now) else 0
+        promising = [n for k, n in enumerate(order[:FITTED]) if k < least or screened[n] >= PROMISING]
         attempts = []
         for place, name in enumerate(promising):
             self._tell(name, len(promising) - place)
@@ -143,8 +146,7 @@ class Search:
             return None
         leading = self._leading(passed)
         most_likely = max(leading, key=lambda attempt: attempt.evidence)
-        nearly = least_lead(most_likely.evidence)
-        equal = [a for a in passed if most_likely.evidence - a.evidence <= nearly]
+        equal = [a for a in passed if as_good(a, most_likely, self.gap)]
         # Of effects that explain as much, the simplest: another has parameters for what nobody has listed.
         as_much = [a for a in equal if a in leading and not closes_more(most_likely, a, self.gap)]
         best = min(as_much, key=lambda a: (len(self.fitter.forward.parameters[a.name]), -a.evidence))
@@ -294,6 +296,14 @@ class Search:
                 self.winners[place] = Winner(other.name, (other,), winner.gain, winner.rivals)
                 best, now, self.fitter = other.fit, other.judged, other.fitter
         return best, now
+
+    def _drop_named(self) -> None:
+        """Drop alternatives that are winners themselves: each was found to be needed beside the others."""
+        names = {winner.name for winner in self.winners}
+        self.winners = [
+            replace(w, equals=tuple(a for a in w.equals if a.name == w.name or a.name not in names))
+            for w in self.winners
+        ]
 
     def _better(
         self, winner: Winner, attempt: Attempt, without: Fit, base: Judged, own: Fitter

@@ -17,7 +17,7 @@ from toy_gap import (
 )
 
 from designlab.effects import AppliedEffect, SensorModel, effect
-from designlab.gap.attempt import Attempt, closes_more, unsure
+from designlab.gap.attempt import Attempt, as_good, closes_more, unsure
 from designlab.gap.bank import Bank, fill, moved
 from designlab.gap.control import control
 from designlab.gap.evidence import System
@@ -211,10 +211,10 @@ def test_the_control_is_a_wrong_effect_of_the_same_size_and_closes_little(bank) 
     )
 
 
-def judged(objective: list[float], least: float = 100.0) -> Judged:
+def judged(objective: list[float], least: float = 100.0, noise: float = 0.0) -> Judged:
     values = np.array(objective)
     none = np.zeros(len(values))
-    return Judged(State(GAINS), values, none + 1.0, values, none + least, np.zeros(4))
+    return Judged(State(GAINS), values, none + noise, none + noise + 1.0, values, none + least, np.zeros(4))
 
 
 def attempt(
@@ -247,6 +247,52 @@ def test_a_press_that_shows_most_of_an_effect_does_not_make_its_gain_unsure() ->
     assert still.own == pytest.approx((2 / 90 + 3 / 110) / 2)
     none = gain(judged([99.0, 101.0]), judged([70.0, 72.0]), 1.0)
     assert (none.own, none.own_se) == (0.0, 0.0)
+
+
+def test_residuals_are_shared_out_beyond_the_noise_of_the_camera() -> None:
+    """Near the noise, all that an effect can take is a small share of the whole residual."""
+    before, after = judged([100.0, 104.0], noise=96.0), judged([98.0, 100.0], noise=96.0)
+    assert gain(before, after, 10.0).squares == pytest.approx(0.5)
+    assert gain(after, before, 10.0).squares == pytest.approx(-1.0)  # 3 % of the whole is the least to share
+    much = judged([10_000.0, 10_000.0], noise=96.0)
+    assert gain(much, judged([9_800.0, 9_800.0], noise=96.0), 10.0).squares == pytest.approx(200 / 9904)
+
+
+def test_where_much_is_left_what_promises_most_is_fitted_whatever_the_screen_says(bank, monkeypatch) -> None:
+    least = {name: 4.0 if name == "vignetting" else -10.0 for name in NAMES}
+    monkeypatch.setattr("designlab.gap.search.screen", lambda *_: (least, {}))
+    search, *_ = searched(bank, "vignetting")
+    assert search.winners[0].name == "vignetting"
+    monkeypatch.setattr("designlab.gap.search.all_leave_much", lambda *_: False)
+    search, *_ = searched(bank, "vignetting")
+    assert not search.winners
+
+
+def test_an_alternative_that_is_named_itself_is_none(bank) -> None:
+    search = Search(Fitter(bank), NAMES, [0], [3], gap=1000.0)
+    before = judged([250.0, 252.0, 248.0])
+    one, other, third = (
+        attempt(search.fitter, name, 500.0, [160.0, 162.0, 158.0], before)
+        for name in ("vignetting", "albedo_field", "contact_kernel")
+    )
+    search.winners += [Winner(one.name, (one, other, third), 0.5), Winner(other.name, (other,), 0.1)]
+    search._drop_named()
+    assert [w.coherence_set for w in search.winners] == [("vignetting", "contact_kernel"), ("albedo_field",)]
+
+
+def test_a_small_lead_of_evidence_tells_apart_only_what_held_out_presses_do_too(bank) -> None:
+    search = Search(Fitter(bank), NAMES, [0], [3], gap=1000.0)
+    before = judged([1150.0, 1152.0, 1148.0])
+
+    def named(left: list[float], evidence: float) -> Attempt:
+        return attempt(search.fitter, "a", 1000.0, left, before, evidence=evidence)
+
+    best = named([160.0, 162.0, 158.0], 200.0)
+    worse, alike = [260.0, 263.0, 258.0], [165.0, 150.0, 170.0]
+    assert as_good(named(alike, 185.0), best, 1000.0)
+    assert not as_good(named(worse, 185.0), best, 1000.0)
+    assert as_good(named(worse, 195.0), best, 1000.0)  # evidence itself is known no better than that
+    assert not as_good(named(alike, 175.0), best, 1000.0)
 
 
 def test_what_counts_as_closing_more_goes_by_what_is_left(bank) -> None:
