@@ -81,13 +81,14 @@ def _folder(given: Path, out: str | None) -> Path:
 def _summary(results: "Results", wanted: int) -> str:
     counts = results.counts()
     lines = [
-        f"{results.study.name}: {counts['complete']} of {wanted} designs evaluated, "
+        f"{results.study.name}: {results.evaluated} of {wanted} designs evaluated, "
         f"{counts['infeasible']} infeasible, {counts['failed']} failed, {counts['running']} running"
     ]
     for words, reasons in (("rejected by", results.rejections()), ("failed since", results.failures())):
         if reasons:
             lines.append(f"{words}: " + ", ".join(f"{reason} ({n})" for reason, n in reasons.items()))
     study = results.study
+    lines += _broken(results)
     titles = [*study.varied, *(study.called(name) for name in study.objectives)]
     rows = [
         (
@@ -110,14 +111,31 @@ def _summary(results: "Results", wanted: int) -> str:
     return "\n".join(lines)
 
 
+def _broken(results: "Results") -> list[str]:
+    """Lines about the designs that break a constraint, and how near the nearest comes where all do."""
+    broken = results.frame["violated"].dropna()
+    counts = {name: sum(name in names for names in broken) for name in results.study.constraints}
+    if not any(counts.values()):
+        return []
+    lines = ["break a constraint: " + ", ".join(f"{name} ({n})" for name, n in counts.items() if n)]
+    nearest = results.nearest
+    if nearest is not None:
+        bounds = results.study.constraints
+        kept = ", ".join(
+            f"{name} {_score(nearest, name)}, must be {bounds[name].text()}" for name in nearest["violated"]
+        )
+        lines.append(f"no design keeps them all; trial {nearest['trial']} breaks fewest: {kept}")
+    return lines
+
+
 def _confirmed(results: "Results") -> list[str]:
     """Lines about the designs that were evaluated again: at the highest fidelity that was reached."""
     from designlab.study.definition import BASE
 
     again, objectives = results.confirmed, list(results.study.objectives)
-    if again.empty:
+    fidelity = results.reached
+    if fidelity is None:
         return []
-    fidelity = "reference" if "reference" in set(again["fidelity"]) else "standard"
     better = {
         (g["trial"], g["objective"]): f" ({g['gain']:+.0%})"
         for _, g in results.gains().iterrows()
@@ -127,18 +145,26 @@ def _confirmed(results: "Results") -> list[str]:
         (
             "base" if row["trial"] == BASE else f"{row['trial']}",
             *(_score(row, name) + better.get((row["trial"], name), "") for name in objectives),
+            ", ".join(row["violated"] or ()) or "-",
         )
         for _, row in again[again["fidelity"] == fidelity].iterrows()
     ]
     lines = [
         f"confirmed at {fidelity} fidelity with fresh seeds:",
-        table(("trial", *(results.study.called(name) for name in objectives)), rows),
+        table(("trial", *(results.study.called(name) for name in objectives), "breaks"), rows),
     ]
-    gone = results.curse().get(fidelity, {})
-    if gone:
-        shares = ", ".join(f"{name} {share:.0%}" for name, share in gone.items())
-        lines.append(f"of the search's gains over the base, this was chance: {shares}")
-    return lines
+    return lines + _gone(results)
+
+
+def _gone(results: "Results") -> list[str]:
+    """Sentences about what is gone of the gains that a search saw, see `Results.curse`."""
+    words = []
+    for fidelity, shares in results.curse().items():
+        by_chance = fidelity == results.study.fidelity
+        why = "by chance (winner's curse)" if by_chance else f"at {fidelity} fidelity"
+        said = ", ".join(f"{name} {share:.0%}" for name, share in shares.items())
+        words.append(f"of the search's gains over the base, in the median, gone {why}: {said}")
+    return words
 
 
 def _score(row: "pd.Series[Any]", name: str) -> str:

@@ -62,7 +62,7 @@ def study_report(
     if pictures:
         for number in dict.fromkeys([*found.picks["trial"], *found.pareto["trial"].iloc[:MOST_DEPICTED]]):
             _depict(found, int(number))
-    study, counts = found.study, found.counts()
+    study = found.study
     sections = [
         Section("Result", _result(found)),
         Section("Shortlist", _shortlist(found)),
@@ -75,14 +75,22 @@ def study_report(
         Section("Designs left out", _rejections(found)),
         Section("The search", _definition(found)),
     ]
-    subtitle = f"{counts['complete']} designs evaluated, starting from {study.base.name}"
+    subtitle = f"{found.evaluated} designs evaluated, starting from {study.base.name}"
     return write_atomic(path, page(f"Study: {study.name}", sections, subtitle=subtitle))
 
 
 def _result(results: Results) -> tuple[Html, ...]:
     counts = results.counts()
-    if results.picks.empty:
+    if results.evaluated == 0:
         return (paragraph("No design has been evaluated yet."),)
+    nearest = results.nearest
+    if nearest is not None:
+        bounds = results.study.constraints
+        text = "; ".join(
+            f"{name} {nearest[name]:.4g}, must be {bounds[name].text()}" for name in nearest["violated"]
+        )
+        words = f"None of {results.evaluated} evaluated designs keeps the constraints. "
+        return (paragraph(f"{words}Trial {nearest['trial']} breaks fewest: {text}."),)
     start = results.start
     rows = []
     study = results.study
@@ -106,7 +114,7 @@ def _result(results: Results) -> tuple[Html, ...]:
     columns += [Column("best", "best found", se="best_se"), Column("trial", "by")]
     waiting = counts["running"] + counts["waiting"]
     text = (
-        f"On the Pareto front: {len(results.pareto)} of {counts['complete']} evaluated designs. No other is "
+        f"On the Pareto front: {len(results.pareto)} of {results.evaluated} evaluated designs. No other is "
         "better than one of these in every objective. The values after ± are standard errors; they cover the "
         "choice of presses, which is the same for all designs, so differences are surer than they suggest."
     )
@@ -168,6 +176,7 @@ def _confirmation(results: Results) -> tuple[Html, ...]:
             "score": label(results.study.called(row["objective"]), units.get(row["objective"], "")),
             "gain": f"{row['gain']:.0%}" if row["gain"] == row["gain"] else "–",
             "apart": "yes" if row["apart"] else "no",
+            "breaks": ", ".join(row["violated"] or ()) or "–",
         }
         for row in gains.to_dict(orient="records")
     ]
@@ -178,6 +187,7 @@ def _confirmation(results: Results) -> tuple[Html, ...]:
         Column("value", "design", se="value_se"),
         Column("gain", "better by"),
         Column("apart", "95 % intervals apart"),
+        Column("breaks", "breaks"),
     ]
     fidelity = gains["fidelity"].iloc[0]
     text = (
@@ -185,13 +195,12 @@ def _confirmation(results: Results) -> tuple[Html, ...]:
         "design is better by the share of what the base lacks: of a score that is at most 1 its distance "
         "from 1, of one to minimise its value."
     )
-    curse = results.curse().get(fidelity, {})
-    chance = (
-        "Of the gains that the search saw, this share is gone (winner's curse, in the median): "
-        + ", ".join(f"{label(name, units.get(name, ''))} {share:.0%}" for name, share in curse.items())
-        + "."
-    )
-    return (table(rows, columns), paragraph(text), *([paragraph(chance)] if curse else []))
+    rest = []
+    for at, shares in results.curse().items():
+        own = "by chance (winner's curse)" if at == results.study.fidelity else f"at {at} fidelity"
+        said = ", ".join(f"{label(name, units.get(name, ''))} {share:.0%}" for name, share in shares.items())
+        rest.append(paragraph(f"Of the gains that the search saw, in the median, gone {own}: {said}."))
+    return (table(rows, columns), paragraph(text), *rest)
 
 
 def _trade_off(results: Results) -> tuple[Html, ...]:

@@ -43,22 +43,25 @@ def confirm(
 ) -> None:
     """Evaluate the best designs again, by the study's plan; what is there already is kept.
 
-    The best of the search go to standard fidelity, the best of those to the highest, each beside the base.
+    The best of the search are evaluated with a fresh seed at its own fidelity, which tells what of their
+    scores was chance, and at standard fidelity; the best of those at the highest; each beside the base.
     """
     study = results.study
     if study.plan is None or results.pareto.empty:
         return
     best = picks(results.frame, study.objectives, most=study.plan.promoted, parameters=study.varied)
-    efforts = (study.plan.promoted, 1), (study.plan.confirmed, study.plan.seeds)
-    for fidelity, (most, seeds) in zip(CONFIRMING, efforts, strict=True):
-        trials = tuple(int(trial) for trial in best["trial"].iloc[:most])
-        stage = Stage((BASE, *trials), fidelity, fresh(study, fidelity, seeds))
+    promoted = tuple(int(trial) for trial in best["trial"])
+    *first, last = dict.fromkeys((*CONFIRMING[CONFIRMING.index(study.fidelity) :], CONFIRMING[-1]))
+    for fidelity in first or [last]:
+        stage = Stage((BASE, *promoted), fidelity, fresh(study, fidelity, 1))
         _run(stage, results, evaluator, workers, interrupts, on_progress)
         again = results.confirmed
         rows = _as_trials(again[again["fidelity"] == fidelity], results)
-        best = picks(rows, study.objectives, most=most, parameters=study.varied)
-        if best.empty:
-            return
+        best = picks(rows, study.objectives, most=study.plan.confirmed, parameters=study.varied)
+    trials = tuple(int(trial) for trial in best["trial"])
+    if trials:
+        stage = Stage((BASE, *trials), last, fresh(study, last, study.plan.seeds))
+        _run(stage, results, evaluator, workers, interrupts, on_progress)
 
 
 def fresh(study: Study, fidelity: str, count: int) -> tuple[int, ...]:
@@ -96,14 +99,7 @@ def _run(
 
 
 def _as_trials(again: "pd.DataFrame", results: Results) -> "pd.DataFrame":
-    """Confirmed designs as rows of the table of trials, those that break a constraint now marked."""
-    import pandas as pd
-
-    study = results.study
-    own = again[again["trial"] != BASE].merge(results.frame[["trial", *study.varied]], on="trial")
-    broken = [
-        [name for name, bound in study.constraints.items() if bound.broken_by(float(row[name])) > 0] or None
-        for _, row in own.iterrows()
-    ]
-    marked = pd.Series(broken, index=own.index, dtype=object)
-    return own.assign(state="complete", reuse_of=None, violated=marked)
+    """Confirmed designs as rows of the table of trials."""
+    varied = results.frame[["trial", *results.study.varied]]
+    own = again[again["trial"] != BASE].merge(varied, on="trial")
+    return own.assign(state="complete", reuse_of=None)

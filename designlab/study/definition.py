@@ -41,7 +41,9 @@ class StudyError(ValueError):
 class Plan(Spec):
     """How the best designs of a search are confirmed: evaluated again, with more effort and fresh seeds."""
 
-    promoted: int = Field(8, ge=1, le=100, description="Designs of the search that go to standard fidelity.")
+    promoted: int = Field(
+        8, ge=1, le=100, description="Designs of the search that go on to standard fidelity."
+    )
     confirmed: int = Field(3, ge=1, le=100, description="Designs of those that go to reference fidelity.")
     seeds: int = Field(2, ge=1, le=50, description="Seeds at reference fidelity.")
 

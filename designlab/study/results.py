@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 STATES = ("complete", "infeasible", "failed", "interrupted", "running", "waiting")
 """What may become of a trial; the design of an interrupted one is tried again in another trial."""
 
-CONFIRMING = ("standard", "reference")
-"""Fidelities at which designs are evaluated again, in this order."""
+CONFIRMING = ("fast", "standard", "reference")
+"""Fidelities at which designs are evaluated again, in this order, from that of the search on."""
 
 DEADLY = "the process that evaluated it died twice"
 
@@ -49,13 +49,42 @@ class Results:
 
     @property
     def confirmed(self) -> "pd.DataFrame":
-        """Scores of the designs that were evaluated again, see `confirmed`."""
+        """Scores of the designs that were evaluated again, see `confirmed`.
+
+        A column ``violated`` has the constraints that these scores break.
+        """
+        import pandas as pd
+
         known = {BASE, *self.frame.loc[self.frame["state"] == "complete", "trial"]}
-        return confirmed(
+        found = confirmed(
             record
             for record in read_confirmations(self.folder)
             if record["trial"] in known and self.subject(record["trial"]).digest == record["design"]
         )
+        broken = [
+            [name for name, bound in self.study.constraints.items() if bound.broken_by(float(row[name])) > 0]
+            for _, row in found.iterrows()
+        ]
+        return found.assign(violated=pd.Series([b or None for b in broken], found.index, dtype=object))
+
+    @property
+    def evaluated(self) -> int:
+        """Number of different designs that were evaluated."""
+        return int(((self.frame["state"] == "complete") & self.frame["reuse_of"].isna()).sum())
+
+    @property
+    def reached(self) -> str | None:
+        """Highest fidelity at which designs were evaluated again."""
+        done = set(self.confirmed["fidelity"])
+        return next((fidelity for fidelity in reversed(CONFIRMING) if fidelity in done), None)
+
+    @property
+    def nearest(self) -> "pd.Series[Any] | None":
+        """Where every evaluated design breaks a constraint, the one that breaks fewest, if there is any."""
+        done = self.frame[self.frame["state"] == "complete"]
+        if done.empty or not self.valid.empty:
+            return None
+        return done.loc[done["violated"].map(len).idxmin()]
 
     @property
     def start(self) -> "pd.Series[Any] | None":
@@ -105,7 +134,10 @@ class Results:
         return self.study.subject(self.study.base if trial == BASE else self.design(trial))
 
     def curse(self) -> dict[str, dict[str, float]]:
-        """How much of the search's gains over the base design was chance: the winner's curse.
+        """How much of the search's gains over the base design is gone with fresh seeds.
+
+        At the fidelity of the search itself that is chance, the winner's curse; at a higher one what the
+        search's pictures lack comes on top.
 
         Returns
         -------
@@ -140,14 +172,14 @@ class Results:
             One row a design and objective: ``trial``, ``fidelity``, ``objective``, ``base``, ``base_se``,
             ``value``, ``value_se``; ``gain``, the share of what the base lacks that is gone (of a score that
             is at most 1, what it lacks is its distance from 1; of one to minimise, its value); ``apart``,
-            whether the 95 % intervals of both are apart.
+            whether the 95 % intervals of both are apart; ``violated``, constraints that the design breaks.
         """
         import pandas as pd
 
         columns = ["trial", "fidelity", "objective", "base", "base_se", "value", "value_se", "gain", "apart"]
-        again = self.confirmed
-        reached = [fidelity for fidelity in CONFIRMING if fidelity in set(again["fidelity"])]
-        rows = again[again["fidelity"] == reached[-1]] if reached else again
+        columns.append("violated")
+        again, reached = self.confirmed, self.reached
+        rows = again[again["fidelity"] == reached]
         base, own = rows[rows["trial"] == BASE], rows[rows["trial"] != BASE]
         found = []
         for (_, row), name in itertools.product(own.iterrows(), () if base.empty else self.study.objectives):
@@ -155,8 +187,8 @@ class Results:
             errors = float(base.iloc[0][f"{name}_se"]), float(row[f"{name}_se"])
             gain = _gain(here, there, self.study.objectives[name], self.units.get(name, ""))
             apart = abs(there - here) > NORMAL * sum(errors)
-            values = (row["trial"], reached[-1], name, here, errors[0], there, errors[1], gain, apart)
-            found.append(dict(zip(columns, values, strict=True)))
+            values = (row["trial"], reached, name, here, errors[0], there, errors[1], gain, apart)
+            found.append(dict(zip(columns, (*values, row["violated"]), strict=True)))
         return pd.DataFrame(found, columns=columns)
 
     def counts(self) -> dict[str, int]:
@@ -187,6 +219,7 @@ class Results:
             "units": dict(self.units),
             "warnings": list(self.warnings),
             "trials": self.counts(),
+            "evaluated": self.evaluated,
             "rejections": self.rejections(),
             "failures": self.failures(),
             "pareto": _rows(self.pareto, columns),
@@ -194,7 +227,8 @@ class Results:
             "trades": {str(number): words for number, words in self.trades.items()},
             "robust": None if self.study.robust is None else self.study.robust.model_dump(mode="json"),
             "confirmed": _rows(
-                self.confirmed, ["trial", "fidelity", "seeds", *_score_columns(self.frame, self.study)]
+                self.confirmed,
+                ["trial", "fidelity", "seeds", "violated", *_score_columns(self.frame, self.study)],
             ),
             "winners_curse": self.curse(),
         }

@@ -10,6 +10,8 @@ from designlab.study.parameter import Parameter
 if TYPE_CHECKING:
     import optuna
 
+_BY_CHANCE = 10  # designs that can be built with which tpe begins
+
 
 def distributions(study: Study) -> "dict[str, optuna.distributions.BaseDistribution]":
     """Return the search range of every parameter, and the choice among variants.
@@ -38,17 +40,28 @@ def distribution(study: Study, path: str) -> "optuna.distributions.BaseDistribut
     return FloatDistribution(low, high, log=parameter.log, step=step)
 
 
-def sampler(study: Study, seed: int, *, at_random: bool = False) -> "optuna.samplers.BaseSampler":
-    """Return the sampler of a study for one draw."""
+def sampler(
+    study: Study, seed: int, *, at_random: bool = False, infeasible: int = 0
+) -> "optuna.samplers.BaseSampler":
+    """Return the sampler of a study for one draw.
+
+    Parameters
+    ----------
+    at_random : bool
+        Whether this draw is to be by chance, whatever the study asks for.
+    infeasible : int
+        Designs so far that could not be built. tpe counts them among those that it begins with by chance:
+        without more of these it would know of none that can be built.
+    """
     import optuna
 
     with warnings.catch_warnings():
         # Optuna calls some samplers experimental; its version is pinned.
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-        return _sampler("random" if at_random else study.sampler, study, seed)
+        return _sampler("random" if at_random else study.sampler, study, seed, infeasible)
 
 
-def _sampler(name: str, study: Study, seed: int) -> "optuna.samplers.BaseSampler":
+def _sampler(name: str, study: Study, seed: int, infeasible: int) -> "optuna.samplers.BaseSampler":
     from optuna import samplers
 
     if name == "random":
@@ -71,4 +84,4 @@ def _sampler(name: str, study: Study, seed: int) -> "optuna.samplers.BaseSampler
         if importlib.util.find_spec("torch") is None:
             raise StudyError("field sampler: 'gp' needs PyTorch, which is not installed (pip install torch)")
         return samplers.GPSampler(seed=seed, warn_independent_sampling=False)
-    return samplers.TPESampler(seed=seed)
+    return samplers.TPESampler(seed=seed, n_startup_trials=_BY_CHANCE + infeasible)

@@ -45,8 +45,12 @@ POLL_S = 5.0
 RUN = "run"
 """Attribute of a trial in a shared record that tells which run has it; set once that gives signs of life."""
 
+REPEAT = "reuse_of"
+"""What a trial with the score of an equal design before names that one by."""
+
 _PATIENCE = 20  # infeasible designs in a row after which every other one is drawn at random
 _GIVE_UP = 1000  # infeasible designs in a row after which the ranges are taken to hold no feasible one
+_REPEATS = 100  # known designs in a row after which the ranges are taken to hold no other
 _FAILURES = 10  # failed evaluations in a row after which something other than the design is at fault
 
 
@@ -91,6 +95,7 @@ class Search:
         # Runs that share a record draw at the same time: each has luck of its own.
         self._luck = [secrets.randbits(32)] if shared else []
         self._rejected = 0  # in a row: before a picture is made, or by the evaluation itself
+        self._repeated = 0  # in a row
         self._failed = 0
         self.done = 0
         self.infeasible = 0
@@ -112,7 +117,7 @@ class Search:
             attributes = {"slot": number}
             self.record.enqueue_trial(dict(kept[number]["parameters"]), user_attrs=attributes)
             trial = self.record.ask(self.distributions)
-            self._tell(trial, kept[number]["scores"])
+            self._tell(trial, kept[number]["scores"], _repeat(kept[number]))
 
     def recover(self, *, interrupted: bool = False) -> None:
         """Settle the trials that were running when their run ended.
@@ -134,7 +139,7 @@ class Search:
             saved = read_trial(self.folder, trial)
             if saved is not None and saved.get("parameters") == trial.params:
                 live = optuna.trial.Trial(self.record, trial._trial_id)
-                self._tell(live, saved["scores"], {SCORE: saved} if self.shared else {})
+                self._tell(live, saved["scores"], _repeat(saved) | ({SCORE: saved} if self.shared else {}))
                 continue
             retry(self.study, self.record, trial, died=not interrupted)
             self.record.tell(trial.number, state=TrialState.FAIL, skip_if_finished=self.shared)
@@ -152,7 +157,7 @@ class Search:
         complete = self.record.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
         pruned = self.record.get_trials(deepcopy=False, states=(TrialState.PRUNED,))
         self.infeasible = sum("rejected" in trial.user_attrs for trial in pruned)
-        self.done = len(complete)
+        self.done = sum(REPEAT not in trial.user_attrs for trial in complete)
         known = set(self._known.values())
         for trial in complete:
             if trial.number not in known:
@@ -167,13 +172,18 @@ class Search:
         interrupts: Interrupts,
         on_progress: Callable[[], None],
     ) -> None:
-        """Evaluate designs until `total` trials are complete, by all runs that share the record together."""
+        """Evaluate designs until there are `total`, by all runs that share the record together.
+
+        Ends as well where one design after another is drawn that is known.
+        """
         running: dict[Future[dict[str, Any]], Task] = {}
         with heartbeats(self.record, self._own) if self.shared else contextlib.nullcontext():
             while True:
                 while self._has_room(running, workers) and self._started(running) < total:
                     interrupts.check()
                     task = self._propose()
+                    if self._repeated >= _REPEATS:
+                        total = self.done + self._others() + len(running)
                     if task is not None:
                         while running and task.alone:
                             self._collect(running, interrupts)
@@ -203,8 +213,7 @@ class Search:
         return len(running) < workers and not any(task.alone for task in running.values())
 
     def _started(self, running: Mapping[Any, Task]) -> int:
-        waiting = sum(len(tasks) for tasks in self._followers.values())
-        return self._others() + self.done + len(running) + waiting
+        return self._others() + self.done + len(running)
 
     def _others(self) -> int:
         """How many designs other runs of a shared record have under evaluation; what they did is counted."""
@@ -250,7 +259,9 @@ class Search:
             return None
         if design.digest in self._followers:
             self._followers[design.digest].append(task)
+            self._repeated += 1
             return None
+        self._repeated = 0
         return task
 
     def _draw(self) -> "optuna.Trial":
@@ -258,7 +269,8 @@ class Search:
         slot, attempt = self._free_slot()
         entropy = np.random.SeedSequence([self.study.seed, slot, attempt, *self._luck])
         at_random = self._rejected > _PATIENCE and self._rejected % 2 == 1
-        self.record.sampler = sampler(self.study, int(entropy.generate_state(1)[0]), at_random=at_random)
+        seed = int(entropy.generate_state(1)[0])
+        self.record.sampler = sampler(self.study, seed, at_random=at_random, infeasible=self.infeasible)
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Heartbeat of storage")  # which `_heartbeats` sees to
             trial = self.record.ask(self.distributions)
@@ -344,9 +356,10 @@ class Search:
             if not isinstance(task.subject, Design):
                 write_atomic(folder / "model.toml", task.subject.dumps())
             write_json(folder / SCORE_FILE, content)
-        if not self._tell(task.trial, outcome["scores"], {SCORE: content} if self.shared else {}):
+        notes = _repeat(outcome) | ({SCORE: content} if self.shared else {})
+        if not self._tell(task.trial, outcome["scores"], notes):
             return False
-        self.done += 1
+        self.done += not _repeat(outcome)
         return True
 
     def _tell(
@@ -395,14 +408,15 @@ class Search:
         return True
 
     def _reuse(self, task: Task, number: int) -> None:
-        """Complete a trial with the score of an equal design."""
+        """Complete a trial with the score of an equal design; it does not count as one evaluated."""
         self._rejected = 0
+        self._repeated += 1
         (first,) = [t for t in self.record.get_trials(deepcopy=False) if t.number == number]
         saved = read_trial(self.folder, first)
         if saved is None:
             raise StudyError(f"{trial_folder(self.folder, number)}: the score of a complete trial is missing")
         score = {name: saved[name] for name in ("scores", "seconds", "warnings") if name in saved}
-        self._complete(task, score | {"reuse_of": number})
+        self._complete(task, score | {REPEAT: number})
 
     def _values(self, scores: Mapping[str, Mapping[str, Any]]) -> list[float]:
         return [float(scores[name]["value"]) for name in self.study.objectives]
@@ -414,6 +428,11 @@ class Search:
             if scores[name]["value"] is None:
                 return f"{name} is not a finite number"
         return None
+
+
+def _repeat(outcome: Mapping[str, Any]) -> dict[str, Any]:
+    """Note of a trial whose score is that of an equal design."""
+    return {REPEAT: outcome[REPEAT]} if REPEAT in outcome else {}
 
 
 def retry(

@@ -30,6 +30,7 @@ from designlab.study import (
 )
 from designlab.study.folder import opened, reading
 from designlab.study.results import STATES
+from designlab.study.samplers import sampler as sampler_of
 from designlab.study.search import Search
 
 
@@ -205,17 +206,33 @@ def test_a_search_that_only_evaluations_find_infeasible_ends_too(tmp_path, monke
 
 
 def test_equal_designs_are_evaluated_once(tmp_path):
-    study = make(parameters={"leds.tilt_deg": Parameter(choices=(10.0, 30.0))}, sampler="random", trials=10)
+    choices = tuple(10.0 + k for k in range(8))
+    study = make(parameters={"leds.tilt_deg": Parameter(choices=choices)}, sampler="random", trials=6)
     counting = Counting()
     results = run(study, tmp_path, evaluator=counting)
-    assert results.counts()["complete"] == 10
-    assert len(counting.digests) == len(set(counting.digests)) == 2
-    assert results.frame["reuse_of"].notna().sum() == 8
-    assert len(results.pareto) == 2  # copies are not alternatives
+    assert results.evaluated == 6  # what is drawn once more does not count
+    assert len(counting.digests) == len(set(counting.digests)) == 6
+    assert results.frame["reuse_of"].notna().sum() == results.counts()["complete"] - 6 > 0
+    assert results.pareto["reuse_of"].isna().all()  # copies are not alternatives
     for _, row in results.frame[results.frame["reuse_of"].notna()].iterrows():
         source = results.frame[results.frame["trial"] == row["reuse_of"]].iloc[0]
         assert source["uniformity_u0"] == row["uniformity_u0"]
         assert source["leds.tilt_deg"] == row["leds.tilt_deg"]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_search_ends_where_the_ranges_hold_no_more_designs(tmp_path, monkeypatch, workers):
+    monkeypatch.setattr("designlab.study.search._REPEATS", 20)
+    study = make(parameters={"leds.tilt_deg": Parameter(choices=(10.0, 30.0))}, sampler="random", trials=10)
+    results = run(study, tmp_path, workers=workers, evaluator=closed_form)
+    assert results.evaluated == 2
+    assert run(study, tmp_path, evaluator=closed_form).evaluated == 2
+
+
+def test_tpe_begins_by_chance_with_ten_designs_that_can_be_built():
+    study = make()
+    assert sampler_of(study, 0)._n_startup_trials == 10
+    assert sampler_of(study, 0, infeasible=30)._n_startup_trials == 40
 
 
 def test_whole_numbers_and_steps_are_kept(tmp_path):

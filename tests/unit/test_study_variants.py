@@ -10,6 +10,7 @@ from toy_scores import Estimate, Score
 
 from designlab import cli
 from designlab.bounds import Bound
+from designlab.cli.study import _summary
 from designlab.effects import SensorModel
 from designlab.report import study_report
 from designlab.study import Plan, Robust, Study, StudyError, load_results, load_study, run_study
@@ -155,6 +156,40 @@ def test_designs_that_break_a_bound_are_not_recommended(tmp_path):
     assert len(broken) < 30  # the sampler learns where the bound is
 
 
+def test_where_every_design_breaks_a_bound_it_is_said_by_how_much_the_nearest_does(tmp_path):
+    study = make(constraints={"coverage": {"least": 2}, "uniformity_u0": {"least": 0.0}})
+    results = run(study, tmp_path)
+    assert results.pareto.empty
+    assert results.nearest["violated"] == ["coverage"]
+    (said,) = (line for line in _summary(results, study.trials).splitlines() if line.startswith("no design"))
+    assert f"trial {results.nearest['trial']} breaks fewest: coverage " in said
+    assert "must be" in said
+    page = study_report(results, tmp_path / "report.html", pictures=False).read_text(encoding="utf-8")
+    assert f"None of {results.evaluated} evaluated designs keeps the constraints" in page
+    assert run(make(), tmp_path / "free").nearest is None
+
+
+def test_a_design_that_breaks_a_bound_when_confirmed_is_marked(tmp_path):
+    def brighter(design, *, fidelity, seed):
+        score = noisy(design, fidelity=fidelity, seed=seed)
+        return Score({**score.scores, "coverage": Estimate(0.5 if fidelity == "reference" else 1.0)})
+
+    study = make(
+        variants={},
+        parameters={"leds.tilt_deg": {"low": 0, "high": 40}},
+        constraints={"coverage": {"least": 0.95}},
+        plan=Plan(),
+    )
+    results = run(study, tmp_path, brighter)
+    again = results.confirmed
+    assert set(again[again["fidelity"] == "reference"]["violated"].map(tuple)) == {("coverage",)}
+    assert again[again["fidelity"] == "standard"]["violated"].isna().all()
+    assert list(results.gains()["violated"]) == [["coverage"]]
+    shown = _summary(results, 30).partition("confirmed at reference")[2].splitlines()
+    (line,) = (line for line in shown if line.split()[:1] == [f"{results.gains()['trial'].iloc[0]}"])
+    assert line.split()[-1] == "coverage"
+
+
 def test_a_bound_on_what_is_no_score_is_named(tmp_path):
     with pytest.raises(StudyError, match="field constraints: no score is called 'brightness'"):
         run(make(constraints={"brightness": {"least": 1}}), tmp_path / "out")
@@ -167,6 +202,11 @@ def test_confirmation_shows_that_gains_were_chance(tmp_path):
     assert list(again[again["fidelity"] == "reference"]["seeds"]) == [3] * 2  # one objective, one best
     assert set(again["trial"]) == {BASE, int(results.pareto.iloc[0]["trial"])}
     assert results.pareto.iloc[0]["uniformity_u0"] > 0.57
+    assert list(results.curse()) == ["fast", "standard", "reference"]
+    best, start = results.pareto.iloc[0], results.start
+    fast = again[again["fidelity"] == "fast"].set_index("trial")["uniformity_u0"]
+    seen, kept = best["uniformity_u0"] - start["uniformity_u0"], fast[best["trial"]] - fast[BASE]
+    assert results.curse()["fast"]["uniformity_u0"] == pytest.approx(1 - kept / seen)
     assert results.curse()["reference"]["uniformity_u0"] > 0.7
     row = again[(again["fidelity"] == "reference") & (again["trial"] == BASE)].iloc[0]
     assert row["uniformity_u0_se"] == pytest.approx(0.005 / math.sqrt(3))
@@ -185,10 +225,10 @@ def test_confirmation_is_not_repeated_and_goes_on(tmp_path):
     with pytest.raises(KeyboardInterrupt, match="to resume"):
         run(study, tmp_path / "out", counted)
     run(study, tmp_path / "out", counted)
-    assert len(asked) == 30 + 1 + 2 + 4 - 0
+    assert len(asked) == 30 + 1 + 2 + 2 + 4
     assert len({seed for fidelity, seed in asked if fidelity != "fast"}) == 3
     assert run(study, tmp_path / "out", counted).confirmed.equals(load_results(tmp_path / "out").confirmed)
-    assert len(asked) == 37
+    assert len(asked) == 39
 
 
 def test_confirmations_of_other_designs_do_not_count(tmp_path):
@@ -263,7 +303,7 @@ def test_a_robust_study_is_confirmed_with_other_copies_and_knows_its_error(tmp_p
     results = run(study, tmp_path, remember)
     base = study.base.leds.tilt_deg
     search = built.pop(("fast", 0))[:16]
-    assert len(built) == 3
+    assert len(built) == 4
     for tilts in built.values():
         assert not np.isclose(tilts[:16], search).any()
         assert np.mean(tilts[:16]) == pytest.approx(base, abs=0.5)
