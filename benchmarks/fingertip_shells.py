@@ -1,6 +1,6 @@
 """RGB2Normal and our own scores of a fingertip's shells under three kinds of light.
 
-    python benchmarks/fingertip_shells.py [--fidelity standard --seeds 3]
+    OMP_NUM_THREADS=1 python benchmarks/fingertip_shells.py [--fidelity standard --seeds 3 --workers 2]
 
 Agarwal et al. 2025 (doi 10.1038/s44172-025-00350-4) rank an optimised shell before an expert's and that
 before a flat one, and an area light before point and measured ones. Here the preset's hollow takes the three
@@ -9,6 +9,8 @@ same kind.
 """
 
 import argparse
+import itertools
+import os
 
 import numpy as np
 import pandas as pd
@@ -16,6 +18,8 @@ import pandas as pd
 from designlab.bench import TEST_PROBES
 from designlab.design import preset
 from designlab.evaluate import FIDELITIES, evaluate
+from designlab.interrupts import Interrupts
+from designlab.workers import finished
 
 BASE = "pbr-fingertip-like"
 SHELLS: dict[str, dict[str, float | None]] = {
@@ -49,14 +53,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--fidelity", choices=list(FIDELITIES), default="standard")
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     arguments = parser.parse_args()
-    rows = []
-    for shell in SHELLS:
-        for light in LIGHTS:
-            each = [scores(shell, light, arguments.fidelity, seed) for seed in range(arguments.seeds)]
-            rows += [{"shell": shell, "light": light, **found} for found in each]
-            print(f"{shell}, {light}: done", flush=True)
-    grouped = pd.DataFrame(rows).groupby(["shell", "light"], sort=False)
+    cells = list(itertools.product(SHELLS, LIGHTS, range(arguments.seeds)))
+    calls = [(scores, shell, light, arguments.fidelity, seed) for shell, light, seed in cells]
+    rows = {}
+    with Interrupts() as interrupts:
+        for place, found in finished(calls, workers=arguments.workers, interrupts=interrupts):
+            shell, light, seed = cells[place]
+            rows[place] = {"shell": shell, "light": light, **found}
+            print(f"{shell}, {light}, seed {seed}: done, {len(cells) - len(rows)} left", flush=True)
+    table = pd.DataFrame([rows[place] for place in sorted(rows)])
+    grouped = table.groupby(["shell", "light"], sort=False)
     for name in (BALLS, *NAMES):
         text = grouped[name].agg(lambda x: f"{x.mean():.3f} +- {x.std():.3f}")
         print(f"\n{name}\n{text.unstack().to_string()}")

@@ -9,6 +9,7 @@ folder.
 """
 
 import argparse
+import importlib.util
 import os
 from pathlib import Path
 from typing import Any, get_args
@@ -102,6 +103,9 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--samplers", nargs="+", default=list(get_args(Sampler)))
     arguments = parser.parse_args()
+    if "gp" in arguments.samplers and importlib.util.find_spec("torch") is None:
+        arguments.samplers.remove("gp")
+        print("gp is left out: it needs PyTorch (pip install torch)", flush=True)
     jobs = [(sampler, seed) for seed in range(arguments.seeds) for sampler in arguments.samplers]
     calls = [(search, *job, arguments.trials, arguments.out) for job in jobs]
     rows = []

@@ -1,18 +1,23 @@
 """All scores of all presets, as a table in Markdown.
 
-    python benchmarks/preset_scores.py [--fidelity standard --seeds 3]
+    OMP_NUM_THREADS=1 python benchmarks/preset_scores.py [--fidelity standard --seeds 3 --workers 2]
 
 Every preset sees presses of its own size at its own places, by the same seeds. What is printed is the mean
 over seeds and its standard error, or that of a single evaluation if that is larger.
 """
 
 import argparse
+import itertools
 import math
+import os
 import statistics
+import sys
 
 from designlab.design import preset, preset_names
 from designlab.evaluate import FIDELITIES, evaluate
+from designlab.interrupts import Interrupts
 from designlab.scores import Estimate
+from designlab.workers import finished
 
 
 def over_seeds(found: list[Estimate]) -> Estimate:
@@ -23,19 +28,30 @@ def over_seeds(found: list[Estimate]) -> Estimate:
     return Estimate(statistics.fmean(values), max(stated, spread), found[0].unit)
 
 
+def scores_of(name: str, fidelity: str, seed: int) -> dict[str, Estimate]:
+    """Scores of a preset."""
+    return dict(evaluate(preset(name), fidelity=fidelity, seed=seed).scores)
+
+
 def main() -> None:
     """Print a row for each score and a column for each preset."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--fidelity", choices=list(FIDELITIES), default="standard")
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     arguments = parser.parse_args()
-    columns = {}
-    for name in preset_names():
-        runs = [
-            evaluate(preset(name), fidelity=arguments.fidelity, seed=seed).scores
-            for seed in range(arguments.seeds)
-        ]
-        columns[name] = {score: over_seeds([run[score] for run in runs]) for score in runs[0]}
+    jobs = list(itertools.product(preset_names(), range(arguments.seeds)))
+    calls = [(scores_of, name, arguments.fidelity, seed) for name, seed in jobs]
+    runs: dict[str, list[dict[str, Estimate]]] = {name: [] for name in preset_names()}
+    with Interrupts() as interrupts:
+        for place, found in finished(calls, workers=arguments.workers, interrupts=interrupts):
+            name, seed = jobs[place]
+            runs[name].append(found)
+            print(f"{name}, seed {seed}: done", file=sys.stderr, flush=True)
+    columns = {
+        name: {score: over_seeds([run[score] for run in own]) for score in own[0]}
+        for name, own in runs.items()
+    }
     scores = list(dict.fromkeys(score for column in columns.values() for score in column))
     print(f"| score | {' | '.join(columns)} |")
     print(f"| --- |{' --- |' * len(columns)}")
