@@ -84,7 +84,7 @@ class Results:
         done = self.frame[self.frame["state"] == "complete"]
         if done.empty or not self.valid.empty:
             return None
-        return done.loc[done["violated"].map(len).idxmin()]
+        return done.iloc[int(done["violated"].map(len).to_numpy().argmin())]
 
     @property
     def start(self) -> "pd.Series[Any] | None":
