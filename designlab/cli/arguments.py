@@ -383,6 +383,12 @@ def _add_gap(add: Any) -> None:
         "as it was there",
     )
     benchmark.add_argument(
+        "--again",
+        action="store_true",
+        help="run sets of a pool that was opened once more by later code, for its time and what it changes; "
+        "no opening, since the sets are known",
+    )
+    benchmark.add_argument(
         "--shard", metavar="K/N", help="the k-th of n parts of the pool, 1/4 to 4/4 (default: all)"
     )
     benchmark.add_argument(

@@ -159,6 +159,7 @@ def _title(args: Namespace) -> str:
     part = [f"part {args.shard}"] if args.shard else []
     part += [f"sets that match {args.only}"] if args.only else []
     part += [f"kit {args.kit}"] if args.kit != "hour" else []
+    part += ["opened before, run again by later code"] if args.again else []
     return ", ".join([f"Diagnoses of the pool {args.pool}", *part])
 
 
@@ -185,10 +186,12 @@ def _trials(args: Namespace) -> "list[Trial]":
         raise ValueError(
             "--frozen: the commit that froze the thresholds goes with --pool test, and only there"
         )
+    if args.again and args.pool != "test":
+        raise ValueError("--again: is for --pool test")
     if args.base and args.pool not in ("development", "power"):
         raise ValueError(f"--base: --pool {args.pool} has seeds of its own")
     if args.pool == "test":
-        pool = sealed(frozen(args.frozen))
+        pool = sealed(frozen(args.frozen, again=args.again))
     elif args.pool in ("quick", "calibration"):
         pool = {"quick": quick, "calibration": calibration}[args.pool]()
     elif args.pool == "power":

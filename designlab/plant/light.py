@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
+from designlab.plant import kernels
 from designlab.plant.rig import Cells, Rig, cells
 from designlab.plant.shadow import Horizon
 from designlab.plant.surface import Box, HeightField
@@ -276,16 +276,9 @@ def form_factors(receivers: Patches, senders: Patches) -> Array:
     A sender of area A at distance r counts as a disc: cos cos' A / (pi r^2 + A), exact far away and bounded
     near by (Wallace, Elmquist and Haines 1989, "A ray tracing algorithm for progressive radiosity").
     """
-    found = np.empty((len(receivers.area), len(senders.area)))
-    for part in _parts(*found.shape):
-        facing, square = _facing(
-            receivers.centre[part], receivers.normal[part], senders.centre, senders.normal
-        )
-        square += 1e-9
-        facing *= senders.area
-        facing /= square * (np.pi * square + senders.area)
-        found[part] = facing
-    return found
+    return kernels.form_factors(
+        receivers.centre, receivers.normal, senders.centre, senders.normal, senders.area
+    )
 
 
 def coarse_patches(rig: Rig, surface: HeightField, grid: Grid, *, without: Box | None) -> Patches:
@@ -334,40 +327,13 @@ def _centres(grid: Grid) -> tuple[Array, Array]:
 
 
 def _interpolate(grid: Grid, field: Array, x: Array, y: Array) -> Array:
-    place = [(y - grid.y0_mm) / grid.pitch_y_mm, (x - grid.x0_mm) / grid.pitch_x_mm]
-    return np.asarray(map_coordinates(field, place, order=1, mode="nearest"))
+    row, column = (y - grid.y0_mm) / grid.pitch_y_mm, (x - grid.x0_mm) / grid.pitch_x_mm
+    return kernels.bilinear(field, row, column, True)
 
 
 def _exchange(points: Array, normals: Array, sources: Cells) -> Array:
-    """Cosine times cosine over squared distance, shape (points, cells).
-
-    A cell of the law cos^m sends (m + 1) / 2 cos^(m - 1) of what a Lambertian one of equal flux does.
-    """
-    facing, square = _facing(points, normals, sources.centre, sources.normal)
-    beams = np.flatnonzero(sources.exponent != 1.0)
-    if len(beams):
-        away = points @ sources.normal[beams].T - (sources.centre[beams] * sources.normal[beams]).sum(axis=1)
-        cosine = np.maximum(away, 0.0) / np.sqrt(square[:, beams] + 1e-18)
-        power = sources.exponent[beams]
-        # What faces away has no light already; the least cosine keeps its power finite.
-        facing[:, beams] *= (power + 1) / 2 * np.maximum(cosine, 1e-6) ** (power - 1)
-    return facing / (square * square + 1e-18)
-
-
-def _facing(points: Array, normals: Array, others: Array, other_normals: Array) -> tuple[Array, Array]:
-    """Both cosines times the squared distance, not negative, and the squared distance; (points, others)."""
-    here = normals @ others.T - (normals * points).sum(axis=1)[:, None]
-    there = points @ other_normals.T
-    there -= (others * other_normals).sum(axis=1)[None, :]
-    square = points @ others.T
-    square *= -2.0
-    square += (points * points).sum(axis=1)[:, None]
-    square += (others * others).sum(axis=1)[None, :]
-    np.maximum(square, 0.0, out=square)
-    np.maximum(here, 0.0, out=here)
-    np.maximum(there, 0.0, out=there)
-    here *= there
-    return here, square
+    """Cosine times cosine over squared distance, shape (points, cells), see `kernels.exchange`."""
+    return kernels.exchange(points, normals, sources.centre, sources.normal, sources.exponent)
 
 
 def _parts(points: int, cells: int) -> Iterator[slice]:

@@ -2,8 +2,8 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
+from designlab.plant import kernels
 from designlab.plant.rig import Cells
 from designlab.plant.surface import Box, HeightField
 
@@ -43,18 +43,11 @@ class Horizon:
         shaded = table.max(axis=1) > NONE
         if not shaded.any():
             return share
-        x, y, z = x[shaded], y[shaded], z[shaded]
-        dx, dy = cells.centre[None, :, 0] - x[:, None], cells.centre[None, :, 1] - y[:, None]
-        run = np.hypot(dx, dy) + 1e-9
-        slope = (cells.centre[None, :, 2] - z[:, None]) / run
-        along = (dx * cells.half_down[:, 0] + dy * cells.half_down[:, 1]) / run
-        half = np.abs(cells.half_down[:, 2] - slope * along) / run + 1e-6
-        place = np.arctan2(dy, dx) * (180.0 / np.pi / STEP_DEG) % (360.0 / STEP_DEG)
-        low = place.astype(int)
-        below = np.take_along_axis(table[shaded], column[low], axis=1)
-        above = np.take_along_axis(table[shaded], column[low + 1], axis=1)
-        horizon = below + (place - low) * (above - below)
-        share[shaded] = np.clip((slope - horizon + half) / (2 * half), 0.0, 1.0)
+        points = np.stack([x, y, z], axis=-1)[shaded]
+        step_rad = float(np.radians(STEP_DEG))
+        share[shaded] = kernels.visible_share(
+            points, table[shaded], column, cells.centre, cells.half_down, step_rad
+        )
         return share
 
     def _table(self, x: Array, y: Array) -> tuple[Array, NDArray[np.int64]]:
@@ -68,7 +61,7 @@ class Horizon:
             row, step = (turned.imag - across_mm) / self._pitch_mm, (turned.real - along_mm) / self._pitch_mm
             rows, steps = horizon.shape
             near = (row >= 0) & (row <= rows - 1) & (step >= 0) & (step <= steps - 1)
-            table[near, place] = map_coordinates(horizon, [row[near], step[near]], order=1)
+            table[near, place] = kernels.bilinear(horizon, row[near], step[near], False)
         column[-2:] = column[:2]  # 360 deg and beyond are 0 deg and beyond
         return table, column
 
@@ -134,11 +127,8 @@ def horizon_map(
     across = np.arange(-half_across, half_across + pitch_mm, pitch_mm)
     points = centre + turn * (along[None, :] + 1j * across[:, None])
     z = surface.z(points.real, points.imag).astype(np.float32)
-    horizon = np.full_like(z, NONE)
-    for stride in _strides(int(np.ceil(reach_mm / pitch_mm)), z.shape[1] - 1):
-        rise = (z[:, stride:] - z[:, :-stride]) * np.float32(1 / (stride * pitch_mm))
-        np.maximum(horizon[:, :-stride], rise, out=horizon[:, :-stride])
-    return float(along[0]), float(across[0]), pitch_mm, horizon.astype(np.float64)
+    strides = np.array(_strides(int(np.ceil(reach_mm / pitch_mm)), z.shape[1] - 1), dtype=np.int64)
+    return float(along[0]), float(across[0]), pitch_mm, kernels.steepest(z, strides, pitch_mm, NONE)
 
 
 def shadow_length_mm(surface: HeightField, cells: Cells) -> float:

@@ -6,9 +6,9 @@ from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 from scipy.special import j0
 
+from designlab.plant import kernels
 from designlab.plant.tail import LEAST_MM, outside_mm, reach_mm
 from geometries.elastomer import Elastomer
 from geometries.probes import Probe, profile_mm
@@ -139,8 +139,8 @@ class HeightField:
     def _look_up(self, grid: Array | None, x: Array, y: Array) -> Array:
         if grid is None:
             return np.zeros_like(x)
-        place = [(y - self.y0_mm) / self.pitch_mm, (x - self.x0_mm) / self.pitch_mm]
-        return np.asarray(map_coordinates(grid, place, order=1, mode="constant", cval=0.0))
+        row, column = (y - self.y0_mm) / self.pitch_mm, (x - self.x0_mm) / self.pitch_mm
+        return kernels.bilinear(grid, np.ravel(row), np.ravel(column), False).reshape(np.shape(row))
 
 
 def base_z(radius_mm: float | None, x: Array, y: Array) -> Array:

@@ -8,16 +8,21 @@ from pathlib import Path
 from designlab.store import digest
 
 CODE = ("designlab", "geometries")
+SETS = tuple(f"designlab/trials/{name}" for name in ("blind.py", "pool.py", "limits.json"))
+"""Files that decide which sets a pool has and what is hidden in them."""
+
 ROOT = Path(__file__).parents[2]
 
 
-def frozen(commit: str, *, root: Path = ROOT) -> str:
+def frozen(commit: str, *, again: bool = False, root: Path = ROOT) -> str:
     """Full hash of a commit, if the code is as it was there.
 
     Parameters
     ----------
     commit : str
         Its hash, 7 digits or more.
+    again : bool
+        Whether what decides the sets is enough: for a pool that was opened, run once more by later code.
     root : Path
         The working tree.
 
@@ -34,8 +39,9 @@ def frozen(commit: str, *, root: Path = ROOT) -> str:
     full = _git(root, "rev-parse", "--verify", f"{commit}^{{commit}}") if number else None
     if full is None:
         raise ValueError(f"--frozen: must be the hash of a commit of this checkout, got {commit!r}")
-    changed = _git(root, "diff", "--name-only", full, "--", *CODE)
-    new = _git(root, "ls-files", "--others", "--exclude-standard", "--", *CODE)
+    files = SETS if again else CODE
+    changed = _git(root, "diff", "--name-only", full, "--", *files)
+    new = _git(root, "ls-files", "--others", "--exclude-standard", "--", *files)
     if changed is None or new is None:
         raise ValueError(f"--frozen: git cannot compare this checkout with {commit}")
     different = [*changed.split(), *new.split()]

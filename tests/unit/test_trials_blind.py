@@ -127,6 +127,16 @@ def test_the_code_must_be_what_was_frozen(checkout: Path) -> None:
         frozen(first, root=checkout)
 
 
+def test_later_code_may_run_a_pool_again_if_its_sets_are_the_same(checkout: Path) -> None:
+    first, _ = hashes(checkout)
+    (checkout / "designlab" / "file.py").write_text("two")
+    assert frozen(first, again=True, root=checkout) == first
+    (checkout / "designlab" / "trials").mkdir()
+    (checkout / "designlab" / "trials" / "limits.json").write_text("{}")
+    with pytest.raises(ValueError, match=r"1 files differ, designlab/trials/limits\.json"):
+        frozen(first, again=True, root=checkout)
+
+
 def test_the_digest_of_the_code_changes_with_it_alone(checkout: Path) -> None:
     def now() -> str:
         code_digest.cache_clear()
@@ -167,6 +177,7 @@ def test_only_the_checkout_itself_will_do(checkout: Path) -> None:
         (["--frozen", "HEAD"], "--frozen"),
         (["--pool", "test", "--frozen", "no-such-commit"], "no-such-commit"),
         (["--pool", "calibration", "--base", "7"], "--base"),
+        (["--pool", "calibration", "--again"], "--again"),
         (["--shard", "5/4"], "5/4"),
         (["--shard", "half"], "half"),
         (["--shard", "999/1000"], "999/1000"),
