@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from designlab.camera import View, Vignetting
 from designlab.design import Design
+from designlab.gap.splines import coefficients, look_up
 from designlab.viewing import rays
 from geometries.elastomer import base_mm
 
@@ -49,7 +49,7 @@ class Warp:
 
     def __call__(self, light: NDArray[np.floating]) -> NDArray[np.floating]:
         """Resample light, shape (n, rows, columns), by cubic splines."""
-        moved = np.stack([self._at(layer, self._place) for layer in light / self._before])
+        moved = look_up(coefficients(light / self._before, self._pad), self._place, self._pad)
         return np.asarray(moved * self._after, dtype=light.dtype)
 
     def straight(self, light: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -85,17 +85,14 @@ class Warp:
         place = np.indices(nominal.shape[1:]).astype(float)
         slopes = np.stack([np.stack(np.gradient(part)) for part in nominal])  # of (x, y) by (row, column)
         per_mm = np.linalg.inv(np.moveaxis(slopes, (0, 1), (-2, -1)))
+        found = coefficients(nominal, self._pad)
         for _ in range(ITERATIONS):
-            off = changed - np.stack([self._at(part, place) for part in nominal])
+            off = changed - look_up(found, place, self._pad)
             step = np.einsum("rkab,brk->ark", per_mm, off)
             place = place + step
             if np.abs(step).max() < SETTLED_PX:
                 break
         return place
-
-    def _at(self, layer: NDArray[np.floating], place: Array) -> Array:
-        wide = np.pad(layer, self._pad, mode="reflect", reflect_type="odd")
-        return np.asarray(map_coordinates(wide, place + self._pad, order=3, mode="nearest"))
 
 
 def _continued(place: NDArray[np.intp], shape: tuple[int, ...]) -> Iterator[tuple[Array, NDArray[np.intp]]]:
