@@ -124,11 +124,12 @@ class Search:
             self._tell(name, len(promising) - place)
             attempts.append(self._timed(name, base, now))
         # What is screened tells little of what moves edges: that is tried wherever much is left.
-        if self._mover in set(order) - set(promising) and all_leave_much(
-            now, *(a.judged for a, _ in attempts)
-        ):
-            self._tell(self._mover, 1)
-            attempts.append(self._timed(self._mover, base, now))
+        for mover in self._movers:
+            if mover in promising or mover not in order:
+                continue
+            if all_leave_much(now, *(a.judged for a, _ in attempts)):
+                self._tell(mover, 1)
+                attempts.append(self._timed(mover, base, now))
         tried = {attempt.name for attempt, _ in attempts}
         for name in order:
             if name not in tried:
@@ -203,15 +204,19 @@ class Search:
         return attempt.evidence >= max(share * most, DECISIVE)
 
     @property
+    def _movers(self) -> list[str]:
+        """Effects that move edges, the simplest first."""
+        parameters = self.fitter.forward.parameters
+        return sorted((n for n in self.names if effect(n).warps), key=lambda name: len(parameters[name]))
+
+    @property
     def _mover(self) -> str:
         """Simplest effect that moves edges.
 
         What pictures about null tell of it is little, so it is looked at where it stands even where others
         seem to be better.
         """
-        parameters = self.fitter.forward.parameters
-        movers = [name for name in self.names if effect(name).warps]
-        return min(movers, key=lambda name: len(parameters[name]), default="")
+        return next(iter(self._movers), "")
 
     def _near(self, fitter: Fitter, state: State, *, exactly: bool = False) -> Fitter | None:
         """Fitter whose pictures are rendered where a state stands; None if its own are near enough.
