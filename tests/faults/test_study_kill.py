@@ -141,7 +141,7 @@ def test_the_death_of_a_worker_costs_nothing_in_search_and_confirmation(tmp_path
     results, whole = (load_results(tmp_path / name) for name in ("deaths", "whole"))
     assert results.counts()["complete"] == TRIALS
     assert results.counts()["failed"] == results.counts()["running"] == 0
-    assert set(results.confirmed["fidelity"]) == {"standard", "reference"}
+    assert set(results.confirmed["fidelity"]) == {"fast", "standard", "reference"}
     base = [found.confirmed.set_index(["trial", "fidelity"]).loc[-1] for found in (results, whole)]
     pd.testing.assert_frame_equal(*base)
 

@@ -138,7 +138,7 @@ def check(results, tmp_path, *, kills):
 def test_a_study_is_confirmed_by_the_run_that_ends_it(tmp_path, url):
     study = make(name="confirmed", trials=6, plan=Plan(promoted=2, confirmed=1, seeds=2))
     results = run_study(study, out=tmp_path / "out", storage=url, progress=False, evaluator=quick)
-    assert set(results.confirmed["fidelity"]) == {"standard", "reference"}
+    assert set(results.confirmed["fidelity"]) == {"fast", "standard", "reference"}
     again = run_study(study, out=tmp_path / "out", storage=url, progress=False, evaluator=quick)
     assert again.counts() == results.counts()
 
