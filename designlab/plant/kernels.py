@@ -10,6 +10,18 @@ Array = NDArray[np.float64]
 
 
 @njit(cache=True)
+def _facing(point: Array, normal: Array, centre: Array, facing: Array) -> tuple[float, float, float]:
+    """Both cosines times the distance, and the squared distance, of a point and a cell."""
+    here, there, square = 0.0, 0.0, 0.0
+    for axis in range(3):
+        way = centre[axis] - point[axis]
+        here += normal[axis] * way
+        there -= facing[axis] * way
+        square += way * way
+    return here, there, square
+
+
+@njit(cache=True)
 def exchange(points: Array, normals: Array, centres: Array, facing: Array, exponents: Array) -> Array:
     """Cosine times cosine over squared distance, shape (points, cells).
 
@@ -26,16 +38,11 @@ def exchange(points: Array, normals: Array, centres: Array, facing: Array, expon
     """
     found = np.empty((len(points), len(centres)))
     for n in range(len(points)):
-        x, y, z = points[n]
-        nx, ny, nz = normals[n]
         for k in range(len(centres)):
-            dx, dy, dz = centres[k, 0] - x, centres[k, 1] - y, centres[k, 2] - z
-            here = nx * dx + ny * dy + nz * dz
-            there = -(facing[k, 0] * dx + facing[k, 1] * dy + facing[k, 2] * dz)
+            here, there, square = _facing(points[n], normals[n], centres[k], facing[k])
             if here <= 0.0 or there <= 0.0:
                 found[n, k] = 0.0
                 continue
-            square = dx * dx + dy * dy + dz * dz
             value = here * there / (square * square + 1e-18)
             power = exponents[k]
             if power != 1.0:
@@ -51,13 +58,9 @@ def form_factors(points: Array, normals: Array, centres: Array, facing: Array, a
     """Irradiance on patches per radiosity of others, (points, senders), see `light.form_factors`."""
     found = np.empty((len(points), len(centres)))
     for n in range(len(points)):
-        x, y, z = points[n]
-        nx, ny, nz = normals[n]
         for k in range(len(centres)):
-            dx, dy, dz = centres[k, 0] - x, centres[k, 1] - y, centres[k, 2] - z
-            here = nx * dx + ny * dy + nz * dz
-            there = -(facing[k, 0] * dx + facing[k, 1] * dy + facing[k, 2] * dz)
-            square = dx * dx + dy * dy + dz * dz + 1e-9
+            here, there, square = _facing(points[n], normals[n], centres[k], facing[k])
+            square += 1e-9
             found[n, k] = (
                 max(here, 0.0) * max(there, 0.0) * areas[k] / (square * (math.pi * square + areas[k]))
             )
