@@ -21,7 +21,7 @@ import pandas as pd
 from designlab.evaluate import evaluate
 from designlab.interrupts import Interrupts
 from designlab.scores import Estimate
-from designlab.study import Parameter, Study, run_study
+from designlab.study import Parameter, Plan, Study, run_study
 from designlab.study.definition import Sampler
 from designlab.study.front import hypervolume
 from designlab.study.robust import RobustScore
@@ -62,6 +62,8 @@ def search(sampler: str, seed: int, trials: int, out: Path) -> list[list[float]]
             "base": BASE,
             "parameters": PARAMETERS,
             "objectives": {SCALAR: "minimise"} if sampler == "cmaes" else OBJECTIVES,
+            "constraints": {},
+            "plan": Plan(promoted=0),
             "sampler": sampler,
             "trials": trials,
             "seed": seed,

@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 from designlab.render import backend
-from designlab.study import Parameter, Study, run_study
+from designlab.study import Parameter, Plan, Study, run_study
 
 
 def search(study: Study, folder: Path, workers: int) -> None:
@@ -35,6 +35,7 @@ def main() -> None:
         parameters={"leds.tilt_deg": Parameter(low=0, high=40)},
         trials=arguments.designs,
         sampler="qmc",
+        plan=Plan(promoted=0),
     )
     seconds = {1: 0.0, 2: 0.0}
     context = multiprocessing.get_context("spawn")

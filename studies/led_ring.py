@@ -14,7 +14,7 @@ from pathlib import Path
 
 from designlab.design import preset
 from designlab.report import study_report
-from designlab.study import Parameter, Results, Study, run_study
+from designlab.study import Parameter, Plan, Results, Study, run_study
 
 BASE = "gelsight-2020-flat"
 HEIGHT_MM = (4.0, 14.0)  # of the panels' centre above the membrane; lower, the boards touch it
@@ -22,6 +22,7 @@ TILT_DEG = (-10.0, 60.0)  # towards the membrane
 TRIALS = 40
 FIDELITY = "fast"
 SEED = 1
+PLAN = Plan(promoted=4, confirmed=2)  # of the best, evaluated again with fresh seeds and more effort
 
 
 def run(out: Path, *, trials: int = TRIALS, workers: int = 1) -> Results:
@@ -37,6 +38,7 @@ def run(out: Path, *, trials: int = TRIALS, workers: int = 1) -> Results:
         trials=trials,
         fidelity=FIDELITY,
         seed=SEED,
+        plan=PLAN,
     )
     results = run_study(study, out=out, trials=trials, workers=workers)
     study_report(results)

@@ -173,7 +173,7 @@ def _parts(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, An
 def _study(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any]:
     from designlab.evaluate import evaluate
     from designlab.report import study_report
-    from designlab.study import Parameter, Study, StudyInterrupted, load_results, run_study
+    from designlab.study import Parameter, Plan, Study, StudyInterrupted, load_results, run_study
 
     folder = state.out / "study"
     study = Study(
@@ -181,6 +181,7 @@ def _study(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, An
         base=state.design,
         parameters={path: Parameter(low=low, high=high) for path, (low, high) in PARAMETERS.items()},
         trials=TRIALS,
+        plan=Plan(promoted=0),
         seed=state.seed,
     )
     count = load_results(folder).counts()["complete"] if (folder / "study.db").is_file() else 0

@@ -47,7 +47,7 @@ def confirm(
     scores was chance, and at standard fidelity; the best of those at the highest; each beside the base.
     """
     study = results.study
-    if study.plan is None or results.pareto.empty:
+    if not study.plan.promoted or results.pareto.empty:
         return
     best = picks(results.frame, study.objectives, most=study.plan.promoted, parameters=study.varied)
     promoted = tuple(int(trial) for trial in best["trial"])

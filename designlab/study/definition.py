@@ -34,6 +34,10 @@ DEFAULT_OBJECTIVES: dict[str, Literal["maximise", "minimise"]] = {
 }
 
 
+DEFAULT_CONSTRAINTS = {"coverage": Bound(least=0.95), "saturation_share": Bound(most=0.0)}
+"""The camera sees the gel, and no picture of the untouched one is cut off at white."""
+
+
 class StudyError(ValueError):
     """A study file, field or folder that cannot be used; the text names it, the value and the rule."""
 
@@ -42,7 +46,7 @@ class Plan(Spec):
     """How the best designs of a search are confirmed: evaluated again, with more effort and fresh seeds."""
 
     promoted: int = Field(
-        8, ge=1, le=100, description="Designs of the search that go on to standard fidelity."
+        8, ge=0, le=100, description="Designs of the search that go on to standard fidelity; 0: none."
     )
     confirmed: int = Field(3, ge=1, le=100, description="Designs of those that go to reference fidelity.")
     seeds: int = Field(2, ge=1, le=50, description="Seeds at reference fidelity.")
@@ -77,16 +81,14 @@ class Study(Spec):
         DEFAULT_OBJECTIVES, min_length=1, description="Scores, and which way each is better."
     )
     constraints: dict[str, Bound] = Field(
-        {}, description="Scores, and what each must at least or at most be."
+        DEFAULT_CONSTRAINTS, description="Scores, and what each must at least or at most be."
     )
     trials: int = Field(40, ge=1, le=100_000, description="Designs to evaluate, infeasible ones not counted.")
     fidelity: Literal["fast", "standard", "reference"] = Field("fast", description="Effort of an evaluation.")
     robust: Robust | None = Field(
         None, description="How copies as they would be built decide; the drawing alone does if absent."
     )
-    plan: Plan | None = Field(
-        None, description="How the best are confirmed after the search; not at all if absent."
-    )
+    plan: Plan = Field(Plan(), description="How the best are confirmed after the search.")
     seed: int = Field(0, ge=0, lt=2**31, description="Seed of the search and of every evaluation.")
     sampler: Sampler = Field(
         "tpe", description="Search method, by its name in Optuna; cmaes takes a single objective."

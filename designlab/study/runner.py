@@ -100,7 +100,7 @@ def run_study(
             try:
                 with _bar(total, search, shown=progress) as update:
                     _run(search, total, workers, interrupts, update)
-                if study.plan is not None:
+                if study.plan.promoted:
                     found = load_results(folder, storage=storage)
                     _confirm(found, search.evaluator, workers, interrupts, shown=progress)
             except KeyboardInterrupt:

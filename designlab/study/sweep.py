@@ -15,7 +15,6 @@ from designlab.design import Design, DesignError, explain
 from designlab.interrupts import Interrupts
 from designlab.store import digest, read_json, write_json
 from designlab.study.definition import (
-    DEFAULT_OBJECTIVES,
     Plan,
     Sampler,
     Study,
@@ -223,12 +222,12 @@ def optimise(
     objectives : mapping, optional
         Score to ``"maximise"`` or ``"minimise"``; best uniformity and least normal error when absent.
     constraints : mapping, optional
-        Score to a `Bound`, for example ``{"coverage": {"least": 0.95}}``; designs that break one are not
-        recommended.
+        Score to a `Bound`, for example ``{"coverage": {"least": 0.9}}``; designs that break one are not
+        recommended. A coverage of at least 0.95 and no saturation when absent.
     variants : mapping, optional
         Name to fields and values: every design is one of these alternatives.
     plan : Plan, optional
-        How the best are confirmed after the search, for example ``{"promoted": 4}``.
+        How the best are confirmed after the search, for example ``{"promoted": 4}``; with 0 they are not.
     robust : Robust, optional
         How copies as they would be built decide, for example ``{"copies": 8}``.
     trials, fidelity, seed, sampler, workers, progress, evaluator, storage
@@ -240,6 +239,7 @@ def optimise(
         If a parameter does not fit its field; names field, value and rule.
     """
     base = design if isinstance(design, Design) else design.design
+    stated = {"objectives": objectives, "constraints": constraints, "plan": plan}
     content = {
         "name": f"{base.name} search",
         "base": base,
@@ -249,10 +249,8 @@ def optimise(
             if parameters is None
             else {"parameters": {p: _parameter(p, its) for p, its in parameters.items()}}
         ),
-        "objectives": dict(objectives or DEFAULT_OBJECTIVES),
-        "constraints": dict(constraints or {}),
+        **{name: given for name, given in stated.items() if given is not None},
         "variants": dict(variants or {}),
-        "plan": plan,
         "robust": robust,
         "trials": trials,
         "fidelity": fidelity,

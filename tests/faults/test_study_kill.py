@@ -13,6 +13,7 @@ from designlab.study import Parameter, Plan, Study, dumps_study, load_results
 
 TRIALS = 10
 PLAN = Plan(promoted=2, confirmed=1, seeds=2)
+UNCONFIRMED = Plan(promoted=0)
 
 PROGRAM = """
 import contextlib, math, os, signal, sys, time
@@ -57,10 +58,11 @@ def start(tmp_path, processes):
             "leds.height_mm": Parameter(low=1, high=14),  # the lowest are infeasible
         },
         trials=TRIALS,
+        constraints={},
         seed=5,
     )
 
-    def starter(name, workers=1, plan=None, **variables):
+    def starter(name, workers=1, plan=UNCONFIRMED, **variables):
         planned = study.model_copy(update={"plan": plan})
         (tmp_path / f"{name}.toml").write_text(dumps_study(planned))
         log = str(tmp_path / f"{name}.log")

@@ -54,6 +54,8 @@ def make(**changes):
         "parameters": {"leds.tilt_deg": Parameter(low=-20, high=60)},
         "objectives": {"uniformity_u0": "maximise"},
         "trials": TRIALS,
+        "constraints": {},
+        "plan": Plan(promoted=0),
     }
     return Study.model_validate(content | changes)
 

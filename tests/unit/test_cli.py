@@ -431,6 +431,8 @@ class TestStudy:
             values = {
                 "uniformity_u0": 1 / (1 + tilt**2),
                 "normal_error_median_deg": 2 + (tilt - 30) ** 2 / 900,
+                "coverage": 1.0,
+                "saturation_share": 0.0,
             }
             estimates = {
                 name: SimpleNamespace(value=value, se=0.01, bias_bound=None, unit="1")

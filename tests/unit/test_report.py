@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from toy_studies import BARE
 
 from designlab.design import preset
 from designlab.report import (
@@ -162,6 +163,7 @@ def make(**changes):
             "optics.gelcore_material": Parameter(choices=("acrylic", "resin-2020")),
         },
         "trials": 14,
+        **BARE,
     }
     return Study.model_validate(content | changes)
 

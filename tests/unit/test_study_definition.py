@@ -7,10 +7,12 @@ import pytest
 from toy_studies import OBJECTIVES, RANGES, make, write
 
 from designlab import design as designs
+from designlab.bounds import Bound
 from designlab.design import preset
 from designlab.scores import SCORES
 from designlab.study import (
     Parameter,
+    Plan,
     Study,
     StudyError,
     dumps_study,
@@ -122,6 +124,13 @@ def test_a_study_that_says_no_more_than_its_base_varies_the_light_as_far_as_can_
         for end in parameter.extremes:
             assert not study.design(own | {path: end}).broken(), (path, end)
     assert load_study(write(tmp_path, dumps_study(study))) == study
+
+
+def test_three_lines_constrain_and_confirm(tmp_path):
+    study = load_study(write(tmp_path, 'version = 1\nbase = "gelsight-2020-flat"\ntrials = 8\n'))
+    assert study.constraints == {"coverage": Bound(least=0.95), "saturation_share": Bound(most=0)}
+    assert study.plan == Plan(promoted=8, confirmed=3, seeds=2)
+    study.require_scores(SCORES)
 
 
 def test_default_parameters_leave_alone_what_variants_set():

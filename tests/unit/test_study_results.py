@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from toy_studies import Counting, closed_form, make, run
+from toy_studies import BARE, Counting, closed_form, make, run
 
 import designlab
 from designlab.bounds import Bound
@@ -202,6 +202,7 @@ def test_optimise_takes_ranges_and_choices(tmp_path):
         trials=4,
         progress=False,
         evaluator=closed_form,
+        **BARE,
     )
     assert set(results.frame["leds.height_mm"]) <= {7.0, 9.0}
     assert results.frame["leds.tilt_deg"].between(0, 60).all()

@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 from toy_scores import Estimate, Score
+from toy_studies import BARE
 
 from designlab import cli
 from designlab.bounds import Bound
@@ -59,6 +60,7 @@ def make(**changes):
         "variants": {"flat": {}, "dome": DOME},
         "objectives": {"uniformity_u0": "maximise"},
         "trials": 30,
+        **BARE,
     }
     return Study.model_validate(content | changes)
 

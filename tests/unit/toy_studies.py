@@ -8,11 +8,12 @@ from pathlib import Path
 
 from toy_scores import Estimate, Score
 
-from designlab.study import Parameter, Study, run_study
+from designlab.study import Parameter, Plan, Study, run_study
 
 RANGES = {"leds.tilt_deg": Parameter(low=-20, high=60), "leds.height_mm": Parameter(low=5, high=14)}
 BEST_TILT_DEG = {"uniformity_u0": 30.0, "normal_error_median_deg": 10.0}
 OBJECTIVES = {"uniformity_u0": "maximise", "normal_error_median_deg": "minimise"}
+BARE = {"constraints": {}, "plan": Plan(promoted=0)}
 
 
 def closed_form(design, *, fidelity, seed):
@@ -70,7 +71,7 @@ def mortal(workers, interrupts, **_):
 
 
 def make(**changes):
-    content = {"name": "ring", "base": "gelsight-2020-flat", "parameters": RANGES, "trials": 6}
+    content = {"name": "ring", "base": "gelsight-2020-flat", "parameters": RANGES, "trials": 6, **BARE}
     return Study.model_validate(content | changes)
 
 
