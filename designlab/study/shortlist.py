@@ -26,6 +26,8 @@ def picks(
 ) -> "pd.DataFrame":
     """Shortlist of the Pareto front: the best in each objective, the knee, then the most different ones.
 
+    Where there is not room for these, the knee comes first.
+
     The knee is the design nearest to the point that is best in every objective, with each objective scaled to
     its range over the front. A front of thousands helps nobody choose; these are the ones to compare first.
 
@@ -60,10 +62,13 @@ def picks(
         same = next((other for other in reasons if alike[row, other]), row)
         reasons.setdefault(same, []).append(reason)
 
-    for column, name in enumerate(objectives):
-        choose(int(loss[:, column].argmin()), f"best {name}")
+    named = [(int(loss[:, column].argmin()), f"best {name}") for column, name in enumerate(objectives)]
     if len(front) > 1 and len(objectives) > 1:
-        choose(int(np.linalg.norm(scaled, axis=1).argmin()), "knee")
+        knee = int(np.linalg.norm(scaled, axis=1).argmin()), "knee"
+        # Where not all are asked for, the one that gives up least of anything comes first.
+        named.insert(0 if most <= len(objectives) else len(named), knee)
+    for row, reason in named:
+        choose(row, reason)
     apart = np.linalg.norm(scaled[:, None] - scaled[None], axis=-1)
     if parameters:
         apart = np.hypot(apart, np.sqrt((steps**2).mean(axis=-1)))
@@ -157,15 +162,25 @@ def trades(
         steps = differences(frame, both, parameters)[0, 1]
         largest = [int(k) for k in np.argsort(-steps, kind="stable")[:NAMED] if steps[k] > 0]
         changed = [
-            f"{parameters[k]} {_said(row[parameters[k]])}, not {_said(reference[parameters[k]])}"
-            for k in largest
+            words
+            for name in (parameters[k] for k in largest)
+            if (words := _change(name, row[name], reference[name]))
         ]
         scores = "; ".join(f"{side} in {', '.join(names)}" for side, names in sides.items() if names)
         found[int(row["trial"])] = scores + (f"; changed most: {'; '.join(changed)}" if changed else "")
     return found
 
 
+def _change(name: str, value: Any, before: Any) -> str:
+    """What became of a parameter, in words; empty of one that the design's variant does not have."""
+    if _absent(value):
+        return ""
+    return f"{name} {_said(value)}" + ("" if _absent(before) else f", not {_said(before)}")
+
+
+def _absent(value: Any) -> bool:
+    return value is None or value != value
+
+
 def _said(value: Any) -> str:
-    if value is None or value != value:
-        return "none"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

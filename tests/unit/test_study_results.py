@@ -67,6 +67,7 @@ def test_the_shortlist_holds_the_extremes_and_the_knee():
     assert list(chosen["pick"][:3]) == ["best f0", "best f1", "knee"]
     # The curve y = c / x is symmetric about x = y, where it is nearest to the corner.
     assert chosen.iloc[2]["f0"] == pytest.approx(math.sqrt(0.05), abs=0.03)
+    assert list(picks(frame, objectives, most=2)["pick"]) == ["knee", "best f0"]
 
 
 def test_of_designs_that_cannot_be_told_apart_one_is_shortlisted():
@@ -88,6 +89,15 @@ def test_of_designs_that_cannot_be_told_apart_one_is_shortlisted():
     )
     assert "not told apart in f0 (0.1, not 0)" in trades(frame, frame.iloc[0], frame, objectives, ())[1]
     assert 0 not in said
+
+
+def test_what_the_reference_lacks_is_said_without_a_before():
+    frame, objectives = table(np.array([[0.0, 3.0], [3.0, 0.0]]))
+    frame = frame.assign(variant=["dome", "flat"], radius=[40.0, None], tilt=[None, 20.0])
+    (words,) = trades(
+        frame.iloc[1:], frame.iloc[0], frame, objectives, ("variant", "radius", "tilt")
+    ).values()
+    assert words.endswith("changed most: variant flat, not dome; tilt 20")
 
 
 def test_the_hypervolume_of_a_staircase_is_its_area():
