@@ -37,6 +37,7 @@ MEASURED = {
 LIGHTS = {"area": {"exponent": 1.0}, "measured": MEASURED, "spot": {"beam_deg": 30.0}}
 NAMES = ("rgb2normal", "uniformity_u0", "normal_error_median_deg", "normal_error_mean_deg")
 BALLS = "rgb2normal of balls"
+BALL = next(place for place, probe in enumerate(TEST_PROBES) if probe.startswith("sphere:"))
 
 
 def scores(shell: str, light: str, fidelity: str, seed: int) -> dict[str, float]:
@@ -44,7 +45,7 @@ def scores(shell: str, light: str, fidelity: str, seed: int) -> dict[str, float]
     base = preset(BASE)
     design = base.replace({**SHELLS[shell], "leds.profile": LIGHTS[light]})
     found = evaluate(design, fidelity=fidelity, seed=seed)
-    balls = np.array(found.presses["rgb2normal"])[TEST_PROBES.index("sphere") :: len(TEST_PROBES)]
+    balls = np.array(found.presses["rgb2normal"])[BALL :: len(TEST_PROBES)]
     return {**{name: found.scores[name].value for name in NAMES}, BALLS: float(np.nanmean(balls))}
 
 
