@@ -153,18 +153,7 @@ def _confirmed(results: "Results") -> list[str]:
         f"confirmed at {fidelity} fidelity with fresh seeds:",
         table(("trial", *(results.study.called(name) for name in objectives), "breaks"), rows),
     ]
-    return lines + _gone(results)
-
-
-def _gone(results: "Results") -> list[str]:
-    """Sentences about what is gone of the gains that a search saw, see `Results.curse`."""
-    words = []
-    for fidelity, shares in results.curse().items():
-        by_chance = fidelity == results.study.fidelity
-        why = "by chance (winner's curse)" if by_chance else f"at {fidelity} fidelity"
-        said = ", ".join(f"{name} {share:.0%}" for name, share in shares.items())
-        words.append(f"of the search's gains over the base, in the median, gone {why}: {said}")
-    return words
+    return lines + results.curse_in_words()
 
 
 def _score(row: "pd.Series[Any]", name: str) -> str:

@@ -195,12 +195,8 @@ def _confirmation(results: Results) -> tuple[Html, ...]:
         "design is better by the share of what the base lacks: of a score that is at most 1 its distance "
         "from 1, of one to minimise its value."
     )
-    rest = []
-    for at, shares in results.curse().items():
-        own = "by chance (winner's curse)" if at == results.study.fidelity else f"at {at} fidelity"
-        said = ", ".join(f"{label(name, units.get(name, ''))} {share:.0%}" for name, share in shares.items())
-        rest.append(paragraph(f"Of the gains that the search saw, in the median, gone {own}: {said}."))
-    return (table(rows, columns), paragraph(text), *rest)
+    words = results.curse_in_words(lambda name: label(name, units.get(name, "")))
+    return (table(rows, columns), paragraph(text), *map(paragraph, words))
 
 
 def _trade_off(results: Results) -> tuple[Html, ...]:

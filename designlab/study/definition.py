@@ -276,7 +276,10 @@ class Study(Spec):
         for field in ("objectives", "constraints"):
             for name in getattr(self, field):
                 if name not in known:
-                    raise StudyError(f"field {field}: no score is called {name!r}, only {', '.join(known)}")
+                    unasked = field == "constraints" and self.constraints == DEFAULT_CONSTRAINTS
+                    why = "; these constraints hold unless others are given, {} for none" if unasked else ""
+                    scores = ", ".join(known)
+                    raise StudyError(f"field {field}: no score is called {name!r}, only {scores}{why}")
 
     def differences(self, other: "Study") -> list[str]:
         """Names of the fields that decide the search in which two studies differ."""

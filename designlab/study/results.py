@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -163,6 +163,16 @@ class Results:
             }
         return found
 
+    def curse_in_words(self, called: Callable[[str], str] = str) -> list[str]:
+        """Sentences about `curse`, an objective being called as asked."""
+        sentences = []
+        for fidelity, shares in self.curse().items():
+            by_chance = fidelity == self.study.fidelity
+            why = "by chance (winner's curse)" if by_chance else f"at {fidelity} fidelity"
+            said = ", ".join(f"{called(name)} {_gone(share)}" for name, share in shares.items())
+            sentences.append(f"Of the search's gains over the base, in the median, gone {why}: {said}.")
+        return sentences
+
     def gains(self) -> "pd.DataFrame":
         """How much better than the base the confirmed designs are, at the highest fidelity reached.
 
@@ -232,6 +242,11 @@ class Results:
             ),
             "winners_curse": self.curse(),
         }
+
+
+def _gone(share: float) -> str:
+    """Share of a gain that is gone, in words: fresh seeds may also show more of it."""
+    return f"{share:.0%}" if round(share, 2) >= 0 else f"none ({-share:.0%} more)"
 
 
 def load_results(out: str | Path, *, storage: str | None = None) -> Results:

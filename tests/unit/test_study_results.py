@@ -214,6 +214,8 @@ def test_optimise_takes_ranges_and_choices(tmp_path):
         evaluator=closed_form,
         **BARE,
     )
+    with pytest.raises(StudyError, match=r"'coverage', .*hold unless others are given, \{\} for none"):
+        optimise(preset("default"), {"leds.tilt_deg": (0, 9)}, out=tmp_path / "own", evaluator=closed_form)
     assert set(results.frame["leds.height_mm"]) <= {7.0, 9.0}
     assert results.frame["leds.tilt_deg"].between(0, 60).all()
     wrong = {
