@@ -18,11 +18,17 @@ if TYPE_CHECKING:
 
 def run(args: Namespace) -> Result:
     """Run or resume a study."""
-    from designlab.study import StudyInterrupted, load_study, run_study
+    from designlab.scores import SCORES
+    from designlab.study import StudyError, StudyInterrupted, load_study, run_study
 
     given = Path(args.study)
     folder = _folder(given, args.out)
-    study = load_study(given / "study.toml" if given.is_dir() else given)
+    file = given / "study.toml" if given.is_dir() else given
+    study = load_study(file)
+    try:
+        study.require_scores(SCORES)
+    except StudyError as error:
+        raise StudyError(f"{file}: {error}") from None
     results_folder(folder)
     try:
         results = run_study(

@@ -311,6 +311,9 @@ high = 40.0
             ("trials = 3", "trials = 0", ["trials", "0"]),
             ("trials = 3", 'sampler = "guess"', ["sampler", "guess", "tpe"]),
             ("trials = 3", "tirals = 3", ["tirals", "unknown field"]),
+            ("trials = 3", "plan.promoted = -1", ["plan.promoted", "-1", "0"]),
+            ("trials = 3", "constraints.glow.least = 1", ["constraints", "'glow'", "coverage"]),
+            ("trials = 3", 'objectives.glow = "maximise"', ["objectives", "'glow'", "coverage"]),
         ],
     )
     def test_a_wrong_field_is_named(self, refused, tmp_path, old, new, words):
