@@ -103,7 +103,7 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=32)
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--samplers", nargs="+", default=list(get_args(Sampler)))
+    parser.add_argument("--samplers", nargs="+", default=sorted(set(get_args(Sampler)) - {"auto"}))
     arguments = parser.parse_args()
     if "gp" in arguments.samplers and importlib.util.find_spec("torch") is None:
         arguments.samplers.remove("gp")

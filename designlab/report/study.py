@@ -304,7 +304,7 @@ def _definition(results: Results) -> tuple[Html, ...]:
         "effects of the model": ", ".join(effect["name"] for effect in study.effects),
         "fidelity": study.fidelity,
         "seed": study.seed,
-        "search method": study.sampler,
+        "search method": ", ".join(results.frame["method"].dropna().unique()) or study.sampler,
         "folder": str(results.folder.resolve()),
     }
     columns = [Column("path", "parameter"), Column("values", "searched over"), Column("unit", "unit")]

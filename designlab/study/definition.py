@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 FORMAT_VERSION: Literal[1] = 1
 
-Sampler = Literal["tpe", "nsga2", "nsga3", "cmaes", "gp", "qmc", "random"]
+Sampler = Literal["auto", "gp", "tpe", "nsga2", "nsga3", "cmaes", "qmc", "random"]
 
 VARIANT = "variant"
 """Name of the choice among variants, beside the parameters of a trial."""
@@ -91,7 +91,9 @@ class Study(Spec):
     plan: Plan = Field(Plan(), description="How the best are confirmed after the search.")
     seed: int = Field(0, ge=0, lt=2**31, description="Seed of the search and of every evaluation.")
     sampler: Sampler = Field(
-        "tpe", description="Search method, by its name in Optuna; cmaes takes a single objective."
+        "auto",
+        description="Search method, by its name in Optuna; cmaes takes a single objective. auto is gp where "
+        "PyTorch is installed, else tpe.",
     )
 
     @model_validator(mode="before")

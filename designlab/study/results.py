@@ -11,7 +11,7 @@ import numpy as np
 
 from designlab.design import Design
 from designlab.study.definition import BASE, VARIANT, Study
-from designlab.study.folder import read_confirmations, read_trial, reading
+from designlab.study.folder import METHOD, read_confirmations, read_trial, reading
 from designlab.study.front import losses, pareto, valid
 from designlab.study.shortlist import NORMAL, picks, trades
 
@@ -264,7 +264,8 @@ def load_results(out: str | Path, *, storage: str | None = None) -> Results:
     Results
         Its ``frame`` has one row a trial: ``trial``, ``state`` (one of `STATES`), a column for each
         parameter (dotted path), for each score its value, ``<score>_se`` and ``<score>_bias_bound``;
-        ``violation_mm``, ``reason`` and ``broken`` (names of the rules) of infeasible designs; ``violated``,
+        ``method``, the sampler that drew it; ``violation_mm``, ``reason`` and ``broken`` (names of the rules)
+        of infeasible designs; ``violated``,
         constraints that the scores of a complete trial break; ``reuse_of``, the trial that evaluated an
         equal design before. Where there are variants, ``variant`` names the trial's, and parameters of others
         are missing.
@@ -285,12 +286,13 @@ def load_results(out: str | Path, *, storage: str | None = None) -> Results:
         rows = [_row(study, folder, trial, trial.number in retried, units, warnings) for trial in trials]
     columns = ["trial", "state", *study.varied]
     frame = pd.DataFrame(rows, columns=columns if not rows else None)
-    for name in (*columns, "violation_mm", "reason", "broken", "violated", "reuse_of"):
+    for name in (*columns, "method", "violation_mm", "reason", "broken", "violated", "reuse_of"):
         if name not in frame:
             frame[name] = None
     frame = frame.astype({"reuse_of": "Int64", "violation_mm": float})
     # A table whose trials are all of one kind must not differ in its columns' kinds from any other.
-    frame["violated"] = frame["violated"].astype(object).where(frame["violated"].notna(), None)
+    for name in ("method", "violated"):
+        frame[name] = frame[name].astype(object).where(frame[name].notna(), None)
     return Results(folder, study, frame, units, tuple(warnings), storage)
 
 
@@ -341,6 +343,7 @@ def _row(
     used = (VARIANT, *study.active(trial.params.get(VARIANT)))
     values = {name: value for name, value in trial.params.items() if name in used}
     row: dict[str, Any] = {"trial": trial.number, "state": state, **values}
+    row["method"] = trial.user_attrs.get(METHOD)
     if state == "complete":
         row |= dict(zip(study.objectives, trial.values, strict=True))
         saved = read_trial(folder, trial) or {}

@@ -15,6 +15,7 @@ from designlab.study.definition import Study
 from designlab.study.folder import opened
 from designlab.study.results import Results, load_results
 from designlab.study.robust import RobustEvaluator
+from designlab.study.samplers import method
 from designlab.study.search import Search, retry
 from designlab.workers import death, submitter
 
@@ -155,7 +156,13 @@ def _bar(total: int, search: Search, *, shown: bool) -> Iterator[Callable[[], No
     from tqdm import tqdm
 
     with tqdm(
-        total=total, initial=search.done, unit="design", file=sys.stderr, disable=not shown, leave=True
+        desc=f"search by {method(search.study)}",
+        total=total,
+        initial=search.done,
+        unit="design",
+        file=sys.stderr,
+        disable=not shown,
+        leave=True,
     ) as bar:
 
         def update() -> None:

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     import optuna
 
 _BY_CHANCE = 10  # designs that can be built with which tpe begins
+_PATIENCE = 20  # infeasible designs in a row after which every other one is drawn at random
 
 
 def distributions(study: Study) -> "dict[str, optuna.distributions.BaseDistribution]":
@@ -40,15 +41,41 @@ def distribution(study: Study, path: str) -> "optuna.distributions.BaseDistribut
     return FloatDistribution(low, high, log=parameter.log, step=step)
 
 
-def sampler(
-    study: Study, seed: int, *, at_random: bool = False, infeasible: int = 0
-) -> "optuna.samplers.BaseSampler":
-    """Return the sampler of a study for one draw.
+def method(study: Study, *, rejected: int = 0) -> str:
+    """Name of the sampler that makes the next draw of a study.
 
     Parameters
     ----------
-    at_random : bool
-        Whether this draw is to be by chance, whatever the study asks for.
+    rejected : int
+        Designs in a row, up to now, that could not be built. Gaussian processes know nothing of these and
+        would propose the like again: tpe draws in their place, and by chance if that goes on.
+
+    Raises
+    ------
+    StudyError
+        If the study asks for a sampler that needs what is not installed.
+    """
+    if rejected > _PATIENCE and rejected % 2 == 1:
+        return "random"
+    if study.sampler == "auto":
+        return "tpe" if rejected or not has_torch() else "gp"
+    if study.sampler == "gp" and not has_torch():
+        raise StudyError("field sampler: 'gp' needs PyTorch, which is not installed (pip install torch)")
+    return "tpe" if study.sampler == "gp" and rejected else study.sampler
+
+
+def has_torch() -> bool:
+    """Whether PyTorch, which Optuna's Gaussian processes need, is installed."""
+    import importlib.util
+
+    return importlib.util.find_spec("torch") is not None
+
+
+def sampler(study: Study, name: str, seed: int, *, infeasible: int = 0) -> "optuna.samplers.BaseSampler":
+    """Return a sampler of a study, by its name in `method`, for one draw.
+
+    Parameters
+    ----------
     infeasible : int
         Designs so far that could not be built. tpe counts them among those that it begins with by chance:
         without more of these it would know of none that can be built.
@@ -58,7 +85,7 @@ def sampler(
     with warnings.catch_warnings():
         # Optuna calls some samplers experimental; its version is pinned.
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-        return _sampler("random" if at_random else study.sampler, study, seed, infeasible)
+        return _sampler(name, study, seed, infeasible)
 
 
 def _sampler(name: str, study: Study, seed: int, infeasible: int) -> "optuna.samplers.BaseSampler":
@@ -79,9 +106,5 @@ def _sampler(name: str, study: Study, seed: int, infeasible: int) -> "optuna.sam
             scramble=True, seed=study.seed, warn_asynchronous_seeding=False, warn_independent_sampling=False
         )
     if name == "gp":
-        import importlib.util
-
-        if importlib.util.find_spec("torch") is None:
-            raise StudyError("field sampler: 'gp' needs PyTorch, which is not installed (pip install torch)")
         return samplers.GPSampler(seed=seed, warn_independent_sampling=False)
     return samplers.TPESampler(seed=seed, n_startup_trials=_BY_CHANCE + infeasible)

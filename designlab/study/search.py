@@ -17,6 +17,7 @@ from designlab.interrupts import Interrupts
 from designlab.store import atomic_folder, write_atomic, write_json
 from designlab.study.definition import Study, StudyError
 from designlab.study.folder import (
+    METHOD,
     REBUILD,
     SCORE,
     SCORE_FILE,
@@ -28,7 +29,7 @@ from designlab.study.folder import (
     read_trial,
     trial_folder,
 )
-from designlab.study.samplers import distributions, sampler
+from designlab.study.samplers import distributions, method, sampler
 from designlab.workers import Submit
 
 if TYPE_CHECKING:
@@ -48,7 +49,6 @@ RUN = "run"
 REPEAT = "reuse_of"
 """What a trial with the score of an equal design before names that one by."""
 
-_PATIENCE = 20  # infeasible designs in a row after which every other one is drawn at random
 _GIVE_UP = 1000  # infeasible designs in a row after which the ranges are taken to hold no feasible one
 _REPEATS = 100  # known designs in a row after which the ranges are taken to hold no other
 _FAILURES = 10  # failed evaluations in a row after which something other than the design is at fault
@@ -268,9 +268,8 @@ class Search:
         """Draw the parameters of a trial and sign it."""
         slot, attempt = self._free_slot()
         entropy = np.random.SeedSequence([self.study.seed, slot, attempt, *self._luck])
-        at_random = self._rejected > _PATIENCE and self._rejected % 2 == 1
-        seed = int(entropy.generate_state(1)[0])
-        self.record.sampler = sampler(self.study, seed, at_random=at_random, infeasible=self.infeasible)
+        seed, name = int(entropy.generate_state(1)[0]), method(self.study, rejected=self._rejected)
+        self.record.sampler = sampler(self.study, name, seed, infeasible=self.infeasible)
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Heartbeat of storage")  # which `_heartbeats` sees to
             trial = self.record.ask(self.distributions)
@@ -280,6 +279,7 @@ class Search:
             trial.set_user_attr(RUN, self._luck[0])
         if "slot" not in trial.user_attrs:
             trial.set_user_attr("slot", slot)
+            trial.set_user_attr(METHOD, name)
         return trial
 
     def _free_slot(self) -> tuple[int, int]:
@@ -443,5 +443,6 @@ def retry(
     deaths = trial.user_attrs.get("deaths", 0) + int(died)
     complete = "slot" in trial.user_attrs and set(trial.params) == set(distributions(study))
     if complete and deaths < 2 and trial.number not in retried:
-        attributes = {"slot": trial.user_attrs["slot"], "retry_of": trial.number, "deaths": deaths}
+        kept = {name: trial.user_attrs[name] for name in ("slot", METHOD) if name in trial.user_attrs}
+        attributes = {**kept, "retry_of": trial.number, "deaths": deaths}
         record.enqueue_trial(dict(trial.params), user_attrs=attributes)

@@ -202,7 +202,7 @@ def optimise(
     trials: int = 40,
     fidelity: Fidelity = "fast",
     seed: int = 0,
-    sampler: Sampler = "tpe",
+    sampler: Sampler = "auto",
     workers: int = 1,
     progress: bool = True,
     evaluator: Evaluator | None = None,

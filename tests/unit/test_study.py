@@ -30,6 +30,7 @@ from designlab.study import (
 )
 from designlab.study.folder import opened, reading
 from designlab.study.results import STATES
+from designlab.study.samplers import method
 from designlab.study.samplers import sampler as sampler_of
 from designlab.study.search import Search
 
@@ -103,8 +104,10 @@ def test_every_evaluation_gets_the_fidelity_and_the_seed_of_the_study(tmp_path):
     assert asked == [("standard", 7)] * 2
 
 
-@pytest.mark.parametrize("sampler", ["tpe", "nsga2", "nsga3", "cmaes", "random", "qmc"])
+@pytest.mark.parametrize("sampler", ["tpe", "nsga2", "nsga3", "cmaes", "random", "qmc", "gp"])
 def test_a_run_in_two_parts_gives_the_trials_of_one_run(tmp_path, sampler):
+    if sampler == "gp":
+        pytest.importorskip("torch", reason="Gaussian processes need PyTorch")
     one = {"objectives": {"uniformity_u0": "maximise"}} if sampler == "cmaes" else {}
     study = make(sampler=sampler, trials=14, seed=3, **one)
     whole = run(study, tmp_path / "whole").frame
@@ -231,8 +234,23 @@ def test_a_search_ends_where_the_ranges_hold_no_more_designs(tmp_path, monkeypat
 
 def test_tpe_begins_by_chance_with_ten_designs_that_can_be_built():
     study = make()
-    assert sampler_of(study, 0)._n_startup_trials == 10
-    assert sampler_of(study, 0, infeasible=30)._n_startup_trials == 40
+    assert sampler_of(study, "tpe", 0)._n_startup_trials == 10
+    assert sampler_of(study, "tpe", 0, infeasible=30)._n_startup_trials == 40
+
+
+def test_gaussian_processes_draw_where_torch_is_and_tpe_where_designs_cannot_be_built(monkeypatch):
+    for torch, usual in ((True, "gp"), (False, "tpe")):
+        monkeypatch.setattr("designlab.study.samplers.has_torch", lambda torch=torch: torch)
+        assert method(make()) == usual
+        assert method(make(), rejected=1) == "tpe"
+        assert method(make(sampler="nsga2"), rejected=1) == "nsga2"
+        for sampler in ("auto", "tpe", "nsga2"):
+            assert method(make(sampler=sampler), rejected=21) == "random"
+
+
+def test_it_is_kept_which_sampler_drew_a_design(tmp_path):
+    drawn = run(make(sampler="qmc", trials=3), tmp_path).frame["method"]
+    assert list(drawn) == [None, "qmc", "qmc"]  # the base design is drawn by nobody
 
 
 def test_whole_numbers_and_steps_are_kept(tmp_path):
