@@ -1,5 +1,6 @@
 """What a state of the model predicts for a shot, and by how much each unknown changes it."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -9,6 +10,7 @@ from designlab.camera import View
 from designlab.design import Design, DesignError
 from designlab.effects import CATALOGUE, Effect, Parameter, Sight, effect
 from designlab.effects.camera import mixed
+from designlab.gap.answer import clipped, mean_answers, uncut
 from designlab.gap.bank import POSE_STEP, SHARPER, SIZE_STEP, Bank, Change, Picture, binned
 from designlab.gap.coordinates import coordinate, value_at
 from designlab.gap.state import SIZE, State, Unknown, Values
@@ -25,10 +27,11 @@ DEEPER = "depth_offset"
 WARPS_KEPT = 64
 EDGES_KEPT = 64  # a fit asks for those of all its shots twice, at every step
 BANDS_KEPT = 16
-DEVIATES = np.linspace(-5.0, 5.0, 101)  # of the noise of one pixel
-LEVELS = 400  # of a sampled curve
-WarpKey = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
-"""Values of the effects that decide where pixels look."""
+REACHES = 8  # of sampled curves, in each doubling of the brightest light
+LEAST_BRIGHTEST = 1e-6
+CURVES_KEPT = 64
+ValuesKey = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
+"""Values of some effects, those that decide where pixels look or what the camera answers."""
 
 
 class Forward:
@@ -43,9 +46,10 @@ class Forward:
     def __init__(self, bank: Bank) -> None:
         self.bank = bank
         self.design = bank.model.effective_design()
-        self._warps: dict[tuple[WarpKey, WarpKey, View], Warp | None] = {}
-        self._edged: dict[tuple[int, WarpKey], tuple[Light, Light] | None] = {}
+        self._warps: dict[tuple[ValuesKey, ValuesKey, View], Warp | None] = {}
+        self._edged: dict[tuple[int, ValuesKey], tuple[Light, Light] | None] = {}
         self._bands: dict[tuple[View, float], Array] = {}
+        self._answers: dict[tuple[int, ValuesKey], tuple[Array, Array]] = {}
         self.flux = np.array([group.flux_mw for group in self.design.leds.groups])
         self.parameters: dict[str, tuple[Parameter, ...]] = {
             e.name: e.parameters(bank.model.design) for e in CATALOGUE
@@ -198,7 +202,7 @@ class Forward:
                 light = e.on_light(light, state.values[e.name], sight)
         return np.asarray(light * self._of_one_shot(state, number))
 
-    def _warp(self, nominal: WarpKey, changed: WarpKey, view: View) -> Warp | None:
+    def _warp(self, nominal: ValuesKey, changed: ValuesKey, view: View) -> Warp | None:
         """Resampling of what a camera sees into what another does; None where they are the same."""
         key = nominal, changed, view
         if nominal == changed:
@@ -210,7 +214,7 @@ class Forward:
             self._warps[key] = None if before is after else Warp(before, after, view)
         return self._warps[key]
 
-    def _seeing(self, values: WarpKey) -> Design:
+    def _seeing(self, values: ValuesKey) -> Design:
         """Design whose pixels look where effects say."""
         design = self.design
         for name, own in values:
@@ -259,16 +263,26 @@ class Forward:
         lifted = np.maximum(mixed, 0.0) + self.design.camera.black_level
         if not any(e.curved and e.name in state.values for e in CATALOGUE):
             return self._answered(state, lifted)
-        # Even steps of the root: a curve may be steep at zero.
-        levels = float(lifted.max()) * np.linspace(0.0, 1.0, LEVELS) ** 2
-        sigma = self.design.camera.noise_sigma(levels)
-        weights = np.exp(-(DEVIATES**2) / 2)
-        values = levels[:, None] + sigma[:, None] * DEVIATES
-        # The converter cuts at zero what its black level does not lift.
-        answers = np.maximum(self._answered(state, np.repeat(values[..., None], 3, axis=-1)), 0.0)
-        curves = np.tensordot(weights / weights.sum(), answers, axes=(0, 1))
+        levels, curves = self._curves(state, float(lifted.max()))
         means = [np.interp(lifted[..., c], levels, curves[:, c]) for c in range(3)]
         return np.stack(means, axis=-1)
+
+    def _curves(self, state: State, brightest: float) -> tuple[Array, Array]:
+        """Levels up to the brightest of a picture or a little more, and the mean answers to them, (n, 3).
+
+        All pictures of a fit have the same curves but for how far these must reach.
+        """
+        octaves = math.ceil(math.log2(max(brightest, LEAST_BRIGHTEST)) * REACHES)
+        answering = [e.name for e in CATALOGUE if _answers(e)]
+        key = octaves, _values(state.values, answering)
+        if key not in self._answers:
+            if len(self._answers) >= CURVES_KEPT:
+                self._answers.clear()
+            brightest = 2.0 ** (octaves / REACHES)
+            self._answers[key] = mean_answers(
+                lambda signal: self._answered(state, signal), self.design.camera, brightest
+            )
+        return self._answers[key]
 
     def _answered(self, state: State, lifted: Array) -> Array:
         """Signal after the effects on it."""
@@ -449,8 +463,13 @@ class Forward:
 WARPING = tuple(e.name for e in CATALOGUE if e.warps)
 
 
-def _warping(values: Values) -> WarpKey:
-    return tuple((name, tuple(values[name].items())) for name in WARPING if name in values)
+def _warping(values: Values) -> ValuesKey:
+    return _values(values, WARPING)
+
+
+def _values(values: Values, names: Sequence[str]) -> ValuesKey:
+    """Values of those effects, of some, that a state has."""
+    return tuple((name, tuple(values[name].items())) for name in names if name in values)
 
 
 def _pattern(state: State) -> Array | float:
@@ -470,31 +489,9 @@ def bands(shot: Shot, period_rows: float) -> Array:
 def _reaches_dark(name: str) -> bool:
     """Whether an effect shows in a frame without light."""
     known: dict[str, Effect] = {e.name: e for e in CATALOGUE}
-    return name in known and type(known[name]).on_signal is not Effect.on_signal
+    return name in known and _answers(known[name])
 
 
-def uncut(signal: Array, sigma: Array) -> Array:
-    """Derivative of `clipped`: the share of the counts about a signal that are not cut."""
-    from scipy.special import ndtr
-
-    share = np.ones(signal.shape)
-    for channel in np.flatnonzero(sigma):
-        share[..., channel] = ndtr(signal[..., channel] / sigma[channel])
-    return share
-
-
-def clipped(signal: Array, sigma: Array) -> Array:
-    """Mean of counts about a signal when those below zero are cut to zero; channels of zero `sigma` stay.
-
-    For Gaussian counts it is s Phi(s / sigma) + sigma phi(s / sigma), which tends to s well above the noise.
-    """
-    from scipy.special import ndtr
-
-    if not sigma.any():
-        return signal
-    found = signal.copy()
-    for channel in np.flatnonzero(sigma):
-        ratio = signal[..., channel] / sigma[channel]
-        density = np.exp(-(ratio**2) / 2) / np.sqrt(2 * np.pi)
-        found[..., channel] = sigma[channel] * (ratio * ndtr(ratio) + density)
-    return found
+def _answers(applied: Effect) -> bool:
+    """Whether an effect acts on the signal."""
+    return type(applied).on_signal is not Effect.on_signal

@@ -178,18 +178,21 @@ class Search:
         if not any(near.values()):
             return list(attempts), self.fitter, base, now
         own, base, now = self._standing(base, now)
-        found = []
-        for attempt, seconds in attempts:
-            begun = time.perf_counter()
-            if attempt.name in names:
-                fitter = near[attempt.name] or own
-                attempt = self._judged(attempt.name, base, now, attempt.fit.state, fitter)
-                for _ in range(RECENTRINGS - 1):
-                    if (again := self._near(attempt.fitter, attempt.judged.state)) is None:
-                        break
-                    attempt = self._judged(attempt.name, base, now, attempt.fit.state, again)
-            found.append((attempt, seconds + time.perf_counter() - begun))
-        return found, own, base, now
+        found = {attempt.name: attempt for attempt, _ in attempts}
+        seconds = {attempt.name: spent for attempt, spent in attempts}
+        fitters = {name: fitter or own for name, fitter in near.items()}
+        for turn in range(RECENTRINGS):
+            if turn:
+                most = max(attempt.evidence for attempt in found.values())
+                still = [found[name] for name in fitters if self._contends(found[name], most)]
+                moved = {a.name: self._near(a.fitter, a.judged.state) for a in still}
+                fitters = {name: fitter for name, fitter in moved.items() if fitter is not None}
+            for name, fitter in fitters.items():
+                begun = time.perf_counter()
+                found[name] = self._judged(name, base, now, found[name].fit.state, fitter)
+                seconds[name] += time.perf_counter() - begun
+        again = [(found[attempt.name], seconds[attempt.name]) for attempt, _ in attempts]
+        return again, own, base, now
 
     def _standing(self, base: Fit, now: Judged) -> tuple[Fitter, Fit, Judged]:
         """Fit a model with pictures that are rendered where it has the presses."""
