@@ -14,6 +14,7 @@ from designlab.report.page import (
     plotly_figure,
     table,
 )
+from designlab.report.yardsticks import YARDSTICKS
 from designlab.store import write_atomic
 from designlab.tolerance import Tolerance
 
@@ -68,10 +69,16 @@ def _result(found: Tolerance) -> tuple[Html, ...]:
 
 
 def _yield(found: Tolerance, name: str) -> Html:
-    """Share of copies up to each value of a score, the drawing and the bounds."""
+    """Share of copies that keep each bound of a score, the drawing and the bounds that were given."""
     import plotly.graph_objects as go
 
-    curve, unit = found.yield_curve(name), found.units[name]
+    bound = found.spec.get(name)
+    if bound is not None:
+        at_least = bound.most is None
+    else:
+        at_least = name in YARDSTICKS and YARDSTICKS[name].rising is True
+    way = "at or above" if at_least else "at or below"
+    curve, unit = found.yield_curve(name, at_least=at_least), found.units[name]
     if curve.empty:
         return paragraph(f"{label(name)}: no copy could be evaluated.")
     figure = go.Figure()
@@ -79,18 +86,17 @@ def _yield(found: Tolerance, name: str) -> Html:
         x=curve["value"],
         y=100 * curve["share"],
         mode="lines",
-        line={"color": BLUE, "shape": "hv"},
-        hovertemplate="%{y:.0f} % at or below %{x:.4g}<extra></extra>",
+        line={"color": BLUE, "shape": "vh" if at_least else "hv"},
+        hovertemplate=f"%{{y:.0f}} % {way} %{{x:.4g}}<extra></extra>",
         showlegend=False,
     )
     _upright(figure, float(found.nominal[name]), "drawing", GREY)
-    bound = found.spec.get(name)
     if bound is not None:
         for end, text in ((bound.least, "at least"), (bound.most, "at most")):
             if end is not None:
                 _upright(figure, end, text, ORANGE)
     figure.update_xaxes(title=label(name, unit))
-    figure.update_yaxes(title="copies at or below (%)", range=[0, 102])
+    figure.update_yaxes(title=f"copies {way} (%)", range=[0, 102])
     figure.update_layout(margin={"l": 60, "r": 30, "t": 40, "b": 60})
     return plotly_figure(figure, height_px=340)
 

@@ -114,13 +114,25 @@ class Tolerance:
         interval = binomtest(int(good.sum()), len(good)).proportion_ci(0.95, method="exact")
         return {"share": float(good.mean()), "low": float(interval.low), "high": float(interval.high)}
 
-    def yield_curve(self, score: str, *, points: int = 101) -> "pd.DataFrame":
-        """Share of copies at or below each value of a score: ``value``, ``share``; unbuilt ones never are."""
+    def yield_curve(self, score: str, *, at_least: bool = False, points: int = 101) -> "pd.DataFrame":
+        """Share of copies that would be good if a score were bounded by each value alone.
+
+        Parameters
+        ----------
+        at_least : bool
+            Whether a copy must have at least the value; at most otherwise.
+
+        Returns
+        -------
+        DataFrame
+            ``value`` and ``share``, of all copies: unbuilt ones are never good.
+        """
         import pandas as pd
 
         values = np.sort(self.built()[score].dropna().to_numpy(dtype=float))
         grid = np.linspace(values[0], values[-1], points) if len(values) else values
-        share = np.searchsorted(values, grid, side="right") / max(len(self.good()), 1)
+        below = np.searchsorted(values, grid, side="left" if at_least else "right")
+        share = (len(values) - below if at_least else below) / max(len(self.good()), 1)
         return pd.DataFrame({"value": grid, "share": share})
 
     def to_json(self) -> dict[str, Any]:

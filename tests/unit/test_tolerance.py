@@ -62,6 +62,9 @@ def test_yield_and_blame_are_those_of_the_closed_form(tmp_path):
     assert blame["share"].to_numpy() == pytest.approx([0.9, 0.1], abs=0.06)
     curve = found.yield_curve("blur")
     assert np.interp(limit, curve["value"], curve["share"]) == pytest.approx(share["share"], abs=0.01)
+    above = found.yield_curve("blur", at_least=True)
+    assert np.interp(limit, above["value"], above["share"]) == pytest.approx(1 - share["share"], abs=0.01)
+    assert above["share"].iloc[0] == 1.0
     assert found.nominal["blur"] == 0.0
     assert found.units == {"blur": "um", "distance": "mm"}
 
