@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.camera import View
-from designlab.design import Design, DesignError
+from designlab.design import DesignError
 from designlab.effects import CATALOGUE, Effect, Parameter, Sight, effect
 from designlab.effects.camera import mixed
 from designlab.gap.answer import clipped, mean_answers, uncut
 from designlab.gap.bank import POSE_STEP, SHARPER, SIZE_STEP, Bank, Change, Picture, binned
 from designlab.gap.coordinates import coordinate, value_at
 from designlab.gap.state import SIZE, State, Unknown, Values
-from designlab.gap.warp import Warp
+from designlab.gap.warp import Seen, Warp
 from designlab.measurement.shots import POSE, Shot
 
 Array = NDArray[np.float64]
@@ -47,6 +47,7 @@ class Forward:
         self.bank = bank
         self.design = bank.model.effective_design()
         self._warps: dict[tuple[ValuesKey, ValuesKey, View], Warp | None] = {}
+        self._seen_by: dict[tuple[ValuesKey, View], Seen] = {}
         self._edged: dict[tuple[int, ValuesKey], tuple[Light, Light] | None] = {}
         self._bands: dict[tuple[View, float], Array] = {}
         self._answers: dict[tuple[int, ValuesKey], tuple[Array, Array]] = {}
@@ -210,16 +211,21 @@ class Forward:
         if key not in self._warps:
             if len(self._warps) >= WARPS_KEPT:
                 self._warps.clear()
-            before, after = self._seeing(nominal), self._seeing(changed)
-            self._warps[key] = None if before is after else Warp(before, after, view)
+            before, after = self._looks(nominal, view), self._looks(changed, view)
+            self._warps[key] = None if before.design is after.design else Warp(before, after)
         return self._warps[key]
 
-    def _seeing(self, values: ValuesKey) -> Design:
-        """Design whose pixels look where effects say."""
-        design = self.design
-        for name, own in values:
-            design = effect(name).on_design(design, dict(own))
-        return design
+    def _looks(self, values: ValuesKey, view: View) -> Seen:
+        """What pixels see where effects turn them."""
+        key = values, view
+        if key not in self._seen_by:
+            if len(self._seen_by) >= WARPS_KEPT:
+                self._seen_by.clear()
+            design = self.design
+            for name, own in values:
+                design = effect(name).on_design(design, dict(own))
+            self._seen_by[key] = Seen(design, view)
+        return self._seen_by[key]
 
     def _of_one_shot(self, state: State, number: int) -> Array | float:
         """Factor on the light of a shot by its own drift and bands."""

@@ -28,24 +28,61 @@ ITERATIONS = 6
 SETTLED_PX = 1e-6  # steps below which no further ones are taken
 
 
+class Seen:
+    """Membrane points that the pixels of a design see, and where in its picture a point is seen.
+
+    Parameters
+    ----------
+    design : Design
+        The design.
+    view : View
+        The part of the camera's sensor.
+    """
+
+    def __init__(self, design: Design, view: View) -> None:
+        self.design, self.view = design, view
+        self.pad = min(MOST_PX, view.rows - 1, view.columns - 1)
+        self.points_mm = np.stack(seen_mm(design, view))
+
+    @cached_property
+    def _splines(self) -> Array:
+        return coefficients(self.points_mm, self.pad)
+
+    @cached_property
+    def _px_per_mm(self) -> Array:
+        """How far row and column move with a point's x and y, shape (2, 2, rows, columns)."""
+        (x_row, x_column), (y_row, y_column) = (np.gradient(part) for part in self.points_mm)
+        determinant = x_row * y_column - x_column * y_row
+        return np.array([[y_column, -x_column], [-y_row, x_row]]) / determinant
+
+    def place(self, points_mm: Array) -> Array:
+        """Row and column where points are seen, shape (2, rows, columns), by Newton's method."""
+        place = np.indices(points_mm.shape[1:]).astype(float)
+        for _ in range(ITERATIONS):
+            off = points_mm - look_up(self._splines, place, self.pad)
+            step = (self._px_per_mm * off).sum(axis=1)
+            place = place + step
+            if np.abs(step).max() < SETTLED_PX:
+                break
+        return np.asarray(place)
+
+
 class Warp:
     """Resampling of pictures of one design in one view into those of another.
 
     Parameters
     ----------
-    nominal, changed : Design
-        The designs; they differ in their cameras alone.
-    view : View
-        The part of the camera's sensor.
+    nominal, changed : Seen
+        What their pixels see; the designs differ in their cameras alone.
     """
 
-    def __init__(self, nominal: Design, changed: Design, view: View) -> None:
-        self._pad = min(MOST_PX, view.rows - 1, view.columns - 1)
-        self._place = self._inverse(np.stack(seen_mm(nominal, view)), np.stack(seen_mm(changed, view)))
+    def __init__(self, nominal: Seen, changed: Seen) -> None:
+        self._pad = nominal.pad
+        self._place = nominal.place(changed.points_mm)
         self._before: Array | float = 1.0
         self._after: Array | float = 1.0
-        if nominal.camera.vignetting != Vignetting():
-            self._before, self._after = nominal.camera.vignette(view), changed.camera.vignette(view)
+        if nominal.design.camera.vignetting != Vignetting():
+            self._before, self._after = (of.design.camera.vignette(of.view) for of in (nominal, changed))
 
     def __call__(self, light: NDArray[np.floating]) -> NDArray[np.floating]:
         """Resample light, shape (n, rows, columns), by cubic splines."""
@@ -79,20 +116,6 @@ class Warp:
         entries, to, of = (np.concatenate(part) for part in zip(*parts, strict=True))
         # Entries of one pixel in another are added up.
         return csr_array((entries.astype(np.float32), (to, of)), shape=(share.shape[1],) * 2)
-
-    def _inverse(self, nominal: Array, changed: Array) -> Array:
-        """Row and column where the nominal picture shows what each pixel of the other sees."""
-        place = np.indices(nominal.shape[1:]).astype(float)
-        slopes = np.stack([np.stack(np.gradient(part)) for part in nominal])  # of (x, y) by (row, column)
-        per_mm = np.linalg.inv(np.moveaxis(slopes, (0, 1), (-2, -1)))
-        found = coefficients(nominal, self._pad)
-        for _ in range(ITERATIONS):
-            off = changed - look_up(found, place, self._pad)
-            step = np.einsum("rkab,brk->ark", per_mm, off)
-            place = place + step
-            if np.abs(step).max() < SETTLED_PX:
-                break
-        return place
 
 
 def _continued(place: NDArray[np.intp], shape: tuple[int, ...]) -> Iterator[tuple[Array, NDArray[np.intp]]]:
