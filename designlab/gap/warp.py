@@ -53,7 +53,7 @@ class Seen:
         """How far row and column move with a point's x and y, shape (2, 2, rows, columns)."""
         (x_row, x_column), (y_row, y_column) = (np.gradient(part) for part in self.points_mm)
         determinant = x_row * y_column - x_column * y_row
-        return np.array([[y_column, -x_column], [-y_row, x_row]]) / determinant
+        return np.asarray(np.array([[y_column, -x_column], [-y_row, x_row]]) / determinant)
 
     def place(self, points_mm: Array) -> Array:
         """Row and column where points are seen, shape (2, rows, columns), by Newton's method."""
