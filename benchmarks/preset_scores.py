@@ -56,8 +56,17 @@ def main() -> None:
     print(f"| score | {' | '.join(columns)} |")
     print(f"| --- |{' --- |' * len(columns)}")
     for score in scores:
-        cells = [str(column[score]) if score in column else "" for column in columns.values()]
-        print(f"| `{score}` | {' | '.join(cells)} |")
+        known = [column.get(score) for column in columns.values()]
+        unit = next(each.unit for each in known if each is not None)
+        title = f"`{score}`" if unit == "1" else f"`{score}` ({unit})"
+        print(f"| {title} | {' | '.join(map(cell, known))} |")
+
+
+def cell(found: Estimate | None) -> str:
+    """Value and standard error without their unit; empty for what a preset does not have."""
+    if found is None:
+        return ""
+    return f"{found.value:.4g} ± {found.se:.2g}" if found.se else f"{found.value:.4g}"
 
 
 if __name__ == "__main__":
