@@ -3,7 +3,7 @@
     OMP_NUM_THREADS=1 python benchmarks/preset_scores.py [--fidelity standard --seeds 3 --workers 2]
 
 Every preset sees presses of its own size at its own places, by the same seeds. What is printed is the mean
-over seeds and its standard error, or that of a single evaluation if that is larger.
+over seeds and its standard error: by their spread, or as the evaluations state it if that is larger.
 """
 
 import argparse

@@ -20,8 +20,8 @@ BEST = Path(__file__).parent.parent / "docs/records/study-flat-core-best.toml"
 SCORE = "uniformity_u0"
 PARAMETERS = {"leds.height_mm": (8.6, 10.0), "leds.profile.beam_deg": (60.0, 90.0)}
 BY_HAND = (
-    Spread(field="leds.height_mm", sd=0.25, source="panels pushed into a slot by hand (estimate)"),
-    Spread(field="effects.led_tilt.*", sd=2.0, source="likewise"),
+    Spread(field="leds.height_mm", sd=0.4, source="panels pushed into a slot by hand (estimate)"),
+    Spread(field="leds.profile.beam_deg", sd=3.0, source="LEDs of several reels (estimate)"),
 )
 SEED, FRESH = 1, 7  # of the searches, and of the copies that had no part in them
 

@@ -269,6 +269,8 @@ class Forward:
         lifted = np.maximum(mixed, 0.0) + self.design.camera.black_level
         if not any(e.curved and e.name in state.values for e in CATALOGUE):
             return self._answered(state, lifted)
+        if not np.isfinite(lifted).all():  # a fit that runs away
+            return np.full_like(lifted, np.nan)
         levels, curves = self._curves(state, float(lifted.max()))
         means = [np.interp(lifted[..., c], levels, curves[:, c]) for c in range(3)]
         return np.stack(means, axis=-1)
@@ -284,9 +286,9 @@ class Forward:
         if key not in self._answers:
             if len(self._answers) >= CURVES_KEPT:
                 self._answers.clear()
-            brightest = 2.0 ** (octaves / REACHES)
+            reach = 2.0 ** (octaves / REACHES)
             self._answers[key] = mean_answers(
-                lambda signal: self._answered(state, signal), self.design.camera, brightest
+                lambda signal: self._answered(state, signal), self.design.camera, reach
             )
         return self._answers[key]
 

@@ -165,7 +165,7 @@ class Search:
 
         What these lack there grows with an effect, until another one seems to be more likely. Pictures
         rendered where presses stand fit better whatever the effect: then all that may win get such, and so
-        does the model without any.
+        does the model without any. What may win even then and has moved on gets them once more.
 
         Returns
         -------
@@ -180,16 +180,18 @@ class Search:
         own, base, now = self._standing(base, now)
         found = {attempt.name: attempt for attempt, _ in attempts}
         seconds = {attempt.name: spent for attempt, spent in attempts}
-        fitters = {name: fitter or own for name, fitter in near.items()}
+        fitters: dict[str, Fitter | None] = {name: fitter or own for name, fitter in near.items()}
         for turn in range(RECENTRINGS):
             if turn:
-                most = max(attempt.evidence for attempt in found.values())
-                still = [found[name] for name in fitters if self._contends(found[name], most)]
-                moved = {a.name: self._near(a.fitter, a.judged.state) for a in still}
-                fitters = {name: fitter for name, fitter in moved.items() if fitter is not None}
+                # Only what was judged anew can be compared: what others have is against another model.
+                most = max(found[name].evidence for name in names)
+                fitters = {name: None for name in fitters if self._contends(found[name], most)}
             for name, fitter in fitters.items():
                 begun = time.perf_counter()
-                found[name] = self._judged(name, base, now, found[name].fit.state, fitter)
+                if turn:
+                    fitter = self._near(found[name].fitter, found[name].judged.state)
+                if fitter is not None:
+                    found[name] = self._judged(name, base, now, found[name].fit.state, fitter)
                 seconds[name] += time.perf_counter() - begun
         again = [(found[attempt.name], seconds[attempt.name]) for attempt, _ in attempts]
         return again, own, base, now

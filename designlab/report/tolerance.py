@@ -69,7 +69,10 @@ def _result(found: Tolerance) -> tuple[Html, ...]:
 
 
 def _yield(found: Tolerance, name: str) -> Html:
-    """Share of copies that keep each bound of a score, the drawing and the bounds that were given."""
+    """Share of copies that keep each bound of a score, the drawing and the bounds that were given.
+
+    A bound from below where the score must be high, else one from above.
+    """
     import plotly.graph_objects as go
 
     bound = found.spec.get(name)

@@ -30,6 +30,7 @@ SILENT_S = 150
 """How long a run must be silent before another takes its trials over."""
 
 CREATING_TRIES, CREATING_S = 5, 1.0
+
 METHOD = "method"
 """Attribute of a trial with the name of the sampler that drew it."""
 

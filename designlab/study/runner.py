@@ -15,7 +15,6 @@ from designlab.study.definition import Study
 from designlab.study.folder import opened
 from designlab.study.results import Results, load_results
 from designlab.study.robust import RobustEvaluator
-from designlab.study.samplers import method
 from designlab.study.search import Search, retry
 from designlab.workers import death, submitter
 
@@ -156,7 +155,7 @@ def _bar(total: int, search: Search, *, shown: bool) -> Iterator[Callable[[], No
     from tqdm import tqdm
 
     with tqdm(
-        desc=f"search by {method(search.study)}",
+        desc="search",
         total=total,
         initial=search.done,
         unit="design",

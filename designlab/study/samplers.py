@@ -47,8 +47,9 @@ def method(study: Study, *, rejected: int = 0) -> str:
     Parameters
     ----------
     rejected : int
-        Designs in a row, up to now, that could not be built. Gaussian processes know nothing of these and
-        would propose the like again: tpe draws in their place, and by chance if that goes on.
+        Designs in a row, up to now, that could not be built or of which no score could be had. Gaussian
+        processes know nothing of these and would propose the like again: tpe draws in their place, and by
+        chance if that goes on.
 
     Raises
     ------

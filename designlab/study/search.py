@@ -4,8 +4,9 @@ import contextlib
 import secrets
 import time
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -114,7 +115,7 @@ class Search:
             if number not in kept:
                 self.record.tell(self.record.ask(), state=TrialState.FAIL)
                 continue
-            attributes = {"slot": number}
+            attributes = {"slot": number} | {k: kept[number][k] for k in (METHOD,) if k in kept[number]}
             self.record.enqueue_trial(dict(kept[number]["parameters"]), user_attrs=attributes)
             trial = self.record.ask(self.distributions)
             self._tell(trial, kept[number]["scores"], _repeat(kept[number]))
@@ -144,6 +145,7 @@ class Search:
             retry(self.study, self.record, trial, died=not interrupted)
             self.record.tell(trial.number, state=TrialState.FAIL, skip_if_finished=self.shared)
         self._own.clear()
+        self._rejected = _rejected_last(trials)
         start = self.study.start()
         if not trials and start is not None:
             self.record.enqueue_trial(start, user_attrs={"slot": 0})
@@ -268,7 +270,7 @@ class Search:
         """Draw the parameters of a trial and sign it."""
         slot, attempt = self._free_slot()
         entropy = np.random.SeedSequence([self.study.seed, slot, attempt, *self._luck])
-        seed, name = int(entropy.generate_state(1)[0]), method(self.study, rejected=self._rejected)
+        seed, name = int(entropy.generate_state(1)[0]), self._method()
         self.record.sampler = sampler(self.study, name, seed, infeasible=self.infeasible)
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", "Heartbeat of storage")  # which `_heartbeats` sees to
@@ -281,6 +283,10 @@ class Search:
             trial.set_user_attr("slot", slot)
             trial.set_user_attr(METHOD, name)
         return trial
+
+    def _method(self) -> str:
+        """Name of the sampler of the next draw; designs without a score count as what cannot be built."""
+        return method(self.study, rejected=self._rejected + self._failed)
 
     def _free_slot(self) -> tuple[int, int]:
         """Smallest slot that no trial holds, and how many designs drawn for it were abandoned."""
@@ -333,7 +339,7 @@ class Search:
             self._reuse(follower, done.trial.number)
 
     def _fail(self, trial: "optuna.Trial", reason: str) -> None:
-        """Record a design of which no score can be had; the sampler learns to keep away from it."""
+        """Record a design of which no score can be had; tpe learns to keep away from it."""
         self._settle(trial, None, {"failed": reason}, {"violation_mm": REFUSED_MM})
         self._failed += 1
         if self._failed >= _FAILURES:
@@ -351,6 +357,8 @@ class Search:
             "margins": task.design.margins(),
             **outcome,
         }
+        if METHOD in task.trial.user_attrs:
+            content[METHOD] = task.trial.user_attrs[METHOD]
         with atomic_folder(trial_folder(self.folder, task.trial.number), replace=True) as folder:
             write_atomic(folder / "design.toml", dumps(task.design))
             if not isinstance(task.subject, Design):
@@ -428,6 +436,12 @@ class Search:
             if scores[name]["value"] is None:
                 return f"{name} is not a finite number"
         return None
+
+
+def _rejected_last(trials: Sequence["optuna.trial.FrozenTrial"]) -> int:
+    """How many designs in a row, up to the last that was settled, could not be built."""
+    settled = [trial for trial in trials if trial.state.name in ("COMPLETE", "PRUNED")]
+    return sum(1 for _ in takewhile(lambda trial: "rejected" in trial.user_attrs, reversed(settled)))
 
 
 def _repeat(outcome: Mapping[str, Any]) -> dict[str, Any]:

@@ -30,8 +30,6 @@ from designlab.study import (
 )
 from designlab.study.folder import opened, reading
 from designlab.study.results import STATES
-from designlab.study.samplers import method
-from designlab.study.samplers import sampler as sampler_of
 from designlab.study.search import Search
 
 
@@ -232,27 +230,6 @@ def test_a_search_ends_where_the_ranges_hold_no_more_designs(tmp_path, monkeypat
     assert run(study, tmp_path, evaluator=closed_form).evaluated == 2
 
 
-def test_tpe_begins_by_chance_with_ten_designs_that_can_be_built():
-    study = make()
-    assert sampler_of(study, "tpe", 0)._n_startup_trials == 10
-    assert sampler_of(study, "tpe", 0, infeasible=30)._n_startup_trials == 40
-
-
-def test_gaussian_processes_draw_where_torch_is_and_tpe_where_designs_cannot_be_built(monkeypatch):
-    for torch, usual in ((True, "gp"), (False, "tpe")):
-        monkeypatch.setattr("designlab.study.samplers.has_torch", lambda torch=torch: torch)
-        assert method(make()) == usual
-        assert method(make(), rejected=1) == "tpe"
-        assert method(make(sampler="nsga2"), rejected=1) == "nsga2"
-        for sampler in ("auto", "tpe", "nsga2"):
-            assert method(make(sampler=sampler), rejected=21) == "random"
-
-
-def test_it_is_kept_which_sampler_drew_a_design(tmp_path):
-    drawn = run(make(sampler="qmc", trials=3), tmp_path).frame["method"]
-    assert list(drawn) == [None, "qmc", "qmc"]  # the base design is drawn by nobody
-
-
 def test_whole_numbers_and_steps_are_kept(tmp_path):
     study = make(
         parameters={
@@ -388,16 +365,6 @@ def test_the_folder_states_the_study_as_it_was_last_run(tmp_path):
     kept = load_study(tmp_path / "study.toml")
     assert (kept.trials, kept.plan, kept.name) == (3, Plan(seeds=4), "longer")
     assert load_results(tmp_path).study == kept
-
-
-def test_gaussian_processes_need_torch(tmp_path):
-    try:
-        import torch  # noqa: F401
-    except ImportError:
-        with pytest.raises(StudyError, match=r"field sampler: 'gp' needs PyTorch.*pip install torch"):
-            run(make(sampler="gp"), tmp_path)
-    else:
-        assert run(make(sampler="gp", trials=12), tmp_path).counts()["complete"] == 12
 
 
 @pytest.mark.filterwarnings("ignore:Heartbeat of storage")

@@ -14,6 +14,7 @@ from designlab.bounds import Bound
 from designlab.design import InfeasibleDesign, preset, preset_names
 from designlab.effects import AppliedEffect, SensorModel
 from designlab.evaluate import evaluate
+from designlab.report.tolerance import tolerance_report
 from designlab.simulate import RenderFailed
 from designlab.tolerance import Spread, default_spreads, load_terms, load_tolerance, tolerance
 from designlab.tolerance.spreads import CUT_SD, copy, deviates, inputs
@@ -293,6 +294,15 @@ def test_the_page_and_the_summary_say_what_was_found(tmp_path, monkeypatch, caps
         assert word in page
     assert cli.main([*words, str(tmp_path / "out"), "--seed", "4"]) == 2
     assert "holds another run" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("spec", "way"),
+    [({"blur": Bound(least=0.0)}, "at or above"), ({"blur": Bound(least=-5.0, most=5.0)}, "at or below")],
+)
+def test_the_yield_curve_counts_the_side_that_the_specification_asks_for(tmp_path, spec, way):
+    page = tolerance_report(run(tmp_path / "out", spec=spec, copies=20), tmp_path / "page.html")
+    assert f"copies {way} (%)" in page.read_text(encoding="utf-8")
 
 
 def test_a_calibration_of_the_drawing_is_for_the_usual_evaluator(tmp_path):
