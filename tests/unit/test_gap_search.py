@@ -155,6 +155,36 @@ def test_all_that_may_win_have_pictures_of_one_quality(bank, renders) -> None:
     assert kept is fitter
 
 
+def test_what_no_longer_contends_is_not_rendered_a_second_time(bank, renders, monkeypatch) -> None:
+    fitter = seeing(bank, applied("contact_kernel"))
+    train, select = [0, 1, 2], [3]
+    start = fitter.fit(fitter.start(train), (), train)
+    fitter.measure(start.state)
+    search = Search(fitter, NAMES, train, select, renders)
+    now = judge(fitter, start.state, select)
+    search.gap = now.gap
+    names = ("contact_kernel", "albedo_field", "vignetting")
+    given = {name: replace(search._attempt(name, start, now), evidence=1000.0) for name in names}
+    given["vignetting"] = replace(given["vignetting"], evidence=490.0)  # less than half from the start
+    judged_anew, rendered = [], []
+
+    def judged(self, name, *_):
+        judged_anew.append(name)
+        return replace(given[name], evidence={"contact_kernel": 240.0, "albedo_field": 100.0}[name])
+
+    def near(self, *_, **__):
+        rendered.append(1)
+        return fitter
+
+    monkeypatch.setattr(Search, "_judged", judged)
+    monkeypatch.setattr(Search, "_near", near)
+    monkeypatch.setattr(Search, "_standing", lambda self, base, now: (fitter, base, now))
+    found = search._contended([(attempt, 0.0) for attempt in given.values()], start, now)[0]
+    assert judged_anew == ["contact_kernel", "albedo_field", "contact_kernel"]
+    assert len(rendered) == len(judged_anew)
+    assert [attempt.evidence for attempt, _ in found] == [240.0, 100.0, 490.0]
+
+
 def test_the_last_fit_is_closer_than_that_of_the_search(bank, renders) -> None:
     fitter = seeing(bank, applied("contact_kernel"))
     train = [0, 1, 2]
