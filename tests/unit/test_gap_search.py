@@ -127,18 +127,24 @@ def test_what_is_far_is_judged_by_pictures_rendered_where_it_stands(bank, render
     assert closer < 0.5 * off
 
 
-def test_all_that_may_win_have_pictures_of_one_quality(bank, renders) -> None:
-    """Pictures rendered where presses stand fit otherwise than others, whatever the effect."""
-    far = SensorModel(
-        design=DESIGN, effects=(AppliedEffect(name="contact_kernel", values={"length_ratio": 1.8}),)
-    )
-    fitter = seeing(bank, far)
+def begun(fitter, renders):
+    """Search on the first three shots, judged by the fourth, and where it begins."""
     train, select = [0, 1, 2], [3]
     start = fitter.fit(fitter.start(train), (), train)
     fitter.measure(start.state)
     search = Search(fitter, NAMES, train, select, renders)
     now = judge(fitter, start.state, select)
     search.gap = now.gap
+    return search, start, now
+
+
+def test_all_that_may_win_have_pictures_of_one_quality(bank, renders) -> None:
+    """Pictures rendered where presses stand fit otherwise than others, whatever the effect."""
+    far = SensorModel(
+        design=DESIGN, effects=(AppliedEffect(name="contact_kernel", values={"length_ratio": 1.8}),)
+    )
+    fitter = seeing(bank, far)
+    search, start, now = begun(fitter, renders)
     rendered, combined = (search._attempt(name, start, now) for name in ("contact_kernel", "albedo_field"))
     given = [(rendered, 0.0), (replace(combined, evidence=rendered.evidence), 0.0)]
     found, own, base, judged = search._contended(given, start, now)
@@ -157,12 +163,7 @@ def test_all_that_may_win_have_pictures_of_one_quality(bank, renders) -> None:
 
 def test_what_no_longer_contends_is_not_rendered_a_second_time(bank, renders, monkeypatch) -> None:
     fitter = seeing(bank, applied("contact_kernel"))
-    train, select = [0, 1, 2], [3]
-    start = fitter.fit(fitter.start(train), (), train)
-    fitter.measure(start.state)
-    search = Search(fitter, NAMES, train, select, renders)
-    now = judge(fitter, start.state, select)
-    search.gap = now.gap
+    search, start, now = begun(fitter, renders)
     names = ("contact_kernel", "albedo_field", "vignetting")
     given = {name: replace(search._attempt(name, start, now), evidence=1000.0) for name in names}
     given["vignetting"] = replace(given["vignetting"], evidence=490.0)  # less than half from the start
