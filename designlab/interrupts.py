@@ -45,7 +45,26 @@ class Interrupts:
         finally:
             self._allowed = False
 
+    @property
+    def pending(self) -> bool:
+        """Whether Ctrl-C was pressed since the beginning."""
+        return self._pending
+
     def check(self) -> None:
         """Raise KeyboardInterrupt if Ctrl-C was pressed since the beginning."""
         if self._pending:
             raise KeyboardInterrupt
+
+
+@contextlib.contextmanager
+def held() -> Iterator[None]:
+    """Hold Ctrl-C back while code runs that it would leave half done, then hand it on.
+
+    A native library that is interrupted while it loads fails in ways of its own, or ends the process later.
+    """
+    try:
+        with Interrupts() as interrupts:
+            yield
+    finally:
+        if interrupts.pending:
+            signal.raise_signal(signal.SIGINT)

@@ -77,13 +77,23 @@ def _run(arguments: list[str], as_json: bool) -> int:
     except Exception as error:
         if debug:
             traceback.print_exc()
-        status, reason = _judge(error)
+        status, reason = (
+            _judge(error) if not _is_interrupt(error) else (INTERRUPTED, f"interrupted; {resume}")
+        )
     else:
         _say(_encoded(result.data) if as_json else result.text)
         return result.status
     if as_json:
         _say(_encoded({"error": reason, "exit_status": status}))
     return _complain(reason, status)
+
+
+def _is_interrupt(error: Exception) -> bool:
+    """Whether Ctrl-C is behind a failure: a native library that it meets while loading fails its own way."""
+    before: BaseException | None = error if isinstance(error, ImportError | SystemError) else None
+    while before is not None and not isinstance(before, KeyboardInterrupt):
+        before = before.__cause__ or before.__context__
+    return before is not None
 
 
 def _judge(error: Exception) -> tuple[int, str]:

@@ -21,6 +21,7 @@ from functools import cache
 from pathlib import Path
 
 from designlab import store
+from designlab.interrupts import held
 from designlab.render import llvm
 
 VARIANTS = ("cuda_ad_rgb", "llvm_ad_rgb", "scalar_rgb")
@@ -144,9 +145,10 @@ def activate() -> Backend:
     backend = choose()
     if backend.llvm_path:
         os.environ[llvm.LIBRARY_VARIABLE] = backend.llvm_path
-    import mitsuba
+    with held():
+        import mitsuba
 
-    mitsuba.set_variant(backend.variant)
+        mitsuba.set_variant(backend.variant)
     return backend
 
 

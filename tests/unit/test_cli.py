@@ -186,6 +186,15 @@ class TestFailures:
         assert len(err.splitlines()) == 1
         assert "error" in json.loads(run("presets", "--json")[1])
 
+    def test_ctrl_c_while_a_native_library_loads_is_no_defect(self, run, monkeypatch):
+        def loading(args):
+            raise ImportError("while initializing the extension") from KeyboardInterrupt()
+
+        monkeypatch.setattr(designs, "presets", loading)
+        status, _, err = run("presets")
+        assert status == 130
+        assert "run the same command again" in err
+
     def test_a_value_error_of_a_library_is_a_defect_and_not_bad_input(self, run, monkeypatch):
         monkeypatch.setattr(designs, "presets", lambda args: np.linalg.inv(np.ones((2, 3))))
         status, _, err = run("presets")
