@@ -77,9 +77,10 @@ def _run(arguments: list[str], as_json: bool) -> int:
     except Exception as error:
         if debug:
             traceback.print_exc()
-        status, reason = (
-            _judge(error) if not _is_interrupt(error) else (INTERRUPTED, f"interrupted; {resume}")
-        )
+        if _is_interrupt(error):
+            status, reason = INTERRUPTED, f"interrupted; {resume}"
+        else:
+            status, reason = _judge(error)
     else:
         _say(_encoded(result.data) if as_json else result.text)
         return result.status
