@@ -7,6 +7,14 @@ import pytest
 from designlab.interrupts import Interrupts, held
 
 
+@pytest.fixture(autouse=True)
+def _heard():
+    """A run in the background may have inherited the order to ignore Ctrl-C."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def test_ctrl_c_waits_until_what_holds_it_back_is_done() -> None:
     done = []
 
@@ -44,3 +52,10 @@ def test_nothing_is_left_behind() -> None:
     with held():
         assert signal.getsignal(signal.SIGINT) != before
     assert signal.getsignal(signal.SIGINT) == before
+
+
+def test_who_ignores_ctrl_c_goes_on_ignoring_it() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with held():
+        signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
