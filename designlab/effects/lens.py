@@ -1,9 +1,10 @@
 """Effects of the camera's lens."""
 
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
-from scipy.ndimage import convolve1d, gaussian_filter
+from scipy.ndimage import convolve1d, gaussian_filter1d
 from scipy.special import ive
 
 from designlab.camera import View
@@ -146,8 +147,16 @@ class VeilingGlare(Effect):
         share = values["share"]
         if not share:
             return light
-        width = GLARE_WIDTH * light.shape[-1]
-        veil = gaussian_filter(
-            np.asarray(light, dtype=float), (0, width, width), mode="reflect", truncate=3.0
-        )
+        rows, columns = light.shape[-2:]
+        width = GLARE_WIDTH * columns
+        veil = _spreading(rows, width) @ np.asarray(light, dtype=float) @ _spreading(columns, width).T
         return np.asarray((1 - share) * light + share * veil, dtype=light.dtype)
+
+
+@lru_cache(maxsize=8)
+def _spreading(size: int, width_px: float) -> Array:
+    """Matrix that smooths lines of a picture by a Gaussian, mirrored at the ends.
+
+    A veil is about as wide as the picture: the product with a matrix takes less time than a convolution.
+    """
+    return np.asarray(gaussian_filter1d(np.eye(size), width_px, axis=0, mode="reflect", truncate=3.0))

@@ -112,35 +112,33 @@ def system(
     share = min(1.0, smooth_alike / alike)
     size = len(unknowns)
     gram, right, misfit = np.zeros((size, size)), np.zeros(size), 0.0
-    common: dict[tuple[int, ...], list[NDArray[np.float32]]] = {}
+    common: dict[tuple[int, ...], NDArray[np.float32]] = {}
     weight: dict[tuple[int, ...], Array] = {}
-    budget: dict[tuple[int, ...], Array] = {}
+    latest: dict[tuple[int, ...], Noise] = {}
     for number in shots:
         shot, own = forward.shot(number), noises[number]
         used = [k for k, u in enumerate(unknowns) if u.shot in (-1, number)]
         predicted, columns = forward.linear(state, number, [unknowns[k] for k in used])
-        residual = shot.signal - predicted
-        scale = np.where(shot.valid, 1.0 / own.sigma, 0.0)
-        columns *= scale[..., None].astype(np.float32)
-        both = np.concatenate([columns, (residual * scale)[..., None].astype(np.float32)], axis=-1)
-        coefficients = transformed(both)
-        diagonal = own.alone()
-        rows = (coefficients / np.sqrt(diagonal)[..., None].astype(np.float32)).reshape(-1, len(used) + 1)
-        part = np.asarray(rows.T @ rows, dtype=float)
+        scale = np.where(shot.valid, 1.0 / own.sigma, 0.0).astype(np.float32)
+        residual = np.asarray(shot.signal - predicted, dtype=np.float32)
+        coefficients = transformed(np.concatenate([columns, residual[None]]) * scale, axes=(1, 2))
+        rows = (coefficients / np.sqrt(own.alone).astype(np.float32)).reshape(len(coefficients), -1)
+        part = np.asarray(rows @ rows.T, dtype=float)
         gram[np.ix_(used, used)] += part[:-1, :-1]
         right[used] += part[:-1, -1]
         misfit += float(part[-1, -1])
         # What all shots have in common: their sum, weighed by how bright each is.
-        key = shot.signal.shape[:2]
-        bright = own.level / diagonal
-        total = common.setdefault(key, [np.zeros((*key, 3, size + 1), dtype=np.float32)])[0]
-        total[..., [*used, size]] += coefficients * bright[..., None].astype(np.float32)
+        key, bright = shot.signal.shape[:2], own.level / own.alone
+        total = common.setdefault(key, np.zeros((size + 1, *key, 3), dtype=np.float32))
+        total[[*used, size]] += coefficients * bright.astype(np.float32)
         weight[key] = weight.get(key, np.zeros((*key, 3))) + own.level * bright
-        budget[key] = own.common(mean=False, share=share)  # the mean of all is what gains are fitted for
-    for key, (total,) in common.items():
-        root = np.sqrt(budget[key] / (1.0 + budget[key] * weight[key])).astype(np.float32)
-        shared = (total * root[..., None]).reshape(-1, size + 1)
-        part = np.asarray(shared.T @ shared, dtype=float)
+        latest[key] = own
+    for key, total in common.items():
+        # The mean of all is what gains are fitted for.
+        budget = latest[key].common(mean=False, share=share)
+        root = np.sqrt(budget / (1.0 + budget * weight[key])).astype(np.float32)
+        shared = (total * root).reshape(size + 1, -1)
+        part = np.asarray(shared @ shared.T, dtype=float)
         gram -= part[:-1, :-1]
         right -= part[:-1, -1]
         misfit -= float(part[-1, -1])

@@ -87,12 +87,12 @@ class Fitter:
         for number in shots:
             shot = self.bank.shots[number]
             unknowns = [Unknown("gain", name, 1.0) for name in design.group_names]
-            columns = self.forward.columns(unit, number, unknowns)[shot.valid].astype(float)
+            columns = self.forward.columns(unit, number, unknowns)[:, shot.valid].astype(float)
             signal = (shot.signal - self.forward.predict(replace(unit, gains=0 * unit.gains), number))[
                 shot.valid
             ]
-            matrix += columns.T @ columns
-            right += columns.T @ signal
+            matrix += columns @ columns.T
+            right += columns @ signal
         for name, light in zip(design.group_names, np.diag(matrix), strict=True):
             if not light > 0:
                 raise ValueError(f"measurement: no frame is lit by the LED group {name!r} of the model")

@@ -301,14 +301,14 @@ class Forward:
         return signal
 
     def columns(self, state: State, number: int, unknowns: Sequence[Unknown]) -> Single:
-        """Derivative of a shot's signal by unknowns, per prior standard deviation: (rows, columns, 3, n)."""
+        """Derivative of a shot's signal by unknowns, per prior standard deviation: (n, rows, columns, 3)."""
         return self.linear(state, number, unknowns)[1]
 
     def linear(self, state: State, number: int, unknowns: Sequence[Unknown]) -> tuple[Array, Single]:
         """Signal of a shot and its derivatives, see `predict` and `columns`."""
         picture, shot = self.bank.of(number), self.shot(number)
         rows, width = shot.view.rows, shot.view.columns
-        found = np.zeros((rows, width, 3, len(unknowns)), dtype=np.float32)
+        found = np.zeros((len(unknowns), rows, width, 3), dtype=np.float32)
         light = self.light(state, number)
         warped, sharp = self._seen(state, number, light)
         optics = self._after_warp(state, number, warped)
@@ -333,26 +333,26 @@ class Forward:
             elif unknown.effect == "gain":
                 group = self.design.group_names.index(unknown.name)
                 part = mixing[:, group, None, None] * optics[group] / state.gains[group]
-                found[..., place] = unknown.sd * np.moveaxis(part, 0, -1) * gain
+                found[place] = unknown.sd * np.moveaxis(part, 0, -1) * gain
             elif unknown.effect in ("exposure_drift", "banding"):
                 wave: Array | float = 1.0
                 if unknown.effect == "banding":
                     period = state.values["banding"]["period_rows"]
                     wave = self._waves(number, period)[int(unknown.name)]
                 part = np.tensordot(mixing, optics * wave, axes=1)
-                found[..., place] = unknown.sd * np.moveaxis(part, 0, -1) * gain
+                found[place] = unknown.sd * np.moveaxis(part, 0, -1) * gain
             elif unknown.effect in WARPING:
                 looks.append(self._look_slope(state, number, unknown, warped, sharp))
                 looking.append(place)
             else:
-                found[..., place] = self._difference(state, number, unknown, (light, warped, optics))
+                found[place] = self._difference(state, number, unknown, (light, warped, optics))
         if slopes:
             looks.append(np.asarray(self._warped(state, number, np.concatenate(slopes), straight=True)))
         if looks:
             pushed = self._after_warp(state, number, np.concatenate(looks))
             pushed = pushed.reshape(-1, len(mixing[0]), rows, width)
             channels = np.tensordot(mixing, pushed, axes=([1], [1]))  # (3, n, rows, columns)
-            found[..., [*looking, *places]] = channels.transpose(2, 3, 0, 1) * gain[..., None]
+            found[[*looking, *places]] = channels.transpose(1, 2, 3, 0) * gain
         return here, found
 
     def _look_slope(

@@ -8,6 +8,7 @@ its grain comes on top: it is measured, and mostly the same in all frames, see `
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +78,7 @@ class Noise:
     grain: Grain | None = None
     shot: float = SHOT_BUDGET
 
+    @cached_property
     def alone(self) -> Array:
         """Variance of coefficients, in units of sigma, that no other shot shares, (rows, columns, 3)."""
         power = spectrum(self.sigma.shape[:2])[..., None]
@@ -126,6 +128,6 @@ def spectrum(shape: tuple[int, int]) -> Array:
     return np.asarray(power / power.mean())
 
 
-def transformed(values: NDArray[np.floating]) -> NDArray[np.float32]:
-    """Orthonormal cosine transform over rows and columns of (rows, columns, ...)."""
-    return np.asarray(dctn(values.astype(np.float32), axes=(0, 1), norm="ortho"), dtype=np.float32)
+def transformed(values: NDArray[np.floating], *, axes: tuple[int, int] = (0, 1)) -> NDArray[np.float32]:
+    """Orthonormal cosine transform over rows and columns, which are the first axes unless told otherwise."""
+    return np.asarray(dctn(values.astype(np.float32), axes=axes, norm="ortho"), dtype=np.float32)

@@ -90,7 +90,7 @@ def _common(fitter: Fitter, state: State, shots: Sequence[int]) -> tuple[Array, 
     for noise, left, light in _residuals(fitter, state, shots):
         # A pattern is relative to the light however dark it is; smooth errors are granted more.
         level = np.sqrt((light**2).mean(axis=(0, 1)))
-        diagonal, granted = noise.alone(), noise.common()
+        diagonal, granted = noise.alone, noise.common()
         weight += level**2 / diagonal
         right += level * transformed(left) / diagonal
         shared += level * noise.level / diagonal
@@ -105,7 +105,7 @@ def _estimated(fitter: Fitter, state: State, shots: Sequence[int], rms: float) -
     shape = fitter.bank.shots[shots[0]].signal.shape
     weight, right = np.full(shape, rms**-2), np.zeros(shape)
     for noise, left, light in _residuals(fitter, state, shots):
-        variance = noise.alone() + noise.common() * noise.level**2
+        variance = noise.alone + noise.common() * noise.level**2
         rough = idctn(transformed(left) / variance, axes=(0, 1), norm="ortho")
         weight += light**2
         right += light * rough

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from designlab.camera import View, Vignetting
 from designlab.design import Design, DesignError, preset
@@ -404,6 +405,15 @@ def test_glare_keeps_the_mean_and_takes_contrast() -> None:
     found = effect("veiling_glare").on_light(before, {"share": 0.1}, seen)
     np.testing.assert_allclose(found.mean(axis=(1, 2)), before.mean(axis=(1, 2)), rtol=1e-3)
     assert found.std() / before.std() == pytest.approx(0.9, abs=0.01)
+
+
+def test_glare_is_a_wide_gaussian_of_the_mirrored_picture() -> None:
+    before = np.random.default_rng(0).uniform(size=(2, 18, 24))
+    found = effect("veiling_glare").on_light(before, {"share": 1.0}, sight())
+    mirrored = np.pad(before, ((0, 0), (36, 36), (48, 48)), mode="symmetric")
+    width = 0.3 * 24
+    veil = gaussian_filter(mirrored, (0, width, width), mode="constant", truncate=3.0)[:, 36:-36, 48:-48]
+    np.testing.assert_allclose(found, veil, rtol=1e-12)
 
 
 def test_albedo_field_has_no_mean_over_the_area_and_is_the_polynomial() -> None:

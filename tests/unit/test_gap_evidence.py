@@ -22,8 +22,8 @@ class Known:
 
     def __init__(self, seed: int) -> None:
         random = np.random.default_rng(seed)
-        self.derivatives = random.standard_normal((2, *SHAPE, len(UNKNOWNS)))
-        self.derivatives[1, ..., 2] = 0.0  # the pose of the first shot
+        self.derivatives = random.standard_normal((2, len(UNKNOWNS), *SHAPE))
+        self.derivatives[1, 2] = 0.0  # the pose of the first shot
         self.signals = random.standard_normal((2, *SHAPE))
         self.valid = random.random((2, *SHAPE)) > 0.1
 
@@ -31,7 +31,7 @@ class Known:
         return SimpleNamespace(signal=self.signals[number], valid=self.valid[number])
 
     def linear(self, state: object, number: int, unknowns: list[Unknown]) -> tuple[np.ndarray, np.ndarray]:
-        columns = self.derivatives[number][..., [UNKNOWNS.index(u) for u in unknowns]]
+        columns = self.derivatives[number][[UNKNOWNS.index(u) for u in unknowns]]
         return np.zeros(SHAPE), columns.astype(np.float32)
 
 
@@ -91,7 +91,7 @@ def test_normal_equations_are_those_of_the_dense_covariance(grainy: float, alike
         inverse = np.linalg.inv(np.block([[apart[0], zero], [zero, apart[1]]]) + shared)
         scale = (known.valid[..., channel] / 0.5).reshape(2, -1)
         rows = np.concatenate(
-            [known.derivatives[n, :, :, channel].reshape(-1, 3) * scale[n][:, None] for n in range(2)]
+            [known.derivatives[n, ..., channel].reshape(3, -1).T * scale[n][:, None] for n in range(2)]
         )
         left = np.concatenate([known.signals[n, :, :, channel].ravel() * scale[n] for n in range(2)])
         gram += rows.T @ inverse @ rows

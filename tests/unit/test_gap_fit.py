@@ -113,7 +113,7 @@ def test_columns_are_the_derivatives_of_what_is_predicted(bank) -> None:
         step[place] = 1e-2
         ends = [fitter.forward.predict(fitter.moved(state, unknowns, s), 1) for s in (step, -step)]
         slope = (ends[0] - ends[1]) / 2e-2
-        assert np.abs(columns[..., place] - slope).max() <= 0.02 * np.abs(slope).max() + 1e-7, unknown
+        assert np.abs(columns[place] - slope).max() <= 0.02 * np.abs(slope).max() + 1e-7, unknown
 
 
 def test_poses_and_gains_are_found_without_any_effect(bank) -> None:
