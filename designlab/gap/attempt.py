@@ -46,8 +46,9 @@ def refused(attempt: Attempt, base: State, fitter: Fitter, train: Sequence[int],
     if attempt.gain.squares < LEAST_SHARE and not settles:
         taken = f"takes {attempt.gain.squares:.1%} of the squared residual beyond noise away"
         return f"{taken}, less than {LEAST_SHARE:.1%}"
-    # Some draws of a single shot are small: not every one can gain.
-    if not drawn and attempt.gain.improved < LEAST_IMPROVED:
+    # Some draws of a single shot are small, and some errors of a press's own pose make up for what all have
+    # in common: not every one can gain.
+    if not (drawn or settles) and attempt.gain.improved < LEAST_IMPROVED:
         return f"only {attempt.gain.improved:.0%} of the held-out presses improve"
     if (worse := _untouched_worse(attempt, base, fitter, train)) > LEAST_SHARE:
         return f"adds {worse:.1%} to the residual of the untouched gel"

@@ -17,7 +17,7 @@ from toy_gap import (
 )
 
 from designlab.effects import AppliedEffect, SensorModel, effect
-from designlab.gap.attempt import Attempt, as_good, closes_more, unsure
+from designlab.gap.attempt import Attempt, as_good, closes_more, refused, unsure
 from designlab.gap.bank import Bank, fill, moved
 from designlab.gap.control import control
 from designlab.gap.evidence import System
@@ -410,3 +410,15 @@ def test_more_is_asked_of_an_effect_beside_others(bank) -> None:
     assert not unsure(sharp, 1000.0, later=False)
     settled = replace(differing, gain=replace(differing.gain, settles_poses=True))
     assert not unsure(settled, 1000.0, later=False)
+
+
+def test_not_every_press_need_gain_by_what_puts_the_poses_of_all_right(bank) -> None:
+    """The own error of a press may make up for what all have in common."""
+    fitter = seeing(bank, SensorModel.of(DESIGN))
+    fitter.start([0, 1, 2])
+    before = judged([250.0, 252.0, 248.0, 250.0])
+    some = attempt(fitter, "contact_kernel", 500.0, [150.0, 152.0, 249.0, 251.0], before)
+    few = replace(some, gain=replace(some.gain, own=0.5, own_se=0.0, squares=0.5, improved=0.67))
+    assert refused(few, State(GAINS), fitter, [0, 1], 1000.0).startswith("only 67%")
+    settled = replace(few, gain=replace(few.gain, settles_poses=True))
+    assert not refused(settled, State(GAINS), fitter, [0, 1], 1000.0)
