@@ -13,7 +13,8 @@ from designlab.gap.state import State
 DECISIVE = 16.0  # logarithm of the Bayes factor from which an effect counts as seen
 LATER_DECISIVE = 30.0  # likewise beside other effects
 AS_GOOD = 6.0  # difference of such logarithms within which effects are not told apart
-AS_GOOD_SHARE = 0.1  # likewise, of the whole: how many values count as one is known no better
+AS_GOOD_SHARE = 0.15  # likewise, of the whole: how many values count as one is known no better
+PREFERRED_SHARE = 0.1  # of the whole, by which an effect must be ahead to be named before a simpler one
 LEAST_OWN = 0.1  # of the own gap of a press, in the mean, where few presses show most of an effect
 SURE_SE = 1.5  # standard errors that a gain must be beyond: presses differ in how much they show of an effect
 LEAST_OF_FIRST = 0.005  # of the first gap that any later effect must close
@@ -37,9 +38,18 @@ class Attempt:
     evidence: float
 
 
-def refused(attempt: Attempt, base: State, fitter: Fitter, train: Sequence[int], gap: float) -> str:
-    """Why a candidate does not pass, beside a state fitted with a fitter's pictures; empty if it does."""
-    if reason := unsure(attempt, gap, later=bool(base.values)):
+def refused(
+    attempt: Attempt, base: State, fitter: Fitter, train: Sequence[int], gap: float, *, surely: bool = True
+) -> str:
+    """Why a candidate does not pass, beside a state fitted with a fitter's pictures; empty if it does.
+
+    Parameters
+    ----------
+    surely : bool
+        Whether its gain must be sure. Once another passes, something is missing for certain, and what takes
+        away as much may be it, however much presses differ.
+    """
+    if reason := unsure(attempt, gap, later=bool(base.values), surely=surely):
         return reason
     drawn = attempt.name in DRAWN_SD
     settles = attempt.gain.settles_poses and attempt.gain.squares > -LEAST_SHARE
@@ -62,7 +72,7 @@ def refused(attempt: Attempt, base: State, fitter: Fitter, train: Sequence[int],
     return ""
 
 
-def unsure(attempt: Attempt, gap: float, *, later: bool) -> str:
+def unsure(attempt: Attempt, gap: float, *, later: bool, surely: bool = True) -> str:
     """Why evidence and gain of a candidate do not suffice; empty if they do.
 
     Beside other effects more is asked: what their models miss has a shape, which another may take up.
@@ -78,7 +88,7 @@ def unsure(attempt: Attempt, gap: float, *, later: bool) -> str:
     joint = attempt.name in DRAWN_SD or attempt.gain.settles_poses
     sure = share - SURE_SE * se >= least
     sure_own = attempt.gain.own - SURE_SE * attempt.gain.own_se >= LEAST_OWN
-    if not (joint or sure or sure_own):
+    if surely and not (joint or sure or sure_own):
         return f"closes {share:.1%} of the gap, give or take {se:.1%}: {least:.1%} are not sure"
     return ""
 
@@ -116,9 +126,15 @@ def as_good(one: Attempt, most_likely: Attempt, gap: float) -> bool:
     return lead <= least_lead(most_likely.evidence) and not closes_more(most_likely, one, gap)
 
 
-def least_lead(evidence: float) -> float:
-    """By how much the evidence of an effect must be ahead of another's for the other to count as worse."""
-    return max(AS_GOOD, AS_GOOD_SHARE * evidence)
+def least_lead(evidence: float, share: float = AS_GOOD_SHARE) -> float:
+    """By how much the evidence of an effect must be ahead of another's for the other to count as worse.
+
+    Parameters
+    ----------
+    share : float
+        Of the evidence, that this is at least.
+    """
+    return max(AS_GOOD, share * evidence)
 
 
 def _share_gone(share: float) -> str:

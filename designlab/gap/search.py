@@ -8,7 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.effects import effect
-from designlab.gap.attempt import DECISIVE, Attempt, as_good, closes_more, least_lead, refused
+from designlab.gap.attempt import (
+    DECISIVE,
+    PREFERRED_SHARE,
+    Attempt,
+    as_good,
+    closes_more,
+    least_lead,
+    refused,
+)
 from designlab.gap.basis import Renders
 from designlab.gap.coordinates import coordinate
 from designlab.gap.exact import beyond, exact_fitter, is_exact, is_far, looks_elsewhere
@@ -137,19 +145,16 @@ class Search:
         attempts, own, base, now = self._contended(attempts, base, now)
         most = max((attempt.evidence for attempt, _ in attempts), default=0.0)
         rivals = {a.name: a.judged.state for a, _ in attempts if self._contends(a, most)}
-        passed = []
-        for attempt, seconds in attempts:
-            reason = self._refused(attempt, base.state, own)
-            self._note(number, attempt, reason or "passed", seconds)
-            if not reason:
-                passed.append(attempt)
+        passed = self._passed(number, attempts, base.state, own)
         if not passed:
             return None
         leading = self._leading(passed)
         most_likely = max(leading, key=lambda attempt: attempt.evidence)
         equal = [a for a in passed if as_good(a, most_likely, self.gap)]
         # Of effects that explain as much, the simplest: another has parameters for what nobody has listed.
-        as_much = [a for a in equal if a in leading and not closes_more(most_likely, a, self.gap)]
+        behind = least_lead(most_likely.evidence, PREFERRED_SHARE)
+        likely = [a for a in equal if a in leading and most_likely.evidence - a.evidence <= behind]
+        as_much = [a for a in likely if not closes_more(most_likely, a, self.gap)]
         best = min(as_much, key=lambda a: (len(self.fitter.forward.parameters[a.name]), -a.evidence))
         alike = self._alike(best, base, [a.name for a in passed])
         equal += [a for a in passed if a.name in alike and a not in equal]
@@ -157,6 +162,17 @@ class Search:
         self.winners.append(Winner(best.name, tuple(equal), best.gain.value, rivals))
         near = self._near(best.fitter, best.judged.state, exactly=True)
         return best if near is None else self._judged(best.name, base, now, best.fit.state, near)
+
+    def _passed(
+        self, number: int, attempts: Sequence[tuple[Attempt, float]], base: State, own: Fitter
+    ) -> list[Attempt]:
+        """Attempts that pass; why others do not is noted."""
+        reasons = [self._refused(attempt, base, own) for attempt, _ in attempts]
+        if not all(reasons):
+            reasons = [self._refused(attempt, base, own, surely=False) for attempt, _ in attempts]
+        for reason, (attempt, seconds) in zip(reasons, attempts, strict=True):
+            self._note(number, attempt, reason or "passed", seconds)
+        return [attempt for reason, (attempt, _) in zip(reasons, attempts, strict=True) if not reason]
 
     def _contended(
         self, attempts: Sequence[tuple[Attempt, float]], base: Fit, now: Judged
@@ -343,7 +359,7 @@ class Search:
                 if not self._refused(rival, without.state, own):
                     rivals.append(rival)
         best = max(rivals, key=lambda rival: rival.evidence, default=None)
-        least = attempt.evidence + least_lead(attempt.evidence)
+        least = attempt.evidence + least_lead(attempt.evidence, PREFERRED_SHARE)
         return best if best is not None and best.evidence > least else None
 
     def _inherit(self, number: int, dropped: Winner, state: State) -> None:
@@ -407,8 +423,8 @@ class Search:
         before = self._reached[name]
         return replace(base.with_values(name, before.values[name]), poses=before.poses)
 
-    def _refused(self, attempt: Attempt, base: State, own: Fitter) -> str:
-        return refused(attempt, base, own, self.train, self.gap)
+    def _refused(self, attempt: Attempt, base: State, own: Fitter, *, surely: bool = True) -> str:
+        return refused(attempt, base, own, self.train, self.gap, surely=surely)
 
     def _tell(self, what: str, left: int) -> None:
         """Report that a step begins, after which `left` - 1 are known to follow."""
