@@ -40,13 +40,12 @@ COLUMNS = 96  # those that all limits and confidence were learnt at: evidence gr
 OVERLAPPING = 0.5  # share of an effect's signature from which a pair is reported
 USUAL_SELECT = 6  # presses to choose by of the sets that confidence was learnt from
 UNEXPLAINED_ABOVE = 0.5  # leftover share of the gap from which nothing is named
-PARTIAL_ABOVE = 0.1  # leftover share from which an explanation is partial
-PARTIAL_ABOVE_FLOOR = 0.03  # likewise, where what is left is more than the simulation may be wrong by
+PARTIAL_ABOVE = 0.015  # leftover share from which an explanation is partial
 NAMELESS = ("unexplained", "at_floor")  # verdicts that name nothing
 AT_FLOOR = 1.3  # mean squared residual over the floor below which there is no gap to explain
 GIVEN_BACK = 0.1  # of what a search removes of the gap, which the last fit must not give back
 OTHER_SIZE_SD = 2.5  # usual errors of the size of a probe from which it is worth a note
-NEAR = 0.8  # likewise, below which names leave nothing to explain; sets that hide nothing are below it
+NEAR = 0.75  # likewise, below which names leave nothing to explain; sets that hide nothing are below it
 
 
 def diagnose(
@@ -252,8 +251,7 @@ def verdict_of(alike: Sequence[Sequence[str]], before: float, after: float, floo
         return "at_floor" if after < AT_FLOOR * floor else "unexplained"
     if _left(before, after, floor) > UNEXPLAINED_ABOVE:
         return "unexplained"
-    most = PARTIAL_ABOVE if after < floor else PARTIAL_ABOVE_FLOOR
-    if after >= NEAR * floor and _left(before, after, left_of_nothing() * floor) > most:
+    if after >= NEAR * floor and _left(before, after, left_of_nothing() * floor) > PARTIAL_ABOVE:
         return "partial"
     return "ambiguous" if any(len(names) > 1 for names in alike) else "named"
 

@@ -190,10 +190,10 @@ ONE, SEVERAL = [("vignetting",)], [("vignetting",), ("led_tilt", "led_profile")]
         ([], 1.4, 1.4, "unexplained"),
         (ONE, 1.1, 0.7, "named"),  # no more is left than where nothing is hidden
         (ONE, 0.75, 0.7, "named"),
-        (ONE, 9.0, 0.9, "named"),  # a twentieth of the gap
-        (ONE, 1.5, 0.9, "partial"),  # a third of what nothing would not leave
+        (ONE, 1.1, 0.8, "partial"),  # more than nothing would leave
+        (ONE, 9.0, 0.8, "partial"),  # likewise, 3 % of the gap
         (ONE, 90.0, 1.5, "named"),  # an effect of that size is known no better
-        (ONE, 9.0, 1.5, "partial"),  # more than the simulation may be wrong by
+        (ONE, 9.0, 1.5, "partial"),
         (ONE, 9.0, 5.5, "unexplained"),
         (SEVERAL, 9.0, 0.7, "ambiguous"),
         (SEVERAL, 9.0, 1.5, "partial"),  # whichever of them it is
