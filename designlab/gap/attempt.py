@@ -13,8 +13,7 @@ from designlab.gap.state import State
 DECISIVE = 16.0  # logarithm of the Bayes factor from which an effect counts as seen
 LATER_DECISIVE = 30.0  # likewise beside other effects
 AS_GOOD = 6.0  # difference of such logarithms within which effects are not told apart
-AS_GOOD_SHARE = 0.15  # likewise, of the whole: how many values count as one is known no better
-PREFERRED_SHARE = 0.1  # of the whole, by which an effect must be ahead to be named before a simpler one
+AS_GOOD_SHARE = 0.1  # likewise, of the whole: how many values count as one is known no better
 LEAST_OWN = 0.1  # of the own gap of a press, in the mean, where few presses show most of an effect
 SURE_SE = 1.5  # standard errors that a gain must be beyond: presses differ in how much they show of an effect
 LEAST_OF_FIRST = 0.005  # of the first gap that any later effect must close
@@ -126,15 +125,9 @@ def as_good(one: Attempt, most_likely: Attempt, gap: float) -> bool:
     return lead <= least_lead(most_likely.evidence) and not closes_more(most_likely, one, gap)
 
 
-def least_lead(evidence: float, share: float = AS_GOOD_SHARE) -> float:
-    """By how much the evidence of an effect must be ahead of another's for the other to count as worse.
-
-    Parameters
-    ----------
-    share : float
-        Of the evidence, that this is at least.
-    """
-    return max(AS_GOOD, share * evidence)
+def least_lead(evidence: float) -> float:
+    """By how much the evidence of an effect must be ahead of another's for the other to count as worse."""
+    return max(AS_GOOD, AS_GOOD_SHARE * evidence)
 
 
 def _share_gone(share: float) -> str:

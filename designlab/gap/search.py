@@ -8,15 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.effects import effect
-from designlab.gap.attempt import (
-    DECISIVE,
-    PREFERRED_SHARE,
-    Attempt,
-    as_good,
-    closes_more,
-    least_lead,
-    refused,
-)
+from designlab.gap.attempt import DECISIVE, Attempt, as_good, closes_more, least_lead, refused
 from designlab.gap.basis import Renders
 from designlab.gap.coordinates import coordinate
 from designlab.gap.exact import beyond, exact_fitter, is_exact, is_far, looks_elsewhere
@@ -152,9 +144,7 @@ class Search:
         most_likely = max(leading, key=lambda attempt: attempt.evidence)
         equal = [a for a in passed if as_good(a, most_likely, self.gap)]
         # Of effects that explain as much, the simplest: another has parameters for what nobody has listed.
-        behind = least_lead(most_likely.evidence, PREFERRED_SHARE)
-        likely = [a for a in equal if a in leading and most_likely.evidence - a.evidence <= behind]
-        as_much = [a for a in likely if not closes_more(most_likely, a, self.gap)]
+        as_much = [a for a in equal if a in leading and not closes_more(most_likely, a, self.gap)]
         best = min(as_much, key=lambda a: (len(self.fitter.forward.parameters[a.name]), -a.evidence))
         alike = self._alike(best, base, [a.name for a in passed])
         equal += [a for a in passed if a.name in alike and a not in equal]
@@ -291,7 +281,7 @@ class Search:
     def _pruned(self, number: int, best: Fit, now: Judged) -> tuple[Fit, Judged]:
         """Drop effects of earlier rounds that the later ones have made needless, or put better ones there.
 
-        What explains most alone need not do so beside another.
+        What explains most alone need not do so beside another, nor need what does as well alone.
         """
         for winner in self.winners[:-1]:
             state = best.state.without(winner.name)
@@ -315,12 +305,15 @@ class Search:
                 self.winners.remove(winner)
                 best, now, self.fitter = without, judged, own
                 self._inherit(number, winner, best.state)
-            elif other := self._better(winner, attempt, without, judged, own):
-                self._note(number, attempt, f"dropped: {other.name} does more beside the others")
-                self._note(number, other, "passed")
-                place = self.winners.index(winner)
-                self.winners[place] = Winner(other.name, (other,), winner.gain, winner.rivals)
-                best, now, self.fitter = other.fit, other.judged, other.fitter
+                continue
+            rivals = self._rivals(winner, attempt, without, judged, own)
+            found = self._beside(winner, attempt, rivals, without)
+            if found.name != winner.name:
+                leader = found.equals[0]
+                self._note(number, attempt, f"dropped: {leader.name} does more beside the others")
+                self._note(number, leader, "passed")
+                best, now, self.fitter = leader.fit, leader.judged, leader.fitter
+            self.winners[self.winners.index(winner)] = found
         return best, now
 
     def _drop_named(self) -> None:
@@ -331,10 +324,21 @@ class Search:
             for w in self.winners
         ]
 
-    def _better(
+    def _beside(self, winner: Winner, attempt: Attempt, rivals: Sequence[Attempt], without: Fit) -> Winner:
+        """A winner, or what surely does more beside the effects found since, with what does as well."""
+        passed = [attempt, *rivals]
+        best = max(passed, key=lambda a: a.evidence)
+        if best.evidence <= attempt.evidence + least_lead(attempt.evidence):
+            best = attempt
+        alike = self._alike(best, without, [a.name for a in passed])
+        equal = [a for a in passed if a.name in alike or as_good(a, best, self.gap)]
+        equal.sort(key=lambda a: (a is not best, -a.evidence))
+        return replace(winner, name=best.name, equals=tuple(equal))
+
+    def _rivals(
         self, winner: Winner, attempt: Attempt, without: Fit, base: Judged, own: Fitter
-    ) -> Attempt | None:
-        """Rival of a winner that surely does more in its place beside the effects found since.
+    ) -> list[Attempt]:
+        """Rivals of a winner that pass in its place, beside the effects found since.
 
         Parameters
         ----------
@@ -356,11 +360,9 @@ class Search:
                     near = self._near(own, rival.judged.state, exactly=True)
                     if near is not None:
                         rival = self._judged(name, without, base, rival.fit.state, near)
-                if not self._refused(rival, without.state, own):
+                if not self._refused(rival, without.state, own, surely=False):
                     rivals.append(rival)
-        best = max(rivals, key=lambda rival: rival.evidence, default=None)
-        least = attempt.evidence + least_lead(attempt.evidence, PREFERRED_SHARE)
-        return best if best is not None and best.evidence > least else None
+        return rivals
 
     def _inherit(self, number: int, dropped: Winner, state: State) -> None:
         """Count what a dropped effect had closed as closed by the newest, which made it needless."""

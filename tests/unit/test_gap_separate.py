@@ -74,7 +74,7 @@ def test_frames_tell_at_least_what_was_predicted(bank, fitted) -> None:
         assert predicted > before + 5.0
         assert predicted <= risen(bank, actions[:count], *fitted) <= 3.0 * predicted
         before = predicted
-    assert doubt.needed == pytest.approx(0.15 * 60.0 - 3.0)  # of what is asked it has some
+    assert doubt.needed == pytest.approx(6.0 - 3.0)  # a tenth of the evidence, of which it has some
 
 
 def test_what_shows_neither_effect_tells_nothing(bank, fitted) -> None:
