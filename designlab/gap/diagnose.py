@@ -43,9 +43,9 @@ UNEXPLAINED_ABOVE = 0.5  # leftover share of the gap from which nothing is named
 PARTIAL_ABOVE = 0.015  # leftover share from which an explanation is partial
 NAMELESS = ("unexplained", "at_floor")  # verdicts that name nothing
 AT_FLOOR = 1.3  # mean squared residual over the floor below which there is no gap to explain
+NEAR = 0.75  # likewise, below which names leave nothing to explain; sets that hide nothing are below it
 GIVEN_BACK = 0.1  # of what a search removes of the gap, which the last fit must not give back
 OTHER_SIZE_SD = 2.5  # usual errors of the size of a probe from which it is worth a note
-NEAR = 0.75  # likewise, below which names leave nothing to explain; sets that hide nothing are below it
 
 
 def diagnose(

@@ -157,12 +157,20 @@ class Search:
         self, number: int, attempts: Sequence[tuple[Attempt, float]], base: State, own: Fitter
     ) -> list[Attempt]:
         """Attempts that pass; why others do not is noted."""
-        reasons = [self._refused(attempt, base, own) for attempt, _ in attempts]
-        if not all(reasons):
-            reasons = [self._refused(attempt, base, own, surely=False) for attempt, _ in attempts]
+        reasons = self._reasons([attempt for attempt, _ in attempts], base, own)
         for reason, (attempt, seconds) in zip(reasons, attempts, strict=True):
             self._note(number, attempt, reason or "passed", seconds)
         return [attempt for reason, (attempt, _) in zip(reasons, attempts, strict=True) if not reason]
+
+    def _reasons(self, attempts: Sequence[Attempt], base: State, own: Fitter) -> list[str]:
+        """Why attempts at the same place do not pass; empty for those that do.
+
+        Where one passes whose gain is sure, that of others need not be.
+        """
+        reasons = [refused(each, base, own, self.train, self.gap) for each in attempts]
+        if all(reasons):
+            return reasons
+        return [refused(each, base, own, self.train, self.gap, surely=False) for each in attempts]
 
     def _contended(
         self, attempts: Sequence[tuple[Attempt, float]], base: Fit, now: Judged
@@ -300,13 +308,15 @@ class Search:
             evidence += 0.5 * float((judged.objective - now.objective).sum())
             made = gain(judged, now, self.gap)
             attempt = Attempt(winner.name, judged.gap, self.fitter, best, now, made, evidence)
-            if reason := self._refused(attempt, without.state, own):
+            rivals = self._rivals(winner, attempt, without, judged, own)
+            reason, *others = self._reasons([attempt, *rivals], without.state, own)
+            if reason:
                 self._note(number, attempt, f"dropped: {reason}")
                 self.winners.remove(winner)
                 best, now, self.fitter = without, judged, own
                 self._inherit(number, winner, best.state)
                 continue
-            rivals = self._rivals(winner, attempt, without, judged, own)
+            rivals = [rival for rival, why in zip(rivals, others, strict=True) if not why]
             found = self._beside(winner, attempt, rivals, without)
             if found.name != winner.name:
                 leader = found.equals[0]
@@ -338,7 +348,7 @@ class Search:
     def _rivals(
         self, winner: Winner, attempt: Attempt, without: Fit, base: Judged, own: Fitter
     ) -> list[Attempt]:
-        """Rivals of a winner that pass in its place, beside the effects found since.
+        """Rivals of a winner, fitted in its place beside the effects found since.
 
         Parameters
         ----------
@@ -360,8 +370,7 @@ class Search:
                     near = self._near(own, rival.judged.state, exactly=True)
                     if near is not None:
                         rival = self._judged(name, without, base, rival.fit.state, near)
-                if not self._refused(rival, without.state, own, surely=False):
-                    rivals.append(rival)
+                rivals.append(rival)
         return rivals
 
     def _inherit(self, number: int, dropped: Winner, state: State) -> None:
@@ -424,9 +433,6 @@ class Search:
             return replace(base, poses={})  # a wrong model may have driven poses far off
         before = self._reached[name]
         return replace(base.with_values(name, before.values[name]), poses=before.poses)
-
-    def _refused(self, attempt: Attempt, base: State, own: Fitter, *, surely: bool = True) -> str:
-        return refused(attempt, base, own, self.train, self.gap, surely=surely)
 
     def _tell(self, what: str, left: int) -> None:
         """Report that a step begins, after which `left` - 1 are known to follow."""

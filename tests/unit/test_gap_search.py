@@ -368,16 +368,14 @@ def test_a_rival_that_surely_does_more_beside_the_others_takes_an_effects_place(
     def named(evidence: float) -> tuple[str, ...]:
         rival = attempt(search.fitter, "albedo_field", 500.0, [130.0, 132.0, 128.0], before)
         monkeypatch.setattr(search, "_judged", lambda *_: replace(rival, evidence=evidence))
-        rivals = {"albedo_field": rival.fit.state, "vignetting": State(GAINS)}
-        winner = Winner("contact_kernel", (kept, rival), 0.5, rivals)
-        monkeypatch.setattr(search, "_refused", lambda *_, **__: "" if evidence < 1000 else "at a bound")
-        passed = search._rivals(winner, kept, without, before, search.fitter)
-        return search._beside(winner, kept, passed, without).coherence_set
+        ended = {"albedo_field": rival.fit.state, "vignetting": State(GAINS)}
+        winner = Winner("contact_kernel", (kept, rival), 0.5, ended)
+        rivals = search._rivals(winner, kept, without, before, search.fitter)
+        return search._beside(winner, kept, rivals, without).coherence_set
 
     assert named(130.0) == ("albedo_field",)
     assert named(108.0) == ("contact_kernel", "albedo_field")  # evidence is not known that well
     assert named(85.0) == ("contact_kernel",)  # whatever it did alone
-    assert named(1001.0) == ("contact_kernel",)  # refused for what it is
 
 
 def test_a_needless_effect_leaves_what_it_closed_to_the_one_that_made_it_so(bank) -> None:
