@@ -25,10 +25,10 @@ def observe(measurement: Measurement, design: Design, *, columns: int) -> Observ
     seen = gathered(measurement, design, columns=columns, apart=True)
     if not is_single(seen):
         _require_enough(measurement, seen.shots)
-    return replace(seen, shots=tuple(_without_cut(shot) for shot in seen.shots))
+    return replace(seen, shots=tuple(without_cut(shot) for shot in seen.shots))
 
 
-def _without_cut(shot: Shot) -> Shot:
+def without_cut(shot: Shot) -> Shot:
     """Leave out channels that are dark and cut at zero: how far below zero they would be is not known."""
     level = np.median(shot.signal, axis=(0, 1))
     seen = (shot.clip_sigma == 0) | (level > DARK_SIGMA * shot.clip_sigma)

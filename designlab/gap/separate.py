@@ -12,6 +12,7 @@ from designlab.gap.attempt import Attempt, least_lead
 from designlab.gap.fit import Fitter
 from designlab.gap.forward import Forward
 from designlab.gap.noise import noise
+from designlab.gap.observe import without_cut
 from designlab.gap.result import Advice
 from designlab.measurement.shots import Shot
 
@@ -53,7 +54,7 @@ def separating(fitter: Fitter, equals: Sequence[Attempt]) -> Advice:
     Advice
         The frames, and by how many standard deviations the closest two would differ there.
     """
-    actions = _actions(fitter)
+    actions = frames_to_take(fitter)
     doubts = [doubt_of(*pair, actions) for pair in permutations(equals, 2)]
     chosen = _chosen(doubts, [action.minutes for action in actions])
     if not chosen:
@@ -121,7 +122,7 @@ def doubt_of(true: Attempt, wrong: Attempt, actions: Sequence[Action]) -> Doubt:
     taken, noises = [], [*wrong.fitter.noises]
     for number, action in zip(here, actions, strict=True):
         signal = told.predict(true.fit.state, number)
-        shot = replace(action.shot, signal=signal, valid=np.ones(signal.shape, dtype=bool))
+        shot = without_cut(replace(action.shot, signal=signal, valid=np.ones(signal.shape, dtype=bool)))
         grain = wrong.fitter.noises[action.like].grain
         noises.append(noise(shot, signal, told.untouched(true.fit.state, number), told.black, grain))
         taken.append(replace(action, shot=shot))
@@ -147,20 +148,23 @@ def _taking(fitter: Fitter, actions: Sequence[Action]) -> Forward:
     return Forward(replace(bank, shots=shots, place=(*bank.place, *(bank.place[a.like] for a in actions))))
 
 
-def _actions(fitter: Fitter) -> list[Action]:
-    """Frames that could be taken."""
+def frames_to_take(fitter: Fitter) -> list[Action]:
+    """Frames that could be taken of a measurement's sensor."""
     shots, names = fitter.bank.shots, fitter.forward.design.group_names
     lit = [n for n, shot in enumerate(shots) if shot.lit.any()]
     untouched = next(n for n in lit if shots[n].press is None)
     background = shots[untouched]
     everything = np.ones(len(names))
+    # Where no value is below zero, a frame without light would show that there can be none.
+    cuts = all((shot.signal >= 0).all() for shot in shots)
+    clips = (True, True, True) if cuts else background.clips
 
     def bare(text: str, minutes: float, fields: Mapping[str, Any], **changes: Any) -> Action:
         shot = replace(background, **changes)
         return Action(text, shot, untouched, minutes, {"kind": "background", **fields})
 
     found = _lit_alone("a background", background, untouched, names, 1.0, {"kind": "background"})
-    found.append(bare("a frame with the LEDs off", 0.5, DARK, lit=0 * everything))
+    found.append(bare("a frame with the LEDs off", 0.5, DARK, lit=0 * everything, clips=clips))
     found.append(
         bare("a background at a quarter of the exposure", 0.5, {"exposure": 0.25}, lit=everything / 4)
     )

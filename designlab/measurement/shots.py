@@ -52,12 +52,14 @@ class Shot:
         Linear signal above the black level and its variance, as shares of full scale.
     valid : bool array, shape (rows, columns, 3)
         Values that are not saturated.
-    clip_sigma : array, shape (3,)
-        Noise of counts without light, as a share of full scale, of channels clipped at zero; else zero.
+    dark_sigma : array, shape (3,)
+        Noise of counts without light, as a share of full scale.
     ball : LightProbe or None
         Of a light probe: the ball in the place of the gel; its pose is x, y and lowest point.
     gel_rotation_deg : float
         By how much the gel is turned against the rest.
+    clips : tuple of 3 bool
+        Channels that are seen to be clipped at zero.
     """
 
     files: tuple[str, ...]
@@ -69,9 +71,15 @@ class Shot:
     signal: Array
     variance: Array
     valid: Mask
-    clip_sigma: Array
+    dark_sigma: Array
     ball: LightProbe | None = None
     gel_rotation_deg: float = 0.0
+    clips: tuple[bool, bool, bool] = (False, False, False)
+
+    @property
+    def clip_sigma(self) -> Array:
+        """Noise without light of channels clipped at zero, zero of others, shape (3,)."""
+        return np.where(self.clips, self.dark_sigma, 0.0)
 
 
 @dataclass(frozen=True)
@@ -322,8 +330,8 @@ def _shot(
     variance = (noise.read + noise.photon * np.maximum(signal, 0.0)) / len(same)
     images = np.stack([measurement.image(f).astype(float) for f in same])
     # A few zeros in the darkest walls tell it too: the noise there is cut.
-    clipped = (images.min(axis=(0, 1, 2)) == 0) if (images >= 0).all() else np.zeros(3, dtype=bool)
-    clip_sigma = np.where(clipped, np.sqrt(noise.read), 0.0)
+    red, green, blue = (bool((images >= 0).all() and (images[..., c] == 0).any()) for c in range(3))
+    clips, dark_sigma = (red, green, blue), np.sqrt(noise.read)
     view = measurement.view(frame, design)
     # A ball mirrors LEDs with sharp edges, whose light coarse pixels do not hold.
     factor = int(np.ceil(view.columns / (columns if ball is None else max(columns, PROBE_COLUMNS))))
@@ -343,7 +351,7 @@ def _shot(
     lit = exposure * np.array(on, dtype=float)
     files = tuple(f.file for f in same)
     turn = frame.gel_rotation_deg or 0.0
-    return Shot(files, use, press, sigma, lit, view, signal, variance, valid, clip_sigma, ball, turn)
+    return Shot(files, use, press, sigma, lit, view, signal, variance, valid, dark_sigma, ball, turn, clips)
 
 
 def binned(values: Array, factor: int) -> Array:

@@ -115,7 +115,7 @@ class Sensor:
             Shot(
                 files=("made.exr",), use="train", press=press, pose_sigma=np.zeros(4),
                 lit=np.ones(len(self.design.group_names)), view=self.view, signal=none, variance=none,
-                valid=none == 0, clip_sigma=np.zeros(3),
+                valid=none == 0, dark_sigma=np.zeros(3),
             )
             for press in self.presses
         )  # fmt: skip

@@ -11,7 +11,7 @@ from designlab.gap.attempt import Attempt
 from designlab.gap.bank import Bank, fill
 from designlab.gap.fit import Fitter
 from designlab.gap.judge import gain, judge
-from designlab.gap.separate import Action, doubt_of, separating
+from designlab.gap.separate import DARK, Action, doubt_of, frames_to_take, separating
 from designlab.gap.state import State
 
 NAMES = ("albedo_field", "vignetting")
@@ -80,6 +80,31 @@ def test_frames_tell_at_least_what_was_predicted(bank, fitted) -> None:
 def test_what_shows_neither_effect_tells_nothing(bank, fitted) -> None:
     doubt = doubt_of(*fitted, [action(bank, 0, np.zeros(3))])
     assert doubt.lead([0]) == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("level", "clips", "tells"), [(0.03, True, True), (-0.03, True, False), (-0.03, False, True)]
+)
+def test_a_frame_without_light_tells_no_black_level_below_zero(bank, fitted, level, clips, tells) -> None:
+    """Counts end at zero: what lies below is seen only in values from which something was subtracted."""
+    right, wrong = fitted
+    levels = {"R": level, "G": 0.0, "B": 0.0}
+    state = wrong.fit.state.without("vignetting").with_values("black_level", levels)
+    true = replace(right, name="black_level", fit=replace(right.fit, state=state))
+    dark = action(bank, 0, np.zeros(3))
+    dark = replace(dark, shot=replace(dark.shot, clips=(clips,) * 3))
+    lead = doubt_of(true, wrong, [dark]).lead([0])
+    assert lead > 5.0 if tells else lead == pytest.approx(0.0, abs=1e-3)
+
+
+def test_cameras_are_taken_to_end_at_zero_unless_they_are_seen_not_to(fitted) -> None:
+    fitter = fitted[0].fitter
+    dark = next(each for each in frames_to_take(fitter) if each.frame == DARK)
+    assert dark.shot.clips == (True, True, True)
+    shots = [replace(fitter.bank.shots[0], signal=fitter.bank.shots[0].signal - 1.0), *fitter.bank.shots[1:]]
+    below = Fitter(replace(fitter.bank, shots=tuple(shots)))
+    dark = next(each for each in frames_to_take(below) if each.frame == DARK)
+    assert dark.shot.clips == (False, False, False)
 
 
 def test_frames_are_asked_for_until_they_suffice(fitted) -> None:

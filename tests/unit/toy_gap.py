@@ -55,7 +55,7 @@ def taken(model: SensorModel, press: Press | None, error: np.ndarray, use: Use, 
         signal=light + sigma * np.random.default_rng(seed).standard_normal(light.shape),
         variance=sigma**2,
         valid=np.ones(light.shape, dtype=bool),
-        clip_sigma=np.zeros(3),
+        dark_sigma=np.full(3, 1e-4),
     )
 
 
