@@ -1,9 +1,12 @@
 """What to measure next."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from designlab.gap.checks import below_zero
 from designlab.gap.fit import Fitter
-from designlab.gap.result import Advice, Verdict
+from designlab.gap.result import Advice, Found, Verdict
 from designlab.gap.search import Search
 from designlab.gap.separate import DARK, separating
 from designlab.measurement.shots import Observations
@@ -11,27 +14,39 @@ from designlab.measurement.shots import Observations
 FEW_HELD_OUT = 4
 
 
-def advise(fitter: Fitter, seen: Observations, search: Search, verdict: Verdict) -> Advice:
+def advise(
+    fitter: Fitter, seen: Observations, search: Search, verdict: Verdict, effects: Sequence[Found]
+) -> Advice:
     """Name the measurement that would help most; without text where none is needed."""
+    names = fitter.forward.design.group_names
+    single = {int(np.argmax(s.lit)) for s in seen.shots if s.press is None and (s.lit > 0).sum() == 1}
+    missing = [name for group, name in enumerate(names) if group not in single]
+    alone = tuple({"kind": "background", "leds": [name]} for name in missing)
+    below = bool(missing) and below_zero(effects, seen, fitter.forward.design)
     ambiguous = [winner.equals for winner in search.winners if len(winner.equals) > 1]
     if verdict == "ambiguous":
         return separating(fitter, ambiguous[-1])
     if not seen.repeats:
         return Advice("repeat the background twice: the noise floor is only assumed so far", minutes=1.0)
+    if below:
+        return Advice(
+            ("" if seen.dark else "one frame with the LEDs off, and ")
+            + "one background for each LED group alone: counts end at zero, so a frame with the LEDs off "
+            "shows no black level below it",
+            minutes=float(len(missing)) + (0.0 if seen.dark else 0.5),
+            frames=alone if seen.dark else (DARK, *alone),
+        )
     if not seen.dark:
         return Advice(
             "one frame with the LEDs off: without it an additive floor hides in other effects",
             minutes=0.5,
             frames=(DARK,),
         )
-    single = {int(np.argmax(s.lit)) for s in seen.shots if s.press is None and (s.lit > 0).sum() == 1}
-    names = fitter.forward.design.group_names
-    missing = [name for group, name in enumerate(names) if group not in single]
     if verdict in ("unexplained", "partial") and missing:
         return Advice(
             "one background for each LED group alone: it separates effects of light from those of the camera",
             minutes=float(len(missing)),
-            frames=tuple({"kind": "background", "leds": [name]} for name in missing),
+            frames=alone,
         )
     if verdict == "partial" and ambiguous:
         return separating(fitter, ambiguous[-1])

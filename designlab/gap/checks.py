@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.calibrate.suspicions import Picture, faults, lights_of_others, misfit, picture
-from designlab.design import Design
+from designlab.design import CHANNELS, Design
 from designlab.effects import SensorModel
 from designlab.gap.basis import Renders
+from designlab.gap.observe import end_at_zero
 from designlab.gap.presses import odd_presses
 from designlab.gap.result import Found, GapReport
 from designlab.measurement import Measurement, MeasurementError, check, refuse
@@ -42,12 +43,11 @@ class Reserve:
 
 @dataclass(frozen=True)
 class Examined:
-    """Outcome of the checks: comparisons, notes, what weakens the verdict, effects that look alike."""
+    """Outcome of the checks: comparisons, notes, what weakens the verdict."""
 
     checks: tuple[Check, ...]
     notes: tuple[str, ...]
     reserves: tuple[Reserve, ...]
-    alike: tuple[str, ...]
 
 
 def check_frames(measurement: Measurement, model: SensorModel, trust: Sequence[str] = ()) -> tuple[str, ...]:
@@ -152,7 +152,6 @@ def examine(
         checks=(*invariants(measurement, design), agree),
         notes=notes,
         reserves=tuple(_reserves(measurement, seen, [note for note in notes if note.startswith(DOUBTED)])),
-        alike=_alike(seen),
     )
 
 
@@ -207,15 +206,28 @@ def _reserves(measurement: Measurement, seen: Observations, doubted: Sequence[st
         yield Reserve(note, WEAK)
 
 
-def _alike(seen: Observations) -> tuple[str, ...]:
+def below_zero(effects: Sequence[Found], seen: Observations, design: Design) -> bool:
+    """Whether a black level was found of which no frame without light tells: where counts end at zero."""
+    stated, ends = design.camera.black_level, end_at_zero(seen.shots)
+    levels = [found.parameters for found in effects if found.name == "black_level"]
+    return any(
+        end and value.high is not None and stated + value.high < 0
+        for values in levels
+        for value, end in zip((values[channel] for channel in CHANNELS), ends, strict=True)
+    )
+
+
+def looking_alike(effects: Sequence[Found], seen: Observations, design: Design) -> tuple[str, ...]:
     """Effects that frames of this kind cannot tell apart."""
-    if seen.dark:
-        return ()
     single = any((s.lit > 0).sum() == 1 for s in seen.shots)
-    return FLOORS if single else MIXED
+    if not seen.dark:
+        return FLOORS if single else MIXED
+    return MIXED if below_zero(effects, seen, design) and not single else ()
 
 
-def weakened(report: GapReport, examined: Examined, tried: Sequence[str]) -> GapReport:
+def weakened(
+    report: GapReport, examined: Examined, tried: Sequence[str], alike: Sequence[str] = ()
+) -> GapReport:
     """Take from a report what its frames do not bear.
 
     A name falls to `partial` where the floor is unknown, presses are few, or something was trusted although
@@ -226,14 +238,16 @@ def weakened(report: GapReport, examined: Examined, tried: Sequence[str]) -> Gap
     ----------
     tried : sequence of str
         Effects that were tried: others cannot stand in for one.
+    alike : sequence of str
+        Effects that frames of this kind cannot tell apart.
     """
     most = min([reserve.confidence for reserve in examined.reserves], default=1.0)
-    alike = {name for name in examined.alike if name in tried}
+    others = {name for name in alike if name in tried}
 
     def lowered(found: Found) -> Found:
         names, confidence = found.coherence_set, min(found.confidence, most)
-        if found.name in alike and alike.difference(names):
-            names = (*names, *sorted(alike.difference(names)))
+        if found.name in others and others.difference(names):
+            names = (*names, *sorted(others.difference(names)))
             confidence = min(confidence, 1 / len(names))
         return replace(found, confidence=confidence, coherence_set=names)
 

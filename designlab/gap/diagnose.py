@@ -13,7 +13,7 @@ from designlab.effects import CATALOGUE, SensorModel, effect
 from designlab.gap.advise import advise
 from designlab.gap.bank import fill
 from designlab.gap.basis import Progress, Renders
-from designlab.gap.checks import check_frames, examine, weakened
+from designlab.gap.checks import check_frames, examine, looking_alike, weakened
 from designlab.gap.confidence import confidence
 from designlab.gap.control import control
 from designlab.gap.exact import placed
@@ -139,8 +139,8 @@ def diagnose(
     fitter.measure(start)
     search = Search(fitter, names, train, select, source, progress=progress)
     best, before, after = search.run(start)
-    alike = [winner.coherence_set for winner in search.winners]
-    verdict = verdict_of(alike, before.mean, after.mean, float(after.floor.mean()))
+    as_good = [winner.coherence_set for winner in search.winners]
+    verdict = verdict_of(as_good, before.mean, after.mean, float(after.floor.mean()))
     given = last = _Stand(fitter, replace(best, state=before.state), before)
     if verdict not in NAMELESS:
         last = _last_fit(source, given, _Stand(search.fitter, best, after), train, select)
@@ -152,7 +152,7 @@ def diagnose(
         "select": level(given.judged, last.judged),
         "final": level(*ends),
     }
-    verdict = _settled(verdict, alike, gap)
+    verdict = _settled(verdict, as_good, gap)
     found = {name: values(last.fitter, last.fit, name, train) for name in last.fit.state.values}
     winners = [] if verdict in NAMELESS else search.winners
     effects = tuple(
@@ -184,7 +184,7 @@ def diagnose(
         effects=effects,
         where=where(fitter, source, before.state, [*train, *select]) if verdict != "at_floor" else (),
         gap=gap,
-        next_measurement=advise(fitter, seen, search, verdict),
+        next_measurement=advise(fitter, seen, search, verdict, effects),
         updated=model,
         model=out / "model.toml",
         candidates=tuple(search.tried),
@@ -194,7 +194,8 @@ def diagnose(
         limits=limits(seen, effects),
         overlaps=_overlaps(search),
     )
-    report = weakened(_sure(report, len(select)), examined, names)
+    alike = looking_alike(effects, seen, model.effective_design())
+    report = weakened(_sure(report, len(select)), examined, names, alike)
     better = updated(last.fitter, last.fit, measurement, seen, report, found, seed=seed, samples=samples)
     report = replace(report, updated=better)
 

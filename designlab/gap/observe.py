@@ -1,5 +1,6 @@
 """Which shots of a measurement a diagnosis needs, and which it uses."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -33,6 +34,16 @@ def without_cut(shot: Shot) -> Shot:
     level = np.median(shot.signal, axis=(0, 1))
     seen = (shot.clip_sigma == 0) | (level > DARK_SIGMA * shot.clip_sigma)
     return replace(shot, valid=shot.valid & seen)
+
+
+def end_at_zero(shots: Sequence[Shot]) -> tuple[bool, bool, bool]:
+    """Channels of which a frame without light shows, or would show, no value below zero."""
+    dark = [shot.clips for shot in shots if not shot.lit.any()]
+    if dark:
+        red, green, blue = (any(clips[channel] for clips in dark) for channel in range(3))
+    else:
+        red, green, blue = (all((shot.signal[..., c] >= 0).all() for shot in shots) for c in range(3))
+    return red, green, blue
 
 
 def _require_enough(measurement: Measurement, shots: tuple[Shot, ...]) -> None:

@@ -12,7 +12,7 @@ from designlab.gap.attempt import Attempt, least_lead
 from designlab.gap.fit import Fitter
 from designlab.gap.forward import Forward
 from designlab.gap.noise import noise
-from designlab.gap.observe import without_cut
+from designlab.gap.observe import end_at_zero, without_cut
 from designlab.gap.result import Advice
 from designlab.measurement.shots import Shot
 
@@ -155,16 +155,13 @@ def frames_to_take(fitter: Fitter) -> list[Action]:
     untouched = next(n for n in lit if shots[n].press is None)
     background = shots[untouched]
     everything = np.ones(len(names))
-    # Where no value is below zero, a frame without light would show that there can be none.
-    cuts = all((shot.signal >= 0).all() for shot in shots)
-    clips = (True, True, True) if cuts else background.clips
 
     def bare(text: str, minutes: float, fields: Mapping[str, Any], **changes: Any) -> Action:
         shot = replace(background, **changes)
         return Action(text, shot, untouched, minutes, {"kind": "background", **fields})
 
     found = _lit_alone("a background", background, untouched, names, 1.0, {"kind": "background"})
-    found.append(bare("a frame with the LEDs off", 0.5, DARK, lit=0 * everything, clips=clips))
+    found.append(bare("a frame with the LEDs off", 0.5, DARK, lit=0 * everything, clips=end_at_zero(shots)))
     found.append(
         bare("a background at a quarter of the exposure", 0.5, {"exposure": 0.25}, lit=everything / 4)
     )

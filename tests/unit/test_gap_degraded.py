@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 
 from designlab import cli
+from designlab.camera import View
 from designlab.design import preset
 from designlab.effects import SensorModel
 from designlab.gap.basis import Renders
-from designlab.gap.checks import Examined, Reserve, check_frames, examine, weakened
+from designlab.gap.checks import Examined, Reserve, check_frames, examine, looking_alike, weakened
 from designlab.gap.observe import observe
-from designlab.gap.result import Advice, Found, GapReport, Level
+from designlab.gap.result import Advice, Found, GapReport, Level, Value
 from designlab.images import to_srgb
 from designlab.measurement import MeasurementError, check, load_measurement, refuse, write_measurement
 from designlab.measurement.invariants import corners, invariants
+from designlab.measurement.shots import Observations, Shot
 from designlab.plant import plant
 from designlab.plant.effects import draw
 from designlab.plant.rig import Rig
@@ -211,7 +213,7 @@ class TestPresses:
     def test_a_set_without_a_fault_passes(self, whole, renders):
         found = examined(whole, renders)
         assert all(each.passed is not False for each in found.checks)
-        assert (found.notes, found.reserves, found.alike) == ((), (), ())
+        assert (found.notes, found.reserves) == ((), ())
 
     def test_srgb_declared_linear_is_named(self, whole, renders, tmp_path):
         """Nothing but the model tells: the groups light different channels, and there is no ladder."""
@@ -284,11 +286,25 @@ def report(verdict="named", name="vignetting", coherence=None) -> GapReport:
     )
 
 
+def about(value: float) -> Value:
+    return Value(value, value - 0.001, value + 0.001, "1", 0.0, 0.015, (-1.0, 1.0))
+
+
+def seen_shot(lit: np.ndarray, clips: bool) -> Shot:
+    picture = np.full((2, 2, 3), 0.5 * lit.max())
+    view = View(0.0, 0.0, 2.0, 2.0, 2, 2)
+    use = "background" if lit.any() else "dark"
+    return Shot(
+        ("f",), use, None, np.zeros(4), lit, view, picture, picture + 1, picture >= 0, np.full(3, 1e-3),
+        clips=(clips,) * 3,
+    )  # fmt: skip
+
+
 class TestVerdict:
     TRIED = ("vignetting", "black_level", "veiling_glare", "colour_mixing")
 
     def said(self, before, reserves=(), alike=()):
-        return weakened(before, Examined((), (), tuple(reserves), tuple(alike)), self.TRIED)
+        return weakened(before, Examined((), (), tuple(reserves)), self.TRIED, alike)
 
     def test_nothing_is_taken_from_a_whole_set(self):
         assert self.said(report()) == report()
@@ -309,6 +325,24 @@ class TestVerdict:
         other = self.said(report(), no_dark, floors)
         assert (other.verdict, other.effects[0].confidence) == ("named", 0.7)
         assert other.barred == ()
+
+    @pytest.mark.parametrize(
+        ("level", "clips", "single", "asked"),
+        [(-0.01, True, False, True), (-0.01, False, False, False), (0.01, True, False, False),
+         (-0.01, True, True, False)],
+    )  # fmt: skip
+    def test_a_frame_without_light_does_not_show_a_black_level_below_zero(self, level, clips, single, asked):
+        """Where counts end at zero; light of single groups shows it."""
+        lit, off = np.ones(3), np.zeros(3)
+        shots = [seen_shot(lit, clips), seen_shot(off, clips), *([seen_shot(np.eye(3)[0], clips)] * single)]
+        seen = Observations(tuple(shots), np.zeros(3), "repeated frames", True, True, ())
+        found = Found(
+            "black_level", {c: about(level if c == "G" else 0.0) for c in "RGB"}, 0.9, ("black_level",)
+        )
+        alike = looking_alike([found], seen, DESIGN)
+        assert alike == (("black_level", "veiling_glare", "colour_mixing") if asked else ())
+        without = Observations(tuple(shots[::2]), np.zeros(3), "repeated frames", True, False, ())
+        assert len(looking_alike([found], without, DESIGN)) == (2 if single else 3)
 
     @pytest.mark.parametrize("verdict", ["at_floor", "unexplained", "partial"])
     def test_other_verdicts_stay_with_their_reserve_said(self, verdict):

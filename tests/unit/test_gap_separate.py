@@ -1,18 +1,22 @@
 """What to measure next: what frames are predicted to tell, and which are asked for."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from toy_gap import DESIGN, VALUES, shots
 
 from designlab.effects import SensorModel
+from designlab.gap.advise import advise
 from designlab.gap.attempt import Attempt
 from designlab.gap.bank import Bank, fill
 from designlab.gap.fit import Fitter
 from designlab.gap.judge import gain, judge
+from designlab.gap.result import Found, Value
 from designlab.gap.separate import DARK, Action, doubt_of, frames_to_take, separating
 from designlab.gap.state import State
+from designlab.measurement.shots import Observations
 
 NAMES = ("albedo_field", "vignetting")
 TRAIN = [0, 1, 2]
@@ -147,3 +151,17 @@ def test_frames_that_differ_by_their_light_are_said_at_once(fitted) -> None:
     assert len(pressed) == 1
     assert pressed[0].endswith(" LEDs, each alone")
     assert " and " in pressed[0]
+
+
+@pytest.mark.parametrize("dark", [True, False])
+@pytest.mark.parametrize("level", [-0.01, 0.01])
+def test_a_black_level_below_zero_is_looked_for_in_light_of_single_groups(fitted, level, dark) -> None:
+    fitter = fitted[0].fitter
+    off = replace(fitter.bank.shots[0], lit=np.zeros(3), clips=(True, True, True))
+    taken = (*fitter.bank.shots, *([off] if dark else []))
+    seen = Observations(taken, np.zeros(3), "repeated frames", True, dark, ())
+    levels = {c: Value(level, level - 0.001, level + 0.001, "1", 0.0, 0.015, (-1.0, 1.0)) for c in "RGB"}
+    found = Found("black_level", levels, 0.9, ("black_level",))
+    asked = advise(fitter, seen, SimpleNamespace(winners=[]), "named", [found])
+    alone = [{"kind": "background", "leds": [name]} for name in DESIGN.group_names]
+    assert list(asked.frames) == ([] if dark else [DARK]) + (alone if level < 0 else [])

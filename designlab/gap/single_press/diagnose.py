@@ -19,7 +19,7 @@ from designlab.camera import View
 from designlab.effects import SensorModel, effect
 from designlab.gap.bank import moved
 from designlab.gap.basis import Renders
-from designlab.gap.checks import Examined, weakened
+from designlab.gap.checks import Examined, looking_alike, weakened
 from designlab.gap.intervals import values
 from designlab.gap.result import Advice, Found, GapReport, Level, Verdict
 from designlab.gap.run import end_run, provenance
@@ -141,7 +141,8 @@ def diagnose_single(
         provenance=_provenance(seen, measurement, model, source, parity),
         limits=(*ONE, *limits(seen, effects)[1:]),
     )
-    report = weakened(report, examined, names)
+    alike = looking_alike(report.effects, seen, model.effective_design())
+    report = weakened(report, examined, names, alike)
     better = updated(
         best.fitter, best.fit, measurement, seen, report, found, seed=source.seed, samples=source.samples
     )
