@@ -17,7 +17,7 @@ from designlab.gap.checks import check_frames, examine, looking_alike, weakened
 from designlab.gap.confidence import confidence
 from designlab.gap.control import control
 from designlab.gap.exact import placed
-from designlab.gap.fit import SIZE_SD, Fit, Fitter
+from designlab.gap.fit import FRINGES_SD, SIZE_SD, Fit, Fitter
 from designlab.gap.intervals import values
 from designlab.gap.judge import Judged, judge, level
 from designlab.gap.learnt import left_of_nothing
@@ -45,7 +45,7 @@ NAMELESS = ("unexplained", "at_floor")  # verdicts that name nothing
 AT_FLOOR = 1.3  # mean squared residual over the floor below which there is no gap to explain
 NEAR = 0.75  # likewise, below which names leave nothing to explain; sets that hide nothing are below it
 GIVEN_BACK = 0.1  # of what a search removes of the gap, which the last fit must not give back
-OTHER_SIZE_SD = 2.5  # usual errors of the size of a probe from which it is worth a note
+OTHER_SD = 2.5  # usual errors of what is fitted along from which it is worth a note
 
 
 def diagnose(
@@ -188,7 +188,7 @@ def diagnose(
         updated=model,
         model=out / "model.toml",
         candidates=tuple(search.tried),
-        notes=(*_notes(seen, measurement, model), *_chance(fitter), *_sizes(last)),
+        notes=(*_notes(seen, measurement, model), *_chance(fitter), *_along(last)),
         provenance=_provenance(seen, measurement, model, source, begun),
         control=wrong,
         limits=limits(seen, effects),
@@ -330,10 +330,14 @@ def _chance(fitter: Fitter) -> Iterator[str]:
         )
 
 
-def _sizes(last: _Stand) -> Iterator[str]:
-    """Note probes that seem to be of another size than stated."""
+def _along(last: _Stand) -> Iterator[str]:
+    """Note probes that seem to be of another size than stated, and a lens that shifts colours much."""
+    share = last.fit.state.fringes
+    if abs(share) > OTHER_SD * FRINGES_SD:
+        more, less = ("red", "blue") if share > 0 else ("blue", "red")
+        yield f"the lens magnifies {more} {abs(share):.2%} more, and {less} less, than green"
     for probe, larger in last.fit.state.sizes.items():
-        if abs(larger) > OTHER_SIZE_SD * SIZE_SD:
+        if abs(larger) > OTHER_SD * SIZE_SD:
             than = "larger" if larger > 0 else "smaller"
             yield f"probe {probe} fits best {abs(larger):.1%} {than} than stated: measure it"
 

@@ -7,14 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.design import DesignError
-from designlab.effects import effect
+from designlab.effects import Parameter, effect
 from designlab.gap.bank import Bank
 from designlab.gap.coordinates import coordinate, value_at
 from designlab.gap.evidence import ALIKE, System, system
 from designlab.gap.forward import Forward
 from designlab.gap.grain import grains
+from designlab.gap.learnt import unlisted_sd
 from designlab.gap.noise import SMOOTH_ALIKE, Noise, noise
-from designlab.gap.state import SIZE, State, Unknown
+from designlab.gap.state import FRINGES, SIZE, State, Unknown
 from designlab.measurement.shots import POSE
 
 Array = NDArray[np.float64]
@@ -25,10 +26,13 @@ DRAWN_SD = {
     "banding": 0.015,
 }  # of one shot's own gain, and of its bands' sine and cosine
 SIZE_SD = 0.01  # of a probe, relative: 0.05 mm of 5 mm, as printed and machined ones are off by
-BOUND_SD = 5.0  # of poses and sizes of probes
+FRINGES_SD = 0.002  # of lateral colour, relative: a fifth of a pixel at the corner of 200 columns (estimate)
+BOUND_SD = 5.0  # of poses, sizes of probes and lateral colour
 BEYOND_SD = 3.0  # prior standard deviations from null that speak against an effect
+SURELY = 2.0  # standard deviations by which what no catalogue lists may have moved a value that far
 AT_BOUND = 0.01  # share of a parameter's range that counts as its bound
 ITERATIONS = 12
+ALONG = ("gain", "numerical", SIZE, FRINGES)  # fitted with every effect
 TRUST = 1.5  # prior standard deviations that an effect moves at once
 SETTLED = 0.5  # fall of half the misfit below which a fit has converged
 SETTLED_SHARE = 2e-6  # likewise, of the misfit
@@ -122,7 +126,8 @@ class Fitter:
         """Parameters of effects, gains, the simulation's own error, and what each shot has alone.
 
         That error is a rival of every effect and is fitted with each: what a finer mesh explains is none. So
-        are sizes of probes, which no lab knows exactly: a smaller punch looks as if the lens magnified less.
+        are sizes of probes, which no lab knows exactly: a smaller punch looks as if the lens magnified less;
+        and lateral colour, which no lens is without: it shifts the light of each colour its own way.
         """
         found = [
             Unknown(name, p.name, p.sd)
@@ -132,6 +137,7 @@ class Fitter:
         ]
         if gains:
             found.append(Unknown("numerical", "amount", 1.0))
+            found.append(Unknown(FRINGES, "red", FRINGES_SD))
             found += [
                 Unknown("gain", name, GAIN_SD * float(gain))
                 for name, gain in zip(self.forward.design.group_names, state.gains, strict=True)
@@ -182,6 +188,8 @@ class Fitter:
             return state.numerical
         if u.effect == SIZE:
             return state.sizes.get(u.name, 0.0) / u.sd
+        if u.effect == FRINGES:
+            return state.fringes / u.sd
         values = state.values.get(u.effect)
         if values is None:
             return 0.0
@@ -192,7 +200,7 @@ class Fitter:
         """Bounds of unknowns in prior standard deviations from null."""
         low, high = np.full(len(unknowns), -np.inf), np.full(len(unknowns), np.inf)
         for k, u in enumerate(unknowns):
-            if u.effect in ("pose", SIZE):
+            if u.effect in ("pose", SIZE, FRINGES):
                 low[k], high[k] = -BOUND_SD, BOUND_SD
             elif u.effect in self.forward.parameters and u.shot < 0:
                 p = next(p for p in self.forward.parameters[u.effect] if p.name == u.name)
@@ -206,7 +214,7 @@ class Fitter:
         values = {name: dict(own) for name, own in state.values.items()}
         poses = {number: pose.copy() for number, pose in state.poses.items()}
         drawn = {name: dict(own) for name, own in state.drawn.items()}
-        numerical, sizes = state.numerical, dict(state.sizes)
+        numerical, sizes, fringes = state.numerical, dict(state.sizes), state.fringes
         for u, change in zip(unknowns, step, strict=True):
             if u.effect == "gain":
                 group = self.forward.design.group_names.index(u.name)
@@ -222,11 +230,13 @@ class Fitter:
                 numerical += float(change)
             elif u.effect == SIZE:
                 sizes[u.name] = sizes.get(u.name, 0.0) + float(change) * u.sd
+            elif u.effect == FRINGES:
+                fringes += float(change) * u.sd
             else:
                 p = next(p for p in self.forward.parameters[u.effect] if p.name == u.name)
                 own_values = values.setdefault(u.effect, effect(u.effect).null(self.bank.model.design))
                 own_values[p.name] = value_at(p, coordinate(p, own_values[p.name]) + float(change))
-        return State(gains, values, poses, drawn, state.pattern, numerical, sizes)
+        return State(gains, values, poses, drawn, state.pattern, numerical, sizes, fringes)
 
     def fit(
         self,
@@ -288,13 +298,14 @@ class Fitter:
             return float("inf")
 
     def beyond_prior(self, state: State, name: str) -> tuple[str, ...]:
-        """Names of parameters of an effect that ended further from null than its prior makes likely."""
+        """Names of parameters of an effect that are surely further from null than its prior makes likely."""
         values = state.values[name]
-        return tuple(
-            p.name
-            for p in self.forward.parameters[name]
-            if abs(values[p.name] - p.null) > BEYOND_SD * p.sd and not p.shape
-        )
+
+        def most(p: Parameter) -> float:
+            return float(p.sd * (BEYOND_SD + SURELY * unlisted_sd(name, p.name, shape=p.shape)))
+
+        own = (p for p in self.forward.parameters[name] if not p.shape)
+        return tuple(p.name for p in own if abs(values[p.name] - p.null) > most(p))
 
     def at_bound(self, state: State, name: str) -> tuple[str, ...]:
         """Names of parameters of an effect that ended at a bound which is not their null."""
@@ -310,7 +321,7 @@ class Fitter:
 
 def _within_trust(found: System, step: Array, low: Array, high: Array) -> Array:
     """Damp a step that goes further than derivatives can be trusted (Levenberg 1944)."""
-    effects = np.array([u.shot < 0 and u.effect not in ("gain", "numerical", SIZE) for u in found.unknowns])
+    effects = np.array([u.shot < 0 and u.effect not in ALONG for u in found.unknowns])
     damping = 1e-8 * float(np.diag(found.gram).max(initial=0.0))
     while effects.any() and np.abs(step[effects]).max() > TRUST and damping < np.diag(found.gram).max():
         damping *= 10.0

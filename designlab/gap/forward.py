@@ -13,7 +13,7 @@ from designlab.effects.camera import mixed
 from designlab.gap.answer import clipped, mean_answers, uncut
 from designlab.gap.bank import POSE_STEP, SHARPER, SIZE_STEP, Bank, Change, Picture, binned
 from designlab.gap.coordinates import coordinate, value_at
-from designlab.gap.state import SIZE, State, Unknown, Values
+from designlab.gap.state import FRINGES, SIZE, State, Unknown, Values
 from designlab.gap.warp import Seen, Warp
 from designlab.measurement.shots import POSE, Shot
 
@@ -257,8 +257,24 @@ class Forward:
 
     def _of_optics(self, state: State, number: int, optics: NDArray[np.floating]) -> Array:
         channels = np.moveaxis(np.tensordot(self.weights(state, number), optics, axes=1), 0, -1)
+        if state.fringes:
+            channels = channels + state.fringes * self._fringes(number, channels)
         reported = self._reported(state, channels * _pattern(state))
         return clipped(reported, self.shot(number).clip_sigma)
+
+    def _fringes(self, number: int, channels: NDArray[np.floating]) -> Array:
+        """Change of a picture, (rows, columns, 3), per share by which red is magnified more and blue less.
+
+        Lateral colour moves light by less than a pixel, so that the picture's slope tells it.
+        """
+        view = self.shot(number).view
+        column, row = view.centres()
+        x_c, y_c = self.design.camera.centre_px
+        across = (column - x_c) * view.columns / view.width_px
+        down = (row - y_c) * view.rows / view.height_px
+        slope_down, slope_across = np.gradient(channels, axis=(0, 1))
+        outwards = across[..., None] * slope_across + down[..., None] * slope_down
+        return np.asarray(outwards * np.array([-1.0, 0.0, 1.0]))
 
     def _reported(self, state: State, mixed: Array) -> Array:
         """Signal of the camera for mixed light, (..., 3): what its pixels report in the mean.
@@ -334,6 +350,9 @@ class Forward:
                 group = self.design.group_names.index(unknown.name)
                 part = mixing[:, group, None, None] * optics[group] / state.gains[group]
                 found[place] = unknown.sd * np.moveaxis(part, 0, -1) * gain
+            elif unknown.effect == FRINGES:
+                channels = np.moveaxis(np.tensordot(mixing, optics, axes=1), 0, -1)
+                found[place] = unknown.sd * self._fringes(number, channels) * gain
             elif unknown.effect in ("exposure_drift", "banding"):
                 wave: Array | float = 1.0
                 if unknown.effect == "banding":

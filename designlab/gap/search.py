@@ -18,7 +18,7 @@ from designlab.gap.overlap import Overlaps, overlaps
 from designlab.gap.pattern import found_pattern
 from designlab.gap.result import Candidate
 from designlab.gap.screen import PERIODS, screen, with_period
-from designlab.gap.state import SIZE, State
+from designlab.gap.state import FRINGES, SIZE, State
 
 Array = NDArray[np.float64]
 
@@ -114,6 +114,7 @@ class Search:
         self.overlaps = self.overlaps or overlapping
         self.screened.append(screened)
         amount = {f"{RIVAL}.amount": base.state.numerical}
+        amount[f"{FRINGES}.red"] = base.state.fringes
         amount |= {f"{SIZE}.{probe}": larger for probe, larger in base.state.sizes.items()}
         self.tried.append(Candidate(number, RIVAL, "fitted with every candidate", parameters=amount))
         order = sorted(screened, key=lambda name: -screened[name])

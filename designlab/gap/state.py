@@ -14,6 +14,7 @@ from designlab.measurement.shots import POSE
 Array = NDArray[np.float64]
 Values = Mapping[str, Mapping[str, float]]
 SIZE = "probe_size"
+FRINGES = "lateral_colour"
 
 
 class Unknown(NamedTuple):
@@ -49,6 +50,8 @@ class State:
         How far light goes from that of the membrane's mesh to that of a finer one; beyond 1 it extrapolates.
     sizes : mapping of str to float
         By how much probes are larger than stated, relative, by their text.
+    fringes : float
+        By how much the lens magnifies red more, and blue less, than green, relative.
     """
 
     gains: Array
@@ -58,6 +61,7 @@ class State:
     pattern: Array | None = None
     numerical: float = 0.0
     sizes: Mapping[str, float] = field(default_factory=dict)
+    fringes: float = 0.0
 
     def pose(self, number: int) -> Array:
         """Departure of a shot's pose."""

@@ -25,13 +25,14 @@ from designlab.effects import AppliedEffect, SensorModel
 from designlab.gap.bank import POSE_STEP, Bank, fill, moved, resized
 from designlab.gap.basis import Renders
 from designlab.gap.exact import beyond, exact_fitter, looks_elsewhere, placed, standing
-from designlab.gap.fit import SIZE_SD, Fitter
+from designlab.gap.fit import FRINGES_SD, SIZE_SD, Fitter
 from designlab.gap.forward import Forward
 from designlab.gap.noise import SHOT_BUDGET, spectrum
 from designlab.gap.repeats import shot_error
-from designlab.gap.state import SIZE, State, Unknown
+from designlab.gap.state import FRINGES, SIZE, State, Unknown
 from designlab.gap.where import geometry, regions, where
 from designlab.plant.converter import Converter
+from designlab.plant.lens import colour_shifted
 from designlab.plant.rig import Rig
 from designlab.press import Press
 from designlab.simulate import Simulator
@@ -149,6 +150,27 @@ def test_a_probe_of_another_size_than_stated_is_found(bank, renders) -> None:
     assert np.sqrt((combined**2).mean()) < 0.1 * np.sqrt((without**2).mean())
     exact = exact_fitter(renders, fitter, state, [1]).forward.light(state, 1)
     np.testing.assert_allclose(exact, there, rtol=1e-5, atol=1e-5 * float(there.max()))
+
+
+@pytest.mark.parametrize("share", [0.004, -0.004])
+def test_lateral_colour_of_a_lens_is_found(bank, share) -> None:
+    """Against pictures that the generator of measurements has resampled."""
+    shifted = [
+        replace(shot, signal=colour_shifted(shot.signal, DESIGN.camera, VIEW, shift=share))
+        for shot in bank.shots
+    ]
+    predict = Fitter(bank).forward.predict
+    with_it, without = (predict(State(GAINS, fringes=value), 1) for value in (share, 0.0))
+    expected = colour_shifted(without, DESIGN.camera, VIEW, shift=share) - without
+    assert np.sqrt(((with_it - without - expected) ** 2).mean()) < 0.2 * np.sqrt((expected**2).mean())
+    fitter = Fitter(replace(bank, shots=tuple(shifted)))
+    fitter.alike = 1.0
+    found = fitter.fit(fitter.start([0, 1, 2]), (), [0, 1, 2])
+    place = [k for k, u in enumerate(found.system.unknowns) if u.effect == FRINGES]
+    information, _ = found.system.reduced(place)
+    error = FRINGES_SD / np.sqrt(1.0 + information.item())
+    assert error < 0.2 * abs(share)
+    assert found.state.fringes == pytest.approx(share, abs=3 * error)
 
 
 def test_presses_far_from_where_they_were_stated_are_rendered_there(bank, renders) -> None:
