@@ -26,7 +26,7 @@ DRAWN_SD = {
     "banding": 0.015,
 }  # of one shot's own gain, and of its bands' sine and cosine
 SIZE_SD = 0.01  # of a probe, relative: 0.05 mm of 5 mm, as printed and machined ones are off by
-FRINGES_SD = 0.002  # of lateral colour, relative: a fifth of a pixel at the corner of 200 columns (estimate)
+FRINGES_SD = 0.002  # of lateral colour, relative: a fifth of a pixel at the edge of 200 columns (estimate)
 BOUND_SD = 5.0  # of poses, sizes of probes and lateral colour
 BEYOND_SD = 3.0  # prior standard deviations from null that speak against an effect
 SURELY = 2.0  # standard deviations by which what no catalogue lists may have moved a value that far

@@ -27,6 +27,7 @@ from designlab.gap.basis import Renders
 from designlab.gap.exact import beyond, exact_fitter, looks_elsewhere, placed, standing
 from designlab.gap.fit import FRINGES_SD, SIZE_SD, Fitter
 from designlab.gap.forward import Forward
+from designlab.gap.learnt import unlisted_sd
 from designlab.gap.noise import SHOT_BUDGET, spectrum
 from designlab.gap.repeats import shot_error
 from designlab.gap.state import FRINGES, SIZE, State, Unknown
@@ -171,6 +172,15 @@ def test_lateral_colour_of_a_lens_is_found(bank, share) -> None:
     error = FRINGES_SD / np.sqrt(1.0 + information.item())
     assert error < 0.2 * abs(share)
     assert found.state.fringes == pytest.approx(share, abs=3 * error)
+
+
+def test_values_are_unlikely_only_where_what_no_catalogue_lists_cannot_have_moved_them_there(bank) -> None:
+    fitter = Fitter(bank)
+    p = next(p for p in fitter.forward.parameters["vignetting"] if not p.shape)
+    moved = unlisted_sd("vignetting", p.name, shape=False)
+    for usual, expected in ((3.0, ()), (3.0 + moved, ()), (3.0 + 3.0 * moved, (p.name,))):
+        state = State(GAINS).with_values("vignetting", {p.name: p.null + usual * p.sd})
+        assert fitter.beyond_prior(state, "vignetting") == expected
 
 
 def test_presses_far_from_where_they_were_stated_are_rendered_there(bank, renders) -> None:
