@@ -12,10 +12,11 @@ from designlab.design import preset
 from designlab.effects import SensorModel
 from designlab.gap.basis import Renders
 from designlab.gap.confidence import SIGNS, confidence
-from designlab.gap.diagnose import _gives_back, _provenance, _settled, _sure, verdict_of
+from designlab.gap.diagnose import _along, _gives_back, _provenance, _settled, _sure, verdict_of
 from designlab.gap.intervals import of_amplitudes, of_deviation
 from designlab.gap.learnt import share_of_partial, shares_right
 from designlab.gap.result import Advice, Candidate, Control, Found, GapReport, Level, Overlap, Value, Where
+from designlab.gap.state import State
 from designlab.gap.words import places
 from designlab.measurement.invariants import Check
 from designlab.measurement.shots import Observations
@@ -358,3 +359,24 @@ def test_few_presses_limit_confidence(presses, most) -> None:
     report = replace(REPORT, candidates=candidates, gap=levels)
     (found,) = _sure(report, presses).effects
     assert found.confidence == min(confidence(report.to_json(), 0), most)
+
+
+@pytest.mark.parametrize(
+    ("along", "notes"),
+    [
+        ({}, []),
+        ({"fringes": 0.004, "sizes": {"sphere(radius=3)": 0.02}}, []),
+        ({"fringes": 0.006}, ["the lens magnifies red 0.60% more, and blue less, than green"]),
+        ({"fringes": -0.006}, ["the lens magnifies blue 0.60% more, and red less, than green"]),
+        (
+            {"sizes": {"sphere(radius=3)": 0.03, "sphere(radius=5)": -0.04}},
+            [
+                "probe sphere(radius=3) fits best 3.0% larger than stated: measure it",
+                "probe sphere(radius=5) fits best 4.0% smaller than stated: measure it",
+            ],
+        ),
+    ],
+)
+def test_what_is_fitted_along_is_told_where_it_is_more_than_usual(along, notes) -> None:
+    stand = SimpleNamespace(fit=SimpleNamespace(state=State(np.ones(1), {}, **along)))
+    assert list(_along(stand)) == notes
