@@ -1,6 +1,5 @@
 """What a state of the model predicts for a shot, and by how much each unknown changes it."""
 
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -10,11 +9,11 @@ from designlab.camera import View
 from designlab.design import DesignError
 from designlab.effects import CATALOGUE, Effect, Parameter, Sight, effect
 from designlab.effects.camera import mixed
-from designlab.gap.answer import clipped, mean_answers, uncut
+from designlab.gap.answer import ANSWERING, Answers, clipped, uncut
 from designlab.gap.bank import POSE_STEP, SHARPER, SIZE_STEP, Bank, Change, Picture, binned
 from designlab.gap.coordinates import coordinate, value_at
-from designlab.gap.state import FRINGES, SIZE, State, Unknown, Values
-from designlab.gap.warp import Seen, Warp
+from designlab.gap.state import FRINGES, SIZE, Key, State, Unknown
+from designlab.gap.warp import TURNING, Warps, turning
 from designlab.measurement.shots import POSE, Shot
 
 Array = NDArray[np.float64]
@@ -24,14 +23,8 @@ Light = NDArray[np.floating]
 HALF_STEP = 0.25  # of a prior standard deviation: differences of effects that are not rendered
 DEPTH = POSE.index("depth_mm")
 DEEPER = "depth_offset"
-WARPS_KEPT = 64
 EDGES_KEPT = 64  # a fit asks for those of all its shots twice, at every step
 BANDS_KEPT = 16
-REACHES = 8  # of sampled curves, in each doubling of the brightest light
-LEAST_BRIGHTEST = 1e-6
-CURVES_KEPT = 64
-ValuesKey = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
-"""Values of some effects, those that decide where pixels look or what the camera answers."""
 
 
 class Forward:
@@ -46,11 +39,10 @@ class Forward:
     def __init__(self, bank: Bank) -> None:
         self.bank = bank
         self.design = bank.model.effective_design()
-        self._warps: dict[tuple[ValuesKey, ValuesKey, View], Warp | None] = {}
-        self._seen_by: dict[tuple[ValuesKey, View], Seen] = {}
-        self._edged: dict[tuple[int, ValuesKey], tuple[Light, Light] | None] = {}
+        self._warps = Warps(self.design)
+        self.answers = Answers(bank.model, self.design)
+        self._edged: dict[tuple[int, Key], tuple[Light, Light] | None] = {}
         self._bands: dict[tuple[View, float], Array] = {}
-        self._answers: dict[tuple[int, ValuesKey], tuple[Array, Array]] = {}
         self.flux = np.array([group.flux_mw for group in self.design.leds.groups])
         self.parameters: dict[str, tuple[Parameter, ...]] = {
             e.name: e.parameters(bank.model.design) for e in CATALOGUE
@@ -151,7 +143,7 @@ class Forward:
         for e in CATALOGUE:
             if e.stage != "camera" and e.name in state.values:
                 light = e.on_light(light, state.values[e.name], sight)
-        warp = self._warp((), _warping(state.values), sight.view)
+        warp = self._warps.between((), turning(state.values), sight.view)
         if warp is None:
             return light
         return warp.straight(light) if straight else warp(light)
@@ -172,12 +164,12 @@ class Forward:
 
         The light of a fit changes at every step, edges where its camera does alone.
         """
-        key = self.bank.place[number], _warping(state.values)
+        key = self.bank.place[number], turning(state.values)
         if key not in self._edged:
             if len(self._edged) >= EDGES_KEPT:
                 self._edged.clear()
             blunt, sharp = self.bank.of(number).blunt, self._sharp(state, number)
-            warp = self._warp((), key[1], self.bank.of(number).view)
+            warp = self._warps.between((), key[1], self.bank.of(number).view)
             if warp is None or sharp is None or blunt is None:
                 self._edged[key] = None
             else:
@@ -186,10 +178,10 @@ class Forward:
 
     def _sharp(self, state: State, number: int, *, straight: bool = False) -> Light | None:
         """Nominal light as the camera of a state sees it, by a sharper picture; None where none is needed."""
-        picture, looks = self.bank.of(number), _warping(state.values)
+        picture, looks = self.bank.of(number), turning(state.values)
         if picture.sharp is None:
             return None
-        warp = self._warp((), looks, picture.view.finer(SHARPER))
+        warp = self._warps.between((), looks, picture.view.finer(SHARPER))
         if warp is None:
             return None
         return binned(warp.straight(picture.sharp) if straight else warp(picture.sharp))
@@ -202,30 +194,6 @@ class Forward:
             if e.stage == "camera" and e.name in state.values:
                 light = e.on_light(light, state.values[e.name], sight)
         return np.asarray(light * self._of_one_shot(state, number))
-
-    def _warp(self, nominal: ValuesKey, changed: ValuesKey, view: View) -> Warp | None:
-        """Resampling of what a camera sees into what another does; None where they are the same."""
-        key = nominal, changed, view
-        if nominal == changed:
-            return None
-        if key not in self._warps:
-            if len(self._warps) >= WARPS_KEPT:
-                self._warps.clear()
-            before, after = self._looks(nominal, view), self._looks(changed, view)
-            self._warps[key] = None if before.design is after.design else Warp(before, after)
-        return self._warps[key]
-
-    def _looks(self, values: ValuesKey, view: View) -> Seen:
-        """What pixels see where effects turn them."""
-        key = values, view
-        if key not in self._seen_by:
-            if len(self._seen_by) >= WARPS_KEPT:
-                self._seen_by.clear()
-            design = self.design
-            for name, own in values:
-                design = effect(name).on_design(design, dict(own))
-            self._seen_by[key] = Seen(design, view)
-        return self._seen_by[key]
 
     def _of_one_shot(self, state: State, number: int) -> Array | float:
         """Factor on the light of a shot by its own drift and bands."""
@@ -259,7 +227,7 @@ class Forward:
         channels = np.moveaxis(np.tensordot(self.weights(state, number), optics, axes=1), 0, -1)
         if state.fringes:
             channels = channels + state.fringes * self._fringes(number, channels)
-        reported = self._reported(state, channels * _pattern(state))
+        reported = self.answers.reported(state.values, channels * _pattern(state))
         return clipped(reported, self.shot(number).clip_sigma)
 
     def _fringes(self, number: int, channels: NDArray[np.floating]) -> Array:
@@ -276,46 +244,6 @@ class Forward:
         outwards = across[..., None] * slope_across + down[..., None] * slope_down
         return np.asarray(outwards * np.array([-1.0, 0.0, 1.0]))
 
-    def _reported(self, state: State, mixed: Array) -> Array:
-        """Signal of the camera for mixed light, (..., 3): what its pixels report in the mean.
-
-        Every pixel of the sensor has its noise before it answers by a curve, frames are means of pixels. No
-        pixel collects less than nothing, whatever a mixing that is negative takes from it.
-        """
-        lifted = np.maximum(mixed, 0.0) + self.design.camera.black_level
-        if not any(e.curved and e.name in state.values for e in CATALOGUE):
-            return self._answered(state, lifted)
-        if not np.isfinite(lifted).all():  # a fit that runs away
-            return np.full_like(lifted, np.nan)
-        levels, curves = self._curves(state, float(lifted.max()))
-        means = [np.interp(lifted[..., c], levels, curves[:, c]) for c in range(3)]
-        return np.stack(means, axis=-1)
-
-    def _curves(self, state: State, brightest: float) -> tuple[Array, Array]:
-        """Levels up to the brightest of a picture or a little more, and the mean answers to them, (n, 3).
-
-        All pictures of a fit have the same curves but for how far these must reach.
-        """
-        octaves = math.ceil(math.log2(max(brightest, LEAST_BRIGHTEST)) * REACHES)
-        answering = [e.name for e in CATALOGUE if _answers(e)]
-        key = octaves, _values(state.values, answering)
-        if key not in self._answers:
-            if len(self._answers) >= CURVES_KEPT:
-                self._answers.clear()
-            reach = 2.0 ** (octaves / REACHES)
-            self._answers[key] = mean_answers(
-                lambda signal: self._answered(state, signal), self.design.camera, reach
-            )
-        return self._answers[key]
-
-    def _answered(self, state: State, lifted: Array) -> Array:
-        """Signal after the effects on it."""
-        signal = np.asarray(self.bank.model.on_signal(lifted), dtype=float)
-        for e in CATALOGUE:
-            if e.name in state.values:
-                signal = np.asarray(e.on_signal(signal, state.values[e.name]))
-        return signal
-
     def columns(self, state: State, number: int, unknowns: Sequence[Unknown]) -> Single:
         """Derivative of a shot's signal by unknowns, per prior standard deviation: (n, rows, columns, 3)."""
         return self.linear(state, number, unknowns)[1]
@@ -329,7 +257,7 @@ class Forward:
         warped, sharp = self._seen(state, number, light)
         optics = self._after_warp(state, number, warped)
         here = self._of_optics(state, number, optics)
-        if not unknowns or not (shot.lit.any() or any(_reaches_dark(u.effect) for u in unknowns)):
+        if not unknowns or not (shot.lit.any() or any(u.effect in ANSWERING for u in unknowns)):
             return here, found
         slopes: list[Single] = []
         places: list[int] = []
@@ -360,7 +288,7 @@ class Forward:
                     wave = self._waves(number, period)[int(unknown.name)]
                 part = np.tensordot(mixing, optics * wave, axes=1)
                 found[place] = unknown.sd * np.moveaxis(part, 0, -1) * gain
-            elif unknown.effect in WARPING:
+            elif unknown.effect in TURNING:
                 looks.append(self._look_slope(state, number, unknown, warped, sharp))
                 looking.append(place)
             else:
@@ -383,7 +311,7 @@ class Forward:
         looked for: a tangent would lose an edge that is pixels away. `sharp` is the part of the light that
         sharper pictures show, where they show another than the nominal one.
         """
-        view, here = self.bank.of(number).view, _warping(state.values)
+        view, here = self.bank.of(number).view, turning(state.values)
         if sharp is None:
             sharp = self.bank.of(number).blunt
         rest = warped if sharp is None else warped - sharp
@@ -393,7 +321,7 @@ class Forward:
         for step in (-HALF_STEP, HALF_STEP):
             there: Mapping[str, float] = {**values, p.name: value_at(p, coordinate(p, values[p.name]) + step)}
             try:
-                warp = self._warp(here, _warping({**state.values, unknown.effect: there}), view)
+                warp = self._warps.between(here, turning({**state.values, unknown.effect: there}), view)
             except DesignError:  # no lens turns back within the picture
                 there, warp = values, None
             # Errors of straight lines between pixels cancel in a difference.
@@ -408,12 +336,15 @@ class Forward:
     def _slope(self, state: State, mixing: Array, optics: NDArray[np.floating], sigma: Array) -> Array:
         """Derivative of the reported signal by the mixed light, (rows, columns, 3)."""
         channels = np.moveaxis(np.tensordot(mixing, optics, axes=1), 0, -1) * _pattern(state)
-        slope = uncut(self._reported(state, channels), sigma)
+        slope = uncut(self.answers.reported(state.values, channels), sigma)
         if "response_curve" in state.values or any(
             a.name == "response_curve" for a in self.bank.model.effects
         ):
             step = 1e-3 * max(float(channels.max()), 1e-3)
-            ends = self._reported(state, channels - step), self._reported(state, channels + step)
+            ends = (
+                self.answers.reported(state.values, channels - step),
+                self.answers.reported(state.values, channels + step),
+            )
             slope = slope * (ends[1] - ends[0]) / (2 * step)
         return slope * _pattern(state) * (channels > 0.0)
 
@@ -487,18 +418,6 @@ class Forward:
         return self._of_optics(state, number, optics)
 
 
-WARPING = tuple(e.name for e in CATALOGUE if e.warps)
-
-
-def _warping(values: Values) -> ValuesKey:
-    return _values(values, WARPING)
-
-
-def _values(values: Values, names: Sequence[str]) -> ValuesKey:
-    """Values of those effects, of some, that a state has."""
-    return tuple((name, tuple(values[name].items())) for name in names if name in values)
-
-
 def _pattern(state: State) -> Array | float:
     """Factor of the pattern that all shots carry."""
     if state.pattern is None or "fixed_pattern" not in state.values:
@@ -511,14 +430,3 @@ def bands(shot: Shot, period_rows: float) -> Array:
     _, row = shot.view.centres()
     turn = 2 * np.pi * row / period_rows
     return np.stack([np.sin(turn), np.cos(turn)])
-
-
-def _reaches_dark(name: str) -> bool:
-    """Whether an effect shows in a frame without light."""
-    known: dict[str, Effect] = {e.name: e for e in CATALOGUE}
-    return name in known and _answers(known[name])
-
-
-def _answers(applied: Effect) -> bool:
-    """Whether an effect acts on the signal."""
-    return type(applied).on_signal is not Effect.on_signal

@@ -1,6 +1,6 @@
 """Values of all that is fitted, and the columns of a fit that move them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -13,6 +13,8 @@ from designlab.measurement.shots import POSE
 
 Array = NDArray[np.float64]
 Values = Mapping[str, Mapping[str, float]]
+Key = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
+"""Values of some effects, as a key of what is kept."""
 SIZE = "probe_size"
 FRINGES = "lateral_colour"
 
@@ -85,3 +87,8 @@ class State:
             if effect(name).acts(values, bank.model.design):
                 found = found.with_effect(AppliedEffect(name=name, values=dict(values)))
         return found
+
+
+def key(values: Values, names: Sequence[str]) -> Key:
+    """Values of those effects, of some, that a state has."""
+    return tuple((name, tuple(values[name].items())) for name in names if name in values)

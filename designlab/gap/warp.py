@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from designlab.camera import View, Vignetting
 from designlab.design import Design
+from designlab.effects import CATALOGUE, effect
 from designlab.gap.splines import coefficients, look_up
+from designlab.gap.state import Key, Values, key
 from designlab.viewing import rays
 from geometries.elastomer import base_mm
 
@@ -26,6 +28,9 @@ Array = NDArray[np.float64]
 MOST_PX = 16  # by which pictures are continued in proportion beyond their edges
 ITERATIONS = 6
 SETTLED_PX = 1e-6  # steps below which no further ones are taken
+KEPT = 64
+TURNING = tuple(e.name for e in CATALOGUE if e.warps)
+"""Effects that turn where pixels look."""
 
 
 class Seen:
@@ -116,6 +121,49 @@ class Warp:
         entries, to, of = (np.concatenate(part) for part in zip(*parts, strict=True))
         # Entries of one pixel in another are added up.
         return csr_array((entries.astype(np.float32), (to, of)), shape=(share.shape[1],) * 2)
+
+
+class Warps:
+    """Resamplings of what a design's camera sees into what effects turn it to; many are asked for again.
+
+    Parameters
+    ----------
+    design : Design
+        The design without these effects.
+    """
+
+    def __init__(self, design: Design) -> None:
+        self.design = design
+        self._kept: dict[tuple[Key, Key, View], Warp | None] = {}
+        self._seen: dict[tuple[Key, View], Seen] = {}
+
+    def between(self, nominal: Key, changed: Key, view: View) -> Warp | None:
+        """Resampling of what a camera sees into what another does; None where they are the same."""
+        both = nominal, changed, view
+        if nominal == changed:
+            return None
+        if both not in self._kept:
+            if len(self._kept) >= KEPT:
+                self._kept.clear()
+            before, after = self._looks(nominal, view), self._looks(changed, view)
+            self._kept[both] = None if before.design is after.design else Warp(before, after)
+        return self._kept[both]
+
+    def _looks(self, values: Key, view: View) -> Seen:
+        """What pixels see where effects turn them."""
+        if (values, view) not in self._seen:
+            if len(self._seen) >= KEPT:
+                self._seen.clear()
+            design = self.design
+            for name, own in values:
+                design = effect(name).on_design(design, dict(own))
+            self._seen[values, view] = Seen(design, view)
+        return self._seen[values, view]
+
+
+def turning(values: Values) -> Key:
+    """Values of the effects that turn where pixels look."""
+    return key(values, TURNING)
 
 
 def _continued(place: NDArray[np.intp], shape: tuple[int, ...]) -> Iterator[tuple[Array, NDArray[np.intp]]]:

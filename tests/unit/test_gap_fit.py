@@ -365,7 +365,7 @@ def test_pixels_answer_by_a_curve_before_their_noise_is_averaged(bank) -> None:
     reported = converter.report(light, np.random.default_rng(2), correlated=False).mean(axis=(0, 1))
     forward = Forward(bank)
     state = State(GAINS).with_values("response_curve", {"exponent": 0.85})
-    predicted = forward._reported(state, level)
+    predicted = forward.answers.reported(state.values, level)
     without_noise = (level + camera.black_level) ** 0.85
     np.testing.assert_allclose(predicted, reported, rtol=0.01)
     assert abs(without_noise[0] / reported[0] - 1) > 0.05
@@ -381,7 +381,7 @@ def test_the_black_level_lifts_what_is_left_of_light_and_its_noise(bank, exponen
     reported = converter.report(shown, np.random.default_rng(2), correlated=False).mean(axis=(0, 1))
     state = State(GAINS).with_values("black_level", dict(zip("RGB", black, strict=True)))
     state = state.with_values("response_curve", {"exponent": exponent})
-    np.testing.assert_allclose(Forward(bank)._reported(state, light), reported, rtol=0.01)
+    np.testing.assert_allclose(Forward(bank).answers.reported(state.values, light), reported, rtol=0.01)
 
 
 def test_edges_that_are_remembered_are_those_of_the_camera_of_each_state(bank) -> None:
