@@ -51,7 +51,7 @@ def refused(
     if reason := unsure(attempt, gap, later=bool(base.values), surely=surely):
         return reason
     drawn = attempt.name in DRAWN_SD
-    settles = attempt.gain.settles_poses and attempt.gain.squares > -LEAST_SHARE
+    settles = attempt.gain.settles_poses
     if attempt.gain.squares < LEAST_SHARE and not settles:
         taken = f"takes {attempt.gain.squares:.1%} of the squared residual beyond noise away"
         return f"{taken}, less than {LEAST_SHARE:.1%}"

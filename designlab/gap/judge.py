@@ -75,9 +75,10 @@ class Gain:
     Smooth errors are counted as covariance here: a fall that they could bring about counts little. `squares`
     is the share of the plain squared residual beyond camera noise that is gone: an effect may not move error
     from where it counts to where it is granted. `settles_poses` tells whether poses that stood off what was
-    stated by more than its errors do so no longer: what poses take up leaves no residual. `own` is the mean
-    of what each shot that has a gap gains as a share of its own, `own_se` its error: where few shots show
-    most of an effect, the spread of the other shares is no error.
+    stated by more than its errors do so no longer, and the residual is no larger for it by more than a small
+    share of the whole: what poses take up leaves hardly any, of which no share can be asked. `own` is the
+    mean of what each shot that has a gap gains as a share of its own, `own_se` its error: where few shots
+    show most of an effect, the spread of the other shares is no error.
     """
 
     value: float
@@ -150,7 +151,8 @@ def gain(base: Judged, other: Judged, gap: float) -> Gain:
     squares = (base.mean - other.mean) / base.beyond_noise
     worst = int(np.argmax(base.poses))
     off, left = float(base.poses[worst]), float(other.poses.max())
-    settles = off > POSES_OFF and left < POSES_SETTLED * off
+    rises = other.mean - base.mean > LEAST_SHARE * base.mean
+    settles = off > POSES_OFF and left < POSES_SETTLED * off and not rises
     return Gain(
         float(falls.mean()),
         standard_error(falls),

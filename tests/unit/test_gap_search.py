@@ -289,6 +289,16 @@ def test_residuals_are_shared_out_beyond_the_noise_of_the_camera() -> None:
     assert gain(much, judged([9_800.0, 9_800.0], noise=96.0), 10.0).squares == pytest.approx(200 / 9904)
 
 
+def test_putting_poses_right_may_cost_a_little_of_the_residual_where_hardly_any_is_left() -> None:
+    """What poses had taken up leaves none; shares of what is beyond the noise would be shares of nothing."""
+    off = replace(judged([100.0, 104.0], noise=102.0), poses=np.array([0.0, 0.0, 9.0, 0.0]))
+    settled = gain(off, replace(judged([101.0, 104.0], noise=102.0), poses=np.full(4, 1.0)), 10.0)
+    assert settled.squares < -0.1
+    assert settled.settles_poses
+    dearly = gain(off, replace(judged([104.0, 108.0], noise=102.0), poses=np.full(4, 1.0)), 10.0)
+    assert not dearly.settles_poses
+
+
 def test_where_much_is_left_what_promises_most_is_fitted_whatever_the_screen_says(bank, monkeypatch) -> None:
     least = {name: 4.0 if name == "vignetting" else -10.0 for name in NAMES}
     monkeypatch.setattr("designlab.gap.search.screen", lambda *_: (least, {}))
