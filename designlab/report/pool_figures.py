@@ -25,10 +25,11 @@ def reliability_plot(path: Path, bins: Sequence[Mapping[str, float]]) -> Path:
     stated, right = (np.array([b[key] for b in bins]) for key in ("confidence", "right"))
     low, high = (np.array([b[key] for b in bins]) for key in ("low", "high"))
     axes.errorbar(stated, right, [right - low, high - right], fmt="o", color=BLUE, capsize=3)
-    for place, (x, y) in enumerate(zip(stated, right, strict=True)):
+    # Few names have long intervals: numbers below their ends stand apart where confidences are much the same.
+    for x, y, each in zip(stated, low, bins, strict=True):
         axes.annotate(
-            f"{bins[place]['names']}", (x, y), xytext=(-7, 5), textcoords="offset points", ha="right",
-            fontsize=8.5, color=BLUE,
+            f"{each['names']}", (x, y), xytext=(0, -5), textcoords="offset points", ha="center", va="top",
+            fontsize=8.5, color=BLUE, bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 0.5},
         )  # fmt: skip
     axes.set(xlabel="stated confidence", ylabel="share of names that were right")
     axes.set(xlim=(0, 1.02), ylim=(0, 1.02), aspect="equal")
