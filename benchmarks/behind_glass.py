@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from designlab.design import Design, preset
-from designlab.plant.immersed import Immersed
-from designlab.plant.rig import Rig
-from designlab.simulate import Simulator
+from designlab.sensor.design import Design, preset
+from designlab.simulation.simulator import Simulator
+from designlab.validation.synthetic.generator_sensor import Rig
+from designlab.validation.synthetic.immersed import Immersed
 
 COLUMNS, BLUR_PX = 96, 3.0
 SEEDS = (1, 2)

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from designlab.tolerance import Tolerance
-from designlab.tolerance.spreads import deviates
+from designlab.optimization.tolerance import Tolerance
+from designlab.optimization.tolerance.distributions import deviates
 
 INPUTS, CASES = 25, 12
 COPIES = (200, 800)

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from designlab.effects import CATALOGUE, Effect
-from designlab.images import to_srgb
-from designlab.store import write_json
+from designlab.core.images import to_srgb
+from designlab.core.store import write_json
+from designlab.simulation.effects import CATALOGUE, Effect
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "physics"))
 

@@ -21,9 +21,9 @@ REPEATS = 3
 
 def measure(design: str, fidelity: str) -> dict[str, float]:
     """Median seconds of each part, over seeds, after one evaluation that warms up."""
-    from designlab.design import load
-    from designlab.evaluate import evaluate
-    from designlab.store import CACHE_VARIABLE
+    from designlab.core.store import CACHE_VARIABLE
+    from designlab.evaluation.evaluate import evaluate
+    from designlab.sensor.design import load
 
     parts = []
     for seed in range(REPEATS + 1):

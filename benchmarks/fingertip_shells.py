@@ -15,11 +15,11 @@ import os
 import numpy as np
 import pandas as pd
 
-from designlab.bench import TEST_PROBES
-from designlab.design import preset
-from designlab.evaluate import FIDELITIES, evaluate
-from designlab.interrupts import Interrupts
-from designlab.workers import finished
+from designlab.core.interrupts import Interrupts
+from designlab.core.workers import finished
+from designlab.evaluation.evaluate import FIDELITIES, evaluate
+from designlab.evaluation.protocol import TEST_PROBES
+from designlab.sensor.design import preset
 
 BASE = "pbr-fingertip-like"
 SHELLS: dict[str, dict[str, float | None]] = {

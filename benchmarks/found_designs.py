@@ -13,10 +13,10 @@ from typing import Any
 
 import pandas as pd
 
-from designlab.design import load
-from designlab.evaluate import FIDELITIES, evaluate
-from designlab.interrupts import Interrupts
-from designlab.workers import finished
+from designlab.core.interrupts import Interrupts
+from designlab.core.workers import finished
+from designlab.evaluation.evaluate import FIDELITIES, evaluate
+from designlab.sensor.design import load
 
 RECORDS = Path(__file__).parents[1] / "docs" / "records"
 ONE_PANEL = {f"leds.groups.{k}.azimuth_deg": (azimuth,) for k, azimuth in enumerate((90.0, 210.0, 330.0))}

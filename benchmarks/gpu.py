@@ -20,12 +20,12 @@ from itertools import count
 import numpy as np
 from light_transport import coloured, presses
 
-from designlab.camera import View
-from designlab.design import Design, preset
-from designlab.render import sensors
-from designlab.render.backend import activate, cuda_devices
-from designlab.simulate import Simulator
-from designlab.store import CACHE_VARIABLE
+from designlab.core.backend import activate, cuda_devices
+from designlab.core.store import CACHE_VARIABLE
+from designlab.sensor.camera import View
+from designlab.sensor.design import Design, preset
+from designlab.simulation.render import sensors
+from designlab.simulation.simulator import Simulator
 
 # (side in pixels, samples a pixel, the paper's milliseconds)
 PUBLISHED = (

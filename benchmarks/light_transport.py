@@ -30,13 +30,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.camera import View
-from designlab.design import Design, preset
-from designlab.press import Press
-from designlab.render import Estimator, bridge, sensors
-from designlab.scene import Dielectric, Scene
-from designlab.simulate import Simulator
-from designlab.store import CACHE_VARIABLE
+from designlab.core.store import CACHE_VARIABLE
+from designlab.sensor.camera import View
+from designlab.sensor.design import Design, preset
+from designlab.simulation.contact.press import Press
+from designlab.simulation.render import Estimator, bridge, sensors
+from designlab.simulation.scene.scene import Dielectric, Scene
+from designlab.simulation.simulator import Simulator
 from geometries.probes import parse
 
 Pictures = list[NDArray[np.floating]]  # of every press, shape (groups, rows, columns)

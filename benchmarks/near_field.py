@@ -12,12 +12,12 @@ import argparse
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.bench import Bench, plan_presses, sub_seed
-from designlab.design import preset
-from designlab.evaluate import FIDELITIES
-from designlab.metrics import normal_error_deg
-from designlab.reconstruct import normals
-from designlab.simulate import Simulator, exposure
+from designlab.core.metrics import normal_error_deg
+from designlab.evaluation.evaluate import FIDELITIES
+from designlab.evaluation.protocol import Bench, plan_presses, sub_seed
+from designlab.reconstruction import normals
+from designlab.sensor.design import preset
+from designlab.simulation.simulator import Simulator, exposure
 from geometries.elastomer import base_gradient
 
 DESIGNS = ("default", "gelsight-2020-flat", "gelsight-2020-dome")

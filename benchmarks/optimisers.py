@@ -18,14 +18,14 @@ import matplotlib
 import numpy as np
 import pandas as pd
 
-from designlab.evaluate import evaluate
-from designlab.interrupts import Interrupts
-from designlab.scores import Estimate
-from designlab.study import Parameter, Plan, Study, run_study
-from designlab.study.definition import Sampler
-from designlab.study.front import hypervolume
-from designlab.study.robust import RobustScore
-from designlab.workers import completed, submitter
+from designlab.core.interrupts import Interrupts
+from designlab.core.workers import completed, submitter
+from designlab.evaluation.evaluate import evaluate
+from designlab.evaluation.illumination_scores import Estimate
+from designlab.optimization.study import Parameter, Plan, Study, run_study
+from designlab.optimization.study.definition import Sampler
+from designlab.optimization.study.front import hypervolume
+from designlab.optimization.study.robust import RobustScore
 
 BASE = "gelsight-2020-flat"
 PARAMETERS = {

@@ -13,11 +13,11 @@ import os
 import statistics
 import sys
 
-from designlab.design import preset, preset_names
-from designlab.evaluate import FIDELITIES, evaluate
-from designlab.interrupts import Interrupts
-from designlab.scores import Estimate
-from designlab.workers import finished
+from designlab.core.interrupts import Interrupts
+from designlab.core.workers import finished
+from designlab.evaluation.evaluate import FIDELITIES, evaluate
+from designlab.evaluation.illumination_scores import Estimate
+from designlab.sensor.design import preset, preset_names
 
 
 def over_seeds(found: list[Estimate]) -> Estimate:

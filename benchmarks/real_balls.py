@@ -21,19 +21,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.metrics import normal_error_deg
 from designlab.measurement import Measurement, load_measurement
-from designlab.metrics import normal_error_deg
-from designlab.reconstruct import normals
-from designlab.reconstruct.ball_samples import Setup
-from designlab.reconstruct.balls import BallPress, ball_gradients
-from designlab.reconstruct.lab import (
-    LabCalibration,
-    LeftOut,
-    calibrate,
-    left_out_errors,
-    refine_centres,
-)
-from designlab.reconstruct.methods import Kernel, Method, Perceptron, Polynomial, Table
+from designlab.reconstruction import normals
+from designlab.reconstruction.ball_samples import Setup
+from designlab.reconstruction.balls import BallPress, ball_gradients
+from designlab.reconstruction.lab import LabCalibration, LeftOut, calibrate, left_out_errors, refine_centres
+from designlab.reconstruction.methods import Kernel, Method, Perceptron, Polynomial, Table
 
 Array = NDArray[np.float64]
 JUDGED = 0.85

@@ -11,10 +11,10 @@ import argparse
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.design import Design, preset
-from designlab.plant.light import Lighting
-from designlab.plant.rig import Rig
-from designlab.simulate import Simulator
+from designlab.sensor.design import Design, preset
+from designlab.simulation.simulator import Simulator
+from designlab.validation.synthetic.generator_sensor import Rig
+from designlab.validation.synthetic.light import Lighting
 
 COLUMNS, TRACED, BLOCK = 40, 6000, 5
 SEEDS = (3, 7, 8)

@@ -5,8 +5,8 @@
 Presets and random designs are evaluated with the samples of fidelity "fast" and with sixteen times as many,
 the same presses and seed. Printed are the score with its noise in it, the score as stated, and the difference
 of the latter between both efforts as a share of what had been taken off at the lower one: of all designs
-together its root mean square, which `designlab.press_scores.NOISE_LEFT` must cover. Finished evaluations are
-kept in the results folder.
+together its root mean square, which `designlab.evaluation.press_scores.NOISE_LEFT` must cover. Finished
+evaluations are kept in the results folder.
 """
 
 import argparse
@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from designlab.design import Design, load
-from designlab.evaluate import FIDELITIES, evaluate
-from designlab.press_scores import NOISE_LEFT, PRESS_FIGURES, pooled
-from designlab.sampling import random_design
-from designlab.store import write_json
+from designlab.core.store import write_json
+from designlab.evaluation.evaluate import FIDELITIES, evaluate
+from designlab.evaluation.press_scores import NOISE_LEFT, PRESS_FIGURES, pooled
+from designlab.sensor.design import Design, load
+from designlab.sensor.random_designs import random_design
 
 PRESETS = ("default", "gelsight-2020-flat-core", "gelsight-2020-dome-core", "digit-like")
 SCORES = ("normal_error_median_deg", "height_mae_um", "normals_within_5deg")

@@ -12,10 +12,10 @@ import argparse
 import os
 from pathlib import Path
 
-from designlab.bounds import Bound
-from designlab.design import preset
-from designlab.study import Robust, optimise
-from designlab.tolerance import Spread, tolerance
+from designlab.optimization.constraint import Bound
+from designlab.optimization.study import Robust, optimise
+from designlab.optimization.tolerance import Spread, tolerance
+from designlab.sensor.design import preset
 
 BASE = preset("gelsight-2020-flat").replace(
     {"leds.height_mm": 14.0, "leds.radius_mm": 13.3, "leds.tilt_deg": 0.0, "leds.emitting_width_mm": 5.3}

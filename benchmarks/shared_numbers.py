@@ -11,9 +11,9 @@ import argparse
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from designlab.design import preset
-from designlab.effects import AppliedEffect, SensorModel, effect
-from designlab.simulate import Simulator
+from designlab.sensor.design import preset
+from designlab.simulation.effects import AppliedEffect, SensorModel, effect
+from designlab.simulation.simulator import Simulator
 
 COLUMNS, BLUR_PX = 96, 3.0
 EFFECTS = ("absorption", "interreflection", "led_spread", "core_scatter", "gelcore_index", "led_position")

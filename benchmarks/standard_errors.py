@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from designlab.design import load
-from designlab.evaluate import FIDELITIES, evaluate
-from designlab.store import write_json
+from designlab.core.store import write_json
+from designlab.evaluation.evaluate import FIDELITIES, evaluate
+from designlab.sensor.design import load
 
 FROM, TO = 0.90, 0.99
 

@@ -13,8 +13,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from designlab.render import backend
-from designlab.study import Parameter, Plan, Study, run_study
+from designlab.core import backend
+from designlab.optimization.study import Parameter, Plan, Study, run_study
 
 
 def search(study: Study, folder: Path, workers: int) -> None:

@@ -5,7 +5,7 @@ cd "$(dirname "$0")/.."
 
 has_usable_back_end() {
     .venv/bin/python -c \
-        'import sys; from designlab.render.backend import choose; sys.exit(not choose().is_jit)' 2>/dev/null
+        'import sys; from designlab.core.backend import choose; sys.exit(not choose().is_jit)' 2>/dev/null
 }
 
 as_root() {

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from designlab.design import Design, loads, preset_text
-from designlab.images import tone_map
-from designlab.press import Press
-from designlab.simulate import Simulator
+from designlab.core.images import tone_map
+from designlab.sensor.design import Design, loads, preset_text
+from designlab.simulation.contact.press import Press
+from designlab.simulation.simulator import Simulator
 from geometries.probes import parse
 
 TARGET = Path(__file__).parents[1] / "docs" / "images" / "gallery"

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from designlab.design import preset
-from designlab.images import tone_map
-from designlab.press import Press
-from designlab.simulate import Simulator
-from designlab.view3d import render_view
+from designlab.core.images import tone_map
+from designlab.report.view3d import render_view
+from designlab.sensor.design import preset
+from designlab.simulation.contact.press import Press
+from designlab.simulation.simulator import Simulator
 from geometries.probes import parse
 
 TARGET = Path(__file__).parents[1] / "docs" / "images" / "sensor-and-presses.jpg"

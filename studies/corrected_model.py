@@ -25,15 +25,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from designlab.design import Design, preset
-from designlab.effects import AppliedEffect, SensorModel, load_model
-from designlab.gap import diagnose
+from designlab.evaluation.illumination_scores import Estimate, uniformity
+from designlab.inference.diagnosis import diagnose
 from designlab.measurement import load_measurement
-from designlab.plant import plant, unseal
+from designlab.optimization.study import sweep
 from designlab.report import gap_report
-from designlab.scores import Estimate, uniformity
-from designlab.simulate import Simulator
-from designlab.study import sweep
+from designlab.sensor.design import Design, preset
+from designlab.simulation.effects import AppliedEffect, SensorModel, load_model
+from designlab.simulation.simulator import Simulator
+from designlab.validation.synthetic import plant, unseal
 
 BASE = "gelsight-2020-flat"
 HIDDEN = {"led_profile": {"red_exponent": 1.5, "green_exponent": 1.7, "blue_exponent": 1.6}}

@@ -12,9 +12,9 @@ The same command again goes on where it ended. Results: the folder of the study,
 import argparse
 from pathlib import Path
 
-from designlab.design import preset
+from designlab.optimization.study import Parameter, Plan, Results, Study, run_study
 from designlab.report import study_report
-from designlab.study import Parameter, Plan, Results, Study, run_study
+from designlab.sensor.design import preset
 
 BASE = "gelsight-2020-flat"
 HEIGHT_MM = (4.0, 14.0)  # of the panels' centre above the membrane; lower, the boards touch it

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
-from designlab.render.backend import Backend, activate, choose, usable_cores
-from designlab.workers import keep_to_share
+from designlab.core.backend import Backend, activate, choose, usable_cores
+from designlab.core.workers import keep_to_share
 
 # examples render and solve, so their time says nothing; the same ones are drawn at every run
 settings.register_profile("designlab", deadline=None, derandomize=True)

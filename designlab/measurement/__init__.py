@@ -1,12 +1,12 @@
 """Measured frames of a real sensor: the folder format, its checks, and the split of presses by place."""
 
-from designlab.measurement.checks import check
-from designlab.measurement.conversion import Conversion
 from designlab.measurement.folder import load_measurement, write_measurement
 from designlab.measurement.frames import Frame, Measurement, MeasurementError, PoseSigma, Split
-from designlab.measurement.importing import Imported, import_frames
+from designlab.measurement.importing.conversion import Conversion
+from designlab.measurement.importing.import_frames import Imported, import_frames
 from designlab.measurement.light import ball_of, light_of
-from designlab.measurement.suspicion import Suspicion, refuse
+from designlab.measurement.quality.checks import check
+from designlab.measurement.quality.suspicion import Suspicion, refuse
 
 __all__ = [
     "Conversion",

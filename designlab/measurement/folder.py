@@ -9,11 +9,11 @@ from typing import Any
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from designlab.design import explain, preset_names
-from designlab.images import write_image
+from designlab.core.images import write_image
+from designlab.core.store import atomic_folder
 from designlab.measurement.frames import FILE_NAME, Frame, Measurement, MeasurementError, mesh_file
-from designlab.measurement.sizes import check_size, size
-from designlab.store import atomic_folder
+from designlab.measurement.quality.sizes import check_size, size
+from designlab.sensor.design import explain, preset_names
 
 
 def load_measurement(path: str | Path) -> Measurement:

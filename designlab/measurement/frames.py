@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
-from designlab.camera import View
-from designlab.design import Design, DesignError, explain, load, loads, preset_names
-from designlab.images import ImageError, from_srgb, read_image
-from designlab.press import Press
+from designlab.core.images import ImageError, from_srgb, read_image
+from designlab.sensor.camera import View
+from designlab.sensor.design import Design, DesignError, explain, load, loads, preset_names
+from designlab.simulation.contact.press import Press
 from geometries import probes
 from geometries.mesh import MESH_SUFFIXES
 from geometries.spec import Spec, quantity

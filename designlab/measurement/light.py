@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from designlab.design import CHANNELS, Design, explain
-from designlab.light_probe import LightProbe, Outline, Unwrapped, locate, unwrap
 from designlab.measurement.frames import Frame, Measurement, MeasurementError
+from designlab.measurement.light_probe import LightProbe, Outline, Unwrapped, locate, unwrap
+from designlab.sensor.design import CHANNELS, Design, explain
 
 
 def ball_of(measurement: Measurement, frame: Frame) -> LightProbe:

@@ -7,13 +7,13 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.camera import View
-from designlab.design import Design
-from designlab.light_probe import LightProbe
 from designlab.measurement.frames import Frame, Measurement, MeasurementError
 from designlab.measurement.light import ball_of
-from designlab.measurement.sizes import check_leds
-from designlab.press import Press
+from designlab.measurement.light_probe import LightProbe
+from designlab.measurement.quality.sizes import check_leds
+from designlab.sensor.camera import View
+from designlab.sensor.design import Design
+from designlab.simulation.contact.press import Press
 from geometries.probes import Probe
 
 Array = NDArray[np.float64]

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from designlab.margins import RULES
+from designlab.core.store import write_atomic
 from designlab.report.page import Column, Html, Section, facts, gallery, page, paragraph, picture, table
 from designlab.report.yardsticks import judged, row, summary, worst_place
-from designlab.store import write_atomic
+from designlab.sensor.feasibility import RULES
 
 _COLOURS = {"good": "#2f855a", "fair": "#b7791f", "poor": "#c53030"}
 _MAPS = {

@@ -5,7 +5,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from designlab.report.gap_figures import gap_bars, interval_bar
+from designlab.core.store import write_atomic
+from designlab.report.gap_plots import gap_bars, interval_bar
 from designlab.report.page import (
     Column,
     Html,
@@ -18,7 +19,6 @@ from designlab.report.page import (
     rounded,
     table,
 )
-from designlab.store import write_atomic
 
 MOST_PLACES = 12
 STANDS_OUT = 1.5  # times the mean of its channel and frames

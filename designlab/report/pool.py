@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from designlab.core.store import write_atomic
 from designlab.report.page import Column, Html, Section, page, paragraph, picture, table
-from designlab.report.pool_figures import limits_plot, reliability_plot
-from designlab.store import write_atomic
+from designlab.report.pool_plots import limits_plot, reliability_plot
 
 _FAMILIES = {
     "nothing": "nothing hidden",
@@ -47,7 +47,7 @@ def pool_report(score: Mapping[str, Any], target: str | Path, *, title: str) -> 
     Parameters
     ----------
     score : mapping
-        As `designlab.trials.score` gives it.
+        As `designlab.validation.blind.score` gives it.
     target : path
         HTML file to write; the plots in it are written beside it, ``reliability.png`` and ``limits.png``.
     title : str

@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from designlab.design import dumps
-from designlab.margins import RULES
-from designlab.report import figures
+from designlab.core.store import write_atomic
+from designlab.optimization.study import Results, importance, load_results
+from designlab.optimization.study.definition import VARIANT
+from designlab.optimization.study.folder import trial_folder
+from designlab.report import study_plots
 from designlab.report.page import (
     Column,
     Html,
@@ -22,10 +24,8 @@ from designlab.report.page import (
     plotly_figure,
     table,
 )
-from designlab.store import write_atomic
-from designlab.study import Results, importance, load_results
-from designlab.study.definition import VARIANT
-from designlab.study.folder import trial_folder
+from designlab.sensor.design import dumps
+from designlab.sensor.feasibility import RULES
 
 MOST_DEPICTED = 16  # designs of the front that get pictures
 _CAPTIONS = {"untouched": "untouched gel", "press": "a ball of 4 mm, pressed"}
@@ -204,7 +204,7 @@ def _trade_off(results: Results) -> tuple[Html, ...]:
         return ()
     caption = "Every evaluated design, with standard errors. Point at one to see its parameters and scores."
     first, *others = results.study.objectives
-    drawn = [figures.pareto(results, first, other) for other in others]
+    drawn = [study_plots.pareto(results, first, other) for other in others]
     pictures = {
         str(number): path
         for number in results.pareto["trial"]
@@ -217,14 +217,14 @@ def _parallel(results: Results) -> tuple[Html, ...]:
     if results.pareto.empty:
         return ()
     caption = "Each line is a design; those of the Pareto front are blue, the shortlist is orange."
-    return (plotly_figure(figures.parallel(results), caption),)
+    return (plotly_figure(study_plots.parallel(results), caption),)
 
 
 def _slices(results: Results) -> tuple[Html, ...]:
     if results.pareto.empty:
         return ()
     caption = "Each point is a design; those of the Pareto front are blue."
-    figure, rows = figures.slices(results)
+    figure, rows = study_plots.slices(results)
     return (plotly_figure(figure, caption, height_px=100 + 170 * rows),)
 
 
@@ -237,7 +237,7 @@ def _importance(results: Results) -> tuple[Html, ...]:
         "a random forest fitted to the evaluated designs)."
     )
     height_px = 120 + 28 * len(results.study.parameters) * len(shares)
-    return (plotly_figure(figures.importance(shares, results), caption, height_px=height_px),)
+    return (plotly_figure(study_plots.importance(shares, results), caption, height_px=height_px),)
 
 
 def _progress(results: Results) -> tuple[Html, ...]:
@@ -246,7 +246,7 @@ def _progress(results: Results) -> tuple[Html, ...]:
     caption = "Points are designs in the order of their evaluation, lines the best so far."
     if len(results.study.objectives) == 2:
         caption += " The hypervolume measures the whole front: its last value is 1."
-    figure, panels = figures.progress(results)
+    figure, panels = study_plots.progress(results)
     return (plotly_figure(figure, caption, height_px=90 + 190 * panels),)
 
 
@@ -316,9 +316,9 @@ def _depict(results: Results, number: int) -> None:
     folder = trial_folder(results.folder, number)
     if any(folder.glob("*.png")):
         return
-    from designlab.images import tone_map, write_image
-    from designlab.press import Press
-    from designlab.simulate import render
+    from designlab.core.images import tone_map, write_image
+    from designlab.simulation.contact.press import Press
+    from designlab.simulation.simulator import render
     from geometries.probes import parse
 
     subject, seed = results.subject(number), results.study.seed

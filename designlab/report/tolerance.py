@@ -3,20 +3,10 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from designlab.report.page import (
-    COLOURS,
-    Column,
-    Html,
-    Section,
-    label,
-    page,
-    paragraph,
-    plotly_figure,
-    table,
-)
+from designlab.core.store import write_atomic
+from designlab.optimization.tolerance import Tolerance
+from designlab.report.page import COLOURS, Column, Html, Section, label, page, paragraph, plotly_figure, table
 from designlab.report.yardsticks import YARDSTICKS
-from designlab.store import write_atomic
-from designlab.tolerance import Tolerance
 
 if TYPE_CHECKING:
     import plotly.graph_objects

@@ -13,17 +13,10 @@ import tomli_w
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from designlab import cli
-from designlab.design import (
-    DesignError,
-    dumps,
-    loads,
-    preset,
-    preset_names,
-    preset_text,
-)
-from designlab.effects import SensorModel
-from designlab.images import write_image
+from designlab.app import cli
+from designlab.core.images import write_image
+from designlab.sensor.design import DesignError, dumps, loads, preset, preset_names, preset_text
+from designlab.simulation.effects import SensorModel
 from geometries import elastomer, gelcore, housing, leds
 
 FLAT = "gelsight-2020-flat"
@@ -384,7 +377,7 @@ class TestPlacesThatCannotBeWritten:
         assert list(tmp_path.iterdir()) == []
 
     def test_a_disk_that_is_full_when_the_pictures_are_written(self, refused, tmp_path, monkeypatch):
-        from designlab import images
+        from designlab.core import images
 
         def full(path, pixels):
             path.write_bytes(b"half")

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from killing import until
 
-from designlab.design import preset
-from designlab.gap import diagnose
+from designlab.inference.diagnosis import diagnose
 from designlab.measurement import load_measurement
-from designlab.plant import plant
+from designlab.sensor.design import preset
+from designlab.validation.synthetic import plant
 
 DESIGN = preset("gelsight-2020-flat")
 SEED = 3
@@ -24,8 +24,8 @@ PRESSES = [
 
 PROGRAM = """
 import json, sys, time
-from designlab.design import preset
-from designlab.gap import diagnose
+from designlab.sensor.design import preset
+from designlab.inference.diagnosis import diagnose
 from designlab.measurement import load_measurement
 
 def wait(report):

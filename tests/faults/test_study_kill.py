@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from killing import until
 
-from designlab.study import Parameter, Plan, Study, dumps_study, load_results
+from designlab.optimization.study import Parameter, Plan, Study, dumps_study, load_results
 
 TRIALS = 10
 PLAN = Plan(promoted=2, confirmed=1, seeds=2)
@@ -18,7 +18,7 @@ UNCONFIRMED = Plan(promoted=0)
 PROGRAM = """
 import contextlib, math, os, signal, sys, time
 from types import SimpleNamespace
-from designlab.study import load_study, run_study
+from designlab.optimization.study import load_study, run_study
 
 def evaluator(design, *, fidelity, seed):
     log(design, "start")

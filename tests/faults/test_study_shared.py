@@ -8,17 +8,25 @@ import numpy as np
 import pytest
 from killing import until
 
-from designlab.study import Parameter, Plan, Study, StudyError, dumps_study, load_results, run_study
+from designlab.optimization.study import (
+    Parameter,
+    Plan,
+    Study,
+    StudyError,
+    dumps_study,
+    load_results,
+    run_study,
+)
 
 TRIALS = 16
 
 PROGRAM = """
 import os, sys, time
 from types import SimpleNamespace
-import designlab.study.folder, designlab.study.search as search
-from designlab.study import load_study, run_study
+import designlab.optimization.study.folder, designlab.optimization.study.search as search
+from designlab.optimization.study import load_study, run_study
 
-designlab.study.folder.HEARTBEAT_S, designlab.study.folder.SILENT_S = 1, 3
+designlab.optimization.study.folder.HEARTBEAT_S, designlab.optimization.study.folder.SILENT_S = 1, 3
 search.POLL_S = 0.2
 
 def evaluator(design, *, fidelity, seed):
@@ -195,8 +203,8 @@ def test_a_run_that_was_taken_for_dead_does_not_spoil_what_others_did(tmp_path, 
     """Its trial has ended; its score counts for the design that the others queued again."""
     from optuna.trial import TrialState
 
-    from designlab.study import folder as folders
-    from designlab.study.search import retry
+    from designlab.optimization.study import folder as folders
+    from designlab.optimization.study.search import retry
 
     study = make(name="revived", trials=3)
 

@@ -8,18 +8,18 @@ from functools import cached_property
 
 import numpy as np
 
-from designlab.design import preset
-from designlab.effects import AppliedEffect, SensorModel, effect
-from designlab.gap.bank import fill
-from designlab.gap.basis import Renders
-from designlab.gap.forward import Forward
-from designlab.gap.state import State
+from designlab.inference.diagnosis.emulator.forward import Forward
+from designlab.inference.diagnosis.emulator.render_cache import Renders
+from designlab.inference.diagnosis.emulator.snapshots import fill
+from designlab.inference.diagnosis.emulator.state import State
 from designlab.measurement.shots import Shot
-from designlab.plant import effects, generate, kit
-from designlab.plant.rig import Rig
-from designlab.plant.shoot import Shooting
-from designlab.press import Press
-from designlab.simulate import Simulator, exposure
+from designlab.sensor.design import preset
+from designlab.simulation.contact.press import Press
+from designlab.simulation.effects import AppliedEffect, SensorModel, effect
+from designlab.simulation.simulator import Simulator, exposure
+from designlab.validation.synthetic import capture_plan, effects, generate
+from designlab.validation.synthetic.capture import Shooting
+from designlab.validation.synthetic.generator_sensor import Rig
 from geometries.probes import parse
 
 PRESS = {"probe": "sphere:4", "depth_mm": 0.6, "centre_mm": [1.0, 0.5], "yaw_deg": 0.0}
@@ -135,8 +135,8 @@ class Sensor:
 
     def _generated(self, name, values):
         rig, _ = effects.apply(Rig.of(self.design), {name: values} if name else {})
-        press = kit.true_press(rig, PRESS, Nothing())
-        taken = kit.shots(rig, "small", [PRESS], [press], flat_field=False)
+        press = capture_plan.true_press(rig, PRESS, Nothing())
+        taken = capture_plan.shots(rig, "small", [PRESS], [press], flat_field=False)
         random = np.random.default_rng(GENERATOR_SEED)
         shooting = Shooting(rig, self.view, gain=np.ones(len(rig.flux_mw)), random=random)
         by_file = {shot.file: shot for shot in taken}

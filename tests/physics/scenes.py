@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from designlab.camera import Camera
-from designlab.scene import Light, Shape
+from designlab.sensor.camera import Camera
+from designlab.simulation.scene.scene import Light, Shape
 
 FACES = (  # normals of a cube's faces, inwards, and a direction within each
     ((0, 0, 1), (1, 0, 0)), ((0, 0, -1), (1, 0, 0)), ((1, 0, 0), (0, 1, 0)),

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from designlab.press import Press
-from designlab.sampling import random_design
-from designlab.simulate import Simulator
+from designlab.sensor.random_designs import random_design
+from designlab.simulation.contact.press import Press
+from designlab.simulation.simulator import Simulator
 from geometries.probes import parse
 
 pytestmark = [pytest.mark.usefixtures("backend"), pytest.mark.llvm]

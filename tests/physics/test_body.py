@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scenes import box, far_camera, rectangle_light, sheet_at, view_of
 
-from designlab.body import core_and_gel
-from designlab.design import preset
-from designlab.press import indent
-from designlab.render import path
-from designlab.scene import Coating, Dielectric, Diffuse, Medium, Scene, Texture, build
-from designlab.simulate import Simulator
+from designlab.sensor.design import preset
+from designlab.simulation.contact.press import indent
+from designlab.simulation.render import path
+from designlab.simulation.scene.scene import Coating, Dielectric, Diffuse, Medium, Scene, Texture, build
+from designlab.simulation.scene.static_parts import core_and_gel
+from designlab.simulation.simulator import Simulator
 
 pytestmark = pytest.mark.usefixtures("backend")
 
@@ -86,7 +86,7 @@ def test_light_is_reflected_as_fresnel_says_and_all_of_it_beyond_the_critical_an
     import drjit as dr
     import mitsuba as mi
 
-    from designlab.render.surfaces import bsdf
+    from designlab.simulation.render.surfaces import bsdf
 
     boundary = mi.load_dict(bsdf(Dielectric(Medium(1.49, (0.0,)), AIR), 0))
     cosine = np.linspace(0.02, 1.0, 99)
@@ -231,8 +231,8 @@ def test_a_coatings_brdf_is_the_one_mitsuba_evaluates():
     import drjit as dr
     import mitsuba as mi
 
-    from designlab.coating import coating_brdf
-    from designlab.render.surfaces import bsdf
+    from designlab.simulation.render.surfaces import bsdf
+    from designlab.simulation.scene.coating import coating_brdf
 
     rng = np.random.default_rng(1)
     cosine, turn = rng.uniform(0.02, 1, (2, 100)), rng.uniform(0, 2 * np.pi, (2, 100))
@@ -318,7 +318,7 @@ def test_a_round_side_focuses_like_the_curve_it_is_turned_to():
     """Level light near the axis meets n R / (n - 1) behind the side; behind a flat facet it would not."""
     import mitsuba as mi
 
-    from designlab.render import bridge
+    from designlab.simulation.render import bridge
 
     design = preset("gelsight-2020-dome-core")
     sides = [s for s in core_and_gel(design) if s.name.startswith("core-side")]

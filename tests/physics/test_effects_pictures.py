@@ -9,12 +9,12 @@ import pytest
 from effect_pictures import Sensor, rms, values_at
 from scipy.ndimage import gaussian_filter
 
-from designlab.camera import Vignetting
-from designlab.effects import CATALOGUE, Sight, effect
-from designlab.effects.material import albedo_field
-from designlab.images import write_image
-from designlab.optics import AlbedoImage
-from designlab.simulate import Simulator
+from designlab.core.images import write_image
+from designlab.sensor.camera import Vignetting
+from designlab.sensor.optical_properties import AlbedoImage
+from designlab.simulation.effects import CATALOGUE, Sight, effect
+from designlab.simulation.effects.material import albedo_field
+from designlab.simulation.simulator import Simulator
 
 FLAT = "gelsight-2020-flat"
 DOME = "gelsight-2020-dome"

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from closed_forms import block_means
 
-from designlab.design import preset
-from designlab.press import Press, indent
-from designlab.render import baking, lightfield, shading
-from designlab.render.landings import FirstLight
-from designlab.simulate import RenderFailed, Simulator
+from designlab.sensor.design import preset
+from designlab.simulation.contact.press import Press, indent
+from designlab.simulation.render import baking, lightfield, shading
+from designlab.simulation.render.landings import FirstLight
+from designlab.simulation.simulator import RenderFailed, Simulator
 from geometries.probes import parse
 
 pytestmark = [pytest.mark.llvm, pytest.mark.usefixtures("backend")]

@@ -8,13 +8,13 @@ from scenes import box
 from scipy.integrate import quad
 from scipy.stats import chi2
 
-from designlab import store
-from designlab.camera import Camera, View
-from designlab.design import preset
-from designlab.press import indent
-from designlab.render import path, photons
-from designlab.scene import Diffuse, Light, Scene, Shape, build
-from designlab.simulate import Simulator
+from designlab.core import store
+from designlab.sensor.camera import Camera, View
+from designlab.sensor.design import preset
+from designlab.simulation.contact.press import indent
+from designlab.simulation.render import path, photons
+from designlab.simulation.scene.scene import Diffuse, Light, Scene, Shape, build
+from designlab.simulation.simulator import Simulator
 from geometries.emission import AngularProfile
 
 pytestmark = [pytest.mark.llvm, pytest.mark.usefixtures("backend")]
@@ -265,7 +265,7 @@ def test_field_and_path_tracer_agree(changes, tmp_path, monkeypatch):
 def test_a_back_end_without_python_code_names_the_field(monkeypatch):
     from dataclasses import dataclass
 
-    from designlab.render import emitters
+    from designlab.simulation.render import emitters
 
     @dataclass
     class Scalar:
@@ -294,7 +294,7 @@ def test_a_back_end_without_python_code_names_the_field(monkeypatch):
 def test_drawn_angles_follow_odd_profiles(profile):
     import mitsuba as mi
 
-    from designlab.render.emitters import Directions
+    from designlab.simulation.render.emitters import Directions
 
     sampler = mi.load_dict({"type": "independent"})
     count = 200_000

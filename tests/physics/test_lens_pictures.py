@@ -10,13 +10,13 @@ import pytest
 from closed_forms import block_means, direct_radiance
 from scipy.ndimage import map_coordinates
 
-from designlab.defocus import blur, radius_px
-from designlab.design import dumps, preset
-from designlab.press import Press
-from designlab.refraction import apparent_distance_mm
-from designlab.render import bridge, path, sensors
-from designlab.simulate import Simulator
-from designlab.viewing import rays
+from designlab.sensor.design import dumps, preset
+from designlab.sensor.refraction import apparent_distance_mm
+from designlab.simulation.contact.press import Press
+from designlab.simulation.optics.defocus import blur, radius_px
+from designlab.simulation.optics.viewing_rays import rays
+from designlab.simulation.render import bridge, path, sensors
+from designlab.simulation.simulator import Simulator
 from geometries.elastomer import inside
 from geometries.probes import parse
 
@@ -85,9 +85,9 @@ def test_a_pressed_ball_is_where_a_resampled_perspective_shows_it(changes):
 SCALAR_PROGRAM = """
 import sys
 import numpy as np
-from designlab.design import loads
-from designlab.render.backend import activate
-from designlab.simulate import Simulator
+from designlab.sensor.design import loads
+from designlab.core.backend import activate
+from designlab.simulation.simulator import Simulator
 design = loads(sys.stdin.read())
 view = design.view(12)._replace(rows=9)
 np.save(sys.argv[1], Simulator(design, view=view, samples=256, seed=1).frame(None).basis)
@@ -205,7 +205,7 @@ def test_vignetting_darkens_the_finished_picture(design, estimator):
 @pytest.mark.llvm
 def test_a_defocused_light_field_is_the_average_over_the_opening():
     # the same field shaded along the rays of many points of the opening
-    from designlab.render import shader
+    from designlab.simulation.render import shader
 
     distance = apparent_distance_mm(CORE.layers_to_camera(0.0))
     design = CORE.replace({"camera.focus_mm": 0.6 * distance, "camera.aperture_mm": 1.5})
@@ -233,8 +233,8 @@ def test_a_defocused_light_field_is_the_average_over_the_opening():
 @pytest.mark.llvm
 @pytest.mark.parametrize("changes", LENSES.values(), ids=LENSES)
 def test_the_generator_of_measurements_sees_the_same_through_a_lens(changes):
-    from designlab.plant.raycast import Caster
-    from designlab.plant.rig import Rig
+    from designlab.validation.synthetic.generator_sensor import Rig
+    from designlab.validation.synthetic.raycast import Caster
 
     design = CLOSE.replace({**changes, "camera.vignetting": {"cosine_power": 2.0, "a1": -0.1}})
     sim = simulator(design, columns=32, rows=24, samples=256)

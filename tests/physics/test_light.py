@@ -9,10 +9,10 @@ import pytest
 from closed_forms import block_means, direct_radiance
 from scipy.ndimage import gaussian_filter
 
-from designlab.camera import View
-from designlab.design import preset
-from designlab.press import Press
-from designlab.simulate import Simulator
+from designlab.sensor.camera import View
+from designlab.sensor.design import preset
+from designlab.simulation.contact.press import Press
+from designlab.simulation.simulator import Simulator
 from geometries.probes import parse
 
 pytestmark = pytest.mark.usefixtures("backend")
@@ -200,9 +200,9 @@ def test_the_same_seed_gives_the_same_picture():
 SCALAR_PROGRAM = """
 import sys
 import numpy as np
-from designlab.design import loads
-from designlab.render.backend import activate
-from designlab.simulate import Simulator
+from designlab.sensor.design import loads
+from designlab.core.backend import activate
+from designlab.simulation.simulator import Simulator
 design = loads(sys.stdin.read())
 view = design.view(8)._replace(rows=6)
 np.save(sys.argv[1], Simulator(design, view=view, samples=256, seed=1).frame(None).basis)
@@ -211,7 +211,7 @@ print(activate().variant)
 
 
 def test_the_scalar_back_end_renders_the_same(tmp_path):
-    from designlab.design import dumps
+    from designlab.sensor.design import dumps
 
     file = tmp_path / "basis.npy"
     answer = subprocess.run(

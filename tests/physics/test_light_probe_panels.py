@@ -5,10 +5,10 @@ import pytest
 from scipy.optimize import brentq, minimize
 
 import designlab as dl
-from designlab.camera import View
-from designlab.design import preset
-from designlab.light_probe import LightProbe, compare_light, light_probe, lobes, panels, polar_map
-from designlab.simulate import RenderFailed
+from designlab.measurement.light_probe import LightProbe, compare_light, light_probe, lobes, panels, polar_map
+from designlab.sensor.camera import View
+from designlab.sensor.design import preset
+from designlab.simulation.simulator import RenderFailed
 from geometries.leds import emitters
 
 CENTRE_DEG, SOLID_ANGLE = 0.5, 0.02  # what is asked for

@@ -9,15 +9,15 @@ from closed_forms import block_means, direct_radiance
 from scenes import box
 from scipy.ndimage import gaussian_filter
 
-from designlab import store
-from designlab.camera import Camera
-from designlab.design import preset
-from designlab.press import Press, indent
-from designlab.render import baking, bridge, gather, path, photons
-from designlab.render.window import transmission
-from designlab.scene import Dielectric, Diffuse, Light, Medium, Scene, build
-from designlab.simulate import Simulator
-from designlab.viewing import rays
+from designlab.core import store
+from designlab.sensor.camera import Camera
+from designlab.sensor.design import preset
+from designlab.simulation.contact.press import Press, indent
+from designlab.simulation.optics.viewing_rays import rays
+from designlab.simulation.render import baking, bridge, gather, path, photons
+from designlab.simulation.render.window import transmission
+from designlab.simulation.scene.scene import Dielectric, Diffuse, Light, Medium, Scene, build
+from designlab.simulation.simulator import Simulator
 from geometries.probes import parse
 
 pytestmark = [pytest.mark.llvm, pytest.mark.usefixtures("backend")]
@@ -47,7 +47,7 @@ def own_cache(tmp_path, monkeypatch):
 def forget(monkeypatch):
     """Empty the memory of recent light fields; the package's own `render` is a function, hence the import."""
     for kept in ("_fields", "_shaders"):
-        monkeypatch.setattr(import_module("designlab.render"), kept, {})
+        monkeypatch.setattr(import_module("designlab.simulation.render"), kept, {})
 
 
 def view_of(design, columns, rows):
@@ -290,7 +290,7 @@ def test_photons_seen_by_the_camera_are_the_shaded_picture():
 
 def test_the_correction_takes_a_wrong_light_field_back_to_the_unbiased_picture(monkeypatch):
     # a light field that holds a fifth too much light stands for whatever bias fast has
-    from designlab.render.shading import Shader
+    from designlab.simulation.render.shading import Shader
 
     shaded = Shader.radiance
     monkeypatch.setattr(Shader, "radiance", lambda self, *a, **k: np.float32(1.2) * shaded(self, *a, **k))
@@ -369,7 +369,7 @@ def test_a_seed_gives_the_same_field_again_and_another_another(monkeypatch):
     # from the cache on disk, and traced anew
     forget(monkeypatch)
     np.testing.assert_array_equal(picture(short), first)
-    monkeypatch.setattr("designlab.store.read_cache", lambda key: None)
+    monkeypatch.setattr("designlab.core.store.read_cache", lambda key: None)
     forget(monkeypatch)
     np.testing.assert_allclose(picture(short), first, rtol=1e-4)
     assert np.abs(picture(short, seed=2) - first).mean() > 1e-4 * first.mean()

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from scipy.special import j1
 
-import designlab.plant
-from designlab.camera import View
-from designlab.design import preset
-from designlab.images import read_image
+import designlab.validation.synthetic
+from designlab.core.images import read_image
 from designlab.measurement import MeasurementError, load_measurement
-from designlab.plant import (
+from designlab.sensor.camera import View
+from designlab.sensor.design import preset
+from designlab.validation.synthetic import (
     answer_path,
+    capture_plan,
     effects,
-    kit,
     light,
     plant,
     raycast,
@@ -26,9 +26,9 @@ from designlab.plant import (
     surface,
     unseal,
 )
-from designlab.plant.effects import colour
-from designlab.plant.rig import Cells, Rig, cells
-from designlab.plant.surface import HeightField, Indenter
+from designlab.validation.synthetic.effects import colour
+from designlab.validation.synthetic.generator_sensor import Cells, Rig, cells
+from designlab.validation.synthetic.surface import HeightField, Indenter
 from geometries import probes
 from geometries.elastomer import Elastomer
 
@@ -527,7 +527,7 @@ def test_hour_kit_holds_what_a_bench_hour_gives_and_the_metadata_are_a_little_wr
     ]
     assert 0.01 < np.std(depth_error) < 0.03
     assert 0.035 < np.std(centre_error) < 0.065
-    assert presses[0].sigma.model_dump() == kit.SIGMA
+    assert presses[0].sigma.model_dump() == capture_plan.SIGMA
     assert all(0.9 <= gain <= 1.1 for gain in truth["gain"].values())
     assert len(set(truth["gain"].values())) == 3
 
@@ -583,13 +583,13 @@ def test_generator_shares_no_physics_with_the_analysis():
     allowed = {"camera", "design", "images", "store", "plant", "body", "matter", "mounting"}
     # Light behind glass: the engine's own integrators and rays, not the renderer's.
     engine = {"tracing.py", "beams.py", "clear.py", "spreading.py"}
-    for file in Path(designlab.plant.__file__).parent.rglob("*.py"):
+    for file in Path(designlab.validation.synthetic.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text())):
             modules = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
             modules += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             for module in modules:
                 top, *rest = module.split(".")
                 assert top not in ("mitsuba", "drjit") or file.name in engine
-                if module == "designlab.render.backend" and file.name == "tracing.py":
+                if module == "designlab.core.backend" and file.name == "tracing.py":
                     continue  # which compiler runs here is no physics
                 assert top != "designlab" or (rest and rest[0] in allowed), f"{file.name} imports {module}"

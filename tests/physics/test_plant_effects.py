@@ -7,15 +7,27 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from designlab.camera import View
-from designlab.design import preset
 from designlab.measurement import load_measurement
-from designlab.plant import beyond, effects, generate, kit, lens, light, plant, raycast, surface, tail, unseal
-from designlab.plant.coat import Coat
-from designlab.plant.converter import Converter, flicker
-from designlab.plant.rig import Lens, Rig, Sensor, cells
-from designlab.plant.shoot import Shooting
-from designlab.plant.surface import HeightField, Indenter
+from designlab.sensor.camera import View
+from designlab.sensor.design import preset
+from designlab.validation.synthetic import (
+    capture_plan,
+    effects,
+    generate,
+    lens,
+    light,
+    plant,
+    raycast,
+    surface,
+    tail,
+    unmodelled,
+    unseal,
+)
+from designlab.validation.synthetic.capture import Shooting
+from designlab.validation.synthetic.coat import Coat
+from designlab.validation.synthetic.electronics import Converter, flicker
+from designlab.validation.synthetic.generator_sensor import Lens, Rig, Sensor, cells
+from designlab.validation.synthetic.surface import HeightField, Indenter
 from geometries import probes
 from geometries.elastomer import Elastomer
 
@@ -32,7 +44,7 @@ def changed(name, design=FLAT, **values):
 def frames(rig, *, columns=24, design=FLAT, which="small", flat_field=False, only=None):
     """Pictures of one press and the frames around it, without noise or errors, by file."""
     _, view = generate._crop(design, columns)
-    taken = kit.shots(rig, which, [PRESS], [exact(rig)], flat_field=flat_field)
+    taken = capture_plan.shots(rig, which, [PRESS], [exact(rig)], flat_field=flat_field)
     shooting = Shooting(rig, view, gain=np.ones(3), random=np.random.default_rng(5))
     wanted = [shot for shot in taken if only is None or shot.file in only]
     return {shot.file: shooting.take(shot, None, correlated=False) for shot in wanted}, shooting
@@ -43,7 +55,7 @@ def exact(rig, press=PRESS):
         def standard_normal(self, count):
             return np.zeros(count)
 
-    return kit.true_press(rig, press, Sure())
+    return capture_plan.true_press(rig, press, Sure())
 
 
 def rms(found, plain, file="press-01.exr"):
@@ -439,7 +451,7 @@ class TestKit:
             presses = [f for f in load_measurement(out).frames if f.kind == "press"]
             stated.append([f.centre_mm for f in presses])
             truth.append(unseal(out))
-        own = kit.stated_presses(FLAT, "small", generate._streams(9)[0])
+        own = capture_plan.stated_presses(FLAT, "small", generate._streams(9)[0])
         assert stated[0] == stated[1] == [tuple(press["centre_mm"]) for press in own]
         assert truth[0]["gain"] != truth[1]["gain"]
         off = [
@@ -450,29 +462,29 @@ class TestKit:
 
 
 class TestBeyond:
-    @pytest.mark.parametrize("kind", beyond.outside_kinds())
+    @pytest.mark.parametrize("kind", unmodelled.outside_kinds())
     def test_what_lies_outside_shows_clearly(self, kind, finer):
         rig = Rig.of(FLAT)
-        wrong, truth = beyond.add_outside(rig, {kind: 1.0}, random=np.random.default_rng(3))
+        wrong, truth = unmodelled.add_outside(rig, {kind: 1.0}, random=np.random.default_rng(3))
         assert truth[kind]["strength"] == 1.0
         assert rms(frames(wrong, columns=36, only=("press-01.exr",))[0], finer) > 0.02
-        off, _ = beyond.add_outside(rig, {kind: 0.0}, random=np.random.default_rng(3))
+        off, _ = unmodelled.add_outside(rig, {kind: 0.0}, random=np.random.default_rng(3))
         same, _ = frames(off, columns=36, only=("press-01.exr",))
         np.testing.assert_allclose(same["press-01.exr"], finer["press-01.exr"], rtol=1e-6, atol=1e-9)
 
-    @pytest.mark.parametrize("kind", beyond.unlisted_kinds())
+    @pytest.mark.parametrize("kind", unmodelled.unlisted_kinds())
     def test_what_is_unlisted_is_small(self, kind, finer):
-        rough, _ = beyond.add_unlisted(Rig.of(FLAT), {kind: 1.0}, random=np.random.default_rng(3))
+        rough, _ = unmodelled.add_unlisted(Rig.of(FLAT), {kind: 1.0}, random=np.random.default_rng(3))
         assert 2e-3 < rms(frames(rough, columns=36, only=("press-01.exr",))[0], finer) < 0.03
 
     def test_every_set_has_one_or_two_small_departures_unless_told_otherwise(self, tmp_path):
         rig, seen = Rig.of(FLAT), set()
         for seed in range(30):
-            _, drawn = beyond.add_unlisted(rig, random=np.random.default_rng(seed))
+            _, drawn = unmodelled.add_unlisted(rig, random=np.random.default_rng(seed))
             assert 1 <= len(drawn) <= 2
             assert all(0.1 <= values["strength"] <= 0.3 for values in drawn.values())
             seen |= set(drawn)
-        assert seen == set(beyond.unlisted_kinds())
+        assert seen == set(unmodelled.unlisted_kinds())
         asked = {"kit": "small", "columns": 8, "seed": 4, "presses": [PRESS]}
         with_, without = (tmp_path / name for name in ("with", "without"))
         plant(FLAT, effects={}, out=with_, outside={"moire": 0.5}, **asked)
@@ -508,5 +520,5 @@ class TestBeyond:
     )
     def test_unusable_departures_are_named(self, asked, words):
         with pytest.raises(ValueError) as caught:  # noqa: PT011 - the words are checked below
-            beyond.add_outside(Rig.of(FLAT), asked, random=np.random.default_rng(0))
+            unmodelled.add_outside(Rig.of(FLAT), asked, random=np.random.default_rng(0))
         assert all(word in str(caught.value) for word in words)

@@ -5,20 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from designlab.design import preset
-from designlab.plant import backlight, effects, immersed
-from designlab.plant.backlight import LightField, _clear, _spread, directions
-from designlab.plant.glass import Disc, look, reflectance, slab_transmission
-from designlab.plant.immersed import Immersed
-from designlab.plant.light import Lighting
-from designlab.plant.meshes import JOINED_MM, joining_mm
-from designlab.plant.raycast import Caster, pixel_rays
-from designlab.plant.rig import Rig
-from designlab.plant.surface import Indenter, indented
-from designlab.plant.tracing import Tracer
-from designlab.press import Press
-from designlab.render.window import transmission
-from designlab.simulate import Simulator
+from designlab.sensor.design import preset
+from designlab.simulation.contact.press import Press
+from designlab.simulation.render.window import transmission
+from designlab.simulation.simulator import Simulator
+from designlab.validation.synthetic import backlight, effects, immersed
+from designlab.validation.synthetic.backlight import LightField, _clear, _spread, directions
+from designlab.validation.synthetic.generator_sensor import Rig
+from designlab.validation.synthetic.glass import Disc, look, reflectance, slab_transmission
+from designlab.validation.synthetic.immersed import Immersed
+from designlab.validation.synthetic.light import Lighting
+from designlab.validation.synthetic.meshes import JOINED_MM, joining_mm
+from designlab.validation.synthetic.raycast import Caster, pixel_rays
+from designlab.validation.synthetic.surface import Indenter, indented
+from designlab.validation.synthetic.tracing import Tracer
 from geometries import probes
 
 FLAT = preset("gelsight-2020-flat-core")

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from designlab.design import preset
-from designlab.render.backend import activate
-from designlab.simulate import Simulator
+from designlab.core.backend import activate
+from designlab.sensor.design import preset
+from designlab.simulation.simulator import Simulator
 
 pytestmark = pytest.mark.skipif(not activate().is_jit, reason="scalar_rgb has no light field")
 SLOPE, MIDDLE_MM, FADES_MM = 0.03, 1.5, 4.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from designlab.render import sobol
+from designlab.simulation.render import sobol
 
 pytestmark = [pytest.mark.llvm, pytest.mark.usefixtures("backend")]
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from designlab import cli
+from designlab.app import cli
 
 pytestmark = pytest.mark.slow
 

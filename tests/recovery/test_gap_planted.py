@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from designlab.design import preset
-from designlab.effects.model import load_model
-from designlab.gap import GapReport, diagnose
+from designlab.inference.diagnosis import GapReport, diagnose
 from designlab.measurement import load_measurement
-from designlab.plant import plant, unseal
+from designlab.sensor.design import preset
+from designlab.simulation.effects.model import load_model
+from designlab.validation.synthetic import plant, unseal
 
 DESIGN = preset("gelsight-2020-flat")
 REMOVED = 0.8

@@ -7,10 +7,10 @@ import json
 
 import pytest
 
-from designlab import cli
-from designlab.reproduce.accuracy import DIFFUSE, PHONG, TRANSPORT
-from designlab.reproduce.real import real
-from designlab.reproduce.sizes import SIZES
+from designlab.app import cli
+from designlab.validation.paper_2020.accuracy import DIFFUSE, PHONG, TRANSPORT
+from designlab.validation.paper_2020.real import real
+from designlab.validation.paper_2020.sizes import SIZES
 
 
 @pytest.fixture(scope="module")
@@ -62,8 +62,8 @@ class TestReducedSize:
             raise AssertionError("this was done before")
 
         monkeypatch.delenv("DESIGNLAB_MEASURED", raising=False)
-        monkeypatch.setattr("designlab.reproduce.recovery.repeat", never)
-        monkeypatch.setattr("designlab.reproduce.accuracy.photograph", never)
+        monkeypatch.setattr("designlab.validation.paper_2020.recovery.repeat", never)
+        monkeypatch.setattr("designlab.validation.paper_2020.accuracy.photograph", never)
         assert cli.main(["reproduce", "--out", str(folder), "--size", "reduced"]) == 0
 
 

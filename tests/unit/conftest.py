@@ -5,7 +5,7 @@ import os
 import pytest
 from toy_gap import SAMPLES, SEED
 
-from designlab.gap.basis import Renders
+from designlab.inference.diagnosis.emulator.render_cache import Renders
 
 
 @pytest.fixture(scope="session")

@@ -13,15 +13,15 @@ from pathlib import Path
 
 import pytest
 
-from designlab.render import llvm
-from designlab.render.backend import VARIANTS, Backend
+from designlab.core import llvm
+from designlab.core.backend import VARIANTS, Backend
 
 ROOT = Path(__file__).parents[2]
 
 # Chooses with the libraries found in sys.argv[1] only, renders, and tells the result.
 PROGRAM = """
 import dataclasses, json, sys
-from designlab.render import backend, llvm
+from designlab.core import backend, llvm
 if len(sys.argv) > 1:
     llvm.FOLDERS = (sys.argv[1],)
     llvm._paths_known_to_loader = lambda: []

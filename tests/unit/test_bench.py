@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from designlab.bench import plan_presses
-from designlab.design import preset
-from designlab.maps import sensing_area
-from designlab.press import indent
-from designlab.scores import uniformity, worst_evenness
-from designlab.simulate import Simulator
+from designlab.evaluation.illumination_scores import uniformity, worst_evenness
+from designlab.evaluation.protocol import plan_presses
+from designlab.evaluation.response_maps import sensing_area
+from designlab.sensor.design import preset
+from designlab.simulation.contact.press import indent
+from designlab.simulation.simulator import Simulator
 
 FLAT, CORE = preset("gelsight-2020-flat"), preset("default")
 

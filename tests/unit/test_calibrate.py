@@ -4,20 +4,20 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from designlab import cli
-from designlab.calibrate import calibrate
-from designlab.calibrate.fields import SharedField, shared_fields
-from designlab.calibrate.imaging import Rendered
-from designlab.calibrate.linear import predicted, transfer_and_floor
-from designlab.calibrate.problem import Problem
-from designlab.calibrate.solve import Layout, covariance, fit
-from designlab.camera import View
-from designlab.design import preset
-from designlab.effects.model import AppliedEffect, SensorModel, load_model
+from designlab.app import cli
+from designlab.inference.calibration import calibrate
+from designlab.inference.calibration.fields import SharedField, shared_fields
+from designlab.inference.calibration.imaging import Rendered
+from designlab.inference.calibration.linear import predicted, transfer_and_floor
+from designlab.inference.calibration.problem import Problem
+from designlab.inference.calibration.solve import Layout, covariance, fit
 from designlab.measurement import Frame, Measurement, MeasurementError, load_measurement, write_measurement
 from designlab.measurement.shots import Shot, observe
-from designlab.press import Press
-from designlab.simulate import Simulator
+from designlab.sensor.camera import View
+from designlab.sensor.design import preset
+from designlab.simulation.contact.press import Press
+from designlab.simulation.effects.model import AppliedEffect, SensorModel, load_model
+from designlab.simulation.simulator import Simulator
 from geometries.probes import parse
 
 DESIGN = preset("gelsight-2020-flat")

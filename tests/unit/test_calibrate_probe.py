@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from designlab.calibrate.imaging import ALBEDO, KERNEL, SCALE, Rendered
-from designlab.calibrate.problem import BLOCK_PX, Problem
-from designlab.camera import View
-from designlab.design import preset
-from designlab.light_probe import LightProbe
+from designlab.inference.calibration.imaging import ALBEDO, KERNEL, SCALE, Rendered
+from designlab.inference.calibration.problem import BLOCK_PX, Problem
+from designlab.measurement.light_probe import LightProbe
 from designlab.measurement.shots import Shot
-from designlab.press import Press
+from designlab.sensor.camera import View
+from designlab.sensor.design import preset
+from designlab.simulation.contact.press import Press
 from geometries.probes import parse
 
 DESIGN = preset("gelsight-2020-flat")

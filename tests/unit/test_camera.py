@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from designlab.camera import Camera, View
-from designlab.images import to_srgb
-from designlab.response import Response
+from designlab.core.images import to_srgb
+from designlab.sensor.camera import Camera, View
+from designlab.sensor.response_curve import Response
 
 PIXELS = 100_000
 

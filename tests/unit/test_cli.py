@@ -15,13 +15,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from designlab import cli
-from designlab.cli import arguments, console, designs
-from designlab.design import dumps, load, preset, preset_names
-from designlab.images import read_image, write_image
+from designlab.app import cli
+from designlab.app.cli import arguments, console, designs
+from designlab.core.images import read_image, write_image
 from designlab.measurement import load_measurement
-from designlab.study import load_study
-from designlab.trials.pool import shard
+from designlab.optimization.study import load_study
+from designlab.sensor.design import dumps, load, preset, preset_names
+from designlab.validation.blind.pool import shard
 from geometries.probes import parse
 
 PROGRAM = Path(sys.executable).with_name("designlab")
@@ -357,8 +357,8 @@ class TestCompare:
         """Frames rendered with another seed differ by noise alone; gain, pose and crop errors would show."""
         import tomli_w
 
-        from designlab.press import Press
-        from designlab.simulate import Simulator
+        from designlab.simulation.contact.press import Press
+        from designlab.simulation.simulator import Simulator
         from geometries import probes
 
         design = preset("gelsight-2020-flat")
@@ -399,7 +399,7 @@ class TestCompare:
         np.testing.assert_allclose(np.mean(saved), exposure * np.mean(picture.mixed), rtol=0.02)
 
     def test_automatic_exposure_brings_the_bright_parts_to_half_of_full_scale(self, tmp_path):
-        from designlab.compare import compare_model
+        from designlab.inference.compare import compare_model
         from designlab.measurement import Frame, Measurement
 
         design = preset("gelsight-2020-flat").replace({"camera.exposure": None})
@@ -429,7 +429,7 @@ class TestStudy:
         """The starter study, with three trials already evaluated by a closed form instead of a simulation."""
         from types import SimpleNamespace
 
-        from designlab.study import run_study
+        from designlab.optimization.study import run_study
 
         assert run("init", tmp_path / "mine")[0] == 0
         path = tmp_path / "mine" / "study.toml"
@@ -470,12 +470,14 @@ class TestStudy:
         assert "3 of 3 designs evaluated" in run("study", "run", study_file.with_name("study-out"))[1]
 
     def test_an_interrupted_study_says_how_to_go_on(self, run, study_file, monkeypatch):
-        import designlab.study
+        import designlab.optimization.study
 
         def interrupted(study, **settings):
-            raise designlab.study.StudyInterrupted("study 'x' interrupted after 3 of 9 designs; run it again")
+            raise designlab.optimization.study.StudyInterrupted(
+                "study 'x' interrupted after 3 of 9 designs; run it again"
+            )
 
-        monkeypatch.setattr(designlab.study, "run_study", interrupted)
+        monkeypatch.setattr(designlab.optimization.study, "run_study", interrupted)
         status, _, err = run("study", "run", study_file, "--trials", 9, "--workers", 2)
         assert status == 130
         assert f"designlab study run {study_file} --workers 2 --trials 9" in err
@@ -537,7 +539,7 @@ def test_export_writes_files_that_pass_their_checks(run_json, tmp_path):
 
 @pytest.mark.slow
 def test_plant_hides_what_it_was_told(run_json, tmp_path):
-    from designlab.plant import unseal
+    from designlab.validation.synthetic import unseal
 
     out = tmp_path / "set"
     effect = "led_position:radial_mm=0.5,height_mm=-0.4"

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from designlab.coating import backed, coating, coating_brdf
-from designlab.design import DesignError, dumps, load, loads, preset
-from designlab.images import write_image
-from designlab.press import Press, indent
+from designlab.core.images import write_image
+from designlab.sensor.design import DesignError, dumps, load, loads, preset
+from designlab.simulation.contact.press import Press, indent
+from designlab.simulation.scene.coating import backed, coating, coating_brdf
 from geometries.probes import parse
 
 FLAT = preset("gelsight-2020-flat")

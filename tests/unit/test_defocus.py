@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from designlab.camera import Camera
-from designlab.defocus import blur, radius_px
-from designlab.design import preset
-from designlab.press import Press, indent
-from designlab.refraction import apparent_distance_mm
-from designlab.viewing import rays
+from designlab.sensor.camera import Camera
+from designlab.sensor.design import preset
+from designlab.sensor.refraction import apparent_distance_mm
+from designlab.simulation.contact.press import Press, indent
+from designlab.simulation.optics.defocus import blur, radius_px
+from designlab.simulation.optics.viewing_rays import rays
 from geometries.probes import parse
 
 CORE, FLAT, DOME = preset("default"), preset("gelsight-2020-flat"), preset("gelsight-2020-dome")

@@ -7,9 +7,9 @@ import time
 
 import pytest
 
-from designlab import cli
-from designlab.demo import Demo
-from designlab.demo import run as demo
+from designlab.app import cli
+from designlab.app.demo import Demo
+from designlab.app.demo import run as demo
 
 
 class Links(html.parser.HTMLParser):

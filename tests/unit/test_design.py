@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from designlab.design import (
+from designlab.sensor.design import (
     Design,
     DesignError,
     InfeasibleDesign,
@@ -58,7 +58,7 @@ def test_the_digest_is_of_the_content_alone():
 
 
 def test_the_digest_is_the_same_in_every_process():
-    program = "from designlab.design import preset; print(preset('gelsight-2020-flat').digest)"
+    program = "from designlab.sensor.design import preset; print(preset('gelsight-2020-flat').digest)"
     for hash_seed in ("1", "2"):
         answer = subprocess.run(
             [sys.executable, "-c", program],

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from designlab.differences import differences
-from designlab.evaluate import Score
-from designlab.press_scores import PRESS_FIGURES, pooled
-from designlab.scores import Estimate, TransportError
+from designlab.evaluation.evaluate import Score
+from designlab.evaluation.illumination_scores import Estimate, TransportError
+from designlab.evaluation.paired_comparison import differences
+from designlab.evaluation.press_scores import PRESS_FIGURES, pooled
 
 
 def score(figures, *, uniformity=(0.5, 0.01), seed=3):

@@ -3,18 +3,18 @@
 import numpy as np
 import pytest
 
-from designlab import cli
-from designlab.calibrate import calibrate
-from designlab.calibrate.directional import Directional
-from designlab.camera import View
-from designlab.compare import compare_model
-from designlab.design import DesignError, preset
-from designlab.directional import DirectionalLight, load_any_model
-from designlab.effects.model import ModelError, SensorModel, load_model
+from designlab.app import cli
+from designlab.inference.calibration import calibrate
+from designlab.inference.calibration.directional import Directional
+from designlab.inference.compare import compare_model
 from designlab.measurement import Frame, Measurement, load_measurement, write_measurement
 from designlab.measurement.shots import observe
-from designlab.press import Press
-from designlab.simulate import Simulator
+from designlab.sensor.camera import View
+from designlab.sensor.design import DesignError, preset
+from designlab.simulation.contact.press import Press
+from designlab.simulation.directional_light import DirectionalLight, load_any_model
+from designlab.simulation.effects.model import ModelError, SensorModel, load_model
+from designlab.simulation.simulator import Simulator
 from geometries.probes import parse
 
 DESIGN = preset("gelsight-2020-flat")

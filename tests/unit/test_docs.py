@@ -16,16 +16,16 @@ import pytest
 import tomli_w
 from PIL import Image
 
-from designlab.camera import Camera, Vignetting
-from designlab.cli import arguments
-from designlab.design import Contact, Design, dumps, loads, preset, preset_names, preset_text
-from designlab.effects import CATALOGUE
-from designlab.lens import Distortion
-from designlab.materials import MATERIALS
-from designlab.optics import AlbedoImage, Optics
-from designlab.parts import PARTS
-from designlab.response import Response
-from designlab.spectra import SENSITIVITIES, Sensitivity
+from designlab.app.cli import arguments
+from designlab.sensor.camera import Camera, Vignetting
+from designlab.sensor.design import Contact, Design, dumps, loads, preset, preset_names, preset_text
+from designlab.sensor.led_catalogue import PARTS
+from designlab.sensor.lens import Distortion
+from designlab.sensor.optical_constants import MATERIALS
+from designlab.sensor.optical_properties import AlbedoImage, Optics
+from designlab.sensor.response_curve import Response
+from designlab.sensor.spectra import SENSITIVITIES, Sensitivity
+from designlab.simulation.effects import CATALOGUE
 from geometries.elastomer import Elastomer
 from geometries.emission import AngularProfile
 from geometries.gelcore import Gelcore

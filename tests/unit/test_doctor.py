@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from designlab import doctor
-from designlab.render import backend
+from designlab.app import doctor
+from designlab.core import backend
 
 
 def test_report_is_json_and_text() -> None:

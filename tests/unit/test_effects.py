@@ -6,14 +6,22 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from designlab.camera import View, Vignetting
-from designlab.design import Design, DesignError, preset
-from designlab.effects import CATALOGUE, AppliedEffect, Effect, ModelError, SensorModel, Sight, load_model
-from designlab.effects.material import albedo_field
-from designlab.effects.model import effect
-from designlab.mounting import sides
-from designlab.press import Press, Surface, indent
-from designlab.scene import LED_FACE_GAP_MM, Scene, build
+from designlab.sensor.camera import View, Vignetting
+from designlab.sensor.design import Design, DesignError, preset
+from designlab.sensor.led_mounting import sides
+from designlab.simulation.contact.press import Press, Surface, indent
+from designlab.simulation.effects import (
+    CATALOGUE,
+    AppliedEffect,
+    Effect,
+    ModelError,
+    SensorModel,
+    Sight,
+    load_model,
+)
+from designlab.simulation.effects.material import albedo_field
+from designlab.simulation.effects.model import effect
+from designlab.simulation.scene.scene import LED_FACE_GAP_MM, Scene, build
 from geometries.probes import parse
 
 DESIGN = preset("gelsight-2020-flat")

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter
 
-from designlab.design import InfeasibleDesign, load, preset
-from designlab.effects import AppliedEffect, SensorModel
-from designlab.maps import sensing_area
-from designlab.press_scores import NOISE_LEFT, PRESS_FIGURES, pooled
-from designlab.scores import SCORES, transport_error
-from designlab.simulate import Simulator
+from designlab.evaluation.illumination_scores import SCORES, transport_error
+from designlab.evaluation.press_scores import NOISE_LEFT, PRESS_FIGURES, pooled
+from designlab.evaluation.response_maps import sensing_area
+from designlab.sensor.design import InfeasibleDesign, load, preset
+from designlab.simulation.effects import AppliedEffect, SensorModel
+from designlab.simulation.simulator import Simulator
 
-evaluation = import_module("designlab.evaluate")  # the package's own `evaluate` is the function
+evaluation = import_module("designlab.evaluation.evaluate")  # the package's own `evaluate` is the function
 evaluate = evaluation.evaluate
 
 FLAT = preset("gelsight-2020-flat")

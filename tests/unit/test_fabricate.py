@@ -17,13 +17,13 @@ import cadquery
 import numpy as np
 import pytest
 
-import designlab.fabricate as fabricate
-from designlab.design import Design, InfeasibleDesign, load, preset
-from designlab.fabricate import export, led_colour, parts
-from designlab.fabricate.checks import Check, check_overlaps, mesh_checks, overlap_mm3, require
-from designlab.fabricate.tables import CLEAR_STOCK, led_rows
-from designlab.fabricate.triangles import open_edges, printable, read, write_3mf
-from designlab.materials import MATERIALS
+import designlab.fabrication as fabricate
+from designlab.fabrication import export, led_colour, parts
+from designlab.fabrication.checks import Check, check_overlaps, mesh_checks, overlap_mm3, require
+from designlab.fabrication.tables import CLEAR_STOCK, led_rows
+from designlab.fabrication.triangles import open_edges, printable, read, write_3mf
+from designlab.sensor.design import Design, InfeasibleDesign, load, preset
+from designlab.sensor.optical_constants import MATERIALS
 from geometries.elastomer import base_mm
 from geometries.mesh import from_solid
 from geometries.probes import parse

@@ -2,10 +2,10 @@
 
 import pytest
 
-from designlab.design import preset
-from designlab.fabricate import export
-from designlab.fabricate.parts import parts
-from designlab.fabricate.tables import bill
+from designlab.fabrication import export
+from designlab.fabrication.parts import parts
+from designlab.fabrication.tables import bill
+from designlab.sensor.design import preset
 
 CORE = preset("default")
 EMBEDDED = CORE.replace({"leds.coupling": "embedded", "leds.radius_mm": 11.5})

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from designlab.gap.chance import bands, by_band, calm, coefficients, without_grain
+from designlab.inference.diagnosis.emulator.denoising import bands, by_band, calm, coefficients, without_grain
 
 SHAPE, REPEATS, CHANCE = (60, 80), 8, 0.03
 Y, X = np.meshgrid(np.linspace(-1, 1, SHAPE[0]), np.linspace(-1, 1, SHAPE[1]), indexing="ij")

@@ -7,21 +7,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from designlab import cli
-from designlab.camera import View
-from designlab.design import preset
-from designlab.effects import SensorModel
-from designlab.gap.basis import Renders
-from designlab.gap.checks import Examined, Reserve, check_frames, examine, looking_alike, weakened
-from designlab.gap.observe import observe
-from designlab.gap.result import Advice, Found, GapReport, Level, Value
-from designlab.images import to_srgb
+from designlab.app import cli
+from designlab.core.images import to_srgb
+from designlab.inference.diagnosis.emulator.render_cache import Renders
+from designlab.inference.diagnosis.likelihood.usable_frames import observe
+from designlab.inference.diagnosis.result import Advice, Found, GapReport, Level, Value
+from designlab.inference.diagnosis.verdict.data_checks import (
+    Examined,
+    Reserve,
+    check_frames,
+    examine,
+    looking_alike,
+    weakened,
+)
 from designlab.measurement import MeasurementError, check, load_measurement, refuse, write_measurement
-from designlab.measurement.invariants import corners, invariants
+from designlab.measurement.quality.invariants import corners, invariants
 from designlab.measurement.shots import Observations, Shot
-from designlab.plant import plant
-from designlab.plant.effects import draw
-from designlab.plant.rig import Rig
+from designlab.sensor.camera import View
+from designlab.sensor.design import preset
+from designlab.simulation.effects import SensorModel
+from designlab.validation.synthetic import plant
+from designlab.validation.synthetic.effects import draw
+from designlab.validation.synthetic.generator_sensor import Rig
 
 DESIGN = preset("gelsight-2020-flat")
 MODEL = SensorModel.of(DESIGN)
@@ -246,7 +253,7 @@ class TestPresses:
         dome = preset("gelsight-2020-dome")
         other = planted(tmp_path / "dome", design=dome, presses=PRESSES[:1])
         press = other.image(next(f for f in other.frames if f.kind == "press"))
-        from designlab.images import resize_area
+        from designlab.core.images import resize_area
 
         def alien(image):
             return resize_area(press, *image.shape[:2])
@@ -399,7 +406,7 @@ class TestCommand:
         if spoil == "cut":
             file.write_bytes(file.read_bytes()[:1000])
         elif spoil == "size":
-            from designlab.images import read_image, write_image
+            from designlab.core.images import read_image, write_image
 
             write_image(file, read_image(file)[:-3])
         elif spoil == "nan":
@@ -421,7 +428,7 @@ class TestCommand:
         def interrupt(*words, **more):
             raise KeyboardInterrupt
 
-        monkeypatch.setattr("designlab.gap.diagnose", interrupt)
+        monkeypatch.setattr("designlab.inference.diagnosis.diagnose", interrupt)
         words = (whole.folder, "--model", DESIGN.name, "--out", tmp_path / "out")
         said = self.refused(capsys, *words, status=130)
         assert said == (

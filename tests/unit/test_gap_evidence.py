@@ -7,10 +7,17 @@ import pytest
 from scipy.fft import dct
 from scipy.stats import multivariate_normal
 
-from designlab.gap.evidence import ALIKE, System, log_evidence, system
-from designlab.gap.noise import SHOT_BUDGET, SMOOTH_ALIKE, SMOOTH_BUDGET, Grain, Noise, spectrum
-from designlab.gap.overlap import overlaps
-from designlab.gap.state import Unknown
+from designlab.inference.diagnosis.emulator.state import Unknown
+from designlab.inference.diagnosis.likelihood.noise import (
+    SHOT_BUDGET,
+    SMOOTH_ALIKE,
+    SMOOTH_BUDGET,
+    Grain,
+    Noise,
+    spectrum,
+)
+from designlab.inference.diagnosis.likelihood.normal_equations import ALIKE, System, log_evidence, system
+from designlab.inference.diagnosis.selection.confounding import overlaps
 
 ROWS, COLUMNS = 5, 6
 SHAPE = (ROWS, COLUMNS, 3)

@@ -21,22 +21,28 @@ from toy_gap import (
     taken,
 )
 
-from designlab.effects import AppliedEffect, SensorModel
-from designlab.gap.bank import POSE_STEP, Bank, fill, moved, resized
-from designlab.gap.basis import Renders
-from designlab.gap.exact import beyond, exact_fitter, looks_elsewhere, placed, standing
-from designlab.gap.fit import FRINGES_SD, SIZE_SD, Fitter
-from designlab.gap.forward import Forward
-from designlab.gap.learnt import unlisted_sd
-from designlab.gap.noise import SHOT_BUDGET, spectrum
-from designlab.gap.repeats import shot_error
-from designlab.gap.state import FRINGES, SIZE, State, Unknown
-from designlab.gap.where import geometry, regions, where
-from designlab.plant.converter import Converter
-from designlab.plant.lens import colour_shifted
-from designlab.plant.rig import Rig
-from designlab.press import Press
-from designlab.simulate import Simulator
+from designlab.inference.diagnosis.emulator.forward import Forward
+from designlab.inference.diagnosis.emulator.render_cache import Renders
+from designlab.inference.diagnosis.emulator.snapshots import POSE_STEP, Bank, fill, moved, resized
+from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State, Unknown
+from designlab.inference.diagnosis.likelihood.empirical_errors import unlisted_sd
+from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD, Fitter
+from designlab.inference.diagnosis.likelihood.noise import SHOT_BUDGET, spectrum
+from designlab.inference.diagnosis.likelihood.repeats import shot_error
+from designlab.inference.diagnosis.selection.recentring import (
+    beyond,
+    exact_fitter,
+    looks_elsewhere,
+    placed,
+    standing,
+)
+from designlab.inference.diagnosis.verdict.localise import geometry, regions, where
+from designlab.simulation.contact.press import Press
+from designlab.simulation.effects import AppliedEffect, SensorModel
+from designlab.simulation.simulator import Simulator
+from designlab.validation.synthetic.electronics import Converter
+from designlab.validation.synthetic.generator_sensor import Rig
+from designlab.validation.synthetic.lens import colour_shifted
 from geometries.probes import parse
 
 NAMES = ("led_position", "albedo_field", "translucency", "contact_kernel", "depth_offset")

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from designlab.camera import Camera
-from designlab.design import preset
-from designlab.gap.observe import observe as observe_apart
+from designlab.inference.diagnosis.likelihood.usable_frames import observe as observe_apart
 from designlab.measurement import Frame, Measurement, MeasurementError, load_measurement, write_measurement
-from designlab.measurement.invariants import invariants
+from designlab.measurement.quality.invariants import invariants
 from designlab.measurement.shots import observe
+from designlab.sensor.camera import Camera
+from designlab.sensor.design import preset
 
 DESIGN = preset("gelsight-2020-flat")
 ROWS, COLUMNS, BINNED = 90, 120, 81.0

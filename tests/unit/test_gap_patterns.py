@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from toy_gap import DESIGN, GAINS, VIEW, applied, seeing, shots
 
-from designlab.effects import SensorModel
-from designlab.gap.attempt import MOST_IN_WAVES
-from designlab.gap.bank import Bank, fill
-from designlab.gap.fit import Fitter, with_strength
-from designlab.gap.forward import Forward, bands
-from designlab.gap.grain import grains
-from designlab.gap.intervals import values
-from designlab.gap.judge import judge
-from designlab.gap.noise import DARK_LIGHT
-from designlab.gap.pattern import found_pattern, in_few_waves
-from designlab.gap.screen import PERIODS, with_period
-from designlab.gap.search import Search
-from designlab.gap.state import State
+from designlab.inference.diagnosis.emulator.forward import Forward, bands
+from designlab.inference.diagnosis.emulator.snapshots import Bank, fill
+from designlab.inference.diagnosis.emulator.state import State
+from designlab.inference.diagnosis.likelihood.fit import Fitter, with_strength
+from designlab.inference.diagnosis.likelihood.fixed_pattern import found_pattern, in_few_waves
+from designlab.inference.diagnosis.likelihood.monte_carlo_noise import grains
+from designlab.inference.diagnosis.likelihood.noise import DARK_LIGHT
+from designlab.inference.diagnosis.selection.acceptance import MOST_IN_WAVES
+from designlab.inference.diagnosis.selection.forward_selection import Search
+from designlab.inference.diagnosis.selection.held_out import judge
+from designlab.inference.diagnosis.selection.screening import PERIODS, with_period
+from designlab.inference.diagnosis.verdict.intervals import values
+from designlab.simulation.effects import SensorModel
 
 
 @pytest.fixture(scope="module")

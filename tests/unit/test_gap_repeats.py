@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from designlab.gap.repeats import ERRORS, LEAST, most_likely
+from designlab.inference.diagnosis.likelihood.repeats import ERRORS, LEAST, most_likely
 
 FREEDOM = 4
 

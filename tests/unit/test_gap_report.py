@@ -8,20 +8,37 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from designlab.design import preset
-from designlab.effects import SensorModel
-from designlab.gap.basis import Renders
-from designlab.gap.confidence import SIGNS, confidence
-from designlab.gap.diagnose import _along, _gives_back, _provenance, _settled, _sure, verdict_of
-from designlab.gap.intervals import of_amplitudes, of_deviation
-from designlab.gap.learnt import share_of_partial, shares_right
-from designlab.gap.result import Advice, Candidate, Control, Found, GapReport, Level, Overlap, Value, Where
-from designlab.gap.state import State
-from designlab.gap.words import places
-from designlab.measurement.invariants import Check
+from designlab.inference.diagnosis.diagnose import (
+    _along,
+    _gives_back,
+    _provenance,
+    _settled,
+    _sure,
+    verdict_of,
+)
+from designlab.inference.diagnosis.emulator.render_cache import Renders
+from designlab.inference.diagnosis.emulator.state import State
+from designlab.inference.diagnosis.likelihood.empirical_errors import share_of_partial, shares_right
+from designlab.inference.diagnosis.result import (
+    Advice,
+    Candidate,
+    Control,
+    Found,
+    GapReport,
+    Level,
+    Overlap,
+    Value,
+    Where,
+)
+from designlab.inference.diagnosis.verdict.confidence import SIGNS, confidence
+from designlab.inference.diagnosis.verdict.intervals import of_amplitudes, of_deviation
+from designlab.measurement.quality.invariants import Check
 from designlab.measurement.shots import Observations
 from designlab.report import gap_report
-from designlab.report.gap_figures import gap_bars, interval_bar
+from designlab.report.gap_plots import gap_bars, interval_bar
+from designlab.report.gap_text import places
+from designlab.sensor.design import preset
+from designlab.simulation.effects import SensorModel
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "gap.md"
 SETS = 2000

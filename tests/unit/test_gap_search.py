@@ -16,20 +16,21 @@ from toy_gap import (
     shots,
 )
 
-from designlab.effects import AppliedEffect, SensorModel, effect
-from designlab.gap.attempt import Attempt, as_good, closes_more, refused, unsure
-from designlab.gap.bank import Bank, fill, moved
-from designlab.gap.control import control
-from designlab.gap.evidence import System
-from designlab.gap.fit import Fit, Fitter
-from designlab.gap.intervals import values
-from designlab.gap.judge import Judged, gain, judge
-from designlab.gap.refine import refined
-from designlab.gap.result import Candidate
-from designlab.gap.search import Search, Winner
-from designlab.gap.state import State
-from designlab.simulate import Simulator
+from designlab.inference.diagnosis.emulator.snapshots import Bank, fill, moved
+from designlab.inference.diagnosis.emulator.state import State
+from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter
+from designlab.inference.diagnosis.likelihood.normal_equations import System
+from designlab.inference.diagnosis.result import Candidate
+from designlab.inference.diagnosis.selection.acceptance import Attempt, as_good, closes_more, refused, unsure
+from designlab.inference.diagnosis.selection.forward_selection import Search, Winner
+from designlab.inference.diagnosis.selection.held_out import Judged, gain, judge
+from designlab.inference.diagnosis.selection.negative_control import control
+from designlab.inference.diagnosis.selection.refine import refined
+from designlab.inference.diagnosis.verdict.intervals import values
+from designlab.simulation.effects import AppliedEffect, SensorModel, effect
+from designlab.simulation.simulator import Simulator
 
+SELECTION = "designlab.inference.diagnosis.selection.forward_selection"
 NAMES = ("albedo_field", "translucency", "contact_kernel", "depth_offset", "vignetting", "colour_mixing")
 
 
@@ -301,10 +302,10 @@ def test_putting_poses_right_may_cost_a_little_of_the_residual_where_hardly_any_
 
 def test_where_much_is_left_what_promises_most_is_fitted_whatever_the_screen_says(bank, monkeypatch) -> None:
     least = {name: 4.0 if name == "vignetting" else -10.0 for name in NAMES}
-    monkeypatch.setattr("designlab.gap.search.screen", lambda *_: (least, {}))
+    monkeypatch.setattr(f"{SELECTION}.screen", lambda *_: (least, {}))
     search, *_ = searched(bank, "vignetting")
     assert search.winners[0].name == "vignetting"
-    monkeypatch.setattr("designlab.gap.search.all_leave_much", lambda *_: False)
+    monkeypatch.setattr(f"{SELECTION}.all_leave_much", lambda *_: False)
     search, *_ = searched(bank, "vignetting")
     assert not search.winners
 

@@ -7,16 +7,22 @@ import numpy as np
 import pytest
 from toy_gap import DESIGN, VALUES, shots
 
-from designlab.effects import SensorModel
-from designlab.gap.advise import advise
-from designlab.gap.attempt import Attempt
-from designlab.gap.bank import Bank, fill
-from designlab.gap.fit import Fitter
-from designlab.gap.judge import gain, judge
-from designlab.gap.result import Found, Value
-from designlab.gap.separate import DARK, Action, doubt_of, frames_to_take, separating
-from designlab.gap.state import State
+from designlab.inference.diagnosis.emulator.snapshots import Bank, fill
+from designlab.inference.diagnosis.emulator.state import State
+from designlab.inference.diagnosis.likelihood.fit import Fitter
+from designlab.inference.diagnosis.result import Found, Value
+from designlab.inference.diagnosis.selection.acceptance import Attempt
+from designlab.inference.diagnosis.selection.held_out import gain, judge
+from designlab.inference.diagnosis.verdict.experiment_design import (
+    DARK,
+    Action,
+    doubt_of,
+    frames_to_take,
+    separating,
+)
+from designlab.inference.diagnosis.verdict.next_measurement import advise
 from designlab.measurement.shots import Observations
+from designlab.simulation.effects import SensorModel
 
 NAMES = ("albedo_field", "vignetting")
 TRAIN = [0, 1, 2]
@@ -129,7 +135,7 @@ def test_frames_are_asked_for_until_they_suffice(fitted) -> None:
 
 def test_all_that_there_is_may_be_asked_for(fitted, monkeypatch) -> None:
     true, wrong = fitted
-    monkeypatch.setattr("designlab.gap.separate.MOST_FRAMES", 1000)
+    monkeypatch.setattr("designlab.inference.diagnosis.verdict.experiment_design.MOST_FRAMES", 1000)
     endless = [replace(each, evidence=1e4 * each.evidence) for each in (true, wrong)]
     frames = separating(true.fitter, endless).frames
     # Backgrounds alone, short and turned, two places of presses with each group; dark shows neither effect.

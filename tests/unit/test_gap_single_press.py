@@ -5,13 +5,20 @@ import json
 import numpy as np
 import pytest
 
-from designlab import metrics
-from designlab.design import preset
-from designlab.gap.diagnose import diagnose
-from designlab.gap.single_press.blocks import FINAL, SELECT, TRAIN, block_numbers, block_uses, grain
-from designlab.gap.single_press.structure import structure
+from designlab.core import metrics
+from designlab.inference.diagnosis.diagnose import diagnose
+from designlab.inference.diagnosis.single_image.blocks import (
+    FINAL,
+    SELECT,
+    TRAIN,
+    block_numbers,
+    block_uses,
+    grain,
+)
+from designlab.inference.diagnosis.single_image.structure import structure
 from designlab.measurement import load_measurement, write_measurement
-from designlab.plant import answer_path, plant
+from designlab.sensor.design import preset
+from designlab.validation.synthetic import answer_path, plant
 
 DESIGN = preset("gelsight-2020-flat")
 PRESS = {"probe": "triangle:5", "depth_mm": 0.5, "centre_mm": (0.5, -0.5), "yaw_deg": 20.0}

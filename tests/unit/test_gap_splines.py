@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from designlab.gap.splines import coefficients, look_up
+from designlab.inference.diagnosis.emulator.splines import coefficients, look_up
 
 RANDOM = np.random.default_rng(2)
 

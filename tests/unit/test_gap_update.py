@@ -5,16 +5,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from designlab.camera import View
-from designlab.design import preset
-from designlab.effects import effect
-from designlab.gap.evidence import System
-from designlab.gap.fit import Fit
-from designlab.gap.intervals import values
-from designlab.gap.state import State, Unknown
-from designlab.gap.update import covariance, domain
+from designlab.inference.diagnosis.emulator.state import State, Unknown
+from designlab.inference.diagnosis.likelihood.fit import Fit
+from designlab.inference.diagnosis.likelihood.normal_equations import System
+from designlab.inference.diagnosis.verdict.intervals import values
+from designlab.inference.diagnosis.verdict.update import covariance, domain
 from designlab.measurement.shots import Shot
-from designlab.press import Press
+from designlab.sensor.camera import View
+from designlab.sensor.design import preset
+from designlab.simulation.contact.press import Press
+from designlab.simulation.effects import effect
 from geometries.probes import sphere, triangle
 
 DESIGN = preset("gelsight-2020-flat")
@@ -44,7 +44,8 @@ def unlisted(monkeypatch) -> dict[str, float]:
     known: dict[str, float] = {}
     for module in ("update", "intervals"):
         monkeypatch.setattr(
-            f"designlab.gap.{module}.unlisted_sd", lambda name, parameter, *, shape: known.get(name, 0.0)
+            f"designlab.inference.diagnosis.verdict.{module}.unlisted_sd",
+            lambda name, parameter, *, shape: known.get(name, 0.0),
         )
     return known
 

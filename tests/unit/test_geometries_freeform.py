@@ -5,11 +5,11 @@ import pytest
 from pydantic import ValidationError
 from scipy.integrate import quad
 
-from designlab.design import DesignError, dumps, loads, preset
-from designlab.fabricate import export
-from designlab.press import Press, indent
-from designlab.scene import build
-from designlab.viewing import rays
+from designlab.fabrication import export
+from designlab.sensor.design import DesignError, dumps, loads, preset
+from designlab.simulation.contact.press import Press, indent
+from designlab.simulation.optics.viewing_rays import rays
+from designlab.simulation.scene.scene import build
 from geometries import elastomer
 from geometries.elastomer import Elastomer
 from geometries.probes import parse

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from designlab.design import DesignError, InfeasibleDesign, preset
-from designlab.press import indent
-from designlab.refraction import Glass
-from designlab.viewing import rays
+from designlab.sensor.design import DesignError, InfeasibleDesign, preset
+from designlab.sensor.refraction import Glass
+from designlab.simulation.contact.press import indent
+from designlab.simulation.optics.viewing_rays import rays
 from geometries.gelcore import Gelcore, solid
 
 TIP = preset("pbr-fingertip-like").replace(
@@ -69,8 +69,8 @@ def test_rays_followed_back_through_the_mesh_meet_the_camera(backend, shape, dep
     """The mesh that photons meet and the formulas that the camera uses are of the same core."""
     import mitsuba as mi
 
-    from designlab.body import core_and_gel
-    from designlab.render import bridge
+    from designlab.simulation.render import bridge
+    from designlab.simulation.scene.static_parts import core_and_gel
 
     design = HOLLOW.replace({"gelcore.cavity_depth_mm": depth})
     if shape != "dome":

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from designlab.illumination import (
+from designlab.evaluation.illumination import (
     colour_balance,
     coverage,
     dynamic_range_use,
@@ -14,7 +14,7 @@ from designlab.illumination import (
     stray_share,
     within,
 )
-from designlab.information import responses
+from designlab.evaluation.noise_limit import responses
 
 X, Y = np.meshgrid((np.arange(200) - 99.5) * 0.1, (74.5 - np.arange(150)) * 0.1)
 

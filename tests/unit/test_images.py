@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-from designlab.images import (
+from designlab.core.images import (
     Image,
     ImageError,
     from_srgb,

@@ -8,16 +8,21 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from designlab import cli
-from designlab.camera import Camera
-from designlab.design import dumps, load, preset
-from designlab.images import to_srgb, write_image
+from designlab.app import cli
+from designlab.core.images import to_srgb, write_image
 from designlab.measurement import Conversion, MeasurementError, import_frames, load_measurement
-from designlab.measurement.camera_files import read_camera_file, superpixels
-from designlab.measurement.importing import items, listed
-from designlab.measurement.ladder import LadderError, estimate_response, read_table, table_text
-from designlab.measurement.lens_file import LensError, lens_fields
-from designlab.response import Response
+from designlab.measurement.importing.camera_files import read_camera_file, superpixels
+from designlab.measurement.importing.import_frames import items, listed
+from designlab.measurement.importing.ladder import (
+    LadderError,
+    estimate_response,
+    read_table,
+    table_text,
+)
+from designlab.measurement.importing.lens_file import LensError, lens_fields
+from designlab.sensor.camera import Camera
+from designlab.sensor.design import dumps, load, preset
+from designlab.sensor.response_curve import Response
 
 ROWS, COLUMNS = 48, 64
 LINEAR = Response()

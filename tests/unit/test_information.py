@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from designlab.information import noise_limit_deg, pressed_limit_deg, responses
+from designlab.evaluation.noise_limit import noise_limit_deg, pressed_limit_deg, responses
 
 X, Y = np.meshgrid(np.linspace(-7, 7, 70), np.linspace(5, -5, 50))
 

@@ -4,7 +4,7 @@ import signal
 
 import pytest
 
-from designlab.interrupts import Interrupts, held
+from designlab.core.interrupts import Interrupts, held
 
 
 @pytest.fixture(autouse=True)

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from designlab.camera import Camera
-from designlab.design import DesignError, preset
-from designlab.viewing import rays
+from designlab.sensor.camera import Camera
+from designlab.sensor.design import DesignError, preset
+from designlab.simulation.optics.viewing_rays import rays
 
 FLAT, DOME, CORE = preset("gelsight-2020-flat"), preset("gelsight-2020-dome"), preset("default")
 BARREL = {"k1": -0.32, "k2": 0.11, "k3": -0.012}

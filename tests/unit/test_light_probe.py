@@ -7,8 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 import designlab as dl
-from designlab.camera import View
-from designlab.light_probe import (
+from designlab.measurement.light_probe import (
     LightProbe,
     Outline,
     compare_light,
@@ -20,9 +19,10 @@ from designlab.light_probe import (
     probe_view,
     unwrap,
 )
-from designlab.light_probe.ball import chromium, fresnel_metal
-from designlab.light_probe.lobes import Lobes
-from designlab.light_probe.polar import unit_vectors
+from designlab.measurement.light_probe.ball import chromium, fresnel_metal
+from designlab.measurement.light_probe.lobes import Lobes
+from designlab.measurement.light_probe.polar import unit_vectors
+from designlab.sensor.camera import View
 
 FLAT = dl.preset("gelsight-2020-flat")
 CORE = dl.preset("gelsight-2020-dome-core")
@@ -191,7 +191,7 @@ def test_two_probes_differ_by_what_was_changed():
 
 def rim_picture(probe, view):
     """Dark ball before a bright ground, its outline antialiased: rays that pass within its radius."""
-    from designlab.viewing import rays
+    from designlab.simulation.optics.viewing_rays import rays
 
     fine = view._replace(columns=4 * view.columns, rows=4 * view.rows)
     looks = rays(FLAT, fine)
@@ -284,8 +284,8 @@ def test_a_board_between_ball_and_panel_hides_it():
     """Two rows at one azimuth, one group's boards before the other's: the nearer ones are seen alone."""
     groups = [{"name": n, "azimuth_deg": [0.0], "flux_mw": 1.0} for n in ("a", "b", "c")]
     three = FLAT.replace({"leds.groups": groups, "leds.tilt_deg": 0.0, "leds.height_mm": 5.0})
-    from designlab.light_probe.panels import _blocked
-    from designlab.mounting import front_corners, seated
+    from designlab.measurement.light_probe.panels import _blocked
+    from designlab.sensor.led_mounting import front_corners, seated
 
     board = front_corners(seated(three)[0][0])
     start = np.zeros((1, 3))
@@ -299,7 +299,7 @@ def test_the_figure_shows_light_where_it_comes_from(tmp_path):
     """Red light from the right and blue from the left end up there, in these colours."""
     from PIL import Image
 
-    from designlab.figures import light_map
+    from designlab.report.plots import light_map
 
     light, view = directions(columns=120)
     spots = [(0, 60.0, 0.0, 15.0, 1.0), (2, 60.0, 180.0, 15.0, 1.0)]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from designlab.design import InfeasibleDesign, preset
-from designlab.margins import RULES
+from designlab.sensor.design import InfeasibleDesign, preset
+from designlab.sensor.feasibility import RULES
 
 FLAT, DOME, CORE = (preset(name) for name in ("gelsight-2020-flat", "gelsight-2020-dome", "default"))
 TIP = preset("pbr-fingertip-like")

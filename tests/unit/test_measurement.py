@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import tomli_w
 
-from designlab.images import from_srgb, write_image
+from designlab.core.images import from_srgb, write_image
 from designlab.measurement import Frame, Measurement, MeasurementError, load_measurement, write_measurement
 
 MEASURED = os.environ.get("DESIGNLAB_MEASURED")
@@ -247,7 +247,7 @@ def test_writing_and_reading_give_the_same_set(tmp_path):
 
 
 def test_a_design_file_travels_with_the_set(tmp_path):
-    from designlab.design import dumps, preset
+    from designlab.sensor.design import dumps, preset
 
     folder = tmp_path / "source"
     folder.mkdir()

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from designlab.design import preset
-from designlab.light_probe import LightProbe, lobes, probe_view, unwrap
-from designlab.light_probe.polar import unit_vectors
 from designlab.measurement import Frame, Measurement, MeasurementError, ball_of, light_of, load_measurement
 from designlab.measurement import write_measurement as write
+from designlab.measurement.light_probe import LightProbe, lobes, probe_view, unwrap
+from designlab.measurement.light_probe.polar import unit_vectors
+from designlab.sensor.design import preset
 
 DESIGN = preset("gelsight-2020-flat")
 PROBE = LightProbe(centre_mm=(0.5, -0.4))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter
 
-from designlab.metrics import (
+from designlab.core.metrics import (
     compare,
     gradient_nonuniformity,
     height_error,

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from designlab.design import DesignError, InfeasibleDesign, preset
-from designlab.margins import _tangents
-from designlab.mounting import front_corners, seated, sides
-from designlab.press import indent
-from designlab.scene import build
+from designlab.sensor.design import DesignError, InfeasibleDesign, preset
+from designlab.sensor.feasibility import _tangents
+from designlab.sensor.led_mounting import front_corners, seated, sides
+from designlab.simulation.contact.press import indent
+from designlab.simulation.scene.scene import build
 from geometries import gelcore
 from geometries.leds import bodies
 

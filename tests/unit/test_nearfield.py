@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from designlab.bench import Bench, sub_seed
-from designlab.design import preset
-from designlab.information import AZIMUTHS, RINGS, pressed_limit_deg
-from designlab.metrics import normal_error_deg
-from designlab.press import Press
-from designlab.reconstruct import NearField, near_field, normals
-from designlab.simulate import Simulator, exposure
+from designlab.core.metrics import normal_error_deg
+from designlab.evaluation.noise_limit import AZIMUTHS, RINGS, pressed_limit_deg
+from designlab.evaluation.protocol import Bench, sub_seed
+from designlab.reconstruction import NearField, near_field, normals
+from designlab.sensor.design import preset
+from designlab.simulation.contact.press import Press
+from designlab.simulation.simulator import Simulator, exposure
 from geometries.probes import parse
 
 SLANT = np.radians(55.0)

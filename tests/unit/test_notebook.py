@@ -8,11 +8,11 @@ import nbformat
 import pytest
 
 import designlab
-from designlab.design import preset_text
+from designlab.sensor.design import preset_text
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
-TEMPLATE = Path(designlab.__file__).parent / "templates" / "notebook.ipynb"
+TEMPLATE = Path(designlab.__file__).parent / "app" / "templates" / "notebook.ipynb"
 
 SWEPT = "tilts_deg = range(0, 80, 20)"
 SHORT = "tilts_deg = [10, 40]"

@@ -13,7 +13,7 @@ def test_every_public_name_is_found():
 
 def test_functions_are_not_hidden_by_modules_of_the_same_name():
     program = (
-        "import designlab, designlab.render, designlab.evaluate;"
+        "import designlab, designlab.simulation.simulator, designlab.evaluation.evaluate;"
         "from designlab import render, evaluate;"
         "assert callable(designlab.render) and callable(designlab.evaluate) and render is designlab.render"
     )
@@ -22,7 +22,7 @@ def test_functions_are_not_hidden_by_modules_of_the_same_name():
 
 def test_importing_the_package_loads_nothing_heavy():
     program = (
-        "import sys, designlab, designlab.cli;"
+        "import sys, designlab, designlab.app.cli;"
         "heavy = {'numpy', 'pydantic', 'scipy', 'mitsuba', 'cadquery', 'optuna'} & set(sys.modules);"
         "assert not heavy, heavy"
     )

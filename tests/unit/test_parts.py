@@ -5,10 +5,10 @@ import math
 
 import pytest
 
-from designlab import cli
-from designlab.design import DesignError, dumps, loads
-from designlab.parts import PARTS, flux_mw
-from designlab.spectra import luminous_efficacy_lm_w
+from designlab.app import cli
+from designlab.sensor.design import DesignError, dumps, loads
+from designlab.sensor.led_catalogue import PARTS, flux_mw
+from designlab.sensor.spectra import luminous_efficacy_lm_w
 
 HEAD = """
 [leds]

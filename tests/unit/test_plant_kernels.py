@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from designlab.plant import kernels
+from designlab.validation.synthetic import kernels
 
 RANDOM = np.random.default_rng(5)
 

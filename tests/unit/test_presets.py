@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from designlab.design import dumps, loads, preset, preset_names, preset_text
-from designlab.viewing import rays
+from designlab.sensor.design import dumps, loads, preset, preset_names, preset_text
+from designlab.simulation.optics.viewing_rays import rays
 from geometries.leds import emitters
 
 PUBLISHED = ("gelsight-2020-flat", "gelsight-2020-dome")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from designlab.press_scores import PRESS_FIGURES, TYPICAL, pooled, press_chances
+from designlab.evaluation.press_scores import PRESS_FIGURES, TYPICAL, pooled, press_chances
 
 NAMES = ("normal_error_median_deg", "height_mae_um", "height_rmse_um", "normals_within_5deg")
 FALLING = [PRESS_FIGURES.index(name) for name in ("normals_within_5deg", "rgb2normal")]

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import dblquad
 
-from designlab.design import DesignError, dumps, load, loads, preset
+from designlab.sensor.design import DesignError, dumps, load, loads, preset
 from geometries import ies
 from geometries.emission import AngularProfile
 from geometries.leds import LedArray

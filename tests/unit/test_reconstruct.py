@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from designlab.metrics import height_error
-from designlab.reconstruct import integrate, normals
+from designlab.core.metrics import height_error
+from designlab.reconstruction import integrate, normals
 
 
 @pytest.fixture

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from designlab.metrics import normal_error_deg
-from designlab.reconstruct import fit_kernel, integrate, normals
-from designlab.reconstruct.balls import ball_gradients
+from designlab.core.metrics import normal_error_deg
+from designlab.reconstruction import fit_kernel, integrate, normals
+from designlab.reconstruction.balls import ball_gradients
 
 SHAPE, PITCH_MM, RADIUS_MM = (100, 120), 0.1, 2.0
 AZIMUTHS = np.radians([90.0, 210.0, 330.0])

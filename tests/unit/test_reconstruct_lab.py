@@ -4,19 +4,13 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from designlab.images import read_image
-from designlab.metrics import normal_error_deg
-from designlab.reconstruct import gradients_of, integrate, lab, normals
-from designlab.reconstruct.ball_samples import Setup
-from designlab.reconstruct.balls import BallPress, ball_gradients, find_contact_circle
-from designlab.reconstruct.lab import (
-    LeftOut,
-    calibrate,
-    choose_method,
-    left_out_errors,
-    refine_centres,
-)
-from designlab.reconstruct.methods import Kernel, Perceptron, Polynomial, Table
+from designlab.core.images import read_image
+from designlab.core.metrics import normal_error_deg
+from designlab.reconstruction import gradients_of, integrate, lab, normals
+from designlab.reconstruction.ball_samples import Setup
+from designlab.reconstruction.balls import BallPress, ball_gradients, find_contact_circle
+from designlab.reconstruction.lab import LeftOut, calibrate, choose_method, left_out_errors, refine_centres
+from designlab.reconstruction.methods import Kernel, Perceptron, Polynomial, Table
 
 SHAPE, PITCH_MM, RADIUS_MM = (120, 140), 0.1, 3.0
 SETUP = Setup(RADIUS_MM, PITCH_MM, trusted=0.86, smoothing_px=0.0, detail=0.0)

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from toy_studies import BARE
 
-from designlab.design import preset
+from designlab.evaluation.illumination_scores import SCORES
+from designlab.optimization.study import Parameter, Study, run_study
 from designlab.report import (
     Column,
     Section,
@@ -27,8 +28,7 @@ from designlab.report import (
 )
 from designlab.report.page import rounded
 from designlab.report.yardsticks import ALARMS, HEADLINES, YARDSTICKS
-from designlab.scores import SCORES
-from designlab.study import Parameter, Study, run_study
+from designlab.sensor.design import preset
 
 VOID = {"meta", "link", "img", "br", "hr", "input"}
 

@@ -7,10 +7,10 @@ import re
 import pytest
 
 from designlab.report.page import rounded
-from designlab.reproduce import comparison, tables
-from designlab.reproduce.content import Picture, Table, sections
-from designlab.reproduce.markdown import markdown_page
-from designlab.reproduce.page import html_page
+from designlab.validation.paper_2020 import comparison, tables
+from designlab.validation.paper_2020.content import Picture, Table, sections
+from designlab.validation.paper_2020.markdown import markdown_page
+from designlab.validation.paper_2020.page import html_page
 
 FLAT, DOME = "gelsight-2020-flat", "gelsight-2020-dome"
 MODELS = {"light transport": 0.0, "directional, diffuse": 12.0, "directional, Phong": 10.5}

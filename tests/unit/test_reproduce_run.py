@@ -6,12 +6,12 @@ from dataclasses import replace
 import pytest
 from test_reproduce_pages import result  # noqa: F401  a fixture
 
-from designlab import cli
-from designlab.reproduce import run
-from designlab.reproduce.probe import probe
-from designlab.reproduce.run import STAGES, Stage, _Growing, reproduce
-from designlab.reproduce.sizes import SIZES
-from designlab.reproduce.timing import PAPER_MS, timing
+from designlab.app import cli
+from designlab.validation.paper_2020 import run
+from designlab.validation.paper_2020.probe import probe
+from designlab.validation.paper_2020.run import STAGES, Stage, _Growing, reproduce
+from designlab.validation.paper_2020.sizes import SIZES
+from designlab.validation.paper_2020.timing import PAPER_MS, timing
 
 TINY = replace(SIZES["reduced"], binned=20, timing_px=(30,), timing_samples=(4, 8))
 
@@ -148,7 +148,7 @@ def test_shares_of_parts_that_count_anew_only_grow():
 
 
 def test_the_parts_of_accuracy_are_those_it_tells_of():
-    from designlab.reproduce.accuracy import MODELS
+    from designlab.validation.paper_2020.accuracy import MODELS
 
     parts = list(STAGES["accuracy"].parts(SIZES["full"]))
     assert len(parts) == 2 * (1 + len(MODELS))
@@ -160,7 +160,7 @@ def test_the_parts_of_accuracy_are_those_it_tells_of():
 
 
 def test_progress_tells_of_a_hidden_sensor_that_is_being_fitted(monkeypatch, tmp_path):
-    from designlab.reproduce import recovery
+    from designlab.validation.paper_2020 import recovery
 
     def repeat(number, folder, *, progress):
         for what in ("fitting", "errors"):

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from designlab.compare import compare_model
-from designlab.design import preset
+from designlab.inference.compare import compare_model
 from designlab.measurement import Measurement, load_measurement, write_measurement
-from designlab.reproduce.accuracy import error_shares
-from designlab.reproduce.datasets import SIGMA, around, crop_around, dataset_1, dataset_2, stated
-from designlab.reproduce.hidden import hidden
-from designlab.reproduce.photograph import photograph
-from designlab.reproduce.recovery import INTERVAL, summary, truths
-from designlab.viewing import rays
+from designlab.sensor.design import preset
+from designlab.simulation.optics.viewing_rays import rays
+from designlab.validation.paper_2020.accuracy import error_shares
+from designlab.validation.paper_2020.datasets import SIGMA, around, crop_around, dataset_1, dataset_2, stated
+from designlab.validation.paper_2020.hidden import hidden
+from designlab.validation.paper_2020.photograph import photograph
+from designlab.validation.paper_2020.recovery import INTERVAL, summary, truths
 
 FLAT, DOME = preset("gelsight-2020-flat"), preset("gelsight-2020-dome")
 

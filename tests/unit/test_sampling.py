@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from designlab.sampling import RANGES, random_design
+from designlab.sensor.random_designs import RANGES, random_design
 from geometries.elastomer import base_mm
 from geometries.leds import emitters
 

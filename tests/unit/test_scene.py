@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from designlab.design import preset
-from designlab.press import Press, indent
-from designlab.scene import Dielectric, Diffuse, Medium, build
+from designlab.sensor.design import preset
+from designlab.simulation.contact.press import Press, indent
+from designlab.simulation.scene.scene import Dielectric, Diffuse, Medium, build
 from geometries import elastomer
 from geometries.probes import parse
 

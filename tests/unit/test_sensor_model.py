@@ -6,19 +6,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from designlab.bench import Bench
-from designlab.calibrate import calibrate
-from designlab.cli import main
-from designlab.design import DesignError, preset
-from designlab.effects import CATALOGUE, AppliedEffect, ModelError, SensorModel, effect, load_model
-from designlab.effects.known import Covariance, Domain, Provenance
-from designlab.fabricate import to_make
-from designlab.light_probe import light_probe
-from designlab.plant import plant
-from designlab.press import Press
-from designlab.simulate import Simulator
-from designlab.study import Study, sweep
-from designlab.view3d import render_view
+from designlab.app.cli import main
+from designlab.evaluation.protocol import Bench
+from designlab.fabrication import to_make
+from designlab.inference.calibration import calibrate
+from designlab.measurement.light_probe import light_probe
+from designlab.optimization.study import Study, sweep
+from designlab.report.view3d import render_view
+from designlab.sensor.design import DesignError, preset
+from designlab.simulation.contact.press import Press
+from designlab.simulation.effects import CATALOGUE, AppliedEffect, ModelError, SensorModel, effect, load_model
+from designlab.simulation.effects.known import Covariance, Domain, Provenance
+from designlab.simulation.simulator import Simulator
+from designlab.validation.synthetic import plant
 from geometries.probes import sphere, triangle
 
 DESIGN = preset("gelsight-2020-flat")

@@ -4,8 +4,14 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from designlab.design import DesignError, dumps, loads, preset
-from designlab.spectra import SENSITIVITIES, Sensitivity, luminous_efficacy_lm_w, response, typical_width_nm
+from designlab.sensor.design import DesignError, dumps, loads, preset
+from designlab.sensor.spectra import (
+    SENSITIVITIES,
+    Sensitivity,
+    luminous_efficacy_lm_w,
+    response,
+    typical_width_nm,
+)
 
 CORE = preset("default")
 EDGES = (500.0, 500.001, 600.0, 600.001)

@@ -9,8 +9,8 @@ import sys
 import numpy as np
 import pytest
 
-from designlab import store
-from designlab.design import preset
+from designlab.core import store
+from designlab.sensor.design import preset
 
 
 def test_digest_of_a_known_byte_string_is_its_tagged_sha256():
@@ -44,7 +44,7 @@ def test_different_content_gives_different_digests(left, right):
 
 
 def test_digest_is_the_same_in_another_process():
-    program = "from designlab.store import digest; print(digest({'b': [1, 2.5], 'a': 'x'}, b'1'))"
+    program = "from designlab.core.store import digest; print(digest({'b': [1, 2.5], 'a': 'x'}, b'1'))"
     environment = os.environ | {"PYTHONHASHSEED": "7"}
     other = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, env=environment, check=True

@@ -13,11 +13,7 @@ import pandas as pd
 import pytest
 from toy_studies import BARE, RANGES, Counting, Death, closed_form, make, mortal, run, write
 
-from designlab import design as designs
-from designlab.design import InfeasibleDesign, preset
-from designlab.effects.model import AppliedEffect, SensorModel, load_model
-from designlab.simulate import RenderFailed
-from designlab.study import (
+from designlab.optimization.study import (
     Parameter,
     Plan,
     StudyError,
@@ -28,9 +24,13 @@ from designlab.study import (
     load_study,
     sweep,
 )
-from designlab.study.folder import opened, reading
-from designlab.study.results import STATES
-from designlab.study.search import Search
+from designlab.optimization.study.folder import opened, reading
+from designlab.optimization.study.results import STATES
+from designlab.optimization.study.search import Search
+from designlab.sensor import design as designs
+from designlab.sensor.design import InfeasibleDesign, preset
+from designlab.simulation.effects.model import AppliedEffect, SensorModel, load_model
+from designlab.simulation.simulator import RenderFailed
 
 
 def counts(**given):
@@ -184,7 +184,7 @@ def test_the_sampler_learns_from_infeasible_designs(tmp_path):
 
 
 def test_a_search_without_any_feasible_design_ends_and_says_why(tmp_path, monkeypatch):
-    monkeypatch.setattr("designlab.study.search._GIVE_UP", 30)
+    monkeypatch.setattr("designlab.optimization.study.search._GIVE_UP", 30)
     study = make(parameters={"leds.height_mm": Parameter(low=-20, high=-10)})
     counting = Counting()
     with pytest.raises(
@@ -199,7 +199,7 @@ def test_a_search_that_only_evaluations_find_infeasible_ends_too(tmp_path, monke
         assert len(counting.digests) <= 30
         raise InfeasibleDesign("the camera sees a LED")
 
-    monkeypatch.setattr("designlab.study.search._GIVE_UP", 30)
+    monkeypatch.setattr("designlab.optimization.study.search._GIVE_UP", 30)
     counting = Counting(refuse)
     with pytest.raises(RuntimeError, match=r"no feasible design among the last 30; .* sees a LED"):
         run(make(sampler="random"), tmp_path, evaluator=counting)
@@ -223,7 +223,7 @@ def test_equal_designs_are_evaluated_once(tmp_path):
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_search_ends_where_the_ranges_hold_no_more_designs(tmp_path, monkeypatch, workers):
-    monkeypatch.setattr("designlab.study.search._REPEATS", 20)
+    monkeypatch.setattr("designlab.optimization.study.search._REPEATS", 20)
     study = make(parameters={"leds.tilt_deg": Parameter(choices=(10.0, 30.0))}, sampler="random", trials=10)
     results = run(study, tmp_path, workers=workers, evaluator=closed_form)
     assert results.evaluated == 2
@@ -378,7 +378,7 @@ def test_the_clocks_of_machines_that_share_a_study_may_differ(tmp_path, monkeypa
             database.execute("update trials set datetime_start = '2001-01-01 00:00:00'")
         assert [search._others(), search._others()] == [1, 1]
         assert record.get_trials()[theirs.number].state.name == "RUNNING"
-        monkeypatch.setattr("designlab.study.search.SILENT_S", 0)
+        monkeypatch.setattr("designlab.optimization.study.search.SILENT_S", 0)
         search._others()
         assert record.get_trials()[theirs.number].state.name == "FAIL"
 
@@ -391,7 +391,7 @@ def test_a_run_that_is_taken_for_dead_while_it_draws_draws_anew(tmp_path, monkey
             taken.append(trial_id)
             record._storage.set_trial_state_values(trial_id, optuna.trial.TrialState.FAIL)
 
-    monkeypatch.setattr("designlab.study.search.beat", take)
+    monkeypatch.setattr("designlab.optimization.study.search.beat", take)
     results = run(make(trials=3), tmp_path / "out", storage=f"sqlite:///{tmp_path}/shared.db")
     assert results.counts() == counts(complete=3, interrupted=1)
 
@@ -427,7 +427,7 @@ def slow_closed_form(design, *, fidelity, seed):
 
 
 def test_a_design_that_kills_its_worker_is_given_up_and_those_beside_it_are_not(tmp_path, monkeypatch):
-    monkeypatch.setattr("designlab.study.runner.submitter", mortal)
+    monkeypatch.setattr("designlab.optimization.study.runner.submitter", mortal)
     deadly = preset("gelsight-2020-flat").digest
 
     def evaluator(design, *, fidelity, seed):
@@ -449,7 +449,7 @@ def test_workers_that_all_die_end_the_study_which_says_how_to_go_on(tmp_path, mo
     def evaluator(design, *, fidelity, seed):
         raise Death
 
-    monkeypatch.setattr("designlab.study.runner.submitter", mortal)
+    monkeypatch.setattr("designlab.optimization.study.runner.submitter", mortal)
     counting = Counting(evaluator)
     with pytest.raises(RuntimeError, match=r"again and again, .* 2 workers; .*: the same command goes on"):
         run(make(sampler="random"), tmp_path, workers=2, evaluator=counting)

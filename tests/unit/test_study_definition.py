@@ -6,18 +6,11 @@ from pathlib import Path
 import pytest
 from toy_studies import OBJECTIVES, RANGES, make, write
 
-from designlab import design as designs
-from designlab.bounds import Bound
-from designlab.design import preset
-from designlab.scores import SCORES
-from designlab.study import (
-    Parameter,
-    Plan,
-    Study,
-    StudyError,
-    dumps_study,
-    load_study,
-)
+from designlab.evaluation.illumination_scores import SCORES
+from designlab.optimization.constraint import Bound
+from designlab.optimization.study import Parameter, Plan, Study, StudyError, dumps_study, load_study
+from designlab.sensor import design as designs
+from designlab.sensor.design import preset
 
 HEAD = 'version = 1\nbase = "gelsight-2020-flat"\n'
 
@@ -168,7 +161,7 @@ def test_the_digest_ignores_names_and_effort_and_nothing_else():
 
 
 ROOT = Path(__file__).parents[2]
-FILES = [*sorted((ROOT / "studies").glob("*.toml")), ROOT / "designlab" / "templates" / "study.toml"]
+FILES = [*sorted((ROOT / "studies").glob("*.toml")), ROOT / "designlab" / "app" / "templates" / "study.toml"]
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)

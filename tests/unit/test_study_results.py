@@ -9,11 +9,8 @@ import pytest
 from toy_studies import BARE, Counting, closed_form, make, run
 
 import designlab
-from designlab.bounds import Bound
-from designlab.design import DesignError, preset
-from designlab.effects import SensorModel
-from designlab.simulate import RenderFailed
-from designlab.study import (
+from designlab.optimization.constraint import Bound
+from designlab.optimization.study import (
     Plan,
     StudyError,
     SweepInterrupted,
@@ -25,8 +22,11 @@ from designlab.study import (
     picks,
     sweep,
 )
-from designlab.study.front import hypervolume, losses
-from designlab.study.shortlist import trades
+from designlab.optimization.study.front import hypervolume, losses
+from designlab.optimization.study.shortlist import trades
+from designlab.sensor.design import DesignError, preset
+from designlab.simulation.effects import SensorModel
+from designlab.simulation.simulator import RenderFailed
 
 
 def table(loss):

@@ -4,11 +4,11 @@ import optuna
 import pytest
 from toy_studies import RANGES, Death, closed_form, make, mortal, run
 
-from designlab.simulate import RenderFailed
-from designlab.study import Parameter, StudyError, StudyInterrupted
-from designlab.study.samplers import method
-from designlab.study.samplers import sampler as sampler_of
-from designlab.study.search import Search
+from designlab.optimization.study import Parameter, StudyError, StudyInterrupted
+from designlab.optimization.study.samplers import method
+from designlab.optimization.study.samplers import sampler as sampler_of
+from designlab.optimization.study.search import Search
+from designlab.simulation.simulator import RenderFailed
 
 NARROW = RANGES | {"leds.height_mm": Parameter(low=0, high=14)}  # LEDs below the gel cannot be built
 
@@ -20,8 +20,8 @@ def torch(monkeypatch):
     def drawn(name, study, seed, infeasible):
         return optuna.samplers.RandomSampler(seed=seed)
 
-    monkeypatch.setattr("designlab.study.samplers.has_torch", lambda: True)
-    monkeypatch.setattr("designlab.study.samplers._sampler", drawn)
+    monkeypatch.setattr("designlab.optimization.study.samplers.has_torch", lambda: True)
+    monkeypatch.setattr("designlab.optimization.study.samplers._sampler", drawn)
 
 
 def test_tpe_begins_by_chance_with_ten_designs_that_can_be_built():
@@ -32,7 +32,7 @@ def test_tpe_begins_by_chance_with_ten_designs_that_can_be_built():
 
 def test_gaussian_processes_draw_where_torch_is_and_tpe_where_designs_cannot_be_built(monkeypatch):
     for torch, usual in ((True, "gp"), (False, "tpe")):
-        monkeypatch.setattr("designlab.study.samplers.has_torch", lambda torch=torch: torch)
+        monkeypatch.setattr("designlab.optimization.study.samplers.has_torch", lambda torch=torch: torch)
         assert method(make()) == usual
         assert method(make(), rejected=1) == "tpe"
         assert method(make(sampler="nsga2"), rejected=1) == "nsga2"
@@ -46,7 +46,7 @@ def test_it_is_kept_which_sampler_drew_a_design(tmp_path):
 
 
 def test_gaussian_processes_need_torch(tmp_path, monkeypatch):
-    monkeypatch.setattr("designlab.study.samplers.has_torch", lambda: False)
+    monkeypatch.setattr("designlab.optimization.study.samplers.has_torch", lambda: False)
     with pytest.raises(StudyError, match=r"field sampler: 'gp' needs PyTorch.*pip install torch"):
         run(make(sampler="gp"), tmp_path)
 
@@ -101,7 +101,7 @@ def test_a_new_record_and_a_second_try_keep_which_sampler_drew(tmp_path, monkeyp
     drawn = run(study, tmp_path).frame["method"]
     (tmp_path / "study.db").unlink()
     assert list(run(study, tmp_path, rebuild=True).frame["method"]) == list(drawn)
-    monkeypatch.setattr("designlab.study.runner.submitter", mortal)
+    monkeypatch.setattr("designlab.optimization.study.runner.submitter", mortal)
     calls = []
 
     def dying(design, *, fidelity, seed):
@@ -118,5 +118,5 @@ def test_a_new_record_and_a_second_try_keep_which_sampler_drew(tmp_path, monkeyp
 def test_a_finished_search_needs_no_sampler(tmp_path, torch, monkeypatch):
     study = make(sampler="gp", trials=3)
     run(study, tmp_path)
-    monkeypatch.setattr("designlab.study.samplers.has_torch", lambda: False)
+    monkeypatch.setattr("designlab.optimization.study.samplers.has_torch", lambda: False)
     assert run(study, tmp_path).counts()["complete"] == 3

@@ -9,15 +9,15 @@ import pytest
 from toy_scores import Estimate, Score
 from toy_studies import BARE
 
-from designlab import cli
-from designlab.bounds import Bound
-from designlab.cli.study import _summary
-from designlab.effects import SensorModel
+from designlab.app import cli
+from designlab.app.cli.study import _summary
+from designlab.optimization.constraint import Bound
+from designlab.optimization.study import Plan, Robust, Study, StudyError, load_results, load_study, run_study
+from designlab.optimization.study.definition import BASE
+from designlab.optimization.study.front import history
+from designlab.optimization.tolerance import Spread, tolerance
 from designlab.report import study_report
-from designlab.study import Plan, Robust, Study, StudyError, load_results, load_study, run_study
-from designlab.study.definition import BASE
-from designlab.study.front import history
-from designlab.tolerance import Spread, tolerance
+from designlab.simulation.effects import SensorModel
 
 DOME = {
     "gelcore.shape": "dome",

@@ -5,17 +5,17 @@ import functools
 import numpy as np
 import pytest
 
-from designlab import cli
-from designlab.calibrate import calibrate
-from designlab.calibrate.imaging import Rendered
-from designlab.calibrate.problem import Problem
-from designlab.calibrate.suspicions import faults, picture
-from designlab.design import preset
-from designlab.images import to_srgb
+from designlab.app import cli
+from designlab.core.images import to_srgb
+from designlab.inference.calibration import calibrate
+from designlab.inference.calibration.imaging import Rendered
+from designlab.inference.calibration.problem import Problem
+from designlab.inference.calibration.suspicions import faults, picture
 from designlab.measurement import Frame, Measurement, MeasurementError, check, load_measurement, refuse
 from designlab.measurement import write_measurement as write
 from designlab.measurement.shots import observe
-from designlab.plant import plant
+from designlab.sensor.design import preset
+from designlab.validation.synthetic import plant
 
 COLUMNS = 32
 PRESSES = (
@@ -269,7 +269,7 @@ class TestWithoutModel:
             for name, scene in scenes.items()
         }
         small = preset(NAMES[0]).replace({"camera.width_px": 32, "camera.height_px": 24})
-        from designlab.design import dumps
+        from designlab.sensor.design import dumps
 
         (tmp_path / "sensor.toml").write_text(dumps(small), encoding="utf-8")
         found = check(

@@ -8,18 +8,18 @@ import pytest
 from scipy.stats import norm, truncnorm
 from toy_scores import Estimate, Score
 
-from designlab import cli
-from designlab.attempt import built_evaluator, default_evaluator
-from designlab.bounds import Bound
-from designlab.design import InfeasibleDesign, preset, preset_names
-from designlab.effects import AppliedEffect, SensorModel
-from designlab.evaluate import evaluate
+from designlab.app import cli
+from designlab.evaluation.evaluate import evaluate
+from designlab.optimization.constraint import Bound
+from designlab.optimization.outcome import built_evaluator, default_evaluator
+from designlab.optimization.tolerance import Spread, default_spreads, load_terms, load_tolerance, tolerance
+from designlab.optimization.tolerance.distributions import CUT_SD, copy, deviates, inputs
 from designlab.report.tolerance import tolerance_report
-from designlab.simulate import RenderFailed
-from designlab.tolerance import Spread, default_spreads, load_terms, load_tolerance, tolerance
-from designlab.tolerance.spreads import CUT_SD, copy, deviates, inputs
+from designlab.sensor.design import InfeasibleDesign, preset, preset_names
+from designlab.simulation.effects import AppliedEffect, SensorModel
+from designlab.simulation.simulator import RenderFailed
 
-RUN = sys.modules["designlab.tolerance.run"]
+RUN = sys.modules["designlab.optimization.tolerance.run"]
 FLAT, DOME = preset("gelsight-2020-flat"), preset("gelsight-2020-dome")
 TILT = Spread(field="leds.tilt_deg", sd=2.0)
 HEIGHT = Spread(field="leds.height_mm", sd=0.1)

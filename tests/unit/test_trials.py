@@ -7,16 +7,14 @@ from pathlib import Path
 import pytest
 from trial_outcomes import outcome
 
-from designlab import cli
-from designlab.design import preset
-from designlab.effects import effect
-from designlab.gap.result import Level
+from designlab.app import cli
+from designlab.core.store import write_json
+from designlab.inference.diagnosis.result import Level
 from designlab.measurement import Measurement
 from designlab.measurement.frames import Frame
-from designlab.plant import effects as planted
-from designlab.plant.beyond import outside_kinds
-from designlab.store import write_json
-from designlab.trials import (
+from designlab.sensor.design import preset
+from designlab.simulation.effects import effect
+from designlab.validation.blind import (
     Crew,
     Transferred,
     Trial,
@@ -27,12 +25,14 @@ from designlab.trials import (
     score,
     transfers,
 )
-from designlab.trials.detection import in_units
-from designlab.trials.frozen import code_digest
-from designlab.trials.pool import AIR, KITS, frames_of
-from designlab.trials.runner import kept
-from designlab.trials.score import rate, reliability
-from designlab.trials.transfer import HIGHER_MM, MORE_TILT_DEG, other, removed, summary
+from designlab.validation.blind.detection import in_units
+from designlab.validation.blind.frozen import code_digest
+from designlab.validation.blind.pool import AIR, KITS, frames_of
+from designlab.validation.blind.runner import kept
+from designlab.validation.blind.score import rate, reliability
+from designlab.validation.blind.transfer import HIGHER_MM, MORE_TILT_DEG, other, removed, summary
+from designlab.validation.synthetic import effects as planted
+from designlab.validation.synthetic.unmodelled import outside_kinds
 
 POOL = development()
 

@@ -6,17 +6,24 @@ from pathlib import Path
 
 import pytest
 
-from designlab import cli
-from designlab.design import preset
-from designlab.effects import effect
-from designlab.gap.learnt import unlisted_sd
-from designlab.plant import effects as planted
-from designlab.plant.beyond import outside_kinds
-from designlab.trials import calibration, development, power, sealed
-from designlab.trials.blind import CONFOUNDED, NAMED_KINDS, OVER_LIMIT, STRONG, TEST, detection_limits
-from designlab.trials.frozen import code_digest, frozen
-from designlab.trials.pool import AIR, Trial, shard
-from designlab.trials.score import same
+from designlab.app import cli
+from designlab.inference.diagnosis.likelihood.empirical_errors import unlisted_sd
+from designlab.sensor.design import preset
+from designlab.simulation.effects import effect
+from designlab.validation.blind import calibration, development, power, sealed
+from designlab.validation.blind.frozen import code_digest, frozen
+from designlab.validation.blind.pool import AIR, Trial, shard
+from designlab.validation.blind.score import same
+from designlab.validation.blind.sealed_pools import (
+    CONFOUNDED,
+    NAMED_KINDS,
+    OVER_LIMIT,
+    STRONG,
+    TEST,
+    detection_limits,
+)
+from designlab.validation.synthetic import effects as planted
+from designlab.validation.synthetic.unmodelled import outside_kinds
 
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
 POOL = sealed(COMMIT)
@@ -131,9 +138,9 @@ def test_later_code_may_run_a_pool_again_if_its_sets_are_the_same(checkout: Path
     first, _ = hashes(checkout)
     (checkout / "designlab" / "file.py").write_text("two")
     assert frozen(first, again=True, root=checkout) == first
-    (checkout / "designlab" / "trials").mkdir()
-    (checkout / "designlab" / "trials" / "limits.json").write_text("{}")
-    with pytest.raises(ValueError, match=r"1 files differ, designlab/trials/limits\.json"):
+    (checkout / "designlab" / "validation" / "blind").mkdir(parents=True)
+    (checkout / "designlab" / "validation" / "blind" / "limits.json").write_text("{}")
+    with pytest.raises(ValueError, match=r"1 files differ, designlab/validation/blind/limits\.json"):
         frozen(first, again=True, root=checkout)
 
 

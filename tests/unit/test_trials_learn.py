@@ -7,20 +7,15 @@ import pytest
 from scipy.special import expit
 from trial_outcomes import FLOOR, outcome
 
-from designlab.gap.confidence import SIGNS
-from designlab.gap.learnt import known, left_of_nothing
-from designlab.plant import effects as planted
-from designlab.trials import (
-    Outcome,
-    Trial,
-    development,
-    power,
-)
-from designlab.trials.detection import limits
-from designlab.trials.learn import learnt, named, shares_right, spread, unlisted_sd
-from designlab.trials.learn import left_of_nothing as left_of
-from designlab.trials.pool import AIR, STRENGTHS
-from designlab.trials.score import reliability
+from designlab.inference.diagnosis.likelihood.empirical_errors import known, left_of_nothing
+from designlab.inference.diagnosis.verdict.confidence import SIGNS
+from designlab.validation.blind import Outcome, Trial, development, power
+from designlab.validation.blind.detection import limits
+from designlab.validation.blind.learn import learnt, named, shares_right, spread, unlisted_sd
+from designlab.validation.blind.learn import left_of_nothing as left_of
+from designlab.validation.blind.pool import AIR, STRENGTHS
+from designlab.validation.blind.score import reliability
+from designlab.validation.synthetic import effects as planted
 
 
 def tried(trial: Trial, name: str, *, after: float, gain: float, rival: float) -> Outcome:

@@ -8,13 +8,9 @@ from matplotlib.image import imread
 from trial_outcomes import outcome
 
 from designlab.report import pool_report
-from designlab.report.pool_figures import limits_plot, reliability_plot
-from designlab.trials import (
-    Outcome,
-    Trial,
-    score,
-)
-from designlab.trials.pool import AIR
+from designlab.report.pool_plots import limits_plot, reliability_plot
+from designlab.validation.blind import Outcome, Trial, score
+from designlab.validation.blind.pool import AIR
 
 
 def small_pool() -> list[Outcome]:

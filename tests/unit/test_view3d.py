@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from designlab.design import preset
-from designlab.fabricate import led_colour
-from designlab.press import Press, indent
-from designlab.view3d import render_view
-from designlab.view3d.labels import _spread, labels
+from designlab.fabrication import led_colour
+from designlab.report.view3d import render_view
+from designlab.report.view3d.labels import _spread, labels
+from designlab.sensor.design import preset
+from designlab.simulation.contact.press import Press, indent
 from geometries.probes import parse
 
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from designlab.design import preset
-from designlab.press import Press, indent
-from designlab.refraction import apparent_distance_mm, apparent_tangent, crossing_mm
-from designlab.viewing import rays
+from designlab.sensor.design import preset
+from designlab.sensor.refraction import apparent_distance_mm, apparent_tangent, crossing_mm
+from designlab.simulation.contact.press import Press, indent
+from designlab.simulation.optics.viewing_rays import rays
 from geometries.probes import parse
 
 FLAT, CORE, DOME = preset("gelsight-2020-flat"), preset("default"), preset("gelsight-2020-dome")

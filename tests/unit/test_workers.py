@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from toy_studies import Death, mortal
 
-from designlab.interrupts import Interrupts
-from designlab.workers import completed, finished, submitter
+from designlab.core.interrupts import Interrupts
+from designlab.core.workers import completed, finished, submitter
 
 
 def results(workers: int, calls: list[tuple], *, dask: str | None = None) -> dict[int, object]:
@@ -70,7 +70,7 @@ def test_a_death_costs_no_result_and_a_call_that_kills_again_is_the_end(monkeypa
         with Interrupts() as interrupts:
             return dict(finished(calls, workers=2, interrupts=interrupts))
 
-    monkeypatch.setattr("designlab.workers.submitter", mortal)
+    monkeypatch.setattr("designlab.core.workers.submitter", mortal)
     assert given({1: 1}) == {number: number for number in range(5)}
     assert started.count(1) == 2
     with pytest.raises(RuntimeError, match=r"again and again, .* 2 workers; what is finished is kept"):

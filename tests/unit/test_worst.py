@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from designlab.worst import GelMaps, PressMaps, worst_of_gel, worst_of_presses
+from designlab.evaluation.weakest_point import GelMaps, PressMaps, worst_of_gel, worst_of_presses
 
 X, Y = np.meshgrid(np.linspace(-8, 8, 129), np.linspace(6, -6, 97))
 NAMES = ("red", "green", "blue")

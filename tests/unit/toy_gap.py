@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from designlab.design import preset
-from designlab.effects import AppliedEffect, SensorModel
-from designlab.gap.bank import Bank, moved
-from designlab.gap.fit import Fitter
+from designlab.inference.diagnosis.emulator.snapshots import Bank, moved
+from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.measurement.shots import Shot, Use
-from designlab.press import Press
-from designlab.simulate import Simulator
+from designlab.sensor.design import preset
+from designlab.simulation.contact.press import Press
+from designlab.simulation.effects import AppliedEffect, SensorModel
+from designlab.simulation.simulator import Simulator
 from geometries.probes import parse
 
 DESIGN = preset("gelsight-2020-flat")

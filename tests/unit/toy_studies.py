@@ -8,7 +8,7 @@ from pathlib import Path
 
 from toy_scores import Estimate, Score
 
-from designlab.study import Parameter, Plan, Study, run_study
+from designlab.optimization.study import Parameter, Plan, Study, run_study
 
 RANGES = {"leds.tilt_deg": Parameter(low=-20, high=60), "leds.height_mm": Parameter(low=5, high=14)}
 BEST_TILT_DEG = {"uniformity_u0": 30.0, "normal_error_median_deg": 10.0}

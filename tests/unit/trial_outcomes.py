@@ -2,8 +2,8 @@
 
 from dataclasses import asdict
 
-from designlab.gap.learnt import left_of_nothing
-from designlab.trials import Outcome, Trial
+from designlab.inference.diagnosis.likelihood.empirical_errors import left_of_nothing
+from designlab.validation.blind import Outcome, Trial
 
 FLOOR = 1.0 / left_of_nothing()  # so that nothing hidden leaves 1
 

@@ -1,0 +1,86 @@
+"""Command calibrate: the design under which the simulator gives a sensor's pictures."""
+
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from designlab.app.cli.console import Result
+from designlab.app.cli.shared import bar, results_folder, source_named, table
+
+if TYPE_CHECKING:
+    from designlab.inference.calibration import Calibration
+    from designlab.simulation.directional_light import DirectionalLight
+    from designlab.simulation.effects.model import SensorModel
+
+DESIGN, RESULT, PICTURE = "calibrated.toml", "calibration.json", "residual.png"
+SHOWN = ("snr_db", "structure_corr", "structure_snr_db")
+
+
+def calibrate(args: Namespace) -> Result:
+    """Fit light, poses and some fields of a design to a measurement, and write what was found."""
+    from designlab.core.store import atomic_folder, write_atomic, write_json
+    from designlab.inference.calibration import calibrate as fit
+    from designlab.measurement import load_measurement
+    from designlab.report.calibration_pictures import draw
+
+    measurement = load_measurement(args.measurement)
+    model = _start(args)
+    results_folder(args.out, made_with=RESULT)
+    with bar("picture") as progress, source_named(args.model):
+        found = fit(
+            measurement,
+            model,
+            columns=args.columns,
+            seed=args.seed,
+            free=args.free,
+            trust=args.trust,
+            progress=progress,
+        )
+    out = Path(args.out)
+    data = found.to_json()
+    with atomic_folder(out, replace=True) as folder:
+        write_atomic(folder / DESIGN, found.model.dumps())
+        write_json(folder / RESULT, data)
+        draw(found, folder / PICTURE)
+    data["files"] = {
+        "design": str(out / DESIGN),
+        "result": str(out / RESULT),
+        "picture": str(out / PICTURE),
+    }
+    return Result(data, f"{_summary(found)}\ndesign: {out / DESIGN}\nresidual: {out / PICTURE}")
+
+
+def _start(args: Namespace) -> "SensorModel | DirectionalLight":
+    """Load the model to start from, as a baseline where one is asked for."""
+    from designlab.simulation.directional_light import DirectionalLight, load_any_model
+
+    model = load_any_model(args.model)
+    if args.baseline is None:
+        return model
+    if isinstance(model, DirectionalLight):
+        raise ValueError(f"--baseline: starts from a design, {args.model} is a model of directional light")
+    named = [applied.name for applied in model.effects if applied.name != "black_level"]
+    if named:
+        raise ValueError(
+            f"--baseline: starts from a design without effects, which light without transport cannot show; "
+            f"{args.model} has {', '.join(named)}"
+        )
+    return DirectionalLight.of(model.design, args.baseline)
+
+
+def _summary(found: "Calibration") -> str:
+    rows = [
+        (p.name, f"{p.value:.5g}", "-" if p.se is None else f"{p.se:.2g}", p.unit.removeprefix("1"))
+        for p in found.parameters
+    ]
+    header = ("parameter", "value", "standard error", "unit")
+    figures = [
+        (
+            frame.file,
+            "held out" if frame.held_out else "fitted",
+            *(f"{frame.before[name]:.3g} -> {frame.after[name]:.3g}" for name in SHOWN),
+        )
+        for frame in found.frames
+    ]
+    lines = [table(header, rows), table(("frame", "use", *SHOWN), figures)]
+    return "\n".join([*lines, *(f"note: {note}" for note in found.notes)])

@@ -1,0 +1,210 @@
+"""Runs one command: where its output goes, what its exit status is, how its failures read."""
+
+import contextlib
+import errno
+import json
+import math
+import os
+import re
+import sys
+import traceback
+from collections.abc import Iterator, Sequence
+from importlib import import_module
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple
+
+from designlab.app.cli.arguments import UsageError, parse
+
+DEBUG_VARIABLE = "DESIGNLAB_DEBUG"
+"""Environment variable that shows the traceback of every failure, as ``--debug`` does."""
+
+DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+_ROOT = Path(__file__).parents[3]
+_FILE = re.compile(r'^ *File "([^"]+)"', re.MULTILINE)
+_OWN_PACKAGES = ("designlab", "geometries")
+_TEMPORARY = re.compile(r"\.([^/]+)\.[0-9a-f]{8,32}\.partial")
+
+
+class Result(NamedTuple):
+    """What a command has to say: plain data for ``--json``, text for people, and the exit status."""
+
+    data: dict[str, Any]
+    text: str
+    status: int = DONE
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit status.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments without the program's name; those of the process when absent.
+
+    Returns
+    -------
+    int
+        0 done, 1 failure, 2 bad input, 130 interrupted.
+    """
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    as_json = "--json" in arguments
+    try:
+        status = _run(arguments, as_json)
+        sys.stdout.flush()
+        return status
+    except BrokenPipeError:  # the reader, `head` for example, has seen enough
+        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115  for the interpreter's last flush
+        return FAILED
+    except OSError as error:
+        return _complain(f"cannot write the result to the standard output: {error.strerror or error}")
+
+
+def _run(arguments: list[str], as_json: bool) -> int:
+    debug = "--debug" in arguments or bool(os.environ.get(DEBUG_VARIABLE))
+    resume = "nothing half-written is left; run the same command again"
+    try:
+        args = parse(arguments)
+        resume = getattr(args, "resume", resume)
+        module, _, function = args.run.partition(":")
+        with _stdout_kept_clean():
+            result: Result = getattr(import_module(module), function)(args)
+    except SystemExit as ended:  # --help and --version have printed what was asked for
+        return int(ended.code or DONE)
+    except KeyboardInterrupt as interrupt:
+        status, reason = INTERRUPTED, str(interrupt) or f"interrupted; {resume}"
+    except Exception as error:
+        if debug:
+            traceback.print_exc()
+        if _is_interrupt(error):
+            status, reason = INTERRUPTED, f"interrupted; {resume}"
+        else:
+            status, reason = _judge(error)
+    else:
+        _say(_encoded(result.data) if as_json else result.text)
+        return result.status
+    if as_json:
+        _say(_encoded({"error": reason, "exit_status": status}))
+    return _complain(reason, status)
+
+
+def _is_interrupt(error: Exception) -> bool:
+    """Whether Ctrl-C is behind a failure: a native library that it meets while loading fails its own way."""
+    before: BaseException | None = error if isinstance(error, ImportError | SystemError) else None
+    while before is not None and not isinstance(before, KeyboardInterrupt):
+        before = before.__cause__ or before.__context__
+    return before is not None
+
+
+def _judge(error: Exception) -> tuple[int, str]:
+    """Exit status and one line for a failure: the user's input, the machine, or a defect of this program."""
+    if isinstance(error, UsageError):
+        return BAD_INPUT, str(error)
+    if isinstance(error, ValueError) and _is_ours(error):
+        return BAD_INPUT, _one_line(error)
+    if isinstance(error, OSError) and not isinstance(error, ImportError):
+        return FAILED, _of_system(error)
+    if isinstance(error, MemoryError):
+        return FAILED, "out of memory; a smaller image, fewer samples or fewer workers need less"
+    if isinstance(error, ModuleNotFoundError) and not str(error.name).startswith(_OWN_PACKAGES):
+        return FAILED, f"the package {error.name} is missing; `designlab doctor` says how to get it"
+    if isinstance(error, RuntimeError) and _is_ours(error):
+        return FAILED, _one_line(error)
+    where = _raised_in(error)
+    return FAILED, (
+        f"a defect of designlab: {type(error).__name__}: {_one_line(error)} ({where}). "
+        "Please report it with what `--debug` prints"
+    )
+
+
+def _is_ours(error: Exception) -> bool:
+    """Whether one of our modules raised an exception on purpose, rather than a library in its depths."""
+    own_type = type(error).__module__.partition(".")[0] in _OWN_PACKAGES
+    return own_type or _raised_in(error).partition(".")[0] in _OWN_PACKAGES
+
+
+def _raised_in(error: Exception) -> str:
+    """Name of the module where an exception was raised, in this process or in a worker."""
+    # A worker's exception brings its traceback along as a text, the last file of which raised it.
+    files = (
+        _FILE.findall(str(error.__cause__)) if type(error.__cause__).__name__ == "_RemoteTraceback" else []
+    )
+    for package in _OWN_PACKAGES if files else ():
+        if Path(files[-1]).is_relative_to(_ROOT / package):
+            return ".".join(Path(files[-1]).with_suffix("").relative_to(_ROOT).parts)
+    if files:
+        return Path(files[-1]).stem
+    return _innermost(error.__traceback__)
+
+
+def _innermost(trace: TracebackType | None) -> str:
+    """Name of the module of the last frame of a traceback."""
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return str(trace.tb_frame.f_globals.get("__name__", "?")) if trace is not None else "?"
+
+
+def _of_system(error: OSError) -> str:
+    text = error.strerror or str(error)
+    if error.filename is not None and str(error.filename) not in text:
+        text = f"{error.filename}: {text}"
+    text = _TEMPORARY.sub(r"\1", text)  # what the user asked for, not the name it had while being written
+    if error.errno == errno.ENOSPC:
+        text += "; make room and run the same command again"
+    return " ".join(text.split())
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _complain(reason: str, status: int = FAILED) -> int:
+    with contextlib.suppress(OSError):
+        print(f"designlab: {reason}", file=sys.stderr, flush=True)
+    return status
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)
+
+
+def _encoded(data: dict[str, Any]) -> str:
+    """JSON text; numbers without a finite value become null, since JSON has no word for them."""
+    return json.dumps(_finite(data), allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(entry) for entry in value]
+    if isinstance(value, os.PathLike):
+        return str(value)
+    if hasattr(value, "item") and not hasattr(value, "__len__"):  # a NumPy scalar
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+@contextlib.contextmanager
+def _stdout_kept_clean() -> Iterator[None]:
+    """Send whatever libraries print, from Python or from C, to stderr: stdout is for the result alone."""
+    with contextlib.redirect_stdout(sys.stderr), contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError):  # closed, or not files at all: there is nothing to keep clean
+            kept = os.dup(1)
+            stack.callback(_restore, kept)
+            if sys.__stdout__ is not None:
+                sys.__stdout__.flush()
+            os.dup2(2, 1)
+        yield
+
+
+def _restore(kept: int) -> None:
+    import ctypes
+
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).fflush(None)  # what C code has buffered still belongs to stderr
+    os.dup2(kept, 1)
+    os.close(kept)

@@ -1,0 +1,293 @@
+"""Commands about one design: presets, evaluate, render, compare, export."""
+
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from designlab.app.cli.console import Result
+from designlab.app.cli.shared import bar, results_folder, source_named, table
+
+if TYPE_CHECKING:
+    from designlab.simulation.contact.press import Press
+
+GRAINY = 0.05  # noise of a square millimetre above which pictures are worth a warning
+
+
+def presets(args: Namespace) -> Result:
+    """List the presets, or print one as TOML."""
+    from designlab.sensor.design import preset, preset_names, preset_text
+
+    if args.name is not None:
+        text = preset_text(args.name)
+        return Result(
+            {"name": args.name, "digest": preset(args.name).digest, "toml": text}, text.rstrip("\n")
+        )
+    listed = [{"name": name, "description": preset(name).description} for name in preset_names()]
+    width = max(len(entry["name"]) for entry in listed)
+    lines = [f"{entry['name']:<{width}}  {entry['description']}" for entry in listed]
+    return Result({"presets": listed}, "\n".join(lines))
+
+
+def parts(args: Namespace) -> Result:
+    """List the LED library, or one part of it."""
+    from designlab.sensor.led_catalogue import PARTS, flux_mw, part
+
+    def content(name: str) -> dict[str, Any]:
+        entry = part(name)
+        return {
+            "name": name,
+            **entry._asdict(),
+            "chips": {
+                colour: {**chip._asdict(), "estimated_flux_mw": flux_mw(entry, chip)}
+                for colour, chip in entry.chips.items()
+            },
+        }
+
+    names = list(PARTS) if args.name is None else [args.name]
+    entries = [content(name) for name in names]
+    rows = []
+    for entry in entries:
+        size = entry["size_mm"]
+        front = "-" if size is None else " x ".join("?" if s is None else f"{s:g}" for s in size)
+        angle = "-" if entry["viewing_deg"] is None else f"{entry['viewing_deg']:g}"
+        for colour, chip in entry["chips"].items():
+            flux = chip["flux_mw"] if chip["flux_mw"] is not None else chip["estimated_flux_mw"]
+            figures = (chip["wavelength_nm"], chip["width_nm"], chip["intensity_mcd"], flux)
+            shown = ["-" if figure is None else f"{figure:g}" for figure in figures]
+            rows.append((entry["name"], front, angle, colour, *shown))
+    header = ("part", "size mm", "angle deg", "chip", "nm", "width nm", "mcd", "mW")
+    lines = [table(header, rows), "mW beside mcd are estimated from angle and spectrum"]
+    if args.name is not None:
+        lines += [f"{entries[0]['maker']} {entries[0]['number']}", f"source: {entries[0]['source']}"]
+    return Result({"parts": entries} if args.name is None else entries[0], "\n".join(lines))
+
+
+def evaluate(args: Namespace) -> Result:
+    """Score a design, or two against each other."""
+    from designlab.evaluation.evaluate import evaluate as score_of
+    from designlab.simulation.effects.model import load_model
+
+    if args.compare != (args.other is not None):
+        raise ValueError("--compare: takes two designs: designlab evaluate DESIGN OTHER --compare")
+    if args.compare:
+        return _against(args)
+    design = load_model(args.design)
+    results_folder(args.out, made_with="score.json")
+    with bar() as progress, source_named(args.design):
+        score = score_of(design, fidelity=args.fidelity, seed=args.seed, out=args.out, progress=progress)
+    data: dict[str, Any] = score.to_json()
+    text = [
+        f"{score.design}, fidelity {score.fidelity}, seed {score.seed}, {sum(score.seconds.values()):.0f} s",
+        *_verdict(data),
+    ]
+    if score.light.noise > GRAINY:
+        text.append("pictures are grainy: a higher --fidelity takes grain off, and what it adds to errors")
+    text += [f"warning: {warning}" for warning in score.warnings]
+    if args.profile:
+        text.append(str(score.light))
+        text.append(table(("part", "seconds"), [(part, f"{s:.1f}") for part, s in score.seconds.items()]))
+    if args.out is not None:
+        from designlab.report import evaluation_report
+
+        report = evaluation_report(data, Path(args.out) / "report.html")
+        pictures = sorted(path.name for path in Path(args.out).glob("*.png"))
+        data |= {"out": args.out, "pictures": pictures, "report": str(report)}
+        text.append(f"report: {report}")
+    else:
+        text.append(
+            f"{len(score.scores)} scores with --json, maps and all of them as a page with --out FOLDER"
+        )
+    return Result(data, "\n".join(text))
+
+
+def _against(args: Namespace) -> Result:
+    """Score two designs with the same presses and random numbers, and tell where they differ."""
+    from designlab.evaluation.evaluate import evaluate as score_of
+    from designlab.evaluation.paired_comparison import differences
+    from designlab.report.page import rounded
+    from designlab.report.yardsticks import YARDSTICKS, row
+    from designlab.simulation.effects.model import load_model
+
+    sources = {"first": args.design, "second": args.other}
+    models = {place: load_model(source) for place, source in sources.items()}
+    scores = {}
+    for place, source in sources.items():
+        out = None if args.out is None else Path(args.out) / place
+        results_folder(out, made_with="score.json")
+        with bar() as progress, source_named(source):
+            scores[place] = score_of(
+                models[place], fidelity=args.fidelity, seed=args.seed, out=out, progress=progress
+            )
+    found = differences(scores["first"], scores["second"])
+    rows = []
+    for name, difference in found.items():
+        a, b = (scores[place].scores[name] for place in sources)
+        verdict = "no difference seen"
+        if difference.differs:
+            known = YARDSTICKS.get(name)
+            up = None if known is None else known.rising
+            verdict = (
+                "differs" if up is None else f"{'OTHER' if (difference.value > 0) == up else 'DESIGN'} better"
+            )
+        title = row(name, {"value": a.value, "se": a.se, "unit": a.unit})["title"]
+        change = rounded(difference.value, difference.se)
+        rows.append((title, rounded(a.value, a.se), rounded(b.value, b.se), change, verdict))
+    data: dict[str, Any] = {place: score.to_json() for place, score in scores.items()} | {
+        "differences": {name: d._asdict() | {"differs": d.differs} for name, d in found.items()}
+    }
+    text = [
+        f"DESIGN: {args.design}, OTHER: {args.other}; same presses and random numbers, seed {args.seed}",
+        table(("score", "DESIGN", "OTHER", "OTHER - DESIGN", "verdict"), rows),
+        "chance alone makes one in twenty of the scores that do not differ look different",
+        *(f"warning: {place}: {w}" for place, score in scores.items() for w in score.warnings),
+    ]
+    if args.out is not None:
+        from designlab.report import evaluation_report
+
+        for place, score in scores.items():
+            report = evaluation_report(score.to_json(), Path(args.out) / place / "report.html")
+            text.append(f"report: {report}")
+    return Result(data, "\n".join(text))
+
+
+def _verdict(score: dict[str, Any]) -> list[str]:
+    """Main scores with their verdict, and the worst places."""
+    from designlab.report.page import rounded
+    from designlab.report.yardsticks import judged, worst_place
+
+    rows = [
+        (row["title"], rounded(row["value"], row["se"]), row["verdict"]) for row in judged(score["scores"])
+    ]
+    places = [worst_place(kind, place) for kind, place in score["worst"].items()]
+    return [table(("score", "value", "verdict"), rows), *places]
+
+
+def render(args: Namespace) -> Result:
+    """Write one picture."""
+    from designlab.core.images import tone_map, write_image
+    from designlab.simulation.effects.model import load_model
+    from designlab.simulation.simulator import Simulator
+
+    output = Path(args.output)
+    if output.suffix.lower() not in (".exr", ".png"):
+        raise ValueError(f"--output: must end in .exr or .png, got {args.output!r}")
+    model = load_model(args.design)
+    with source_named(args.design):
+        model.effective_design().require_feasible()
+    press = _press(args)
+    results_folder(output.parent)
+    frame = Simulator(model, columns=args.columns, samples=args.samples, seed=args.seed).frame(press)
+    mixed = frame.mixed
+    try:
+        write_image(output, mixed if output.suffix.lower() == ".exr" else tone_map(mixed))
+    except OSError as error:
+        raise OSError(error.errno, f"cannot write {output}: {error.strerror or error}") from None
+    rows, columns = mixed.shape[:2]
+    data = {
+        "output": args.output,
+        "columns": columns,
+        "rows": rows,
+        "mean_radiance": [float(value) for value in mixed.mean(axis=(0, 1))],
+        "deepest_mm": float(frame.height_mm.max()),
+        "samples": args.samples,
+        "seed": args.seed,
+        "warnings": list(frame.warnings),
+    }
+    lines = [f"{args.output}: {columns} x {rows} pixels", *(f"warning: {w}" for w in frame.warnings)]
+    return Result(data, "\n".join(lines))
+
+
+def _press(args: Namespace) -> "Press | None":
+    """The press that the arguments describe, if any."""
+    given = [name for name in ("depth_mm", "at", "yaw_deg") if getattr(args, name) is not None]
+    if args.probe is None:
+        if given:
+            raise ValueError(f"--probe: needed with --{given[0].replace('_', '-')}, which probe is pressed?")
+        return None
+    if args.depth_mm is None:
+        raise ValueError("--depth-mm: needed with --probe, how deep is it pressed?")
+    from pydantic import ValidationError
+
+    from designlab.sensor.design import explain
+    from designlab.simulation.contact.press import Press
+    from geometries.probes import parse
+
+    try:
+        return Press(
+            probe=parse(args.probe),
+            depth_mm=args.depth_mm,
+            centre_mm=args.at or (0.0, 0.0),
+            yaw_deg=args.yaw_deg or 0.0,
+        )
+    except ValidationError as error:
+        raise ValueError(f"press: {explain(error)}") from None
+
+
+def compare(args: Namespace) -> Result:
+    """Compare two images, or a model with a measurement."""
+    real = Path(args.real)
+    measured = real.is_dir() or real.name == "measurement.toml"
+    skipped: list[dict[str, str]] = []
+    if measured:
+        data = _compare_model(args)
+        skipped = data["skipped"]
+    else:
+        from designlab.inference.compare import compare_files
+
+        data = compare_files(args.simulated, args.real)
+    names = ("mse", "snr_db", "smape", "ssim", "structure_corr", "structure_snr_db")
+    channels = data["channels"]
+    rows = [(name, *(f"{entry[name]:.4g}" for entry in (data, *channels.values()))) for name in names]
+    lines = [table(("figure", "all", *channels), rows)]
+    if measured:
+        lines.insert(0, f"compared: {', '.join(frame['file'] for frame in data['frames'])}")
+    lines += [f"skipped {entry['file']}: {entry['reason']}" for entry in skipped]
+    lines += [f"pictures in {args.out}"] if args.out and measured else []
+    return Result(data, "\n".join(lines))
+
+
+def _compare_model(args: Namespace) -> dict[str, Any]:
+    import numpy as np
+
+    from designlab.core.images import tone_map, write_image
+    from designlab.inference.compare import compare_model
+    from designlab.measurement import load_measurement
+    from designlab.simulation.directional_light import load_any_model
+
+    measurement = load_measurement(args.real)
+    model = load_any_model(args.simulated)
+    results_folder(args.out)
+    with bar("frame") as progress:
+        found = compare_model(model, measurement, samples=args.samples, seed=args.seed, progress=progress)
+    if args.out is not None:
+        folder = Path(args.out)
+        for pair in found.pairs:
+            stem = Path(pair.file).stem
+            white = float(np.percentile(pair.real, 99.9))
+            beside = np.concatenate([pair.simulated, pair.real], axis=1)
+            write_image(folder / f"{stem}-simulated.exr", pair.simulated)
+            write_image(folder / f"{stem}-simulated-and-real.png", tone_map(beside, white))
+    return found.to_json()
+
+
+def export(args: Namespace) -> Result:
+    """Write the files to make a design."""
+    from designlab.fabrication import export as write_files
+    from designlab.simulation.effects.model import load_model
+
+    model = load_model(args.design)
+    with bar() as progress, source_named(args.design):
+        manifest = write_files(
+            model,
+            args.out,
+            probes=args.probe,
+            allow_infeasible=args.allow_infeasible,
+            progress=lambda done, total, what: progress(what, done, total),
+        )
+    passed = sum(check["ok"] for check in manifest["checks"])
+    lines = [
+        f"{args.out}: {len(manifest['files'])} files for {', '.join(manifest['parts'])}",
+        f"{passed} of {len(manifest['checks'])} checks passed; README.txt there says what each file is for",
+        *(f"warning: {warning}" for warning in manifest["warnings"]),
+    ]
+    return Result({"out": args.out, **manifest}, "\n".join(lines))

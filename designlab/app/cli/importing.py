@@ -1,0 +1,152 @@
+"""Command import: a camera's own files as linear images of a measurement folder."""
+
+from argparse import Namespace
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from designlab.app.cli.console import Result
+
+if TYPE_CHECKING:
+    from designlab.measurement.importing.conversion import Conversion
+    from designlab.measurement.importing.import_frames import Item
+    from designlab.measurement.importing.ladder import Tabulated
+
+SHOWN = ("kind", "leds", "exposure", "probe", "depth_mm", "at", "yaw_deg")
+
+
+def import_pictures(args: Namespace) -> Result:
+    """Convert pictures and write them with what is known about them."""
+    from designlab.measurement.importing.conversion import response_from
+    from designlab.measurement.importing.import_frames import import_frames
+
+    made, top = _items(args)
+    conversion = _conversion(args, made, None if top is None else top.get("response"))
+    data: dict[str, Any] = {}
+    lines = []
+    if args.ladder:
+        curve = response_from(_ladder(args.ladder), conversion)
+        conversion = replace(conversion, response=curve)
+        data["response"] = {"known": list(curve.known)}
+        lines.append(_save(curve, args.save_response, data))
+    if made or args.lens:
+        if args.out is None:
+            raise ValueError("--out: required, the measurement folder to make or to add to")
+        fisheye = True if args.fisheye else None
+        done = import_frames(
+            made, conversion, out=args.out, top=top, sensor=args.sensor, lens=args.lens, fisheye=fisheye
+        )
+        data |= {
+            "measurement": str(done.folder),
+            "files": list(done.files),
+            "black": list(done.black),
+            "notes": list(done.notes),
+        }
+        level = ", ".join(f"{value:.4g}" for value in done.black)
+        lines.append(f"{done.folder}: {len(done.files)} pictures imported")
+        lines += [f"level without light taken away (share of full scale): {level}"] if level else []
+        lines += [f"note: {note}" for note in done.notes]
+    elif not args.ladder:
+        raise ValueError("SOURCE: no pictures to import; or give --ladder to estimate a response")
+    return Result(data, "\n".join(lines))
+
+
+def _items(args: Namespace) -> tuple[list["Item"], dict[str, Any] | None]:
+    """Files to import with what they show, and what a folder states about the whole set."""
+    from designlab.measurement.frames import FILE_NAME
+    from designlab.measurement.importing.import_frames import described, items, listed
+
+    darks = items(listed(args.dark or []), kind="dark", leds=())
+    first = Path(args.sources[0]) if len(args.sources) == 1 else None
+    if first is not None and (first / FILE_NAME).is_file():
+        given = [f"--{name.replace('_', '-')}" for name in SHOWN if getattr(args, name) is not None]
+        if given:
+            raise ValueError(f"{given[0]}: {first / FILE_NAME} says what the pictures show; write it there")
+        if args.out is not None and Path(args.out).resolve() == first.resolve():
+            raise ValueError(f"--out: must be another folder than {first}, the originals are kept")
+        made, top = described(first)
+        return [*made, *darks], top
+    if args.sources and args.kind is None:
+        raise ValueError("--kind: required, what the pictures show")
+    leds = None if args.leds is None else tuple(name.strip() for name in args.leds.split(",") if name.strip())
+    known = {
+        "kind": args.kind,
+        "leds": leds,
+        "exposure": args.exposure,
+        "probe": args.probe,
+        "depth_mm": args.depth_mm,
+        "centre_mm": args.at,
+        "yaw_deg": args.yaw_deg,
+    }
+    made = items(listed(args.sources), **{name: value for name, value in known.items() if value is not None})
+    return [*made, *darks], None
+
+
+def _conversion(args: Namespace, made: list["Item"], declared: str | None) -> "Conversion":
+    from designlab.measurement.importing.camera_files import RAW_SUFFIXES
+    from designlab.measurement.importing.conversion import Conversion, response_named
+    from designlab.sensor.response_curve import Response
+
+    named = args.response or declared
+    if args.ladder:
+        if args.response:
+            raise ValueError("--response: is what --ladder estimates, give only one of them")
+        response: Response | Tabulated = Response()
+    elif named is not None and named != "unknown":
+        response = response_named(named)
+    else:
+        linear = (*RAW_SUFFIXES, ".exr", ".npy", ".pgm")
+        unsure = [item.path for item in made if item.path.suffix.lower() not in linear and not args.bayer]
+        if unsure:
+            raise ValueError(
+                f"--response: required for {unsure[0]}; srgb for pictures that a camera or a program made "
+                "for eyes, linear for raw values"
+            )
+        response = Response()
+    return Conversion(
+        response=response,
+        black=args.black,
+        white=args.white,
+        bayer=args.bayer,
+        matrix=None if args.colour_matrix is None else _matrix(args.colour_matrix),
+    )
+
+
+def _matrix(text: str) -> Any:
+    import numpy as np
+
+    source = Path(text).read_text(encoding="utf-8") if Path(text).is_file() else text
+    try:
+        values = [float(part) for part in source.replace(",", " ").split()]
+    except ValueError:
+        raise ValueError(f"--colour-matrix: must be nine numbers or a file of them, got {text!r}") from None
+    if len(values) != 9:
+        raise ValueError(f"--colour-matrix: must be nine numbers, row by row, got {len(values)}")
+    return np.array(values).reshape(3, 3)
+
+
+def _ladder(entries: list[str]) -> dict[Path, float]:
+    found = {}
+    for entry in entries:
+        file, equals, value = entry.rpartition("=")
+        try:
+            found[Path(file)] = float(value)
+        except ValueError:
+            equals = ""
+        if not equals or not file:
+            raise ValueError(f"--ladder: must be FILE=EXPOSURE, got {entry!r}")
+    return found
+
+
+def _save(curve: "Tabulated", file: str | None, data: dict[str, Any]) -> str:
+    """Write the estimated curve where asked for, and say what is known of it."""
+    from designlab.core.store import write_atomic
+    from designlab.measurement.importing.ladder import table_text
+
+    low, high = curve.known
+    text = f"response estimated between {low:.3g} and {high:.3g} of full scale"
+    if file is None:
+        return text
+    write_atomic(file, table_text(curve).encode())
+    data["response"]["file"] = file
+    return f"{text}: {file}"

@@ -1,0 +1,50 @@
+"""Commands for the first hour: doctor, init, demo."""
+
+from argparse import Namespace
+from importlib import resources
+from pathlib import Path
+
+from designlab.app.cli.console import DONE, FAILED, Result
+from designlab.app.cli.shared import bar, results_folder
+
+
+def doctor(args: Namespace) -> Result:
+    """Examine the machine."""
+    from designlab.app.doctor import doctor as examine
+    from designlab.app.doctor import render_text
+
+    report = examine()
+    return Result(report, render_text(report), DONE if report["ok"] else FAILED)
+
+
+def init(args: Namespace) -> Result:
+    """Write a starter folder."""
+    from designlab.core.store import atomic_folder, write_atomic
+    from designlab.sensor.design import preset_text
+
+    target = Path(args.folder)
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise ValueError(f"{target}: exists already; choose a folder that does not, nothing is overwritten")
+    contents = {Path("design.toml"): preset_text(args.preset).encode()}
+    with resources.as_file(resources.files("designlab.app").joinpath("templates")) as templates:
+        for path in templates.rglob("*"):
+            if path.is_file():
+                contents[path.relative_to(templates)] = path.read_bytes()
+    with atomic_folder(target) as folder:
+        for name, content in contents.items():
+            write_atomic(folder / name, content)
+    files = sorted(name.as_posix() for name in contents)
+    lines = [f"{target}:", *(f"  {file}" for file in files), f"next: read {target / 'README.md'}"]
+    return Result({"folder": str(target), "files": files}, "\n".join(lines))
+
+
+def demo(args: Namespace) -> Result:
+    """Run the main job end to end."""
+    from designlab.app.demo import demo as run
+
+    results_folder(args.out, made_with="demo.json")
+    with bar(form="{desc}: {percentage:.0f} % |{bar}| {elapsed} passed, about {remaining} left") as progress:
+        done = run(
+            args.out, seed=args.seed, progress=lambda what, share: progress(what, round(1000 * share), 1000)
+        )
+    return Result(done.to_json(), done.text)

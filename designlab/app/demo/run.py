@@ -1,0 +1,283 @@
+"""The main job end to end on a small budget: scores, files to make, search, hidden effect, real picture.
+
+Every stage keeps its results in a folder of its own; a stage whose results are there already is not repeated.
+"""
+
+import json
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from designlab.app.demo.page import index_page
+from designlab.core.store import write_atomic, write_json
+from designlab.sensor.design import Design, preset
+
+if TYPE_CHECKING:
+    from designlab.evaluation.evaluate import Score
+
+SENSOR = "gelsight-2020-flat"
+MEASURED_VARIABLE = "DESIGNLAB_MEASURED"
+"""Environment variable that names a folder of real pictures; without it that stage is left out."""
+
+TRIALS = 8
+PARAMETERS = {"leds.height_mm": (5.0, 14.0), "leds.tilt_deg": (-10.0, 60.0)}
+HIDDEN = {"led_position": {"radial_mm": 1.0, "height_mm": 0.8}}
+PROBE = "sphere:4"
+TRIED = ("led_position", "contact_kernel", "vignetting", "black_level", "colour_mixing", "response_curve")
+"""Effects the demo tries; a diagnosis tries all, which takes minutes longer."""
+DIAGNOSIS_PICTURES = 190
+"""About as many pictures as a diagnosis of this size renders; only the time left depends on it."""
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the share of the whole demo that is done, 0 to 1."""
+
+_SECONDS = {"evaluation": 18, "parts": 8, "study": 18 * TRIALS + 10, "gap": 60, "real": 15}
+"""What stages take on two cores, in relation to each other; only the time left depends on it."""
+
+
+class _Step(NamedTuple):
+    """One stage: what it is called, and the function that does it."""
+
+    title: str
+    run: Callable[["Demo", Callable[[str, int, int], None]], dict[str, Any]]
+
+
+@dataclass
+class Demo:
+    """A demo in a folder, with what its stages have found so far."""
+
+    out: Path
+    seed: int
+    design: Design
+    found: dict[str, dict[str, Any]] = field(default_factory=dict)
+    score: "Score | None" = None
+
+    @property
+    def index(self) -> Path:
+        """The page about everything."""
+        return self.out / "index.html"
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data: what each stage found, and where."""
+        return {"out": str(self.out), "report": str(self.index), "stages": self.found}
+
+    @property
+    def text(self) -> str:
+        """Where everything is, for people."""
+        real = self.found["real"].get("left_out") or f"{self.out / 'real'}"
+        return "\n".join(
+            [
+                f"report         {self.index}",
+                f"STL, STEP, 3MF {self.out / 'parts'}",
+                f"pictures       {self.out / 'evaluation'}",
+                f"study          {self.out / 'study' / 'report.html'}",
+                f"diagnosis      {self.out / 'diagnosis' / 'report.html'}",
+                f"real picture   {real}",
+            ]
+        )
+
+
+def demo(out: str | Path, *, seed: int = 0, progress: Progress | None = None) -> Demo:
+    """Run the demo; the same call again goes on where it ended.
+
+    Parameters
+    ----------
+    out : path
+        Folder of the results; may exist if it is empty or an earlier demo with the same seed.
+    seed : int
+        Seed of everything random.
+    progress : callable, optional
+        Called with what is being done and the share that is done.
+
+    Raises
+    ------
+    ValueError
+        If the folder holds something else.
+    RuntimeError
+        If a stage fails; names the stage and the reason.
+    OSError
+        If the folder cannot be written.
+    """
+    state = Demo(Path(out), seed, preset(SENSOR))
+    _claim(state)
+    tell = progress or (lambda what, share: None)
+    total, done = sum(_SECONDS.values()), 0
+    for name, step in _STEPS.items():
+        cost = _SECONDS[name]
+
+        def within(
+            what: str, count: int, of: int, step: _Step = step, done: int = done, cost: int = cost
+        ) -> None:
+            tell(f"{step.title}: {what}", (done + cost * count / max(of, 1)) / total)
+
+        tell(step.title, done / total)
+        try:
+            state.found[name] = step.run(state, within)
+        except (ValueError, RuntimeError) as error:
+            raise RuntimeError(f"demo, {step.title}: {error}") from error
+        done += cost
+    write_atomic(state.index, index_page(state.out, state.design, state.seed, state.found))
+    tell("done", 1.0)
+    return state
+
+
+def _claim(state: Demo) -> None:
+    """Mark a new folder; refuse one that holds something else."""
+    marker = state.out / "demo.json"
+    content = {"design": state.design.digest, "seed": state.seed, "trials": TRIALS}
+    if marker.is_file():
+        if json.loads(marker.read_text(encoding="utf-8")) != content:
+            raise ValueError(f"{state.out}: holds a demo with other settings; choose another folder")
+        return
+    if state.out.is_dir() and any(state.out.iterdir()):
+        raise ValueError(f"{state.out}: must be absent, empty or an earlier demo; it has no demo.json")
+    write_json(marker, content)
+
+
+def _evaluation(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any]:
+    from designlab.evaluation.evaluate import evaluate
+    from designlab.report import evaluation_report
+
+    folder = state.out / "evaluation"
+    report = folder / "report.html"
+    if not report.is_file():
+        state.score = evaluate(state.design, seed=state.seed, out=folder, progress=within)
+        evaluation_report(state.score.to_json(), report)
+    data: dict[str, Any] = json.loads((folder / "score.json").read_text(encoding="utf-8"))
+    return data
+
+
+def _parts(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any]:
+    from designlab.fabrication import export
+    from designlab.report.view3d import render_view
+
+    folder, view = state.out / "parts", state.out / "sensor.png"
+    if not (folder / "manifest.json").is_file():
+        export(
+            state.design, folder, probes=[PROBE], progress=lambda done, of, what: within(what, done, of + 1)
+        )
+    drawn = view.is_file() or render_view(state.design, view).path is not None
+    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    return {
+        "folder": str(folder),
+        "files": sorted(manifest["files"]),
+        "parts": manifest["parts"],
+        "checks": len(manifest["checks"]),
+        "warnings": manifest["warnings"],
+        "picture": str(view) if drawn else None,
+    }
+
+
+def _study(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any]:
+    from designlab.evaluation.evaluate import evaluate
+    from designlab.optimization.study import Parameter, Plan, Study, StudyInterrupted, load_results, run_study
+    from designlab.report import study_report
+
+    folder = state.out / "study"
+    study = Study(
+        name="LED height and tilt",
+        base=state.design,
+        parameters={path: Parameter(low=low, high=high) for path, (low, high) in PARAMETERS.items()},
+        trials=TRIALS,
+        plan=Plan(promoted=0),
+        seed=state.seed,
+    )
+    count = load_results(folder).counts()["complete"] if (folder / "study.db").is_file() else 0
+
+    def counted(design: Design, /, *, fidelity: str, seed: int) -> "Score":
+        nonlocal count
+
+        def tick(what: str, done: int, of: int) -> None:
+            within(f"design {count + 1} of {TRIALS}", count * of + done, TRIALS * of)
+
+        known = state.score  # of the first stage, whose design is the study's starting point
+        if known is None or (known.digest, known.fidelity, known.seed) != (design.digest, fidelity, seed):
+            known = evaluate(design, fidelity=fidelity, seed=seed, progress=tick)
+        count += 1
+        return known
+
+    try:
+        results = run_study(study, out=folder, progress=False, evaluator=counted)
+    except StudyInterrupted:
+        raise KeyboardInterrupt from None  # the demo as a whole goes on, not the study alone
+    if not (folder / "report.html").is_file():
+        study_report(results)
+    return results.to_json()
+
+
+def _gap(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any]:
+    from designlab.inference.diagnosis import diagnose
+    from designlab.measurement import load_measurement
+    from designlab.report import gap_report
+    from designlab.simulation.effects.model import SensorModel
+    from designlab.validation.synthetic import plant, seal_path, unseal
+
+    measured, folder = state.out / "measurement", state.out / "diagnosis"
+    report = folder / "report.html"
+    if not report.is_file():
+        if not (measured.is_dir() and seal_path(measured).is_file()):
+            plant(state.design, effects=HIDDEN, out=measured, seed=state.seed, kit="small")
+        found = diagnose(
+            load_measurement(measured),
+            SensorModel.of(state.design),
+            out=folder,
+            seed=state.seed,
+            progress=_cumulative(within),
+            columns=96,
+            catalogue=TRIED,
+        )
+        gap_report(found.to_json(), report, pictures=found.pictures)
+    data: dict[str, Any] = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    return {**data, "hidden": unseal(measured)["effects"]}
+
+
+def _cumulative(within: Callable[[str, int, int], None]) -> Callable[[str, int, int], None]:
+    """Add up the parts of a diagnosis, each of which counts its pictures from zero."""
+    now, before, last = "", 0, 0
+
+    def progress(what: str, done: int, of: int) -> None:
+        nonlocal now, before, last
+        part = what.partition(":")[0]
+        if part != now:
+            now, before = part, before + last
+        last = done
+        within(what, min(before + done, DIAGNOSIS_PICTURES), DIAGNOSIS_PICTURES)
+
+    return progress
+
+
+def _real(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any]:
+    import numpy as np
+
+    from designlab.core.images import tone_map, write_image
+    from designlab.inference.compare import compare_model
+    from designlab.measurement import load_measurement
+
+    named = os.environ.get(MEASURED_VARIABLE)
+    if not named:
+        return {"left_out": f"left out: {MEASURED_VARIABLE} names no folder of real pictures"}
+    folder = state.out / "real"
+    kept = folder / "comparison.json"
+    if not kept.is_file():
+        found = compare_model(
+            state.design, load_measurement(Path(named) / "gelsight-flat"), seed=state.seed, progress=within
+        )
+        folder.mkdir(parents=True, exist_ok=True)
+        for pair in found.pairs:
+            beside = np.concatenate([pair.simulated, pair.real], axis=1)
+            white = float(np.percentile(pair.real, 99.9))
+            write_image(folder / f"{Path(pair.file).stem}.png", tone_map(beside, white))
+        write_json(kept, found.to_json())
+    data: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8"))
+    return data
+
+
+_STEPS: dict[str, _Step] = {
+    "evaluation": _Step("scoring the design", _evaluation),
+    "parts": _Step("files to make it", _parts),
+    "study": _Step("searching for better LED places", _study),
+    "gap": _Step("finding a hidden effect", _gap),
+    "real": _Step("comparing with a real picture", _real),
+}

@@ -1,5 +1,0 @@
-"""The command line: `designlab COMMAND ...`. Nothing heavy is imported before a command needs it."""
-
-from designlab.cli.console import main
-
-__all__ = ["main"]

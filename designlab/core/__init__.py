@@ -1,0 +1,1 @@
+"""Files and cache, images, image metrics, processes, and the choice of the rendering back end."""

@@ -1,5 +1,0 @@
-"""The main job end to end on a small budget, see `demo`."""
-
-from designlab.demo.run import Demo, demo
-
-__all__ = ["Demo", "demo"]

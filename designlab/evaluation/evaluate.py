@@ -1,0 +1,456 @@
+"""Score a design: how evenly it lights the gel, and how well its pictures tell the shape of a press."""
+
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from designlab.core.backend import activate
+from designlab.core.store import atomic_folder, write_atomic
+from designlab.evaluation import illumination_scores, press_scores, response_maps
+from designlab.evaluation.illumination_scores import Estimate, TransportError
+from designlab.evaluation.protocol import Bench, Presses, Reconstruction, plan_presses, sub_seed
+from designlab.evaluation.weakest_point import GelMaps, Place, worst_of_gel, worst_of_presses
+from designlab.reconstruction import KernelCalibration
+from designlab.sensor.design import Design
+from designlab.simulation.contact.press import Surface
+from designlab.simulation.effects.model import SensorModel
+from designlab.simulation.render import Estimator
+from designlab.simulation.simulator import Frame, Simulator, exposure
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]
+
+SCALAR_COLUMNS = 160  # of pictures that ``scalar_rgb`` has to path-trace, four times as fast
+
+
+class Fidelity(NamedTuple):
+    """Effort of an evaluation.
+
+    Samples per pixel and LED group, rounds of the six test probes, grids of nine calibration balls,
+    estimator, width of the pictures, samples of the unbiased part of the estimator "corrected".
+    """
+
+    samples: int
+    rounds: int
+    grids: int = 1
+    estimator: Estimator = "fast"
+    columns: int = 320
+    traced: int = 64
+
+
+FIDELITIES: dict[str, Fidelity] = {
+    "fast": Fidelity(samples=48, rounds=1),
+    "standard": Fidelity(samples=192, rounds=2, grids=2),
+    # Each of its pictures takes many seconds; calibrated as fast is, it shows what the light is off.
+    "reference": Fidelity(samples=1024, rounds=2, estimator="corrected"),
+}
+
+
+@dataclass(frozen=True)
+class Score:
+    """What `evaluate` found.
+
+    Every score is an attribute too, for example ``score.normal_error_median_deg``.
+
+    Attributes
+    ----------
+    scores : mapping of str to Estimate
+        The scores; of figures that each LED group has, that of the worst group.
+    groups : mapping of str to mapping of str to Estimate
+        Figures of each LED group.
+    worst : mapping of str to Place
+        Worst place of the untouched gel (``gel``) and of the test presses (``press``), see `weakest_point`.
+    presses : mapping of str to sequence of float
+        Figures of each test press, of which the scores of presses are pooled, with what render noise adds.
+    warnings : sequence of str
+        Where a sensor model was used beyond what it was fitted to, and what of it is not simulated.
+    """
+
+    design: str
+    digest: str
+    fidelity: str
+    seed: int
+    scores: Mapping[str, Estimate]
+    margins: Mapping[str, float]
+    light: TransportError
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    groups: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
+    worst: Mapping[str, Place] = field(default_factory=dict)
+    presses: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    warnings: Sequence[str] = ()
+
+    def __getattr__(self, name: str) -> Estimate:
+        """Look a score up by name."""
+        scores: Mapping[str, Estimate] = self.__dict__.get("scores", {})
+        if name in scores:
+            return scores[name]
+        raise AttributeError(f"no score {name!r}; there are {', '.join(scores)}")
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the content as plain data."""
+        return {
+            "design": self.design,
+            "digest": self.digest,
+            "fidelity": self.fidelity,
+            "seed": self.seed,
+            "scores": _plain(self.scores),
+            "groups": {name: _plain(figures) for name, figures in self.groups.items()},
+            "worst": {name: place._asdict() for name, place in self.worst.items()},
+            "presses": {
+                # A figure that a press does not have is not a number, which JSON does not know.
+                name: [None if np.isnan(value) else value for value in values]
+                for name, values in self.presses.items()
+            },
+            "margins": dict(self.margins),
+            "light": self.light._asdict(),
+            "seconds": dict(self.seconds),
+            "warnings": list(self.warnings),
+        }
+
+
+def _plain(estimates: Mapping[str, Estimate]) -> dict[str, dict[str, Any]]:
+    return {
+        name: {"value": e.value, "se": e.se, "bias_bound": e.bias_bound, "unit": e.unit}
+        for name, e in estimates.items()
+    }
+
+
+def evaluate(
+    design: Design | SensorModel,
+    *,
+    fidelity: str = "fast",
+    seed: int = 0,
+    out: str | Path | None = None,
+    progress: Progress | None = None,
+    calibration: KernelCalibration | None = None,
+    as_built: bool = False,
+) -> Score:
+    """Score a design by simulation.
+
+    The untouched gel tells how each LED group lights it and what the camera makes of it. Ball presses
+    calibrate photometric stereo, which then reconstructs other probes at other places, with camera noise; and
+    they tell how well the picture's response to slope stands out of the camera's noise. What render noise
+    adds to the errors of the presses is told by pictures from half of the light, and taken off. Standard
+    errors cover the choice of presses, render noise and camera noise.
+
+    Parameters
+    ----------
+    design : Design or SensorModel
+        What to score.
+    fidelity : str
+        One of `FIDELITIES`; presses depend on the seed alone, so fidelities see the same ones.
+    seed : int
+        Seed of places, render noise and camera noise.
+    out : path, optional
+        Folder for scores and pictures; replaced when it exists.
+    progress : callable, optional
+        Called with what is being done, how many steps are done, and how many there are.
+    calibration : KernelCalibration, optional
+        Of another sensor of the kind, see `calibration_of`, which stands in for calibrating this one: of it
+        only the untouched gel is seen. Its pictures must be as large as those of `fidelity`.
+    as_built : bool
+        Whether it is a sensor as it was built, which may have lost some of its view: ``coverage`` tells.
+
+    Raises
+    ------
+    InfeasibleDesign
+        If the design breaks a geometric rule.
+    ValueError
+        If the fidelity is unknown.
+    """
+    effort = _effort(fidelity)
+    model = SensorModel.of(design)
+    model.effective_design().require_feasible(as_built=as_built)
+    if out is not None:
+        _require_writable(Path(out))
+    clock = _Clock()
+    simulator = _simulator(model, effort, seed)
+    if calibration is not None:
+        _require_fitting(calibration, simulator)
+    presses = plan_presses(simulator.design, rounds=effort.rounds, seed=seed, grids=effort.grids)
+    twice = press_scores.noisier_presses(len(presses.test))
+    steps = _Steps(progress, 1 + len(presses.calibration) + len(presses.test) + 2 * len(twice) + 1)
+
+    # Surfaces are laid out, and what pictures show of them is found, while light is traced.
+    with ThreadPoolExecutor(1) as beside:
+        surfaces = beside.map(simulator.surface, (*presses.calibration, *presses.test))
+        with clock.part("untouched gel"):
+            steps("untouched gel")
+            untouched, again = _untouched(simulator)
+        frames = _pressed(simulator, presses, surfaces, steps)
+        with clock.part("calibration presses"):
+            balls = list(islice(frames, len(presses.calibration)))
+            beside.submit(_find_truth, balls)
+        with clock.part("test presses"):
+            tests = list(frames)
+            halves = _by_halves(simulator, [tests[k] for k in twice], steps)
+        # Threads of the linear algebra wait for each other longer than its small products take.
+        with clock.part("reconstruction and scores"), threadpool_limits(limits=1, user_api="blas"):
+            steps("reconstruction")
+            bench = Bench(
+                simulator.design, exposure(simulator.design, untouched, again), seed, model=simulator.model
+            )
+            of_gel = beside.submit(_scores_of_gel, simulator, bench, (untouched, again), balls)
+            if calibration is None:
+                own = bench.calibrate(untouched, again, balls)
+            else:
+                own = calibration.on(bench.background(untouched, again))
+            noisier = beside.submit(_noisier, bench, own, (untouched, again), halves, twice)
+            results = bench.reconstruct(own, tests)
+            errors, of_presses = press_scores.reconstruction_scores(
+                bench, untouched, own.background, results, noisier.result()
+            )
+            gel = of_gel.result()
+            worst = {
+                "gel": worst_of_gel(gel.maps, simulator.design.group_names),
+                "press": worst_of_presses(
+                    response_maps.press_maps(bench, untouched, results),
+                    gel.maps,
+                    simulator.design.group_names,
+                    steepest=response_maps.steepest_slope(balls),
+                ),
+            }
+    score = Score(
+        design=simulator.design.name,
+        digest=model.digest if model.effects else model.design.digest,
+        fidelity=fidelity,
+        seed=seed,
+        scores=errors | gel.scores,
+        margins=simulator.design.margins(),
+        light=illumination_scores.transport_error(simulator.design, untouched, again),
+        seconds=clock.seconds,
+        groups=gel.groups,
+        worst=worst,
+        presses=of_presses,
+        warnings=model.warnings([*presses.calibration, *presses.test]),
+    )
+    if out is not None:
+        _write(Path(out), score, bench, untouched, results, gel.maps)
+    return score
+
+
+def calibration_of(
+    design: Design | SensorModel, *, fidelity: str = "fast", seed: int = 0
+) -> KernelCalibration:
+    """Calibrate one sensor, for others that are built to the same drawing.
+
+    Parameters
+    ----------
+    design, fidelity, seed
+        As of `evaluate`.
+    """
+    effort = _effort(fidelity)
+    model = SensorModel.of(design)
+    model.effective_design().require_feasible()
+    simulator = _simulator(model, effort, seed)
+    presses = plan_presses(simulator.design, rounds=effort.rounds, seed=seed, grids=effort.grids)
+    untouched, again = _untouched(simulator)
+    surfaces = (simulator.surface(press) for press in presses.calibration)
+    alone = Presses(presses.calibration, ())
+    balls = list(_pressed(simulator, alone, surfaces, _Steps(None, len(presses.calibration))))
+    bench = Bench(simulator.design, exposure(simulator.design, untouched, again), seed, model=simulator.model)
+    with threadpool_limits(limits=1, user_api="blas"):
+        return bench.calibrate(untouched, again, balls)
+
+
+def _effort(fidelity: str) -> Fidelity:
+    if fidelity not in FIDELITIES:
+        raise ValueError(f"fidelity: must be one of {', '.join(FIDELITIES)}, got {fidelity!r}")
+    return FIDELITIES[fidelity]
+
+
+def _simulator(model: SensorModel, effort: Fidelity, seed: int) -> Simulator:
+    columns = effort.columns if activate().is_jit else SCALAR_COLUMNS
+    return Simulator(
+        model,
+        columns=columns,
+        samples=effort.samples,
+        seed=seed,
+        estimator=effort.estimator,
+        traced_samples=effort.traced,
+    )
+
+
+def _require_fitting(calibration: KernelCalibration, simulator: Simulator) -> None:
+    rows, columns, _ = calibration.background.shape
+    view = simulator.view
+    if (rows, columns) != (view.rows, view.columns):
+        raise ValueError(
+            f"calibration: must be of pictures of {view.columns} x {view.rows} pixels, "
+            f"is of {columns} x {rows}: of another camera or fidelity"
+        )
+
+
+def _untouched(simulator: Simulator) -> tuple[Frame, Frame]:
+    """Two pictures of the untouched gel, which differ by render noise."""
+    first, again = (
+        simulator.frame(None, seed=sub_seed(simulator.seed, 3, half), half=half) for half in (0, 1)
+    )
+    return first, again
+
+
+class _Gel(NamedTuple):
+    """Scores and maps of the untouched gel."""
+
+    scores: dict[str, Estimate]
+    groups: dict[str, dict[str, Estimate]]
+    maps: GelMaps
+
+
+def _scores_of_gel(
+    simulator: Simulator, bench: Bench, renders: tuple[Frame, Frame], balls: Sequence[Frame]
+) -> _Gel:
+    untouched, again = renders
+    design = bench.design
+    responses = response_maps.slope_responses(simulator, untouched, balls)
+    gel = response_maps.gel_maps(bench, untouched, responses.best)
+    evenness, even_groups = illumination_scores.evenness_scores(design, untouched, again, bench.seed)
+    exposed, exposure_error = illumination_scores.exposure_scores(bench, untouched, again)
+    slants, slant_groups = illumination_scores.slant_scores(design, untouched, responses)
+    return _Gel(
+        scores=illumination_scores.uniformity(design, untouched, again, bench.seed)
+        | illumination_scores.information_score(bench, untouched, gel, responses, exposure_error)
+        | evenness
+        | exposed
+        | slants,
+        groups=illumination_scores.merged(even_groups, slant_groups),
+        maps=gel,
+    )
+
+
+def _pressed(
+    simulator: Simulator, presses: Presses, surfaces: Iterator[Surface], steps: "_Steps"
+) -> Iterator[Frame]:
+    """Pictures of the calibration presses, then of the test presses."""
+    surface = next(surfaces)
+    for stage, (what, planned) in enumerate(zip(("calibration", "test"), presses, strict=True), 1):
+        for number, press in enumerate(planned):
+            steps(f"{what} press {press.probe.text}")
+            following = next(surfaces, None)
+            own = sub_seed(simulator.seed, stage, number)
+            yield simulator.frame(press, seed=own, surface=surface, following=following)
+            surface = following or surface
+
+
+def _by_halves(simulator: Simulator, tests: Sequence[Frame], steps: "_Steps") -> list[list[Frame]]:
+    """Presses again, from either half of the light alone: with twice the variance of render noise."""
+    halves: list[list[Frame]] = [[], []]
+    for half, frames in enumerate(halves):
+        for number, frame in enumerate(tests):
+            assert frame.press is not None  # every test frame has one
+            steps(f"render noise, {frame.press.probe.text}")
+            own = sub_seed(simulator.seed, 5 + half, number)
+            frames.append(simulator.frame(frame.press, seed=own, half=half, surface=frame.surface))
+    return halves
+
+
+def _noisier(
+    bench: Bench,
+    calibration: KernelCalibration,
+    untouched: Sequence[Frame],
+    halves: Sequence[Sequence[Frame]],
+    numbers: Sequence[int],
+) -> list[list[Reconstruction]]:
+    """Test presses as either half of the light shows them, each beside its own untouched gel."""
+    return [
+        bench.reconstruct(calibration.on(bench.background(alone, alone)), frames, numbers=numbers)
+        for alone, frames in zip(untouched, halves, strict=True)
+    ]
+
+
+def _find_truth(frames: Sequence[Frame]) -> None:
+    """Find what frames show, which they keep."""
+    for frame in frames:
+        _ = frame.gradient, frame.contact
+
+
+class _Steps:
+    """Counts the steps of an evaluation for a progress display."""
+
+    def __init__(self, progress: Progress | None, total: int) -> None:
+        self._progress, self._total, self._done = progress, total, 0
+
+    def __call__(self, what: str) -> None:
+        if self._progress is not None:
+            self._progress(what, self._done, self._total)
+        self._done += 1
+
+
+class _Clock:
+    """Wall-clock seconds of each part."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def part(self, name: str) -> Iterator[None]:
+        start = time.perf_counter()
+        yield
+        self.seconds[name] = round(time.perf_counter() - start, 3)
+
+
+def _write(
+    out: Path,
+    score: Score,
+    bench: Bench,
+    untouched: Frame,
+    results: Sequence[Reconstruction],
+    of_gel: GelMaps,
+) -> None:
+    from designlab.report import plots
+    from designlab.sensor.design import dumps
+
+    design = bench.design
+    with atomic_folder(out, replace=True) as folder:
+        write_atomic(folder / "design.toml", dumps(design))
+        write_atomic(folder / "score.json", json.dumps(score.to_json(), indent=2))
+        extent = plots.extent_mm(untouched.rays.x_mm, untouched.rays.y_mm)
+        gel, press = score.worst["gel"], score.worst["press"]
+        limit_deg = np.where(of_gel.seen & ~of_gel.saturated, of_gel.limit_deg, np.nan)
+        plots.background(folder / "background.png", untouched.mixed * bench.exposure, extent)
+        named = dict(zip(design.group_names, untouched.basis, strict=True))
+        plots.uniformity(folder / "uniformity.png", named, extent)
+        plots.information(folder / "information.png", limit_deg, extent, gel)
+        plots.errors(
+            folder / "errors.png",
+            [np.where(r.region, r.error_deg, np.nan) for r in results],
+            [np.where(r.region, 1000 * np.abs(r.height_mm - r.frame.height_mm), np.nan) for r in results],
+            extent,
+            press,
+        )
+        for number, result in enumerate(results):
+            shown = result.frame.press
+            assert shown is not None  # every test frame has one
+            plots.press(
+                folder / f"press-{number + 1:02d}-{shown.probe.kind}.png",
+                title=f"{shown.probe.text} mm pressed {shown.depth_mm:.2f} mm deep",
+                image=result.image,
+                normals=result.normals,
+                true_normals=result.true_normals,
+                height_mm=result.height_mm,
+                true_height_mm=result.frame.height_mm,
+                error_deg=np.where(result.region, result.error_deg, np.nan),
+                extent=extent,
+                mark=press if press.press == number else None,
+            )
+
+
+def _require_writable(out: Path) -> None:
+    """Fail before the work, not after it; an earlier evaluation may be replaced, anything else may not."""
+    if out.exists() and not out.is_dir():
+        raise NotADirectoryError(f"{out}: must be a folder, is a file")
+    if out.is_dir() and any(out.iterdir()) and not (out / "score.json").is_file():
+        raise FileExistsError(f"{out}: is not empty and holds no earlier evaluation; choose another folder")
+    with atomic_folder(out.parent / f".{out.name}.probe", replace=True):
+        pass
+    (out.parent / f".{out.name}.probe").rmdir()

@@ -1,0 +1,73 @@
+"""Whether two designs differ: scores of the same presses, seeds and noise held against each other."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import t as student
+
+from designlab.evaluation.evaluate import Score
+from designlab.evaluation.press_scores import PRESS_FIGURES, press_chances
+from designlab.evaluation.protocol import TEST_PROBES
+
+LEVEL = 0.95
+
+
+class Difference(NamedTuple):
+    """Score of the second design minus that of the first, with its standard error, both in `unit`.
+
+    `least` is the difference that chance alone exceeds once in twenty times.
+    """
+
+    value: float
+    se: float
+    least: float
+    unit: str
+
+    @property
+    def differs(self) -> bool:
+        """Whether it is more than chance would make."""
+        return abs(self.value) > self.least
+
+
+def differences(first: Score, second: Score) -> dict[str, Difference]:
+    """Differences of all scores that two designs share.
+
+    Equal seeds make equal random numbers: the same probes at the same places (in shares of the sensing area),
+    the same noise. Scores of presses are compared press by press, so that what makes a press hard for both
+    designs cancels. Render noise of the two counts as independent.
+
+    Raises
+    ------
+    ValueError
+        If the two were not evaluated with the same seed and fidelity.
+    """
+    for name in ("seed", "fidelity"):
+        a, b = getattr(first, name), getattr(second, name)
+        if a != b:
+            raise ValueError(f"{name}: must be the same for both designs, got {a!r} and {b!r}")
+    chosen = _paired(first, second)
+    found = {}
+    for name, a in first.scores.items():
+        b = second.scores.get(name)
+        if b is None:
+            continue
+        freedom: float = np.inf
+        if name in chosen:
+            # One factor or six means were taken off.
+            count = len(first.presses[PRESS_FIGURES[0]])
+            freedom = count - 1 if count == len(TEST_PROBES) else count - len(TEST_PROBES)
+            se = float(np.hypot(chosen[name], np.hypot(a.bias_bound or 0.0, b.bias_bound or 0.0)))
+        else:
+            se = float(np.hypot(a.se, b.se))
+        least = float(student.ppf((1 + LEVEL) / 2, freedom)) * se
+        found[name] = Difference(b.value - a.value, se, least, a.unit)
+    return found
+
+
+def _paired(first: Score, second: Score) -> dict[str, float]:
+    """Error of each difference by the choice of presses, which both designs share."""
+    a, b = (
+        press_chances(np.array([score.presses[name] for name in PRESS_FIGURES]).T)
+        for score in (first, second)
+    )
+    return {name: float(np.linalg.norm(b[name] - a[name])) for name in a}

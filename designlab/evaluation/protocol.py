@@ -1,0 +1,260 @@
+"""The test bench of a design: which presses, the camera's pictures of them, and what is reconstructed."""
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt, gaussian_filter
+
+from designlab.core.metrics import normal_error_deg
+from designlab.evaluation import noise_limit
+from designlab.reconstruction import KernelCalibration, NearField, fit_kernel, normals
+from designlab.sensor.design import Design
+from designlab.simulation.contact.press import Press
+from designlab.simulation.effects.model import SensorModel
+from designlab.simulation.simulator import Frame
+from geometries.elastomer import base_gradient
+from geometries.probes import parse, profile_mm
+
+Array = NDArray[np.float64]
+Thing = TypeVar("Thing")
+MOST_THREADS = 4  # beyond these NumPy's own lock leaves no gain
+
+# Errors count over the contact grown by this: a flat background would make any median look good.
+GROWN_MM = 0.5
+RIM_MM = 1.0  # around a contact the membrane is still lifted
+SMOOTHING_PX = 2.0  # illumination is smooth; render noise is not, and would pass for unevenness
+GRAIN_PX = 4.0  # noise of single pixels is finer than this
+# A small ball shows steep slopes, a large one many of each; depths as shares of the deepest.
+BALLS_MM, BALL_DEPTHS = (6.0, 4.0, 3.0), (1.0, 0.6)
+TEST_PROBES = ("sphere:4", "triangle:5", "star:6", "cylinder:4", "cone:4", "dots:1.5")
+# Errors grow steeply with depth: one depth for all test presses keeps their choice from deciding the score.
+TEST_DEPTH = 0.7
+# Of the near field: pixels of simulated presses differ from its model by some 3 %; most slopes are gentle.
+MODEL_ERROR, EXPECTED_SLOPE = 0.03, 0.5
+
+
+def sub_seed(seed: int, stage: int, number: int) -> int:
+    """Independent seed of one draw."""
+    return int(np.random.SeedSequence([seed, stage, number]).generate_state(1)[0])
+
+
+class Presses(NamedTuple):
+    """Calibration balls and test presses."""
+
+    calibration: tuple[Press, ...]
+    test: tuple[Press, ...]
+
+
+def plan_presses(design: Design, *, rounds: int, seed: int, grids: int = 1) -> Presses:
+    """Choose places: calibration balls on jittered 3 x 3 grids, test probes at random places and angles."""
+    random = np.random.default_rng(sub_seed(seed, 0, 0))
+    width, height = design.sensing_area_mm
+    scale = min(1.0, min(width, height) / 12.0)  # small sensors get small probes
+    depth = min(0.4 * design.elastomer.thickness_mm, 0.8) * scale
+    balls = []
+    for number, (grid, column, row) in enumerate(
+        (g, c, r) for g in range(grids) for r in (-1, 0, 1) for c in (-1, 0, 1)
+    ):
+        jitter = random.uniform(-0.04, 0.04, size=2)
+        centre = ((0.3 * column + jitter[0]) * width, (0.28 * row + jitter[1]) * height)
+        # each row and column of a grid has every size, each grid another at each place
+        diameter_mm = BALLS_MM[(column + row + grid + 2) % 3]
+        balls.append(
+            Press(
+                probe=parse(f"sphere:{diameter_mm * scale:.6g}"),
+                depth_mm=depth * BALL_DEPTHS[number % 2],
+                centre_mm=centre,
+            )
+        )
+    tests = []
+    for number in range(rounds):
+        # The first round does not depend on how many follow.
+        draw = np.random.default_rng(sub_seed(seed, 9, number))
+        for text in TEST_PROBES:
+            kind, size = text.split(":")
+            centre = (draw.uniform(-0.22, 0.22) * width, draw.uniform(-0.2, 0.2) * height)
+            press = Press(
+                probe=parse(f"{kind}:{float(size) * scale:.6g}"),
+                depth_mm=depth * TEST_DEPTH,
+                centre_mm=centre,
+                yaw_deg=draw.uniform(-180.0, 180.0),
+            )
+            tests.append(_moved_into(press, design.sensing_area_mm))
+    return Presses(tuple(balls), tuple(tests))
+
+
+def _moved_into(press: Press, area_mm: tuple[float, float]) -> Press:
+    """The press, moved so that it ends within an area around the origin: heights are zero at its border."""
+    reach = 1.6 * press.probe.size_mm
+    x, y = np.meshgrid(*2 * [np.linspace(-reach, reach, 161)])
+    touches = profile_mm(press.probe, x, y) > -press.depth_mm
+    yaw = np.radians(press.yaw_deg)
+    across = np.cos(yaw) * x[touches] - np.sin(yaw) * y[touches]
+    along = np.sin(yaw) * x[touches] + np.cos(yaw) * y[touches]
+    centre = []
+    for place, extent, side in zip(press.centre_mm, (across, along), area_mm, strict=True):
+        furthest = max(side / 2 - RIM_MM - float(np.abs(extent).max()), 0.0)
+        centre.append(float(np.clip(place, -furthest, furthest)))
+    return press.model_copy(update={"centre_mm": (centre[0], centre[1])})
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """One test press: the picture, what was reconstructed from it, and the truth."""
+
+    frame: Frame
+    image: NDArray[np.float32]
+    normals: Array
+    true_normals: Array
+    height_mm: Array
+    region: NDArray[np.bool_]
+    error_deg: Array
+
+    @property
+    def height_error_um(self) -> Array:
+        """Errors of height in the region that counts, one a pixel."""
+        return np.asarray(1000 * (self.height_mm - self.frame.height_mm)[self.region])
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Camera and reconstruction around rendered frames.
+
+    `model` has the effects that act on the camera's signal.
+    """
+
+    design: Design
+    exposure: float
+    seed: int
+    model: SensorModel | None = None
+
+    def reported(self, signal: NDArray[np.floating]) -> NDArray[np.floating]:
+        """What the camera reports for a linear signal, by effects that act on it; within its range."""
+        if self.model is None or not self.model.effects:
+            return signal
+        return np.clip(self.model.on_signal(signal), 0.0, 1.0)
+
+    def picture(self, frame: Frame, number: int) -> NDArray[np.float32]:
+        """What the camera reports, the curve of the design undone; its noise follows from the number."""
+        camera = self.design.camera
+        seen = camera.expose(
+            frame.mixed, exposure=self.exposure, seed=sub_seed(self.seed, 4, number), binned=_binned(frame)
+        )
+        return self.reported(camera.response.decode(seen)).astype(np.float32)
+
+    def background(self, untouched: Frame, again: Frame) -> NDArray[np.floating]:
+        """Picture of the untouched gel that presses are compared with."""
+        # A lab averages many frames of it; smoothing stands for that.
+        mean = (self.picture(untouched, 0) + self.picture(again, 1)) / 2
+        return np.asarray(gaussian_filter(mean, sigma=(SMOOTHING_PX, SMOOTHING_PX, 0)))
+
+    def calibrate(self, untouched: Frame, again: Frame, balls: Sequence[Frame]) -> KernelCalibration:
+        """Calibrate on the balls."""
+        background = self.background(untouched, again)
+        x, y = untouched.rays.x_mm, untouched.rays.y_mm
+        images = each_of(lambda k: self.picture(balls[k], 10 + k), len(balls))
+        truths = each_of(lambda k: balls[k].gradient, len(balls))
+        return fit_kernel(images, background, [p for p, _ in truths], [q for _, q in truths], x, y)
+
+    def reconstruct(
+        self, calibration: KernelCalibration, tests: Sequence[Frame], *, numbers: Sequence[int] | None = None
+    ) -> list[Reconstruction]:
+        """Reconstruct test presses; of those with equal numbers, the camera's noise is the same."""
+        chosen = range(len(tests)) if numbers is None else numbers
+        return each_of(
+            lambda k: self._one(calibration, tests[k], self.picture(tests[k], 100 + chosen[k])), len(tests)
+        )
+
+    def noise_limits_deg(self, untouched: Frame, balls: Sequence[Frame]) -> list[Array]:
+        """Least tilt that camera noise makes up at each pixel of the untouched gel, see `information`.
+
+        The first one uses all balls, each further one leaves out one ball in turn.
+        """
+        background = self.exposure * gaussian_filter(untouched.mixed, (SMOOTHING_PX, SMOOTHING_PX, 0))
+        slopes = noise_limit.responses(
+            [self.exposure * frame.mixed for frame in balls],
+            background,
+            [frame.gradient for frame in balls],
+            untouched.rays.x_mm,
+            untouched.rays.y_mm,
+        )
+        camera = self.design.camera
+        signal = background + camera.black_level
+        sigma = camera.noise_sigma(signal, binned=_binned(untouched)) / camera.response.slope(signal)
+        return [noise_limit.noise_limit_deg(slope, sigma) for slope in slopes]
+
+    def near_field(self, untouched: Frame, response: NDArray[np.floating]) -> NearField:
+        """Light of the untouched gel as the camera sees it, from which presses need no calibration.
+
+        Parameters
+        ----------
+        untouched : Frame
+            The untouched gel.
+        response : array, shape (groups, rows, columns, 2)
+            What `Simulator.slope_response` gives.
+        """
+        camera, mix = self.design.camera, self.exposure * untouched.weights
+        stray = np.zeros_like(untouched.basis) if untouched.stray is None else untouched.stray
+
+        def noise_sigma(signal: Array) -> Array:
+            signal = np.clip(signal, camera.black_level, 1.0)
+            return camera.noise_sigma(signal, binned=_binned(untouched)) / camera.response.slope(signal)
+
+        light = gaussian_filter(untouched.basis - stray, sigma=(0, SMOOTHING_PX, SMOOTHING_PX))
+        base_p, base_q = base_gradient(self.design.elastomer, *untouched.seen_mm)
+        return NearField.of(
+            np.maximum(light, 0.0),
+            response,
+            mix,
+            noise_sigma=noise_sigma,
+            offset=np.einsum("cg,grk->rkc", mix, stray) + camera.black_level,
+            base=(np.nan_to_num(base_p), np.nan_to_num(base_q)),
+            reflectance=self.design.per_group("membrane_albedo"),
+            model_error=MODEL_ERROR,
+            expected_slope=EXPECTED_SLOPE,
+        )
+
+    def _one(
+        self, calibration: KernelCalibration, frame: Frame, image: NDArray[np.float32]
+    ) -> Reconstruction:
+        found = calibration.estimate(image)
+        true_p, true_q = frame.gradient
+        base_p, base_q = base_gradient(self.design.elastomer, *frame.seen_mm)
+        pitch = frame.rays.pitch_mm
+        estimated, truth = (
+            normals(found.p + base_p, found.q + base_q),
+            normals(true_p + base_p, true_q + base_q),
+        )
+        region = _grown(frame.contact, GROWN_MM / pitch[0])
+        return Reconstruction(
+            frame=frame,
+            image=image,
+            normals=estimated,
+            true_normals=truth,
+            height_mm=found.height_mm(pitch_mm=pitch),
+            region=region,
+            error_deg=normal_error_deg(estimated, truth),
+        )
+
+
+def each_of(work: Callable[[int], Thing], count: int) -> list[Thing]:
+    """Do independent pieces of work side by side; a core is left for what runs beside them."""
+    threads = min((os.cpu_count() or 1) - 1, MOST_THREADS)
+    if threads < 2:
+        return [work(k) for k in range(count)]
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(work, range(count)))
+
+
+def _binned(frame: Frame) -> float:
+    """Sensor pixels in a pixel of the picture; a picture finer than the sensor is not noisier for it."""
+    return max(frame.rays.binned, 1.0)
+
+
+def _grown(mask: NDArray[np.bool_], radius_px: float) -> NDArray[np.bool_]:
+    return np.asarray(distance_transform_edt(~mask) <= radius_px) & mask.any()

@@ -1,0 +1,293 @@
+"""Files to make a design: STL, STEP, 3MF, LED coordinates, bill of materials, and checks of them all."""
+
+import hashlib
+import json
+import re
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from itertools import combinations, pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from designlab.fabrication.checks import Check, check_mesh, check_overlaps, check_step, mesh_checks, require
+from designlab.fabrication.folder import KIND, MANIFEST, replaced_folder
+from designlab.fabrication.parts import (
+    CASTING_PARTS,
+    MOULD_FLOOR_MM,
+    MOULD_WALL_MM,
+    SENSOR_PARTS,
+    parts,
+    probe_name,
+)
+from designlab.fabrication.tables import bill, led_rows, readme, write_csv
+from designlab.fabrication.triangles import OPTICAL_THINNING_MM, THINNING_MM, printable, read, write_3mf
+from designlab.sensor.design import Design, dumps
+from designlab.sensor.feasibility import MINIMUM_WALL_MM
+from designlab.sensor.optical_constants import material
+from designlab.simulation.effects.model import SensorModel
+from geometries import probes as probe_library
+from geometries.leds import bodies
+from geometries.probes import Probe
+
+if TYPE_CHECKING:
+    import cadquery
+    import trimesh
+
+__all__ = ["Check", "export", "led_colour", "parts"]
+
+PART_COLOURS: dict[str, tuple[float, float, float, float]] = {
+    "gelcore": (0.75, 0.87, 0.95, 0.4),
+    "elastomer": (0.95, 0.80, 0.60, 0.5),
+    "housing": (0.25, 0.26, 0.29, 1.0),
+}
+
+Progress = Callable[[int, int, str], None]
+
+
+def export(
+    design: Design | SensorModel,
+    out: str | Path,
+    *,
+    probes: Sequence[Probe | str] = (),
+    allow_infeasible: bool = False,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Write everything needed to make a design into a folder, and check what was written.
+
+    Parameters
+    ----------
+    design : Design or SensorModel
+        The sensor; of a model, see `to_make`.
+    out : str or Path
+        Folder that appears whole or not at all. It may be absent or empty, or an
+        earlier export, which it replaces.
+    probes : sequence of Probe or str
+        Indenters to add, as `Probe` or in the form that `geometries.probes.parse` reads (``"sphere:4"``).
+    allow_infeasible : bool
+        Export a design that breaks its rules, and overlapping parts, with a warning for each.
+    progress : callable, optional
+        Called with steps done, steps in all and the name of the next step.
+
+    Returns
+    -------
+    dict
+        The manifest, JSON-able: ``parts``, ``bom``, ``checks``, ``margins_mm``, ``walls``, ``warnings`` and
+        ``files``, each with its SHA-256.
+
+    Raises
+    ------
+    InfeasibleDesign
+        If the design breaks a rule and `allow_infeasible` is false.
+    ValueError
+        If `out` holds something else, or a probe is unknown; names path or probe and rule.
+    RuntimeError
+        If a check fails; names the part and the figures. Nothing is left in `out` then.
+    """
+    design, notes = to_make(design)
+    if not allow_infeasible:
+        design.require_feasible()
+    chosen = list(dict.fromkeys(probe_library.parse(p) if isinstance(p, str) else p for p in probes))
+    names = [probe_name(probe) for probe in chosen]
+    if len(set(names)) < len(names):
+        raise ValueError(f"probes: their names must differ, got {', '.join(names)}")
+    with replaced_folder(Path(out)) as folder:
+        manifest = _write(design, folder, chosen, allow_infeasible, progress or (lambda *_: None), notes)
+        require(Check(**check) for check in manifest["checks"])
+    return manifest
+
+
+def to_make(design: Design | SensorModel) -> tuple[Design, list[str]]:
+    """Return the design that is made, and what of a sensor model went into it or was left out.
+
+    Effects of a kind of part go in; what one unit was built wrong is not built again.
+    """
+    if isinstance(design, Design):
+        return design, []
+    model, notes = design.transferable(), []
+    if left := [applied.name for applied in design.effects if applied not in model.effects]:
+        notes.append(f"left out, since they belong to one built unit: {', '.join(left)}")
+    if model.effects:
+        notes.append(f"with effects of a sensor model: {', '.join(a.name for a in model.effects)}")
+    return model.effective_design(), notes
+
+
+def _write(
+    design: Design,
+    folder: Path,
+    chosen: Sequence[Probe],
+    allow_infeasible: bool,
+    progress: Progress,
+    notes: Sequence[str],
+) -> dict[str, Any]:
+    """Write all files and return the manifest, failed checks included."""
+    meshed = [probe for probe in chosen if probe.file is not None]
+    shapes = parts(design, probe_list=[probe for probe in chosen if probe.file is None])
+    steps = len(shapes) + len(meshed) + 2
+    described: dict[str, Any] = {}
+    checks: list[Check] = []
+    for done, (name, shape) in enumerate(shapes.items()):
+        progress(done, steps, name)
+        described[name], found = _write_part(design, folder, name, shape)
+        checks += found
+    for done, probe in enumerate(meshed, start=len(shapes)):
+        progress(done, steps, probe_name(probe))
+        described[probe_name(probe)], found = _write_mesh_probe(folder, probe)
+        checks += found
+    progress(steps - 2, steps, "assembly")
+    checks += _write_assembly(design, folder, shapes)
+    progress(steps - 1, steps, "checks")
+    pairs = [*combinations(SENSOR_PARTS, 2), *combinations(CASTING_PARTS, 2)]
+    overlaps = check_overlaps(design, shapes, pairs)
+    if allow_infeasible:
+        note = "accepted: allow_infeasible"
+        overlaps = [check if check.ok else check._replace(ok=True, note=note) for check in overlaps]
+    checks += overlaps
+    broken = {rule: margin for rule, margin in design.margins().items() if margin > 0}
+    manifest: dict[str, Any] = {
+        "kind": KIND,
+        "format": 1,
+        "design": design.name,
+        "digest": design.digest,
+        "versions": _versions(),
+        "parts": described,
+        "bom": bill(design, shapes),
+        "led_count": len(bodies(design.leds)),
+        "margins_mm": design.margins(),
+        "walls": {
+            "thinnest_mm": min(design.housing.wall_mm, design.housing.plate_mm),
+            "least_mm": MINIMUM_WALL_MM,
+            "mould_mm": min(MOULD_WALL_MM, MOULD_FLOOR_MM),
+        },
+        "warnings": [
+            *notes,
+            *(f"rule {rule} is violated by {margin:.3g} mm" for rule, margin in broken.items()),
+            *(f"{c.part} overlap by {c.value:.3g} mm3 ({c.note})" for c in overlaps if c.note),
+        ],
+        "checks": [check._asdict() for check in checks],
+    }
+    write_csv(led_rows(design), folder / "leds.csv")
+    write_csv(manifest["bom"], folder / "bom.csv")
+    (folder / "design.toml").write_text(dumps(design), encoding="utf-8")
+    (folder / "README.txt").write_text(readme(design, manifest), encoding="utf-8")
+    _write_json(manifest["checks"], folder / "checks.json")
+    written = sorted(path for path in folder.rglob("*") if path.is_file())
+    manifest["files"] = {
+        path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in written
+    }
+    _write_json(manifest, folder / MANIFEST)
+    progress(steps, steps, "done")
+    return manifest
+
+
+def _write_part(
+    design: Design, folder: Path, name: str, shape: "cadquery.Shape"
+) -> tuple[dict[str, Any], list[Check]]:
+    """Write STEP, STL and, for a part to print, 3MF; return its description and the checks of its files."""
+    import cadquery
+
+    step, stl = _path(folder, "step", f"{name}.step"), _path(folder, "stl", f"{name}.stl")
+    cadquery.exporters.export(cadquery.Workplane(shape), str(step))
+    optical = name in ("gelcore", "elastomer") or name.startswith(("mould", "probe"))
+    mesh, report = printable(shape, bound_mm=OPTICAL_THINNING_MM if optical else THINNING_MM)
+    _write_stl(mesh, stl)
+    checks = [*check_step(name, step, shape), *check_mesh(name, stl, shape)]
+    if report["hausdorff_mm"] > 0:
+        distance, bound = report["hausdorff_mm"], report["hausdorff_bound_mm"]
+        checks.append(Check(name, stl.name, "Hausdorff distance", distance, bound, "mm", distance <= bound))
+    if _printed(design, name):
+        package = _path(folder, "3mf", f"{name}.3mf")
+        write_3mf(mesh, package, name=name)
+        checks += check_mesh(name, package, shape)
+    box = shape.BoundingBox()
+    return {
+        "solids": len(shape.Solids()),
+        "volume_mm3": shape.Volume(),
+        "area_mm2": shape.Area(),
+        "size_mm": [box.xlen, box.ylen, box.zlen],
+        "mesh": report,
+    }, checks
+
+
+def _write_mesh_probe(folder: Path, probe: Probe) -> tuple[dict[str, Any], list[Check]]:
+    """Write a user's mesh, scaled and placed, as STL, and compare the file with it."""
+    name, mesh = probe_name(probe), probe_library.mesh(probe)
+    path = _path(folder, "stl", f"{name}.stl")
+    _write_stl(mesh, path)
+    checks = mesh_checks(name, path.name, read(path), volume_mm3=float(mesh.volume))
+    return {"volume_mm3": float(mesh.volume), "size_mm": mesh.extents.tolist(), "source": probe.file}, checks
+
+
+def _write_stl(mesh: "trimesh.Trimesh", path: Path) -> None:
+    mesh.export(path, file_type="stl")
+
+
+def _write_assembly(design: Design, folder: Path, shapes: Mapping[str, "cadquery.Shape"]) -> list[Check]:
+    """Write the sensor's parts in place, named and coloured, into one STEP file."""
+    import cadquery
+
+    assembly = cadquery.Assembly(name=re.sub(r"[^A-Za-z0-9_.-]+", "_", design.name) or "sensor")
+    for name, rgba in PART_COLOURS.items():
+        assembly.add(shapes[name], name=name, color=cadquery.Color(*rgba))
+    array = cadquery.Assembly(name="led_array")
+    for number, body in enumerate(bodies(design.leds)):
+        group = design.leds.groups[body.group]
+        colour = cadquery.Color(*led_colour(group.wavelength_nm), 1.0)
+        array.add(
+            shapes["led_array"].Solids()[number], name=f"led_{number + 1:03d}_{group.name}", color=colour
+        )
+    assembly.add(array)
+    path = folder / "assembly.step"
+    assembly.export(str(path))
+    solids = [solid for name in SENSOR_PARTS for solid in shapes[name].Solids()]
+    return check_step("assembly", path, cadquery.Compound.makeCompound(solids))
+
+
+def led_colour(wavelength_nm: float) -> tuple[float, float, float]:
+    """Display colour (sRGB, 0..1) of a narrow-band LED, for pictures and CAD only.
+
+    Linear between hand-set hues of the visible range; infrared is dark red, ultraviolet violet.
+    """
+    stops = (
+        (380.0, (0.5, 0.0, 0.9)),
+        (440.0, (0.15, 0.1, 1.0)),
+        (490.0, (0.0, 0.85, 1.0)),
+        (515.0, (0.0, 0.9, 0.25)),
+        (560.0, (0.7, 0.95, 0.0)),
+        (590.0, (1.0, 0.75, 0.0)),
+        (620.0, (1.0, 0.12, 0.08)),
+        (780.0, (0.55, 0.0, 0.0)),
+    )
+    wavelength_nm = min(max(wavelength_nm, stops[0][0]), stops[-1][0])
+    for (low, below), (high, above) in pairwise(stops):
+        if wavelength_nm <= high:
+            share = (wavelength_nm - low) / (high - low)
+            r, g, b = (start + share * (end - start) for start, end in zip(below, above, strict=True))
+            return r, g, b
+    return stops[-1][1]
+
+
+def _printed(design: Design, name: str) -> bool:
+    """Whether a part comes from a 3D printer: housing, mould, probes, and a core of resin."""
+    if name == "gelcore":
+        return material(design.optics.gelcore_material).name.startswith("resin")
+    return name == "housing" or name.startswith(("mould", "probe"))
+
+
+def _path(folder: Path, kind: str, name: str) -> Path:
+    (folder / kind).mkdir(exist_ok=True)
+    return folder / kind / name
+
+
+def _write_json(content: Any, path: Path) -> None:
+    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def _versions() -> dict[str, str | None]:
+    """Versions of the programs that made the files; None for what is not installed."""
+    found: dict[str, str | None] = {}
+    for package in ("designlab", "cadquery", "cadquery-ocp", "trimesh", "pymeshlab"):
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = None
+    return found

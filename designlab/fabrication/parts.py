@@ -1,0 +1,125 @@
+"""The parts of a design as CAD solids in the sensor frame, the mould of the gel among them."""
+
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from designlab.sensor.design import Design
+from geometries import elastomer, gelcore, housing, leds, probes
+from geometries.elastomer import Elastomer
+from geometries.probes import Probe
+
+if TYPE_CHECKING:
+    import cadquery
+
+SENSOR_PARTS = ("gelcore", "elastomer", "led_array", "housing")
+"""Parts of the sensor itself; the others are tools to make and to calibrate it."""
+CASTING_PARTS = ("elastomer", "mould_cavity", "mould_lid")
+"""Parts that fill the closed mould."""
+
+# Pins stand in the corners of the wall, which holds a pin and some printed lines around it.
+MOULD_WALL_MM = 8.0
+MOULD_FLOOR_MM = 4.0
+PIN_DIAMETER_MM, PIN_HEIGHT_MM, PIN_INSET_MM = 3.0, 3.0, 3.5
+PIN_FOOT_MM = 0.5  # room under a pin, so that the halves meet before the pins do
+PIN_CLEARANCE_MM = 0.2  # on the diameter: printed pins grow, printed holes shrink
+GROOVE_WIDTH_MM, GROOVE_DEPTH_MM = 1.0, 0.5
+
+
+def parts(design: Design, *, probe_list: Sequence[Probe] = ()) -> dict[str, "cadquery.Shape"]:
+    """Build every part of a design.
+
+    Parameters
+    ----------
+    design : Design
+        The sensor.
+    probe_list : sequence of Probe
+        Indenters to add as ``probe_<kind>_<size>``, in their own frame; mesh probes have no solid: refused.
+
+    Returns
+    -------
+    dict of str to cadquery.Shape
+        ``gelcore`` (with the cavities of LEDs cast into it), ``elastomer``, ``led_array`` (one solid a LED),
+        ``housing``, ``mould_cavity`` and ``mould_lid`` in the sensor frame (mm), and the probes.
+    """
+    gel = _shape(elastomer.solid(design.elastomer))
+    core = _shape(gelcore.solid(design.gelcore).translate((0, 0, design.elastomer.thickness_mm)))
+    if design.leds.coupling == "embedded":
+        core = core.cut(*leds.solids(design.leds))
+    found = {
+        "gelcore": core,
+        "elastomer": gel,
+        "led_array": _shape(leds.solid(design.leds)),
+        "housing": _shape(housing.solid(design.housing)),
+        **_mould(design.elastomer, gel),
+    }
+    return found | {probe_name(probe): _shape(probes.solid(probe)) for probe in probe_list}
+
+
+def probe_name(probe: Probe) -> str:
+    """Name of a probe's part, for example ``probe_sphere_4mm``; a mesh probe is called after its file."""
+    kind = probe.kind if probe.file is None else re.sub(r"[^A-Za-z0-9_-]+", "_", Path(probe.file).stem)
+    return f"probe_{kind}_{probe.size_mm:.6g}mm"
+
+
+def solids(work: "cadquery.Workplane") -> "list[cadquery.Solid]":
+    """All solids on a workplane, those within compounds included, in their order."""
+    import cadquery
+
+    return [solid for value in work.vals() if isinstance(value, cadquery.Shape) for solid in value.Solids()]
+
+
+def _shape(work: "cadquery.Workplane") -> "cadquery.Shape":
+    """Join what stands on a workplane into one shape: the solid, or a compound of several."""
+    import cadquery
+
+    found = solids(work)
+    return found[0] if len(found) == 1 else cadquery.Compound.makeCompound(found)
+
+
+def _mould(spec: Elastomer, gel: "cadquery.Shape") -> dict[str, "cadquery.Shape"]:
+    """Two halves that leave the gel's volume between them; the membrane lies on the cavity's floor.
+
+    They part at the gel's highest point. Four pins align them, and four grooves let surplus gel out.
+    """
+    import cadquery
+
+    box = gel.BoundingBox()
+    parting = box.zmax
+    size_x, size_y = box.xlen + 2 * MOULD_WALL_MM, box.ylen + 2 * MOULD_WALL_MM
+
+    def block(size_x: float, size_y: float, bottom: float, top: float) -> "cadquery.Workplane":
+        plane = cadquery.Workplane("XY", origin=(0, 0, bottom))
+        return plane.box(size_x, size_y, top - bottom, centered=(True, True, False))
+
+    def pins(diameter: float, bottom: float) -> "cadquery.Workplane":
+        spacing = size_x - 2 * PIN_INSET_MM, size_y - 2 * PIN_INSET_MM
+        places = cadquery.Workplane("XY", origin=(0, 0, bottom)).rarray(*spacing, 2, 2)
+        return places.circle(diameter / 2).extrude(parting - bottom)
+
+    cavity = block(size_x, size_y, box.zmin - MOULD_FLOOR_MM, parting).cut(cadquery.Workplane(gel))
+    lid = block(size_x, size_y, parting, parting + MOULD_FLOOR_MM)
+    if spec.radius_mm is not None:
+        plug = _plug(spec, parting)
+        cavity, lid = cavity.cut(plug), lid.union(plug)
+    groove_floor = parting - min(GROOVE_DEPTH_MM, spec.thickness_mm / 2)
+    for groove in ((size_x, GROOVE_WIDTH_MM), (GROOVE_WIDTH_MM, size_y)):
+        cavity = cavity.cut(block(*groove, groove_floor, parting))
+    cavity = cavity.cut(pins(PIN_DIAMETER_MM + PIN_CLEARANCE_MM, parting - PIN_HEIGHT_MM - PIN_FOOT_MM))
+    lid = lid.union(pins(PIN_DIAMETER_MM, parting - PIN_HEIGHT_MM))
+    return {"mould_cavity": _shape(cavity), "mould_lid": _shape(lid)}
+
+
+def _plug(spec: Elastomer, parting_mm: float) -> "cadquery.Workplane":
+    """What a dome's lid puts into the cavity: the ball's cap between the gel and the parting plane."""
+    import cadquery
+
+    assert spec.radius_mm is not None
+    bottom, radius = spec.thickness_mm, spec.radius_mm - spec.thickness_mm
+    half_angle = math.asin(min(1.0, spec.width_mm / 2 / radius)) / 2
+    middle = radius * math.sin(half_angle), bottom + 2 * radius * math.sin(half_angle / 2) ** 2
+    sketch = cadquery.Workplane("XZ").moveTo(0, bottom)
+    sketch = sketch.threePointArc(middle, (min(spec.width_mm / 2, radius), parting_mm))
+    return sketch.lineTo(0, parting_mm).close().revolve(360, (0, 0, 0), (0, 1, 0))

@@ -1,0 +1,209 @@
+"""What a workshop reads: LED coordinates, bill of materials, and the text that explains the folder."""
+
+import csv
+import math
+import textwrap
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from designlab.sensor.design import Design
+from designlab.sensor.led_catalogue import part
+from geometries.leds import emitters
+
+if TYPE_CHECKING:
+    import cadquery
+
+
+class Stock(NamedTuple):
+    """What a part is made of: density (g/ml) and where the figure comes from."""
+
+    material: str
+    density_g_ml: float
+    source: str
+
+
+CLEAR_STOCK: dict[str, Stock] = {
+    "silicone": Stock(
+        "clear silicone gel", 1.03, "SYLGARD 184 data sheet, cured; clear gels lie between 0.97 and 1.04"
+    ),
+    "acrylic": Stock("acrylic (PMMA), optical grade", 1.19, "optical PMMA data sheets, 1.17 to 1.19"),
+    "resin-2020": Stock("clear SLA resin, cured", 1.15, "mid of 1.10 to 1.20 in makers' data sheets"),
+    "resin-clear": Stock("clear SLA resin, cured", 1.15, "mid of 1.10 to 1.20 in makers' data sheets"),
+    "epoxy": Stock("clear casting epoxy", 1.15, "assumption: as other cured unfilled resins, 1.1 to 1.2"),
+    "glass": Stock("N-BK7 glass", 2.51, "SCHOTT N-BK7 data sheet"),
+    "air": Stock("nothing (air)", 0.0, "the part is left out"),
+}
+PRINTED = Stock(
+    "black PLA, or black SLA resin", 1.24, "PLA filament data sheets, solid print; SLA resin is about 1.15"
+)
+SMOOTH = Stock("SLA resin, or machined acrylic, polished", 1.15, "mid of 1.10 to 1.20 in makers' data sheets")
+
+COUPLING_NOTES: dict[str, tuple[str, ...]] = {
+    "bonded": (
+        "bonding: join each emitting face to the gelcore's side with clear glue of the core's index, without "
+        "bubbles; an air gap would bend all light to within the critical angle.",
+    ),
+    "embedded": (
+        "embedding: the LEDs are cast into the gelcore. Its files show the cavities they fill; hold them in "
+        "the mould by leds.csv, and lead the wires out through a side or the window's rim.",
+    ),
+}
+
+CASTING_SURPLUS = 1.3
+"""Gel to mix over the gel's volume: overflow, cup and nozzle keep some."""
+
+
+def led_rows(design: Design) -> list[dict[str, Any]]:
+    """One row an emitting strip: group, LED, place, direction, wavelength and share of the group's flux."""
+    strips = len(design.leds.emitting_spans_mm)
+    found = emitters(design.leds)
+    area = [0.0] * len(design.leds.groups)
+    for emitter in found:
+        area[emitter.group] += emitter.area_mm2
+    rows = []
+    for index, emitter in enumerate(found):
+        group = design.leds.groups[emitter.group]
+        x, y, z = emitter.centre_mm
+        rows.append(
+            {
+                "group": group.name,
+                "led": index // strips + 1,
+                "strip": index % strips + 1,
+                "x_mm": x,
+                "y_mm": y,
+                "z_mm": z,
+                **{f"normal_{axis}": value for axis, value in zip("xyz", emitter.normal, strict=True)},
+                "azimuth_deg": math.degrees(math.atan2(y, x)) % 360,
+                "width_mm": 2 * emitter.half_width_mm,
+                "height_mm": 2 * emitter.half_height_mm,
+                "wavelength_nm": group.wavelength_nm,
+                "flux_mw": group.flux_mw * emitter.area_mm2 / area[emitter.group],
+            }
+        )
+    # 1 nm is far below any machine's step; adding zero turns -0.0 into 0.0.
+    return [{key: round(v, 6) + 0.0 if isinstance(v, float) else v for key, v in row.items()} for row in rows]
+
+
+def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[str, Any]]:
+    """Bill of materials: each part with count, material, volume (ml) and mass (g), then what is bought."""
+    clear = {"gelcore": design.optics.gelcore_material, "elastomer": design.optics.elastomer_material}
+    rows = []
+    for name, shape in shapes.items():
+        if name == "led_array":
+            continue
+        stock = SMOOTH if name.startswith("mould") else PRINTED
+        if name in clear:
+            stock = CLEAR_STOCK[clear[name]]
+        volume = shape.Volume() / 1000
+        note = f"density {stock.density_g_ml:g} g/ml ({stock.source})"
+        rows.append(_row(name, 1, stock.material, volume, volume * stock.density_g_ml, note))
+    gel = next(row for row in rows if row["item"] == "elastomer")
+    gel["note"] += f"; mix {CASTING_SURPLUS * gel['mass_g']:.2g} g"
+    membrane_mm2 = _membrane_area_mm2(shapes["elastomer"])
+    rows.append(
+        _row(
+            "membrane",
+            1,
+            f"reflective coating, {membrane_mm2:.0f} mm2",
+            None,
+            None,
+            "see optics.membrane_albedo",
+        )
+    )
+    leds = design.leds
+    board = f"{leds.body_width_mm:g} x {leds.body_height_mm:g} x {leds.body_thickness_mm:g} mm"
+    for group in leds.groups:
+        count = group.count * len(group.azimuth_deg)
+        text = f"{group.wavelength_nm:g} nm {leds.package}, {board}, {group.flux_mw / count:.4g} mW each"
+        bought = group.part or leds.part
+        if bought is not None:
+            text = f"{part(bought).maker} {part(bought).number}, {text}"
+        rows.append(_row(f"led_{group.name}", count, text, None, None, "places in leds.csv"))
+    camera = design.camera
+    text = (
+        f"{camera.width_px} x {camera.height_px} px, {camera.horizontal_fov_deg:g} deg horizontal, "
+        f"lens barrel up to {2 * camera.body_radius_mm:g} mm"
+    )
+    place = ", ".join(f"{value:g}" for value in camera.position_mm)
+    rows.append(_row("camera", 1, text, None, None, f"entrance pupil at ({place}) mm, looks along -z"))
+    return rows
+
+
+def _row(
+    item: str, count: int, material: str, volume: float | None, mass: float | None, note: str
+) -> dict[str, Any]:
+    return {
+        "item": item,
+        "count": count,
+        "material": material,
+        "volume_ml": None if volume is None else round(volume, 4),
+        "mass_g": None if mass is None else round(mass, 3),
+        "note": note,
+    }
+
+
+def _membrane_area_mm2(gel: "cadquery.Shape") -> float:
+    """Area of the gel's outer side: the face on which its lowest point lies."""
+    return float(min(gel.Faces(), key=lambda face: (face.BoundingBox().zmin, face.Center().z)).Area())
+
+
+def write_csv(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
+    """Write rows of equal keys; None becomes an empty cell."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def readme(design: Design, manifest: Mapping[str, Any]) -> str:
+    """Text of README.txt: what lies in the folder, how the parts are made, and every warning."""
+    gel = next(row for row in manifest["bom"] if row["item"] == "elastomer")
+    walls = manifest["walls"]
+    core = CLEAR_STOCK[design.optics.gelcore_material].material
+    notes = [
+        "housing: print it in black with the camera plate down; paint the inside matt black. Its thinnest "
+        f"wall is {walls['thinnest_mm']:g} mm, common printers close {walls['least_mm']:g} mm.",
+        f"gelcore: {core}. Polish the window, the gel side and the faces the LEDs shine through; the other "
+        f"sides are {design.gelcore.side_finish}. Machine it from the STEP file: light sees facets.",
+        "mould: the floor of mould_cavity shapes the membrane; its layers and facets show in every picture. "
+        "Machine it from the STEP file, or print it in SLA resin, then sand and lacquer it. Fresh SLA resin "
+        "inhibits the cure of addition silicone: post-cure, bake and seal it.",
+        f"gel: {gel['volume_ml']:.3g} ml; mix {CASTING_SURPLUS * gel['mass_g']:.2g} g, degas, pour, close "
+        "with mould_lid; surplus leaves through the four grooves. Cure shrinkage is not compensated.",
+        "membrane: coat the gel's outer side, then bond the gel to the core with the same gel, no bubbles.",
+        *COUPLING_NOTES.get(design.leds.coupling, ()),
+        "LEDs: place them by leds.csv. Seats for LED boards, gelcore and camera are not part of the design, "
+        "as they depend on what you buy: add them to housing.step.",
+    ]
+    lines = [
+        design.name,
+        *textwrap.wrap(design.description, 100),
+        f"design digest {design.digest}",
+        "",
+        "All lengths are mm. Sensor frame: origin at the centre of the untouched membrane, +z to the camera.",
+        "",
+        "design.toml    the design; load it to simulate it or to export it again",
+        "assembly.step  the sensor's parts in place, named and coloured",
+        "step/ stl/     each part, in the sensor frame (probes in their own)",
+        "3mf/           the parts to print",
+        "leds.csv       centre, direction, wavelength and flux of every emitting face",
+        "bom.csv        parts and materials",
+        "checks.json    every file read again and compared with its solid",
+        "manifest.json  all figures for programs, with the SHA-256 of every file",
+        "",
+        "Making it",
+        *_bullets(notes),
+        "",
+        "Warnings",
+        *_bullets(manifest["warnings"] or ["none"]),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _bullets(texts: Sequence[str]) -> list[str]:
+    return [
+        line
+        for text in texts
+        for line in textwrap.wrap(text, 100, initial_indent="- ", subsequent_indent="  ")
+    ]

@@ -1,0 +1,190 @@
+"""Shots of one sensor, a state of everything unknown about it, and what is simulated from that."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.inference.calibration.fields import SharedField
+from designlab.inference.calibration.imaging import How, Imaging, Touched
+from designlab.inference.calibration.linear import predicted, transfer_and_floor
+from designlab.measurement.shots import Shot
+from designlab.simulation.contact.press import Press
+
+Array = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]
+
+MODEL_ERROR = 0.01  # of a channel's mean signal in a shot: what the simulation is not trusted with
+LEAST_DEPTH_MM = 0.01
+BRIGHT = 99.0  # percentile
+BLOCK_PX = 8  # within which errors may go together
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Shared fields, departures of poses (x, y, depth in mm, yaw in deg), factors of components and floor."""
+
+    shared: Array
+    poses: Mapping[int, Array]
+    transfer: Array
+    floor: Array
+
+    def pose(self, number: int) -> Array:
+        """Departure of a shot's pose from the stated one."""
+        return self.poses.get(number, np.zeros(4))
+
+
+class Problem:
+    """Shots, the standard deviation of each of their values, and the model of pictures.
+
+    Parameters
+    ----------
+    imaging : Imaging
+        What simulates pictures.
+    shots : tuple of Shot
+        What was photographed.
+    fields : tuple of SharedField
+        Numbers of the imaging's model that are free.
+    seed : int
+        Seed of the simulation.
+    progress : callable, optional
+        Called with the stage, pictures done and pictures expected in it.
+    """
+
+    def __init__(
+        self,
+        imaging: Imaging,
+        shots: tuple[Shot, ...],
+        fields: tuple[SharedField, ...],
+        *,
+        seed: int,
+        progress: Progress | None = None,
+    ) -> None:
+        self.imaging, self.shots, self.fields = imaging, shots, fields
+        self.seed, self.progress = seed, progress
+        self.stage, self.done, self.expected = "", 0, 1
+        self.weighed = False
+        self.lits = [imaging.lit(shot) for shot in shots]
+        self.stated = [np.sqrt(shot.variance + (MODEL_ERROR * _level(shot)) ** 2) for shot in shots]
+        self.sigmas = list(self.stated)
+
+    def begin(self, stage: str, expected: int) -> None:
+        """Name what is done now and how many pictures it takes, as far as is known."""
+        self.stage, self.done, self.expected = stage, 0, expected
+
+    def hold(self, numbers: Sequence[int]) -> None:
+        """Keep the poses of some shots where a state has them."""
+        self.shots = tuple(
+            replace(shot, pose_sigma=np.zeros(4)) if number in numbers else shot
+            for number, shot in enumerate(self.shots)
+        )
+
+    def weigh(self, state: State, bases: Mapping[int, Array]) -> None:
+        """Let values count as what is left of them shows: errors of neighbours go together.
+
+        After this the sums of residuals over blocks have the variance that they would have if values erred
+        independently by their standard deviation. Smooth errors of a simulated gel then count for little
+        beside the sharp image of a light probe.
+        """
+        for number, basis in bases.items():
+            shot, sigma = self.shots[number], self.sigmas[number]
+            left = np.where(shot.valid, (shot.signal - self.predict(state, number, basis)) / sigma, 0.0)
+            sums, counts = (
+                np.add.reduceat(
+                    np.add.reduceat(values, _edges(len(left)), axis=0), _edges(left.shape[1]), axis=1
+                )
+                for values in (left, shot.valid.astype(float))
+            )
+            spread = (sums**2).sum(axis=(0, 1)) / np.maximum(counts.sum(axis=(0, 1)), 1.0)
+            self.sigmas[number] = np.maximum(sigma * np.sqrt(spread), np.sqrt(shot.variance))
+        self.weighed = True
+
+    def start(self) -> State:
+        """State that the model and the measurement state, without light yet."""
+        components = len(self.imaging.names)
+        return State(np.array([f.value for f in self.fields]), {}, np.zeros((3, components)), np.zeros(3))
+
+    def changes(self, shared: Array) -> dict[str, float]:
+        """Values of the shared fields by their paths."""
+        return {f.path: float(value) for f, value in zip(self.fields, shared, strict=True)}
+
+    def touched(self, state: State, number: int) -> Touched:
+        """Return what a shot shows, at the state's pose."""
+        shot = self.shots[number]
+        x, y, depth, yaw = (float(v) for v in state.pose(number))
+        if shot.ball is not None:
+            at = (shot.ball.centre_mm[0] + x, shot.ball.centre_mm[1] + y)
+            return shot.ball.model_copy(update={"centre_mm": at, "lowest_mm": shot.ball.lowest_mm + depth})
+        press = shot.press
+        if press is None:
+            return None
+        return Press(
+            probe=press.probe,
+            depth_mm=max(press.depth_mm + depth, LEAST_DEPTH_MM),
+            centre_mm=(press.centre_mm[0] + x, press.centre_mm[1] + y),
+            yaw_deg=press.yaw_deg + yaw,
+        )
+
+    def basis(self, state: State, number: int, *, other_seed: bool = False, how: How = "usual") -> Array:
+        """Pictures of the components; the same random numbers each time, unless others are asked for."""
+        shot, touched = self.shots[number], self.touched(state, number)
+        changes = {
+            path: value for path, value in self.changes(state.shared).items() if self.imaging.sees(path, shot)
+        }
+        found = self.imaging.basis(changes, touched, shot.view, seed=self.seed + other_seed, how=how)
+        self.done += 1
+        self.expected = max(self.expected, self.done)
+        if self.progress is not None:
+            self.progress(self.stage, self.done, self.expected)
+        return found
+
+    def bases(self, state: State, numbers: Sequence[int]) -> dict[int, Array]:
+        """Unit-power pictures of several shots."""
+        return {number: self.basis(state, number) for number in numbers}
+
+    def predict(self, state: State, number: int, basis: Array) -> Array:
+        """Signal of a shot, (rows, columns, 3)."""
+        return predicted(state.transfer, state.floor, self.lits[number], basis)
+
+    def lit_best(self, state: State, bases: Mapping[int, Array]) -> State:
+        """State with the transfer and floor that fit the shots best."""
+        shots = [self.shots[number] for number in bases]
+        transfer, floor = transfer_and_floor(
+            list(bases.values()),
+            [self.lits[number] for number in bases],
+            [shot.signal for shot in shots],
+            [self.sigmas[number] for number in bases],
+            [shot.valid for shot in shots],
+        )
+        return replace(state, transfer=transfer, floor=floor)
+
+    def residual(self, state: State, number: int, basis: Array, *, weighed: bool = True) -> Array:
+        """Measured minus predicted valid values over their standard deviation, (values,).
+
+        The standard deviation is that of noise and model error alone where `weighed` is False.
+        """
+        shot = self.shots[number]
+        sigma = (self.sigmas if weighed else self.stated)[number]
+        left = (shot.signal - self.predict(state, number, basis)) / sigma
+        return np.asarray(left[shot.valid])
+
+    def objective(self, state: State, bases: Mapping[int, Array]) -> float:
+        """Sum of squared residuals, plus the priors of the poses."""
+        total = 0.0
+        for number, basis in bases.items():
+            sigma = self.shots[number].pose_sigma
+            total += float((self.residual(state, number, basis) ** 2).sum())
+            total += float(((state.pose(number)[sigma > 0] / sigma[sigma > 0]) ** 2).sum())
+        return total
+
+
+def _edges(count: int) -> NDArray[np.intp]:
+    return np.arange(0, count, BLOCK_PX)
+
+
+def _level(shot: Shot) -> Array:
+    """What the model error is a share of: the mean of a smooth picture, the bright end of a mirror's."""
+    if shot.ball is None:
+        return np.asarray(np.abs(shot.signal.mean(axis=(0, 1))))
+    return np.asarray(np.abs(np.percentile(shot.signal, BRIGHT, axis=(0, 1))))

@@ -1,0 +1,127 @@
+"""What a calibration found."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.simulation.directional_light import DirectionalLight
+from designlab.simulation.effects.model import SensorModel
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One fitted number; its standard error is None where the value stands at zero or nothing shows it."""
+
+    name: str
+    unit: str
+    value: float
+    se: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class FrameResult:
+    """One shot: what it was used for, how alike model and picture are before and after, and where it was.
+
+    Attributes
+    ----------
+    file : str
+        The frame; of repeats, which are averaged, the first.
+    use : str
+        "background", "light_probe" and "train" were fitted; of "select" and "final" the pose alone.
+    before, after : dict
+        Figures of `metrics.compare` with the model as given at the stated pose, and calibrated.
+    pose : dict or None
+        x_mm, y_mm, depth_mm and yaw_deg after the fit; None for the untouched gel.
+    measured, given, simulated : array, shape (rows, columns, 3)
+        Signals as shares of full scale: measured, of the model as given, and calibrated.
+    """
+
+    file: str
+    use: str
+    before: Mapping[str, Any]
+    after: Mapping[str, Any]
+    pose: Mapping[str, float] | None
+    measured: Array = field(repr=False)
+    given: Array = field(repr=False)
+    simulated: Array = field(repr=False)
+
+    @property
+    def held_out(self) -> bool:
+        """Whether nothing but the pose was fitted to it."""
+        return self.use in ("select", "final")
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A sensor as its pictures show it.
+
+    Attributes
+    ----------
+    model : SensorModel or DirectionalLight
+        The calibrated model. Of a design: flux, mixing, exposure and the shared fields, and the floor as the
+        effect ``black_level``.
+    parameters : tuple of Parameter
+        Everything fitted: shared fields, poses of the fitted presses, transfer, floor.
+    correlation : array, shape (parameters, parameters)
+        Of their errors; NaN where there is no standard error.
+    frames : tuple of FrameResult
+        Every shot.
+    products : tuple of Parameter
+        Transfer times reflectance of the membrane for each channel and LED group, which pictures of the gel
+        tell whether or not they tell the two apart.
+    transfer, floor : array, shapes (3, groups) and (3,)
+        Signal of a channel per unit-power radiance of a group (mm2 sr), and that without light from LEDs. Of
+        directional light: its factors, shape (3, components).
+    notes : tuple of str
+        What was left out, assumed, or cannot be told apart.
+    """
+
+    model: SensorModel | DirectionalLight
+    parameters: tuple[Parameter, ...]
+    correlation: Array
+    products: tuple[Parameter, ...]
+    frames: tuple[FrameResult, ...]
+    transfer: Array
+    floor: Array
+    notes: tuple[str, ...]
+    provenance: Mapping[str, Any]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain data; numbers without a finite value are None."""
+        content = {
+            "parameters": [vars(parameter) for parameter in self.parameters],
+            "correlation": self.correlation.tolist(),
+            "products": [vars(parameter) for parameter in self.products],
+            "transfer": self.transfer.tolist(),
+            "floor": self.floor.tolist(),
+            "frames": [
+                {
+                    "file": frame.file,
+                    "use": frame.use,
+                    "held_out": frame.held_out,
+                    "pose": None if frame.pose is None else dict(frame.pose),
+                    "before": dict(frame.before),
+                    "after": dict(frame.after),
+                }
+                for frame in self.frames
+            ],
+            "notes": list(self.notes),
+            "model_digest": self.model.digest,
+            "provenance": dict(self.provenance),
+        }
+        finite: dict[str, Any] = _finite(content)
+        return finite
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,407 @@
+"""`calibrate`: from a measurement and a model to the sensor that its pictures show."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.core import metrics
+from designlab.inference.calibration.directional import Directional
+from designlab.inference.calibration.fields import WITHIN, SharedField, shared_fields
+from designlab.inference.calibration.imaging import ALBEDO, SCALE, Imaging, Rendered
+from designlab.inference.calibration.problem import MODEL_ERROR, Problem, Progress, State
+from designlab.inference.calibration.result import Calibration, FrameResult, Parameter
+from designlab.inference.calibration.solve import Layout, covariance, fit
+from designlab.inference.calibration.suspicions import suspicious
+from designlab.measurement import Measurement, MeasurementError, check, refuse
+from designlab.measurement.light_probe import LightProbe
+from designlab.measurement.shots import POSE, ROUND, Observations, observe
+from designlab.sensor.design import CHANNELS, Design
+from designlab.simulation.directional_light import DirectionalLight
+from designlab.simulation.effects.model import SensorModel
+from designlab.simulation.optics.viewing_rays import rays
+from designlab.simulation.simulator import RenderFailed
+
+Array = NDArray[np.float64]
+
+SCALES = (0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 1.0, 1.05, 1.1)  # of the tangent of half the field of view
+COARSE_STEPS, PROBE_STEPS = 8, 8
+ENTANGLED = 0.95  # correlation of errors that is worth a note
+DARKEST, BRIGHTEST = 0.02, 0.98  # reflectance to start from
+LEAST_COLUMNS = 64  # of a picture that a first, coarse fit is worth making on
+
+
+def calibrate(
+    measurement: Measurement,
+    model: Design | SensorModel | DirectionalLight,
+    *,
+    columns: int = 160,
+    samples: int = 48,
+    seed: int = 0,
+    free: Sequence[str] | None = None,
+    trust: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> Calibration:
+    """Fit the light, some fields of the design and the pose of every press to the pictures of one sensor.
+
+    Light is linear: `transfer`, from each LED group to each channel, and a floor follow in closed form from
+    unit-power pictures. The rest takes damped Gauss-Newton steps, on coarse pictures first; where
+    ``camera.horizontal_fov_deg`` is free, the best of several scales of the picture is the start. Fitted are
+    backgrounds, light probes and training presses; of the other presses the pose alone. Every value has its
+    noise and 1 % of its channel's mean signal in the picture as standard deviation (of a light probe, of the
+    bright end), every pose the measurement's prior.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        A loaded measurement folder; one press is enough.
+    model : Design, SensorModel or DirectionalLight
+        The sensor to start from, without effects.
+    columns : int
+        Wider frames are binned to at most this many columns.
+    samples : int
+        Samples per pixel and LED group.
+    seed : int
+        Seed of the light transport; the same seed gives the same result.
+    free : sequence of str, optional
+        Dotted paths of the design's numbers to fit; kernel length and field of view when absent, and the
+        reflectance for each LED group where a light probe tells it from their light. Of directional light:
+        direction of every light, exponent.
+    trust : sequence of str
+        Names of suspicions, see `measurement.quality.suspicion`, that are known and right as they are.
+    progress : callable, optional
+        Called with the stage, pictures done and pictures expected in it.
+
+    Raises
+    ------
+    MeasurementError
+        If the measurement cannot be compared, is suspicious, or no frame is there to be fitted.
+    ValueError
+        If the model has effects, or a field cannot be calibrated.
+    """
+    for name, value, least in (("columns", columns, 8), ("samples", samples, 1)):
+        if value < least:
+            raise ValueError(f"{name}: must be at least {least}, got {value}")
+    imaging = _imaging(model, samples)
+    design, probes = imaging.design, isinstance(imaging, Rendered)
+    trusted = refuse(measurement, check(measurement, design), trust)
+    seen = observe(measurement, design, columns=columns, light_probes=probes)
+    fitted = seen.of("background", "light_probe", "train")
+    usual = imaging.usual([seen.shots[number] for number in fitted])
+    fields = shared_fields(imaging.model, usual if free is None else free)
+    problem = Problem(imaging, seen.shots, fields, seed=seed, progress=progress)
+    _check(measurement, problem, fitted)
+    given = _given(measurement, problem, imaging.level() - seen.black_level)
+    if probes:  # a model without light transport misses pictures for reasons of its own
+        trusted += suspicious(measurement, seen, problem, trust=trust)
+    moves, balls = len(fields) + 5, seen.of("light_probe")
+    state = _reflecting(problem, _placed(problem, problem.start(), balls), fitted)
+    problem.hold(balls)
+    if columns // 2 >= LEAST_COLUMNS:
+        seen_coarsely = observe(measurement, design, columns=columns // 2, light_probes=probes)
+        coarse = Problem(imaging, seen_coarsely.shots, fields, seed=seed, progress=progress)
+        coarse.hold(balls)
+        state = _scaled(coarse, state, fitted)
+        coarse.begin("fitting coarsely", len(fitted) * (1 + COARSE_STEPS * moves))
+        state, _ = fit(coarse, state, fitted, steps=COARSE_STEPS, rough=True)
+    else:
+        state = _scaled(problem, state, fitted)
+    problem.begin("fitting", len(fitted) * (1 + 4 * moves))
+    state, bases = fit(problem, state, fitted, rough=True)
+    problem.weigh(state, bases)
+    problem.begin("fitting, errors weighed", len(fitted) * (1 + 2 * moves))
+    state, bases = fit(problem, state, fitted)
+    problem.begin("errors", len(fitted) * (1 + moves))
+    layout = Layout(problem, fitted, held_out=False)
+    spread, simulated = covariance(problem, layout, state, bases)
+    held_out = seen.of("select", "final")
+    fixed = Problem(
+        imaging.at(problem.changes(state.shared)), problem.shots, (), seed=seed, progress=progress
+    )
+    fixed.begin("held-out presses", len(held_out) * 20)
+    for number in held_out:
+        found, own = fit(fixed, replace(state, shared=np.zeros(0)), [number], held_out=True, rough=True)
+        state, bases = replace(state, poses={**state.poses, **found.poses}), bases | own
+    total = spread + simulated
+    parameters = _parameters(problem, layout, state, np.sqrt(np.diag(total)))
+    frames = tuple(
+        _frame_result(problem, state, number, given[number], bases[number])
+        for number in range(len(seen.shots))
+    )
+    deviation = np.sqrt(np.diag(spread))
+    correlation = spread / np.outer(deviation, deviation)
+    notes = (*trusted, *_notes(problem, seen, state, fitted, bases), *_entangled(parameters, correlation))
+    return Calibration(
+        model=imaging.finished(
+            problem.changes(state.shared),
+            state.transfer,
+            state.floor + seen.black_level,
+            measurement.name,
+        ),
+        parameters=parameters,
+        correlation=correlation,
+        products=_products(problem, layout, state, total),
+        frames=frames,
+        transfer=state.transfer,
+        floor=state.floor,
+        notes=notes,
+        provenance={
+            "measurement": measurement.name,
+            "model_digest": model.digest,
+            "imaging": imaging.kind,
+            "seed": seed,
+            "samples": samples,
+            "columns": columns,
+            "free": [field.path for field in fields],
+            "noise": seen.noise_source,
+        },
+    )
+
+
+def _imaging(model: Design | SensorModel | DirectionalLight, samples: int) -> Imaging:
+    if isinstance(model, DirectionalLight):
+        return Directional(model)
+    sensor = SensorModel.of(model)
+    named = [applied.name for applied in sensor.effects if applied.name != "black_level"]
+    if named:
+        raise ValueError(
+            "model: must be a design without effects, since they are named after calibration; "
+            f"has {', '.join(named)}"
+        )
+    # A reflectance for each group, since a light probe tells them apart.
+    albedo = list(sensor.design.per_group("membrane_albedo"))
+    beyond = sensor.on_signal(np.zeros((1, 1, 3)))[0, 0]
+    return Rendered(
+        sensor.design.replace({"optics.membrane_albedo": albedo}), samples, beyond=np.asarray(beyond)
+    )
+
+
+def _check(measurement: Measurement, problem: Problem, fitted: Sequence[int]) -> None:
+    if not fitted:
+        raise MeasurementError(
+            f"{measurement.folder}: field frame: a background or a press of the split 'train' is needed"
+        )
+    for shot in problem.shots:
+        if min(shot.signal.shape[:2]) < 8:
+            raise MeasurementError(
+                f"{measurement.folder}: frame {shot.files[0]}: must be at least 8 x 8 px when binned, "
+                f"is {shot.signal.shape[1]} x {shot.signal.shape[0]} px"
+            )
+
+
+def _given(measurement: Measurement, problem: Problem, floor: Array) -> dict[int, Array]:
+    """Signals of the model as given, at the stated poses."""
+    problem.begin("model as given", len(problem.shots))
+    bases = {}
+    for number, shot in enumerate(problem.shots):
+        try:
+            bases[number] = problem.basis(problem.start(), number)
+        except (ValueError, RenderFailed) as error:
+            if shot.ball is None:
+                raise
+            raise MeasurementError(f"{measurement.folder}: frame {shot.files[0]}: {error}") from None
+    state = replace(problem.start(), transfer=problem.imaging.factors(), floor=floor)
+    return {number: problem.predict(state, number, basis) for number, basis in bases.items()}
+
+
+def _placed(problem: Problem, state: State, balls: Sequence[int]) -> State:
+    """Find the places of light probes, with their light alone.
+
+    They are held afterwards: they matter little to all else, and pictures with sharp edges change by jumps.
+    """
+    from skimage.registration import phase_cross_correlation
+
+    problem.begin("light probe", len(balls) * 3 * PROBE_STEPS)
+    for number in balls:
+        # Narrow images of LEDs leave a fit little to hold on to: first move by what the picture is shifted.
+        shot = problem.shots[number]
+        measured, simulated = shot.signal.sum(axis=-1), problem.basis(state, number).sum(axis=0)
+        shift, _, _ = phase_cross_correlation(  # type: ignore[no-untyped-call]
+            measured / measured.sum(), simulated / simulated.sum(), upsample_factor=10, normalization=None
+        )
+        x_mm, y_mm = rays(problem.imaging.design, shot.view).pitch_mm
+        moved = state.pose(number) + np.array([shift[1] * x_mm, -shift[0] * y_mm, 0.0, 0.0])
+        tried = replace(state, poses={**state.poses, number: moved})
+        state = min((tried, state), key=lambda candidate: _misfit(problem, candidate, [number]))
+        found, _ = fit(problem, state, [number], steps=PROBE_STEPS)
+        state = replace(state, poses={**state.poses, **found.poses})
+    return state
+
+
+def _reflecting(problem: Problem, state: State, fitted: Sequence[int]) -> State:
+    """Start the reflectances, where free, from the light that a light probe and that the gel tells of.
+
+    The two stages of the paper: light from the ball, then the reflectance from the gel.
+    """
+    balls = [number for number in fitted if problem.shots[number].ball is not None]
+    others = [number for number in fitted if number not in balls]
+    free = [n for n, field in enumerate(problem.fields) if field.path.startswith(ALBEDO)]
+    if not (free and balls and others):
+        return state
+    direct, reflected = (
+        problem.lit_best(state, problem.bases(state, part)).transfer.sum(axis=0) for part in (balls, others)
+    )
+    shared = state.shared.copy()
+    for place in free:
+        group = problem.imaging.alone(problem.fields[place].path)
+        if group is not None and direct[group] > 0:
+            most = min(BRIGHTEST, problem.fields[place].high)
+            shared[place] = np.clip(shared[place] * reflected[group] / direct[group], DARKEST, most)
+    return replace(state, shared=shared)
+
+
+def _scaled(problem: Problem, state: State, fitted: Sequence[int]) -> State:
+    """Start from the scale of the picture that fits best, where the field of view is free."""
+    paths = [field.path.removeprefix(WITHIN) for field in problem.fields]
+    if SCALE not in paths:
+        return state
+    place = paths.index(SCALE)
+    field, pinhole = problem.fields[place], problem.imaging.design.camera.lens == "pinhole"
+    problem.begin("trying scales", len(SCALES) * len(fitted))
+    found = []
+    for scale in SCALES:
+        shared = state.shared.copy()
+        if scale != 1.0:
+            half = math.radians(shared[place] / 2)
+            turned = math.atan(scale * math.tan(half)) if pinhole else scale * half
+            shared[place] = 2 * math.degrees(turned)
+        if field.low <= shared[place] <= field.high:
+            found.append(replace(state, shared=shared))
+    return min(found, key=lambda tried: _misfit(problem, tried, fitted))
+
+
+def _misfit(problem: Problem, state: State, fitted: Sequence[int]) -> float:
+    bases = problem.bases(state, fitted)
+    return problem.objective(problem.lit_best(state, bases), bases)
+
+
+def _parameters(problem: Problem, layout: Layout, state: State, deviation: Array) -> tuple[Parameter, ...]:
+    """Name every unknown, in the order of the layout."""
+    named: list[tuple[str, str, float]] = [
+        (field.path, field.unit, float(value))
+        for field, value in zip(problem.fields, state.shared, strict=True)
+    ]
+    for number, free in layout.pose.items():
+        for _, part in free:
+            name, pose = POSE[part], _pose(problem, state, number)
+            named.append((f"{problem.shots[number].files[0]}.{name}", name.rpartition("_")[2], pose[name]))
+    for channel, letter in enumerate(CHANNELS):
+        for group, name in enumerate(problem.imaging.names):
+            named.append(
+                (f"transfer.{letter}.{name}", problem.imaging.unit, float(state.transfer[channel, group]))
+            )
+        named.append((f"floor.{letter}", "1", float(state.floor[channel])))
+    return tuple(
+        Parameter(name, unit, value, float(se) if math.isfinite(se) else None)
+        for (name, unit, value), se in zip(named, deviation, strict=True)
+    )
+
+
+def _products(problem: Problem, layout: Layout, state: State, covariance: Array) -> tuple[Parameter, ...]:
+    """Transfer times reflectance, with the error that the two have together."""
+    model = problem.imaging.model
+    if not isinstance(model, Design):
+        return ()
+    albedo = np.array(model.replace(problem.changes(state.shared)).per_group("membrane_albedo"))
+    places = {f.path: n for n, f in enumerate(problem.fields)}
+    found = []
+    for channel, letter in enumerate(CHANNELS):
+        for group, name in enumerate(model.group_names):
+            gradient = np.zeros(layout.size)
+            gradient[layout.light(channel, group)] = albedo[group]
+            if (place := places.get(f"{ALBEDO}.{group}")) is not None:
+                gradient[place] = state.transfer[channel, group]
+            used = np.flatnonzero(gradient)
+            variance = float(gradient[used] @ covariance[np.ix_(used, used)] @ gradient[used])
+            value = float(state.transfer[channel, group] * albedo[group])
+            se = math.sqrt(variance) if math.isfinite(variance) and value > 0 else None
+            found.append(Parameter(f"product.{letter}.{name}", "mm2 sr", value, se))
+    return tuple(found)
+
+
+def _pose(problem: Problem, state: State, number: int) -> dict[str, float]:
+    touched = problem.touched(state, number)
+    if isinstance(touched, LightProbe):
+        return dict(zip(POSE, (*touched.centre_mm, touched.lowest_mm, 0.0), strict=True))
+    assert touched is not None
+    return dict(zip(POSE, (*touched.centre_mm, touched.depth_mm, touched.yaw_deg), strict=True))
+
+
+def _frame_result(problem: Problem, state: State, number: int, given: Array, basis: Array) -> FrameResult:
+    shot = problem.shots[number]
+    simulated = problem.predict(state, number, basis)
+    measured = shot.signal
+
+    def figures(picture: Array) -> dict[str, object]:
+        return metrics.compare(np.where(shot.valid, picture, measured), measured)
+
+    pose = None if shot.press is None and shot.ball is None else _pose(problem, state, number)
+    before, after = figures(given), figures(simulated)
+    return FrameResult(shot.files[0], shot.use, before, after, pose, measured, given, simulated)
+
+
+def _notes(
+    problem: Problem, seen: Observations, state: State, fitted: Sequence[int], bases: dict[int, Array]
+) -> tuple[str, ...]:
+    notes = [_known_apart(problem)]
+    chi = sum(float((problem.residual(state, n, bases[n], weighed=False) ** 2).sum()) for n in fitted)
+    chi /= sum(int(problem.shots[n].valid.sum()) for n in fitted)
+    notes.append(
+        f"squared residual over noise and {MODEL_ERROR:.0%} model error: {chi:.3g}; standard errors are from "
+        "the residuals themselves"
+    )
+    if not any(problem.shots[n].press is None for n in fitted):
+        notes.append("no background: smooth light is told from the press by the simulation alone")
+    if any(shot.press and shot.press.probe.kind in ROUND for shot in problem.shots):
+        notes.append("the yaw of a round probe cannot be seen and is not fitted")
+    for number, shot in enumerate(problem.shots):
+        if not shot.valid.all():
+            notes.append(f"{shot.files[0]}: saturated values count as right in its figures")
+        if shot.clip_sigma.any():
+            notes.append(f"{shot.files[0]}: dark values are cut at zero, which lifts the floor")
+        far = np.abs(state.pose(number)) > 3 * shot.pose_sigma
+        for name in np.array(POSE)[far & (shot.pose_sigma > 0)]:
+            notes.append(f"{shot.files[0]}: {name} departs from the stated pose by more than 3 sigma")
+    dark = [n for g, n in enumerate(problem.imaging.names) if not state.transfer[:, g].any()]
+    if dark:
+        kept = "; the flux stays and its mixing is zero" if isinstance(problem.imaging, Rendered) else ""
+        notes.append(f"no light of {', '.join(dark)} was found{kept}")
+    for field, value in zip(problem.fields, state.shared, strict=True):
+        if _at_bound(field, float(value)):
+            notes.append(f"{field.path} stands at its bound, {value:g} {field.unit}")
+    return (*dict.fromkeys(seen.notes), *notes)
+
+
+def _known_apart(problem: Problem) -> str:
+    if not isinstance(problem.imaging, Rendered):
+        return (
+            "directional light knows no unit: factors are signals, each a product of light, reflectance, "
+            "exposure"
+        )
+    apart = any(shot.ball is not None for shot in problem.shots)
+    apart &= any(field.path.startswith(ALBEDO) for field in problem.fields)
+    return (
+        "flux x exposure is a product; the light probe, whose reflectance is taken as known, tells it from "
+        "the reflectance of the membrane"
+        if apart
+        else "flux x reflectance x exposure is a product: that alone is known without a light probe; the "
+        "design keeps its exposure where it has one, and its reflectance unless that was free"
+    )
+
+
+def _entangled(parameters: Sequence[Parameter], correlation: Array) -> list[str]:
+    """Say which errors go together, so that one value is only as right as the other."""
+    untold = [p.name for p in parameters if p.se is None and p.value != 0.0]
+    notes = [f"{', '.join(untold)}: other values explain the pictures as well"] if untold else []
+    pairs = zip(*np.nonzero(np.triu(np.abs(correlation) > ENTANGLED, 1)), strict=True)
+    return notes + [
+        f"{parameters[a].name} and {parameters[b].name} are hardly told apart "
+        f"(their errors correlate {correlation[a, b]:+.2f})"
+        for a, b in pairs
+    ]
+
+
+def _at_bound(field: SharedField, value: float) -> bool:
+    return value <= field.low or value >= field.high

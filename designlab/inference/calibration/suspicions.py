@@ -1,0 +1,370 @@
+"""Pictures that a model explains clearly better once a usual fault is undone: mirrored, swapped, encoded.
+
+Light powers are free in all comparisons, and so are the factors of channels: they say nothing about a fault.
+"""
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.inference.calibration.linear import normal_equations, predicted, solved, transfer_and_floor
+from designlab.inference.calibration.problem import MODEL_ERROR, Problem
+from designlab.measurement import Measurement
+from designlab.measurement.quality.additivity import Curve, nonlinear, other_curves
+from designlab.measurement.quality.suspicion import Suspicion, refuse
+from designlab.measurement.shots import Observations, Shot, binned
+from designlab.sensor.design import CHANNELS
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Value = TypeVar("Value", bound=np.generic)
+
+COLUMNS = 48  # faults are as large as the picture
+# Misfits are root mean squares in units of the noise and 1 % of the mean signal together.
+LEAST_MISFIT = 3.0  # below, there is nothing to explain
+MOST_MISFIT = 15.0  # that a fault, once undone, may leave: as much as a model before its calibration
+MOST_MISFIT_ALONE = 5.0  # the same of one picture, beside others that the model has to explain as well
+BETTER = 2.0  # factor by which it must be better; models 20 % off in scale stayed below 1.2
+ALIKE = 1.5  # factor within which the explanation with fewer faults is taken
+FAR, NEAR = 0.7, 0.55  # distances of directions in colour space: of other colours, and of the same colour
+DIM = 0.5  # of the brightest channel: crosstalk of usual filters reaches that far
+FAINT = 0.1  # of the brightest: groups below say nothing about colour
+
+ORDER = (0, 1, 2)
+
+
+class Fault(NamedTuple):
+    """What may have been done to all pictures of a set, and how it is undone."""
+
+    turn: str = ""
+    curve: Curve | None = None
+    order: tuple[int, ...] = ORDER
+
+    @property
+    def parts(self) -> int:
+        """Number of faults in one."""
+        return (self.turn != "") + (self.curve is not None) + (self.order != ORDER)
+
+
+TURNS = {
+    "": "as they are",
+    "left-right": "mirrored left to right",
+    "up-down": "mirrored top to bottom",
+    "half": "turned by 180 deg",
+    "left": "turned by 90 deg",
+    "right": "turned by 270 deg",
+    "diagonal": "mirrored along a diagonal",
+    "other diagonal": "mirrored along the other diagonal",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """One shot, averaged to few columns, with the unit-power pictures of the model."""
+
+    files: tuple[str, ...]
+    basis: Array
+    lit: Array
+    signal: Array
+    variance: Array
+    valid: Mask
+
+    @property
+    def square(self) -> bool:
+        """Whether it may be turned by 90 deg."""
+        return bool(self.signal.shape[0] == self.signal.shape[1])
+
+    def without(self, fault: Fault, black: Array) -> "Picture":
+        """Undo a fault."""
+        order = list(fault.order)
+        signal = _turned(self.signal, fault.turn)[..., order]
+        variance = _turned(self.variance, fault.turn)[..., order]
+        valid = _turned(self.valid, fault.turn)[..., order]
+        if fault.curve is not None:
+            level = black[order]
+            step = 1e-4
+            slope = (fault.curve(signal + level + step) - fault.curve(signal + level)) / step
+            signal = fault.curve(signal + level) - fault.curve(level)
+            variance = variance * slope**2
+        return replace(self, signal=signal, variance=variance, valid=valid)
+
+    @property
+    def sigma(self) -> Array:
+        """Noise, and what the simulation is not trusted with."""
+        level = np.abs(self.signal.mean(axis=(0, 1)))
+        return np.asarray(np.sqrt(self.variance + (MODEL_ERROR * level) ** 2) + 1e-12)
+
+
+class Light(NamedTuple):
+    """Light fitted to pictures: `transfer` (3, groups), `floor` (3,), and what they miss it by."""
+
+    misfit: float
+    transfer: Array
+    floor: Array
+
+
+def suspicious(
+    measurement: Measurement, seen: Observations, problem: Problem, *, trust: Sequence[str] = ()
+) -> tuple[str, ...]:
+    """Stop where a usual fault of the pictures explains them clearly better than what is declared.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        The set the pictures are of.
+    seen : Observations
+        Its shots.
+    problem : Problem
+        Simulates them with the model as given, at the stated poses.
+    trust : sequence of str
+        Names of suspicions that are right as they are.
+
+    Returns
+    -------
+    tuple of str
+        Notes about what was trusted.
+
+    Raises
+    ------
+    MeasurementError
+        Naming files, evidence, cause, remedy and the way on.
+    """
+    bases = problem.bases(problem.start(), seen.of("background", "train", "select", "final"))
+    pictures = [picture(seen.shots[number], problem.lits[number], basis) for number, basis in bases.items()]
+    transfer = problem.imaging.factors()
+    found = faults(pictures, seen.black_level, transfer, measurement.response)
+    return refuse(measurement, found, trust)
+
+
+def faults(
+    pictures: Sequence[Picture], black: Array, transfer: Array, response: str
+) -> tuple[Suspicion, ...]:
+    """Name the faults of all pictures, else those of single ones."""
+    pictures = [picture for picture in pictures if picture.valid.any()]
+    if not pictures:
+        return ()
+    return _of_all(pictures, black, transfer, response) or _of_single(pictures, black, response)
+
+
+def _of_all(
+    pictures: Sequence[Picture], black: Array, transfer: Array, response: str
+) -> tuple[Suspicion, ...]:
+    """Faults that all pictures share."""
+    tried = {fault: fitted_light(pictures, fault, black) for fault in _shared(pictures, response)}
+    declared = tried[Fault()]
+    best = min(fit.misfit for fit in tried.values())
+    chosen = min(
+        (fault for fault, fit in tried.items() if fit.misfit <= ALIKE * best),
+        key=lambda fault: (fault.parts, tried[fault].misfit),
+    )
+    if not _explains(tried[chosen].misfit, declared.misfit):
+        chosen = Fault()
+    if tried[chosen].misfit <= MOST_MISFIT:
+        order = _order(tried[chosen].transfer, transfer)
+        if order != ORDER:
+            # Where the lamps stand symmetrically, a mirrored picture looks like one with swapped channels.
+            mirrors = [
+                fault
+                for fault, fit in tried.items()
+                if fault.turn not in ("", chosen.turn)
+                and fault.curve == chosen.curve
+                and fit.misfit <= ALIKE * tried[chosen].misfit
+                and _near(fit.transfer, transfer)
+            ]
+            mirror = min(mirrors, key=lambda fault: tried[fault].misfit, default=None)
+            if mirror is not None and BETTER * tried[mirror].misfit < tried[chosen].misfit:
+                chosen = mirror
+            else:
+                chosen = chosen._replace(order=order)
+            return _named(chosen, pictures, declared.misfit, tried, response, mirror)
+    return _named(chosen, pictures, declared.misfit, tried, response, None)
+
+
+def _of_single(pictures: Sequence[Picture], black: Array, response: str) -> tuple[Suspicion, ...]:
+    """Faults of single pictures, with the light that the others tell."""
+    found: list[Suspicion] = []
+    for picture, light in zip(pictures, lights_of_others(pictures), strict=True):
+        if light is None or light.misfit > MOST_MISFIT_ALONE:
+            continue
+        declared = misfit(picture, light)
+        candidates = [*_shared([picture], response), *_orders(picture)]
+        tried = {
+            fault: misfit(picture.without(fault, black), light) for fault in candidates if fault.parts == 1
+        }
+        fault = min(tried, key=lambda each: tried[each])
+        if _explains(tried[fault], declared) and tried[fault] < MOST_MISFIT_ALONE:
+            fits = {fault: Light(tried[fault], light.transfer, light.floor)}
+            found += _named(fault, [picture], declared, fits, response, None)
+    return tuple(found)
+
+
+def _explains(misfit: float, declared: float) -> bool:
+    return declared > LEAST_MISFIT and misfit < MOST_MISFIT and BETTER * misfit < declared
+
+
+def _shared(pictures: Sequence[Picture], response: str) -> Iterator[Fault]:
+    """Faults to try: what turns and curves there are; the order of channels follows from the fit."""
+    turns = list(TURNS) if all(picture.square for picture in pictures) else list(TURNS)[:4]
+    for turn, curve in itertools.product(turns, (None, *other_curves(response))):
+        yield Fault(turn, curve)
+
+
+def _orders(picture: Picture) -> Iterator[Fault]:
+    """Orders of channels that one picture tells: dim channels hold what a model leaves out of bright ones."""
+    level = picture.signal.mean(axis=(0, 1))
+    for order in itertools.permutations(ORDER):
+        moved = [channel for channel in ORDER if order[channel] != channel]
+        if moved and level[moved].max() > DIM * level.max():
+            yield Fault(order=order)
+
+
+def fitted_light(pictures: Sequence[Picture], fault: Fault, black: Array) -> Light:
+    """Fit the light to pictures with a fault undone."""
+    undone = [picture.without(fault, black) for picture in pictures]
+    transfer, floor = transfer_and_floor(
+        [p.basis for p in undone],
+        [p.lit for p in undone],
+        [p.signal for p in undone],
+        [p.sigma for p in undone],
+        [p.valid for p in undone],
+    )
+    fit = Light(0.0, transfer, floor)
+    return fit._replace(misfit=_of_several(undone, fit))
+
+
+def _of_several(pictures: Sequence[Picture], light: Light) -> float:
+    """Root mean square of what light leaves of several pictures, over their standard deviations."""
+    squares = [misfit(p, light) ** 2 * p.valid.sum() for p in pictures if p.valid.any()]
+    return float(np.sqrt(np.sum(squares) / sum(p.valid.sum() for p in pictures)))
+
+
+def lights_of_others(pictures: Sequence[Picture]) -> list[Light | None]:
+    """For every picture the light that all others tell; None where they do not show one of its groups."""
+    equations = [normal_equations(p.basis, p.lit, p.signal, p.sigma, p.valid) for p in pictures]
+    matrix, right = (np.sum([each[part] for each in equations], axis=0) for part in (0, 1))
+    shown = np.sum([p.lit > 0 for p in pictures], axis=0)
+    found: list[Light | None] = []
+    for number, picture in enumerate(pictures):
+        if len(pictures) < 2 or (shown[picture.lit > 0] < 2).any():
+            found.append(None)
+            continue
+        light = Light(0.0, *solved(matrix - equations[number][0], right - equations[number][1]))
+        others = [p for place, p in enumerate(pictures) if place != number]
+        found.append(light._replace(misfit=_of_several(others, light)))
+    return found
+
+
+def misfit(picture: Picture, light: Light) -> float:
+    """Root mean square of what the model leaves of a picture, over its standard deviation."""
+    left = picture.signal - predicted(light.transfer, light.floor, picture.lit, picture.basis)
+    return float(np.sqrt(np.mean((left / picture.sigma)[picture.valid] ** 2)))
+
+
+def _order(found: Array, expected: Array) -> tuple[int, ...]:
+    """Order of the channels that brings the fitted transfer to the model's, where it is clearly another."""
+    distance = {order: _distance(found[list(order)], expected) for order in itertools.permutations(ORDER)}
+    best = min(distance, key=lambda order: distance[order])
+    if distance[ORDER] > FAR and distance[best] < NEAR and BETTER * distance[best] < distance[ORDER]:
+        return best
+    return ORDER
+
+
+def _near(found: Array, expected: Array) -> bool:
+    return _distance(found, expected) < NEAR
+
+
+def _distance(found: Array, expected: Array) -> float:
+    """Root mean square distance of the groups' colours, each of unit length (2 ** 0.5: at right angles)."""
+    norms = np.linalg.norm(found, axis=0), np.linalg.norm(expected, axis=0)
+    seen = (norms[0] > 0) & (norms[1] > FAINT * norms[1].max())
+    if not seen.any():
+        return 0.0
+    apart = found[:, seen] / norms[0][seen] - expected[:, seen] / norms[1][seen]
+    return float(np.sqrt((apart**2).sum(axis=0).mean()))
+
+
+def _named(
+    fault: Fault,
+    pictures: Sequence[Picture],
+    declared: float,
+    tried: Mapping[Fault, Light],
+    response: str,
+    mirror: Fault | None,
+) -> tuple[Suspicion, ...]:
+    """Say each part of a fault by name."""
+    files = tuple(file for picture in pictures for file in picture.files)
+    plain = fault if fault in tried else fault._replace(order=ORDER)
+    evidence = (
+        f"the model misses them by {declared:.3g} times noise and {MODEL_ERROR:.0%} of the mean as declared, "
+        f"by {tried[plain].misfit:.2g} once that is undone"
+    )
+    found = []
+    if fault.curve is not None:
+        found.append(nonlinear(files, fault.curve, response, evidence))
+    if fault.turn:
+        found.append(
+            Suspicion(
+                "mirrored",
+                files,
+                evidence,
+                f"the pictures are {TURNS[fault.turn]} against the sensor frame (x right, y up) "
+                "by a setting of camera or program, or the sensor's top was taken for its bottom",
+                "undo it in the files, or turn the stated poses and the design's LED azimuths the same way",
+            )
+        )
+    if fault.order != ORDER:
+        held = "".join(CHANNELS[fault.order.index(channel)] for channel in ORDER)
+        also = (
+            ""
+            if mirror is None
+            else f"; or they are {TURNS[mirror.turn]}, which off-centre presses would tell"
+        )
+        if len(pictures) > 1:
+            evidence = (
+                "the fitted light of the LED groups has the model's colours once the channels are reordered, "
+                "as declared it has not"
+            )
+        found.append(
+            Suspicion(
+                "channels",
+                files,
+                evidence,
+                f"the files' channels hold {held} instead of RGB (OpenCV reads and writes BGR), or LED "
+                f"groups stand in each other's place{also}",
+                "write the files in the order red, green, blue, or exchange the groups' azimuths in the "
+                "design",
+            )
+        )
+    return tuple(found)
+
+
+def picture(shot: Shot, lit: Array, basis: Array) -> Picture:
+    """Average a shot and its unit-power pictures to few columns."""
+    factor = max(1, -(-shot.signal.shape[1] // COLUMNS))
+    signal, variance = binned(shot.signal, factor), binned(shot.variance, factor) / factor**2
+    valid = binned(shot.valid.astype(float), factor) == 1.0
+    unit = np.moveaxis(binned(np.moveaxis(basis, 0, -1), factor), -1, 0)
+    return Picture(shot.files, unit, lit, signal, variance, valid)
+
+
+def _turned(values: NDArray[Value], turn: str) -> NDArray[Value]:
+    """Mirror or turn rows and columns; the turns of a square picture are in `TURNS` too."""
+    if turn == "left-right":
+        return values[:, ::-1]
+    if turn == "up-down":
+        return values[::-1]
+    if turn == "half":
+        return values[::-1, ::-1]
+    if turn == "left":
+        return np.rot90(values, -1)
+    if turn == "right":
+        return np.rot90(values, 1)
+    if turn == "diagonal":
+        return np.swapaxes(values, 0, 1)
+    if turn == "other diagonal":
+        return np.swapaxes(values[::-1, ::-1], 0, 1)
+    return values

@@ -1,0 +1,182 @@
+"""A simulation beside the real thing: two image files, or a sensor model against a measurement folder."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.core import metrics
+from designlab.core.images import ImageError, read_image
+from designlab.measurement import Frame, Measurement, MeasurementError
+from designlab.measurement.quality.sizes import check_leds, check_size
+from designlab.sensor.camera import View
+from designlab.sensor.design import Design
+from designlab.simulation.directional_light import DirectionalLight
+from designlab.simulation.effects.model import SensorModel
+
+Pixels = NDArray[np.float32]
+Progress = Callable[[str, int, int], None]
+Predict = Callable[[Frame, View], NDArray[np.floating]]
+
+FIGURES = ("mse", "snr_db", "smape", "ssim", "structure_corr", "structure_snr_db")
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """One measured frame, what the model predicts for it, and how alike they are (see `metrics.compare`)."""
+
+    file: str
+    simulated: Pixels
+    real: Pixels
+    figures: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All frames that could be compared, and why each of the others could not."""
+
+    pairs: Sequence[Pair]
+    skipped: dict[str, str]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain data: means over the frames at the top, the figures of each frame under ``frames``."""
+        each = [pair.figures for pair in self.pairs]
+        names = list(each[0]["channels"])
+        channels = {name: _means([figures["channels"][name] for figures in each]) for name in names}
+        frames = [{"file": pair.file, **pair.figures} for pair in self.pairs]
+        skipped = [{"file": file, "reason": reason} for file, reason in self.skipped.items()]
+        return {**_means(each), "channels": channels, "frames": frames, "skipped": skipped}
+
+
+def compare_files(simulated: str | Path, real: str | Path) -> dict[str, Any]:
+    """Compare two linear image files of the same size; `real` is the reference. See `metrics.compare`.
+
+    Raises
+    ------
+    ImageError
+        If a file is not an image, or the two do not fit together; names the files.
+    """
+    images = read_image(simulated), read_image(real)
+    try:
+        return metrics.compare(*images)
+    except ValueError as error:
+        raise ImageError(f"{simulated}, {real}: {error}") from None
+
+
+def compare_model(
+    model: Design | SensorModel | DirectionalLight,
+    measurement: Measurement,
+    *,
+    samples: int = 64,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Comparison:
+    """Predict every press of a measurement at its stated pose, and compare in linear radiance.
+
+    Nothing is fitted: pose, lights, reflectance and exposure are those of the model and the frame's metadata.
+    Where the design leaves its exposure to the camera, the exposure that `simulator.exposure` chooses on the
+    simulated untouched gel holds, times the frame's relative exposure (1 where it is unknown). Directional
+    light has its own factors in place of exposure.
+
+    Parameters
+    ----------
+    model : Design, SensorModel or DirectionalLight
+        The sensor as it is believed to be.
+    measurement : Measurement
+        Frames with a known response. Frames other than presses, and presses without size, depth or place,
+        are skipped.
+    samples : int
+        Samples per pixel and LED group.
+    seed : int
+        Seed of the light transport.
+    progress : callable, optional
+        Called with the name of a frame, the number done and the number of all.
+
+    Raises
+    ------
+    MeasurementError
+        If no frame can be compared, or one does not fit the model's camera.
+    """
+    skipped, known = _sorted_out(measurement)
+    if not known:
+        reasons = "; ".join(f"{file}: {reason}" for file, reason in skipped.items())
+        raise MeasurementError(f"{measurement.folder}: no press can be simulated ({reasons})")
+    if isinstance(model, DirectionalLight):
+        design, predict = model.design, _shaded(model, measurement)
+    else:
+        sensor = SensorModel.of(model)
+        design = sensor.effective_design()
+        predict = _rendered(sensor, design, measurement, samples=samples, seed=seed)
+    pairs = []
+    for number, frame in enumerate(known):
+        if progress is not None:
+            progress(frame.file, number, len(known))
+        check_size(measurement, frame, design)
+        check_leds(measurement, frame, design)
+        real = measurement.linear(frame)
+        view = measurement.view(frame, design)
+        simulated = predict(frame, view).astype(np.float32)
+        try:
+            figures = metrics.compare(simulated, real)
+        except ValueError as error:
+            raise MeasurementError(f"{measurement.folder}: frame {frame.file}: {error}") from None
+        pairs.append(Pair(frame.file, simulated, real, figures))
+    return Comparison(pairs, skipped)
+
+
+def _rendered(
+    sensor: SensorModel, design: Design, measurement: Measurement, *, samples: int, seed: int
+) -> Predict:
+    """Signal of a frame by light transport."""
+    from designlab.simulation.simulator import Simulator, exposure
+
+    # Only a design that leaves its exposure to the camera needs a picture of the untouched gel.
+    untouched = None if design.camera.exposure else Simulator(sensor, samples=samples, seed=seed).frame(None)
+    scale = design.camera.exposure if untouched is None else exposure(design, untouched)
+
+    def predict(frame: Frame, view: View) -> NDArray[np.floating]:
+        picture = Simulator(sensor, view=view, samples=samples, seed=seed).frame(measurement.press(frame))
+        mixed = np.einsum("cg,grk->rkc", picture.weights * _lit(frame, design), picture.basis)
+        return sensor.on_signal(mixed * scale * (frame.exposure or 1.0) + design.camera.black_level)
+
+    return predict
+
+
+def _shaded(model: DirectionalLight, measurement: Measurement) -> Predict:
+    """Signal of a frame under directional light."""
+
+    def predict(frame: Frame, view: View) -> NDArray[np.floating]:
+        lit = _lit(frame, model.design)
+        signal = model.signal(measurement.press(frame), view, lit=lit, exposure=frame.exposure or 1.0)
+        return signal + model.design.camera.black_level
+
+    return predict
+
+
+def _lit(frame: Frame, design: Design) -> list[bool]:
+    """Which LED groups are on."""
+    return [frame.leds is None or name in frame.leds for name in design.group_names]
+
+
+def _sorted_out(measurement: Measurement) -> tuple[dict[str, str], list[Frame]]:
+    """Why frames cannot be compared, and the frames that can."""
+    skipped: dict[str, str] = {}
+    known = []
+    for frame in measurement.frames:
+        if frame.kind != "press":
+            skipped[frame.file] = f"a {frame.kind} frame, not a press"
+            continue
+        try:
+            measurement.press(frame)
+        except MeasurementError as error:
+            skipped[frame.file] = str(error).rpartition("field ")[2]
+        else:
+            known.append(frame)
+    return skipped, known
+
+
+def _means(figures: Sequence[dict[str, Any]]) -> dict[str, float]:
+    return {name: float(np.mean([entry[name] for entry in figures])) for name in FIGURES}

@@ -1,0 +1,355 @@
+"""`gap diagnose`: from a measurement and a model to the effects the model lacks."""
+
+import shutil
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from designlab.inference.diagnosis.emulator.render_cache import Progress, Renders
+from designlab.inference.diagnosis.emulator.snapshots import fill
+from designlab.inference.diagnosis.likelihood.empirical_errors import left_of_nothing
+from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD, Fit, Fitter
+from designlab.inference.diagnosis.likelihood.usable_frames import observe
+from designlab.inference.diagnosis.result import Found, GapReport, Level, Overlap, Verdict
+from designlab.inference.diagnosis.run import begin_run, end_run, frames_digest, provenance
+from designlab.inference.diagnosis.selection.forward_selection import Search
+from designlab.inference.diagnosis.selection.held_out import Judged, judge, level
+from designlab.inference.diagnosis.selection.negative_control import control
+from designlab.inference.diagnosis.selection.recentring import placed
+from designlab.inference.diagnosis.selection.refine import refined
+from designlab.inference.diagnosis.single_image.blocks import is_single
+from designlab.inference.diagnosis.single_image.diagnose import diagnose_single
+from designlab.inference.diagnosis.verdict.confidence import confidence
+from designlab.inference.diagnosis.verdict.data_checks import check_frames, examine, looking_alike, weakened
+from designlab.inference.diagnosis.verdict.intervals import values
+from designlab.inference.diagnosis.verdict.localise import geometry, where
+from designlab.inference.diagnosis.verdict.next_measurement import advise
+from designlab.inference.diagnosis.verdict.update import updated
+from designlab.measurement import Measurement
+from designlab.measurement.shots import Observations
+from designlab.report.gap_pictures import draw
+from designlab.report.gap_text import limits
+from designlab.sensor.design import Design
+from designlab.simulation.effects import CATALOGUE, SensorModel, effect
+
+SAMPLES = 256
+COLUMNS = 96  # those that all limits and confidence were learnt at: evidence grows with the pixels
+OVERLAPPING = 0.5  # share of an effect's signature from which a pair is reported
+USUAL_SELECT = 6  # presses to choose by of the sets that confidence was learnt from
+UNEXPLAINED_ABOVE = 0.5  # leftover share of the gap from which nothing is named
+PARTIAL_ABOVE = 0.015  # leftover share from which an explanation is partial
+NAMELESS = ("unexplained", "at_floor")  # verdicts that name nothing
+AT_FLOOR = 1.3  # mean squared residual over the floor below which there is no gap to explain
+NEAR = 0.75  # likewise, below which names leave nothing to explain; sets that hide nothing are below it
+GIVEN_BACK = 0.1  # of what a search removes of the gap, which the last fit must not give back
+OTHER_SD = 2.5  # usual errors of what is fitted along from which it is worth a note
+
+
+def diagnose(
+    measurement: Measurement,
+    model: SensorModel | Design,
+    *,
+    out: str | Path,
+    seed: int,
+    progress: Progress | None = None,
+    resume: bool = True,
+    catalogue: Sequence[str] | None = None,
+    samples: int = SAMPLES,
+    columns: int = COLUMNS,
+    renders: Path | None = None,
+    pictures: bool = True,
+    trust: Sequence[str] = (),
+    page: Callable[[GapReport], object] | None = None,
+) -> GapReport:
+    """Find the effects that explain the difference between a measurement and a model.
+
+    Every candidate is fitted on the training presses with gains and poses as nuisances, and judged on the
+    select presses; the final presses give the last numbers and decide nothing.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        A loaded measurement folder.
+    model : SensorModel or Design
+        The model to begin with; its effects stay as they are.
+    out : path
+        Folder for ``model.toml``, ``report.json``, pictures and the renders kept for resuming.
+    seed : int
+        Seed of rendering; the same seed gives the same report.
+    progress : callable, optional
+        Called with the stage, pictures done and pictures expected in it.
+    resume : bool
+        Whether pictures of an earlier, interrupted run are used.
+    catalogue : sequence of str, optional
+        Names of the effects to try; all that can act on the design when absent.
+    samples : int
+        Samples per pixel and LED group.
+    columns : int
+        Wider frames are binned to at most this many columns.
+    renders : path, optional
+        Folder of renders that several diagnoses share; within `out` when absent.
+    pictures : bool
+        Whether to draw what is left.
+    trust : sequence of str
+        Names of suspicions, see `measurement.quality.suspicion`, that are known and right as they are.
+    page : callable, optional
+        Called with the report before ``report.json`` is written, which is the last file of a finished run.
+
+    Raises
+    ------
+    MeasurementError
+        If the measurement cannot be compared, is suspicious, or has too few frames.
+    ValueError
+        If an effect is unknown, the light of a group does not fit at all, or the folder holds another
+        diagnosis.
+    """
+    begun = time.perf_counter()
+    out = Path(out)
+    for name, value, least in (("columns", columns, 8), ("samples", samples, 1), ("seed", seed, 0)):
+        if value < least:
+            raise ValueError(f"{name}: must be at least {least}, got {value}")
+    model = SensorModel.of(model)
+    noted = check_frames(measurement, model, trust)
+    seen = observe(measurement, model.effective_design(), columns=columns)
+    names = _names(model, catalogue, seen)
+    folder = renders or out / "renders"
+    if not resume:
+        shutil.rmtree(folder, ignore_errors=True)
+    begin_run(out, measurement, model, seed, resume=resume)
+    source = Renders(folder, samples, seed, progress)
+    examined = examine(measurement, model, seen, source, noted, trust)
+    if is_single(seen):
+        return diagnose_single(
+            seen,
+            measurement,
+            model,
+            names=names,
+            source=source,
+            examined=examined,
+            out=out,
+            pictures=pictures,
+            page=page,
+        )
+    train, select, final = seen.of("dark", "background", "train"), seen.of("select"), seen.of("final")
+    fitter = placed(source, Fitter(fill(source, model, seen.shots, names)), train, [*select, *final])
+    start = fitter.fit(fitter.start(train), (), train).state
+    fitter.measure(start)
+    search = Search(fitter, names, train, select, source, progress=progress)
+    best, before, after = search.run(start)
+    as_good = [winner.coherence_set for winner in search.winners]
+    verdict = verdict_of(as_good, before.mean, after.mean, float(after.floor.mean()))
+    given = last = _Stand(fitter, replace(best, state=before.state), before)
+    if verdict not in NAMELESS:
+        last = _last_fit(source, given, _Stand(search.fitter, best, after), train, select)
+    source.begin("report", 1)
+    ends = [judge(stand.fitter, stand.fit.state, final) for stand in (given, last)]
+    trained = [judge(stand.fitter, stand.fit.state, seen.of("train")) for stand in (given, last)]
+    gap = {
+        "train": level(*trained),
+        "select": level(given.judged, last.judged),
+        "final": level(*ends),
+    }
+    verdict = _settled(verdict, as_good, gap)
+    found = {name: values(last.fitter, last.fit, name, train) for name in last.fit.state.values}
+    winners = [] if verdict in NAMELESS else search.winners
+    effects = tuple(
+        Found(
+            w.name,
+            found[w.name],
+            0.0,
+            w.coherence_set,
+            effect(w.name).summary,
+            effect(w.name).transferable,
+        )
+        for w in winners
+    )
+    wrong = None
+    if winners:
+        wrong = control(
+            fitter,
+            before.state,
+            named=[w.name for w in winners],
+            as_good={name for w in winners for name in w.coherence_set},
+            tried=search.screened[0],
+            seed=int(frames_digest(measurement)[:8], 16),
+            train=train,
+            final=final,
+            before=ends[0],
+        )
+    report = GapReport(
+        verdict=verdict,
+        effects=effects,
+        where=where(fitter, source, before.state, [*train, *select]) if verdict != "at_floor" else (),
+        gap=gap,
+        next_measurement=advise(fitter, seen, search, verdict, effects),
+        updated=model,
+        model=out / "model.toml",
+        candidates=tuple(search.tried),
+        notes=(*_notes(seen, measurement, model), *_chance(fitter), *_along(last)),
+        provenance=_provenance(seen, measurement, model, source, begun),
+        control=wrong,
+        limits=limits(seen, effects),
+        overlaps=_overlaps(search),
+    )
+    alike = looking_alike(effects, seen, model.effective_design())
+    report = weakened(_sure(report, len(select)), examined, names, alike)
+    better = updated(last.fitter, last.fit, measurement, seen, report, found, seed=seed, samples=samples)
+    report = replace(report, updated=better)
+
+    def finished() -> GapReport:
+        if not pictures:
+            return report
+        drawn = draw(
+            (fitter, ends[0].state),
+            (last.fitter, ends[1].state),
+            lambda number: geometry(fitter, source, ends[0].state, number),
+            out,
+        )
+        return replace(report, pictures=drawn)
+
+    return end_run(out, finished, page)
+
+
+def _sure(report: GapReport, presses: int) -> GapReport:
+    """Say how sure each name is."""
+    content = report.to_json()
+    # Few presses cannot make anything certain (rule of succession), whatever many have taught.
+    most = (presses + 1) / (presses + 2) if presses < USUAL_SELECT else 1.0
+    effects = (
+        replace(found, confidence=min(confidence(content, place), most))
+        for place, found in enumerate(report.effects)
+    )
+    return replace(report, effects=tuple(effects))
+
+
+def _names(model: SensorModel, catalogue: Sequence[str] | None, seen: Observations) -> list[str]:
+    """Effects to try."""
+    # What a picture or unit has alone is not in the simulation of the model given, and may be found again.
+    present = {applied.name for applied in model.effects if not effect(applied.name).drawn}
+    wanted = [e.name for e in CATALOGUE] if catalogue is None else [effect(n).name for n in catalogue]
+    if len({shot.view for shot in seen.shots}) > 1:
+        present.add("fixed_pattern")  # of pixels, which frames of several crops do not share
+    return [name for name in wanted if name not in present and effect(name).parameters(model.design)]
+
+
+def verdict_of(alike: Sequence[Sequence[str]], before: float, after: float, floor: float) -> Verdict:
+    """Verdict by the select presses alone.
+
+    The floor is what the simulation may be wrong by. What sets that hide nothing leave is less: names that
+    leave more than that have not explained all.
+
+    Parameters
+    ----------
+    alike : sequence of sequence of str
+        Of each effect found, those that do as well.
+    before, after, floor : float
+        Mean squared residuals of the model as given and of the corrected one, and the floor.
+    """
+    if not alike:
+        return "at_floor" if after < AT_FLOOR * floor else "unexplained"
+    if _left(before, after, floor) > UNEXPLAINED_ABOVE:
+        return "unexplained"
+    if after >= NEAR * floor and _left(before, after, left_of_nothing() * floor) > PARTIAL_ABOVE:
+        return "partial"
+    return "ambiguous" if any(len(names) > 1 for names in alike) else "named"
+
+
+@dataclass(frozen=True, eq=False)
+class _Stand:
+    """A model where a fit has left it, and the select presses judged by it."""
+
+    fitter: Fitter
+    fit: Fit
+    judged: Judged
+
+
+def _last_fit(
+    source: Renders, given: _Stand, searched: _Stand, train: Sequence[int], select: Sequence[int]
+) -> _Stand:
+    """Fit what a search has found exactly, unless the select presses speak against it."""
+    fitter, fit = refined(source, searched.fitter, searched.fit, train)
+    last = _Stand(fitter, fit, judge(fitter, fit.state, select))
+    means = (stand.judged.mean for stand in (given, searched, last))
+    return searched if _gives_back(*means) else last
+
+
+def _gives_back(before: float, searched: float, refined: float) -> bool:
+    """Whether a last fit undoes on the select presses what the search has reached there, by mean squares."""
+    return refined - searched > GIVEN_BACK * (before - searched)
+
+
+def _settled(verdict: Verdict, alike: Sequence[Sequence[str]], gap: Mapping[str, Level]) -> Verdict:
+    """Verdict that presses which had no say in it do not speak against: it can become weaker only."""
+    if verdict == "at_floor":
+        others = max(gap[name].before / gap[name].floor for name in ("train", "final"))
+        return verdict if others < AT_FLOOR else "unexplained"
+    final = gap["final"]
+    own = verdict_of(alike, final.before, final.after, final.floor)
+    return "partial" if verdict in ("named", "ambiguous") and own in ("partial", "unexplained") else verdict
+
+
+def _left(before: float, after: float, level: float) -> float:
+    """Share of the excess over a level that is left."""
+    return max(after - level, 0.0) / max(before - level, 1e-12)
+
+
+def _overlaps(search: Search) -> tuple[Overlap, ...]:
+    """Pairs of effects that these frames hardly tell apart, closest first."""
+    close = [
+        Overlap(*pair, round(share, 3)) for pair, share in search.overlaps.items() if share >= OVERLAPPING
+    ]
+    return tuple(sorted(close, key=lambda overlap: -overlap.share))
+
+
+def _notes(seen: Observations, measurement: Measurement, model: SensorModel) -> tuple[str, ...]:
+    notes = list(seen.notes)
+    if len({shot.view for shot in seen.shots}) > 1:
+        notes.append("fixed_pattern was not tried: frames show several parts of the camera's sensor")
+    stated = measurement.design()
+    if stated is not None and stated.digest != model.design.digest:
+        notes.append(
+            f"the measurement names the sensor {measurement.sensor!r}, which is not the design of the model"
+        )
+    return tuple(notes)
+
+
+def _chance(fitter: Fitter) -> Iterator[str]:
+    """Note what chance leaves of light that is counted in photons."""
+    shares = [
+        float(np.sqrt((own.grain.sigma**2).mean() / (shot.signal**2).mean()))
+        for shot, own in zip(fitter.bank.shots, fitter.noises, strict=True)
+        if own.grain is not None and shot.lit.all()
+    ]
+    if shares:
+        yield (
+            "light behind the core is counted in photons; what chance leaves of it, "
+            f"{np.median(shares):.1%} of the light, is part of the floor"
+        )
+
+
+def _along(last: _Stand) -> Iterator[str]:
+    """Note probes that seem to be of another size than stated, and a lens that shifts colours much."""
+    share = last.fit.state.fringes
+    if abs(share) > OTHER_SD * FRINGES_SD:
+        more, less = ("red", "blue") if share > 0 else ("blue", "red")
+        yield f"the lens magnifies {more} {abs(share):.2%} more, and {less} less, than green"
+    for probe, larger in last.fit.state.sizes.items():
+        if abs(larger) > OTHER_SD * SIZE_SD:
+            than = "larger" if larger > 0 else "smaller"
+            yield f"probe {probe} fits best {abs(larger):.1%} {than} than stated: measure it"
+
+
+def _provenance(
+    seen: Observations, measurement: Measurement, model: SensorModel, renders: Renders, begun: float
+) -> dict[str, object]:
+    return provenance(measurement, seen, model, renders) | {
+        "frames": {
+            use: [file for shot in seen.shots if shot.use == use for file in shot.files]
+            for use in ("dark", "background", "train", "select", "final")
+        },
+        "rendered": renders.rendered,
+        "seconds": round(time.perf_counter() - begun, 1),
+    }

@@ -1,0 +1,130 @@
+"""What pixels report in the mean: noise comes before a curve, and before counts are cut at zero."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.inference.diagnosis.emulator.state import Key, Values, key
+from designlab.sensor.camera import Camera
+from designlab.sensor.design import Design
+from designlab.simulation.effects import CATALOGUE, Effect, SensorModel
+
+Array = NDArray[np.float64]
+
+DEVIATES = np.linspace(-5.0, 5.0, 101)  # of the noise of one pixel
+LEVELS = 400  # of a sampled curve
+REACHES = 8  # of sampled curves, in each doubling of the brightest light
+LEAST_BRIGHTEST = 1e-6
+CURVES_KEPT = 64
+ANSWERING = tuple(e.name for e in CATALOGUE if type(e).on_signal is not Effect.on_signal)
+"""Effects on the signal, which show in a frame without light too."""
+
+
+class Answers:
+    """What a camera's pixels report in the mean, by a model and the effects on the signal added to it.
+
+    Parameters
+    ----------
+    model : SensorModel
+        The model.
+    design : Design
+        What it makes of its design.
+    """
+
+    def __init__(self, model: SensorModel, design: Design) -> None:
+        self.model, self.camera = model, design.camera
+        self._kept: dict[tuple[int, Key], tuple[Array, Array]] = {}
+
+    def reported(self, values: Values, mixed: Array) -> Array:
+        """Signal of the camera for mixed light, (..., 3): what its pixels report in the mean.
+
+        Every pixel of the sensor has its noise before it answers by a curve, frames are means of pixels. No
+        pixel collects less than nothing, whatever a mixing that is negative takes from it.
+        """
+        lifted = np.maximum(mixed, 0.0) + self.camera.black_level
+        if not any(e.curved and e.name in values for e in CATALOGUE):
+            return self._answered(values, lifted)
+        if not np.isfinite(lifted).all():  # a fit that runs away
+            return np.full_like(lifted, np.nan)
+        levels, curves = self._curves(values, float(lifted.max()))
+        means = [np.interp(lifted[..., c], levels, curves[:, c]) for c in range(3)]
+        return np.stack(means, axis=-1)
+
+    def _curves(self, values: Values, brightest: float) -> tuple[Array, Array]:
+        """Levels up to the brightest of a picture or a little more, and the mean answers to them, (n, 3).
+
+        All pictures of a fit have the same curves but for how far these must reach.
+        """
+        octaves = math.ceil(math.log2(max(brightest, LEAST_BRIGHTEST)) * REACHES)
+        place = octaves, key(values, ANSWERING)
+        if place not in self._kept:
+            if len(self._kept) >= CURVES_KEPT:
+                self._kept.clear()
+            reach = 2.0 ** (octaves / REACHES)
+            self._kept[place] = mean_answers(
+                lambda signal: self._answered(values, signal), self.camera, reach
+            )
+        return self._kept[place]
+
+    def _answered(self, values: Values, lifted: Array) -> Array:
+        """Signal after the effects on it."""
+        signal = np.asarray(self.model.on_signal(lifted), dtype=float)
+        for e in CATALOGUE:
+            if e.name in values:
+                signal = np.asarray(e.on_signal(signal, values[e.name]))
+        return signal
+
+
+def mean_answers(answered: Callable[[Array], Array], camera: Camera, brightest: float) -> tuple[Array, Array]:
+    """Mean answers of a camera whose pixels have their noise before they answer by a curve.
+
+    Parameters
+    ----------
+    answered : callable
+        Answers to signals, shape (..., 3).
+    camera : Camera
+        What the noise is of.
+    brightest : float
+        Highest level.
+
+    Returns
+    -------
+    levels, answers : array, shapes (n,) and (n, 3)
+        Signals without noise from zero to the highest level, and the mean answers of the three channels.
+    """
+    # Even steps of the root: a curve may be steep at zero.
+    levels = brightest * np.linspace(0.0, 1.0, LEVELS) ** 2
+    weights = np.exp(-(DEVIATES**2) / 2)
+    signals = levels[:, None] + camera.noise_sigma(levels)[:, None] * DEVIATES
+    # The converter cuts at zero what its black level does not lift.
+    answers = np.maximum(answered(np.repeat(signals[..., None], 3, axis=-1)), 0.0)
+    return levels, np.tensordot(weights / weights.sum(), answers, axes=(0, 1))
+
+
+def uncut(signal: Array, sigma: Array) -> Array:
+    """Derivative of `clipped`: the share of the counts about a signal that are not cut."""
+    from scipy.special import ndtr
+
+    share = np.ones(signal.shape)
+    for channel in np.flatnonzero(sigma):
+        share[..., channel] = ndtr(signal[..., channel] / sigma[channel])
+    return share
+
+
+def clipped(signal: Array, sigma: Array) -> Array:
+    """Mean of counts about a signal when those below zero are cut to zero; channels of zero `sigma` stay.
+
+    For Gaussian counts it is s Phi(s / sigma) + sigma phi(s / sigma), which tends to s well above the noise.
+    """
+    from scipy.special import ndtr
+
+    if not sigma.any():
+        return signal
+    found = signal.copy()
+    for channel in np.flatnonzero(sigma):
+        ratio = signal[..., channel] / sigma[channel]
+        density = np.exp(-(ratio**2) / 2) / np.sqrt(2 * np.pi)
+        found[..., channel] = sigma[channel] * (ratio * ndtr(ratio) + density)
+    return found

@@ -1,0 +1,440 @@
+"""What a state of the model predicts for a shot, and by how much each unknown changes it."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.inference.diagnosis.emulator.camera_response import ANSWERING, Answers, clipped, uncut
+from designlab.inference.diagnosis.emulator.coordinates import coordinate, value_at
+from designlab.inference.diagnosis.emulator.resampling import TURNING, Warps, turning
+from designlab.inference.diagnosis.emulator.snapshots import (
+    POSE_STEP,
+    SHARPER,
+    SIZE_STEP,
+    Bank,
+    Change,
+    Picture,
+    binned,
+)
+from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, Key, State, Unknown
+from designlab.measurement.shots import POSE, Shot
+from designlab.sensor.camera import View
+from designlab.sensor.design import DesignError
+from designlab.simulation.effects import CATALOGUE, Effect, Parameter, Sight, effect
+from designlab.simulation.effects.camera import mixed
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+Light = NDArray[np.floating]
+
+HALF_STEP = 0.25  # of a prior standard deviation: differences of effects that are not rendered
+DEPTH = POSE.index("depth_mm")
+DEEPER = "depth_offset"
+EDGES_KEPT = 64  # a fit asks for those of all its shots twice, at every step
+BANDS_KEPT = 16
+
+
+class Forward:
+    """Predicts shots from a bank of pictures.
+
+    Parameters
+    ----------
+    bank : Bank
+        The pictures.
+    """
+
+    def __init__(self, bank: Bank) -> None:
+        self.bank = bank
+        self.design = bank.model.effective_design()
+        self._warps = Warps(self.design)
+        self.answers = Answers(bank.model, self.design)
+        self._edged: dict[tuple[int, Key], tuple[Light, Light] | None] = {}
+        self._bands: dict[tuple[View, float], Array] = {}
+        self.flux = np.array([group.flux_mw for group in self.design.leds.groups])
+        self.parameters: dict[str, tuple[Parameter, ...]] = {
+            e.name: e.parameters(bank.model.design) for e in CATALOGUE
+        }
+
+    @property
+    def black(self) -> Array:
+        """Signal of the three channels without light, by the model as given."""
+        return np.asarray(self.bank.model.on_signal(np.full(3, self.design.camera.black_level)), dtype=float)
+
+    def shot(self, number: int) -> Shot:
+        """One of the shots."""
+        return self.bank.shots[number]
+
+    def predict(self, state: State, number: int) -> Array:
+        """Signal of a shot, (rows, columns, 3)."""
+        seen, _ = self._seen(state, number, self.light(state, number))
+        return self._of_optics(state, number, self._after_warp(state, number, seen))
+
+    def untouched(self, state: State, number: int) -> Array:
+        """Signal that a shot would have without a press, effects on light transport left aside."""
+        view = self.shot(number).view
+        bare = (n for n, shot in enumerate(self.bank.shots) if shot.press is None and shot.view == view)
+        warped = self._warped(state, number, self.bank.of(next(bare, number)).light)
+        return self._of_optics(state, number, self._after_warp(state, number, warped))
+
+    def light(self, state: State, number: int) -> Single:
+        """Light of every group in front of the camera, before what the camera's optics do.
+
+        Like all light before these, it is of the wider view of a picture.
+        """
+        picture = self.bank.of(number)
+        light = picture.light + np.float32(state.numerical) * picture.numerical
+        for name, values in state.values.items():
+            for change, t, times in self._changes(picture, name, values):
+                change.added(light, t, times)
+        pose = self.pose(state, number) / POSE_STEP
+        for change, t in zip(picture.pose, pose, strict=False):
+            if t:
+                change.added(light, t)
+        if picture.size is not None and (larger := state.sizes.get(self._probe(number), 0.0)):
+            picture.size.added(light, larger / SIZE_STEP)
+        if picture.stand is not None:
+            light += np.float32(picture.stand.share(pose)) * picture.stand.error
+        return light
+
+    def _changes(
+        self, picture: Picture, name: str, values: Mapping[str, float]
+    ) -> list[tuple[Change, float, float]]:
+        """Changes of a picture by an effect that was rendered, with coordinates and how often each acts."""
+        found = []
+        coordinates = self.coordinates(name, values)
+        main = next(iter(coordinates[p.name] for p in self.parameters[name] if not p.shape), 0.0)
+        for p in self.parameters[name]:
+            change, t = picture.changes.get((name, p.name)), coordinates[p.name]
+            if change is not None and t:
+                found.append((change, t, main if change.product else 1.0))
+        return found
+
+    def coordinates(self, name: str, values: Mapping[str, float]) -> dict[str, float]:
+        """Coordinates of values from where the bank stands."""
+        origin = self.bank.origin.get(name, {})
+        return {
+            p.name: coordinate(p, values[p.name]) - coordinate(p, origin.get(p.name, p.null))
+            for p in self.parameters[name]
+        }
+
+    def pose(self, state: State, number: int) -> Array:
+        """Departure of a shot's pose; a common offset of the depth is part of it."""
+        pose = state.pose(number).copy()
+        if DEEPER in state.values:
+            pose[DEPTH] += state.values[DEEPER]["offset_mm"]
+        return pose
+
+    def _probe(self, number: int) -> str:
+        """Text of the probe of a shot; empty without a press."""
+        press = self.shot(number).press
+        return "" if press is None else press.probe.text
+
+    def sight(self, state: State, number: int, *, wide: bool = False) -> Sight:
+        """What effects on the light of a shot, or of its picture's wider view, need to know."""
+        shot, picture = self.shot(number), self.bank.of(number)
+        view, (x, y) = shot.view, picture.seen_mm
+        if wide:
+            view = picture.view
+        else:
+            x, y = x[picture.place], y[picture.place]
+        return Sight(self.design, view, (x, y), picture.pitch_mm, shot.gel_rotation_deg)
+
+    def _warped(
+        self, state: State, number: int, light: NDArray[np.floating], *, straight: bool = False
+    ) -> NDArray[np.floating]:
+        """Light as the camera of a state sees it, before what its optics and sensor do; of the wider view.
+
+        Many pictures at once are resampled by straight lines between pixels, which is faster.
+        """
+        sight = self.sight(state, number, wide=True)
+        for e in CATALOGUE:
+            if e.stage != "camera" and e.name in state.values:
+                light = e.on_light(light, state.values[e.name], sight)
+        warp = self._warps.between((), turning(state.values), sight.view)
+        if warp is None:
+            return light
+        return warp.straight(light) if straight else warp(light)
+
+    def _seen(self, state: State, number: int, light: Single) -> tuple[Light, Light | None]:
+        """Light of one picture as the camera of a state sees it, of the wider view; what sharp pictures give.
+
+        Edges are resampled less well than smooth light: what a sharper picture shows of them is put right.
+        """
+        warped, edges = self._warped(state, number, light), self._edges(state, number)
+        if edges is None:
+            return warped, None
+        sharp, blunt = edges
+        return np.asarray(warped + sharp - blunt, dtype=np.float32), sharp
+
+    def _edges(self, state: State, number: int) -> tuple[Light, Light] | None:
+        """Nominal light as the camera of a state sees it, by a sharper and by a usual picture.
+
+        The light of a fit changes at every step, edges where its camera does alone.
+        """
+        key = self.bank.place[number], turning(state.values)
+        if key not in self._edged:
+            if len(self._edged) >= EDGES_KEPT:
+                self._edged.clear()
+            blunt, sharp = self.bank.of(number).blunt, self._sharp(state, number)
+            warp = self._warps.between((), key[1], self.bank.of(number).view)
+            if warp is None or sharp is None or blunt is None:
+                self._edged[key] = None
+            else:
+                self._edged[key] = sharp, warp(blunt)
+        return self._edged[key]
+
+    def _sharp(self, state: State, number: int, *, straight: bool = False) -> Light | None:
+        """Nominal light as the camera of a state sees it, by a sharper picture; None where none is needed."""
+        picture, looks = self.bank.of(number), turning(state.values)
+        if picture.sharp is None:
+            return None
+        warp = self._warps.between((), looks, picture.view.finer(SHARPER))
+        if warp is None:
+            return None
+        return binned(warp.straight(picture.sharp) if straight else warp(picture.sharp))
+
+    def _after_warp(self, state: State, number: int, light: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Light of the shot's own view after what the camera's optics and sensor do."""
+        sight = self.sight(state, number)
+        light = light[:, *self.bank.of(number).place]
+        for e in CATALOGUE:
+            if e.stage == "camera" and e.name in state.values:
+                light = e.on_light(light, state.values[e.name], sight)
+        return np.asarray(light * self._of_one_shot(state, number))
+
+    def _of_one_shot(self, state: State, number: int) -> Array | float:
+        """Factor on the light of a shot by its own drift and bands."""
+        factor: Array | float = 1.0
+        if "exposure_drift" in state.values:
+            gain = state.drawn.get("exposure_drift", {}).get(number)
+            factor = 1.0 if gain is None else 1.0 + float(gain[0])
+        if "banding" in state.values:
+            waves = state.drawn.get("banding", {}).get(number)
+            if waves is not None:
+                period = state.values["banding"]["period_rows"]
+                factor = factor * (1.0 + np.tensordot(waves, self._waves(number, period), axes=1))
+        return factor
+
+    def _waves(self, number: int, period_rows: float) -> Array:
+        key = self.shot(number).view, period_rows
+        if key not in self._bands:
+            if len(self._bands) >= BANDS_KEPT:
+                self._bands.clear()
+            self._bands[key] = bands(self.shot(number), period_rows)
+        return self._bands[key]
+
+    def weights(self, state: State, number: int) -> Array:
+        """Signal of each channel per unit of each group's radiance at unit flux, (3, groups)."""
+        mixing = self.design.mixing_matrix
+        if "colour_mixing" in state.values:
+            mixing = mixed(self.design, state.values["colour_mixing"])
+        return np.asarray(mixing * self.flux * state.gains * self.shot(number).lit)
+
+    def _of_optics(self, state: State, number: int, optics: NDArray[np.floating]) -> Array:
+        channels = np.moveaxis(np.tensordot(self.weights(state, number), optics, axes=1), 0, -1)
+        if state.fringes:
+            channels = channels + state.fringes * self._fringes(number, channels)
+        reported = self.answers.reported(state.values, channels * _pattern(state))
+        return clipped(reported, self.shot(number).clip_sigma)
+
+    def _fringes(self, number: int, channels: NDArray[np.floating]) -> Array:
+        """Change of a picture, (rows, columns, 3), per share by which red is magnified more and blue less.
+
+        Lateral colour moves light by less than a pixel, so that the picture's slope tells it.
+        """
+        view = self.shot(number).view
+        column, row = view.centres()
+        x_c, y_c = self.design.camera.centre_px
+        across = (column - x_c) * view.columns / view.width_px
+        down = (row - y_c) * view.rows / view.height_px
+        slope_down, slope_across = np.gradient(channels, axis=(0, 1))
+        outwards = across[..., None] * slope_across + down[..., None] * slope_down
+        return np.asarray(outwards * np.array([-1.0, 0.0, 1.0]))
+
+    def columns(self, state: State, number: int, unknowns: Sequence[Unknown]) -> Single:
+        """Derivative of a shot's signal by unknowns, per prior standard deviation: (n, rows, columns, 3)."""
+        return self.linear(state, number, unknowns)[1]
+
+    def linear(self, state: State, number: int, unknowns: Sequence[Unknown]) -> tuple[Array, Single]:
+        """Signal of a shot and its derivatives, see `predict` and `columns`."""
+        picture, shot = self.bank.of(number), self.shot(number)
+        rows, width = shot.view.rows, shot.view.columns
+        found = np.zeros((len(unknowns), rows, width, 3), dtype=np.float32)
+        light = self.light(state, number)
+        warped, sharp = self._seen(state, number, light)
+        optics = self._after_warp(state, number, warped)
+        here = self._of_optics(state, number, optics)
+        if not unknowns or not (shot.lit.any() or any(u.effect in ANSWERING for u in unknowns)):
+            return here, found
+        slopes: list[Single] = []
+        places: list[int] = []
+        looks: list[Single] = []
+        looking: list[int] = []
+        mixing = self.weights(state, number)
+        gain = self._slope(state, mixing, optics, shot.clip_sigma)
+        for place, unknown in enumerate(unknowns):
+            if unknown.shot not in (-1, number):
+                continue
+            if unknown.effect == SIZE and unknown.name != self._probe(number):
+                continue
+            slope = self._light_slope(state, number, unknown, picture)
+            if slope is not None:
+                slopes.append(slope * np.float32(unknown.sd))
+                places.append(place)
+            elif unknown.effect == "gain":
+                group = self.design.group_names.index(unknown.name)
+                part = mixing[:, group, None, None] * optics[group] / state.gains[group]
+                found[place] = unknown.sd * np.moveaxis(part, 0, -1) * gain
+            elif unknown.effect == FRINGES:
+                channels = np.moveaxis(np.tensordot(mixing, optics, axes=1), 0, -1)
+                found[place] = unknown.sd * self._fringes(number, channels) * gain
+            elif unknown.effect in ("exposure_drift", "banding"):
+                wave: Array | float = 1.0
+                if unknown.effect == "banding":
+                    period = state.values["banding"]["period_rows"]
+                    wave = self._waves(number, period)[int(unknown.name)]
+                part = np.tensordot(mixing, optics * wave, axes=1)
+                found[place] = unknown.sd * np.moveaxis(part, 0, -1) * gain
+            elif unknown.effect in TURNING:
+                looks.append(self._look_slope(state, number, unknown, warped, sharp))
+                looking.append(place)
+            else:
+                found[place] = self._difference(state, number, unknown, (light, warped, optics))
+        if slopes:
+            looks.append(np.asarray(self._warped(state, number, np.concatenate(slopes), straight=True)))
+        if looks:
+            pushed = self._after_warp(state, number, np.concatenate(looks))
+            pushed = pushed.reshape(-1, len(mixing[0]), rows, width)
+            channels = np.tensordot(mixing, pushed, axes=([1], [1]))  # (3, n, rows, columns)
+            found[[*looking, *places]] = channels.transpose(1, 2, 3, 0) * gain
+        return here, found
+
+    def _look_slope(
+        self, state: State, number: int, unknown: Unknown, warped: Light, sharp: Light | None
+    ) -> NDArray[np.floating]:
+        """Change of the light by a parameter that turns where pixels look, of the wider view.
+
+        Every pixel takes the light a little beside its own. The steps are as wide as the errors that are
+        looked for: a tangent would lose an edge that is pixels away. `sharp` is the part of the light that
+        sharper pictures show, where they show another than the nominal one.
+        """
+        view, here = self.bank.of(number).view, turning(state.values)
+        if sharp is None:
+            sharp = self.bank.of(number).blunt
+        rest = warped if sharp is None else warped - sharp
+        p = next(p for p in self.parameters[unknown.effect] if p.name == unknown.name)
+        values = state.values.get(unknown.effect) or effect(unknown.effect).null(self.bank.model.design)
+        ends = []
+        for step in (-HALF_STEP, HALF_STEP):
+            there: Mapping[str, float] = {**values, p.name: value_at(p, coordinate(p, values[p.name]) + step)}
+            try:
+                warp = self._warps.between(here, turning({**state.values, unknown.effect: there}), view)
+            except DesignError:  # no lens turns back within the picture
+                there, warp = values, None
+            # Errors of straight lines between pixels cancel in a difference.
+            shown = rest if warp is None else warp.straight(rest)
+            if sharp is not None:
+                other = self._sharp(state.with_values(unknown.effect, there), number, straight=True)
+                shown = shown + (sharp if other is None else other)
+            ends.append((shown, coordinate(p, there[p.name])))
+        (low, start), (high, end) = ends
+        return np.asarray((high - low) / np.float32(end - start), dtype=np.float32)
+
+    def _slope(self, state: State, mixing: Array, optics: NDArray[np.floating], sigma: Array) -> Array:
+        """Derivative of the reported signal by the mixed light, (rows, columns, 3)."""
+        channels = np.moveaxis(np.tensordot(mixing, optics, axes=1), 0, -1) * _pattern(state)
+        slope = uncut(self.answers.reported(state.values, channels), sigma)
+        if "response_curve" in state.values or any(
+            a.name == "response_curve" for a in self.bank.model.effects
+        ):
+            step = 1e-3 * max(float(channels.max()), 1e-3)
+            ends = (
+                self.answers.reported(state.values, channels - step),
+                self.answers.reported(state.values, channels + step),
+            )
+            slope = slope * (ends[1] - ends[0]) / (2 * step)
+        return slope * _pattern(state) * (channels > 0.0)
+
+    def _light_slope(self, state: State, number: int, unknown: Unknown, picture: Picture) -> Single | None:
+        """Derivative of the light by a pose or a rendered parameter; None for all others."""
+        shape = picture.light.shape
+        if unknown.effect == "numerical":
+            return picture.numerical
+        if unknown.effect == SIZE and picture.size is not None:
+            larger = state.sizes.get(unknown.name, 0.0) / SIZE_STEP
+            return picture.size.slope(shape, larger) / np.float32(SIZE_STEP)
+        if unknown.effect in ("pose", DEEPER):
+            if not picture.pose:
+                return np.zeros(shape, dtype=np.float32)
+            axis = DEPTH if unknown.effect == DEEPER else POSE.index(unknown.name)
+            pose = self.pose(state, number) / POSE_STEP
+            slope = picture.pose[axis].slope(shape, float(pose[axis]))
+            if picture.stand is not None:
+                slope += picture.stand.slope(pose, axis)
+            return slope / np.float32(POSE_STEP[axis])
+        change = picture.changes.get((unknown.effect, unknown.name))
+        if change is None:
+            return None
+        p = next(p for p in self.parameters[unknown.effect] if p.name == unknown.name)
+        values = state.values.get(unknown.effect) or effect(unknown.effect).null(self.bank.model.design)
+        at = self.coordinates(unknown.effect, values)
+        main = next(at[q.name] for q in self.parameters[unknown.effect] if not q.shape)
+        if change.product:
+            return np.float32(main) * change.slope(shape, at[p.name]) / np.float32(p.sd)
+        slope = change.slope(shape, at[p.name])
+        for q in self.parameters[unknown.effect]:
+            cross = picture.changes.get((unknown.effect, q.name))
+            if cross is not None and cross.product and not p.shape:
+                cross.added(slope, at[q.name])
+        return slope / np.float32(p.sd)
+
+    def _difference(
+        self, state: State, number: int, unknown: Unknown, stages: tuple[Single, Light, Light]
+    ) -> Array:
+        """Change of the signal per standard deviation of a parameter that is not rendered.
+
+        `stages` is the light in front of the camera, as the camera sees it, and behind its optics.
+        """
+        changing = effect(unknown.effect)
+        p = next(p for p in self.parameters[unknown.effect] if p.name == unknown.name)
+        values = dict(state.values.get(unknown.effect) or changing.null(self.bank.model.design))
+        now = coordinate(p, values[p.name])
+        far = 1.0 if p.squared and now == 0 else HALF_STEP
+        start, end = (0.0, far) if p.one_sided and now < far else (-far, far)
+        low, high = (
+            self._again(
+                state.with_values(unknown.effect, values | {p.name: value_at(p, now + step)}),
+                number,
+                changing,
+                stages,
+            )
+            for step in (start, end)
+        )
+        return (high - low) / (end - start)
+
+    def _again(
+        self, state: State, number: int, changing: Effect, stages: tuple[Single, Light, Light]
+    ) -> Array:
+        """Signal of a state that differs in one effect from one whose light is known at every stage."""
+        light, warped, optics = stages
+        if type(changing).on_light is not Effect.on_light:
+            if changing.stage != "camera":
+                # Errors of straight lines between pixels cancel in a difference.
+                warped = self._warped(state, number, light, straight=True)
+            optics = self._after_warp(state, number, warped)
+        return self._of_optics(state, number, optics)
+
+
+def _pattern(state: State) -> Array | float:
+    """Factor of the pattern that all shots carry."""
+    if state.pattern is None or "fixed_pattern" not in state.values:
+        return 1.0
+    return 1.0 + state.values["fixed_pattern"]["rms"] * state.pattern
+
+
+def bands(shot: Shot, period_rows: float) -> Array:
+    """Sine and cosine of bands across the rows of the full sensor, shape (2, rows, columns)."""
+    _, row = shot.view.centres()
+    turn = 2 * np.pi * row / period_rows
+    return np.stack([np.sin(turn), np.cos(turn)])

@@ -1,0 +1,189 @@
+"""Rendered pictures of models under presses: each is computed once, kept in memory and on disk."""
+
+import importlib.metadata
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.core.store import digest, read_cache, write_cache
+from designlab.sensor.camera import View
+from designlab.sensor.design import Design
+from designlab.simulation.contact.press import Press
+from designlab.simulation.effects.base import Effect
+from designlab.simulation.effects.model import SensorModel, effect
+from designlab.simulation.render import LIGHTFIELD_VERSION
+from designlab.simulation.simulator import Simulator
+
+Array = NDArray[np.float64]
+Basis = NDArray[np.float32]
+Progress = Callable[[str, int, int], None]
+Variant = Literal["value", "fine"]
+"""The picture itself; another with a finer membrane mesh."""
+
+SIMULATORS_KEPT = 4
+FINER = 2.0  # pitch of the membrane mesh over that of the fine variant
+NEXT_SEED = 1000  # between the seeds of repeated pictures: light transport counts on from a seed
+
+
+@dataclass
+class Renders:
+    """Renders on demand and remembers.
+
+    Models that differ in mixing, LED power or camera noise only share their light transport, so that effects
+    of the camera cost no rendering.
+
+    Parameters
+    ----------
+    folder : Path
+        Where pictures are kept, so that an interrupted run does not repeat them.
+    samples : int
+        Samples per pixel and LED group.
+    seed : int
+        Seed of the light transport.
+    """
+
+    folder: Path
+    samples: int
+    seed: int
+    progress: Progress | None = None
+    stage: str = ""
+    expected: int = 0
+    rendered: int = 0
+    _kept: dict[str, Basis] = field(default_factory=dict)
+    _simulators: dict[str, Simulator] = field(default_factory=dict)
+    _asked: int = 0
+
+    def begin(self, stage: str, expected: int) -> None:
+        """Start a stage of about `expected` pictures, for the progress shown."""
+        self.stage, self.expected, self._asked = stage, expected, 0
+        self._tell()
+
+    def basis(
+        self,
+        model: SensorModel,
+        press: Press | None,
+        view: View,
+        *,
+        variant: Variant = "value",
+        repeat: int = 0,
+        like: SensorModel | None = None,
+    ) -> Basis:
+        """Radiance of every LED group at unit flux, shape (groups, rows, columns).
+
+        All pictures of one `repeat` share their random numbers, so that differences have little noise.
+
+        Parameters
+        ----------
+        model : SensorModel
+            The sensor.
+        press : Press or None
+            The indentation.
+        view : View
+            The part of the camera's sensor.
+        variant : str
+            Which picture, see `Variant`.
+        repeat : int
+            The same picture with other random numbers for every number.
+        like : SensorModel, optional
+            Whose photons it shares, see `designlab.simulation.simulator.Simulator`.
+        """
+        like = None if like is None or like.digest == model.digest else like
+        finer = FINER if variant == "fine" else 1.0
+        settings = (list(view), self.samples, self._seed(repeat), finer)
+        shared = [] if like is None else [_transport(like, None)]
+        key = digest(_transport(model, press), press, _mesh_content(press), *settings, _versions(), *shared)
+        if key not in self._kept:
+            stored = read_cache(key, folder=self.folder)
+            self._kept[key] = (
+                stored["basis"] if stored else self._render(model, press, view, variant, repeat, like)
+            )
+            if not stored:
+                write_cache(key, {"basis": self._kept[key]}, folder=self.folder)
+            self._asked += 1
+            self._tell()
+        return self._kept[key]
+
+    def simulator(
+        self,
+        model: SensorModel,
+        view: View,
+        *,
+        variant: Variant = "value",
+        repeat: int = 0,
+        like: SensorModel | None = None,
+    ) -> Simulator:
+        """Simulator of a model."""
+        shared = [] if like is None else [_transport(like, None)]
+        contact = model.effective_design().contact
+        key = digest(_transport(model, None), contact, list(view), variant, repeat, *shared)
+        if key not in self._simulators:
+            if len(self._simulators) >= SIMULATORS_KEPT:
+                self._simulators.clear()
+            seed = self._seed(repeat)
+            simulator = Simulator(model, view=view, samples=self.samples, seed=seed, like=like)
+            if variant == "fine":
+                simulator.pitch_mm /= FINER
+            self._simulators[key] = simulator
+        return self._simulators[key]
+
+    def _render(
+        self,
+        model: SensorModel,
+        press: Press | None,
+        view: View,
+        variant: Variant,
+        repeat: int,
+        like: SensorModel | None,
+    ) -> Basis:
+        self.rendered += 1
+        return self.simulator(model, view, variant=variant, repeat=repeat, like=like).frame(press).basis
+
+    def _seed(self, repeat: int) -> int:
+        return self.seed + NEXT_SEED * repeat
+
+    def _tell(self) -> None:
+        if self.progress is not None:
+            self.expected = max(self.expected, self._asked)
+            self.progress(self.stage, self._asked, self.expected)
+
+
+def _transport(model: SensorModel, press: Press | None) -> list[object]:
+    """What decides light transport: not mixing, power or camera noise, and no contact without a press."""
+    design: Design = model.effective_design()
+    # What is absent does not count: fields that a later version adds leave kept pictures as they are.
+    left_out = {"name", "description", "mixing", "housing"}
+    content = design.model_dump(mode="json", exclude=left_out, exclude_none=True)
+    if press is None:
+        del content["contact"]
+    for group in content["leds"]["groups"]:
+        del group["flux_mw"]
+    for name in ("exposure", "full_well_e", "read_noise_e", "black_level", "bit_depth", "response"):
+        content["camera"].pop(name, None)
+    acting = [
+        [applied.name, applied.values]
+        for applied in model.effects
+        if _changes_light(effect(applied.name)) and applied.values != effect(applied.name).null(model.design)
+    ]
+    return [content, acting]
+
+
+def _changes_light(applied: Effect) -> bool:
+    """Whether an effect changes light otherwise than by the design."""
+    kind = type(applied)
+    hooks = ("on_press", "on_scene", "on_light")
+    return any(getattr(kind, hook) is not getattr(Effect, hook) for hook in hooks)
+
+
+def _mesh_content(press: Press | None) -> bytes | None:
+    return None if press is None or press.probe.file is None else Path(press.probe.file).read_bytes()
+
+
+@cache
+def _versions() -> list[str]:
+    programs = [importlib.metadata.version(package) for package in ("designlab", "mitsuba")]
+    return [*programs, str(LIGHTFIELD_VERSION)]

@@ -1,0 +1,498 @@
+"""Pictures of a model, and how they change with poses and with effects that need light traced anew.
+
+Every picture is rendered once, for the stated presses and the model as given. What a fit needs in between is
+combined from these: a quadratic through three pictures for each pose coordinate and each effect parameter.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.core.store import digest
+from designlab.inference.diagnosis.emulator.denoising import Calm, calm, share_of, without_grain
+from designlab.inference.diagnosis.emulator.difference_stencil import Step, Values, steps
+from designlab.inference.diagnosis.emulator.render_cache import Renders, Variant
+from designlab.measurement.shots import POSE, Shot
+from designlab.sensor.camera import View
+from designlab.simulation.contact.press import Press
+from designlab.simulation.effects import AppliedEffect, SensorModel, effect
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+
+MARGIN_PX = 4  # rendered around what shots show
+POSE_STEP = (0.05, 0.05, 0.06, 1.0)  # x, y, depth (mm) and yaw (deg): steps of the differences
+SIZE_STEP = 0.02  # likewise of the probe, relative
+LEAST_DEPTH_MM = 0.01
+SHARPER = 2  # times as many pixels along each side of pictures that are moved where a camera looks elsewhere
+REPEATS = 8  # further pictures of the given model where light comes through a core, each with its own chance
+FILLED_KEPT = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """Change of light with one coordinate t: t * first + t^2 * second, going on straight beyond `reach`.
+
+    Both have shape (groups, rows, columns), or (rows, columns) where the light of `group` alone changes.
+    Where `product`, t is the coordinate of a shape, and the change is per coordinate of what it shapes.
+    """
+
+    first: Single
+    second: Single
+    group: int | None = None
+    reach: float = 1.0
+    product: bool = False
+
+    def added(self, light: Single, t: float, times: float = 1.0) -> None:
+        """Add the change at t, so many times, to light (groups, rows, columns)."""
+        target = light if self.group is None else light[self.group]
+        target += np.float32(times * t) * self.first
+        end = min(abs(t), self.reach)
+        target += np.float32(times * end * (2 * abs(t) - end)) * self.second
+
+    def slope(self, shape: tuple[int, ...], t: float) -> Single:
+        """Derivative at t, (groups, rows, columns)."""
+        found = np.zeros(shape, dtype=np.float32)
+        target = found if self.group is None else found[self.group]
+        target += self.first + np.float32(2 * np.clip(t, -self.reach, self.reach)) * self.second
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Stand:
+    """What is added where a press seems to stand, so that light is exact there.
+
+    Along the way from the stated pose it grows with the third power, as the error of a quadratic does.
+
+    Attributes
+    ----------
+    pose : array, shape (4,)
+        Where, in steps `POSE_STEP`.
+    error : array, shape (groups, rows, columns)
+        What pictures about the stated pose lack there.
+    """
+
+    pose: Array
+    error: Single
+
+    def share(self, pose: Array) -> float:
+        """How much of the error is added at a pose, in steps."""
+        return self._way(pose) ** 3
+
+    def slope(self, pose: Array, axis: int) -> Single:
+        """Derivative of the light by a step along an axis."""
+        way = self._way(pose)
+        rise = 3.0 * way**2 * float(self.pose[axis] / (self.pose @ self.pose)) if way < 1.0 else 0.0
+        return np.asarray(np.float32(rise) * self.error, dtype=np.float32)
+
+    def _way(self, pose: Array) -> float:
+        """How far along the way to the stand a pose lies, 0 to 1."""
+        return float(np.clip(pose @ self.pose / (self.pose @ self.pose), 0.0, 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Light of one stated press, and its changes.
+
+    Attributes
+    ----------
+    light : array, shape (groups, rows, columns)
+        Radiance of every LED group at unit flux; of repeats their mean, chance taken away as far as known.
+    view : View
+        What is rendered: more than the shots show, since a camera that stands or looks otherwise sees beyond.
+    place : tuple of slice
+        Rows and columns where the view of the shots lies in it.
+    seen_mm : tuple of arrays, shape (rows, columns)
+        Membrane point every pixel sees.
+    numerical : array, shape (groups, rows, columns)
+        What a finer membrane mesh changes.
+    pitch_mm : tuple of float
+        Size of a pixel on the plane z = 0.
+    pose : tuple of Change
+        By steps `POSE_STEP` of x, y, depth and yaw; empty without a press.
+    size : Change or None
+        By steps `SIZE_STEP` of the probe; None without a press.
+    changes : mapping of (effect, parameter) to Change
+        By coordinates from where the bank stands.
+    spread : array, shape (repeats, groups, rows, columns), or None
+        Deviations of the repeats from their mean, without what is known to be chance; None where a picture's
+        random error is below what every simulation is granted.
+    calming : array, shape (groups, rows, columns), or None
+        Factor that takes chance away from pictures of this press, where there are repeats.
+    stand : Stand or None
+        Where light was rendered besides, if the press seems to stand far from where it was stated.
+    sharp : array, shape (groups, SHARPER * rows, SHARPER * columns), or None
+        Light of the stated press in finer pixels, of which edges move as they should; None where chance in it
+        is more than that is worth.
+    sharp_at : array, shape (4,), or None
+        Pose, in steps, of the press in `sharp`, if that is not the stated one.
+    exact_at : array, shape (4,), or None
+        Pose, in steps, at which `light` and changes together are exact, if that is not the stated one.
+    """
+
+    light: Single
+    view: View
+    place: tuple[slice, slice]
+    seen_mm: tuple[Array, Array]
+    numerical: Single
+    pitch_mm: tuple[float, float]
+    pose: tuple[Change, ...] = ()
+    size: Change | None = None
+    changes: Mapping[tuple[str, str], Change] = field(default_factory=dict)
+    spread: Single | None = None
+    calming: Single | None = None
+    stand: Stand | None = None
+    sharp: Single | None = None
+    sharp_at: Array | None = None
+    exact_at: Array | None = None
+
+    @cached_property
+    def blunt(self) -> Single | None:
+        """`sharp` in pixels as wide as those of `light`."""
+        return None if self.sharp is None else binned(self.sharp)
+
+
+@dataclass(frozen=True, eq=False)
+class Bank:
+    """All pictures that a diagnosis combines.
+
+    Attributes
+    ----------
+    model : SensorModel
+        The model as given.
+    shots : tuple of Shot
+        What was measured.
+    pictures : tuple of Picture
+        One for each press, shared by its shots.
+    place : tuple of int
+        Number of the picture of each shot.
+    origin : mapping of effect to values
+        Where rendered effects stand in the pictures; those not named are at their null.
+    stands : mapping of effect to values
+        Where light is exact instead, if it has been rendered there.
+    """
+
+    model: SensorModel
+    shots: tuple[Shot, ...]
+    pictures: tuple[Picture, ...]
+    place: tuple[int, ...]
+    origin: Mapping[str, Values] = field(default_factory=dict)
+    stands: Mapping[str, Values] = field(default_factory=dict)
+
+    def of(self, number: int) -> Picture:
+        """Picture of a shot."""
+        return self.pictures[self.place[number]]
+
+
+def fill(
+    renders: Renders,
+    model: SensorModel,
+    shots: tuple[Shot, ...],
+    effects: Sequence[str],
+    *,
+    origin: Mapping[str, Values] | None = None,
+    finer: bool = True,
+) -> Bank:
+    """Render everything that a diagnosis with some effects needs.
+
+    Parameters
+    ----------
+    renders : Renders
+        Where pictures come from; those already there cost nothing.
+    effects : sequence of str
+        Effects that may be fitted.
+    origin : mapping of effect to values, optional
+        Values of rendered effects about which the pictures are taken; their null when absent.
+    finer : bool
+        Whether to render what a finer mesh changes; nothing is taken for it otherwise.
+    """
+    origin = {} if origin is None else origin
+    keys = [(shot.press, shot.view) for shot in shots]
+    presses = list(dict.fromkeys(keys))
+    settings = list(effects), origin, str(renders.folder), renders.samples, renders.seed, finer
+    key = digest(model.digest, presses, *settings)
+    if key not in _filled:
+        # Measurements of one sensor by one plan share their pictures.
+        if len(_filled) >= FILLED_KEPT:
+            _filled.pop(next(iter(_filled)))
+        _filled[key] = _fill(renders, model, presses, effects, origin, finer)
+    return Bank(model, shots, _filled[key], tuple(presses.index(k) for k in keys), origin)
+
+
+_filled: dict[str, tuple["Picture", ...]] = {}
+
+
+def rendered_at(
+    renders: Renders,
+    bank: Bank,
+    values: Mapping[str, Values],
+    poses: Mapping[int, Array],
+    sizes: Mapping[str, float],
+    *,
+    times: int = 1,
+) -> Iterator[tuple[int, Single]]:
+    """Light of shots of a bank, rendered with values of effects: their numbers, (groups, rows, columns).
+
+    Parameters
+    ----------
+    values : mapping of effect to values
+        Of effects that are rendered; the others leave no trace in it.
+    poses : mapping of int to array
+        Shots to render, by number, and the departure of their poses: x, y, depth (mm), yaw (deg).
+    sizes : mapping of str to float
+        By how much probes are larger than stated, relative.
+    times : int
+        As many pixels along each side.
+    """
+    model = bank.model
+    for name, its in values.items():
+        model = _with(model, name, its)
+    lamp = _Lamp(renders, bank.model)
+    renders.begin("pictures", len(poses))
+    for number, pose in poses.items():
+        shot = bank.shots[number]
+        press = shot.press
+        if press is not None:
+            press = resized(press, sizes.get(press.probe.text, 0.0))
+            press = moved(press, pose) if pose.any() else press
+        picture = bank.of(number)
+        light = lamp.light(model, press, picture.view.finer(times))
+        yield number, light if picture.calming is None else light * picture.calming
+
+
+def _fill(
+    renders: Renders,
+    given: SensorModel,
+    shown: Sequence[tuple[Press | None, View]],
+    effects: Sequence[str],
+    origin: Mapping[str, Values],
+    finer: bool,
+) -> tuple["Picture", ...]:
+    chosen = [
+        step
+        for name in effects
+        for step in steps(effect(name), effect(name).parameters(given.design), origin.get(name))
+    ]
+    model = given
+    for name, values in origin.items():
+        model = _with(model, name, values)
+    camera = given.effective_design().camera
+    wider = [view.grown(MARGIN_PX, camera) for _, view in shown]
+    presses = [(press, view) for (press, _), (view, _) in zip(shown, wider, strict=True)]
+    touched = sum(press is not None for press, _ in presses)
+    repeats = _repeats(given)
+    each = (2 + repeats if repeats else 3) + 2 * len(chosen)
+    renders.begin("pictures", len(presses) * each + touched * 2 * (len(POSE) + 1))
+    # One model after the other: what its light is shaded from is large and not kept for long.
+    lamp = _Lamp(renders, given)
+    variants: tuple[Variant, ...] = ("value", "fine") if finer else ("value",)
+    for variant in variants:
+        for press, view in presses:
+            lamp.light(model, press, view, variant=variant)
+            if variant == "value" and not repeats:
+                lamp.light(model, press, view.finer(SHARPER))
+            if press is not None and variant == "value":
+                for _, there in _around(press):
+                    lamp.light(model, there, view)
+    for repeat in range(1, 1 + repeats):
+        for press, view in presses:
+            renders.basis(given, press, view, repeat=repeat)
+    for step in chosen:
+        for end in step.ends:
+            varied = _with(model, step.effect, end)
+            for press, view in presses:
+                if press is not None or _acts_untouched(step.effect):
+                    lamp.light(varied, press, view)
+    return tuple(
+        _picture(lamp, model, press, *view, chosen, finer)
+        for (press, _), view in zip(presses, wider, strict=True)
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Lamp:
+    """Pictures of models that are lit by the flux of the model as given."""
+
+    renders: Renders
+    given: SensorModel
+    _calm: dict[View, Calm] = field(default_factory=dict)
+
+    def light(
+        self, model: SensorModel, press: Press | None, view: View, *, variant: Variant = "value"
+    ) -> Single:
+        """Light per unit flux of the model as given, (groups, rows, columns)."""
+        like = self.given if _repeats(self.given) else None
+        found = self.renders.basis(model, press, view, variant=variant, like=like)
+        ours, theirs = (
+            np.array([group.flux_mw for group in m.effective_design().leds.groups])
+            for m in (model, self.given)
+        )
+        return np.asarray(found * (ours / theirs).astype(np.float32)[:, None, None])
+
+    def repeated(self, press: Press | None, view: View) -> Single | None:
+        """Pictures of the given model with other random numbers, (repeats, groups, rows, columns)."""
+        numbers = range(1, 1 + _repeats(self.given))
+        if not numbers:
+            return None
+        return np.stack([self.renders.basis(self.given, press, view, repeat=k) for k in numbers])
+
+    def calm(self, view: View) -> Calm:
+        """What the untouched gel's pictures of the given model have by chance; they are repeated."""
+        if view not in self._calm:
+            untouched = self.repeated(None, view)
+            assert untouched is not None
+            self._calm[view] = calm(untouched)
+        return self._calm[view]
+
+
+def _with(model: SensorModel, name: str, values: Values) -> SensorModel:
+    return model.with_effect(AppliedEffect(name=name, values=dict(values)))
+
+
+def _picture(
+    lamp: _Lamp,
+    model: SensorModel,
+    press: Press | None,
+    view: View,
+    place: tuple[slice, slice],
+    chosen: Sequence[Step],
+    finer: bool,
+) -> Picture:
+    here = lamp.light(model, press, view)
+    simulator = lamp.renders.simulator(model, view)
+    seen = simulator.rays.hit(simulator.surface(press))
+    numerical = lamp.light(model, press, view, variant="fine") - here if finer else np.zeros_like(here)
+    changes: dict[tuple[str, str], Change] = {}
+    for step in chosen:
+        sees = press is not None or _acts_untouched(step.effect)
+        low, high = (
+            lamp.light(_with(model, step.effect, end), press, view) if sees else here for end in step.ends
+        )
+        for number, p in enumerate(step.parameters):
+            group = model.design.group_names.index(p.group) if p.group else None
+            ends = [(low, step.reached[0][number]), (high, step.reached[1][number])]
+            if step.product:
+                usual = lamp.light(_with(model, step.effect, step.usual), press, view) if sees else here
+                changes[step.effect, p.name] = replace(_quadratic(usual, ends, group), product=True)
+            else:
+                changes[step.effect, p.name] = _quadratic(here, ends, group)
+    pose: tuple[Change, ...] = ()
+    size = None
+    if press is not None:
+        around = [(lamp.light(model, there, view), s) for s, there in _around(press)]
+        *of_pose, size = (_quadratic(here, around[k : k + 2], None) for k in range(0, len(around), 2))
+        pose = tuple(of_pose)
+    repeated = lamp.repeated(press, view)
+    if repeated is None:
+        return Picture(
+            light=here,
+            view=view,
+            place=place,
+            seen_mm=seen,
+            numerical=numerical,
+            pitch_mm=simulator.rays.pitch_mm,
+            pose=pose,
+            size=size,
+            changes=changes,
+            sharp=lamp.light(model, press, view.finer(SHARPER)),
+        )
+    mean = repeated.mean(axis=0)
+    spread = repeated - mean
+    still = lamp.calm(view)
+    drawn, quiet = lamp.light(lamp.given, press, view), still.factor * mean
+    own = (1.0 + share_of(quiet - drawn, drawn)).astype(np.float32)
+    changes = {
+        key: _without_grain(change, drawn, quiet, spread) if _traced_anew(key[0]) else _times(change, own)
+        for key, change in changes.items()
+    }
+    return Picture(
+        light=own * here,
+        view=view,
+        place=place,
+        seen_mm=seen,
+        numerical=own * numerical,
+        pitch_mm=simulator.rays.pitch_mm,
+        pose=tuple(_times(change, own) for change in pose),
+        size=None if size is None else _times(size, own),
+        changes=changes,
+        spread=spread - mean * still.taken,
+        calming=own,
+    )
+
+
+def _repeats(given: SensorModel) -> int:
+    """How often the pictures of the given model are rendered with other random numbers."""
+    return REPEATS if given.effective_design().optics.light_path == "core" else 0
+
+
+def _traced_anew(name: str) -> bool:
+    """Whether an effect sends photons elsewhere, so that chance does not cancel in its changes."""
+    return effect(name).stage in ("emission", "transport")
+
+
+def _times(change: Change, factor: Single) -> Change:
+    own = factor if change.group is None else factor[change.group]
+    return replace(change, first=change.first * own, second=change.second * own)
+
+
+def _without_grain(change: Change, drawn: Single, quiet: Single, spread: Single) -> Change:
+    groups = slice(None) if change.group is None else [change.group]
+
+    def clean(image: Single) -> Single:
+        stack = image.reshape(-1, *quiet.shape[1:])
+        return without_grain(stack, drawn[groups], quiet[groups], spread[:, groups]).reshape(image.shape)
+
+    return replace(change, first=clean(change.first), second=clean(change.second))
+
+
+def _acts_untouched(name: str) -> bool:
+    """Whether an effect can change the picture of the untouched gel."""
+    return effect(name).stage != "contact" and name != "translucency"
+
+
+def _quadratic(here: Single, sides: Sequence[tuple[Single, float]], group: int | None) -> Change:
+    """Quadratic through the light here and at two other places."""
+    chosen = slice(None) if group is None else group
+    (a, s), (b, t) = ((light[chosen] - here[chosen], at) for light, at in sides)
+    second = (b / np.float32(t) - a / np.float32(s)) / np.float32(t - s)
+    first = a / np.float32(s) - np.float32(s) * second
+    reach = max(abs(s), abs(t))
+    return Change(np.ascontiguousarray(first), np.ascontiguousarray(second), group, reach)
+
+
+def _around(press: Press) -> Iterator[tuple[float, Press]]:
+    """Presses one step to either side along each pose coordinate, and with a smaller and a larger probe."""
+    for axis in range(len(POSE)):
+        for sign in (-1.0, 1.0):
+            yield sign, moved(press, sign * np.eye(len(POSE))[axis] * POSE_STEP)
+    for sign in (-1.0, 1.0):
+        yield sign, resized(press, sign * SIZE_STEP)
+
+
+def binned(sharp: Single) -> Single:
+    """Mean of `SHARPER` by `SHARPER` pixels."""
+    # A sum over strided views is ten times faster than a mean over two axes of a reshaped array.
+    within = np.ndindex(SHARPER, SHARPER)
+    found = sum(sharp[:, row::SHARPER, column::SHARPER] for row, column in within)
+    return np.asarray(found / np.float32(SHARPER**2), dtype=np.float32)
+
+
+def resized(press: Press, larger: float) -> Press:
+    """Scale the probe of a press by one and this."""
+    size_mm = press.probe.size_mm * (1.0 + float(np.round(larger, 6)))
+    return press.model_copy(update={"probe": press.probe.model_copy(update={"size_mm": size_mm})})
+
+
+def moved(press: Press, pose: Array) -> Press:
+    """Shift, deepen and turn a press by x, y, depth (mm) and yaw (deg)."""
+    x, y, depth, yaw = (float(v) for v in np.round(pose, 6))
+    return Press(
+        probe=press.probe,
+        depth_mm=max(press.depth_mm + depth, LEAST_DEPTH_MM),
+        centre_mm=(press.centre_mm[0] + x, press.centre_mm[1] + y),
+        yaw_deg=turned if abs(turned := press.yaw_deg + yaw) <= 360.0 else math.remainder(turned, 360.0),
+    )

@@ -1,0 +1,1 @@
+"""How probable frames are under a state of the model."""

@@ -1,0 +1,59 @@
+"""What generated sets with known answers have taught about diagnoses: how far to trust values and names.
+
+A fit knows noise and the errors that are granted to the simulation. What no catalogue lists pulls values too,
+in the same way in all frames, and by how much only sets with known answers tell.
+"""
+
+import json
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+FILE = "empirical_errors.json"
+"""Written by ``designlab gap benchmark --pool calibration``."""
+
+
+def unlisted_sd(effect: str, parameter: str, *, shape: bool) -> float:
+    """Standard deviation of what the unlisted does to a fitted value, in prior standard deviations.
+
+    Parameters
+    ----------
+    effect, parameter : str
+        Names; an effect that was never seen has the median of all.
+    shape : bool
+        Whether the parameter only says how another acts: such have values of their own, all others of an
+        effect share one.
+    """
+    spreads: dict[str, float] = known()["unlisted_sd"]
+    if shape and f"{effect}.{parameter}" in spreads:
+        return spreads[f"{effect}.{parameter}"]
+    if effect in spreads:
+        return spreads[effect]
+    ordered = sorted(spreads.values())
+    return ordered[len(ordered) // 2]
+
+
+def left_of_nothing() -> float:
+    """Mean squared residual over the floor that is usual of sets in which nothing is hidden."""
+    return float(known()["left_of_nothing"])
+
+
+def shares_right() -> tuple[dict[str, float], list[float], list[float]]:
+    """Weights of the signs of a name, and along their weighted sum the share of names that were right."""
+    found = known()["confidence"]
+    return found["weights"], found["scores"], found["right"]
+
+
+def share_of_partial() -> float:
+    """Share of names of partial verdicts that were right."""
+    return float(known()["confidence"]["partial"])
+
+
+@cache
+def known() -> Mapping[str, Any]:
+    """All of it, by the names of what is learnt."""
+    content: Mapping[str, Any] = json.loads(
+        files("designlab.inference.diagnosis.likelihood").joinpath(FILE).read_text(encoding="utf-8")
+    )
+    return content

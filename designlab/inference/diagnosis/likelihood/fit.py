@@ -1,0 +1,341 @@
+"""Fits: the unknowns of a measurement, and Gauss-Newton steps that move them."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.inference.diagnosis.emulator.coordinates import coordinate, value_at
+from designlab.inference.diagnosis.emulator.forward import Forward
+from designlab.inference.diagnosis.emulator.snapshots import Bank
+from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State, Unknown
+from designlab.inference.diagnosis.likelihood.empirical_errors import unlisted_sd
+from designlab.inference.diagnosis.likelihood.monte_carlo_noise import grains
+from designlab.inference.diagnosis.likelihood.noise import SMOOTH_ALIKE, Noise, noise
+from designlab.inference.diagnosis.likelihood.normal_equations import ALIKE, System, system
+from designlab.measurement.shots import POSE
+from designlab.sensor.design import DesignError
+from designlab.simulation.effects import Parameter, effect
+
+Array = NDArray[np.float64]
+
+GAIN_SD = 0.3  # of LED groups: what their products with the albedo are off by before anything is fitted
+DRAWN_SD = {
+    "exposure_drift": 0.02,
+    "banding": 0.015,
+}  # of one shot's own gain, and of its bands' sine and cosine
+SIZE_SD = 0.01  # of a probe, relative: 0.05 mm of 5 mm, as printed and machined ones are off by
+FRINGES_SD = 0.002  # of lateral colour, relative: a fifth of a pixel at the edge of 200 columns (estimate)
+BOUND_SD = 5.0  # of poses, sizes of probes and lateral colour
+BEYOND_SD = 3.0  # prior standard deviations from null that speak against an effect
+SURELY = 2.0  # standard deviations by which what no catalogue lists may have moved a value that far
+AT_BOUND = 0.01  # share of a parameter's range that counts as its bound
+ITERATIONS = 12
+ALONG = ("gain", "numerical", SIZE, FRINGES)  # fitted with every effect
+TRUST = 1.5  # prior standard deviations that an effect moves at once
+SETTLED = 0.5  # fall of half the misfit below which a fit has converged
+SETTLED_SHARE = 2e-6  # likewise, of the misfit
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Where a fit ended, the system of its unknowns there, and the penalised misfit."""
+
+    state: State
+    system: System
+    objective: float
+
+
+class Fitter:
+    """Fits states to the shots of a bank.
+
+    Parameters
+    ----------
+    bank : Bank
+        Pictures and shots.
+
+    Attributes
+    ----------
+    noises : list of Noise
+        Of each shot, see `measure`.
+    alike, smooth_alike : float
+        Neighbouring values that count as one, see `normal_equations.ALIKE`, and the same for smooth errors.
+    """
+
+    def __init__(self, bank: Bank) -> None:
+        self.bank = bank
+        self.forward = Forward(bank)
+        self.noises: list[Noise] = []
+        self.alike = ALIKE
+        self.smooth_alike = SMOOTH_ALIKE
+
+    def of(self, bank: Bank, noises: list[Noise]) -> "Fitter":
+        """Fitter of other pictures and noise that counts values as this one does."""
+        other = Fitter(bank)
+        other.noises, other.alike, other.smooth_alike = noises, self.alike, self.smooth_alike
+        return other
+
+    def start(self, shots: Sequence[int]) -> State:
+        """Gains by linear least squares, by brightness: a wrong model must not let dark values decide.
+
+        Raises
+        ------
+        ValueError
+            If the light of a group does not fit the measurement at all.
+        """
+        design = self.forward.design
+        groups = len(design.leds.groups)
+        unit = State(np.ones(groups))
+        matrix, right = np.zeros((groups, groups)), np.zeros(groups)
+        for number in shots:
+            shot = self.bank.shots[number]
+            unknowns = [Unknown("gain", name, 1.0) for name in design.group_names]
+            columns = self.forward.columns(unit, number, unknowns)[:, shot.valid].astype(float)
+            signal = (shot.signal - self.forward.predict(replace(unit, gains=0 * unit.gains), number))[
+                shot.valid
+            ]
+            matrix += columns @ columns.T
+            right += columns @ signal
+        for name, light in zip(design.group_names, np.diag(matrix), strict=True):
+            if not light > 0:
+                raise ValueError(f"measurement: no frame is lit by the LED group {name!r} of the model")
+        gains = np.linalg.solve(matrix, right)
+        for name, gain in zip(design.group_names, gains, strict=True):
+            if not gain > 0:
+                raise ValueError(
+                    f"model: the light of LED group {name!r} fits the measurement only with a negative gain, "
+                    f"{gain:.3g}: is it dead or off, or are groups, places or colour channels mixed up?"
+                )
+        state = State(np.asarray(gains))
+        self.measure(state)
+        return state
+
+    def measure(self, state: State) -> None:
+        """Set the noise of all shots by what a state predicts."""
+        forward, black = self.forward, self.forward.black
+        chance = grains(forward, state)
+        self.noises = [
+            noise(shot, forward.predict(state, n), forward.untouched(state, n), black, chance[n])
+            for n, shot in enumerate(self.bank.shots)
+        ]
+
+    def unknowns(
+        self, state: State, names: Collection[str], shots: Sequence[int], *, gains: bool = True
+    ) -> list[Unknown]:
+        """Parameters of effects, gains, the simulation's own error, and what each shot has alone.
+
+        That error is a rival of every effect and is fitted with each: what a finer mesh explains is none. So
+        are sizes of probes, which no lab knows exactly: a smaller punch looks as if the lens magnified less;
+        and lateral colour, which no lens is without: it shifts the light of each colour its own way.
+        """
+        found = [
+            Unknown(name, p.name, p.sd)
+            for name in names
+            for p in self.forward.parameters.get(name, ())
+            if name not in DRAWN_SD and name != "fixed_pattern"
+        ]
+        if gains:
+            found.append(Unknown("numerical", "amount", 1.0))
+            found.append(Unknown(FRINGES, "red", FRINGES_SD))
+            found += [
+                Unknown("gain", name, GAIN_SD * float(gain))
+                for name, gain in zip(self.forward.design.group_names, state.gains, strict=True)
+            ]
+        pressed = [press for number in shots if (press := self.bank.shots[number].press) is not None]
+        probes = dict.fromkeys(press.probe.text for press in pressed)
+        found += [Unknown(SIZE, probe, SIZE_SD) for probe in probes if gains or probe not in state.sizes]
+        for number in shots:
+            shot = self.bank.shots[number]
+            if shot.press is not None:
+                found += [
+                    Unknown("pose", axis, float(sigma), number)
+                    for axis, sigma in zip(POSE, shot.pose_sigma, strict=True)
+                    if sigma > 0
+                ]
+            if not shot.lit.any():
+                continue
+            if "exposure_drift" in names:
+                found.append(Unknown("exposure_drift", "0", DRAWN_SD["exposure_drift"], number))
+            if "banding" in names:
+                found += [Unknown("banding", k, DRAWN_SD["banding"], number) for k in ("0", "1")]
+        return found
+
+    def system(self, state: State, shots: Sequence[int], unknowns: Sequence[Unknown]) -> System:
+        """Normal equations at a state."""
+        now = np.array([self._now(state, u) for u in unknowns])
+        return system(
+            self.forward,
+            state,
+            shots,
+            unknowns,
+            self.noises,
+            now,
+            alike=self.alike,
+            smooth_alike=self.smooth_alike,
+        )
+
+    def _now(self, state: State, u: Unknown) -> float:
+        """Where an unknown is, in prior standard deviations from its null."""
+        if u.effect == "gain":
+            return 0.0  # no gain is more likely than another about where the fit stands
+        if u.effect == "pose":
+            return float(state.pose(u.shot)[POSE.index(u.name)] / u.sd)
+        if u.shot >= 0:
+            drawn = state.drawn.get(u.effect, {}).get(u.shot)
+            return 0.0 if drawn is None else float(drawn[int(u.name)] / u.sd)
+        if u.effect == "numerical":
+            return state.numerical
+        if u.effect == SIZE:
+            return state.sizes.get(u.name, 0.0) / u.sd
+        if u.effect == FRINGES:
+            return state.fringes / u.sd
+        values = state.values.get(u.effect)
+        if values is None:
+            return 0.0
+        p = next(p for p in self.forward.parameters[u.effect] if p.name == u.name)
+        return coordinate(p, values[u.name])
+
+    def bounds(self, unknowns: Sequence[Unknown]) -> tuple[Array, Array]:
+        """Bounds of unknowns in prior standard deviations from null."""
+        low, high = np.full(len(unknowns), -np.inf), np.full(len(unknowns), np.inf)
+        for k, u in enumerate(unknowns):
+            if u.effect in ("pose", SIZE, FRINGES):
+                low[k], high[k] = -BOUND_SD, BOUND_SD
+            elif u.effect in self.forward.parameters and u.shot < 0:
+                p = next(p for p in self.forward.parameters[u.effect] if p.name == u.name)
+                ends = coordinate(p, p.low), coordinate(p, p.high)
+                low[k], high[k] = (0.0, ends[1]) if p.squared else ends
+        return low, high
+
+    def moved(self, state: State, unknowns: Sequence[Unknown], step: Array) -> State:
+        """Take a step, in prior standard deviations."""
+        gains = state.gains.copy()
+        values = {name: dict(own) for name, own in state.values.items()}
+        poses = {number: pose.copy() for number, pose in state.poses.items()}
+        drawn = {name: dict(own) for name, own in state.drawn.items()}
+        numerical, sizes, fringes = state.numerical, dict(state.sizes), state.fringes
+        for u, change in zip(unknowns, step, strict=True):
+            if u.effect == "gain":
+                group = self.forward.design.group_names.index(u.name)
+                gains[group] = max(gains[group] + change * u.sd, 0.02 * gains[group])
+            elif u.effect == "pose":
+                pose = poses.setdefault(u.shot, np.zeros(len(POSE)))
+                pose[POSE.index(u.name)] += change * u.sd
+            elif u.shot >= 0:
+                own = drawn.setdefault(u.effect, {})
+                before = own.get(u.shot, np.zeros(2 if u.effect == "banding" else 1))
+                own[u.shot] = before + change * u.sd * np.eye(len(before))[int(u.name)]
+            elif u.effect == "numerical":
+                numerical += float(change)
+            elif u.effect == SIZE:
+                sizes[u.name] = sizes.get(u.name, 0.0) + float(change) * u.sd
+            elif u.effect == FRINGES:
+                fringes += float(change) * u.sd
+            else:
+                p = next(p for p in self.forward.parameters[u.effect] if p.name == u.name)
+                own_values = values.setdefault(u.effect, effect(u.effect).null(self.bank.model.design))
+                own_values[p.name] = value_at(p, coordinate(p, own_values[p.name]) + float(change))
+        return State(gains, values, poses, drawn, state.pattern, numerical, sizes, fringes)
+
+    def fit(
+        self,
+        state: State,
+        names: Collection[str],
+        shots: Sequence[int],
+        *,
+        gains: bool = True,
+        held: Collection[str] = (),
+        iterations: int = ITERATIONS,
+    ) -> Fit:
+        """Fit effects, gains and what shots have alone.
+
+        Parameters
+        ----------
+        names : collection of str
+            Effects whose parameters are fitted; those of the state that are not named stay.
+        shots : sequence of int
+            Shots to fit to.
+        gains : bool
+            Whether gains are fitted.
+        held : collection of str
+            Effects of the state whose own draws of each shot are fitted though their parameters stay.
+        """
+        wanted = [*names, *(name for name in held if name in DRAWN_SD)]
+        for name in wanted:
+            if name not in state.values and name in self.forward.parameters:
+                state = state.with_values(name, effect(name).null(self.bank.model.design))
+        unknowns = self.unknowns(state, wanted, shots, gains=gains)
+        found = self.system(state, shots, unknowns)
+        low, high = self.bounds(unknowns)
+        objective = found.misfit + float(found.now @ found.now)
+        for _ in range(iterations):
+            step, predicted = found.step(low, high)
+            if predicted < 2 * SETTLED:
+                break
+            step = _within_trust(found, step, low, high)
+            for _ in range(4):
+                there = self.moved(state, unknowns, step)
+                reached = self._objective(there, shots, unknowns)
+                if reached < objective:
+                    break
+                step = step * 0.4
+            else:
+                break
+            fallen = objective - reached
+            state, objective = there, reached
+            found = self.system(state, shots, unknowns)
+            if fallen < max(2 * SETTLED, SETTLED_SHARE * objective):
+                break
+        return Fit(state, found, objective)
+
+    def _objective(self, state: State, shots: Sequence[int], unknowns: Sequence[Unknown]) -> float:
+        """Penalised misfit; infinite where no such sensor can be."""
+        now = np.array([self._now(state, u) for u in unknowns])
+        try:
+            return self.system(state, shots, ()).misfit + float(now @ now)
+        except DesignError:
+            return float("inf")
+
+    def beyond_prior(self, state: State, name: str) -> tuple[str, ...]:
+        """Names of parameters of an effect that are surely further from null than its prior makes likely."""
+        values = state.values[name]
+
+        def most(p: Parameter) -> float:
+            return float(p.sd * (BEYOND_SD + SURELY * unlisted_sd(name, p.name, shape=p.shape)))
+
+        own = (p for p in self.forward.parameters[name] if not p.shape)
+        return tuple(p.name for p in own if abs(values[p.name] - p.null) > most(p))
+
+    def at_bound(self, state: State, name: str) -> tuple[str, ...]:
+        """Names of parameters of an effect that ended at a bound which is not their null."""
+        values, found = state.values[name], []
+        for p in self.forward.parameters[name]:
+            if p.shape:
+                continue  # its pictures are of its usual value, from which its bounds may be far
+            room = AT_BOUND * (p.high - p.low)
+            if (values[p.name] - p.low < room and not p.one_sided) or p.high - values[p.name] < room:
+                found.append(p.name)
+        return tuple(found)
+
+
+def _within_trust(found: System, step: Array, low: Array, high: Array) -> Array:
+    """Damp a step that goes further than derivatives can be trusted (Levenberg 1944)."""
+    effects = np.array([u.shot < 0 and u.effect not in ALONG for u in found.unknowns])
+    damping = 1e-8 * float(np.diag(found.gram).max(initial=0.0))
+    while effects.any() and np.abs(step[effects]).max() > TRUST and damping < np.diag(found.gram).max():
+        damping *= 10.0
+        step, _ = found.step(low, high, damping=damping)
+    return step
+
+
+def with_strength(state: State, name: str) -> State:
+    """Give an effect that acts by draws of each shot the strength of those draws."""
+    if name not in DRAWN_SD or name not in state.drawn:
+        return state
+    draws = np.array(list(state.drawn[name].values()))
+    if name == "banding":
+        strength = {"amplitude": float(np.sqrt((draws**2).sum(axis=1).mean()))}
+    else:
+        strength = {"rms": float(np.sqrt((draws**2).mean()))}
+    return state.with_values(name, {**state.values[name], **strength})

@@ -1,0 +1,135 @@
+"""How far a perfect model may miss: noise of the camera, and the error the simulation is granted.
+
+The granted error has four parts. Three are white, shares of the signal, of its curvature and of what a press
+changes: they belong to the standard deviation of every value. The fourth is smooth over the picture and the
+same in all frames, as that of a light source known to a limited accuracy is; fits count it as covariance, so
+that small effects of large pictures are not taken for certain. Behind a core light is counted in photons, and
+its grain comes on top: it is measured, and mostly the same in all frames, see `monte_carlo_noise`.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dctn
+from scipy.ndimage import gaussian_laplace
+
+from designlab.measurement.shots import Shot
+
+Array = NDArray[np.float64]
+
+# Two programs that share no code agree to 0.1 % (rms) on balls and differ by 2 % of the curvature at edges.
+SIGNAL_BUDGET = 0.0015
+EDGE_BUDGET = 0.03
+CONTACT_BUDGET = 0.02  # share of what a press changes: neither probe nor contact model are better known
+SMOOTH_BUDGET = 0.005  # smooth error common to all frames, relative: what no catalogue lists, too
+SHOT_BUDGET = 0.001  # smooth error of each frame, relative
+SMOOTH_ALIKE = (
+    2.0  # like `normal_equations.ALIKE`: their covariance has counted already how much values err alike
+)
+SMOOTH_LENGTH = 0.15  # of smooth errors, over the picture's width
+EDGE_WIDTH_PX = 0.7
+DARK_LIGHT = 0.03  # of full scale: below, smooth errors are absolute
+LEAST_VARIANCE = 0.02  # of a coefficient: what is estimated may not make it certain
+
+
+@dataclass(frozen=True, eq=False)
+class Grain:
+    """Random error of the simulation's picture of a shot.
+
+    Attributes
+    ----------
+    sigma : array, shape (rows, columns, 3)
+        Standard deviation, in the unit of the signal.
+    shared : array, shape (3,)
+        Relative variance that all shots have in common.
+    power : array, shape (rows, columns)
+        Power in the coefficients of a cosine transform, one in the mean.
+    """
+
+    sigma: Array
+    shared: Array
+    power: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """Standard deviations of a shot's values.
+
+    Attributes
+    ----------
+    sigma : array, shape (rows, columns, 3)
+        Of a value: camera and white errors of the simulation.
+    camera : array, shape (rows, columns, 3)
+        Of the camera alone.
+    granted : array, shape (rows, columns, 3)
+        Of camera and smooth errors: what a model that is right is expected to miss by.
+    level : array, shape (3,)
+        Root mean square of signal over sigma, what smooth relative errors are multiples of.
+    grain : Grain or None
+        Random error of the simulation, part of sigma; None where it is below what is granted anyway.
+    shot : float
+        Smooth error of the shot alone, relative.
+    """
+
+    sigma: Array
+    camera: Array
+    granted: Array
+    level: Array
+    grain: Grain | None = None
+    shot: float = SHOT_BUDGET
+
+    @cached_property
+    def alone(self) -> Array:
+        """Variance of coefficients, in units of sigma, that no other shot shares, (rows, columns, 3)."""
+        power = spectrum(self.sigma.shape[:2])[..., None]
+        found = 1.0 + (self.shot * self.level) ** 2 * power
+        if self.grain is None:
+            return found
+        share = ((self.grain.sigma / self.sigma) ** 2).mean(axis=(0, 1))
+        own = np.maximum(share - self.grain.shared * self.level**2, 0.0)
+        return np.asarray(np.maximum(found - share + own * self.grain.power[..., None], LEAST_VARIANCE))
+
+    def common(self, *, mean: bool = True, share: float = 1.0) -> Array:
+        """Variance of coefficients, relative to the light, that all shots share, (rows, columns, 3).
+
+        Without `mean` the mean of the picture, which gains are fitted for, is left out of smooth errors.
+        Of their variance `share` counts.
+        """
+        power = spectrum(self.sigma.shape[:2])
+        if not mean:
+            power[0, 0] = 0.0
+        found = share * SMOOTH_BUDGET**2 * np.repeat(power[..., None], 3, axis=-1)
+        return found if self.grain is None else found + self.grain.shared * self.grain.power[..., None]
+
+
+def noise(
+    shot: Shot, predicted: Array, untouched: Array, black: Array | float, grain: Grain | None = None
+) -> Noise:
+    """Noise of a shot about a prediction, and about that of the untouched gel (rows, columns, 3)."""
+    light = predicted - black
+    curvature = np.stack([gaussian_laplace(light[..., c], EDGE_WIDTH_PX) for c in range(3)], axis=-1)
+    budget = np.hypot(SIGNAL_BUDGET * light, EDGE_BUDGET * curvature)
+    budget = np.hypot(budget, CONTACT_BUDGET * (predicted - untouched))
+    camera = np.sqrt(shot.variance)
+    chance = 0.0 if grain is None else grain.sigma
+    sigma = np.hypot(np.hypot(camera, budget), chance)
+    lit = np.hypot(light, DARK_LIGHT)
+    level = np.sqrt(np.where(shot.valid, (lit / sigma) ** 2, 0.0).mean(axis=(0, 1)))
+    granted = np.hypot(np.hypot(camera, np.hypot(SMOOTH_BUDGET, SHOT_BUDGET) * lit), chance)
+    return Noise(sigma, camera, granted, level, grain)
+
+
+def spectrum(shape: tuple[int, int]) -> Array:
+    """Power of a smooth error of unit variance in the coefficients of a cosine transform, (rows, columns)."""
+    rows, columns = shape
+    length_px = SMOOTH_LENGTH * columns
+    ky, kx = np.pi * np.arange(rows) / rows, np.pi * np.arange(columns) / columns
+    power = np.exp(-((ky[:, None] ** 2 + kx[None, :] ** 2) * length_px**2) / 2)
+    return np.asarray(power / power.mean())
+
+
+def transformed(values: NDArray[np.floating], *, axes: tuple[int, int] = (0, 1)) -> NDArray[np.float32]:
+    """Orthonormal cosine transform over rows and columns, which are the first axes unless told otherwise."""
+    return np.asarray(dctn(values.astype(np.float32), axes=axes, norm="ortho"), dtype=np.float32)

@@ -1,0 +1,230 @@
+"""What a diagnosis says."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from designlab.measurement.quality.invariants import Check
+from designlab.simulation.effects.model import SensorModel
+
+FORMAT = 1
+"""Version of the report's fields; a number means the same fields in every release."""
+
+Verdict = Literal["named", "ambiguous", "partial", "unexplained", "at_floor"]
+
+
+@dataclass(frozen=True)
+class Value:
+    """A fitted parameter with the ends of its 95 % interval, None where they are not known.
+
+    `null` is where the effect does nothing, `sd` how large it usually is, `bounds` what it cannot exceed.
+    `fit_sd` is the error by the fit alone, which does not know of what no catalogue lists.
+    """
+
+    value: float
+    low: float | None
+    high: float | None
+    unit: str
+    null: float
+    sd: float
+    bounds: tuple[float, float]
+    fit_sd: float | None = None
+
+
+@dataclass(frozen=True)
+class Found:
+    """An effect that was named.
+
+    Attributes
+    ----------
+    confidence : float
+        Share of right names among those that looked like it on generated sets with known answers, see
+        `verdict.confidence`, limited by what weakens the verdict. Of a single picture: one over the
+        number of effects that do as well, limited likewise; not calibrated.
+    coherence_set : tuple of str
+        Effects that explain these frames as well, itself included.
+    summary : str
+        What it is, in words.
+    transferable : bool
+        Whether it holds for new designs too, or belongs to this unit.
+    """
+
+    name: str
+    parameters: Mapping[str, Value]
+    confidence: float
+    coherence_set: tuple[str, ...]
+    summary: str = ""
+    transferable: bool = True
+
+
+@dataclass(frozen=True)
+class Where:
+    """Part of the excess: a region of the picture in one channel.
+
+    Attributes
+    ----------
+    frames : str
+        background, press or dark.
+    share : float
+        Of the whole excess over the noise floor.
+    area : float
+        Share of all values that were compared.
+    times : float
+        Excess of a value here over that in the mean of the same channel and frames: a region stands out where
+        it is well above 1.
+    mean_z : float
+        Signed mean of measured minus simulated, in standard deviations.
+    """
+
+    region: str
+    channel: str
+    frames: str
+    share: float
+    area: float
+    times: float
+    mean_z: float
+
+
+@dataclass(frozen=True)
+class Level:
+    """Mean squared residual in units of the noise: given model, updated model, and the floor.
+
+    The floor is what noise and the errors granted to the simulation may leave, `usual` what is left where
+    nothing is missing.
+    """
+
+    before: float
+    after: float
+    floor: float
+    usual: float
+
+    @property
+    def removed(self) -> float | None:
+        """Share of the excess over what is usual that the update takes away; None where there was none."""
+        excess = self.before - self.usual
+        return (self.before - self.after) / excess if excess > 0 else None
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One candidate that was tried, accepted or not; `gain` and `se` are shares of the first gap.
+
+    `seconds` is what its fit took; None for those that were only screened.
+    """
+
+    round: int
+    name: str
+    outcome: str
+    gain: float | None = None
+    se: float | None = None
+    improved: float | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    evidence: float | None = None
+    seconds: float | None = None
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """Share of what an effect does to these frames that another can bring about."""
+
+    effect: str
+    by: str
+    share: float
+
+
+@dataclass(frozen=True)
+class Control:
+    """A wrong effect of about as many parameters as those named, and the share of the gap it takes away."""
+
+    name: str
+    removed: float
+    parameters: int
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What to measure next, how far it would separate what is not told apart (sd), and minutes in the lab.
+
+    `frames` are the frames in the fields of a measurement file, without their files; empty where words say
+    more.
+    """
+
+    text: str
+    separation_sd: float | None = None
+    minutes: float | None = None
+    frames: tuple[Mapping[str, Any], ...] = ()
+
+    def __str__(self) -> str:
+        words = [self.text]
+        if self.minutes is not None:
+            words.append(f" (about {self.minutes:g} min)")
+        if self.separation_sd is not None:
+            words.append(f": there they differ by {self.separation_sd:.2g} standard deviations")
+        return "".join(words)
+
+
+@dataclass(frozen=True)
+class GapReport:
+    """Result of a diagnosis; ``docs/gap.md`` explains every field."""
+
+    verdict: Verdict
+    effects: tuple[Found, ...]
+    where: tuple[Where, ...]
+    gap: Mapping[str, Level]
+    next_measurement: Advice
+    updated: SensorModel
+    model: Path
+    candidates: tuple[Candidate, ...]
+    notes: tuple[str, ...]
+    provenance: Mapping[str, Any]
+    pictures: Mapping[Path, str] = field(default_factory=dict)
+    control: Control | None = None
+    limits: tuple[str, ...] = ()
+    overlaps: tuple[Overlap, ...] = ()
+    checks: tuple[Check, ...] = ()
+    reserves: tuple[str, ...] = ()
+    barred: tuple[str, ...] = ()  # those of the reserves for which a name has fallen
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data, ready for JSON."""
+        return {
+            "format": FORMAT,
+            "verdict": self.verdict,
+            "statement": list(self.statement),
+            "effects": [
+                {
+                    "name": effect.name,
+                    "summary": effect.summary,
+                    "parameters": {
+                        name: vars(value) | {"bounds": list(value.bounds)}
+                        for name, value in effect.parameters.items()
+                    },
+                    "confidence": effect.confidence,
+                    "coherence_set": list(effect.coherence_set),
+                    "transferable": effect.transferable,
+                }
+                for effect in self.effects
+            ],
+            "where": [vars(where) for where in self.where],
+            "gap": {split: vars(level) | {"removed": level.removed} for split, level in self.gap.items()},
+            "control": None if self.control is None else vars(self.control),
+            "next_measurement": str(self.next_measurement),
+            "next": vars(self.next_measurement),
+            "limits": list(self.limits),
+            "overlaps": [vars(overlap) for overlap in self.overlaps],
+            "model": str(self.model),
+            "candidates": [vars(c) | {"parameters": dict(c.parameters)} for c in self.candidates],
+            "notes": list(self.notes),
+            "provenance": dict(self.provenance),
+            "pictures": {str(path): caption for path, caption in self.pictures.items()},
+            "checks": [vars(check) | {"files": list(check.files)} for check in self.checks],
+            "reserves": list(self.reserves),
+        }
+
+    @property
+    def statement(self) -> tuple[str, ...]:
+        """The verdict in plain words, a sentence or two each: what, how sure, how much, what to do."""
+        from designlab.report.gap_text import statement
+
+        return statement(self)

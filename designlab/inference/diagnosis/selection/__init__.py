@@ -1,0 +1,1 @@
+"""Which effects a measurement speaks for."""

@@ -1,0 +1,1 @@
+"""What a diagnosis concludes, and what to measure next."""

@@ -1,0 +1,277 @@
+"""What is checked before anything is fitted, and what missing frames take from the verdict."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.inference.calibration.suspicions import Picture, faults, lights_of_others, misfit, picture
+from designlab.inference.diagnosis.emulator.render_cache import Renders
+from designlab.inference.diagnosis.likelihood.usable_frames import end_at_zero
+from designlab.inference.diagnosis.result import Found, GapReport
+from designlab.inference.diagnosis.verdict.odd_presses import odd_presses
+from designlab.measurement import Measurement, MeasurementError, check, refuse
+from designlab.measurement.quality.damage import FULL_SCALE
+from designlab.measurement.quality.invariants import Check, invariants
+from designlab.measurement.quality.suspicion import Suspicion
+from designlab.measurement.shots import LEFT_OUT, Observations, Shot
+from designlab.sensor.design import CHANNELS, Design
+from designlab.simulation.effects import SensorModel
+
+Array = NDArray[np.float64]
+
+LEAST_PRESSES, LEAST_SELECT = 6, 2
+SATURATED = 0.005  # of the values of a frame
+# Largest confidence: without repeats, of few or doubtful frames, without a dark one, of saturated ones.
+ASSUMED, WEAK, NO_DARK, CUT = 0.5, 0.5, 0.7, 0.7
+FLOORS = ("black_level", "veiling_glare")  # not told apart without a frame without light
+MIXED = (*FLOORS, "colour_mixing")  # nor these without light of single groups either
+
+
+DOUBTED = ("trusted although", "odd: ")  # starts of notes
+
+
+@dataclass(frozen=True)
+class Reserve:
+    """What weakens a verdict: in words, the largest confidence left, whether a name may stand."""
+
+    why: str
+    confidence: float
+    name_stands: bool = False
+
+
+@dataclass(frozen=True)
+class Examined:
+    """Outcome of the checks: comparisons, notes, what weakens the verdict."""
+
+    checks: tuple[Check, ...]
+    notes: tuple[str, ...]
+    reserves: tuple[Reserve, ...]
+
+
+def check_frames(measurement: Measurement, model: SensorModel, trust: Sequence[str] = ()) -> tuple[str, ...]:
+    """Stop where frames are not what they are said to be, as far as that shows without a simulation.
+
+    Light that does not add up is left to the diagnosis: black level, stray light and response curve show so.
+
+    Returns
+    -------
+    tuple of str
+        Notes about what was trusted, or is too weak to stop for.
+
+    Raises
+    ------
+    MeasurementError
+        Naming files, evidence, cause and remedy.
+    """
+    design = model.effective_design()
+    _same_sensor(measurement, model.design)
+    if measurement.response == "unknown":
+        raise MeasurementError(
+            f"{measurement.folder}: field response: must be known, since linear light is compared; "
+            "remedy: linear for raw files, srgb for JPEG and PNG made for eyes, or `designlab import` with "
+            "an exposure ladder"
+        )
+    found = [
+        replace(each, strong=False) if each.name == "not_additive" else each
+        for each in check(_compared(measurement), design)
+    ]
+    return refuse(measurement, found, trust)
+
+
+def _compared(measurement: Measurement) -> Measurement:
+    """The set without frames that a diagnosis does not look at."""
+    frames = tuple(frame for frame in measurement.frames if frame.kind not in LEFT_OUT)
+    return measurement.model_copy(update={"frames": frames})
+
+
+def _same_sensor(measurement: Measurement, design: Design) -> None:
+    """Check that the sensor a set names could be the model's: the same but for numbers."""
+    stated = measurement.design()
+    if stated is None:
+        return
+    for what, theirs, ours in (
+        ("gel", stated.elastomer.shape, design.elastomer.shape),
+        ("LED groups", ", ".join(stated.group_names), ", ".join(design.group_names)),
+        ("camera", _size(stated), _size(design)),
+    ):
+        if theirs != ours:
+            raise MeasurementError(
+                f"{measurement.folder}: field sensor: {measurement.sensor} and the model "
+                f"{design.name or 'given'} are not the same sensor: {what} {theirs}, of the model {ours}; "
+                "remedy: give the model of the sensor that was measured, or correct sensor in "
+                "measurement.toml"
+            )
+
+
+def _size(design: Design) -> str:
+    return f"{design.camera.width_px} x {design.camera.height_px} px"
+
+
+def examine(
+    measurement: Measurement,
+    model: SensorModel,
+    seen: Observations,
+    renders: Renders,
+    notes: Sequence[str] = (),
+    trust: Sequence[str] = (),
+) -> Examined:
+    """Compare frames with each other and with the model as given, before anything is fitted.
+
+    Parameters
+    ----------
+    seen : Observations
+        All shots, dark ones among them, with the black level under their signals.
+    renders : Renders
+        Where pictures of the model come from.
+    notes : sequence of str
+        What `check_frames` has noted.
+    trust : sequence of str
+        Names of suspicions that are known and right as they are.
+
+    Raises
+    ------
+    MeasurementError
+        Naming files, evidence, cause, remedy and the way on.
+    """
+    lit = [s for s in seen.shots if s.lit.any() and not s.gel_rotation_deg]
+    above = [replace(s, signal=s.signal - seen.black_level) for s in lit]
+    renders.begin("checks", len(lit))
+    pictures = [picture(s, s.lit, renders.basis(model, s.press, s.view).astype(float)) for s in above]
+    design = model.effective_design()
+    transfer = design.mixing_matrix * np.array([group.flux_mw for group in design.leds.groups])
+    found: list[Suspicion] = list(faults(pictures, seen.black_level, transfer, measurement.response))
+    compared = _with_others(pictures)
+    if not found:
+        found += odd_presses(above, pictures, compared, seen.black_level, model, renders)
+    said = refuse(measurement, found, trust)
+    agree = Check("model as given", not found, _misfits(above, compared))
+    notes = (*notes, *said)
+    return Examined(
+        checks=(*invariants(measurement, design), agree),
+        notes=notes,
+        reserves=tuple(_reserves(measurement, seen, [note for note in notes if note.startswith(DOUBTED)])),
+    )
+
+
+def _misfits(shots: Sequence[Shot], compared: Sequence[float]) -> str:
+    kinds = {"untouched gel": False, "presses": True}
+    parts = [
+        f"{name} {np.median(ours):.2g} (at most {max(ours):.2g})"
+        for name, pressed in kinds.items()
+        if (ours := [c for s, c in zip(shots, compared, strict=True) if (s.press is not None) == pressed])
+    ]
+    return f"misses, in units of noise and 1 % of the mean: {', '.join(parts)}"
+
+
+def _with_others(pictures: Sequence[Picture]) -> list[float]:
+    """Misfit of every picture with the light that the others tell."""
+    return [
+        0.0 if light is None or not one.valid.any() else misfit(one, light)
+        for one, light in zip(pictures, lights_of_others(pictures), strict=True)
+    ]
+
+
+def _reserves(measurement: Measurement, seen: Observations, doubted: Sequence[str]) -> Iterable[Reserve]:
+    """What weakens the verdict."""
+    if not seen.repeats:
+        why = (
+            "the noise floor is unknown: no frame was taken twice, and noise is taken from the camera's "
+            "description"
+        )
+        yield Reserve(why, ASSUMED)
+    if not seen.dark:
+        why = (
+            "no frame without light: nothing is said about an additive floor, and the black level is the "
+            "camera's stated one"
+        )
+        yield Reserve(why, NO_DARK, name_stands=True)
+    lit = [frame for frame in _compared(measurement).frames if frame.lit]
+    saturated = max(float((measurement.image(frame) >= FULL_SCALE).mean()) for frame in lit)
+    if saturated > SATURATED:
+        why = (
+            f"up to {saturated:.1%} of the values of a frame are saturated: the brightest places say nothing"
+        )
+        yield Reserve(why, CUT, name_stands=True)
+    presses, select = len(seen.of("train", "select", "final")), len(seen.of("select"))
+    if presses < LEAST_PRESSES or select < LEAST_SELECT:
+        taken = "1 press" if presses == 1 else f"{presses} presses"
+        why = (
+            f"{taken}, {select or 'none'} of them to choose by: fewer than the {LEAST_PRESSES} and "
+            f"{LEAST_SELECT} that a name takes"
+        )
+        yield Reserve(why, WEAK)
+    for note in doubted:
+        yield Reserve(note, WEAK)
+
+
+def below_zero(effects: Sequence[Found], seen: Observations, design: Design) -> bool:
+    """Whether a black level was found of which no frame without light tells: where counts end at zero."""
+    stated, ends = design.camera.black_level, end_at_zero(seen.shots)
+    levels = [found.parameters for found in effects if found.name == "black_level"]
+    return any(
+        end and value.high is not None and stated + value.high < 0
+        for values in levels
+        for value, end in zip((values[channel] for channel in CHANNELS), ends, strict=True)
+    )
+
+
+def looking_alike(effects: Sequence[Found], seen: Observations, design: Design) -> tuple[str, ...]:
+    """Effects that frames of this kind cannot tell apart."""
+    single = any((s.lit > 0).sum() == 1 for s in seen.shots)
+    if not seen.dark:
+        return FLOORS if single else MIXED
+    return MIXED if below_zero(effects, seen, design) and not single else ()
+
+
+def weakened(
+    report: GapReport, examined: Examined, tried: Sequence[str], alike: Sequence[str] = ()
+) -> GapReport:
+    """Take from a report what its frames do not bear.
+
+    A name falls to `partial` where the floor is unknown, presses are few, or something was trusted although
+    it looked wrong, and to `ambiguous` where other effects look alike without the frames that would tell
+    them apart. Confidence is limited by each reserve.
+
+    Parameters
+    ----------
+    tried : sequence of str
+        Effects that were tried: others cannot stand in for one.
+    alike : sequence of str
+        Effects that frames of this kind cannot tell apart.
+    """
+    most = min([reserve.confidence for reserve in examined.reserves], default=1.0)
+    others = {name for name in alike if name in tried}
+
+    def lowered(found: Found) -> Found:
+        names, confidence = found.coherence_set, min(found.confidence, most)
+        if found.name in others and others.difference(names):
+            names = (*names, *sorted(others.difference(names)))
+            confidence = min(confidence, 1 / len(names))
+        return replace(found, confidence=confidence, coherence_set=names)
+
+    effects = tuple(lowered(found) for found in report.effects)
+    verdict = report.verdict
+    if verdict == "named" and any(len(found.coherence_set) > 1 for found in effects):
+        verdict = "ambiguous"
+    barred: tuple[str, ...] = ()
+    if verdict in ("named", "ambiguous"):
+        barred = tuple(reserve.why for reserve in examined.reserves if not reserve.name_stands)
+    if barred:
+        verdict = "partial"
+    notes = [*examined.notes]
+    if verdict != report.verdict:
+        notes.append(f"verdict lowered from {report.verdict} to {verdict}")
+    notes += [reserve.why for reserve in examined.reserves]
+    if report.verdict == "at_floor" and examined.reserves:
+        notes.append("at_floor says no more than these frames can show")
+    return replace(
+        report,
+        verdict=verdict,
+        effects=effects,
+        notes=tuple(dict.fromkeys([*report.notes, *notes])),
+        checks=examined.checks,
+        reserves=tuple(reserve.why for reserve in examined.reserves),
+        barred=barred,
+    )

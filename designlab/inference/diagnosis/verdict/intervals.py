@@ -1,0 +1,178 @@
+"""Values of a fitted effect with 95 % intervals, also of what is drawn anew for every picture.
+
+What the fit itself says of the error is joined by what no catalogue lists, see `empirical_errors`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.inference.diagnosis.emulator.coordinates import coordinate
+from designlab.inference.diagnosis.emulator.state import State, Unknown
+from designlab.inference.diagnosis.likelihood.empirical_errors import unlisted_sd
+from designlab.inference.diagnosis.likelihood.fit import DRAWN_SD, Fit, Fitter
+from designlab.inference.diagnosis.likelihood.fixed_pattern import strengths_as_good
+from designlab.inference.diagnosis.likelihood.normal_equations import ALIKE
+from designlab.inference.diagnosis.result import Value
+from designlab.inference.diagnosis.selection.screening import PERIODS
+from designlab.simulation.effects import Parameter
+
+Array = NDArray[np.float64]
+Ends = tuple[float, float]
+
+NORMAL = 1.96  # standard deviations of a 95 % interval
+TAIL = 0.025
+LEAST_DRAWS = 3
+
+
+def values(fitter: Fitter, fit: Fit, name: str, train: Sequence[int]) -> dict[str, Value]:
+    """Values of an effect with the ends of their 95 % intervals.
+
+    What is drawn anew for each picture is as uncertain as the number of pictures makes it.
+
+    Parameters
+    ----------
+    fit : Fit
+        Of the effect, to the training shots.
+    train : sequence of int
+        Those shots.
+    """
+    ends: dict[str, Ends] = {}
+    if name == "fixed_pattern":
+        ends["rms"] = _of_pattern(fitter, fit.state, train)
+    elif name in DRAWN_SD:
+        ends = _of_draws(fitter, fit, name, train)
+    else:
+        ends = _of_parameters(fitter, fit, name)
+    found = {}
+    for p in fitter.forward.parameters[name]:
+        value = fit.state.values[name][p.name]
+        if p.name in ends:
+            found[p.name] = _value(name, p, value, *ends[p.name])
+        else:
+            found[p.name] = Value(value, None, None, p.unit, p.null, p.sd, (p.low, p.high), None)
+    return found
+
+
+def _value(name: str, p: Parameter, value: float, low: float, high: float) -> Value:
+    low, high = min(low, value), max(high, value)
+    fit_sd = (high - low) / (2 * NORMAL)
+    away = NORMAL * p.sd * unlisted_sd(name, p.name, shape=p.shape)
+    low, high = value - np.hypot(value - low, away), value + np.hypot(high - value, away)
+    return Value(value, _within(p, low), _within(p, high), p.unit, p.null, p.sd, (p.low, p.high), fit_sd)
+
+
+def _of_parameters(fitter: Fitter, fit: Fit, name: str) -> dict[str, Ends]:
+    """Ends by the curvature of the misfit, all other unknowns fitted along."""
+    found = {}
+    deviations = _deviations(fit, [k for k, u in enumerate(fit.system.unknowns) if u.effect == name])
+    parameters = {p.name: p for p in fitter.forward.parameters[name]}
+    for unknown, deviation in deviations.items():
+        p = parameters[unknown.name]
+        t = coordinate(p, fit.state.values[name][p.name])
+        found[p.name] = _beyond_bounds(p, t - NORMAL * deviation), _beyond_bounds(p, t + NORMAL * deviation)
+    return found
+
+
+def _beyond_bounds(p: Parameter, t: float) -> float:
+    """Value at a coordinate, whatever its bounds: ends are cut when the error is known."""
+    return p.null + p.sd * (float(np.sqrt(max(t, 0.0))) if p.squared else t)
+
+
+def _of_draws(fitter: Fitter, fit: Fit, name: str, train: Sequence[int]) -> dict[str, Ends]:
+    """Ends of the strength of draws by their number and errors, and of the period of bands by the misfit."""
+    own = fit.state.drawn.get(name, {})
+    draws = np.array([own[n] for n in train if n in own])
+    if len(draws) < LEAST_DRAWS:
+        return {}
+    places = [k for k, u in enumerate(fit.system.unknowns) if u.effect == name and u.shot >= 0]
+    error = sum((d * u.sd) ** 2 for u, d in _deviations(fit, places).items()) / len(draws)
+    if name == "banding":
+        return {"amplitude": of_amplitudes(draws, error), "period_rows": _of_period(fitter, fit, train)}
+    return {"rms": of_deviation(draws[:, 0], error)}
+
+
+def of_deviation(draws: Array, error: float = 0.0) -> Ends:
+    """Ends for the standard deviation that draws come from, their mean unknown (chi-square).
+
+    Parameters
+    ----------
+    draws : array, shape (n,)
+        Estimates of the draws.
+    error : float
+        Mean variance of these estimates, which may have hidden as much of the draws.
+
+    Examples
+    --------
+    >>> low, high = of_deviation(np.array([-1.0, 1.0] * 50))
+    >>> round(low, 2), round(high, 2)
+    (0.88, 1.17)
+    """
+    from scipy.stats import chi2
+
+    freedom = len(draws) - 1
+    squares = float((draws**2).sum())
+    return (
+        float(np.sqrt(squares / chi2.ppf(1 - TAIL, freedom))),
+        float(np.sqrt((squares + len(draws) * error) / chi2.ppf(TAIL, freedom))),
+    )
+
+
+def of_amplitudes(draws: Array, error: float = 0.0) -> Ends:
+    """Ends for the amplitude of waves that differ in phase alone, from sine and cosine of each, (n, 2).
+
+    The spread between waves tells more than the errors stated. `error` is the mean of their sum of squares,
+    by which estimates that their prior has drawn to zero fall short.
+    """
+    from scipy.stats import t
+
+    powers = (draws**2).sum(axis=1)
+    amplitude = float(np.sqrt(powers.mean()))
+    spread = float(powers.std(ddof=1)) / (2 * amplitude)
+    away = float(t.ppf(1 - TAIL, len(draws) - 1)) * np.sqrt((spread**2 + error / 2) / len(draws))
+    return max(amplitude - away, 0.0), float(np.sqrt(powers.mean() + error)) + away
+
+
+def _of_period(fitter: Fitter, fit: Fit, train: Sequence[int]) -> Ends:
+    """Ends by a parabola through the misfits at a period and its neighbours, waves and gains fitted anew."""
+    period = fit.state.values["banding"]["period_rows"]
+    step = float(np.log(PERIODS[1] / PERIODS[0]))
+    below, here, above = (_misfit(fitter, fit.state, period * np.exp(k * step), train) for k in (-1, 0, 1))
+    curvature = (below - 2 * here + above) / step**2
+    if curvature <= 0:
+        return float(PERIODS[0]), float(PERIODS[-1])
+    best = (below - above) / (2 * step * curvature)
+    away = NORMAL / np.sqrt(0.5 * curvature)
+    return period * float(np.exp(best - away)), period * float(np.exp(best + away))
+
+
+def _misfit(fitter: Fitter, state: State, period: float, train: Sequence[int]) -> float:
+    state = state.with_values("banding", {**state.values["banding"], "period_rows": period})
+    unknowns = [u for u in fitter.unknowns(state, ("banding",), train) if u.effect in ("banding", "gain")]
+    found = fitter.system(state, train, unknowns)
+    _, fallen = found.step(*fitter.bounds(unknowns))
+    return found.misfit + float(found.now @ found.now) - fallen
+
+
+def _of_pattern(fitter: Fitter, state: State, train: Sequence[int]) -> Ends:
+    """Ends where the evidence for a strength has fallen as a Gaussian's would."""
+    others = {name: own for name, own in state.values.items() if name != "fixed_pattern"}
+    bare = replace(state, values=others, pattern=None)
+    return strengths_as_good(fitter, bare, train, within=ALIKE * NORMAL**2 / 2)
+
+
+def _deviations(fit: Fit, places: Sequence[int]) -> dict[Unknown, float]:
+    """Standard deviations of unknowns, in those of their priors, all others fitted along."""
+    if not places:
+        return {}
+    information, _ = fit.system.reduced(places)
+    covariance = np.linalg.inv(information + np.eye(len(places)))
+    return {
+        fit.system.unknowns[k]: float(np.sqrt(v)) for k, v in zip(places, np.diag(covariance), strict=True)
+    }
+
+
+def _within(p: Parameter, value: float) -> float:
+    return float(np.clip(value, p.low, p.high))

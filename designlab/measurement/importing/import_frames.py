@@ -1,0 +1,324 @@
+"""From a camera's own files to linear images in a measurement folder."""
+
+import shutil
+import tempfile
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from designlab.measurement.folder import load_measurement, write_measurement
+from designlab.measurement.frames import FILE_NAME, Frame, Measurement, MeasurementError, mesh_file
+from designlab.measurement.importing.camera_files import SUFFIXES
+from designlab.measurement.importing.conversion import (
+    Conversion,
+    Mask,
+    linear_picture,
+    read,
+    uncoloured,
+)
+from designlab.measurement.importing.lens_file import LensError, lens_fields
+from designlab.sensor.design import DesignError, dumps, explain, load, preset_names
+
+Array = NDArray[np.float64]
+Pixels = NDArray[np.float32]
+
+CLIPPED_SHARE = 0.02  # of dark values at zero, above which the camera is taken to cut there
+MOST_DARK = 0.2  # of full scale: brighter frames are not dark
+CUT_SHARE = 0.01  # of the values at zero that a colour matrix cannot be undone for, worth a note
+FEW_BITS = 0.26  # of 16 bits, which 14 bits would reach
+DESIGN_NAME = "design.toml"
+
+
+class Item(NamedTuple):
+    """A camera's file and what is known about it; the frame names the image to write."""
+
+    path: Path
+    frame: Frame
+
+
+class Imported(NamedTuple):
+    """What an import wrote."""
+
+    folder: Path
+    files: tuple[str, ...]
+    black: tuple[float, ...]
+    notes: tuple[str, ...]
+
+
+def listed(sources: Sequence[str | Path]) -> list[Path]:
+    """Find the picture files: each source is a file, or a folder of them."""
+    found: list[Path] = []
+    for source in map(Path, sources):
+        if source.is_dir():
+            inside = sorted(each for each in source.iterdir() if each.suffix.lower() in SUFFIXES)
+            if not inside:
+                raise MeasurementError(f"{source}: holds no pictures (known are {' '.join(SUFFIXES)})")
+            found += inside
+        elif source.is_file():
+            found.append(source)
+        else:
+            raise MeasurementError(f"{source}: no such file or folder")
+    return found
+
+
+def items(paths: Sequence[Path], **known: Any) -> list[Item]:
+    """Make frames of files that share what is known about them; several of them are repeats.
+
+    Raises
+    ------
+    MeasurementError
+        Naming file, field, rule and value.
+    """
+    made = []
+    for number, path in enumerate(paths):
+        content = {"file": f"{path.stem}.exr", **known}
+        if len(paths) > 1:
+            content["repeat"] = number
+        try:
+            made.append(Item(path, Frame.model_validate(content)))
+        except ValidationError as error:
+            raise MeasurementError(f"{path}: {explain(error)}") from None
+    return made
+
+
+def described(folder: str | Path) -> tuple[list[Item], dict[str, Any]]:
+    """Read a folder of camera files with a measurement.toml that says what each of them shows.
+
+    Returns
+    -------
+    items, top
+        The files, and the fields about the whole set.
+    """
+    file = Path(folder) / FILE_NAME
+    try:
+        content = tomllib.loads(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise MeasurementError(f"{file}: cannot be read: {error}") from None
+    raw = content.pop("frame", None)
+    if not isinstance(raw, list) or not raw:
+        raise MeasurementError(f"{file}: field frame: at least one [[frame]] is needed")
+    made = []
+    for number, entry in enumerate(raw, start=1):
+        try:
+            frame = Frame.model_validate(entry)
+        except ValidationError as error:
+            name = entry.get("file", "no file") if isinstance(entry, dict) else "not a table"
+            raise MeasurementError(f"{file}: frame {number} ({name}): {explain(error)}") from None
+        path = file.parent / frame.file
+        if not path.is_file():
+            raise MeasurementError(f"{file}: frame {number} ({frame.file}): field file: no such file")
+        made.append(Item(path, frame.model_copy(update={"file": str(Path(frame.file).with_suffix(".exr"))})))
+    return made, content
+
+
+def import_frames(
+    made: Sequence[Item],
+    conversion: Conversion,
+    *,
+    out: str | Path,
+    top: Mapping[str, Any] | None = None,
+    sensor: str | None = None,
+    lens: str | Path | None = None,
+    fisheye: bool | None = None,
+) -> Imported:
+    """Convert files to linear float EXR images and write them with their metadata, or add them to a set.
+
+    The level without light is subtracted, and full scale stays 1. A pixel with a saturated value is set to
+    full scale in all channels, so that no later step takes it for light. Dark frames that are in the set
+    already may be given again, for their level.
+
+    Parameters
+    ----------
+    made : sequence of Item
+        Files and what they show.
+    conversion : Conversion
+        What is undone.
+    out : path
+        Measurement folder; frames are added to one that exists.
+    top : mapping, optional
+        Fields of a new set: name, sensor, source, mm_per_px.
+    sensor : str, optional
+        Preset or design file, instead of the set's own.
+    lens : path, optional
+        OpenCV calibration that is put into a copy of the design.
+    fisheye : bool, optional
+        Whether it was made by cv2.fisheye, where the file does not say.
+
+    Raises
+    ------
+    MeasurementError
+        Naming file, field, rule and value. Nothing is written then.
+    """
+    out = Path(out)
+    earlier = load_measurement(out) if (out / FILE_NAME).is_file() else None
+    if earlier is not None and earlier.response != "linear":
+        raise MeasurementError(
+            f"{out / FILE_NAME}: field response: must be linear to add images, got {earlier.response!r}"
+        )
+    if not made and (earlier is None or lens is None):
+        raise MeasurementError(f"{out}: no pictures to import")
+    taken = {} if earlier is None else {frame.file: earlier.image(frame) for frame in earlier.frames}
+    known_dark = set() if earlier is None else {frame.file for frame in earlier.frames if not frame.lit}
+    added = []
+    for item in made:
+        if item.frame.file in known_dark and not item.frame.lit:
+            continue  # named again for its level
+        if item.frame.file in taken:
+            raise MeasurementError(f"{item.path}: {item.frame.file} is there already; rename it")
+        taken[item.frame.file] = np.zeros(0, dtype=np.float32)
+        added.append(item)
+    notes: list[str] = []
+    black, images = _converted(made, conversion, earlier, notes) if made else ((), {})
+    content: dict[str, Any] = dict(top or {}) if earlier is None else earlier.model_dump(exclude={"frames"})
+    content["response"] = "linear"
+    if sensor is not None:
+        content["sensor"] = sensor
+    frames = (*(() if earlier is None else earlier.frames), *(item.frame for item in added))
+    images = taken | {item.frame.file: images[item.frame.file] for item in added}
+    with tempfile.TemporaryDirectory() as staged:
+        home = Path(staged)
+        origin = earlier.folder if earlier is not None else (made[0].path.parent if top is not None else None)
+        content["sensor"] = _sensor(content.get("sensor", "unknown"), sensor, origin, home, notes)
+        if lens is not None:
+            content["sensor"] = _with_lens(content["sensor"], lens, fisheye, home, notes)
+        _meshes(frames, origin, home)
+        try:
+            measurement = Measurement.model_validate({**content, "frames": frames, "folder": home})
+        except ValidationError as error:
+            raise MeasurementError(f"{out}: {explain(error)}") from None
+        write_measurement(measurement, images, out)
+    return Imported(out, tuple(item.frame.file for item in added), black, tuple(dict.fromkeys(notes)))
+
+
+def _converted(
+    made: Sequence[Item], conversion: Conversion, earlier: Measurement | None, notes: list[str]
+) -> tuple[tuple[float, ...], dict[str, Pixels]]:
+    """Linear images of all files, and the level that was taken from them."""
+    pictures, stated, brightest, deep = {}, None, 0.0, False
+    for item in made:
+        file = read(item.path)
+        if file.turned:
+            notes.append(f"{item.path.name}: asks viewers to turn it; it is imported as the sensor saw it")
+        if file.encoded and getattr(conversion.response, "is_linear", False):
+            notes.append(
+                f"{item.path.name}: a JPEG, which is hardly ever linear as declared; suspected cause: "
+                "response left as it was; remedy: srgb, or the camera's curve from an exposure ladder"
+            )
+        pictures[item.frame.file] = linear_picture(file, conversion)
+        if conversion.matrix is not None and item.frame.lit:
+            cut = float((file.counts <= 0).mean())
+            if cut > CUT_SHARE:
+                notes.append(
+                    f"{item.path.name}: {cut:.0%} of the values are cut at zero, where the matrix "
+                    "cannot be undone; take it less saturated in colour, or raw"
+                )
+        if file.black is not None:
+            stated = conversion.response.decode(file.black / (conversion.white or file.white))
+        deep |= file.white == 65535 and conversion.white is None
+        brightest = max(brightest, float(file.counts.max()))
+    if deep and 0 < brightest < FEW_BITS * 65535:
+        notes.append(
+            f"no value exceeds {brightest:g} in files of 16 bits: if the camera has 10, 12 or 14 bits, state "
+            "its full scale as --white, or saturation cannot be seen"
+        )
+    level = _level(made, conversion, pictures, stated, earlier, notes)
+    if np.any(level):
+        notes.append(
+            "the level without light is taken away: designs compared with these files need "
+            "camera.black_level = 0"
+        )
+    images = {}
+    for name, (picture, saturated) in pictures.items():
+        found = (picture - level) / (1.0 - level) if picture.shape[-1] == 3 else picture - level.mean()
+        if conversion.matrix is not None:
+            if found.shape[-1] != 3:
+                raise MeasurementError(f"{name}: a colour matrix needs three channels, the file has one")
+            found = uncoloured(found, conversion.matrix)
+        images[name] = np.where(saturated[..., None], 1.0, found).astype(np.float32)
+    return tuple(float(value) for value in level), images
+
+
+def _level(
+    made: Sequence[Item],
+    conversion: Conversion,
+    pictures: Mapping[str, tuple[Array, Mask]],
+    stated: Array | None,
+    earlier: Measurement | None,
+    notes: list[str],
+) -> Array:
+    """Linear level without light of each channel: as stated, from dark frames, or as raw files say."""
+    darks = [item for item in made if not item.frame.lit]
+    if conversion.black is not None:
+        first = read(made[0].path) if made else None
+        white = conversion.white or (1.0 if first is None else first.white)
+        return np.full(3, float(conversion.response.decode(np.array(conversion.black / white))))
+    if darks:
+        dark = [pictures[item.frame.file][0] for item in darks]
+        if len({picture.shape[-1] for picture in dark}) > 1:
+            raise MeasurementError(f"{darks[0].path}: dark frames must all be in colour, or none")
+        values = np.concatenate([picture.reshape(-1, picture.shape[-1]) for picture in dark])
+        clipped = (values <= 0).mean() > CLIPPED_SHARE
+        level = np.median(values, axis=0) if clipped else values.mean(axis=0)
+        if level.max() > MOST_DARK:
+            raise MeasurementError(
+                f"{darks[0].path}: field kind: dark, but its level is {level.max():.0%} of full scale; "
+                "suspected cause: LEDs were on, or light came in; remedy: take it again in the dark, or "
+                "correct kind"
+            )
+        return np.broadcast_to(level, 3).copy()
+    if stated is not None:
+        return np.asarray(stated, dtype=float)
+    if made and earlier is not None and any(not frame.lit for frame in earlier.frames):
+        raise MeasurementError(
+            f"{earlier.folder}: has dark frames whose level was subtracted; state the same for new pictures, "
+            "by --dark or --black"
+        )
+    notes.append("no black level stated and no dark frame: values are taken to be zero without light")
+    return np.zeros(3)
+
+
+def _sensor(named: str, given: str | None, origin: Path | None, home: Path, notes: list[str]) -> str:
+    """Name of the sensor in the new set; a design file is copied into it."""
+    if named in (*preset_names(), "unknown"):
+        return named
+    file = Path(named) if given is not None or origin is None else origin / named
+    if not file.is_file():
+        raise MeasurementError(
+            f"field sensor: a preset, a design file or unknown, got {named!r}: no such file"
+        )
+    if Path(named).name != named:
+        notes.append(f"{file}: copied into the measurement as {DESIGN_NAME}")
+        named = DESIGN_NAME
+    shutil.copyfile(file, home / named)
+    return named
+
+
+def _with_lens(sensor: str, lens: str | Path, fisheye: bool | None, home: Path, notes: list[str]) -> str:
+    """Write the design with a calibrated lens beside the measurement."""
+    if sensor == "unknown":
+        raise MeasurementError(f"{lens}: a lens is put into a design, so the sensor must be known: --sensor")
+    try:
+        design = load(sensor if sensor in preset_names() else home / sensor)
+        changes, said = lens_fields(lens, design.camera, fisheye=fisheye)
+        changed = design.replace(changes)
+    except LensError as error:
+        raise MeasurementError(str(error)) from None
+    except DesignError as error:
+        raise MeasurementError(f"{lens}: cannot be put into {sensor}: {error}") from None
+    notes.extend(said)
+    notes.append(f"{lens}: put into {DESIGN_NAME} of the measurement; use it as the model")
+    (home / DESIGN_NAME).write_text(dumps(changed), encoding="utf-8")
+    return DESIGN_NAME
+
+
+def _meshes(frames: Sequence[Frame], origin: Path | None, home: Path) -> None:
+    """Copy the meshes of probes that frames name, to where they are looked for."""
+    for name in {mesh_file(frame.probe or "") for frame in frames}:
+        if name and origin is not None and not Path(name).is_absolute() and (origin / name).is_file():
+            (home / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(origin / name, home / name)

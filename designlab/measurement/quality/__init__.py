@@ -1,0 +1,1 @@
+"""Checks of measured frames before anything is fitted."""

@@ -1,0 +1,1 @@
+"""Search for better designs, and their yield under build tolerances."""

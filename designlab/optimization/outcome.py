@@ -1,0 +1,111 @@
+"""One evaluation as plain data, whatever becomes of it: it can cross processes and be stored as JSON."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, TypeVar
+
+from designlab.sensor.design import Design, DesignError, InfeasibleDesign
+
+if TYPE_CHECKING:
+    from designlab.reconstruction import KernelCalibration
+    from designlab.simulation.effects.model import SensorModel
+
+Subject = TypeVar("Subject", bound="Design | SensorModel")
+
+
+class Evaluator(Protocol):
+    """What turns a design into scores; the result has ``scores``, and may have ``seconds``."""
+
+    def __call__(self, design: Any, /, *, fidelity: str, seed: int) -> Any:
+        """Return the score of a feasible design, or of the sensor model it makes with the study's effects."""
+
+
+def default_evaluator(design: "Design | SensorModel", /, *, fidelity: str, seed: int) -> Any:
+    """Score a design by simulation, with `designlab.evaluation.evaluate.evaluate`."""
+    from designlab.evaluation.evaluate import evaluate
+
+    return evaluate(design, fidelity=fidelity, seed=seed)
+
+
+def built_evaluator(copy: "Design | SensorModel", /, *, fidelity: str, seed: int) -> Any:
+    """Score a sensor as it was built, which may have lost some of its view."""
+    from designlab.evaluation.evaluate import evaluate
+
+    return evaluate(copy, fidelity=fidelity, seed=seed, as_built=True)
+
+
+@dataclass(frozen=True)
+class CalibratedOnce:
+    """Scores copies as built with the calibration of another sensor of the kind, see `evaluate`."""
+
+    calibration: "KernelCalibration"
+
+    def __call__(self, copy: "Design | SensorModel", /, *, fidelity: str, seed: int) -> Any:
+        """Return the score of a copy."""
+        from designlab.evaluation.evaluate import evaluate
+
+        return evaluate(copy, fidelity=fidelity, seed=seed, calibration=self.calibration, as_built=True)
+
+
+class Prepared(NamedTuple, Generic[Subject]):
+    """What can be evaluated; or None, why not in words, and the rules that it breaks with their margins."""
+
+    subject: Subject | None
+    reason: str = ""
+    broken: Mapping[str, float] = {}
+
+
+def prepared(make: Callable[[], Subject], *, as_built: bool = False) -> Prepared[Subject]:
+    """Make a design or sensor model, unless its fields do not go together or it breaks a rule."""
+    from designlab.simulation.effects.model import SensorModel
+
+    try:
+        subject = make()
+        design = SensorModel.of(subject).effective_design()
+    except DesignError as error:
+        return Prepared(None, str(error).removeprefix("replace(): "))
+    broken = design.broken(as_built=as_built)
+    return Prepared(None, ", ".join(broken), broken) if broken else Prepared(subject)
+
+
+def evaluate_design(
+    evaluator: Evaluator, subject: "Design | SensorModel", fidelity: str, seed: int
+) -> dict[str, Any]:
+    """Evaluate one design; plain data, so that it can cross processes and be stored as JSON.
+
+    Returns
+    -------
+    dict
+        ``scores`` (name to ``value``, ``se``, ``bias_bound``, ``unit``), ``margins`` and ``seconds``; or
+        ``infeasible`` or ``failed`` with the reason. Any other exception is a defect and passes through.
+    """
+    from designlab.simulation.simulator import RenderFailed
+
+    try:
+        score = evaluator(subject, fidelity=fidelity, seed=seed)
+    except InfeasibleDesign as error:
+        return {"infeasible": str(error)}
+    except RenderFailed as error:
+        return {"failed": str(error)}
+    scores = {
+        name: {
+            "value": _finite(estimate.value),
+            "se": _finite(estimate.se),
+            "bias_bound": _finite(estimate.bias_bound),
+            "unit": estimate.unit,
+        }
+        for name, estimate in score.scores.items()
+    }
+    warnings = list(getattr(score, "warnings", ()))
+    found = {"scores": scores, "seconds": _plain(score, "seconds")}
+    return found | {"warnings": warnings} if warnings else found
+
+
+def _finite(value: Any) -> float | None:
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
+def _plain(score: Any, name: str) -> Any:
+    found = getattr(score, name, None)
+    return dict(found) if isinstance(found, Mapping) else found

@@ -1,0 +1,171 @@
+"""Run a study: in this process or several, with progress, interruptible and resumable."""
+
+import contextlib
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures.process import BrokenProcessPool
+from functools import partial
+from pathlib import Path
+
+from designlab.core.interrupts import Interrupts
+from designlab.core.workers import death, submitter
+from designlab.evaluation.illumination_scores import SCORES
+from designlab.optimization.outcome import Evaluator, built_evaluator, default_evaluator
+from designlab.optimization.study.confirm import confirm
+from designlab.optimization.study.definition import Study
+from designlab.optimization.study.folder import opened
+from designlab.optimization.study.results import Results, load_results
+from designlab.optimization.study.robust import RobustEvaluator
+from designlab.optimization.study.search import Search, retry
+
+_DEATHS = 5  # deaths in a row, no design being finished between, after which more than designs is at fault
+
+
+class StudyInterrupted(KeyboardInterrupt):
+    """A study was stopped by the user; the text says how far it came and how to resume it."""
+
+
+def run_study(
+    study: Study,
+    *,
+    out: str | Path,
+    trials: int | None = None,
+    workers: int = 1,
+    progress: bool = True,
+    evaluator: Evaluator | None = None,
+    storage: str | None = None,
+    rebuild: bool = False,
+) -> Results:
+    """Run a study until its number of designs is evaluated; go on where an earlier run in the folder ended.
+
+    The first design is the base design, if the ranges hold it. Every design is evaluated with the study's own
+    seed, so designs are compared under the same random numbers. Infeasible designs are recorded and never
+    evaluated, equal designs are evaluated once. With one worker, a study that was killed and resumed gives
+    the same trials as one that was not.
+
+    Parameters
+    ----------
+    study : Study
+        What to vary and what to improve.
+    out : str or Path
+        Folder of the study: ``study.toml``, the record ``study.db``, and design and score of each evaluated
+        trial under ``trials/NNNN``.
+    trials : int, optional
+        Number of evaluated designs in the end, those of earlier runs included; the study's own when absent.
+    workers : int
+        Processes that evaluate at the same time. With more than one, a script needs the usual
+        ``if __name__ == "__main__":`` guard, and `evaluator` must be a function of a module.
+    progress : bool
+        Whether to show a bar with the time left on stderr.
+    evaluator : callable, optional
+        Called as ``evaluator(design, fidelity=..., seed=...)``; simulation when absent.
+    storage : str, optional
+        URL of a database, ``postgresql+psycopg://user@host/name``, that holds the record instead of
+        ``study.db``: runs of the same study on other machines, each with a folder of its own, work together.
+        Designs of a run that dies are tried again by the others.
+    rebuild : bool
+        Whether to set the record in the folder aside, if it is damaged or lost, and make a new one of the
+        scores that are kept beside it. Infeasible designs are drawn anew.
+
+    Returns
+    -------
+    Results
+        All trials so far.
+
+    Raises
+    ------
+    StudyError
+        If the folder holds another study, or an objective names no score.
+    StudyInterrupted
+        If the user pressed Ctrl-C; nothing that was finished is lost.
+    RuntimeError
+        If evaluations fail repeatedly, no feasible design is found, or another run holds the folder.
+    """
+    total = study.trials if trials is None else trials
+    if total < 1 or workers < 1:
+        raise ValueError(f"trials and workers must be at least 1, got trials {total}, workers {workers}")
+    if evaluator is None:
+        study.require_scores(SCORES)
+    folder = Path(out)
+    stale = partial(retry, study)
+    with opened(folder, study, storage=storage, on_stale=stale, rebuild=rebuild) as record:
+        scored = evaluator or default_evaluator
+        if study.robust is not None:
+            scored = RobustEvaluator(evaluator or built_evaluator, study.robust, study.objectives)
+        search = Search(study, folder, record, scored, shared=storage is not None)
+        with Interrupts() as interrupts:
+            if rebuild:
+                search.rebuild()
+            search.recover()
+            try:
+                with _bar(total, search, shown=progress) as update:
+                    _run(search, total, workers, interrupts, update)
+                if study.plan.promoted:
+                    found = load_results(folder, storage=storage)
+                    _confirm(found, search.evaluator, workers, interrupts, shown=progress)
+            except KeyboardInterrupt:
+                raise StudyInterrupted(
+                    f"study {study.name!r} interrupted after {search.done} of {total} designs; "
+                    f"run it again with the same folder, {folder}, to resume"
+                ) from None
+    return load_results(folder, storage=storage)
+
+
+def _confirm(
+    results: Results, evaluator: Evaluator, workers: int, interrupts: Interrupts, *, shown: bool
+) -> None:
+    """Evaluate the best designs again; what a run before it has done is there."""
+    from tqdm import tqdm
+
+    with tqdm(unit="evaluation", file=sys.stderr, disable=not shown, leave=True) as bar:
+
+        def update(fidelity: str, done: int, total: int) -> None:
+            bar.set_description(f"confirming, {fidelity}", refresh=False)
+            bar.total, bar.n = total, done
+            bar.refresh()
+
+        confirm(results, evaluator, workers=workers, interrupts=interrupts, on_progress=update)
+
+
+def _run(
+    search: Search, total: int, workers: int, interrupts: Interrupts, update: Callable[[], None]
+) -> None:
+    deaths = 0
+    while True:
+        before = search.done
+        try:
+            with submitter(workers, interrupts) as submit:
+                search.run(total, workers=workers, submit=submit, interrupts=interrupts, on_progress=update)
+                return
+        except BrokenProcessPool as error:
+            search.recover()
+            deaths = deaths + 1 if search.done == before else 1
+            if deaths == _DEATHS:
+                raise RuntimeError(
+                    f"{death(workers)}; what is finished is kept: the same command goes on"
+                ) from error
+        except BaseException:
+            search.recover(interrupted=True)
+            raise
+
+
+@contextlib.contextmanager
+def _bar(total: int, search: Search, *, shown: bool) -> Iterator[Callable[[], None]]:
+    """Show done, total and time left on stderr."""
+    from tqdm import tqdm
+
+    with tqdm(
+        desc="search",
+        total=total,
+        initial=search.done,
+        unit="design",
+        file=sys.stderr,
+        disable=not shown,
+        leave=True,
+    ) as bar:
+
+        def update() -> None:
+            bar.update(search.done - bar.n)
+            bar.set_postfix_str(f"{search.infeasible} infeasible", refresh=False)
+
+        yield update

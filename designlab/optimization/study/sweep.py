@@ -1,0 +1,274 @@
+"""Sweeps over full grids, and the optimisation as a notebook would call it."""
+
+import contextlib
+import itertools
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from pydantic import ValidationError
+
+from designlab.core.interrupts import Interrupts
+from designlab.core.store import digest, read_json, write_json
+from designlab.core.workers import finished
+from designlab.optimization.constraint import Bound
+from designlab.optimization.outcome import Evaluator, default_evaluator, evaluate_design, prepared
+from designlab.optimization.study.definition import Plan, Sampler, Study, StudyError, carried
+from designlab.optimization.study.parameter import Parameter
+from designlab.optimization.study.results import Results
+from designlab.optimization.study.robust import Robust
+from designlab.optimization.study.runner import run_study
+from designlab.sensor.design import Design, DesignError, explain
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from designlab.simulation.effects.model import SensorModel
+
+SWEEP_FILE = "sweep.json"
+ROWS_FOLDER = "rows"
+Fidelity = Literal["fast", "standard", "reference"]
+
+
+class SweepInterrupted(KeyboardInterrupt):
+    """A sweep was stopped by the user; the text says how far it came and how to go on."""
+
+
+def sweep(
+    design: "Design | SensorModel",
+    values: Mapping[str, Iterable[Any]],
+    *,
+    fidelity: Fidelity = "fast",
+    seed: int = 0,
+    workers: int = 1,
+    dask: str | None = None,
+    progress: bool = True,
+    evaluator: Evaluator | None = None,
+    out: str | Path | None = None,
+) -> "pd.DataFrame":
+    """Evaluate every combination of the given values.
+
+    Parameters
+    ----------
+    design : Design or SensorModel
+        The design to start from; of a model, the effects that hold for other designs too go with it.
+    values : mapping
+        Field by dotted path to the values it takes, for example ``{"leds.tilt_deg": range(0, 60, 10)}``.
+    fidelity : {"fast", "standard", "reference"}
+        Effort of an evaluation.
+    seed : int
+        Seed of every evaluation: designs are compared under the same random numbers.
+    workers : int
+        Processes of this machine that evaluate at the same time. With more than one, a script needs the usual
+        ``if __name__ == "__main__":`` guard, and `evaluator` must be a function of a module.
+    dask : str, optional
+        Address of a Dask scheduler, ``tcp://host:8786``, whose workers evaluate instead.
+    progress : bool
+        Whether to show a bar with the time left on stderr.
+    evaluator : callable, optional
+        Called as ``evaluator(design, fidelity=..., seed=...)``; simulation when absent.
+    out : str or Path, optional
+        Folder that keeps each row as soon as it is finished: the same call goes on there, also with more
+        values. Without it nothing is kept.
+
+    Returns
+    -------
+    DataFrame
+        One row a design: a column for each field, ``feasible``, ``reason`` (why a design was not evaluated,
+        else empty), and for each score its value and ``<score>_se``. Infeasible designs are not evaluated.
+        ``warnings``, where a model is used beyond what it was fitted to.
+
+    Raises
+    ------
+    DesignError
+        If a path names no field of a design.
+    ValueError
+        If the folder holds another sweep.
+    SweepInterrupted
+        If the user pressed Ctrl-C.
+    RuntimeError
+        If worker processes die over and over.
+    """
+    import pandas as pd
+    from tqdm import tqdm
+
+    grid = {path: list(chosen) for path, chosen in values.items()}
+    if not grid or not all(grid.values()):
+        raise ValueError("values: give at least one field, and at least one value for each")
+    combinations = [dict(zip(grid, chosen, strict=True)) for chosen in itertools.product(*grid.values())]
+    scored = evaluator or default_evaluator
+    paths: list[Path | None] = [None] * len(combinations)
+    if out is not None:
+        paths = _claim(Path(out), design, combinations, fidelity, seed)
+    rows = [_kept(path) for path in paths]
+    missing = [place for place, row in enumerate(rows) if row is None]
+    calls = [(_sweep_row, design, combinations[place], scored, fidelity, seed) for place in missing]
+    goes_on = "give `out` a folder that keeps what is finished"
+    if out is not None:
+        goes_on = f"what is finished is kept: the same call with out {str(out)!r} goes on"
+    done = len(rows) - len(missing)
+    bar = tqdm(total=len(rows), initial=done, unit="design", file=sys.stderr, disable=not progress)
+    try:
+        with Interrupts() as interrupts, bar:
+            outcomes = finished(calls, workers=workers, interrupts=interrupts, dask=dask, goes_on=goes_on)
+            with contextlib.closing(outcomes):
+                for number, row in outcomes:
+                    rows[missing[number]] = row
+                    path = paths[missing[number]]
+                    if path is not None:
+                        write_json(path, row)
+                    done += 1
+                    bar.update()
+    except KeyboardInterrupt:
+        text = f"sweep interrupted after {done} of {len(rows)} designs; {goes_on}"
+        raise SweepInterrupted(text) from None
+    return pd.DataFrame([values | (row or {}) for values, row in zip(combinations, rows, strict=True)])
+
+
+def _claim(
+    folder: Path,
+    design: "Design | SensorModel",
+    combinations: Sequence[Mapping[str, Any]],
+    fidelity: str,
+    seed: int,
+) -> list[Path | None]:
+    """Where the rows of a sweep are kept; refuse the folder of another one."""
+    path, ours = folder / SWEEP_FILE, digest(design.digest, fidelity, seed)
+    name = design.name if isinstance(design, Design) else design.design.name
+    if not path.is_file():
+        write_json(path, {"digest": ours, "design": name, "fidelity": fidelity, "seed": seed})
+    elif (before := read_json(path)).get("digest") != ours:
+        raise ValueError(
+            f"{folder}: holds another sweep, of {before.get('design')!r}: design, fidelity or seed differ; "
+            "choose another folder"
+        )
+    return [folder / ROWS_FOLDER / f"{digest(_plain(values))[:24]}.json" for values in combinations]
+
+
+def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values as Python's own, so that 5.0 of an array is 5.0 of a list."""
+    return {path: value.item() if hasattr(value, "item") else value for path, value in values.items()}
+
+
+def _kept(path: Path | None) -> dict[str, Any] | None:
+    """Row that is finished; one whose picture failed is not."""
+    row = read_json(path) if path is not None and path.is_file() else None
+    return None if row is None or (row["feasible"] and row["reason"]) else row
+
+
+def _sweep_row(
+    base: "Design | SensorModel",
+    values: Mapping[str, Any],
+    evaluator: Evaluator,
+    fidelity: str,
+    seed: int,
+) -> dict[str, Any]:
+    start = base if isinstance(base, Design) else base.transferable()
+    subject, reason, _ = prepared(lambda: start.replace(values))
+    if reason.startswith("no field"):
+        raise DesignError(reason)
+    if subject is None:
+        return {"feasible": False, "reason": reason}
+    outcome = evaluate_design(evaluator, subject, fidelity, seed)
+    if "scores" not in outcome:
+        reason = outcome.get("infeasible") or outcome["failed"]
+        return {"feasible": "failed" in outcome, "reason": reason}
+    row: dict[str, Any] = {"feasible": True, "reason": ""}
+    for name, estimate in outcome["scores"].items():
+        row |= {name: estimate["value"], f"{name}_se": estimate["se"]}
+    if outcome.get("warnings"):
+        row["warnings"] = "; ".join(outcome["warnings"])
+    return row
+
+
+def optimise(
+    design: "Design | SensorModel",
+    parameters: Mapping[str, Parameter | tuple[float, float] | Sequence[Any] | Mapping[str, Any]]
+    | None = None,
+    *,
+    out: str | Path,
+    objectives: Mapping[str, Literal["maximise", "minimise"]] | None = None,
+    constraints: Mapping[str, Bound | Mapping[str, float]] | None = None,
+    variants: Mapping[str, Mapping[str, Any]] | None = None,
+    plan: Plan | Mapping[str, Any] | None = None,
+    robust: Robust | Mapping[str, Any] | None = None,
+    trials: int = 40,
+    fidelity: Fidelity = "fast",
+    seed: int = 0,
+    sampler: Sampler = "auto",
+    workers: int = 1,
+    progress: bool = True,
+    evaluator: Evaluator | None = None,
+    storage: str | None = None,
+) -> Results:
+    """Search for better designs; the same call again resumes, see `run_study`.
+
+    Parameters
+    ----------
+    design : Design or SensorModel
+        The design to start from; of a model, the effects that hold for other designs too go with it.
+    parameters : mapping, optional
+        Field by dotted path to a range as a tuple ``(low, high)``, a list of choices, or a `Parameter`, also
+        as a mapping of its fields; those of `default_parameters` when absent.
+    out : str or Path
+        Folder of the study.
+    objectives : mapping, optional
+        Score to ``"maximise"`` or ``"minimise"``; best uniformity and least normal error when absent.
+    constraints : mapping, optional
+        Score to a `Bound`, for example ``{"coverage": {"least": 0.9}}``; designs that break one are not
+        recommended. A coverage of at least 0.95 and no saturation when absent.
+    variants : mapping, optional
+        Name to fields and values: every design is one of these alternatives.
+    plan : Plan, optional
+        How the best are confirmed after the search, for example ``{"promoted": 4}``; with 0 they are not.
+    robust : Robust, optional
+        How copies as they would be built decide, for example ``{"copies": 8}``.
+    trials, fidelity, seed, sampler, workers, progress, evaluator, storage
+        As in `Study` and `run_study`.
+
+    Raises
+    ------
+    StudyError
+        If a parameter does not fit its field; names field, value and rule.
+    """
+    base = design if isinstance(design, Design) else design.design
+    stated = {"objectives": objectives, "constraints": constraints, "plan": plan}
+    content = {
+        "name": f"{base.name} search",
+        "base": base,
+        **({} if isinstance(design, Design) else carried(design)),
+        **(
+            {}
+            if parameters is None
+            else {"parameters": {p: _parameter(p, its) for p, its in parameters.items()}}
+        ),
+        **{name: given for name, given in stated.items() if given is not None},
+        "variants": dict(variants or {}),
+        "robust": robust,
+        "trials": trials,
+        "fidelity": fidelity,
+        "seed": seed,
+        "sampler": sampler,
+    }
+    try:
+        study = Study.model_validate(content)
+    except ValidationError as error:
+        raise StudyError(f"optimise(): {explain(error)}") from None
+    return run_study(study, out=out, workers=workers, progress=progress, evaluator=evaluator, storage=storage)
+
+
+def _parameter(path: str, given: Any) -> Parameter | dict[str, Any]:
+    """What a study states of a parameter; the study checks it."""
+    if isinstance(given, Parameter):
+        return given
+    if isinstance(given, Mapping):
+        return dict(given)
+    if isinstance(given, tuple) and len(given) == 2:
+        return {"low": given[0], "high": given[1]}
+    if isinstance(given, str) or not isinstance(given, Iterable):
+        raise StudyError(
+            f"optimise(): field parameters.{path}: must be a range (low, high), a list of choices or a "
+            f"Parameter, got {given!r}"
+        )
+    return {"choices": tuple(given)}

@@ -1,0 +1,296 @@
+"""What differs from one built copy of a design to the next: fields and effects, by how much, who says so."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError
+from scipy.stats import truncnorm
+
+from designlab.core.store import digest
+from designlab.sensor.design import Design, DesignError, explain
+from designlab.simulation.effects import AppliedEffect, SensorModel, effect
+from geometries.spec import Spec
+
+Array = NDArray[np.float64]
+
+CUT_SD = 3.0  # copies further off are sorted out before they are used
+EFFECTS = "effects"
+ANY = "*"
+
+
+class Spread(Spec):
+    """How one dimension, material figure or part of a built sensor departs from its drawing."""
+
+    field: str = Field(
+        description="Field of the design by dotted path, or effects.NAME.PARAMETER of the catalogue; "
+        "* stands for every LED group, or every parameter of an effect, each with a draw of its own."
+    )
+    sd: float = Field(
+        gt=0, description="Standard deviation, in the unit of the field; draws end at three of it."
+    )
+    relative: bool = Field(False, description="Whether the deviation is a share of the value.")
+    also: tuple[str, ...] = Field((), description="Fields that move by the same distance.")
+    source: str = Field("", description="Where the figure comes from.")
+
+
+@dataclass(frozen=True)
+class Input:
+    """One number that is drawn for every copy.
+
+    Attributes
+    ----------
+    name : str
+        Field or effect and parameter.
+    spread : Spread
+        What it is drawn from.
+    """
+
+    name: str
+    spread: Spread
+
+    @property
+    def is_effect(self) -> bool:
+        """Whether it is a parameter of an effect."""
+        return self.name.startswith(f"{EFFECTS}.")
+
+
+def default_spreads(design: Design) -> tuple[Spread, ...]:
+    """Spreads of a sensor that a laboratory makes itself: printed housing, cast gel, LEDs of one reel."""
+    above = ("leds.height_mm", "camera.position_mm.2")
+    found = [
+        Spread(
+            field="leds.groups.*.flux_mw",
+            sd=0.035,
+            relative=True,
+            source="an intensity bin is 10 to 15 % wide (data sheet OSXX0402C1C), even over it",
+        ),
+        Spread(
+            field="effects.led_spread.*",
+            sd=0.035,
+            source="as the flux of groups: LEDs side by side are of one bin",
+        ),
+        Spread(
+            field="leds.groups.*.wavelength_nm",
+            sd=2.9,
+            source="5 nm to either side of the typical wavelength (data sheet LLH-RGBW-5050), even over it",
+        ),
+        Spread(
+            field="effects.led_position.*",
+            sd=0.1,
+            source="package and board 0.1 mm (data sheet LLH-RGBW-5050), printed slot (estimate)",
+        ),
+        Spread(field="effects.led_tilt.*", sd=1.0, source="board in a printed slot (estimate)"),
+        Spread(
+            field="effects.camera_pose.*", sd=0.1, source="module in a printed seat, mm and deg (estimate)"
+        ),
+        Spread(field="optics.membrane_albedo", sd=0.05, relative=True, source="sprayed coating (estimate)"),
+    ]
+    thickness = Spread(
+        field="elastomer.thickness_mm",
+        sd=0.1,
+        # The membrane is the origin: a thicker gel moves all above it away.
+        also=(*above, "elastomer.radius_mm") if design.elastomer.shape == "dome" else above,
+        source="gel cast in a printed mould (estimate)",
+    )
+    found.append(thickness)
+    if design.elastomer.shape == "dome":
+        found.append(
+            Spread(
+                field="elastomer.radius_mm",
+                sd=0.2,
+                also=("gelcore.radius_mm",),
+                source="printed or turned mould, 0.5 % of the radius (estimate)",
+            )
+        )
+    if design.optics.light_path == "core":
+        found += [
+            Spread(field="optics.elastomer_index", sd=0.003, source="silicones of one kind (estimate)"),
+            Spread(field="optics.gelcore_index", sd=0.002, source="acrylic of several makers (estimate)"),
+        ]
+        if design.gelcore.side_finish == "ground":
+            found.append(
+                Spread(
+                    field="gelcore.ground_roughness",
+                    sd=0.2,
+                    relative=True,
+                    source="sanded by hand (estimate)",
+                )
+            )
+    known = (spread for spread in found if _has(design, spread))
+    return tuple(known)
+
+
+def _has(design: Design, spread: Spread) -> bool:
+    """Whether a design has what a default spread is about."""
+    if not spread.field.startswith(f"{EFFECTS}."):
+        return True
+    return bool(effect(spread.field.split(".")[1]).parameters(design))
+
+
+def inputs(design: Design, spreads: Sequence[Spread]) -> tuple[Input, ...]:
+    """Everything that is drawn for a copy of a design.
+
+    Raises
+    ------
+    ValueError
+        If a spread names no field or effect of the design, or one is named twice.
+    """
+    found = [Input(name, spread) for spread in spreads for name in _names(design, spread)]
+    names = [each.name for each in found]
+    if doubled := {name for name in names if names.count(name) > 1}:
+        raise ValueError(f"spreads: {', '.join(sorted(doubled))} is given twice")
+    for each in found:
+        if not each.is_effect:
+            for path in (each.name, *each.spread.also):
+                _number(design, path)
+    return tuple(found)
+
+
+def applicable(design: Design, spreads: Sequence[Spread]) -> tuple[Spread, ...]:
+    """Those spreads that a design has: a radius is for a dome, not for a flat gel."""
+    return tuple(spread for spread in spreads if _misfit(design, spread) is None)
+
+
+def require_applicable(designs: Sequence[Design], spreads: Sequence[Spread]) -> None:
+    """Refuse a spread that none of some designs has, and two that move the same thing.
+
+    Raises
+    ------
+    ValueError
+        That names the spread by its place.
+    """
+    for number, spread in enumerate(spreads):
+        misfits = [_misfit(design, spread) for design in designs]
+        if all(misfits):
+            raise ValueError(f"spread.{number}: {misfits[0]}")
+    for design in designs:
+        inputs(design, applicable(design, spreads))
+
+
+def _misfit(design: Design, spread: Spread) -> str | None:
+    """Why a design does not have a spread, if so."""
+    try:
+        inputs(design, (spread,))
+    except ValueError as error:
+        return str(error).removeprefix("spreads: ")
+    return None
+
+
+def _names(design: Design, spread: Spread) -> Iterator[str]:
+    first, *rest = spread.field.split(".")
+    if first == EFFECTS:
+        if len(rest) != 2:
+            raise ValueError(f"spreads: {spread.field!r} is not effects.NAME.PARAMETER")
+        name, wanted = rest
+        known = [p.name for p in effect(name).parameters(design) if not p.shape]
+        chosen = known if wanted == ANY else [p for p in known if p == wanted]
+        if not chosen:
+            raise ValueError(
+                f"spreads: {spread.field!r}: {name} has no parameter {wanted!r} on this design, "
+                f"only {', '.join(known) or 'none'}"
+            )
+        yield from (f"{EFFECTS}.{name}.{p}" for p in chosen)
+    elif ANY in rest:
+        for k in range(len(design.leds.groups)):
+            yield spread.field.replace(ANY, str(k), 1)
+    else:
+        yield spread.field
+
+
+def _number(design: Design, path: str) -> float | tuple[float, ...]:
+    """Value of a field that can be moved: a number, or one for each LED group."""
+    if path in ("optics.gelcore_index", "optics.elastomer_index"):  # by default their material's
+        return design.optics.core_index if "gelcore" in path else design.optics.gel_index
+    node: Any = design
+    try:
+        for key in path.split("."):
+            node = node[int(key)] if key.isdigit() else getattr(node, key)
+    except (AttributeError, IndexError, TypeError):
+        raise ValueError(f"spreads: no field {path!r} in a design") from None
+    numbers = node if isinstance(node, tuple) else (node,)
+    if not numbers or any(isinstance(v, bool) or not isinstance(v, int | float) for v in numbers):
+        raise ValueError(f"spreads: {path} is no number in this design, it is {node!r}")
+    return node if isinstance(node, tuple) else float(node)
+
+
+def deviates(count: int, names: Sequence[str], seed: int) -> Array:
+    """Standard normal draws, cut at `CUT_SD`, for things by name: (count, names).
+
+    What is drawn for a name depends on it, the number and the seed alone: sensors that differ in other things
+    have the same luck in this one, and the first draws stay the same when more are asked for.
+    """
+    seeds = ([seed, int(digest(name)[:16], 16)] for name in names)
+    even = [_stratified(count, np.random.default_rng(own)) for own in seeds]
+    return np.asarray(truncnorm.ppf(np.reshape(even, (len(names), count)).T, -CUT_SD, CUT_SD))
+
+
+def _stratified(count: int, random: np.random.Generator) -> Array:
+    """Numbers that fill 0 to 1 evenly: of the first 2^k, one lies in each of 2^k equal intervals.
+
+    Their order within each doubling is random, so that columns of a table are independent: it is a Latin
+    hypercube (McKay, Beckman and Conover 1979) that can be extended.
+    """
+    points = random.random(1)
+    while len(points) < count:
+        intervals = 2 * len(points)
+        empty = np.setdiff1d(np.arange(intervals), (points * intervals).astype(int))
+        points = np.append(points, (random.permutation(empty) + random.random(len(empty))) / intervals)
+    return points[:count]
+
+
+def copy(nominal: SensorModel, drawn: Sequence[Input], values: Array) -> SensorModel:
+    """Built copy of a model.
+
+    Parameters
+    ----------
+    nominal : SensorModel
+        The drawing.
+    drawn : sequence of Input
+        What departs from it.
+    values : array, shape (inputs,)
+        By how many standard deviations each.
+
+    Raises
+    ------
+    DesignError
+        If such a copy cannot be: a value breaks a rule of its field.
+    """
+    design = nominal.design
+    changes: dict[str, Any] = {}
+    built: dict[str, dict[str, float]] = {}
+    for each, by in zip(drawn, values, strict=True):
+        away = float(by) * each.spread.sd
+        if each.is_effect:
+            _, name, parameter = each.name.split(".")
+            own = built.setdefault(name, dict(_stated(nominal, name)))
+            own[parameter] += away * (own[parameter] if each.spread.relative else 1.0)
+            continue
+        value = _number(design, each.name)
+        shares = np.atleast_1d(value)
+        moved = shares * (1 + away) if each.spread.relative else shares + away
+        _put(changes, design, each.name, moved - shares)
+        for path in each.spread.also:
+            _put(changes, design, path, np.full(1, float(moved[0] - shares[0])))
+    try:
+        model = nominal.replace(changes) if changes else nominal
+        for name, own in built.items():
+            model = model.with_effect(AppliedEffect(name=name, values=own))
+    except ValidationError as error:  # a value beyond the bounds of an effect
+        raise DesignError(explain(error)) from None
+    return model
+
+
+def _stated(model: SensorModel, name: str) -> dict[str, float]:
+    """Values of an effect that a model has, or at which it does nothing."""
+    present = {applied.name: applied.values for applied in model.effects}
+    return present.get(name) or effect(name).null(model.design)
+
+
+def _put(changes: dict[str, Any], design: Design, path: str, away: Array) -> None:
+    """Add a deviation to a field, which another input may have moved already."""
+    before = changes.get(path, _number(design, path))
+    after = np.atleast_1d(before) + away
+    changes[path] = tuple(float(v) for v in after) if isinstance(before, tuple) else float(after[0])

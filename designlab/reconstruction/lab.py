@@ -1,0 +1,324 @@
+"""Calibration as a lab does it: ball presses in, a map from pictures to height and normals out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import gaussian_filter
+
+from designlab.core.metrics import normal_error_deg
+from designlab.reconstruction.ball_samples import Setup, ball_samples, ball_truth, positions, relative_change
+from designlab.reconstruction.balls import BallPress
+from designlab.reconstruction.height import gradients_of, integrate, normals
+from designlab.reconstruction.methods import (
+    Kernel,
+    Method,
+    Polynomial,
+    Predictor,
+    Samples,
+    expected_error,
+    expected_error_without_each,
+    slope_gradients,
+)
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_TOLERANCE = 1e-4  # of a weighted integration: far below a micrometre
+
+
+class Shape(NamedTuple):
+    """Reconstructed indentation: height (mm) above the undeformed membrane, and its slopes p and q."""
+
+    height_mm: Array
+    p: Array
+    q: Array
+
+
+class Fit(NamedTuple):
+    """A fitted map.
+
+    Attributes
+    ----------
+    predictor : callable
+        From colour and place to slope vectors, see `methods`.
+    expected_error : callable, optional
+        Expected squared error of the slopes, see `methods.expected_error`.
+    """
+
+    predictor: Predictor
+    expected_error: Predictor | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LabCalibration:
+    """A calibration made from ball presses.
+
+    Near the rim of a contact the membrane has left the ball, but one colour there also occurs further in. A
+    map taught the ball's slopes up to the rim makes contacts too steep within it and so too high; one taught
+    the inner part alone gets heights right and rounds the rim. So the first gives the fine detail of the
+    height, the second all that is wider.
+
+    Attributes
+    ----------
+    background : array, shape (rows, columns, channels)
+        The untouched gel.
+    setup : Setup
+        Scale, ball, smoothing.
+    spread : array, shape (channels,)
+        Root mean square colour change over the contacts: the unit of colour.
+    inner : Fit
+        Map taught the trusted part of the contacts.
+    rim : Fit, optional
+        Map taught almost all of the contacts.
+    detail_px : float
+        Standard deviation of the Gaussian that parts fine from wide.
+    """
+
+    background: Array
+    setup: Setup
+    spread: Array
+    inner: Fit
+    rim: Fit | None = None
+    detail_px: float = 0.0
+
+    def gradients(self, image: ArrayLike, *, mask: Mask | None = None) -> tuple[Array, Array]:
+        """Slopes p = dz/dx, q = dz/dy of the indentation by the inner map, pixel by pixel.
+
+        Parameters
+        ----------
+        image : array, shape (rows, columns, channels)
+            A press.
+        mask : bool array, shape (rows, columns), optional
+            Pixels that show the bare membrane; printed markers left out. They are filled from around.
+        """
+        return self._gradients(self.inner, self._signal(image, mask))
+
+    def _gradients(self, fit: Fit, signal: Array) -> tuple[Array, Array]:
+        slope = fit.predictor(signal, positions(self.background.shape))
+        p, q = slope_gradients(slope).T.reshape(2, *self.background.shape[:2])
+        return p, q
+
+    def _weights(self, fit: Fit, signal: Array, mask: Mask | None) -> Array | None:
+        """Weights of the pixels in the integration; None where all are alike."""
+        if fit.expected_error is None:
+            return None if mask is None else mask.astype(float)
+        error = fit.expected_error(signal, positions(self.background.shape))
+        weights: Array = error.min() / error.reshape(self.background.shape[:2])
+        return weights if mask is None else weights * mask
+
+    def reconstruct(self, image: ArrayLike, *, mask: Mask | None = None, robust: bool = False) -> Shape:
+        """Height and slopes that agree with each other.
+
+        Slopes are those of the integrated height: what no surface can have is left out of them.
+
+        Parameters
+        ----------
+        image, mask
+            See `gradients`; masked pixels have no weight in the integration.
+        robust : bool
+            See `integrate`.
+        """
+        signal = self._signal(image, mask)
+        pitch_mm = self.setup.mm_per_px
+
+        def height(fit: Fit) -> Array:
+            p, q = self._gradients(fit, signal)
+            return integrate(
+                p,
+                q,
+                pitch_mm=pitch_mm,
+                boundary=self.setup.boundary,
+                weights=self._weights(fit, signal, mask),
+                robust=robust,
+                tolerance=_TOLERANCE,
+            )
+
+        height_mm = height(self.inner)
+        if self.rim is not None:
+            more = height(self.rim) - height_mm
+            height_mm += more - gaussian_filter(more, self.detail_px, mode="nearest")
+        return Shape(height_mm, *gradients_of(height_mm, pitch_mm=pitch_mm))
+
+    def _signal(self, image: ArrayLike, mask: Mask | None) -> Array:
+        image = np.asarray(image, dtype=float)
+        if image.shape != self.background.shape:
+            raise ValueError(
+                f"image: must have the shape of the background {self.background.shape}, got {image.shape}"
+            )
+        if mask is not None and (mask.shape != image.shape[:2] or mask.dtype != bool or not mask.any()):
+            raise ValueError(f"mask: must be bool of shape {image.shape[:2]} with a pixel to use")
+        change = relative_change(image, self.background, self.setup.smoothing_px, mask) / self.spread
+        return change.reshape(-1, self.background.shape[-1])
+
+
+class LeftOut(NamedTuple):
+    """Errors on balls that were left out of the calibration in turn, means over the balls.
+
+    Attributes
+    ----------
+    trusted_deg, circle_deg : float
+        Mean angle between normals within the trusted part of the contact circle, and within all of it.
+    height_mm : float
+        Root mean square error of height within the trusted part; the mean of each ball is free, since its
+        depth is not known.
+    """
+
+    trusted_deg: float
+    circle_deg: float
+    height_mm: float
+
+    @property
+    def combined(self) -> float:
+        """Product of `circle_deg` and `height_mm`, by which `choose_method` chooses.
+
+        What brings normals nearer to the ball where the membrane is about to leave it makes the contact too
+        high. A product weighs relative gains in either alike, with no unit and no weight to choose.
+        """
+        return self.circle_deg * self.height_mm
+
+
+def calibrate(
+    balls: Sequence[BallPress],
+    background: ArrayLike,
+    setup: Setup,
+    *,
+    method: Method | None = None,
+    base: tuple[Array, Array] | None = None,
+) -> LabCalibration:
+    """Calibrate on ball presses.
+
+    Parameters
+    ----------
+    balls : sequence of BallPress
+        At least two, at different places.
+    background : array, shape (rows, columns, channels)
+        The untouched gel.
+    setup : Setup
+        Scale, ball and what is known of the gel.
+    method : Method, optional
+        See `methods`; `Kernel()` when absent.
+    base : pair of arrays, shape (rows, columns), optional
+        Slopes of the undeformed membrane, for a dome; a plane when absent.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two balls, or shapes differ.
+    """
+    background, spread, parts = ball_samples(balls, background, setup, base)
+    method = method or Kernel()
+    fits = []
+    for presses in parts:
+        error = None
+        if setup.weighted:
+            error = expected_error(presses, _predicted(method.fit_without_each(presses), presses))
+        fits.append(Fit(method.fit(presses), error))
+    return _assembled(balls, background, setup, spread, fits)
+
+
+def _assembled(
+    balls: Sequence[BallPress], background: Array, setup: Setup, spread: Array, fits: Sequence[Fit]
+) -> LabCalibration:
+    detail_px = setup.detail * float(np.mean([ball.contact_radius_px for ball in balls]))
+    return LabCalibration(background, setup, spread, fits[0], fits[1] if len(fits) > 1 else None, detail_px)
+
+
+def _predicted(fits: Sequence[Predictor], presses: Sequence[Samples]) -> list[Array]:
+    """Slopes of each press by its own fit."""
+    return [fit(press.signal, press.position) for fit, press in zip(fits, presses, strict=True)]
+
+
+def refine_centres(
+    balls: Sequence[BallPress],
+    background: ArrayLike,
+    setup: Setup,
+    *,
+    method: Method | None = None,
+    rounds: int = 4,
+) -> list[BallPress]:
+    """Move each ball's centre to where its own reconstructed normals meet.
+
+    A centre read off a picture is good to a pixel, which is a degree on a small ball. Each ball is
+    reconstructed by a calibration on the others; its normals point to the centre, which then replaces the
+    one read off, and so on. Valid on a flat gel.
+
+    Parameters
+    ----------
+    balls, background, setup
+        See `calibrate`.
+    method : Method, optional
+        See `methods`; `Polynomial()` when absent, which is quick.
+    rounds : int
+        Times that all balls are moved.
+    """
+    balls, method = list(balls), method or Polynomial()
+    plain = setup._replace(detail=0.0, weighted=False)
+    rows, columns = np.indices(np.asarray(background).shape[:2])
+    reach_px = setup.ball_radius_mm / setup.mm_per_px
+    for _ in range(rounds):
+        moved = []
+        for ball, shape in zip(balls, _left_out(balls, background, plain, method), strict=True):
+            normal = normals(shape.p, shape.q)
+            r = np.hypot(columns - ball.centre_px[0], rows - ball.centre_px[1])
+            near = r < 0.9 * setup.trusted * ball.contact_radius_px
+            column = np.median((columns - normal[..., 0] * reach_px)[near])
+            row = np.median((rows + normal[..., 1] * reach_px)[near])
+            moved.append(ball.moved((float(column), float(row))))
+        balls = moved
+    return balls
+
+
+def left_out_errors(
+    balls: Sequence[BallPress], background: ArrayLike, setup: Setup, *, method: Method | None = None
+) -> LeftOut:
+    """Errors on each ball of a calibration on the others, on a flat gel. Parameters as `calibrate`."""
+    errors = []
+    for ball, shape in zip(balls, _left_out(balls, background, setup, method or Kernel()), strict=True):
+        p, q, r_px = ball_truth(ball, setup)
+        error_deg = normal_error_deg(normals(shape.p, shape.q), normals(p, q))
+        inside = r_px < ball.contact_radius_px
+        trusted = r_px < setup.trusted * ball.contact_radius_px
+        cap = np.sqrt(np.maximum(setup.ball_radius_mm**2 - (r_px * setup.mm_per_px) ** 2, 0.0))
+        height = (shape.height_mm - cap)[trusted]
+        errors.append((error_deg[trusted].mean(), error_deg[inside].mean(), height.std()))
+    return LeftOut(*(float(mean) for mean in np.mean(errors, axis=0)))
+
+
+def choose_method(
+    balls: Sequence[BallPress],
+    background: ArrayLike,
+    setup: Setup,
+    methods: Sequence[Method] = (Polynomial(), Polynomial(position_degrees=(2, 2, 2, 1)), Kernel()),
+) -> tuple[Method, list[tuple[Method, LeftOut]]]:
+    """The method with the least `LeftOut.combined` error on balls left out, and all errors.
+
+    Parameters
+    ----------
+    balls, background, setup
+        See `calibrate`.
+    methods : sequence of Method
+        Candidates.
+    """
+    if not methods:
+        raise ValueError("methods: must hold a candidate")
+    table = [(method, left_out_errors(balls, background, setup, method=method)) for method in methods]
+    return min(table, key=lambda row: row[1].combined)[0], table
+
+
+def _left_out(balls: Sequence[BallPress], background: ArrayLike, setup: Setup, method: Method) -> list[Shape]:
+    """Each ball as reconstructed by a calibration on the others."""
+    background, spread, parts = ball_samples(balls, background, setup, None)
+    fits = []
+    for presses in parts:
+        predictors = method.fit_without_each(presses)
+        errors: Sequence[Predictor | None] = [None] * len(balls)
+        if setup.weighted:
+            errors = expected_error_without_each(presses, _predicted(predictors, presses))
+        fits.append([Fit(*pair) for pair in zip(predictors, errors, strict=True)])
+    return [
+        _assembled(balls, background, setup, spread, own).reconstruct(ball.image)
+        for ball, own in zip(balls, zip(*fits, strict=True), strict=True)
+    ]

@@ -1,0 +1,425 @@
+"""The camera: where its pixels look, and from linear radiance on the sensor to digital counts."""
+
+from typing import Annotated, Literal, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from designlab.sensor.lens import Distortion, Fisheye, Lens, Pinhole
+from designlab.sensor.response_curve import Response
+from designlab.sensor.spectra import Sensitivity
+from geometries.spec import Spec, quantity
+
+Array = NDArray[np.float64]
+Coordinate = Annotated[float, Field(ge=-4000.0, le=4000.0)]  # mm: beyond, views are parallel to rounding
+Tilt = Annotated[float, Field(ge=-45.0, le=45.0)]  # deg
+WIDEST_PINHOLE_DEG = 170.0
+CURVE_STEPS = 1024  # signals at which noise behind a response curve is tabulated
+DEVIATES = np.linspace(-6.0, 6.0, 241)  # of the Gaussian that stands for noise there
+
+
+class View(NamedTuple):
+    """A rectangle of the full sensor, in its pixels, shown by `columns` x `rows` output pixels."""
+
+    x_px: float
+    y_px: float
+    width_px: float
+    height_px: float
+    columns: int
+    rows: int
+
+    def centres(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Column and row on the full sensor of the output pixels' centres, shape (rows, columns)."""
+        columns = self.x_px + (np.arange(self.columns) + 0.5) * self.width_px / self.columns
+        rows = self.y_px + (np.arange(self.rows) + 0.5) * self.height_px / self.rows
+        grid_columns, grid_rows = np.meshgrid(columns, rows)
+        return grid_columns, grid_rows
+
+    def finer(self, times: int) -> "View":
+        """The same rectangle by more output pixels, `times` as many along each side."""
+        return self._replace(columns=self.columns * times, rows=self.rows * times)
+
+    def grown(self, pixels: int, camera: "Camera") -> tuple["View", tuple[slice, slice]]:
+        """Widen by up to so many output pixels a side, as far as the sensor goes.
+
+        Returns
+        -------
+        view, place : View, (slice, slice)
+            The wider view, and where this one lies in it (rows, columns).
+        """
+        across, down = self.width_px / self.columns, self.height_px / self.rows
+        left, right, top, bottom = (
+            int(np.clip(room // pixel, 0, pixels))
+            for room, pixel in (
+                (self.x_px, across),
+                (camera.width_px - self.x_px - self.width_px, across),
+                (self.y_px, down),
+                (camera.height_px - self.y_px - self.height_px, down),
+            )
+        )
+        columns, rows = left + self.columns + right, top + self.rows + bottom
+        wider = View(
+            self.x_px - left * across, self.y_px - top * down, columns * across, rows * down, columns, rows
+        )
+        return wider, (slice(top, top + self.rows), slice(left, left + self.columns))
+
+
+class Vignetting(Spec):
+    """Fall of brightness from the centre of the picture: cos(t)^power (1 + a1 r^2 + a2 r^4 + a3 r^6).
+
+    t is the angle to the axis (power 4 is the natural law of a simple lens), r the distance from it in
+    the picture over half the diagonal of the full sensor.
+    """
+
+    cosine_power: float = quantity(
+        0.0, unit="1", ge=0, le=20, description="Power of the cosine; 4 is natural vignetting."
+    )
+    a1: float = quantity(0.0, unit="1", ge=-100, le=100, description="Coefficient of r^2.")
+    a2: float = quantity(0.0, unit="1", ge=-100, le=100, description="Coefficient of r^4.")
+    a3: float = quantity(0.0, unit="1", ge=-100, le=100, description="Coefficient of r^6.")
+
+    def factor(self, cosine: Array, radius: Array) -> Array:
+        """Brightness over that at the centre, from the cosine of t and from r."""
+        square = radius**2
+        polynomial = 1 + square * (self.a1 + square * (self.a2 + square * self.a3))
+        return np.asarray(np.maximum(cosine, 0.0) ** self.cosine_power * polynomial)
+
+
+class Camera(Spec):
+    """Camera with a lens and a noise model. Untilted it looks along -z, image up is +y, image right is +x."""
+
+    position_mm: tuple[Coordinate, Coordinate, Coordinate] = Field(
+        (0.0, 0.0, 30.0), description="Centre of projection in the sensor frame (mm)."
+    )
+    tilt_deg: tuple[Tilt, Tilt] = Field(
+        (0.0, 0.0),
+        description="Turned about its x axis, so that it looks towards +y, then about its y axis, so that it "
+        "looks towards +x (deg).",
+    )
+    width_px: int = Field(1640, ge=16, le=20000, description="Columns of the full sensor.")
+    height_px: int = Field(1232, ge=16, le=20000, description="Rows of the full sensor.")
+    horizontal_fov_deg: float = quantity(
+        62.2,
+        unit="deg",
+        gt=1,
+        lt=300,
+        description="Full horizontal field of view of the full sensor, in air: for a fisheye the true one, "
+        "distortion included; for a pinhole (below 170 deg) that of its focal length, before distortion.",
+    )
+    lens: Literal["pinhole", "fisheye"] = Field(
+        "pinhole", description="Projection: perspective, or equidistant as of a fisheye lens."
+    )
+    distortion: Distortion = Field(
+        default_factory=lambda: Distortion(),
+        description="OpenCV's coefficients: k1 k2 p1 p2 k3 of a pinhole, k1 to k4 of a fisheye.",
+    )
+    principal_point_px: tuple[float, float] | None = Field(
+        None,
+        description="Column and row of the full sensor that the axis meets, 0.5 more than OpenCV's cx and "
+        "cy; the middle when absent.",
+    )
+    vignetting: Vignetting = Field(
+        default_factory=lambda: Vignetting(), description="Fall of brightness towards the corners."
+    )
+    focus_mm: float | None = quantity(
+        None,
+        unit="mm",
+        gt=0,
+        le=1e5,
+        description="Distance of the sharp plane below the lens, in air; all is sharp when absent.",
+    )
+    aperture_mm: float | None = quantity(
+        None, unit="mm", gt=0, le=100, description="Diameter of the lens opening (entrance pupil)."
+    )
+    f_number: float | None = quantity(
+        None, unit="1", gt=0.3, le=100, description="Focal length over opening; instead of aperture_mm."
+    )
+    focal_length_mm: float | None = quantity(
+        None, unit="mm", gt=0, le=1000, description="Focal length that f_number refers to."
+    )
+    body_radius_mm: float = quantity(4.0, unit="mm", gt=0, le=100, description="Radius of the lens barrel.")
+    sensitivity: Sensitivity | None = Field(
+        None,
+        description="Spectral sensitivity of the channels, from which the design's mixing follows when it is "
+        "absent: the name of a published set, or a table.",
+    )
+    exposure: float | None = quantity(
+        None,
+        unit="1",
+        gt=0,
+        description="Signal as a share of full scale per unit of mixed radiance; "
+        "chosen automatically from the untouched gel when absent.",
+    )
+    full_well_e: float = quantity(
+        4700.0, unit="e-", gt=10, le=1e7, description="Photo-electrons at full scale; sets the photon noise."
+    )
+    read_noise_e: float = quantity(
+        5.0, unit="e-", ge=0, le=1e5, description="Standard deviation of the read noise."
+    )
+    black_level: float = quantity(
+        0.0, unit="1", ge=0, lt=1, description="Signal without light, as a share of full scale."
+    )
+    bit_depth: int = Field(10, ge=1, le=16, description="Bits of the analogue-digital converter.")
+    response: Response = Field(
+        default_factory=lambda: Response(), description="Curve between the signal and its quantisation."
+    )
+
+    @model_validator(mode="after")
+    def _lens_can_be_used(self) -> Self:
+        foreign = ("k4",) if self.lens == "pinhole" else ("p1", "p2")
+        for name in foreign:
+            if value := getattr(self.distortion, name):
+                raise ValueError(f"distortion.{name}: is no coefficient of a {self.lens} lens, got {value:g}")
+        if self.lens == "pinhole" and self.horizontal_fov_deg >= WIDEST_PINHOLE_DEG:
+            raise ValueError(
+                f"horizontal_fov_deg: must be below {WIDEST_PINHOLE_DEG:g} deg for a pinhole lens, "
+                f"got {self.horizontal_fov_deg:g} deg"
+            )
+        x, y = self.centre_px
+        if not (0 <= x <= self.width_px and 0 <= y <= self.height_px):
+            raise ValueError(f"principal_point_px: must lie on the sensor, got ({x:g}, {y:g})")
+        try:
+            _, _, forward = self._own_direction(*self._picture())
+        except ValueError as error:
+            raise ValueError(f"distortion: must be invertible over the picture; {error}") from None
+        if self.vignetting.cosine_power > 0 and forward.min() <= 0:
+            raise ValueError(
+                "vignetting.cosine_power: must be 0 where the picture reaches 90 deg from the axis, "
+                f"got {self.vignetting.cosine_power:g}"
+            )
+        radius = np.linspace(0.0, float(self._radius(*self._picture()).max()), 1001)
+        darkest = float(self.vignetting.factor(np.ones(1), radius).min())
+        if darkest <= 0:
+            raise ValueError(
+                f"vignetting: must stay above 0 over the picture, its polynomial falls to {darkest:.3g}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _focus_is_complete(self) -> Self:
+        if (self.f_number is None) != (self.focal_length_mm is None):
+            missing = "focal_length_mm" if self.focal_length_mm is None else "f_number"
+            raise ValueError(f"{missing}: f_number and focal_length_mm go together, got only one")
+        if self.f_number is not None and self.aperture_mm is not None:
+            raise ValueError("aperture_mm: give it or f_number with focal_length_mm, got both")
+        if self.focus_mm is not None and self.opening_mm is None:
+            raise ValueError("focus_mm: needs aperture_mm, or f_number and focal_length_mm, got neither")
+        return self
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length in pixels of the full sensor, at the centre of the picture."""
+        half = np.radians(self.horizontal_fov_deg) / 2
+        if self.lens == "fisheye":
+            return self.width_px / 2 / Fisheye(self.distortion).distance(float(half))
+        return self.width_px / 2 / float(np.tan(half))
+
+    @property
+    def centre_px(self) -> tuple[float, float]:
+        """Column and row of the full sensor that the axis of the lens meets."""
+        return self.principal_point_px or (self.width_px / 2, self.height_px / 2)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether the projection is a perspective along -z without distortion."""
+        return self.lens == "pinhole" and self.distortion == Distortion() and self.tilt_deg == (0.0, 0.0)
+
+    @property
+    def opening_mm(self) -> float | None:
+        """Diameter of the lens opening, where it is stated."""
+        if self.f_number is not None and self.focal_length_mm is not None:
+            return self.focal_length_mm / self.f_number
+        return self.aperture_mm
+
+    @property
+    def defocus(self) -> tuple[float, float] | None:
+        """Radius of the opening and distance of the sharp plane (mm); None where all is sharp."""
+        if self.focus_mm is None or self.opening_mm is None:
+            return None
+        return self.opening_mm / 2, self.focus_mm
+
+    @property
+    def _unit_lens(self) -> Lens:
+        return Pinhole(self.distortion) if self.lens == "pinhole" else Fisheye(self.distortion)
+
+    def _picture(self) -> tuple[Array, Array]:
+        """Places all over the full sensor, its outline and corners among them (px)."""
+        across, down = np.linspace(0, self.width_px, 33), np.linspace(0, self.height_px, 33)
+        column, row = np.meshgrid(across, down)
+        return column, row
+
+    def project(
+        self,
+        right: NDArray[np.floating] | float,
+        up: NDArray[np.floating] | float,
+        forward: NDArray[np.floating] | float = 1.0,
+    ) -> tuple[Array, Array]:
+        """Where light from a direction falls on the full sensor.
+
+        Parameters
+        ----------
+        right, up, forward : array or float
+            Components of the direction from the camera, along the sensor frame's x, y and -z, on any common
+            scale. With `forward` left at 1, the others are tangents of angles to -z.
+
+        Returns
+        -------
+        column, row : array
+            Fractional; pixel centres lie at .5. Not a number where a pinhole cannot look. Directions beyond
+            the range in which the lens can be inverted are continued outward, outside the picture.
+        """
+        seen = np.broadcast_arrays(*(np.asarray(c, dtype=float) for c in (right, up, forward)))
+        x, y, z = seen if self._turn is None else np.einsum("ab,b...->a...", self._turn.T, np.stack(seen))
+        seen_x, seen_y = self._unit_lens.image(x, -y, z)
+        focal, (x_c, y_c) = self.focal_px, self.centre_px
+        return x_c + focal * seen_x, y_c + focal * seen_y
+
+    def unproject(
+        self, column: NDArray[np.floating] | float, row: NDArray[np.floating] | float
+    ) -> tuple[Array, Array, Array]:
+        """Direction that a place on the full sensor sees.
+
+        Parameters
+        ----------
+        column, row : array or float
+            Fractional; pixel centres lie at .5.
+
+        Returns
+        -------
+        right, up, forward : array
+            Components along the sensor frame's x, y and -z. The `forward` of an untilted pinhole is 1, so
+            that the others are tangents; a fisheye's direction has unit length.
+
+        Raises
+        ------
+        ValueError
+            If the lens shows no direction there (never inside the picture).
+        """
+        own = self._own_direction(column, row)
+        if self._turn is None:
+            return own
+        right, up, forward = np.einsum("ab,b...->a...", self._turn, np.stack(own))
+        return right, up, forward
+
+    def _own_direction(
+        self, column: NDArray[np.floating] | float, row: NDArray[np.floating] | float
+    ) -> tuple[Array, Array, Array]:
+        """Direction that a place sees, along the camera's own right, up and axis."""
+        columns, rows = np.broadcast_arrays(np.asarray(column, dtype=float), np.asarray(row, dtype=float))
+        focal, (x_c, y_c) = self.focal_px, self.centre_px
+        right, down, forward = self._unit_lens.direction((columns - x_c) / focal, (rows - y_c) / focal)
+        return right, -down, forward
+
+    @property
+    def _turn(self) -> Array | None:
+        """Rotation from the camera's own right, up and axis to x, y and -z; None where it is not tilted."""
+        if self.tilt_deg == (0.0, 0.0):
+            return None
+        (sin_x, sin_y), (cos_x, cos_y) = np.sin(np.radians(self.tilt_deg)), np.cos(np.radians(self.tilt_deg))
+        about_x = np.array([[1.0, 0.0, 0.0], [0.0, cos_x, sin_x], [0.0, -sin_x, cos_x]])
+        about_y = np.array([[cos_y, 0.0, sin_y], [0.0, 1.0, 0.0], [-sin_y, 0.0, cos_y]])
+        return np.asarray(about_y @ about_x)
+
+    def vignette(self, view: View) -> Array:
+        """Brightness of every output pixel over that at the centre of the picture, shape (rows, columns)."""
+        column, row = view.centres()
+        right, up, forward = self._own_direction(column, row)
+        cosine = forward / np.sqrt(right**2 + up**2 + forward**2)
+        return self.vignetting.factor(cosine, self._radius(column, row))
+
+    def _radius(self, column: Array, row: Array) -> Array:
+        """Distance from the axis of the lens over half the diagonal of the full sensor."""
+        x_c, y_c = self.centre_px
+        return np.asarray(np.hypot(column - x_c, row - y_c) / (np.hypot(self.width_px, self.height_px) / 2))
+
+    def full_view(self) -> View:
+        """The whole sensor at its own resolution."""
+        return View(0.0, 0.0, float(self.width_px), float(self.height_px), self.width_px, self.height_px)
+
+    def expose(
+        self,
+        radiance: NDArray[np.floating],
+        *,
+        exposure: float,
+        seed: int,
+        noise: bool = True,
+        binned: float = 1.0,
+    ) -> NDArray[np.float32]:
+        """Turn linear radiance into what the camera reports, as a share of full scale.
+
+        Photon noise follows Poisson statistics of the collected electrons (drawn as a Gaussian above
+        1000 e-, where the two agree), read noise is Gaussian; the black level is added, the response curve
+        acts, and the result is quantised and clipped.
+
+        Parameters
+        ----------
+        radiance : array, shape (rows, columns, channels)
+            Mixed linear radiance.
+        exposure : float
+            Signal as a share of full scale per unit of radiance.
+        seed : int
+            Seed of the noise.
+        noise : bool
+            Without it only exposure, black level, response and clipping act; nothing is quantised.
+        binned : float
+            Sensor pixels averaged into one output pixel, at least 1; lowers the noise accordingly. The
+            response acts on each of them: behind a curve the noise of their mean is drawn as a Gaussian.
+        """
+        signal = np.clip(np.asarray(radiance, dtype=float) * exposure, 0.0, None)
+        if not noise:
+            return np.clip(self.response.encode(signal + self.black_level), 0.0, 1.0).astype(np.float32)
+        random = np.random.default_rng(seed)
+        steps = (2**self.bit_depth - 1) * binned
+        if binned > 1 and not self.response.is_linear:
+            mean, sigma = self._behind_curve(signal + self.black_level)
+            # The last rounding below brings the rest of the pixels' rounding errors.
+            rounding = np.sqrt((1 - 1 / binned) / 12) / (2**self.bit_depth - 1)
+            noise_of_mean = np.hypot(sigma, rounding) / np.sqrt(binned)
+            digital = mean + noise_of_mean * random.standard_normal(signal.shape)
+            return np.asarray(np.clip(np.round(digital * steps) / steps, 0.0, 1.0), dtype=np.float32)
+        electrons = signal * self.full_well_e * binned
+        # Averaging pixels refines the converter's steps, but each pixel has brought its own rounding error.
+        rounding_e = self.full_well_e * np.sqrt((binned - 1) / 12) / (2**self.bit_depth - 1)
+        read_e = np.hypot(self.read_noise_e * np.sqrt(binned), rounding_e)
+        deviates = random.standard_normal(electrons.shape, dtype=np.float32)
+        found = electrons + np.sqrt(electrons + read_e**2) * deviates
+        few = electrons < 1000.0
+        found[few] = random.poisson(electrons[few]) + read_e * deviates[few]
+        digital = self.response.encode(found / (self.full_well_e * binned) + self.black_level)
+        return np.asarray(np.clip(np.round(digital * steps) / steps, 0.0, 1.0), dtype=np.float32)
+
+    def noise_sigma(self, signal: NDArray[np.floating], *, binned: float = 1.0) -> NDArray[np.float64]:
+        """Standard deviation of the noise of what `expose` reports.
+
+        Parameters
+        ----------
+        signal : array
+            Linear signal as a share of full scale, black level included, before the response curve.
+        binned : float
+            Sensor pixels averaged into one output pixel.
+        """
+        quantisation = 1.0 / (2**self.bit_depth - 1) / np.sqrt(12.0 * binned)
+        if not self.response.is_linear:
+            _, sigma = self._behind_curve(np.asarray(signal, dtype=float))
+            return np.asarray(np.hypot(sigma / np.sqrt(binned), quantisation))
+        return np.asarray(np.hypot(self._electronic(np.asarray(signal, dtype=float), binned), quantisation))
+
+    def _electronic(self, signal: Array, binned: float) -> Array:
+        """Standard deviation of photon and read noise in the linear signal."""
+        electrons = np.clip(signal - self.black_level, 0.0, None) * self.full_well_e * binned
+        return np.asarray(np.sqrt(electrons + self.read_noise_e**2 * binned) / (self.full_well_e * binned))
+
+    def _behind_curve(self, signal: Array) -> tuple[Array, Array]:
+        """Mean and standard deviation of one sensor pixel behind the response curve, before quantisation.
+
+        The curve's slope alone would not do: near black a gamma curve is steeper than the noise is small. So
+        the Gaussian of photon and read noise is integrated over the curve, clipping included.
+        """
+        levels = 1.2 * np.linspace(0.0, 1.0, CURVE_STEPS) ** 2
+        weights = np.exp(-(DEVIATES**2) / 2)
+        weights /= weights.sum()
+        encoded = self.response.encode(levels[:, None] + self._electronic(levels, 1.0)[:, None] * DEVIATES)
+        mean = encoded @ weights
+        sigma = np.sqrt(((encoded - mean[:, None]) ** 2) @ weights)
+        return np.interp(signal, levels, mean), np.interp(signal, levels, sigma)

@@ -1,0 +1,483 @@
+"""A sensor design: its parts, optics and camera, and the rules it must obey, as signed margins."""
+
+import hashlib
+import json
+import math
+import tomllib
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError, field_validator, model_validator
+
+from designlab.sensor import led_catalogue
+from designlab.sensor.camera import Camera, View
+from designlab.sensor.feasibility import RULES, SEEN, margins
+from designlab.sensor.optical_constants import material
+from designlab.sensor.optical_properties import Optics
+from designlab.sensor.refraction import Glass, apparent_tangent
+from designlab.sensor.spectra import response
+from geometries.elastomer import Elastomer, base_mm
+from geometries.gelcore import Gelcore
+from geometries.housing import Housing
+from geometries.leds import LedArray
+from geometries.spec import FOLDER, Spec, quantity
+
+CHANNELS = ("R", "G", "B")
+EDGE_POINTS = 33  # on each edge of the sensing area, where the lens distorts
+PER_GROUP = (
+    "membrane_albedo",
+    "board_reflectance",
+    "housing_reflectance",
+    "gelcore_absorption_per_mm",
+    "elastomer_absorption_per_mm",
+)
+"""Fields of `Optics` that take one value for all LED groups, or one for each."""
+
+
+class DesignError(ValueError):
+    """A design file or field that cannot be used; the text names source, field, value and rule."""
+
+
+class InfeasibleDesign(ValueError):
+    """A well-formed design that breaks at least one of its geometric rules."""
+
+
+class Contact(Spec):
+    """How the gel smooths an indentation.
+
+    The kernel is (m + 1) / (m + exp(r / length)), cut at 6 lengths (arXiv 2012.13184).
+    """
+
+    kernel_length_mm: float = quantity(
+        0.05, unit="mm", ge=0, le=1.0, description="Length of the smoothing kernel; 0 switches smoothing off."
+    )
+    kernel_m: float = quantity(
+        200.0, unit="1", ge=1, le=1e5, description="Plateau parameter of the smoothing kernel."
+    )
+    tail_share: float = quantity(
+        0.0,
+        unit="1",
+        ge=0,
+        lt=1,
+        description="Height of the gel at the probe's outline, raised there because the gel clings together, "
+        "as a share of the depth; 0 is none.",
+    )
+    tail_mm: float = quantity(
+        0.7, unit="mm", gt=0, le=10, description="Distance over which that height falls by e."
+    )
+
+
+class Design(Spec):
+    """One sensor: parts, optics, contact, camera. Immutable; equal designs have equal digests."""
+
+    name: str = Field("unnamed", description="Short name.")
+    description: str = Field("", description="What it is and where its figures come from.")
+    gelcore: Gelcore = Field(default_factory=lambda: Gelcore(), description="The rigid clear body.")
+    elastomer: Elastomer = Field(default_factory=lambda: Elastomer(), description="The soft clear gel.")
+    leds: LedArray = Field(description="The light sources.")
+    housing: Housing = Field(default_factory=lambda: Housing(), description="The opaque tube.")
+    optics: Optics = Field(default_factory=lambda: Optics(), description="Materials and light path.")
+    contact: Contact = Field(
+        default_factory=lambda: Contact(), description="Smoothing of indentations by the gel."
+    )
+    camera: Camera = Field(default_factory=lambda: Camera(), description="The camera.")
+    sensing_area_mm: tuple[float, float] = Field(
+        (14.0, 10.5),
+        description="Width and height of the area where scores count, centred on the membrane (mm).",
+    )
+    mixing: tuple[tuple[float, ...], ...] | None = Field(
+        None,
+        description="Response of each camera channel (rows R, G, B) to each LED group (columns); when "
+        "absent, it follows from LED spectra and camera.sensitivity, and without that it is the unit matrix.",
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_parts(cls, content: Any) -> Any:
+        """Fill in what the LED library knows of the parts named."""
+        if isinstance(content, Mapping) and isinstance(content.get("leds"), Mapping):
+            return {**content, "leds": led_catalogue.filled(content["leds"])}
+        return content
+
+    @field_validator("sensing_area_mm")
+    @classmethod
+    def _positive_area(cls, area: tuple[float, float]) -> tuple[float, float]:
+        if min(area) <= 0.5 or max(area) > 200:
+            raise ValueError(f"width and height lie between 0.5 and 200 mm, got {area[0]:g} x {area[1]:g} mm")
+        return area
+
+    @model_validator(mode="after")
+    def _groups_agree(self) -> Self:
+        count = len(self.leds.groups)
+        for field in PER_GROUP:
+            given = len(getattr(self.optics, field) or (0.0,))
+            if given not in (1, count):
+                raise ValueError(
+                    f"optics.{field}: give one value or one for each of the {count} LED groups, got {given}"
+                )
+        if self.mixing is None and self.camera.sensitivity is not None:
+            try:
+                _ = self.mixing_matrix
+            except ValueError as error:
+                raise ValueError(f"camera.sensitivity: {error}") from None
+        elif self.mixing is None:
+            if count != len(CHANNELS):
+                raise ValueError(
+                    f"mixing: required unless there are three LED groups or camera.sensitivity is given, "
+                    f"there are {count} groups"
+                )
+        elif len(self.mixing) != len(CHANNELS) or any(len(row) != count for row in self.mixing):
+            raise ValueError(f"mixing: must be 3 rows (R, G, B) of {count} values, one for each LED group")
+        if self.leds.coupling != "air_gap" and self.optics.light_path == "air":
+            raise ValueError(
+                f"leds.coupling: {self.leds.coupling!r} needs optics.light_path = 'core', "
+                "light in air meets no core"
+            )
+        if self.gelcore.cavity is not None and self.optics.gelcore_scattering_per_mm:
+            raise ValueError("gelcore.cavity_radius_mm: haze is simulated in solid cores only")
+        if self.gelcore.cavity is not None and any(self.optics.housing_reflectance):
+            raise ValueError(
+                "gelcore.cavity_radius_mm: what a bright housing mirrors in the window is simulated for "
+                "plane windows only"
+            )
+        if self.gelcore.shape == "dome" and self.elastomer.shape != "dome":
+            raise ValueError("elastomer.shape: a dome gelcore carries a dome elastomer")
+        return self
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the canonical content, without name and description."""
+        # What is absent does not count: fields that a later version adds leave old designs as they are.
+        content = self.model_dump(mode="json", exclude={"name", "description"}, exclude_none=True)
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def group_names(self) -> tuple[str, ...]:
+        """Names of the LED groups, in order."""
+        return tuple(group.name for group in self.leds.groups)
+
+    @property
+    def mixing_matrix(self) -> NDArray[np.float64]:
+        """Response of camera channels to LED groups, shape (3, groups)."""
+        if self.mixing is not None:
+            return np.asarray(self.mixing, dtype=float)
+        if self.camera.sensitivity is None:
+            return np.eye(len(CHANNELS))
+        return response(
+            self.camera.sensitivity,
+            wavelength_nm=[group.wavelength_nm for group in self.leds.groups],
+            width_nm=[group.width_nm for group in self.leds.groups],
+        )
+
+    def per_group(
+        self, field: Literal["membrane_albedo", "board_reflectance", "housing_reflectance"]
+    ) -> tuple[float, ...]:
+        """Reflectance for every LED group."""
+        values: tuple[float, ...] = getattr(self.optics, field)
+        return values * len(self.leds.groups) if len(values) == 1 else values
+
+    def absorption_per_mm(self, part: Literal["gelcore", "elastomer"]) -> tuple[float, ...]:
+        """Absorption coefficient of a clear part for every LED group, the material's unless it is given."""
+        given: tuple[float, ...] | None = getattr(self.optics, f"{part}_absorption_per_mm")
+        if given is not None:
+            return given * len(self.leds.groups) if len(given) == 1 else given
+        stuff = material(getattr(self.optics, f"{part}_material"))
+        return tuple(stuff.absorption_per_mm(wavelength_nm=group.wavelength_nm) for group in self.leds.groups)
+
+    def replace(self, changes: Mapping[str, Any]) -> "Design":
+        """Return a validated copy with fields replaced.
+
+        Parameters
+        ----------
+        changes : mapping
+            Dotted path of each field to its new value, for example ``{"leds.tilt_deg": 30}``.
+
+        Raises
+        ------
+        DesignError
+            If a path names no field or a value breaks a rule.
+        """
+        content = self.model_dump()
+        for path, value in changes.items():
+            assign(content, path, value)
+        for path in changes:
+            if path.startswith("leds.") and path.endswith(".part"):
+                led_catalogue.forget(content["leds"], path, given=changes)
+        return _validated(content, "replace()")
+
+    def view(self, columns: int) -> View:
+        """Rectangle of the sensor that shows the sensing area in `columns` columns of square pixels."""
+        width, height = self.sensing_area_mm
+        # Straight edges stay straight in a perspective; a distorted edge may bulge beyond its corners.
+        count = 2 if self.camera.is_plain else EDGE_POINTS
+        along_x, along_y = (
+            np.linspace(-width / 2, width / 2, count),
+            np.linspace(-height / 2, height / 2, count),
+        )
+        edge = [(x, y) for x in along_x[[0, -1]] for y in along_y]
+        edge += [(x, y) for x in along_x[1:-1] for y in along_y[[0, -1]]]
+        seen = [self.project_px(float(x), float(y)) for x, y in edge]
+        left, right = min(c[0] for c in seen), max(c[0] for c in seen)
+        top, bottom = min(c[1] for c in seen), max(c[1] for c in seen)
+        rows = max(1, round(columns * (bottom - top) / (right - left)))
+        # Square pixels: differs from bottom - top by less than half a row.
+        height_px = (right - left) * rows / columns
+        return View(left, (top + bottom - height_px) / 2, right - left, height_px, columns, rows)
+
+    def project_px(self, x_mm: float, y_mm: float) -> tuple[float, float]:
+        """Where a point of the undeformed membrane appears on the full sensor.
+
+        Refraction at plane layers between membrane and camera is included; the gel side of a dome core is
+        taken as plane there, unless the core is hollow.
+
+        Returns
+        -------
+        column, row : float
+            Fractional; pixel centres lie at .5.
+
+        Raises
+        ------
+        InfeasibleDesign
+            If the point lies beyond a dome, or the camera stands below the window.
+        """
+        z = float(base_mm(self.elastomer, np.float64(x_mm), np.float64(y_mm)))
+        if math.isnan(z):
+            raise InfeasibleDesign(
+                f"sensing_area_mm: ({x_mm:g}, {y_mm:g}) mm lies outside the curved membrane"
+            )
+        tan_x, tan_y = self.tangents_to(np.array([[x_mm, y_mm, z]]))[0]
+        column, row = self.camera.project(tan_x, tan_y)
+        return float(column), float(row)
+
+    def tangents_to(
+        self, points: NDArray[np.float64], *, camera_mm: float | None = None
+    ) -> NDArray[np.float64]:
+        """Directions in which the camera, which may be put at another height, sees membrane points.
+
+        Parameters
+        ----------
+        points : array, shape (n, 3)
+            Points of the undeformed membrane (mm).
+
+        Returns
+        -------
+        array, shape (n, 2)
+            Tangents of the angles to the axis, along x and y.
+
+        Raises
+        ------
+        InfeasibleDesign
+            If the camera stands below the window.
+        """
+        x_c, y_c, z_c = self.camera.position_mm
+        z_c = z_c if camera_mm is None else camera_mm
+        layers = [self.layers_to_camera(float(z), camera_mm=z_c) for z in points[:, 2]]
+        if self.glass is not None and self.glass.cavity is not None:
+            return self.glass.toward(np.array([x_c, y_c, z_c]), points)
+        away = points[:, :2] - (x_c, y_c)
+        distances = np.hypot(*away.T)
+        tangents = [apparent_tangent(float(d), each) for d, each in zip(distances, layers, strict=True)]
+        return np.asarray(away * (tangents / np.maximum(distances, 1e-300))[:, None])
+
+    @property
+    def glass(self) -> Glass | None:
+        """Core and gel as the camera looks through them; None where light does not see them."""
+        if self.optics.light_path == "air":
+            return None
+        gel, core = self.elastomer, self.gelcore
+        dome_mm = None if gel.radius_mm is None else gel.radius_mm - gel.thickness_mm
+        return Glass(
+            window_mm=gel.thickness_mm + core.height_mm,
+            interface_mm=gel.thickness_mm,
+            core_index=self.optics.core_index,
+            gel_index=self.optics.gel_index,
+            dome_mm=dome_mm,
+            reach_mm=math.inf if dome_mm is None else min(core.width_mm / 2, dome_mm),
+            cavity=core.cavity,
+        )
+
+    def layers_to_camera(self, z: float, *, camera_mm: float | None = None) -> list[tuple[float, float]]:
+        """Thickness (mm) and index of each plane layer from a membrane point at height z (mm) to the camera.
+
+        The first layer touches the membrane, the last one the camera, which may be put at another height.
+
+        Raises
+        ------
+        InfeasibleDesign
+            If the camera stands below the window.
+        """
+        z_c = self.camera.position_mm[2] if camera_mm is None else camera_mm
+        if self.optics.light_path == "air":
+            return [(z_c - z, 1.0)]
+        gel_index, core_index = self.optics.gel_index, self.optics.core_index
+        thickness = self.elastomer.thickness_mm
+        window = thickness + self.gelcore.height_mm
+        if z_c <= window:
+            raise InfeasibleDesign(
+                f"camera.position_mm: z must be above the window at {window:g} mm, is {z_c:g} mm"
+            )
+        if self.elastomer.shape == "freeform":
+            # Its core is flat: the gel gets thinner towards the edge.
+            return [(thickness - z, gel_index), (window - thickness, core_index), (z_c - window, 1.0)]
+        # On a dome the gel keeps its thickness and the core gets thinner towards the edge.
+        return [(thickness, gel_index), (window - thickness - z, core_index), (z_c - window, 1.0)]
+
+    def margins(self) -> dict[str, float]:
+        """Signed distance to every geometric rule in mm; positive means violated.
+
+        Returns
+        -------
+        dict of str to float
+            Rule name to margin. `RULES` says what each means.
+        """
+        return margins(self)
+
+    def broken(self, *, as_built: bool = False) -> dict[str, float]:
+        """Return the violated rules with their margins; `as_built`, only those about what can be made."""
+        forgiven = SEEN if as_built else ()
+        return {rule: m for rule, m in self.margins().items() if m > 0 and rule not in forgiven}
+
+    def require_feasible(self, *, as_built: bool = False) -> None:
+        """Raise `InfeasibleDesign` that names every violated rule, see `broken`, and by how much."""
+        if broken := self.broken(as_built=as_built):
+            reasons = "; ".join(
+                f"{rule}: {RULES[rule]} (violated by {margin:.3g} mm)" for rule, margin in broken.items()
+            )
+            raise InfeasibleDesign(f"design {self.name!r} is infeasible: {reasons}")
+
+
+def assign(content: dict[str, Any], path: str, value: Any) -> None:
+    """Set a nested entry given by dotted path; list positions are numbers (``leds.groups.0.flux_mw``).
+
+    Raises
+    ------
+    DesignError
+        If there is no such entry.
+    """
+    node: Any = content
+    *parents, last = path.split(".")
+    try:
+        for key in parents:
+            position = int(key) if isinstance(node, list) else key
+            if isinstance(node[position], tuple):
+                node[position] = list(node[position])
+            node = node[position]
+        end = int(last) if isinstance(node, list) else last
+        _ = node[end]
+    except (KeyError, IndexError, ValueError, TypeError):
+        raise DesignError(f"no field {path!r} in a design") from None
+    node[end] = value
+
+
+def _validated(content: Mapping[str, Any], source: str, folder: Path | None = None) -> Design:
+    try:
+        return Design.model_validate(content, context={FOLDER: folder or Path()})
+    except ValidationError as error:
+        raise DesignError(f"{source}: {explain(error)}") from None
+
+
+def explain(error: ValidationError) -> str:
+    """Put the first problem of a pydantic error into one line: field, rule, value, how many others."""
+    problems = [problem for problem in error.errors() if not _follows_from_another(problem, error)]
+    first = problems[0]
+    field = ".".join(str(part) for part in first["loc"]) or "(whole)"
+    rule = first["msg"].removeprefix("Value error, ")
+    if first["type"] == "extra_forbidden":
+        rule = "unknown field"
+    whole = isinstance(first["input"], Mapping)  # a rule about several fields names them itself
+    value = (
+        ""
+        if whole or first["type"] in ("missing", "extra_forbidden")
+        else f", got {_shorten(first['input'])}"
+    )
+    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    # Our own rules may state the value themselves; pydantic's "got a number with ..." does not.
+    stated = first["type"] == "value_error" and "got" in rule
+    return f"field {field}: {rule}{'' if stated else value}{more}"
+
+
+def _follows_from_another(problem: Any, error: ValidationError) -> bool:
+    """Whether a list is called too short only because its items were refused."""
+    depth = len(problem["loc"])
+    return problem["type"] == "too_short" and any(
+        len(other["loc"]) > depth and other["loc"][:depth] == problem["loc"] for other in error.errors()
+    )
+
+
+def _shorten(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def loads(text: str, *, source: str = "design", folder: Path | None = None) -> Design:
+    """Read a design from TOML text; files it names are relative to `folder`, the current one when absent.
+
+    Raises
+    ------
+    DesignError
+        If the text is not TOML or not a valid design; names `source`, field, rule and value.
+    """
+    try:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise DesignError(f"{source}: not valid TOML: {error}") from None
+    if "kind" in content:
+        raise DesignError(
+            f"{source}: field kind: must be absent here, where a design is needed; a model of kind "
+            f"{content['kind']!r} is for `compare` and `calibrate` alone"
+        )
+    return _validated(content, source, folder)
+
+
+def load(name_or_path: str | Path) -> Design:
+    """Load a preset by name, or a design from a TOML file.
+
+    Raises
+    ------
+    DesignError
+        If it is neither, or the file cannot be used.
+    """
+    if str(name_or_path) in preset_names():
+        return preset(str(name_or_path))
+    path = Path(name_or_path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        known = ", ".join(preset_names())
+        raise DesignError(
+            f"{name_or_path}: no such file, and no preset of that name (presets: {known})"
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise DesignError(f"{name_or_path}: cannot be read as text: {error}") from None
+    return loads(text, source=str(path), folder=path.parent)
+
+
+def dumps(design: Design) -> str:
+    """Write a design as TOML text, complete, with every default spelled out."""
+    import tomli_w
+
+    return tomli_w.dumps(design.model_dump(mode="json", exclude_none=True))
+
+
+def preset_names() -> tuple[str, ...]:
+    """Names of the published and built-in sensors."""
+    folder = resources.files("designlab.sensor.presets")
+    return tuple(
+        sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    )
+
+
+def preset_text(name: str) -> str:
+    """TOML text of a preset, with the source of each figure in its comments."""
+    if name not in preset_names():
+        raise DesignError(f"preset {name!r} is unknown; known are {', '.join(preset_names())}")
+    return resources.files("designlab.sensor.presets").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+
+
+def preset(name: str) -> Design:
+    """Load a published or built-in sensor by name."""
+    return loads(preset_text(name), source=f"preset {name}")

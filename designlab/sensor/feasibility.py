@@ -1,0 +1,330 @@
+"""The geometric rules of a design, as signed distances in mm: positive means violated."""
+
+import math
+from collections.abc import Sequence
+from itertools import combinations
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.sensor.camera import Camera
+from designlab.sensor.led_mounting import face_corners, sides
+from designlab.sensor.refraction import apparent_distance_mm, apparent_tangent
+from geometries import elastomer, gelcore
+from geometries.leds import Body, bodies, emitters
+
+if TYPE_CHECKING:
+    from designlab.sensor.design import Design
+
+Array = NDArray[np.float64]
+MINIMUM_WALL_MM = 0.8  # two lines of a 0.4 mm nozzle: the thinnest wall that common printers close reliably
+MINIMUM_GEL_MM = 0.5  # thinner gels tear when they are taken out of the mould
+
+RULES: dict[str, str] = {
+    "leds_inside_housing": "every LED body lies inside the housing's inner radius",
+    "leds_below_plate": "every LED body lies below the camera plate",
+    "leds_above_membrane": "every LED body lies above the membrane plane",
+    "leds_clear_of_core": "no LED body reaches into gelcore or elastomer; the emitting face of a bonded one "
+    "lies on a side of the gelcore within leds.glue_mm; embedded ones lie wholly inside the gelcore",
+    "leds_clear_of_each_other": "LED bodies do not overlap",
+    "leds_outside_view": "no LED body stands between the camera and the sensing area",
+    "core_inside_housing": "gelcore and elastomer fit into the housing",
+    "core_below_plate": "the gelcore ends below the camera plate",
+    "elastomer_on_core": "the elastomer does not reach beyond the gelcore",
+    "cavity_in_core": f"around a hollow the gelcore is at least {MINIMUM_WALL_MM} mm thick",
+    "dome_radius": "a dome's radius exceeds half its width",
+    "dome_core": "gelcore and elastomer of a dome are concentric spheres",
+    "sensing_area_on_membrane": "the sensing area lies on the membrane",
+    "camera_sees_membrane": "the sensing area lies inside the camera's field of view",
+    "camera_above_core": "the camera stands above the gelcore",
+    "camera_clears_plate": "the lens fits through the hole of the camera plate",
+    "view_through_window": "the camera sees the sensing area through the gelcore's clear window",
+    "view_through_plate": "the camera sees the sensing area through the hole of the camera plate",
+    "minimum_wall": f"housing walls are at least {MINIMUM_WALL_MM} mm thick",
+    "minimum_gel": f"the gel is at least {MINIMUM_GEL_MM} mm thick",
+}
+
+SEEN = ("camera_sees_membrane",)
+"""Rules about what the camera sees, not about what can be made.
+
+A sensor that was built a little off its drawing may break them and works all the same: its coverage says how
+much of the sensing area it has lost.
+"""
+
+
+def margins(design: "Design") -> dict[str, float]:
+    """Signed distance to every rule in `RULES` that applies to the design, in mm; positive means violated."""
+    values = _led_margins(design) | _body_margins(design) | _camera_margins(design)
+    return {rule: float(values[rule]) for rule in RULES if math.isfinite(values[rule])}
+
+
+def _led_margins(design: "Design") -> dict[str, float]:
+    boxes = [_Convex.box(body) for body in bodies(design.leds)]
+    corners = np.concatenate([box.corners for box in boxes])
+    radius = np.hypot(corners[:, 0], corners[:, 1])
+    return {
+        "leds_inside_housing": radius.max() - design.housing.inner_radius_mm,
+        "leds_below_plate": corners[:, 2].max() - design.housing.top_mm,
+        "leds_above_membrane": -corners[:, 2].min(),
+        "leds_clear_of_core": _off_their_seat(design, boxes),
+        "leds_clear_of_each_other": max(
+            (_overlap(a, b) for a, b in combinations(boxes, 2)), default=-math.inf
+        ),
+        "leds_outside_view": _intrusion_into_view(design, boxes),
+    }
+
+
+class _Convex(NamedTuple):
+    """Convex body: corners (n, dimensions), unit face normals and unit edge directions."""
+
+    corners: Array
+    normals: Array
+    edges: Array
+
+    @classmethod
+    def box(cls, body: Body) -> "_Convex":
+        """Box of an LED."""
+        axes = np.array([body.across, body.down, body.normal])
+        signs = np.array([(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
+        corners = np.asarray(body.centre_mm) + signs @ (axes * np.array(body.half_mm)[:, None])
+        return cls(corners, axes, axes)
+
+    @classmethod
+    def prism(cls, polygon: Array, height_mm: float) -> "_Convex":
+        """Upright prism over a convex polygon, from z = 0."""
+        outward, along = _sides(polygon)
+        low, high = (np.column_stack([polygon, np.full(len(polygon), z)]) for z in (0.0, height_mm))
+        up = np.array([[0.0, 0.0, 1.0]])
+        level = [np.column_stack([vectors, np.zeros(len(vectors))]) for vectors in (outward, along)]
+        return cls(
+            np.concatenate([low, high]), np.concatenate([level[0], up]), np.concatenate([level[1], up])
+        )
+
+
+def _sides(polygon: Array) -> tuple[Array, Array]:
+    """Unit outward normals and unit directions of the sides of a counter-clockwise polygon."""
+    edge = np.roll(polygon, -1, axis=0) - polygon
+    along = edge / np.linalg.norm(edge, axis=1, keepdims=True)
+    return np.column_stack([along[:, 1], -along[:, 0]]), along
+
+
+def _overlap(a: _Convex, b: _Convex) -> float:
+    """How far two convex bodies must move apart to be free; where they are, minus the gap (at least).
+
+    The separating axis theorem: of two convex bodies apart, one face normal of either or one cross product of
+    their edges separates them.
+    """
+    across = np.cross(a.edges[:, None], b.edges[None]).reshape(-1, 3)
+    length = np.linalg.norm(across, axis=1)
+    axes = np.concatenate([a.normals, b.normals, across[length > 1e-9] / length[length > 1e-9, None]])
+    return _least_overlap(a.corners @ axes.T, b.corners @ axes.T)
+
+
+def _least_overlap(a: Array, b: Array) -> float:
+    """Least overlap of two point sets projected on some axes, shapes (points, axes)."""
+    return float(np.minimum(a.max(axis=0) - b.min(axis=0), b.max(axis=0) - a.min(axis=0)).min())
+
+
+def _off_their_seat(design: "Design", boxes: Sequence[_Convex]) -> float:
+    """How far LEDs are from where their coupling wants them (light in air: no core, no rule)."""
+    if design.optics.light_path == "air":
+        return -math.inf
+    if design.leds.coupling == "air_gap":
+        return _overlap_with_core(design, boxes)
+    walls = sides(design)
+
+    def outside(points: Array) -> Array:
+        """How far points lie above the window or below the gelcore's gel side."""
+        below = elastomer.interface_mm(design.elastomer, points[:, 0], points[:, 1]) - points[:, 2]
+        return np.maximum(points[:, 2] - _window_mm(design), below)
+
+    if design.leds.coupling == "embedded":
+        corners = np.concatenate([box.corners for box in boxes])
+        return float(np.maximum(walls.distance_mm(corners), outside(corners)).max())
+    faces = np.concatenate([face_corners(strip) for strip in emitters(design.leds)])
+    apart = np.maximum(walls.distance_mm(faces) - design.leds.glue_mm, outside(faces))
+    # 1 um is forgiven: a bonded body touches the side.
+    core, gel = _core_body(design), _gel_body(design)
+    overlap = max(max(_overlap(box, core), _overlap(box, gel)) for box in boxes) - 1e-3
+    return max(float(apart.max()), overlap)
+
+
+def _core_body(design: "Design") -> _Convex:
+    """Gelcore as a convex body, its drafted sides included."""
+    core = design.gelcore
+    low = gelcore.polygon(core, segments=72)
+    walls = sides(design)
+    # A side with normal (cos d, sin d) recedes by tan d times the height; corners follow both their sides.
+    level = walls.normals[:, :2] / np.linalg.norm(walls.normals[:, :2], axis=1, keepdims=True)
+    lean_mm = core.height_mm * walls.normals[0, 2] / float(np.linalg.norm(walls.normals[0, :2]))
+    before = np.roll(level, 1, axis=0)
+    both = (level + before) / (1 + (level * before).sum(axis=1, keepdims=True))
+    corners = [
+        np.column_stack([polygon, np.full(len(low), z)])
+        for polygon, z in ((low, design.elastomer.thickness_mm), (low - lean_mm * both, _window_mm(design)))
+    ]
+    edge, slant = np.roll(corners[0], -1, axis=0) - corners[0], corners[1] - corners[0]
+    edges = np.concatenate([edge, slant])
+    normals = np.concatenate([walls.normals, [[0.0, 0.0, 1.0]]])
+    return _Convex(np.concatenate(corners), normals, edges / np.linalg.norm(edges, axis=1, keepdims=True))
+
+
+def _gel_body(design: "Design") -> _Convex:
+    return _Convex.prism(elastomer.polygon(design.elastomer, segments=72), design.elastomer.thickness_mm)
+
+
+def _overlap_with_core(design: "Design", boxes: Sequence[_Convex]) -> float:
+    """How deep LEDs reach into the prism of gelcore and elastomer."""
+    # A drafted side recedes towards the camera; its lower edge, which is nearest, stands for all of it.
+    height_mm = design.elastomer.thickness_mm + design.gelcore.height_mm
+    core = _Convex.prism(gelcore.polygon(design.gelcore, segments=72), height_mm)
+    return max(_overlap(box, core) for box in boxes)
+
+
+def _intrusion_into_view(design: "Design", boxes: Sequence[_Convex]) -> float:
+    """How far LEDs reach into the sensing area as the camera sees both; mm at the membrane."""
+    area, distance_mm = _sensing_area_seen(design)
+    position = np.asarray(design.camera.position_mm)
+    worst = -math.inf
+    for box in boxes:
+        below = box.corners[box.corners[:, 2] < position[2] - 1e-6]
+        if len(below):
+            seen = _tangents(design, below) * distance_mm
+            between = (seen[:, None] - seen[None]).reshape(-1, 2)
+            length = np.linalg.norm(between, axis=1)
+            # Normals of all lines between corners; those of the outline, which decide, are among them.
+            normals = between[length > 1e-9][:, ::-1] * (1.0, -1.0) / length[length > 1e-9, None]
+            axes = np.concatenate([normals, _sides(area)[0]])
+            worst = max(worst, _least_overlap(seen @ axes.T, area @ axes.T))
+    return worst
+
+
+def _tangents(design: "Design", points: Array) -> Array:
+    """Tangents of the directions in which the camera sees points below it, shape (n, 2).
+
+    Points beside the core are seen straight, those of embedded LEDs through the window.
+    """
+    x_c, y_c, z_c = design.camera.position_mm
+    away = points[:, :2] - (x_c, y_c)
+    straight = away / (z_c - points[:, 2:])
+    window = _window_mm(design)
+    if design.leds.coupling != "embedded" or design.optics.light_path == "air" or z_c <= window:
+        return np.asarray(straight)
+    index = design.optics.core_index
+    for number, point in enumerate(points):
+        distance = float(np.hypot(*away[number]))
+        if point[2] < window and distance > 0:
+            tangent = apparent_tangent(distance, [(window - point[2], index), (z_c - window, 1.0)])
+            straight[number] = away[number] / distance * tangent
+    return np.asarray(straight)
+
+
+def _sensing_area_seen(design: "Design") -> tuple[Array, float]:
+    """Corners of the sensing area as the camera sees them, counter-clockwise, in mm at its apparent distance.
+
+    A camera below the window is lifted just above it here; it breaks `camera_above_core` anyway.
+    """
+    z_c = design.camera.position_mm[2]
+    half_w, half_h = design.sensing_area_mm[0] / 2, design.sensing_area_mm[1] / 2
+    corners = np.array([(sx * half_w, sy * half_h) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+    base = np.nan_to_num(elastomer.base_mm(design.elastomer, corners[:, 0], corners[:, 1]))
+    lifted_mm = max(z_c, _window_mm(design) + 0.01, float(base.max()) + 0.01)
+    distance_mm = apparent_distance_mm(design.layers_to_camera(0.0, camera_mm=lifted_mm))
+    tangents = design.tangents_to(np.column_stack([corners, base]), camera_mm=lifted_mm)
+    return tangents * distance_mm, distance_mm
+
+
+def _window_mm(design: "Design") -> float:
+    """Height of the gelcore's camera side."""
+    return design.elastomer.thickness_mm + design.gelcore.height_mm
+
+
+def _body_margins(design: "Design") -> dict[str, float]:
+    core, gel, housing = design.gelcore, design.elastomer, design.housing
+    core_polygon = gelcore.polygon(core)
+    gel_polygon = elastomer.polygon(gel)
+    dome_radius, dome_core = -math.inf, -math.inf
+    if gel.shape == "dome" and gel.radius_mm is not None:
+        dome_radius = gel.width_mm / 2 - gel.radius_mm
+        if core.shape == "dome" and core.radius_mm is not None:
+            # 10 um is what a mould reproduces; a larger difference means a gel of uneven thickness.
+            dome_core = abs(core.radius_mm - (gel.radius_mm - gel.thickness_mm)) - 0.01
+        else:
+            dome_core = gel.radius_mm  # a flat core under a dome gel: not concentric at all
+    reach = max(np.hypot(*core_polygon.T).max(), np.hypot(*gel_polygon.T).max())
+    return {
+        "core_inside_housing": float(reach) - housing.inner_radius_mm,
+        "core_below_plate": _window_mm(design) - housing.top_mm,
+        "elastomer_on_core": _beyond(gel_polygon, core_polygon),
+        "cavity_in_core": _thinnest_beside_cavity(design),
+        "dome_radius": dome_radius,
+        "dome_core": dome_core,
+        "minimum_wall": MINIMUM_WALL_MM - min(housing.wall_mm, housing.plate_mm),
+        "minimum_gel": MINIMUM_GEL_MM - elastomer.thinnest_mm(gel),
+    }
+
+
+def _thinnest_beside_cavity(design: "Design") -> float:
+    """How far the core around its hollow is short of the least wall; -inf of a solid one."""
+    core, cavity = design.gelcore, design.gelcore.cavity
+    if cavity is None:
+        return -math.inf
+    turn = np.radians(np.linspace(0.0, 90.0, 91))
+    radius, height = cavity[0] * np.cos(turn), core.height_mm - cavity[1] * np.sin(turn)
+    below = height
+    if core.radius_mm is not None:  # above the centre of its sphere a dome is a cylinder
+        below = core.radius_mm - np.hypot(radius, np.minimum(height - core.radius_mm, 0.0))
+    outline = gelcore.polygon(core)
+    outward, _ = _sides(outline)
+    sides = float((outline * outward).sum(-1).min())  # nearest side, from the axis
+    lean = math.tan(math.radians(core.draft_deg)) * height
+    beside = sides - lean - radius
+    return MINIMUM_WALL_MM - float(min(below.min(), beside.min()))
+
+
+def _beyond(points: Array, polygon: Array) -> float:
+    """Largest signed distance of points to a convex counter-clockwise polygon, positive outside.
+
+    1 um is forgiven.
+    """
+    outward, _ = _sides(polygon)
+    return float(((points[:, None] - polygon[None]) * outward[None]).sum(-1).max()) - 1e-3
+
+
+def _beyond_picture(camera: Camera, tangents: Array) -> float:
+    """How far a polygon of directions (n, 2) reaches out of the picture, in focal lengths.
+
+    Points between the corners count too: a distorted edge may bulge.
+    """
+    share = np.linspace(0.0, 1.0, 16, endpoint=False)[:, None, None]
+    edge = (tangents + share * (np.roll(tangents, -1, axis=0) - tangents)).reshape(-1, 2)
+    column, row = camera.project(edge[:, 0], edge[:, 1])
+    half_w, half_h = camera.width_px / 2, camera.height_px / 2
+    beyond = np.maximum(np.abs(column - half_w) - half_w, np.abs(row - half_h) - half_h)
+    return float(beyond.max()) / camera.focal_px
+
+
+def _camera_margins(design: "Design") -> dict[str, float]:
+    camera, housing, core = design.camera, design.housing, design.gelcore
+    x_c, y_c, z_c = camera.position_mm
+    half_w, half_h = design.sensing_area_mm[0] / 2, design.sensing_area_mm[1] / 2
+    corners = np.array([(sx * half_w, sy * half_h) for sx in (-1, 1) for sy in (-1, 1)])
+    seen, distance_mm = _sensing_area_seen(design)
+    through = -math.inf
+    if design.optics.light_path == "core":
+        # Rays run straight from the camera to the window.
+        at_window = np.array([x_c, y_c]) + seen * max(z_c - _window_mm(design), 0.0) / distance_mm
+        through = float(np.linalg.norm(at_window, axis=1).max()) - core.window_diameter_mm / 2
+    hole = -math.inf
+    if z_c > housing.top_mm:
+        at_plate = np.array([x_c, y_c]) + seen * (z_c - housing.top_mm) / distance_mm
+        hole = float(np.linalg.norm(at_plate, axis=1).max()) - housing.camera_hole_mm / 2
+    return {
+        "sensing_area_on_membrane": _beyond(corners, elastomer.polygon(design.elastomer)),
+        "camera_sees_membrane": _beyond_picture(camera, seen / distance_mm) * distance_mm,
+        "camera_above_core": _window_mm(design) - z_c,
+        "camera_clears_plate": 2 * camera.body_radius_mm - housing.camera_hole_mm,
+        "view_through_window": through,
+        "view_through_plate": hole,
+    }

@@ -1,0 +1,1 @@
+"""From a design and a press to a picture."""

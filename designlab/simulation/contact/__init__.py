@@ -1,0 +1,1 @@
+"""How a press deforms the gel."""

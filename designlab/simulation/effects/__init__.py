@@ -1,0 +1,20 @@
+"""Physical effects a sensor model may lack: named, bounded, each the identity at its null value.
+
+Adding one is a class in the module of its stage and an entry in `catalogue.CATALOGUE`.
+"""
+
+from designlab.simulation.effects.base import Effect, Parameter, Sight
+from designlab.simulation.effects.catalogue import CATALOGUE
+from designlab.simulation.effects.model import AppliedEffect, ModelError, SensorModel, effect, load_model
+
+__all__ = [
+    "CATALOGUE",
+    "AppliedEffect",
+    "Effect",
+    "ModelError",
+    "Parameter",
+    "SensorModel",
+    "Sight",
+    "effect",
+    "load_model",
+]

@@ -1,0 +1,53 @@
+"""Every known effect, in one place."""
+
+from designlab.simulation.effects.base import Effect
+from designlab.simulation.effects.camera import (
+    Banding,
+    BlackLevel,
+    ColourMixing,
+    ExposureDrift,
+    FixedPattern,
+    ResponseCurve,
+)
+from designlab.simulation.effects.contact import ContactKernel, ContactProfile, DepthOffset
+from designlab.simulation.effects.emission import LedPosition, LedProfile, LedSpread, LedTilt
+from designlab.simulation.effects.geometry import CameraPose
+from designlab.simulation.effects.lens import LensDistortion, PointSpread, VeilingGlare, Vignetting
+from designlab.simulation.effects.material import AlbedoField, SpecularCoat, Translucency
+from designlab.simulation.effects.transport import (
+    Absorption,
+    CoreScatter,
+    Delamination,
+    GelcoreIndex,
+    Interreflection,
+)
+
+CATALOGUE: tuple[Effect, ...] = (
+    CameraPose(),
+    LedSpread(),
+    LedProfile(),
+    LedTilt(),
+    LedPosition(),
+    Interreflection(),
+    GelcoreIndex(),
+    Delamination(),
+    Absorption(),
+    CoreScatter(),
+    AlbedoField(),
+    SpecularCoat(),
+    Translucency(),
+    ContactKernel(),
+    ContactProfile(),
+    DepthOffset(),
+    LensDistortion(),
+    PointSpread(),
+    Vignetting(),
+    VeilingGlare(),
+    Banding(),
+    ExposureDrift(),
+    FixedPattern(),
+    ColourMixing(),
+    BlackLevel(),
+    ResponseCurve(),
+)
+"""Every known effect, in pipeline order: geometry, emission, transport, material, contact, camera."""

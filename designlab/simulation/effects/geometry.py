@@ -1,0 +1,38 @@
+"""Effects of how the parts stand to each other."""
+
+from typing import ClassVar
+
+from designlab.sensor.design import Design
+from designlab.simulation.effects.base import Effect, Parameter, Stage, Values
+
+
+class CameraPose(Effect):
+    """The camera stands off its place and looks past its axis."""
+
+    name: ClassVar[str] = "camera_pose"
+    stage: ClassVar[Stage] = "geometry"
+    summary: ClassVar[str] = "the camera stands or looks elsewhere"
+    transferable: ClassVar[bool] = False  # how one camera was screwed on
+    warps: ClassVar[bool] = True
+
+    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+        """Place to 0.3 mm and direction to 1 deg: a camera screwed to a printed holder (estimate)."""
+        place = tuple(
+            Parameter(f"{axis}_mm", "mm", 0.0, 0.3, -3.0, 3.0, f"camera moved along {axis}") for axis in "xyz"
+        )
+        turn = tuple(
+            Parameter(
+                f"tilt_{axis}_deg", "deg", 0.0, 1.0, -10.0, 10.0, f"camera turned, see camera.tilt_deg[{k}]"
+            )
+            for k, axis in enumerate("xy")
+        )
+        return place + turn
+
+    def on_design(self, design: Design, values: Values) -> Design:
+        """Move and turn the camera."""
+        if not any(values.values()):
+            return design
+        camera = design.camera
+        place = tuple(c + values[f"{axis}_mm"] for c, axis in zip(camera.position_mm, "xyz", strict=True))
+        tilt = tuple(t + values[f"tilt_{axis}_deg"] for t, axis in zip(camera.tilt_deg, "xy", strict=True))
+        return design.replace({"camera.position_mm": place, "camera.tilt_deg": tilt})

@@ -1,0 +1,115 @@
+"""Effects of the membrane's coating."""
+
+from typing import ClassVar
+
+import numpy as np
+
+from designlab.sensor.design import Design
+from designlab.simulation.effects.base import Effect, Light, Parameter, Sight, Stage, Values
+
+
+class AlbedoField(Effect):
+    """The coating is uneven: its reflectance varies slowly over the membrane."""
+
+    name: ClassVar[str] = "albedo_field"
+    stage: ClassVar[Stage] = "material"
+    summary: ClassVar[str] = "the coating's reflectance varies over the membrane"
+    transferable: ClassVar[bool] = False  # how one coating was sprayed
+
+    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+        """A quadratic field; sprayed and brushed coatings vary by some 5 % (estimate)."""
+        return tuple(
+            Parameter(
+                term, "1", 0.0, 0.05, -0.5, 0.5, f"relative reflectance, term {term}, at the area's edge"
+            )
+            for term in ("x", "y", "xx", "xy", "yy")
+        )
+
+    def on_light(self, light: Light, values: Values, sight: Sight) -> Light:
+        """Multiply by the field at the membrane point a pixel sees; light that goes round is not changed."""
+        if not any(values.values()):
+            return light
+        return np.asarray(light * (1.0 + albedo_field(values, sight)), dtype=light.dtype)
+
+
+def albedo_field(values: Values, sight: Sight) -> Light:
+    """Relative departure of the reflectance at every pixel, shape (rows, columns)."""
+    turn = np.exp(-1j * np.radians(sight.gel_rotation_deg))
+    place = turn * (sight.seen_mm[0] + 1j * sight.seen_mm[1])
+    width, height = sight.design.sensing_area_mm
+    u, v = 2 * place.real / width, 2 * place.imag / height
+    terms = {"x": u, "y": v, "xx": u**2 - 1 / 3, "xy": u * v, "yy": v**2 - 1 / 3}
+    return np.asarray(sum(values[name] * term for name, term in terms.items()))
+
+
+class SpecularCoat(Effect):
+    """The coating is glossy: part of the light leaves in a lobe."""
+
+    name: ClassVar[str] = "specular_coat"
+    stage: ClassVar[Stage] = "material"
+    summary: ClassVar[str] = "the coating is glossy"
+    transferable: ClassVar[bool] = True  # what the coating is made of
+
+    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+        """Up to 15 % in the lobe for metal flakes; alpha 0.25 to 0.5 are exponents of 30 to 6 (estimate)."""
+        rough = design.optics.coating_roughness if design.optics.coating_specular else 0.35
+        return (
+            Parameter(
+                "share",
+                "1",
+                0.0,
+                0.075,
+                -design.optics.coating_specular,
+                0.6,
+                "added share of the glossy lobe",
+            ),
+            Parameter("roughness", "1", rough, 0.1, 0.1, 0.8, "GGX alpha of the lobe", shape=True),
+        )
+
+    def on_design(self, design: Design, values: Values) -> Design:
+        """Add to the glossy share."""
+        if not values["share"]:
+            return design
+        share = min(max(design.optics.coating_specular + values["share"], 0.0), 1.0)
+        return design.replace(
+            {"optics.coating_specular": share, "optics.coating_roughness": values["roughness"]}
+        )
+
+
+class Translucency(Effect):
+    """The coating leaks: the pressed object shines through where it touches."""
+
+    name: ClassVar[str] = "translucency"
+    stage: ClassVar[Stage] = "material"
+    summary: ClassVar[str] = "the pressed object shines through the coating"
+    transferable: ClassVar[bool] = True  # what the coating is made of
+
+    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+        """Thin coats let up to 20 % pass (estimate); the object's reflectance is seldom known."""
+        room = 1.0 - max(design.per_group("membrane_albedo")) - design.optics.coating_transmittance
+        return (
+            Parameter(
+                "transmittance",
+                "1",
+                0.0,
+                0.1,
+                0.0,
+                min(0.4, max(room, 0.01)),
+                "added transmittance of the coating",
+                squared=True,  # light goes through it to the object and back
+            ),
+            Parameter(
+                "object", "1", 0.5, 0.25, 0.0, 1.0, "diffuse reflectance of the pressed object", shape=True
+            ),
+        )
+
+    def on_design(self, design: Design, values: Values) -> Design:
+        """Let light through the coating, with an object behind it."""
+        if not values["transmittance"]:
+            return design
+        return design.replace(
+            {
+                "optics.coating_transmittance": design.optics.coating_transmittance + values["transmittance"],
+                "optics.object_reflectance": values["object"],
+            }
+        )

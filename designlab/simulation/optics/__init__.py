@@ -1,0 +1,1 @@
+"""Lines of sight through window and gel, and defocus."""

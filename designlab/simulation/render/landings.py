@@ -1,0 +1,165 @@
+"""What a press does to light on its first way to the membrane, photon by photon.
+
+Every photon kept of the light field came along a straight line through the gel. An indentation that rises
+into that line stops the photon earlier, on the side that faces the light, and leaves the place behind it
+dark. Following each photon to where it lands now needs no cells and no direction bins.
+"""
+
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.simulation.contact.press import Surface
+from designlab.simulation.render.nodes import RAISED_MM, Grid, base_normals
+from designlab.simulation.render.tables import held
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+STEP_MM = 0.06  # along a photon's way through the indentation
+
+
+class Change(NamedTuple):
+    """Change of irradiance at every grid node, shape (rows, columns), grainy but right on average.
+
+    Attributes
+    ----------
+    light : array
+        Change of power over projected area (1/mm2).
+    squares : array
+        Sum of the squares of what each photon adds or takes, over projected area (1/mm2): the variance of
+        the sum over any area, photons counted as independent.
+    """
+
+    light: Single
+    squares: Single
+
+
+class FirstLight:
+    """Light of one LED group on its first way to the membrane.
+
+    Parameters
+    ----------
+    landings : array, shape (7, photons)
+        Photons on the undeformed membrane, as in a `LightField`.
+    untouched : Surface
+        The undeformed membrane on the grid that all presses share.
+    """
+
+    def __init__(self, landings: Single, untouched: Surface) -> None:
+        import mitsuba as mi
+
+        self._photons = [mi.Float(np.ascontiguousarray(column)) for column in landings]
+        self._untouched = untouched
+
+    @cached_property
+    def _at_rest(self) -> tuple[Single, Single]:
+        """Power, and squared power of each photon, over projected area (1/mm2) on the undeformed membrane."""
+        x, y, *_, power = self._photons
+        grid, shape = Grid.of(self._untouched), self._untouched.height_mm.shape
+        return _density(grid, shape, x, y, power), _density(grid, shape, x, y, power * power)
+
+    def change(self, surface: Surface) -> Change:
+        """Change of irradiance by a press."""
+        import drjit as dr
+        import mitsuba as mi
+
+        raised = surface.height_mm > RAISED_MM
+        none = np.zeros(raised.shape, dtype=np.float32)
+        if not raised.any() or not dr.width(self._photons):
+            return Change(none, none)
+        enters, leaves = _within(surface, raised, *self._photons[:6])
+        near = dr.compress(enters < leaves)
+        if not dr.width(near):
+            return Change(none, none)
+        x, y, z, dx, dy, dz, power, enters, leaves = (
+            dr.gather(mi.Float, column, near) for column in (*self._photons, enters, leaves)
+        )
+        grid = Grid.of(surface)
+        back = _last_crossing(grid, (x, y, z), (dx, dy, dz), enters, leaves)
+        stopped = dr.compress(back > 0)
+        left, arrived, left_squares, arrived_squares = 4 * [none]
+        if dr.width(stopped):
+            x, y, dx, dy, power, back = (
+                dr.gather(mi.Float, column, stopped) for column in (x, y, dx, dy, power, back)
+            )
+            there = x + back * dx, y + back * dy
+            left, left_squares = (_density(grid, raised.shape, x, y, p) for p in (power, power * power))
+            arrived, arrived_squares = (
+                _density(grid, raised.shape, *there, p) for p in (power, power * power)
+            )
+        rest, squares = self._at_rest
+        upright, flat = surface.normals[..., 2], base_normals(surface)[2]
+        on_gel = np.isfinite(surface.base_mm)
+        light = (rest - left + arrived) * upright - rest * flat
+        # Photons that stay count by what the slope makes of them, the others by where they come and go.
+        varies = (squares - left_squares) * (upright - flat) ** 2 + arrived_squares * upright**2
+        varies += left_squares * flat**2
+        return Change(*(np.where(on_gel, one, 0.0).astype(np.float32) for one in (light, varies)))
+
+
+def _within(
+    surface: Surface, raised: NDArray[np.bool_], x: Any, y: Any, z: Any, dx: Any, dy: Any, dz: Any
+) -> tuple[Any, Any]:
+    """Distances from the membrane at which a photon's way enters and leaves the box around an indentation."""
+    import drjit as dr
+
+    at_x, at_y = surface.x_mm[raised.any(axis=0)], surface.y_mm[raised.any(axis=1)]
+    margin = surface.pitch_mm
+    bounds = (
+        (x, dx, at_x.min() - margin, at_x.max() + margin),
+        (y, dy, at_y.min() - margin, at_y.max() + margin),
+        (z, dz, -np.inf, surface.z_mm[raised].max()),
+    )
+    enters, leaves = 0.0, np.inf
+    for place, way, low, high in bounds:
+        safe = dr.select(dr.abs(way) < 1e-6, 1e-6, way)
+        a, b = (held(float(low)) - place) / safe, (held(float(high)) - place) / safe
+        enters = dr.maximum(enters, dr.minimum(a, b))
+        leaves = dr.minimum(leaves, dr.maximum(a, b))
+    return enters, leaves
+
+
+def _last_crossing(grid: Grid, place: Any, way: Any, enters: Any, leaves: Any) -> Any:
+    """How far back along its way a photon meets the pressed membrane; zero where it lands as before."""
+    import drjit as dr
+    import mitsuba as mi
+
+    (x, y, z), (dx, dy, dz) = place, way
+
+    def above(s: Any) -> Any:
+        return z + s * dz - grid.sample(grid.z, x + s * dx, y + s * dy)
+
+    def going(s: Any, *_: Any) -> Any:
+        return s < leaves
+
+    def step(s: Any, before: Any, found: Any) -> Any:
+        s = s + STEP_MM
+        gap = above(s)
+        crosses = (before < 0) & (gap >= 0)
+        return s, gap, dr.select(crosses, s - STEP_MM * gap / dr.maximum(gap - before, 1e-9), found)
+
+    start = (enters, above(enters), dr.zeros(mi.Float, dr.width(x)))
+    _, _, found = dr.while_loop(start, going, step, labels=("s", "gap", "found"))
+    return found
+
+
+def _density(grid: Grid, shape: tuple[int, ...], x: Any, y: Any, amount: Any) -> Single:
+    """Amount over projected area (1/mm2), each photon's shared among the four nodes around it."""
+    import drjit as dr
+    import mitsuba as mi
+
+    rows, columns = shape
+    table = dr.zeros(mi.Float, rows * columns)
+    u, v = grid.place(x, y)
+    column, row = mi.Int32(dr.floor(u)), mi.Int32(dr.floor(v))
+    a, b = u - mi.Float(column), v - mi.Float(row)
+    share = amount / (grid.pitch_mm * grid.pitch_mm)
+    for i, down in ((0, 1 - b), (1, b)):
+        for j, across in ((0, 1 - a), (1, a)):
+            r, c = row + i, column + j
+            inside = (r >= 0) & (r < mi.Int32(grid.rows)) & (c >= 0) & (c < mi.Int32(grid.columns))
+            index = mi.UInt32(dr.maximum(r * mi.Int32(grid.columns) + c, 0))
+            dr.scatter_add(table, share * down * across, index, inside)
+    return np.asarray(table).reshape(rows, columns)

@@ -1,0 +1,151 @@
+"""Which points of a pressed membrane are shaded, and the membrane's grid as tables on the device."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, distance_transform_edt
+
+from designlab.simulation.contact.press import Surface
+from designlab.simulation.render.tables import bilinear, held
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+RAISED_MM = 1e-3  # lower indentations cast no shadow worth counting
+FINE_MM = 0.2  # around the indentation every grid node is shaded
+STRIDE = 3  # further out one node in this many, along each axis
+Response = Callable[[Any], Any]
+"""Weight of light by the unit vector towards it, at every node."""
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Membrane points that are shaded: Dr.Jit arrays of one value a node."""
+
+    x: Any
+    y: Any
+    z: Any
+    height: Any
+    normal: Any
+    base_p: Any
+    base_q: Any
+
+
+def nodes_of(surface: Surface, chosen: NDArray[np.bool_]) -> Nodes:
+    """Chosen nodes of a surface's grid."""
+    import mitsuba as mi
+
+    def column(values: Array) -> Any:
+        return mi.Float(np.ascontiguousarray(values[chosen], dtype=np.float32))
+
+    x, y = np.meshgrid(surface.x_mm, surface.y_mm)
+    normals = surface.normals
+    return Nodes(
+        x=column(x),
+        y=column(y),
+        z=column(surface.z_mm),
+        height=column(surface.height_mm),
+        normal=mi.Vector3f(*(column(normals[..., k]) for k in range(3))),
+        base_p=column(surface.base_p),
+        base_q=column(surface.base_q),
+    )
+
+
+def facing(nodes: Nodes) -> Response:
+    """Cosine between the membrane's normal and the light: what makes fluence irradiance."""
+    import drjit as dr
+
+    return lambda towards: dr.maximum(dr.dot(nodes.normal, towards), 0.0)
+
+
+def base_normals(surface: Surface) -> Array:
+    """Normals of the undeformed membrane, shape (3, rows, columns)."""
+    p, q = np.nan_to_num(surface.base_p), np.nan_to_num(surface.base_q)
+    return np.stack([-p, -q, np.ones_like(p)]) / np.sqrt(1 + p**2 + q**2)
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """Grid nodes that are shaded: all those on and beside the indentation, every few ones around it.
+
+    Attributes
+    ----------
+    fine, coarse : bool array, shape (rows, columns)
+        Nodes of either kind; the coarse ones lie `STRIDE` apart.
+    """
+
+    fine: NDArray[np.bool_]
+    coarse: NDArray[np.bool_]
+
+    @property
+    def nodes(self) -> NDArray[np.bool_]:
+        """Nodes of both kinds."""
+        return self.fine | self.coarse
+
+    @staticmethod
+    def near(surface: Surface, reach_mm: float) -> "Choice | None":
+        """Nodes that an indentation may lift, tilt, shadow or light; None where there is none."""
+        raised = surface.height_mm > RAISED_MM
+        if not raised.any():
+            return None
+        distance_mm = distance_transform_edt(~raised) * surface.pitch_mm
+        there = np.isfinite(surface.base_mm)
+        fine = (distance_mm <= FINE_MM) & there
+        around = (distance_mm <= max(reach_mm, 2 * FINE_MM)) & there
+        lattice = np.zeros_like(raised)
+        lattice[::STRIDE, ::STRIDE] = True
+        cell = np.ones((2 * STRIDE - 1, 2 * STRIDE - 1), dtype=bool)
+        coarse = lattice & binary_dilation(around & ~fine, structure=cell) & there
+        return Choice(fine, coarse)
+
+    def spread(self, values: NDArray[np.floating], outside: float) -> Single:
+        """Values at the nodes as a whole grid: linear between coarse nodes, `outside` elsewhere."""
+        grid = np.full(self.fine.shape, outside, dtype=np.float32)
+        grid[self.nodes] = values
+        lattice = grid[::STRIDE, ::STRIDE]
+        found: NDArray[np.floating] = lattice
+        for axis, count in enumerate(self.fine.shape):
+            found = _linear(found, np.arange(count) / STRIDE, axis)
+        return np.where(self.fine, grid, found).astype(np.float32)
+
+
+def _linear(values: NDArray[np.floating], at: Array, axis: int) -> NDArray[np.floating]:
+    """Interpolate linearly along one axis at fractional positions."""
+    first = np.minimum(at.astype(int), values.shape[axis] - 1)
+    second = np.minimum(first + 1, values.shape[axis] - 1)
+    share = np.expand_dims(at - first, 1 - axis)
+    return np.asarray(np.take(values, first, axis) * (1 - share) + np.take(values, second, axis) * share)
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """A surface's grid as Dr.Jit tables."""
+
+    left_mm: Any
+    top_mm: Any
+    pitch_mm: Any
+    rows: Any
+    columns: Any
+    z: Any
+    raised: Any
+
+    @staticmethod
+    def of(surface: Surface) -> "Grid":
+        """Take a surface to the device."""
+        import mitsuba as mi
+
+        corner = held(float(surface.x_mm[0])), held(float(surface.y_mm[0])), held(surface.pitch_mm)
+        z = mi.Float(np.nan_to_num(surface.z_mm).astype(np.float32).ravel())
+        raised = mi.Float(surface.height_mm.astype(np.float32).ravel())
+        rows, columns = surface.height_mm.shape
+        return Grid(*corner, held(rows), held(columns), z, raised)
+
+    def place(self, x: Any, y: Any) -> tuple[Any, Any]:
+        """Fractional column and row of a point."""
+        return (x - self.left_mm) / self.pitch_mm, (self.top_mm - y) / self.pitch_mm
+
+    def sample(self, table: Any, x: Any, y: Any) -> Any:
+        """Interpolate a table of the grid at points (mm)."""
+        return bilinear(table, *self.place(x, y), self.rows, self.columns)

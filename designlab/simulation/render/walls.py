@@ -1,0 +1,172 @@
+"""What an indentation does to itself: the horizon that shadows it, and light from wall to wall."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.simulation.contact.press import Surface
+from designlab.simulation.render.lightfield import AZIMUTHS
+from designlab.simulation.render.nodes import RAISED_MM, Grid, Nodes
+from designlab.simulation.render.tables import held
+
+Single = NDArray[np.float32]
+FURTHEST_MM = 4.0  # reach of parallax
+BEYOND_MM = 20.0  # reach of light that the gel around throws on a wall
+GATHER_AZIMUTHS = 16  # directions in which light from other walls is looked for
+
+
+def _turns(nodes: Nodes, azimuths: int) -> tuple[Any, Any, Any, Any, Any]:
+    """Return (node, x, y, dx, dy) for every node and azimuth, azimuth last."""
+    import drjit as dr
+    import mitsuba as mi
+
+    index = dr.arange(mi.UInt32, dr.width(nodes.x) * azimuths)
+    node = index // azimuths
+    angle = (mi.Float(index % azimuths) + 0.5) * (2 * dr.pi / azimuths)
+    x, y = dr.gather(mi.Float, nodes.x, node), dr.gather(mi.Float, nodes.y, node)
+    return node, x, y, dr.cos(angle), dr.sin(angle)
+
+
+def horizon_of(surface: Surface, nodes: Nodes, reach_mm: float) -> Any:
+    """Tangent of the indentation's horizon at every node and azimuth, flattened with azimuth last."""
+    import drjit as dr
+    import mitsuba as mi
+
+    grid = Grid.of(surface)
+    _, x, y, dx, dy = _turns(nodes, AZIMUTHS)
+    here = grid.sample(grid.z, x, y)
+    count = dr.width(x)
+    last = dr.minimum(_leaves(surface, x, y, dx, dy), held(float(reach_mm)))
+
+    def going(distance: Any, _: Any) -> Any:
+        return distance < last
+
+    def step(distance: Any, rim: Any) -> Any:
+        px, py = x + distance * dx, y + distance * dy
+        slope = (grid.sample(grid.z, px, py) - here) / distance
+        rim = dr.select(grid.sample(grid.raised, px, py) > RAISED_MM, dr.maximum(rim, slope), rim)
+        # Steps grow with the distance: far walls subtend less.
+        return distance * 1.1 + 0.5 * grid.pitch_mm, rim
+
+    _, rim = dr.while_loop(
+        (dr.full(mi.Float, 1.5 * surface.pitch_mm, count), dr.full(mi.Float, -1e6, count)),
+        going,
+        step,
+        labels=("distance", "rim"),
+    )
+    dr.eval(rim)
+    return rim
+
+
+def _leaves(surface: Surface, x: Any, y: Any, dx: Any, dy: Any) -> Any:
+    """Distance at which a way across leaves the rectangle around all that is raised; none where it misses."""
+    import drjit as dr
+
+    raised = surface.height_mm > RAISED_MM
+    enters, leaves = 0.0, np.inf
+    sides = (x, dx, surface.x_mm[raised.any(axis=0)]), (y, dy, surface.y_mm[raised.any(axis=1)])
+    for place, way, at in sides:
+        low, high = (held(float(side)) for side in (at.min() - surface.pitch_mm, at.max() + surface.pitch_mm))
+        safe = dr.select(dr.abs(way) < 1e-6, 1e-6, way)
+        a, b = (low - place) / safe, (high - place) / safe
+        enters = dr.maximum(enters, dr.minimum(a, b))
+        leaves = dr.minimum(leaves, dr.maximum(a, b))
+    return dr.select(enters < leaves, leaves, 0.0)
+
+
+class Around(NamedTuple):
+    """Radiance of the whole undeformed membrane, on a lattice wider than the grid of a surface.
+
+    Parameters
+    ----------
+    radiance : array, shape (groups, rows, columns)
+        Row 0 at the least y.
+    x_mm, y_mm, pitch_mm : float
+        Where the first point is, and how far the next one.
+    """
+
+    radiance: Single
+    x_mm: float
+    y_mm: float
+    pitch_mm: float
+
+    def tables(self) -> Callable[[Any, Any], list[Any]]:
+        """Look-up on the device: radiance of every group at points (mm), nothing beside the membrane."""
+        import drjit as dr
+        import mitsuba as mi
+
+        tables = [mi.Float(np.ascontiguousarray(image).ravel()) for image in self.radiance]
+        rows, columns = (held(n) for n in self.radiance.shape[1:])
+        x_mm, y_mm, pitch_mm = (held(float(v)) for v in self[1:])
+
+        def at(x: Any, y: Any) -> list[Any]:
+            u, v = (
+                mi.Int32(dr.floor((x - x_mm) / pitch_mm + 0.5)),
+                mi.Int32(dr.floor((y - y_mm) / pitch_mm + 0.5)),
+            )
+            inside = (u >= 0) & (u < mi.Int32(columns)) & (v >= 0) & (v < mi.Int32(rows))
+            index = mi.UInt32(dr.maximum(v * mi.Int32(columns) + u, 0))
+            return [dr.gather(mi.Float, table, index, inside) for table in tables]
+
+        return at
+
+
+def between_walls(surface: Surface, nodes: Nodes, radiance: Single, around: Around) -> Single:
+    """Irradiance of the nodes by light from the membrane itself, shape (groups, nodes).
+
+    Seen from a node, each step outwards that rises above the horizon so far shows a strip of membrane between
+    two elevations; its cosine-weighted solid angle is closed. Strips of undeformed membrane count only where
+    the undeformed node would not see them: that light is part of the light field.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    grid = Grid.of(surface)
+    node, x, y, dx, dy = _turns(nodes, GATHER_AZIMUTHS)
+    count = dr.width(x)
+    here = grid.sample(grid.z, x, y)
+    normal = dr.gather(mi.Vector3f, nodes.normal, node)
+    ahead = normal.x * dx + normal.y * dy
+    own = -ahead / dr.maximum(normal.z, 1e-3)
+    undeformed = dr.gather(mi.Float, nodes.base_p, node) * dx + dr.gather(mi.Float, nodes.base_q, node) * dy
+    tables = [mi.Float(np.ascontiguousarray(image).ravel()) for image in radiance]
+    beyond = around.tables()
+
+    def going(distance: Any, *_: Any) -> Any:
+        return distance < BEYOND_MM
+
+    def step(distance: Any, rim: Any, below: Any, *sums: Any) -> Any:
+        px, py = x + distance * dx, y + distance * dy
+        slope = (grid.sample(grid.z, px, py) - here) / distance
+        raised = grid.sample(grid.raised, px, py) > RAISED_MM
+        top = dr.select(raised, slope, dr.minimum(slope, undeformed))
+        seen = _strip(dr.maximum(rim, top), ahead, normal.z) - below
+        u, v = grid.place(px, py)
+        column, row = mi.Int32(dr.floor(u + 0.5)), mi.Int32(dr.floor(v + 0.5))
+        inside = (column >= 0) & (column < mi.Int32(grid.columns)) & (row >= 0) & (row < mi.Int32(grid.rows))
+        index = mi.UInt32(dr.maximum(row * mi.Int32(grid.columns) + column, 0))
+        added = tuple(
+            s + seen * dr.select(inside, dr.gather(mi.Float, table, index, inside), far)
+            for s, table, far in zip(sums, tables, beyond(px, py), strict=True)
+        )
+        rim = dr.maximum(rim, slope)
+        return distance * 1.2 + 0.5 * grid.pitch_mm, rim, _strip(rim, ahead, normal.z), *added
+
+    start = dr.full(mi.Float, 1.5 * surface.pitch_mm, count)
+    zeros = tuple(dr.zeros(mi.Float, count) for _ in tables)
+    _, _, _, *sums = dr.while_loop((start, own, _strip(own, ahead, normal.z), *zeros), going, step)
+    dr.eval(*sums)  # one loop for all groups
+    share = 2 * np.pi / GATHER_AZIMUTHS
+    return np.stack([np.asarray(s).reshape(-1, GATHER_AZIMUTHS).sum(axis=1) * share for s in sums]).astype(
+        np.float32
+    )
+
+
+def _strip(tangent: Any, ahead: Any, up: Any) -> Any:
+    """Integral of the cosine over elevation, up to the one of the given tangent."""
+    import drjit as dr
+
+    square = tangent * tangent
+    return ahead * 0.5 * (dr.atan(tangent) + tangent / (1 + square)) + up * 0.5 * square / (1 + square)

@@ -1,0 +1,1 @@
+"""The scene that is rendered, as plain data."""

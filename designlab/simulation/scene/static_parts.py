@@ -1,0 +1,215 @@
+"""What light meets besides the membrane: LED boards, gelcore, gel, and the housing's inside."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from designlab.sensor.design import Design
+from designlab.sensor.led_mounting import front_corners, seated
+from designlab.sensor.optical_constants import AIR
+from designlab.simulation.scene.materials import Dielectric, Diffuse, FloatArray, Medium, Shape
+from designlab.simulation.scene.meshes import band_faces, oriented, rectangle, sheet
+from geometries import elastomer, gelcore
+from geometries.leds import Body
+
+CLEARANCE_MM = 1e-3  # between parts that would otherwise touch and fight for a ray
+GAP_MM = 0.02  # of air where gel and core have come apart: thick for light, thin for everything else
+CAVITY_RINGS = 60  # of a hollow's mesh, from its bottom to its rim
+FACING_DEG = 20.0  # a side face that points at an LED row within this angle lets its light in
+
+
+def boards(design: Design) -> Iterator[Shape]:
+    """Front faces of the LED packages; packages cast into the core are closed boxes."""
+    reflectance = Diffuse(design.per_group("board_reflectance"))
+    for number, body in enumerate(seated(design)[0]):
+        if design.leds.coupling == "embedded":
+            yield _box(f"board-{number}", body, reflectance)
+            continue
+        front = np.asarray(body.centre_mm) + body.half_mm[2] * np.asarray(body.normal)
+        across, down = body.half_mm[0] * np.asarray(body.across), body.half_mm[1] * np.asarray(body.down)
+        yield rectangle(f"board-{number}", front, across, down, reflectance)
+
+
+def _box(name: str, body: Body, surface: Diffuse) -> Shape:
+    """All six faces of a package, the emitting one first, outside."""
+    front = front_corners(body)
+    vertices = np.concatenate([front, front - 2 * body.half_mm[2] * np.asarray(body.normal)])
+    faces = np.concatenate([[[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]], band_faces(4, 0, 4)])
+    outward = vertices[faces].mean(axis=1) - np.asarray(body.centre_mm)
+    return Shape(name, vertices, oriented(vertices, faces, outward), surface)
+
+
+def core_and_gel(design: Design) -> Iterator[Shape]:
+    """Boundaries of gelcore and elastomer as light sees them: sides, window, interface.
+
+    Paint wets the face it is on: seen from inside the core it reflects diffusely, without an air gap.
+    """
+    core, gel = design.gelcore, design.elastomer
+    groups = len(design.leds.groups)
+    inner, _, air = _media(design)
+    paint, black = Diffuse((core.paint_reflectance,) * groups), Diffuse((0.0,) * groups)
+    outline = gelcore.polygon(core, segments=72)
+    lean_mm = np.tan(np.radians(core.draft_deg)) * core.height_mm
+    top = (
+        outline * (1 - lean_mm / (core.width_mm / 2))
+        if core.shape == "hexagonal"
+        else outline - lean_mm * np.sign(outline)
+    )
+    window_z = np.full(len(top), gel.thickness_mm + core.height_mm)
+    low, high = np.column_stack([outline, _interface_z(design, outline)]), np.column_stack([top, window_z])
+    for number, lit in enumerate(_sides_with_light(design, outline)):
+        ends = [number, (number + 1) % len(outline)]
+        side = np.concatenate([low[ends], high[ends[::-1]]])
+        painted = core.side_finish == "painted" and not lit
+        outward = side.mean(axis=0) * (1.0, 1.0, 0.0) * (-1.0 if painted else 1.0)
+        faces = oriented(side, np.array([[0, 1, 2], [0, 2, 3]]), outward)
+        rough = core.ground_roughness if core.side_finish == "ground" and not lit else 0.0
+        # A round core is turned, not cut into flats: light is bent by its curve.
+        normals = side * (1.0, 1.0, 0.0) / np.hypot(*side.T[:2])[:, None] if core.shape == "dome" else None
+        matter = paint if painted else Dielectric(inner, air, rough)
+        yield Shape(f"core-side-{number}", side, faces, matter, None if painted else normals)
+    yield from _window(design, top, Dielectric(inner, air))
+    # The gel's rim is cut soft silicone against the housing, taken as black.
+    rim = elastomer.polygon(gel, segments=72) * 0.999999
+    lower = np.column_stack([rim, elastomer.base_mm(gel, rim[:, 0], rim[:, 1])])
+    band = np.concatenate([lower, np.column_stack([rim, _interface_z(design, rim)])])
+    ring = band_faces(len(rim), 0, len(rim))
+    inward = -band[ring].mean(axis=1) * (1.0, 1.0, 0.0)
+    yield Shape("gel-rim", band, oriented(band, ring, inward), black)
+    yield from _interface(design, outline)
+
+
+def _window(design: Design, top: FloatArray, matter: Dielectric) -> Iterator[Shape]:
+    """Camera side of the core: a plane, or a hollow with a plane rim around it."""
+    core, window_mm = design.gelcore, design.elastomer.thickness_mm + design.gelcore.height_mm
+    if core.cavity is None:
+        level = np.full(len(top), window_mm)
+        yield sheet("window", [top * 0.0, top], [level, level], matter)
+        return
+    radius, depth = core.cavity
+    # As round as a circle is, whatever the outline; its corners are kept.
+    corners = np.arctan2(top[:, 1], top[:, 0])
+    angles = np.unique(np.round(np.concatenate([corners, np.linspace(-np.pi, np.pi, 96, endpoint=False)]), 9))
+    round_ = np.column_stack([np.cos(angles), np.sin(angles)])
+    level, edge = np.full(len(angles), window_mm), radius * round_
+    yield sheet("window-rim", [edge, round_ * _reach_mm(top, round_)[:, None]], [level, level], matter)
+    turns = np.radians(np.linspace(0.0, 90.0, CAVITY_RINGS))
+    rings = [edge * np.sin(t) for t in turns]
+    hollow = sheet("window", rings, [level - depth * np.cos(t) for t in turns], matter)
+    inward = hollow.vertices - (0.0, 0.0, level[0])
+    normals = -inward / np.array([radius, radius, depth]) ** 2
+    yield replace(hollow, normals=normals / np.linalg.norm(normals, axis=1)[:, None])
+
+
+def _interface(design: Design, outline: FloatArray) -> Iterator[Shape]:
+    """Boundary of gel and core; where they have come apart, that of each with the air between them."""
+    radius_mm = design.elastomer.radius_mm
+    for shape in _interface_faces(design, outline):
+        if radius_mm is None:
+            yield shape
+            continue
+        normals = (0.0, 0.0, radius_mm) - shape.vertices
+        yield replace(shape, normals=normals / np.linalg.norm(normals, axis=1)[:, None])
+
+
+def _interface_faces(design: Design, outline: FloatArray) -> Iterator[Shape]:
+    """Their faces, flat ones."""
+    inner, soft, air = _media(design)
+    centre, radius = np.asarray(design.optics.gap_centre_mm), design.optics.gap_radius_mm
+    if not radius:
+        rings = [outline * share for share in np.linspace(0.0, 1.0, 49)]
+        yield sheet(
+            "interface", rings, [_interface_z(design, ring) for ring in rings], Dielectric(soft, inner)
+        )
+        return
+    corners = np.arctan2(*(outline - centre).T[::-1])
+    angles = np.unique(np.round(np.concatenate([corners, np.linspace(-np.pi, np.pi, 96, endpoint=False)]), 9))
+    round_ = np.column_stack([np.cos(angles), np.sin(angles)])
+    edge = centre + _reach_mm(outline - centre, round_)[:, None] * round_
+    rim = centre + radius * round_
+    rings = [rim + share * (edge - rim) for share in np.linspace(0.0, 1.0, 49)]
+    yield sheet("interface", rings, [_interface_z(design, ring) for ring in rings], Dielectric(soft, inner))
+    rings = [centre + share * radius * round_ for share in np.linspace(0.0, 1.0, 25)]
+    heights = [_interface_z(design, ring) for ring in rings]
+    yield sheet("gap-gel", rings, heights, Dielectric(soft, air))
+    yield sheet("gap-core", rings, [z + GAP_MM for z in heights], Dielectric(air, inner))
+
+
+def degelled(design: Design) -> Design:
+    """Return the design with air where its gel is."""
+    return design.replace({"optics.elastomer_index": AIR.index, "optics.elastomer_absorption_per_mm": (0.0,)})
+
+
+def _interface_z(design: Design, xy: FloatArray) -> FloatArray:
+    """Height of the boundary between elastomer and gelcore at points (n, 2)."""
+    return elastomer.interface_mm(design.elastomer, xy[:, 0], xy[:, 1])
+
+
+def _sides_with_light(design: Design, outline: FloatArray) -> list[bool]:
+    """Which side faces look at a row of LEDs; none where the LEDs are inside."""
+    if design.leds.coupling == "embedded":
+        return [False] * len(outline)
+    edge = np.roll(outline, -1, axis=0) - outline
+    facing_deg = np.degrees(np.arctan2(-edge[:, 0], edge[:, 1]))
+    rows_deg = np.array([azimuth for group in design.leds.groups for azimuth in group.azimuth_deg])
+    apart_deg = np.abs((facing_deg[:, None] - rows_deg[None] + 180.0) % 360.0 - 180.0)
+    return [bool(near) for near in (apart_deg < FACING_DEG).any(axis=1)]
+
+
+def _media(design: Design) -> tuple[Medium, Medium, Medium]:
+    """Gelcore, gel and air."""
+    optics = design.optics
+    return (
+        Medium(
+            optics.core_index,
+            design.absorption_per_mm("gelcore"),
+            optics.gelcore_scattering_per_mm,
+            optics.gelcore_anisotropy if optics.gelcore_scattering_per_mm else 0.0,
+        ),
+        Medium(optics.gel_index, design.absorption_per_mm("elastomer")),
+        Medium(AIR.index, (0.0,) * len(design.leds.groups)),
+    )
+
+
+def housing_inside(design: Design) -> Iterator[Shape]:
+    """Inside of the housing: tube, camera plate with its hole, and floor around the gel.
+
+    Black walls need no shape: light that meets nothing is lost as well. The floor stands at the tube's lower
+    rim, or just below the LEDs where those reach lower.
+    """
+    reflectance = design.per_group("housing_reflectance")
+    if not any(reflectance):
+        return
+    housing, walls = design.housing, Diffuse(reflectance)
+    lowest_mm = min(float(front_corners(body)[:, 2].min()) for body in seated(design)[0])
+    floor_mm = min(housing.bottom_mm, lowest_mm - CLEARANCE_MM)
+    part = gelcore.polygon(design.gelcore) if design.optics.light_path == "core" else None
+    inner = elastomer.polygon(design.elastomer) if part is None else part
+    corners = np.arctan2(inner[:, 1], inner[:, 0])
+    turns = np.concatenate([corners / (2 * np.pi), np.arange(144) / 144]) % 1.0
+    angles = np.unique(np.round(turns, 9) % 1.0) * 2 * np.pi
+    round_ = np.column_stack([np.cos(angles), np.sin(angles)])
+    count = len(angles)
+    tube, hole = housing.inner_radius_mm * round_, housing.camera_hole_mm / 2 * round_
+    edge = round_ * _reach_mm(inner, round_)[:, None] + CLEARANCE_MM * round_
+    low, high = (np.column_stack([tube, np.full(count, z)]) for z in (floor_mm, housing.top_mm))
+    wall = np.concatenate([low, high])
+    ring = band_faces(count, 0, count)
+    inward = -wall[ring].mean(axis=1) * (1.0, 1.0, 0.0)
+    yield Shape("housing-tube", wall, oriented(wall, ring, inward), walls)
+    top = np.full(count, housing.top_mm)
+    yield sheet("housing-plate", [hole, tube], [top, top], walls, up=-1.0)
+    bottom = np.full(count, floor_mm)
+    yield sheet("housing-floor", [edge, tube], [bottom, bottom], walls)
+
+
+def _reach_mm(polygon: FloatArray, directions: FloatArray) -> FloatArray:
+    """Distance from the axis to a convex polygon around it along unit vectors (n, 2)."""
+    edge = np.roll(polygon, -1, axis=0) - polygon
+    outward = np.column_stack([edge[:, 1], -edge[:, 0]])
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    ahead = directions @ outward.T
+    with np.errstate(divide="ignore"):
+        reach = np.where(ahead > 1e-12, (polygon * outward).sum(axis=1) / ahead, np.inf)
+    return np.asarray(reach.min(axis=1))

@@ -1,0 +1,173 @@
+"""What a pool with known answers teaches: what the unlisted does to values, and how often names are right."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression, minimize
+from scipy.special import log_expit
+
+from designlab.inference.diagnosis.likelihood.empirical_errors import known
+from designlab.inference.diagnosis.verdict.confidence import SIGNS, signs
+from designlab.sensor.design import preset
+from designlab.simulation.effects import effect
+from designlab.validation.blind.runner import Outcome
+from designlab.validation.blind.score import (
+    BINS,
+    WITHOUT_RESERVE,
+    all_named,
+    equal_mass,
+    family,
+    record,
+    same,
+)
+
+Array = NDArray[np.float64]
+
+GRID = np.geomspace(1e-3, 3.0, 400)  # prior standard deviations
+USUAL = 0.05  # likewise: scale of the half-Cauchy prior
+FEWEST = 3  # sets that tell an effect's error
+WEIGHT_SD = 2.0  # of the logarithm of odds, what a sign may usually count from one end to the other
+
+
+def unlisted_sd(outcomes: Iterable[Outcome]) -> dict[str, float]:
+    """Standard deviation of what no catalogue lists in fitted values, in prior standard deviations.
+
+    One for each effect, and for each parameter that only shapes one; see `spread`. A set counts if all that
+    it hides was named: otherwise a value may stand for what was not.
+    """
+    found: dict[str, list[list[tuple[float, float]]]] = {}
+    for o in (o for o in outcomes if all_named(record(o))):
+        for name, truth in o.truth["effects"].items():
+            values = o.parameters.get(name, {})
+            own: dict[str, list[tuple[float, float]]] = {}
+            for p in effect(name).parameters(preset(o.trial["design"])):
+                v = values.get(p.name)
+                if v is None or v["fit_sd"] is None or p.name not in truth:
+                    continue
+                error = (v["value"] - truth[p.name]) / p.sd
+                own.setdefault(f"{name}.{p.name}" if p.shape else name, []).append(
+                    (error, v["fit_sd"] / p.sd)
+                )
+            for key, errors in own.items():
+                found.setdefault(key, []).append(errors)
+    return {
+        key: round(spread([error for errors in sets for error in errors]), 4)
+        for key, sets in sorted(found.items())
+        if len(sets) >= FEWEST
+    }
+
+
+def learnt(outcomes: Iterable[Outcome]) -> dict[str, Any]:
+    """What a whole pool of all families teaches, as `empirical_errors` reads it.
+
+    Effects of which it has too few sets keep what was known of them.
+    """
+    outcomes = list(outcomes)
+    nothing = left_of_nothing(outcomes)
+    return {
+        "left_of_nothing": nothing,
+        "unlisted_sd": dict(sorted({**known()["unlisted_sd"], **unlisted_sd(outcomes)}.items())),
+        "confidence": shares_right(outcomes, nothing),
+    }
+
+
+def left_of_nothing(outcomes: Iterable[Outcome]) -> float:
+    """Squared residual over the floor in the median of sets that hide nothing.
+
+    Raises
+    ------
+    ValueError
+        If there is no such set.
+    """
+    levels = [o.gap["select"] for o in outcomes if family(o.trial) == "nothing" and o.gap]
+    if not levels:
+        raise ValueError("pool: no set that hides nothing, so that nothing tells what such leave")
+    return round(float(np.median([level["before"] / level["floor"] for level in levels])), 3)
+
+
+def shares_right(outcomes: Iterable[Outcome], nothing: float) -> dict[str, Any]:
+    """Weights of the signs of a name (logistic regression), and the share of right names along their sum.
+
+    A sign counts in the direction that is known of it or not at all. The sums are cut into bins of equal
+    mass; the shares of right names in them, half a right and half a wrong name added to each bin (Jeffreys'
+    prior), are made to rise (isotonic regression). Names of partial verdicts are no part of it: they are
+    right far less often, and have one share, `partial`.
+
+    Parameters
+    ----------
+    outcomes : iterable of Outcome
+        Of all families.
+    nothing : float
+        Squared residual over the floor that is usual where nothing is missing.
+
+    Raises
+    ------
+    ValueError
+        If too few names were given.
+    """
+    outcomes = list(outcomes)
+    seen, right = named((o for o in outcomes if o.verdict in WITHOUT_RESERVE), nothing)
+    _, of_partial = named((o for o in outcomes if o.verdict == "partial"), nothing)
+    if len(right) < FEWEST * BINS:
+        raise ValueError(f"pool: {len(right)} names teach nothing, {FEWEST * BINS} are needed")
+    direction = np.array(list(SIGNS.values()), dtype=float)
+    span = np.ptp(seen, axis=0)
+    scale = np.where(span > 0, span, 1.0)
+    scaled = (seen - seen.mean(axis=0)) / scale
+
+    def lost(weights: Array) -> float:
+        odds = weights[0] + scaled @ weights[1:]
+        prior = 0.5 * float((weights[1:] ** 2).sum()) / WEIGHT_SD**2
+        return prior - float(log_expit(np.where(right, odds, -odds)).sum())
+
+    bounds = [(None, None), *((0.0, None) if sign > 0 else (None, 0.0) for sign in direction)]
+    best = minimize(lost, np.zeros(len(bounds)), bounds=bounds, method="L-BFGS-B").x[1:] / scale
+    total = seen @ best
+    bins = equal_mass(total)
+    share = [_share(right[part]) for part in bins]
+    rising = isotonic_regression(share, weights=[len(part) for part in bins]).x
+    return {
+        "weights": {name: round(float(weight), 4) for name, weight in zip(SIGNS, best, strict=True)},
+        "scores": [round(float(total[part].mean()), 4) for part in bins],
+        "right": [round(float(each), 4) for each in rising],
+        "names": len(right),
+        "partial": round(_share(of_partial), 4),
+    }
+
+
+def _share(right: NDArray[np.bool_]) -> float:
+    """Share of right names, half a right and half a wrong one added."""
+    return float((right.sum() + 0.5) / (len(right) + 1))
+
+
+def named(outcomes: Iterable[Outcome], nothing: float) -> tuple[Array, NDArray[np.bool_]]:
+    """Signs of every name that was given (names, signs), and whether it was right."""
+    rows, right = [], []
+    for o in outcomes:
+        for place, (name, alike) in enumerate(zip(o.named, o.sets, strict=True)):
+            level = o.gap["select"]
+            left = level["after"] / (nothing * level["floor"])
+            rows.append(signs(name, alike, o.candidates, left=left, later=place > 0))
+            right.append(any(same(name, truth) for truth in o.trial["effects"]))
+    return np.array(rows).reshape(-1, len(SIGNS)), np.array(right, dtype=bool)
+
+
+def spread(errors: Sequence[tuple[float, float]]) -> float:
+    """Standard deviation s of errors that are normal with variance s^2 + stated^2.
+
+    Root of the posterior mean of s^2 under a half-Cauchy prior (Gelman 2006), by summation over a grid: the
+    likelihood may have several maxima, and few errors leave it wide, which the mean takes into account.
+
+    Parameters
+    ----------
+    errors : sequence of (float, float)
+        Error and its stated standard deviation.
+    """
+    error, stated = np.array(errors).T
+    variance = GRID[:, None] ** 2 + stated**2
+    logarithm = -0.5 * (error**2 / variance + np.log(variance)).sum(axis=1)
+    logarithm += np.log(GRID) - np.log1p((GRID / USUAL) ** 2)  # steps of the grid are even in log s
+    weight = np.exp(logarithm - logarithm.max())
+    return float(np.sqrt((weight * GRID**2).sum() / weight.sum()))

@@ -1,0 +1,300 @@
+"""Light transport and directional light, calibrated in the same way, on the paper's two sets of presses."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.core.images import read_image, write_image
+from designlab.core.metrics import remove_quadratic_field
+from designlab.core.store import write_atomic, write_json
+from designlab.inference.calibration import Calibration, calibrate
+from designlab.inference.calibration.imaging import ALBEDO, KERNEL
+from designlab.inference.compare import FIGURES, Pair, compare_model
+from designlab.measurement import Frame, Measurement, PoseSigma, load_measurement, write_measurement
+from designlab.sensor.design import CHANNELS, Design, preset
+from designlab.simulation.directional_light import DirectionalLight, load_any_model
+from designlab.simulation.effects.model import SensorModel
+from designlab.simulation.simulator import Simulator
+from designlab.validation.paper_2020.datasets import around, dataset_1, dataset_2, stated
+from designlab.validation.paper_2020.hidden import hidden
+from designlab.validation.paper_2020.photograph import photograph
+from designlab.validation.paper_2020.pictures import draw
+from designlab.validation.paper_2020.progress import Progress, named
+from designlab.validation.paper_2020.sizes import Size
+
+SENSORS = {"flat": "gelsight-2020-flat", "dome": "gelsight-2020-dome"}
+TRANSPORT, DIFFUSE, PHONG = MODELS = ("light transport", "directional, diffuse", "directional, Phong")
+SAMPLES = 48
+AVERAGED = 4  # exposures of each picture, as a lab takes them that wants to see the press and not the noise
+PLACED = PoseSigma(depth_mm=0.01, centre_mm=0.01, yaw_deg=0.1)  # of presses for baselines
+PARTS = ("smooth", "edges", "rest")  # of an error
+STEEP = 0.15  # slope of the membrane above which a pixel belongs to the edges of a contact
+SHOWN = ("triangle", "star", "sphere")  # which press is drawn, the first of these
+
+Array = NDArray[np.float64]
+
+
+def accuracy(
+    folder: str | Path, *, size: Size, seed: int = 1, progress: Progress | None = None
+) -> dict[str, Any]:
+    """Photograph hidden sensors, calibrate each model on two presses, and compare on all others.
+
+    Every picture, calibration and comparison is kept in the folder and not made again.
+
+    Parameters
+    ----------
+    folder : path
+        Where to keep them.
+    size : Size
+        Presses, pixels and samples.
+    seed : int
+        Seed of sensors, poses, noise and light.
+    progress : callable, optional
+        Called with what is done, how many parts are done and how many there are.
+
+    Returns
+    -------
+    dict
+        For each sensor and model the figures of every frame, and their means over frames not fitted to.
+    """
+    found = {}
+    for number, (shape, sensor) in enumerate(SENSORS.items()):
+        if shape not in size.shapes_of_gel:
+            continue
+        place = Path(folder) / shape
+        kept = place / "accuracy.json"
+        if not kept.is_file():
+            write_json(kept, _sensor(place, sensor, size, seed + number, progress))
+        found[sensor] = json.loads(kept.read_text(encoding="utf-8"))
+    return {"sensors": found}
+
+
+def _sensor(place: Path, sensor: str, size: Size, seed: int, progress: Progress | None) -> dict[str, Any]:
+    nominal = preset(sensor)
+    true = hidden(nominal, seed=seed)
+    sets = {
+        1: dataset_1(nominal, seed=seed, shapes=size.shapes, places=size.places),
+        # The second set of presses is on the flat gel; of the dome it gives the two that are fitted to.
+        2: dataset_2(nominal, seed=seed, balls=size.balls, triangles=size.triangles)
+        if sensor == SENSORS["flat"]
+        else dataset_2(nominal, seed=seed, balls=1, triangles=1),
+    }
+    frames = [*around(nominal, light_probe=True), *sets[1], *sets[2]]
+    measurement = _photographed(place, sensor, true, frames, size, seed, progress)
+    dataset = {frame.file: number for number, own in sets.items() for frame in own}
+    models: dict[str, Any] = {}
+    pairs: dict[str, Sequence[Pair]] = {}
+    edges: dict[str, NDArray[np.bool_]] = {}
+    posed = measurement
+    for name in MODELS:
+        # Directional light would bend poses to stand for light that falls off; it is given those found.
+        model, poses = _calibrated(place, name, nominal, posed, size, seed, progress)
+        posed = at_poses(measurement, poses) if name == TRANSPORT else posed
+        tell = named(progress, f"{sensor}: {name}, comparing: ")
+        comparison = compare_model(model, posed, samples=SAMPLES, seed=seed, progress=tell)
+        pairs[name] = comparison.pairs
+        if name == TRANSPORT:
+            edges = {
+                frame.file: _edges(nominal, posed, frame) for frame in posed.frames if frame.kind == "press"
+            }
+        models[name] = _figures(comparison.pairs, measurement, dataset, edges)
+    shown = next(
+        k
+        for kind in SHOWN
+        for k, pair in enumerate(pairs[TRANSPORT])
+        if pair.file.startswith(kind) and dataset[pair.file] == 1
+    )
+    return {
+        "models": models,
+        "pictures": {
+            "comparison": str(
+                draw({name: own[shown] for name, own in pairs.items()}, place / "comparison.png")
+            )
+        },
+        "interreflected_share": _interreflected(place, size, seed),
+        "fit_frames": sum(frame.split == "train" for frame in measurement.frames),
+        "held_out_frames": sum(frame.split == "final" for frame in measurement.frames),
+    }
+
+
+def _photographed(
+    place: Path,
+    sensor: str,
+    true: SensorModel,
+    frames: Sequence[Frame],
+    size: Size,
+    seed: int,
+    progress: Progress | None,
+) -> Measurement:
+    """Take every picture that is not there yet, then write the measurement."""
+    if (place / "measurement" / "measurement.toml").is_file():
+        return load_measurement(place / "measurement")
+    pictures, taken = place / "pictures", []
+    pictures.mkdir(parents=True, exist_ok=True)
+    for number, frame in enumerate(frames):
+        if progress is not None:
+            progress(f"{sensor}: photographing", number, len(frames))
+        image, about = pictures / frame.file, pictures / f"{frame.file}.json"
+        if not about.is_file():
+            binned = 1 if frame.kind == "light_probe" else size.binned
+            done, found = photograph(
+                true,
+                [frame],
+                samples=size.samples,
+                seed=1000 * seed + number,
+                binned=binned,
+                averaged=AVERAGED,
+            )
+            write_image(image, found[frame.file].astype(np.float16))
+            write_json(about, done[0].model_dump(mode="json", exclude_none=True))
+        taken.append(Frame.model_validate(json.loads(about.read_text(encoding="utf-8"))))
+    measurement = Measurement(
+        name=f"made {sensor}",
+        sensor=sensor,
+        response="linear",
+        source="simulated: unbiased estimator, fine mesh, camera noise, poses off by their stated doubt",
+        frames=tuple(stated(taken, seed=seed)),
+    )
+    images = {frame.file: read_image(pictures / frame.file).astype(np.float16) for frame in frames}
+    return load_measurement(write_measurement(measurement, images, place / "measurement"))
+
+
+def _calibrated(
+    place: Path,
+    name: str,
+    nominal: Design,
+    measurement: Measurement,
+    size: Size,
+    seed: int,
+    progress: Progress | None,
+) -> tuple[SensorModel | DirectionalLight, dict[str, Any]]:
+    """Model fitted to two presses, and the pose that it finds for every press."""
+    stem = name.replace(", ", "-").replace(" ", "-")
+    model, kept = place / f"{stem}.toml", place / f"{stem}.json"
+    if not kept.is_file():
+        groups = range(len(nominal.leds.groups))
+        start: Design | DirectionalLight = nominal
+        free = [KERNEL, *(f"{ALBEDO}.{group}" for group in groups)]
+        if name != TRANSPORT:
+            # At poses that are known nothing of the other presses is left to be found.
+            fitted = tuple(frame for frame in measurement.frames if frame.split != "final")
+            measurement = measurement.model_copy(update={"frames": fitted})
+            start = DirectionalLight.of(nominal, "diffuse" if name == DIFFUSE else "phong")
+            # Free azimuths turn to where they stand for fall-off, and shade presses from the wrong side.
+            free = [f"lights.{group}.elevation_deg" for group in groups]
+            free += ["exponent"] if name == PHONG else []
+        tell = named(progress, f"{nominal.name}: {name}: ")
+        found = calibrate(
+            measurement, start, columns=size.columns, samples=SAMPLES, seed=seed, free=free, progress=tell
+        )
+        write_atomic(model, found.model.dumps())
+        write_json(kept, {"poses": poses_of(found), "calibration": found.to_json()})
+    return load_any_model(model), json.loads(kept.read_text(encoding="utf-8"))["poses"]
+
+
+def poses_of(found: Calibration) -> dict[str, Any]:
+    """Pose of every press after a calibration, by its file."""
+    return {frame.file: dict(frame.pose) for frame in found.frames if frame.pose is not None}
+
+
+def at_poses(measurement: Measurement, poses: dict[str, Any]) -> Measurement:
+    """Return the measurement with the poses that were found; a press without one keeps what is stated."""
+    frames = []
+    for frame in measurement.frames:
+        if frame.kind == "press" and frame.file in poses:
+            pose = poses[frame.file]
+            frame = frame.model_copy(
+                update={
+                    "centre_mm": (pose["x_mm"], pose["y_mm"]),
+                    "depth_mm": pose["depth_mm"],
+                    "yaw_deg": pose["yaw_deg"],
+                    "sigma": PLACED,
+                }
+            )
+        frames.append(frame)
+    return measurement.model_copy(update={"frames": tuple(frames)})
+
+
+def _edges(design: Design, posed: Measurement, frame: Frame) -> NDArray[np.bool_]:
+    """Pixels that see a steep part of the membrane."""
+    simulator = Simulator(design, view=posed.view(frame, design), seed=0)
+    surface = simulator.surface(posed.press(frame))
+    x, y = simulator.rays.hit(surface)
+    p, q = (surface.sample(slope, x, y) for slope in surface.indentation_gradient)
+    return np.hypot(p, q) > STEEP
+
+
+def _figures(
+    pairs: Sequence[Pair],
+    measurement: Measurement,
+    dataset: dict[str, int],
+    edges: dict[str, NDArray[np.bool_]],
+) -> dict[str, Any]:
+    use = {frame.file: frame.split for frame in measurement.frames}
+    frames = [
+        {
+            "file": pair.file,
+            "dataset": dataset[pair.file],
+            "use": use[pair.file],
+            **pair.figures,
+            "error_shares": error_shares(pair.simulated, pair.real, edges[pair.file]),
+        }
+        for pair in pairs
+    ]
+    held_out = [frame for frame in frames if frame["use"] == "final"]
+    own = {
+        str(number): [frame for frame in held_out if frame["dataset"] == number]
+        for number in sorted({frame["dataset"] for frame in held_out})
+    }
+    return {
+        "frames": frames,
+        "held_out": {**_means(held_out), "datasets": {number: _means(part) for number, part in own.items()}},
+    }
+
+
+def _means(frames: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    return {
+        **_mean(frames, FIGURES),
+        "channels": {
+            channel: _mean([frame["channels"][channel] for frame in frames], FIGURES) for channel in CHANNELS
+        },
+        "error_shares": _mean([frame["error_shares"] for frame in frames], PARTS),
+    }
+
+
+def _mean(entries: Sequence[dict[str, Any]], names: Sequence[str]) -> dict[str, float]:
+    return {name: float(np.mean([entry[name] for entry in entries])) for name in names}
+
+
+def error_shares(
+    simulated: NDArray[np.floating], real: NDArray[np.floating], edges: NDArray[np.bool_]
+) -> dict[str, float]:
+    """Shares of the squared error: a smooth field of each channel, steep parts of the membrane, the rest.
+
+    The smooth field is quadratic in place: light that falls off from the LEDs. What is left of the error on
+    steep parts is colour of edges; the rest is cast shadows, and light from wall to wall.
+    """
+    error = np.asarray(simulated, dtype=float) - np.asarray(real, dtype=float)
+    left = np.stack([remove_quadratic_field(error[..., c]) for c in range(3)], axis=-1)
+    parts = (((error - left) ** 2).sum(), (left[edges] ** 2).sum(), (left[~edges] ** 2).sum())
+    total = float(sum(parts))
+    return {name: float(part) / total if total else 0.0 for name, part in zip(PARTS, parts, strict=True)}
+
+
+def _interreflected(place: Path, size: Size, seed: int) -> dict[str, float]:
+    """Share of the untouched gel's light that has met the membrane or the parts around it more than once."""
+    model = load_any_model(place / "light-transport.toml")
+    assert isinstance(model, SensorModel)
+    whole, once = (
+        Simulator(
+            model.design.replace({"optics.path_length": length}), columns=80, samples=SAMPLES, seed=seed
+        )
+        .frame(None)
+        .mixed.mean(axis=(0, 1))
+        for length in (model.design.optics.path_length, 2)
+    )
+    return {channel: float(1 - b / a) for channel, a, b in zip(CHANNELS, whole, once, strict=True)}

@@ -1,0 +1,258 @@
+"""The paper's experiments in one folder: each is run once, kept, and told about on one page.
+
+Every experiment keeps its result in a folder of its own; one whose result is there already is not repeated.
+"""
+
+import dataclasses
+import json
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from designlab.core.store import remove_partial, write_atomic, write_json
+from designlab.sensor.design import preset
+from designlab.validation.paper_2020.content import sections
+from designlab.validation.paper_2020.markdown import markdown_page
+from designlab.validation.paper_2020.page import html_page
+from designlab.validation.paper_2020.sizes import SIZES, Size
+
+RESULTS = 1  # raise when a change makes results of earlier runs wrong
+SENSORS = ("gelsight-2020-flat", "gelsight-2020-dome")
+MARKER, KEPT = "reproduce.json", "result.json"
+REPORT, MARKDOWN = "report.html", "reproduction.md"
+LEFT_OUT = "left_out"  # key of an experiment that could not be run; it is tried again
+
+Progress = Callable[[str, float], None]
+"""Called with what is being done and the share that is done of what was left to do, 0 to 1."""
+
+Within = Callable[[str, int, int], None]
+
+
+class Stage(NamedTuple):
+    """One experiment: what it is called, the function that does it in a folder, and what takes how long.
+
+    Attributes
+    ----------
+    seconds : callable
+        About what it takes on two cores; only the time left depends on it.
+    parts : callable
+        How parts of it begin to tell of themselves, in order, and what they take in relation; empty where
+        the experiment counts all of its steps.
+    """
+
+    title: str
+    run: Callable[[Path, Size, int, Within], dict[str, Any]]
+    seconds: Callable[[Size], float]
+    parts: Callable[[Size], Mapping[str, float]] = lambda size: {}
+
+
+def reproduce(
+    out: str | Path, *, size: str = "full", seed: int = 1, progress: Progress | None = None
+) -> dict[str, Any]:
+    """Run the paper's experiments; the same call again goes on where it ended.
+
+    Parameters
+    ----------
+    out : path
+        Folder of the results; may exist if it is empty or of an earlier call with the same size and seed.
+    size : str
+        "full", or "reduced": a small part that shows that everything runs.
+    seed : int
+        Seed of everything random but the hidden sensors that are fitted to tell of the errors, which have
+        fixed ones.
+    progress : callable, optional
+        Called with what is being done and the share that is done.
+
+    Returns
+    -------
+    dict
+        ``stages``: what each experiment found; and the files that were written.
+
+    Raises
+    ------
+    ValueError
+        If the size is unknown, or the folder holds something else.
+    RuntimeError
+        If an experiment fails; names it and the reason.
+    OSError
+        If the folder cannot be written.
+    """
+    if size not in SIZES:
+        raise ValueError(f"size: must be one of {', '.join(SIZES)}, got {size!r}")
+    out, extent = Path(out), SIZES[size]
+    _claim(out, extent, seed)
+    tell = progress or (lambda what, share: None)
+    remove_partial(out)
+    left = {name: stage for name, stage in STAGES.items() if not (out / name / KEPT).is_file()}
+    total, done = sum(stage.seconds(extent) for stage in left.values()), 0.0
+    found: dict[str, dict[str, Any]] = {}
+    for name, stage in STAGES.items():
+        cost = stage.seconds(extent) if name in left else 0.0
+        if name in left:
+            found[name] = _run(out / name, stage, extent, seed, _share_of(tell, stage, extent, done, total))
+        else:
+            found[name] = json.loads((out / name / KEPT).read_text(encoding="utf-8"))
+        done += cost
+    return _written(out, extent, seed, found, tell)
+
+
+def _run(folder: Path, stage: Stage, size: Size, seed: int, within: Within) -> dict[str, Any]:
+    remove_partial(folder)
+    within("", 0, 1)
+    try:
+        found = stage.run(folder, size, seed, within)
+    except (ValueError, RuntimeError) as error:
+        raise RuntimeError(f"reproduce, {stage.title}: {error}") from error
+    if LEFT_OUT not in found:
+        write_json(folder / KEPT, found)
+    return found
+
+
+def _share_of(tell: Progress, stage: Stage, size: Size, done: float, total: float) -> Within:
+    """Turn the steps of an experiment into a share of everything, which only grows."""
+    share_of, cost = _Growing(stage.parts(size)), stage.seconds(size)
+
+    def within(what: str, count: int, of: int) -> None:
+        share = share_of(what, count, of) if what else 0.0
+        tell(f"{stage.title}: {what}" if what else stage.title, (done + cost * share) / total)
+
+    return within
+
+
+class _Growing:
+    """Share of an experiment that is done, from parts that each count their steps anew, several times."""
+
+    def __init__(self, parts: Mapping[str, float]) -> None:
+        self.parts = parts
+        self.what, self.begun, self.level, self.share = "", "", 0.0, 0.0
+
+    def __call__(self, what: str, done: int, of: int) -> float:
+        inside = min(done / max(of, 1), 1.0)
+        part = next((name for name in self.parts if what.startswith(name)), None)
+        if part is not None:
+            if part != self.begun:
+                self.begun, self.what, self.level = part, what, 0.0
+            elif what != self.what:  # how many rounds follow is not known: each takes half of what is left
+                self.what, self.level = what, (1 + self.level) / 2
+            names = list(self.parts)
+            before = sum(self.parts[name] for name in names[: names.index(part)])
+            inside = self.parts[part] * (self.level + (1 - self.level) / 2 * inside)
+            inside = (before + inside) / sum(self.parts.values())
+        self.share = max(self.share, inside)
+        return self.share
+
+
+def _claim(out: Path, size: Size, seed: int) -> None:
+    """Mark a new folder; refuse one that holds something else."""
+    marker = out / MARKER
+    designs = {name: preset(name).digest for name in SENSORS}
+    content: dict[str, Any] = {"results": RESULTS, "seed": seed, "designs": designs}
+    content = json.loads(json.dumps({**content, "size": dataclasses.asdict(size)}))
+    if marker.is_file():
+        try:
+            held = json.loads(marker.read_text(encoding="utf-8"))
+        except ValueError:
+            held = None
+        if not isinstance(held, dict):
+            raise ValueError(f"{marker}: must be JSON that an earlier reproduction wrote, is not")
+        for name, text in _DIFFERENT.items():
+            if held.get(name) != content[name]:
+                raise ValueError(f"{out}: holds a reproduction {text}; choose another folder")
+        return
+    if out.is_dir() and any(out.iterdir()):
+        raise ValueError(f"{out}: must be absent, empty or an earlier reproduction; it has no {MARKER}")
+    write_json(marker, content)
+
+
+_DIFFERENT = {
+    "size": "of another size",
+    "seed": "with another seed",
+    "designs": "of other sensors",
+    "results": "by another version of the experiments",
+}
+
+
+def _written(
+    out: Path, size: Size, seed: int, found: dict[str, dict[str, Any]], tell: Progress
+) -> dict[str, Any]:
+    """Write result and pages, anew at every call."""
+    from designlab import __version__
+
+    result = {"designlab": __version__, "size": size.name, "seed": seed, "stages": found}
+    write_json(out / KEPT, result)
+    content = sections(result, out)
+    write_atomic(out / REPORT, html_page(result, content))
+    write_atomic(out / MARKDOWN, markdown_page(result, content))
+    tell("done", 1.0)
+    files = {"out": out, "report": out / REPORT, "markdown": out / MARKDOWN, "result": out / KEPT}
+    return {**{name: str(path) for name, path in files.items()}, **result}
+
+
+def _probe(folder: Path, size: Size, seed: int, within: Within) -> dict[str, Any]:
+    from designlab.validation.paper_2020.probe import probe
+
+    return probe(folder, size=size, seed=seed, progress=within)
+
+
+def _recovery(folder: Path, size: Size, seed: int, within: Within) -> dict[str, Any]:
+    from designlab.validation.paper_2020.recovery import recovery
+
+    return recovery(size.repeats, folder, progress=within)
+
+
+def _recovery_parts(size: Size) -> dict[str, float]:
+    from designlab.validation.paper_2020.recovery import told
+
+    return {told(number): 1.0 for number in range(size.repeats)}
+
+
+def _accuracy(folder: Path, size: Size, seed: int, within: Within) -> dict[str, Any]:
+    from designlab.validation.paper_2020.accuracy import accuracy
+
+    found = accuracy(folder, size=size, seed=seed, progress=within)
+    for sensor in found["sensors"].values():  # the folder may be moved
+        sensor["pictures"] = {
+            name: os.path.relpath(path, folder) for name, path in sensor["pictures"].items()
+        }
+    return found
+
+
+def _accuracy_parts(size: Size) -> dict[str, float]:
+    from designlab.validation.paper_2020.accuracy import MODELS
+    from designlab.validation.paper_2020.accuracy import SENSORS as BY_SHAPE
+
+    photographing = 10.0 if size.name == "full" else 1.0
+    parts: dict[str, float] = {}
+    for sensor in (BY_SHAPE[shape] for shape in BY_SHAPE if shape in size.shapes_of_gel):
+        parts[f"{sensor}: photographing"] = photographing
+        parts |= dict.fromkeys((f"{sensor}: {model}" for model in MODELS), 1.0)
+    return parts
+
+
+def _timing(folder: Path, size: Size, seed: int, within: Within) -> dict[str, Any]:
+    from designlab.validation.paper_2020.timing import timing
+
+    return timing(folder, size=size, seed=seed, progress=within)
+
+
+def _real(folder: Path, size: Size, seed: int, within: Within) -> dict[str, Any]:
+    from designlab.validation.paper_2020.real import real
+
+    return real(folder, size=size, seed=seed, progress=lambda what, n, of: within(f"fit, {what}", n, of))
+
+
+STAGES: dict[str, Stage] = {
+    "probe": Stage("light probe", _probe, lambda size: 15 if size.name == "full" else 8),
+    "recovery": Stage("hidden sensors", _recovery, lambda size: 75 * size.repeats, _recovery_parts),
+    "accuracy": Stage(
+        "accuracy",
+        _accuracy,
+        lambda size: 4000 if size.name == "full" else 150,
+        _accuracy_parts,
+    ),
+    "timing": Stage("time of pictures", _timing, lambda size: 900 if size.name == "full" else 30),
+    "real": Stage(
+        "real picture", _real, lambda size: 60 if size.name == "full" else 35, lambda size: {"fit": 1.0}
+    ),
+}

@@ -1,0 +1,77 @@
+"""Effects of the camera: its pose, its lens, its sensor."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from designlab.validation.synthetic.effects.base import Parameter, Planted
+from designlab.validation.synthetic.effects.colour import CHANNELS
+from designlab.validation.synthetic.generator_sensor import Rig
+
+
+def _pose_parameters(rig: Rig) -> dict[str, Parameter]:
+    moved = {f"{axis}_mm": Parameter(0.0, 0.3, -3.0, 3.0, "mm") for axis in "xyz"}
+    return moved | {f"tilt_{axis}_deg": Parameter(0.0, 1.0, -10.0, 10.0, "deg") for axis in "xy"}
+
+
+def _pose(rig: Rig, values: Mapping[str, float]) -> Rig:
+    """Move the camera, turn it about its x axis and then about the y axis that went with it."""
+    x, y, z = rig.camera.position_mm
+    place = (x + values["x_mm"], y + values["y_mm"], z + values["z_mm"])
+    # Looking along -z, a right-handed turn about y goes towards -x.
+    turn = Rotation.from_euler("XY", [values["tilt_x_deg"], -values["tilt_y_deg"]], degrees=True)
+    moved = rig.camera.model_copy(update={"position_mm": place})
+    return replace(rig, camera=moved, turn=rig.turn @ np.asarray(turn.as_matrix()))
+
+
+def _of(part: Literal["lens", "sensor"], parameters: dict[str, tuple[str, Parameter]]) -> Planted:
+    """Effect whose parameters are fields of the rig's lens or sensor: name to field and parameter."""
+
+    def known(rig: Rig) -> dict[str, Parameter]:
+        return {name: parameter for name, (_, parameter) in parameters.items()}
+
+    def change(rig: Rig, values: Mapping[str, float]) -> Rig:
+        fields: dict[str, Any] = {field: values[name] for name, (field, _) in parameters.items()}
+        if part == "lens":
+            return replace(rig, lens=replace(rig.lens, **fields))
+        return replace(rig, sensor=replace(rig.sensor, **fields))
+
+    return Planted(known, change)
+
+
+def _black_parameters(rig: Rig) -> dict[str, Parameter]:
+    return {channel: Parameter(0.0, 0.015, -1.0, 1.0) for channel in CHANNELS}
+
+
+def _black(rig: Rig, values: Mapping[str, float]) -> Rig:
+    red, green, blue = (values[channel] for channel in CHANNELS)
+    return replace(rig, sensor=replace(rig.sensor, black=(red, green, blue)))
+
+
+GEOMETRY = {"camera_pose": Planted(_pose_parameters, _pose)}
+CAMERA = {
+    "lens_distortion": _of(
+        "lens",
+        {
+            "radial": ("radial", Parameter(0.0, 0.02, -0.2, 0.2)),
+            "magnification": ("magnification", Parameter(0.0, 0.02, -0.2, 0.2)),
+        },
+    ),
+    "point_spread": _of("lens", {"sigma_um": ("blur_um", Parameter(0.0, 75.0, 0.0, 300.0, "um"))}),
+    "vignetting": _of("lens", {"corner_loss": ("corner_loss", Parameter(0.0, 0.25, 0.0, 0.8))}),
+    "veiling_glare": _of("lens", {"share": ("glare", Parameter(0.0, 0.015, 0.0, 0.2))}),
+    "banding": _of(
+        "sensor",
+        {
+            "amplitude": ("banding", Parameter(0.0, 0.015, 0.0, 0.3)),
+            "period_rows": ("period_rows", Parameter(400.0, 100.0, 40.0, 2000.0, "px", shape=True)),
+        },
+    ),
+    "exposure_drift": _of("sensor", {"rms": ("drift_rms", Parameter(0.0, 0.02, 0.0, 0.3))}),
+    "fixed_pattern": _of("sensor", {"rms": ("pattern_rms", Parameter(0.0, 0.01, 0.0, 0.1))}),
+    "black_level": Planted(_black_parameters, _black),
+    "response_curve": _of("sensor", {"exponent": ("exponent", Parameter(1.0, 0.08, 0.4, 2.5))}),
+}

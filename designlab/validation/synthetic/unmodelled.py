@@ -1,0 +1,190 @@
+"""What no catalogue holds: small departures that every set has, and large ones that should not be named."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.validation.synthetic.generator_sensor import Rig
+
+Array = NDArray[np.float64]
+Values = dict[str, Any]
+Change = Callable[[Rig, float, np.random.Generator], tuple[Rig, Values]]
+
+WEAKEST, STRONGEST = 0.1, 0.3  # of an unlisted effect, over its usual size
+PRINTED_MM = (2.0, 0.5)  # pitch and diameter of printed dots
+
+
+def outside_kinds() -> tuple[str, ...]:
+    """Kinds of large departures that the catalogue does not know."""
+    return tuple(_OUTSIDE)
+
+
+def unlisted_kinds() -> tuple[str, ...]:
+    """Kinds of small departures that a set has without mention."""
+    return tuple(_UNLISTED)
+
+
+def add_outside(rig: Rig, kinds: Mapping[str, float], *, random: np.random.Generator) -> tuple[Rig, Values]:
+    """Put departures that the catalogue does not know into a sensor.
+
+    Parameters
+    ----------
+    rig : Rig
+        The sensor.
+    kinds : mapping
+        Kind to strength; at 1 the pictures change clearly.
+    random : Generator
+        Source of places and phases.
+
+    Returns
+    -------
+    Rig, dict
+        The changed sensor, and what each kind was drawn to be.
+
+    Raises
+    ------
+    ValueError
+        Naming kind, value and rule.
+    """
+    found: Values = {}
+    for kind, strength in kinds.items():
+        if kind not in _OUTSIDE:
+            raise ValueError(f"outside: {kind!r} is unknown; known are {', '.join(_OUTSIDE)}")
+        if not 0 <= strength <= 2:
+            raise ValueError(f"outside {kind}: strength lies between 0 and 2, got {strength:g}")
+        rig, values = _OUTSIDE[kind](rig, strength, random)
+        found[kind] = {"strength": float(strength), **values}
+    return rig, found
+
+
+def add_unlisted(
+    rig: Rig, kinds: Mapping[str, float] | None = None, *, random: np.random.Generator
+) -> tuple[Rig, Values]:
+    """Put one or two small departures into a sensor, or those asked for.
+
+    Raises
+    ------
+    ValueError
+        If a kind is unknown.
+    """
+    if kinds is None:
+        chosen = random.choice(list(_UNLISTED), size=int(random.integers(1, 3)), replace=False)
+        kinds = {str(kind): float(random.uniform(WEAKEST, STRONGEST)) for kind in sorted(chosen)}
+    found: Values = {}
+    for kind, strength in kinds.items():
+        if kind not in _UNLISTED:
+            raise ValueError(f"unlisted: {kind!r} is unknown; known are {', '.join(_UNLISTED)}")
+        rig, values = _UNLISTED[kind](rig, strength, random)
+        found[kind] = {"strength": float(strength), **values}
+    return rig, found
+
+
+def _waviness(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
+    """Ripples of a cast membrane, 6 um rms over 3 to 6 mm: 1.0 % of the median signal."""
+    length_mm, direction, phase = (
+        random.uniform(3, 6, 8),
+        random.uniform(0, 2 * np.pi, 8),
+        random.uniform(0, 2 * np.pi, 8),
+    )
+    amplitude = np.full(8, strength * 0.006 / np.sqrt(8 / 2))
+    number = 2 * np.pi / length_mm * np.exp(1j * direction)
+    waves = np.stack([number.real, number.imag, amplitude, phase], axis=1)
+    return replace(rig, waves=np.concatenate([rig.waves, waves])), {"rms_um": 6.0 * strength}
+
+
+def _probe_size(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
+    """Probes 4 % larger or smaller than stated: 0.8 % of the median signal for a ball, 2.7 % for a prism."""
+    scale = 1 + 0.04 * strength * float(random.choice([-1, 1]))
+    return replace(rig, contact=replace(rig.contact, probe_scale=scale)), {"scale": scale}
+
+
+def _column_smear(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
+    """Light smeared along the columns during read-out, 2 % of their mean: 2.5 % of the median signal."""
+    return replace(rig, sensor=replace(rig.sensor, smear=0.02 * strength)), {"share": 0.02 * strength}
+
+
+def _lateral_colour(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
+    """Lens that magnifies red and blue differently, by 1 % each way: 0.5 to 1.2 % of the median signal."""
+    shift = 0.01 * strength * float(random.choice([-1, 1]))
+    return replace(rig, lens=replace(rig.lens, colour_shift=shift)), {"share": shift}
+
+
+def _supply_sag(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
+    """Supply that sags: 2 % less light where all groups are on, 2.7 % of the median signal."""
+    return replace(rig, sensor=replace(rig.sensor, sag=0.02 * strength)), {"share": 0.02 * strength}
+
+
+def _printed_markers(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
+    """Grid of dark dots printed on the membrane."""
+    return replace(rig, coat=replace(rig.coat, markers=(*PRINTED_MM, min(0.85 * strength, 1.0)))), {}
+
+
+def _debris(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
+    """Grain on the gel, dark and casting shadows."""
+    half = rig.coat.half_mm
+    x, y = (float(random.uniform(-0.5, 0.5) * h) for h in half)
+    size = float(np.sqrt(strength)) * min(half) / 6
+    if size <= 0:
+        return rig, {}
+    return replace(rig, grain=(x, y, 0.6 * size, 0.5 * size)), {"place_mm": [x, y], "height_mm": 0.5 * size}
+
+
+def _second_contact(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
+    """Something else touches the gel whenever the probe does."""
+    half = rig.coat.half_mm
+    turn = random.uniform(0, 2 * np.pi)
+    x, y = float(0.6 * half[0] * np.cos(turn)), float(0.6 * half[1] * np.sin(turn))
+    diameter, depth = min(half) / 2, 0.12 * min(half) * strength / 2
+    if depth <= 0:
+        return rig, {}
+    second = (x, y, diameter, depth)
+    return replace(rig, contact=replace(rig.contact, second=second)), {"place_mm": [x, y], "depth_mm": depth}
+
+
+def _lens_ghost(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
+    """Mirror images of the LEDs from reflections between lenses."""
+    return replace(rig, lens=replace(rig.lens, ghost=0.3 * strength)), {}
+
+
+def _wrong_object(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
+    """Another probe than stated."""
+    return replace(rig, contact=replace(rig.contact, wrong=min(strength, 1.0))), {}
+
+
+def _jpeg_blocks(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
+    """Pictures that went through a coarse block transform."""
+    return replace(rig, sensor=replace(rig.sensor, jpeg=strength)), {}
+
+
+def _moire(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
+    """Coloured fringes."""
+    return replace(rig, sensor=replace(rig.sensor, moire=0.04 * strength)), {}
+
+
+def _water_drop(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
+    """Drop on the lens that blurs and shifts a part of the picture."""
+    x, y = float(random.uniform(0.3, 0.7)), float(random.uniform(0.25, 0.5))
+    drop = (x, y, 0.22 * np.sqrt(max(strength, 1e-6)), 0.06 * strength)
+    return replace(rig, lens=replace(rig.lens, drop=drop)), {"place": [x, y]}
+
+
+_UNLISTED: dict[str, Change] = {
+    "membrane_waviness": _waviness,
+    "probe_size": _probe_size,
+    "column_smear": _column_smear,
+    "lateral_colour": _lateral_colour,
+    "supply_sag": _supply_sag,
+}
+_OUTSIDE: dict[str, Change] = {
+    "printed_markers": _printed_markers,
+    "debris": _debris,
+    "second_contact": _second_contact,
+    "lens_ghost": _lens_ghost,
+    "wrong_object": _wrong_object,
+    "jpeg_blocks": _jpeg_blocks,
+    "moire": _moire,
+    "water_drop": _water_drop,
+}
