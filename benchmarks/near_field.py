@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from designlab.core.metrics import normal_error_deg
 from designlab.evaluation.evaluate import FIDELITIES
-from designlab.evaluation.protocol import Bench, plan_presses, sub_seed
+from designlab.evaluation.protocol import EvaluationProtocol, plan_presses, sub_seed
 from designlab.reconstruction import normals
 from designlab.sensor.design import preset
 from designlab.simulation.simulator import Simulator, exposure
@@ -52,7 +52,7 @@ def main() -> None:
             [simulator.frame(press, seed=sub_seed(seed, stage, k)) for k, press in enumerate(chosen)]
             for stage, chosen in ((1, presses.calibration), (2, presses.test))
         )
-        bench = Bench(simulator.design, exposure(simulator.design, untouched), seed)
+        bench = EvaluationProtocol(simulator.design, exposure(simulator.design, untouched), seed)
         results = bench.reconstruct(bench.calibrate(untouched, again, balls), tests)
         found = [([r.error_deg[r.region] for r in results], [r.height_error_um for r in results])]
         known = bench.near_field(untouched, simulator.slope_response())

@@ -27,7 +27,7 @@ from designlab.reconstruction import normals
 from designlab.reconstruction.ball_samples import Setup
 from designlab.reconstruction.balls import BallPress, ball_gradients
 from designlab.reconstruction.lab import LabCalibration, LeftOut, calibrate, left_out_errors, refine_centres
-from designlab.reconstruction.methods import Kernel, Method, Perceptron, Polynomial, Table
+from designlab.reconstruction.methods import Kernel, LookupTable, Method, Perceptron, Polynomial
 
 Array = NDArray[np.float64]
 JUDGED = 0.85
@@ -136,7 +136,7 @@ def main() -> None:
     rms, mean = np.sqrt((shift**2).mean(axis=0)), shift.mean(axis=0)
     print(f"{len(balls)} balls; centres moved by {rms.round(2)} px RMS, mean {mean.round(2)} px")
     methods: list[Method] = [Polynomial(position_degrees=degrees) for degrees in DEGREES]
-    methods += [Table(), Kernel(), Kernel(ridge=1e-3)]
+    methods += [LookupTable(), Kernel(), Kernel(ridge=1e-3)]
     # twice the features at twice the ridge: the same kernel, with less of the noise of its random features
     methods += [Kernel(ridge=6e-3, features=1200)]
     if not options.quick:

@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_erosion, find_objects, label, map_coordinates
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from designlab.core.types import Array, Mask
 
 _SSIM_WINDOW_PX = 7
 # below this share of an image's power its structure is rounding: 1e-6 of the amplitude

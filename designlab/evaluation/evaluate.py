@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from designlab.core.backend import activate
 from designlab.core.store import atomic_folder, write_atomic
+from designlab.core.types import Progress
 from designlab.evaluation import illumination_scores, press_scores, response_maps
 from designlab.evaluation.illumination_scores import Estimate, TransportError
-from designlab.evaluation.protocol import Bench, Presses, Reconstruction, plan_presses, sub_seed
+from designlab.evaluation.protocol import EvaluationProtocol, Presses, Reconstruction, plan_presses, sub_seed
 from designlab.evaluation.weakest_point import GelMaps, Place, worst_of_gel, worst_of_presses
 from designlab.reconstruction import KernelCalibration
 from designlab.sensor.design import Design
@@ -26,9 +26,6 @@ from designlab.simulation.contact.press import Surface
 from designlab.simulation.effects.model import SensorModel
 from designlab.simulation.render import Estimator
 from designlab.simulation.simulator import Frame, Simulator, exposure
-
-Array = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]
 
 SCALAR_COLUMNS = 160  # of pictures that ``scalar_rgb`` has to path-trace, four times as fast
 
@@ -197,7 +194,7 @@ def evaluate(
         # Threads of the linear algebra wait for each other longer than its small products take.
         with clock.part("reconstruction and scores"), threadpool_limits(limits=1, user_api="blas"):
             steps("reconstruction")
-            bench = Bench(
+            bench = EvaluationProtocol(
                 simulator.design, exposure(simulator.design, untouched, again), seed, model=simulator.model
             )
             of_gel = beside.submit(_scores_of_gel, simulator, bench, (untouched, again), balls)
@@ -258,7 +255,9 @@ def calibration_of(
     surfaces = (simulator.surface(press) for press in presses.calibration)
     alone = Presses(presses.calibration, ())
     balls = list(_pressed(simulator, alone, surfaces, _Steps(None, len(presses.calibration))))
-    bench = Bench(simulator.design, exposure(simulator.design, untouched, again), seed, model=simulator.model)
+    bench = EvaluationProtocol(
+        simulator.design, exposure(simulator.design, untouched, again), seed, model=simulator.model
+    )
     with threadpool_limits(limits=1, user_api="blas"):
         return bench.calibrate(untouched, again, balls)
 
@@ -308,7 +307,7 @@ class _Gel(NamedTuple):
 
 
 def _scores_of_gel(
-    simulator: Simulator, bench: Bench, renders: tuple[Frame, Frame], balls: Sequence[Frame]
+    simulator: Simulator, bench: EvaluationProtocol, renders: tuple[Frame, Frame], balls: Sequence[Frame]
 ) -> _Gel:
     untouched, again = renders
     design = bench.design
@@ -355,7 +354,7 @@ def _by_halves(simulator: Simulator, tests: Sequence[Frame], steps: "_Steps") ->
 
 
 def _noisier(
-    bench: Bench,
+    bench: EvaluationProtocol,
     calibration: KernelCalibration,
     untouched: Sequence[Frame],
     halves: Sequence[Sequence[Frame]],
@@ -402,7 +401,7 @@ class _Clock:
 def _write(
     out: Path,
     score: Score,
-    bench: Bench,
+    bench: EvaluationProtocol,
     untouched: Frame,
     results: Sequence[Reconstruction],
     of_gel: GelMaps,

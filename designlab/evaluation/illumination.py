@@ -10,7 +10,7 @@ over sin(slant). LEDs on opposite sides cancel in it, though each of them may gr
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from designlab.core.metrics import (
     gradient_nonuniformity,
@@ -19,9 +19,8 @@ from designlab.core.metrics import (
     uniformity_nine_point,
     uniformity_u0,
 )
+from designlab.core.types import Array, Mask
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 RANGE_PERCENTILE = 99.0
 
 

@@ -9,10 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter, uniform_filter
 
 from designlab.core.metrics import uniformity_cv, uniformity_u0
+from designlab.core.types import Array, Mask
 from designlab.evaluation import illumination
 from designlab.evaluation.illumination import Evenness, evenness, saturated
 from designlab.evaluation.noise_limit import noise_limit_deg, pressed_limit_deg
-from designlab.evaluation.protocol import SMOOTHING_PX, Bench, each_of, sub_seed
+from designlab.evaluation.protocol import SMOOTHING_PX, EvaluationProtocol, each_of, sub_seed
 from designlab.evaluation.response_maps import (
     Responses,
     drawn,
@@ -25,9 +26,6 @@ from designlab.evaluation.response_maps import (
 from designlab.evaluation.weakest_point import GelMaps
 from designlab.sensor.design import Design
 from designlab.simulation.simulator import GRAIN_PX, Frame, automatic_exposure
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 UNIFORMITY_DRAWS, DETAIL_DRAWS = 30, 10
 SCORES = {
@@ -234,7 +232,7 @@ def _binned(basis: NDArray[np.float32], step: int) -> NDArray[np.float32]:
     return np.asarray(blocks.mean(axis=(2, 4)), dtype=np.float32)
 
 
-def exposure_scores(bench: Bench, a: Frame, b: Frame) -> tuple[Scores, float]:
+def exposure_scores(bench: EvaluationProtocol, a: Frame, b: Frame) -> tuple[Scores, float]:
     """How the untouched gel fills the camera's range, colours balance, light is stray, the area is seen.
 
     With it the relative error that render noise puts into the automatic exposure.
@@ -309,7 +307,7 @@ def slant_scores(
 
 
 def information_score(
-    bench: Bench, untouched: Frame, gel: GelMaps, responses: Responses, exposure_error: float
+    bench: EvaluationProtocol, untouched: Frame, gel: GelMaps, responses: Responses, exposure_error: float
 ) -> Scores:
     """Noise limits of the flat and of the pressed membrane, median over the sensing area.
 

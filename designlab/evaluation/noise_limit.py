@@ -10,7 +10,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from designlab.core.types import Array
+
 GENTLEST, STEEPEST = 0.02, 0.35  # slopes between which the response is taken as quadratic
 NO_INFORMATION_DEG = 90.0
 RINGS, AZIMUTHS = 3, 8  # slopes at which a pressed membrane is looked at

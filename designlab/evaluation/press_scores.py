@@ -3,18 +3,16 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from designlab.core.metrics import rgb_to_normal
+from designlab.core.types import Array
 from designlab.evaluation.illumination import saturated
 from designlab.evaluation.illumination_scores import Estimate, Scores
-from designlab.evaluation.protocol import TEST_PROBES, Bench, Reconstruction
+from designlab.evaluation.protocol import TEST_PROBES, EvaluationProtocol, Reconstruction
 from designlab.evaluation.response_maps import signal_of, thinned
 from designlab.reconstruction import normals
 from designlab.simulation.simulator import Frame
 from geometries.elastomer import base_gradient
-
-Array = NDArray[np.float64]
 
 WITHIN_DEG = 5.0
 PRESS_FIGURES = (
@@ -46,7 +44,7 @@ NOISE_LEFT = 0.5
 
 
 def reconstruction_scores(
-    bench: Bench,
+    bench: EvaluationProtocol,
     untouched: Frame,
     background: Array,
     results: Sequence[Reconstruction],
@@ -56,7 +54,7 @@ def reconstruction_scores(
 
     Parameters
     ----------
-    bench : Bench
+    bench : EvaluationProtocol
         The bench that reconstructed them.
     untouched : Frame
         The untouched gel.
@@ -100,7 +98,9 @@ def noisier_presses(count: int) -> list[int]:
     return [k for k in range(count) if (k + k // len(TEST_PROBES)) % 2 == 0]
 
 
-def _errors(bench: Bench, results: Sequence[Reconstruction], background: Array, base: Array) -> Array:
+def _errors(
+    bench: EvaluationProtocol, results: Sequence[Reconstruction], background: Array, base: Array
+) -> Array:
     """`PRESS_FIGURES` of each press, shape (presses, figures)."""
     rows = []
     for result in results:

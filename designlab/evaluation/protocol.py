@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from designlab.core.metrics import normal_error_deg
+from designlab.core.types import Array
 from designlab.evaluation import noise_limit
 from designlab.reconstruction import KernelCalibration, NearField, fit_kernel, normals
 from designlab.sensor.design import Design
@@ -20,7 +21,6 @@ from designlab.simulation.simulator import Frame
 from geometries.elastomer import base_gradient
 from geometries.probes import parse, profile_mm
 
-Array = NDArray[np.float64]
 Thing = TypeVar("Thing")
 MOST_THREADS = 4  # beyond these NumPy's own lock leaves no gain
 
@@ -122,7 +122,7 @@ class Reconstruction:
 
 
 @dataclass(frozen=True)
-class Bench:
+class EvaluationProtocol:
     """Camera and reconstruction around rendered frames.
 
     `model` has the effects that act on the camera's signal.

@@ -8,16 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from designlab.core.types import Array, Mask
 from designlab.evaluation import illumination, noise_limit
 from designlab.evaluation.illumination import within
-from designlab.evaluation.protocol import SMOOTHING_PX, Bench, Reconstruction, sub_seed
+from designlab.evaluation.protocol import SMOOTHING_PX, EvaluationProtocol, Reconstruction, sub_seed
 from designlab.evaluation.weakest_point import GelMaps, PressMaps
 from designlab.sensor.design import Design
 from designlab.simulation.simulator import Frame, Simulator
 from geometries.elastomer import base_mm
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Pixels = tuple[slice, slice]
 
 LEAST_LEVEL = 0.01  # of the brightest: noise does not vanish where it is darker
@@ -55,7 +54,7 @@ def step_of(frame: Frame) -> int:
     return max(1, int(frame.rays.x_mm.shape[1]) // DETAIL_COLUMNS)
 
 
-def signal_of(bench: Bench, frame: Frame, pixels: Pixels = (slice(None), slice(None))) -> Array:
+def signal_of(bench: EvaluationProtocol, frame: Frame, pixels: Pixels = (slice(None), slice(None))) -> Array:
     """Linear signal as a share of full scale, black level included, shape (rows, columns, channels)."""
     mixed = np.einsum("cg,grk->rkc", frame.weights, frame.basis[:, *pixels])
     return np.asarray(bench.exposure * mixed + bench.design.camera.black_level)
@@ -155,12 +154,12 @@ def membrane_light(frame: Frame) -> Array:
     return np.moveaxis(np.asarray(basis, dtype=float), 0, -1)
 
 
-def gel_maps(bench: Bench, untouched: Frame, response: Array) -> GelMaps:
+def gel_maps(bench: EvaluationProtocol, untouched: Frame, response: Array) -> GelMaps:
     """Maps in which the worst place of the untouched gel is looked for, on the pixels of the response.
 
     Parameters
     ----------
-    bench : Bench
+    bench : EvaluationProtocol
         Camera and exposure.
     untouched : Frame
         The untouched gel.
@@ -192,7 +191,9 @@ def gel_maps(bench: Bench, untouched: Frame, response: Array) -> GelMaps:
     )
 
 
-def press_maps(bench: Bench, untouched: Frame, results: Sequence[Reconstruction]) -> list[PressMaps]:
+def press_maps(
+    bench: EvaluationProtocol, untouched: Frame, results: Sequence[Reconstruction]
+) -> list[PressMaps]:
     """Maps in which the worst place of the test presses is looked for, on the pixels of `gel_maps`."""
     thin = thinned(untouched)
     rays = untouched.rays

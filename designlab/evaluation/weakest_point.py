@@ -25,13 +25,10 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
+from designlab.core.types import Array, Mask
 from designlab.evaluation.noise_limit import noise_limit_deg
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 LEAST_UNSEEN, LEAST_SATURATED = 0.01, 0.001  # shares of the sensing area
 PLACE_MM = 0.5  # over which a place is averaged

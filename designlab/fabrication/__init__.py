@@ -9,7 +9,14 @@ from itertools import combinations, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from designlab.fabrication.checks import Check, check_mesh, check_overlaps, check_step, mesh_checks, require
+from designlab.fabrication.checks import (
+    FileCheck,
+    check_mesh,
+    check_overlaps,
+    check_step,
+    mesh_checks,
+    require,
+)
 from designlab.fabrication.folder import KIND, MANIFEST, replaced_folder
 from designlab.fabrication.parts import (
     CASTING_PARTS,
@@ -33,7 +40,7 @@ if TYPE_CHECKING:
     import cadquery
     import trimesh
 
-__all__ = ["Check", "export", "led_colour", "parts"]
+__all__ = ["FileCheck", "export", "led_colour", "parts"]
 
 PART_COLOURS: dict[str, tuple[float, float, float, float]] = {
     "gelcore": (0.75, 0.87, 0.95, 0.4),
@@ -92,7 +99,7 @@ def export(
         raise ValueError(f"probes: their names must differ, got {', '.join(names)}")
     with replaced_folder(Path(out)) as folder:
         manifest = _write(design, folder, chosen, allow_infeasible, progress or (lambda *_: None), notes)
-        require(Check(**check) for check in manifest["checks"])
+        require(FileCheck(**check) for check in manifest["checks"])
     return manifest
 
 
@@ -124,7 +131,7 @@ def _write(
     shapes = parts(design, probe_list=[probe for probe in chosen if probe.file is None])
     steps = len(shapes) + len(meshed) + 2
     described: dict[str, Any] = {}
-    checks: list[Check] = []
+    checks: list[FileCheck] = []
     for done, (name, shape) in enumerate(shapes.items()):
         progress(done, steps, name)
         described[name], found = _write_part(design, folder, name, shape)
@@ -181,7 +188,7 @@ def _write(
 
 def _write_part(
     design: Design, folder: Path, name: str, shape: "cadquery.Shape"
-) -> tuple[dict[str, Any], list[Check]]:
+) -> tuple[dict[str, Any], list[FileCheck]]:
     """Write STEP, STL and, for a part to print, 3MF; return its description and the checks of its files."""
     import cadquery
 
@@ -193,7 +200,9 @@ def _write_part(
     checks = [*check_step(name, step, shape), *check_mesh(name, stl, shape)]
     if report["hausdorff_mm"] > 0:
         distance, bound = report["hausdorff_mm"], report["hausdorff_bound_mm"]
-        checks.append(Check(name, stl.name, "Hausdorff distance", distance, bound, "mm", distance <= bound))
+        checks.append(
+            FileCheck(name, stl.name, "Hausdorff distance", distance, bound, "mm", distance <= bound)
+        )
     if _printed(design, name):
         package = _path(folder, "3mf", f"{name}.3mf")
         write_3mf(mesh, package, name=name)
@@ -208,7 +217,7 @@ def _write_part(
     }, checks
 
 
-def _write_mesh_probe(folder: Path, probe: Probe) -> tuple[dict[str, Any], list[Check]]:
+def _write_mesh_probe(folder: Path, probe: Probe) -> tuple[dict[str, Any], list[FileCheck]]:
     """Write a user's mesh, scaled and placed, as STL, and compare the file with it."""
     name, mesh = probe_name(probe), probe_library.mesh(probe)
     path = _path(folder, "stl", f"{name}.stl")
@@ -221,7 +230,7 @@ def _write_stl(mesh: "trimesh.Trimesh", path: Path) -> None:
     mesh.export(path, file_type="stl")
 
 
-def _write_assembly(design: Design, folder: Path, shapes: Mapping[str, "cadquery.Shape"]) -> list[Check]:
+def _write_assembly(design: Design, folder: Path, shapes: Mapping[str, "cadquery.Shape"]) -> list[FileCheck]:
     """Write the sensor's parts in place, named and coloured, into one STEP file."""
     import cadquery
 

@@ -20,7 +20,7 @@ STEP_VOLUME_SHARE = 1e-6
 OVERLAP_MM3 = 1.0
 
 
-class Check(NamedTuple):
+class FileCheck(NamedTuple):
     """One comparison of a figure with its bound; `note` says why a figure beyond it is accepted."""
 
     part: str
@@ -33,28 +33,30 @@ class Check(NamedTuple):
     note: str = ""
 
 
-def check_mesh(part: str, path: Path, shape: "cadquery.Shape") -> list[Check]:
+def check_mesh(part: str, path: Path, shape: "cadquery.Shape") -> list[FileCheck]:
     """Read an STL or 3MF file again: closed, outward, volume and bounding box as the CAD solid's."""
     mesh = read(path)
     checks = mesh_checks(part, path.name, mesh, volume_mm3=shape.Volume())
     box = shape.BoundingBox(0.001)
     solid_box = np.array([[box.xmin, box.ymin, box.zmin], [box.xmax, box.ymax, box.zmax]])
     off = float(np.abs(np.asarray(mesh.bounds) - solid_box).max())
-    return [*checks, Check(part, path.name, "bounding box", off, BOX_MM, "mm", off <= BOX_MM)]
+    return [*checks, FileCheck(part, path.name, "bounding box", off, BOX_MM, "mm", off <= BOX_MM)]
 
 
-def mesh_checks(part: str, file: str, mesh: "trimesh.Trimesh", *, volume_mm3: float) -> list[Check]:
+def mesh_checks(part: str, file: str, mesh: "trimesh.Trimesh", *, volume_mm3: float) -> list[FileCheck]:
     """Check that a mesh is closed, looks outwards and encloses a volume within 0.5 %."""
     gaps, volume = open_edges(mesh), float(mesh.volume)
     off = abs(volume / volume_mm3 - 1)
     return [
-        Check(part, file, "open edges", gaps, 0, "1", gaps == 0),
-        Check(part, file, "signed volume", volume, 0.0, "mm3", volume > 0, "positive: normals look outwards"),
-        Check(part, file, "volume error", off, VOLUME_SHARE, "1", off <= VOLUME_SHARE),
+        FileCheck(part, file, "open edges", gaps, 0, "1", gaps == 0),
+        FileCheck(
+            part, file, "signed volume", volume, 0.0, "mm3", volume > 0, "positive: normals look outwards"
+        ),
+        FileCheck(part, file, "volume error", off, VOLUME_SHARE, "1", off <= VOLUME_SHARE),
     ]
 
 
-def check_step(part: str, path: Path, shape: "cadquery.Shape") -> list[Check]:
+def check_step(part: str, path: Path, shape: "cadquery.Shape") -> list[FileCheck]:
     """Read a STEP file again: valid solids of the same volume."""
     import cadquery
 
@@ -63,15 +65,15 @@ def check_step(part: str, path: Path, shape: "cadquery.Shape") -> list[Check]:
     off = abs(sum(solid.Volume() for solid in found) / shape.Volume() - 1)
     missing = len(shape.Solids()) - len(found)
     return [
-        Check(part, path.name, "missing solids", missing, 0, "1", missing == 0),
-        Check(part, path.name, "invalid solids", invalid, 0, "1", invalid == 0),
-        Check(part, path.name, "volume error", off, STEP_VOLUME_SHARE, "1", off <= STEP_VOLUME_SHARE),
+        FileCheck(part, path.name, "missing solids", missing, 0, "1", missing == 0),
+        FileCheck(part, path.name, "invalid solids", invalid, 0, "1", invalid == 0),
+        FileCheck(part, path.name, "volume error", off, STEP_VOLUME_SHARE, "1", off <= STEP_VOLUME_SHARE),
     ]
 
 
 def check_overlaps(
     design: Design, shapes: Mapping[str, "cadquery.Shape"], pairs: Iterable[tuple[str, str]]
-) -> list[Check]:
+) -> list[FileCheck]:
     """Find the volume that each pair of parts shares; parts may touch, not overlap.
 
     A design whose light path is "air" leaves the core out of its optics and its rules, as some published
@@ -84,7 +86,7 @@ def check_overlaps(
         if not within and "led_array" in (first, second) and design.optics.light_path == "air":
             within = {first, second} <= {"led_array", "gelcore", "elastomer"}
             note = "accepted: light_path is air, so no rule of the design forbids it; the core needs pockets"
-        checks.append(Check(f"{first}/{second}", "", "overlap", shared, OVERLAP_MM3, "mm3", within, note))
+        checks.append(FileCheck(f"{first}/{second}", "", "overlap", shared, OVERLAP_MM3, "mm3", within, note))
     return checks
 
 
@@ -105,7 +107,7 @@ def overlap_mm3(first: "cadquery.Shape", second: "cadquery.Shape") -> float:
     return total
 
 
-def require(checks: Iterable[Check]) -> None:
+def require(checks: Iterable[FileCheck]) -> None:
     """Raise RuntimeError with part and figures if a check failed."""
     failed = [check for check in checks if not check.ok]
     if failed:

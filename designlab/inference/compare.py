@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from designlab.core import metrics
 from designlab.core.images import ImageError, read_image
-from designlab.measurement import Frame, Measurement, MeasurementError
+from designlab.core.types import Progress
+from designlab.measurement import MeasuredFrame, Measurement, MeasurementError
 from designlab.measurement.quality.sizes import check_leds, check_size
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
@@ -18,8 +19,7 @@ from designlab.simulation.directional_light import DirectionalLight
 from designlab.simulation.effects.model import SensorModel
 
 Pixels = NDArray[np.float32]
-Progress = Callable[[str, int, int], None]
-Predict = Callable[[Frame, View], NDArray[np.floating]]
+Predict = Callable[[MeasuredFrame, View], NDArray[np.floating]]
 
 FIGURES = ("mse", "snr_db", "smape", "ssim", "structure_corr", "structure_snr_db")
 
@@ -137,7 +137,7 @@ def _rendered(
     untouched = None if design.camera.exposure else Simulator(sensor, samples=samples, seed=seed).frame(None)
     scale = design.camera.exposure if untouched is None else exposure(design, untouched)
 
-    def predict(frame: Frame, view: View) -> NDArray[np.floating]:
+    def predict(frame: MeasuredFrame, view: View) -> NDArray[np.floating]:
         picture = Simulator(sensor, view=view, samples=samples, seed=seed).frame(measurement.press(frame))
         mixed = np.einsum("cg,grk->rkc", picture.weights * _lit(frame, design), picture.basis)
         return sensor.on_signal(mixed * scale * (frame.exposure or 1.0) + design.camera.black_level)
@@ -148,7 +148,7 @@ def _rendered(
 def _shaded(model: DirectionalLight, measurement: Measurement) -> Predict:
     """Signal of a frame under directional light."""
 
-    def predict(frame: Frame, view: View) -> NDArray[np.floating]:
+    def predict(frame: MeasuredFrame, view: View) -> NDArray[np.floating]:
         lit = _lit(frame, model.design)
         signal = model.signal(measurement.press(frame), view, lit=lit, exposure=frame.exposure or 1.0)
         return signal + model.design.camera.black_level
@@ -156,12 +156,12 @@ def _shaded(model: DirectionalLight, measurement: Measurement) -> Predict:
     return predict
 
 
-def _lit(frame: Frame, design: Design) -> list[bool]:
+def _lit(frame: MeasuredFrame, design: Design) -> list[bool]:
     """Which LED groups are on."""
     return [frame.leds is None or name in frame.leds for name in design.group_names]
 
 
-def _sorted_out(measurement: Measurement) -> tuple[dict[str, str], list[Frame]]:
+def _sorted_out(measurement: Measurement) -> tuple[dict[str, str], list[MeasuredFrame]]:
     """Why frames cannot be compared, and the frames that can."""
     skipped: dict[str, str] = {}
     known = []

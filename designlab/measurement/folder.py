@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from designlab.core.images import write_image
 from designlab.core.store import atomic_folder
-from designlab.measurement.frames import FILE_NAME, Frame, Measurement, MeasurementError, mesh_file
+from designlab.measurement.frames import FILE_NAME, MeasuredFrame, Measurement, MeasurementError, mesh_file
 from designlab.measurement.quality.sizes import check_size, size
 from designlab.sensor.design import explain, preset_names
 
@@ -51,7 +51,7 @@ def load_measurement(path: str | Path) -> Measurement:
     frames = []
     for number, entry in enumerate(raw, start=1):
         try:
-            frames.append(Frame.model_validate(entry))
+            frames.append(MeasuredFrame.model_validate(entry))
         except ValidationError as error:
             name = entry.get("file", "no file") if isinstance(entry, dict) else "not a table"
             raise MeasurementError(f"{file}: frame {number} ({name}): {explain(error)}") from None

@@ -39,7 +39,7 @@ class PoseSigma(Spec):
     yaw_deg: float | None = quantity(None, unit="deg", ge=0, le=360, description="Of the yaw.")
 
 
-class Frame(Spec):
+class MeasuredFrame(Spec):
     """One image and what is known about it; a field that is None is unknown, never zero."""
 
     file: str = Field(min_length=1, description="Image file, relative to the folder.")
@@ -132,7 +132,7 @@ class Measurement(Spec):
     mm_per_px: float | None = quantity(
         None, unit="mm/px", gt=0, le=10, description="Size of a pixel of the files on the membrane."
     )
-    frames: tuple[Frame, ...] = Field(min_length=1, description="The frames.")
+    frames: tuple[MeasuredFrame, ...] = Field(min_length=1, description="The frames.")
     folder: Path | None = Field(None, description="Folder of the files.", exclude=True)
 
     @field_validator("response")
@@ -143,7 +143,7 @@ class Measurement(Spec):
             raise ValueError("one of linear, srgb, gamma:G with G from 0.1 to 10, unknown")
         return text
 
-    def image(self, frame: Frame) -> Pixels:
+    def image(self, frame: MeasuredFrame) -> Pixels:
         """Values of a frame's file, shape (rows, columns, channels), read-only; see `linear` for radiance."""
         path = self.path(frame.file)
         try:
@@ -151,7 +151,7 @@ class Measurement(Spec):
         except (OSError, ImageError) as error:
             raise MeasurementError(str(error)) from None
 
-    def linear(self, frame: Frame) -> Pixels:
+    def linear(self, frame: MeasuredFrame) -> Pixels:
         """Values of a frame's file with the response undone, proportional to radiance plus the black level.
 
         Raises
@@ -191,13 +191,13 @@ class Measurement(Spec):
         except (DesignError, OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             raise MeasurementError(f"{self.folder}: field sensor: {error}") from None
 
-    def view(self, frame: Frame, design: Design) -> View:
+    def view(self, frame: MeasuredFrame, design: Design) -> View:
         """Rectangle of the camera's sensor that a frame shows, with the frame's own columns and rows."""
         rows, columns = self.image(frame).shape[:2]
         x, y, width, height = frame.crop_px or (0, 0, design.camera.width_px, design.camera.height_px)
         return View(float(x), float(y), float(width), float(height), columns, rows)
 
-    def centre_mm(self, frame: Frame) -> tuple[float, float] | None:
+    def centre_mm(self, frame: MeasuredFrame) -> tuple[float, float] | None:
         """Centre of a press in the sensor frame (mm), None where unknown.
 
         A centre read off the image is converted with `mm_per_px`, the middle of the image being the origin.
@@ -208,7 +208,7 @@ class Measurement(Spec):
         column, row = frame.centre_px
         return (column - columns / 2) * self.mm_per_px, (rows / 2 - row) * self.mm_per_px
 
-    def press(self, frame: Frame) -> Press | None:
+    def press(self, frame: MeasuredFrame) -> Press | None:
         """Indentation that a frame shows as far as its metadata tell; None for a frame without contact.
 
         Raises
@@ -239,7 +239,7 @@ class Measurement(Spec):
         except ValidationError as error:
             raise self.error(frame, explain(error), None) from None
 
-    def split(self) -> dict[Split, tuple[Frame, ...]]:
+    def split(self) -> dict[Split, tuple[MeasuredFrame, ...]]:
         """Sort the presses into train, select and final by position, never by pixel.
 
         Presses at one place (within 0.25 mm or 5 px) share a split. A stated split holds for its whole
@@ -271,7 +271,7 @@ class Measurement(Spec):
             dealt = ("train", "final")
         middle = np.mean([centre for centre, _ in open_places], axis=0) if open_places else np.zeros(2)
 
-        def azimuth(place: tuple[tuple[float, float], list[Frame]]) -> tuple[float, float, float]:
+        def azimuth(place: tuple[tuple[float, float], list[MeasuredFrame]]) -> tuple[float, float, float]:
             dx, dy = np.round(np.asarray(place[0]) - middle, 6)
             return round(float(np.arctan2(dy, dx)), 6), float(dx), float(dy)
 
@@ -281,12 +281,12 @@ class Measurement(Spec):
         train, select, final = (tuple(f for f in presses if chosen[f.file] == split) for split in SPLITS)
         return {"train": train, "select": select, "final": final}
 
-    def _places(self) -> list[tuple[tuple[float, float] | None, list[Frame]]]:
+    def _places(self) -> list[tuple[tuple[float, float] | None, list[MeasuredFrame]]]:
         """Presses grouped by place; a centre in mm where every press has one, else in px."""
         presses = [frame for frame in self.frames if frame.kind == "press"]
         in_mm = all(frame.centre_mm is not None or frame.centre_px is None for frame in presses)
         known = [f for f in presses if (f.centre_mm if in_mm else f.centre_px) is not None]
-        places: list[tuple[tuple[float, float] | None, list[Frame]]] = [
+        places: list[tuple[tuple[float, float] | None, list[MeasuredFrame]]] = [
             (None, [frame]) for frame in presses if frame not in known
         ]
         if not known:
@@ -309,7 +309,7 @@ class Measurement(Spec):
         """Where a file that the set names lies."""
         return Path(file) if self.folder is None else self.folder / file
 
-    def error(self, frame: Frame, rule: str, value: Any) -> MeasurementError:
+    def error(self, frame: MeasuredFrame, rule: str, value: Any) -> MeasurementError:
         """Error that names file, frame, field, rule and, unless None, the value."""
         got = "" if value is None else f", got {value!r}"
         where = FILE_NAME if self.folder is None else self.folder / FILE_NAME

@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from designlab.measurement.frames import Frame, Measurement, MeasurementError
+from designlab.measurement.frames import MeasuredFrame, Measurement, MeasurementError
 from designlab.measurement.light_probe import LightProbe, Outline, Unwrapped, locate, unwrap
 from designlab.sensor.design import CHANNELS, Design, explain
 
 
-def ball_of(measurement: Measurement, frame: Frame) -> LightProbe:
+def ball_of(measurement: Measurement, frame: MeasuredFrame) -> LightProbe:
     """Ball that a light probe frame shows.
 
     Its place is `centre_mm`, or follows from the outline in the image where `centre_px` and
@@ -56,7 +56,7 @@ def ball_of(measurement: Measurement, frame: Frame) -> LightProbe:
         raise measurement.error(frame, f"contact_radius_px: {error}", frame.contact_radius_px) from None
 
 
-def light_of(measurement: Measurement, frame: Frame) -> Unwrapped:
+def light_of(measurement: Measurement, frame: MeasuredFrame) -> Unwrapped:
     """Light that arrives at the ball of a measured light probe, in the unit of the frame.
 
     The response is undone, and the mean of the dark frames of the same crop subtracted where there are any.
@@ -82,7 +82,7 @@ def light_of(measurement: Measurement, frame: Frame) -> Unwrapped:
         raise measurement.error(frame, f"probe: {error}", frame.probe) from None
 
 
-def _design(measurement: Measurement, frame: Frame) -> Design:
+def _design(measurement: Measurement, frame: MeasuredFrame) -> Design:
     design = measurement.design()
     if design is None:
         raise MeasurementError(

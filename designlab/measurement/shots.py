@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from designlab.measurement.frames import Frame, Measurement, MeasurementError
+from designlab.core.types import Array, Mask
+from designlab.measurement.frames import MeasuredFrame, Measurement, MeasurementError
 from designlab.measurement.light import ball_of
 from designlab.measurement.light_probe import LightProbe
 from designlab.measurement.quality.sizes import check_leds
@@ -16,8 +16,6 @@ from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press
 from geometries.probes import Probe
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Use = Literal["background", "light_probe", "train", "select", "final", "dark"]
 
 POSE = ("x_mm", "y_mm", "depth_mm", "yaw_deg")
@@ -183,7 +181,7 @@ def _lifted(shot: Shot, black: Array) -> Shot:
 
 def _usable(
     measurement: Measurement,
-    frame: Frame,
+    frame: MeasuredFrame,
     design: Design,
     light_probes: bool,
     notes: list[str],
@@ -211,9 +209,9 @@ def _usable(
     return True
 
 
-def _groups(frames: Iterable[Frame]) -> list[list[Frame]]:
+def _groups(frames: Iterable[MeasuredFrame]) -> list[list[MeasuredFrame]]:
     """Frames that differ in their file and repeat number only."""
-    groups: dict[str, list[Frame]] = {}
+    groups: dict[str, list[MeasuredFrame]] = {}
     for frame in frames:
         key = frame.model_copy(update={"file": "-", "repeat": None}).model_dump_json()
         groups.setdefault(key, []).append(frame)
@@ -221,7 +219,7 @@ def _groups(frames: Iterable[Frame]) -> list[list[Frame]]:
 
 
 def _black_level(
-    measurement: Measurement, frames: list[Frame], design: Design, notes: list[str]
+    measurement: Measurement, frames: list[MeasuredFrame], design: Design, notes: list[str]
 ) -> tuple[Array, bool]:
     """Level of the dark frames for each channel, else the black level of the camera's description."""
     dark = [measurement.linear(frame).astype(float) for frame in frames if not frame.lit]
@@ -261,7 +259,7 @@ def _read_variance(values: Array) -> float:
 
 
 def _noise(
-    measurement: Measurement, frames: list[Frame], design: Design, notes: list[str]
+    measurement: Measurement, frames: list[MeasuredFrame], design: Design, notes: list[str]
 ) -> tuple[_Noise, str, bool]:
     """Variance as read plus photon noise: from repeats, or from the camera's description without any."""
     # A probe that was put there again stands elsewhere by a little, which is no noise of the pixels.
@@ -314,7 +312,7 @@ def _spread(stack: Array, used: Mask) -> Array:
 
 def _shot(
     measurement: Measurement,
-    same: list[Frame],
+    same: list[MeasuredFrame],
     design: Design,
     use: Use,
     black: Array,
@@ -363,7 +361,7 @@ def binned(values: Array, factor: int) -> Array:
     return np.asarray(cut.reshape(rows, factor, columns, factor, -1).mean(axis=(1, 3)))
 
 
-def _pose_sigma(frame: Frame, probe: Probe, notes: list[str]) -> Array:
+def _pose_sigma(frame: MeasuredFrame, probe: Probe, notes: list[str]) -> Array:
     stated = frame.sigma
     centre, depth, yaw = (
         (None, None, None) if stated is None else (stated.centre_mm, stated.depth_mm, stated.yaw_deg)
@@ -384,7 +382,7 @@ def _pose_sigma(frame: Frame, probe: Probe, notes: list[str]) -> Array:
     return np.array(sigma, dtype=float)
 
 
-def _ball_sigma(frame: Frame, notes: list[str]) -> Array:
+def _ball_sigma(frame: MeasuredFrame, notes: list[str]) -> Array:
     """Doubt of a ball's x, y and lowest point; the last is taken as right where nothing is stated."""
     centre = None if frame.sigma is None else frame.sigma.centre_mm
     depth = None if frame.sigma is None else frame.sigma.depth_mm

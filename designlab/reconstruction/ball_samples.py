@@ -4,14 +4,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from designlab.core.types import Array, Mask
 from designlab.reconstruction.balls import BallPress, ball_gradients, smoothed
 from designlab.reconstruction.height import Boundary, normals
 from designlab.reconstruction.methods import Samples
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _FLAT_PIXELS = 500
 # Share of the circle that teaches the rim; beyond it a circle read off too large would teach bare membrane.

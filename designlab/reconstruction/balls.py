@@ -3,11 +3,10 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from designlab.core.types import Array, Mask
 
 _SMOOTHING_PX = 2.0
 _DIRECTIONS = 72

@@ -4,12 +4,13 @@ from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.fft import dctn, dstn, idctn, idstn, next_fast_len
 from scipy.ndimage import gaussian_filter
 from scipy.sparse.linalg import LinearOperator, cg
 
-Array = NDArray[np.float64]
+from designlab.core.types import Array
+
 Boundary = Literal["neumann", "dirichlet"]
 
 # Weights below this share of the largest would let the height drift between the pixels that count.

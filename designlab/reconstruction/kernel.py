@@ -5,15 +5,13 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from designlab.core.metrics import normal_error_deg
+from designlab.core.types import Array, Mask
 from designlab.reconstruction.height import integrate, normals
 from designlab.reconstruction.methods import Kernel, Samples, log_errors, slope_gradients
 from designlab.reconstruction.pictures import centred, checked_image, colour_change, thinned
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _RIDGES = (1e-3, 1e-4, 3e-5)
 _FEATURES_PER_PRESS, _MOST_FEATURES = 34, 500  # more presses show more detail
@@ -23,7 +21,7 @@ _FLAT = 0.01  # share of a press's steepest slope below which a pixel counts as 
 _TOLERANCE = 1e-3  # of the integration: half a micrometre at most
 
 
-class Estimate(NamedTuple):
+class GradientEstimate(NamedTuple):
     """Gradients p = dz/dx, q = dz/dy of an indentation, and their weights in the integration."""
 
     p: Array
@@ -78,7 +76,7 @@ class KernelCalibration:
         """
         return replace(self, background=checked_image(background, self.background.shape, "background"))
 
-    def estimate(self, image: ArrayLike, *, mask: Mask | None = None) -> Estimate:
+    def estimate(self, image: ArrayLike, *, mask: Mask | None = None) -> GradientEstimate:
         """Gradients of the indentation and their weights, each of shape (rows, columns).
 
         The weight of a pixel is the inverse of the error that presses left out of the calibration had at
@@ -105,7 +103,7 @@ class KernelCalibration:
         p, q = slope_gradients(found[:, :2]).T.reshape(2, rows, columns)
         weights = np.exp(-found[:, 2]).reshape(rows, columns)
         weights /= weights.max()
-        return Estimate(p, q, weights if mask is None else weights * mask)
+        return GradientEstimate(p, q, weights if mask is None else weights * mask)
 
 
 def fit_kernel(

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter
 
 from designlab.core.metrics import normal_error_deg
+from designlab.core.types import Array, Mask
 from designlab.reconstruction.ball_samples import Setup, ball_samples, ball_truth, positions, relative_change
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.height import gradients_of, integrate, normals
@@ -23,13 +24,10 @@ from designlab.reconstruction.methods import (
     slope_gradients,
 )
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-
 _TOLERANCE = 1e-4  # of a weighted integration: far below a micrometre
 
 
-class Shape(NamedTuple):
+class ReconstructedShape(NamedTuple):
     """Reconstructed indentation: height (mm) above the undeformed membrane, and its slopes p and q."""
 
     height_mm: Array
@@ -37,7 +35,7 @@ class Shape(NamedTuple):
     q: Array
 
 
-class Fit(NamedTuple):
+class FittedMap(NamedTuple):
     """A fitted map.
 
     Attributes
@@ -69,9 +67,9 @@ class LabCalibration:
         Scale, ball, smoothing.
     spread : array, shape (channels,)
         Root mean square colour change over the contacts: the unit of colour.
-    inner : Fit
+    inner : FittedMap
         Map taught the trusted part of the contacts.
-    rim : Fit, optional
+    rim : FittedMap, optional
         Map taught almost all of the contacts.
     detail_px : float
         Standard deviation of the Gaussian that parts fine from wide.
@@ -80,8 +78,8 @@ class LabCalibration:
     background: Array
     setup: Setup
     spread: Array
-    inner: Fit
-    rim: Fit | None = None
+    inner: FittedMap
+    rim: FittedMap | None = None
     detail_px: float = 0.0
 
     def gradients(self, image: ArrayLike, *, mask: Mask | None = None) -> tuple[Array, Array]:
@@ -96,12 +94,12 @@ class LabCalibration:
         """
         return self._gradients(self.inner, self._signal(image, mask))
 
-    def _gradients(self, fit: Fit, signal: Array) -> tuple[Array, Array]:
+    def _gradients(self, fit: FittedMap, signal: Array) -> tuple[Array, Array]:
         slope = fit.predictor(signal, positions(self.background.shape))
         p, q = slope_gradients(slope).T.reshape(2, *self.background.shape[:2])
         return p, q
 
-    def _weights(self, fit: Fit, signal: Array, mask: Mask | None) -> Array | None:
+    def _weights(self, fit: FittedMap, signal: Array, mask: Mask | None) -> Array | None:
         """Weights of the pixels in the integration; None where all are alike."""
         if fit.expected_error is None:
             return None if mask is None else mask.astype(float)
@@ -109,7 +107,9 @@ class LabCalibration:
         weights: Array = error.min() / error.reshape(self.background.shape[:2])
         return weights if mask is None else weights * mask
 
-    def reconstruct(self, image: ArrayLike, *, mask: Mask | None = None, robust: bool = False) -> Shape:
+    def reconstruct(
+        self, image: ArrayLike, *, mask: Mask | None = None, robust: bool = False
+    ) -> ReconstructedShape:
         """Height and slopes that agree with each other.
 
         Slopes are those of the integrated height: what no surface can have is left out of them.
@@ -124,7 +124,7 @@ class LabCalibration:
         signal = self._signal(image, mask)
         pitch_mm = self.setup.mm_per_px
 
-        def height(fit: Fit) -> Array:
+        def height(fit: FittedMap) -> Array:
             p, q = self._gradients(fit, signal)
             return integrate(
                 p,
@@ -140,7 +140,7 @@ class LabCalibration:
         if self.rim is not None:
             more = height(self.rim) - height_mm
             height_mm += more - gaussian_filter(more, self.detail_px, mode="nearest")
-        return Shape(height_mm, *gradients_of(height_mm, pitch_mm=pitch_mm))
+        return ReconstructedShape(height_mm, *gradients_of(height_mm, pitch_mm=pitch_mm))
 
     def _signal(self, image: ArrayLike, mask: Mask | None) -> Array:
         image = np.asarray(image, dtype=float)
@@ -215,12 +215,12 @@ def calibrate(
         error = None
         if setup.weighted:
             error = expected_error(presses, _predicted(method.fit_without_each(presses), presses))
-        fits.append(Fit(method.fit(presses), error))
+        fits.append(FittedMap(method.fit(presses), error))
     return _assembled(balls, background, setup, spread, fits)
 
 
 def _assembled(
-    balls: Sequence[BallPress], background: Array, setup: Setup, spread: Array, fits: Sequence[Fit]
+    balls: Sequence[BallPress], background: Array, setup: Setup, spread: Array, fits: Sequence[FittedMap]
 ) -> LabCalibration:
     detail_px = setup.detail * float(np.mean([ball.contact_radius_px for ball in balls]))
     return LabCalibration(background, setup, spread, fits[0], fits[1] if len(fits) > 1 else None, detail_px)
@@ -308,7 +308,9 @@ def choose_method(
     return min(table, key=lambda row: row[1].combined)[0], table
 
 
-def _left_out(balls: Sequence[BallPress], background: ArrayLike, setup: Setup, method: Method) -> list[Shape]:
+def _left_out(
+    balls: Sequence[BallPress], background: ArrayLike, setup: Setup, method: Method
+) -> list[ReconstructedShape]:
     """Each ball as reconstructed by a calibration on the others."""
     background, spread, parts = ball_samples(balls, background, setup, None)
     fits = []
@@ -317,7 +319,7 @@ def _left_out(balls: Sequence[BallPress], background: ArrayLike, setup: Setup, m
         errors: Sequence[Predictor | None] = [None] * len(balls)
         if setup.weighted:
             errors = expected_error_without_each(presses, _predicted(predictors, presses))
-        fits.append([Fit(*pair) for pair in zip(predictors, errors, strict=True)])
+        fits.append([FittedMap(*pair) for pair in zip(predictors, errors, strict=True)])
     return [
         _assembled(balls, background, setup, spread, own).reconstruct(ball.image)
         for ball, own in zip(balls, zip(*fits, strict=True), strict=True)

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve
 
-Array = NDArray[np.float64]
+from designlab.core.types import Array
+
 Predictor = Callable[[Array, Array], Array]
 
 _TABLE_REACH = 2.5  # spreads of the colour change that the table covers
@@ -236,7 +237,7 @@ def _exponential(course: Predictor, level: float) -> Predictor:
 
 
 @dataclass(frozen=True)
-class Table(_Linear):
+class LookupTable(_Linear):
     """Lookup table over colour change alone, linear between its nodes, as the classical calibration.
 
     Attributes

@@ -25,15 +25,13 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.ndimage import map_coordinates
 
-from designlab.reconstruction.kernel import Estimate
+from designlab.core.types import Array, Mask
+from designlab.reconstruction.kernel import GradientEstimate
 from designlab.reconstruction.pictures import checked_image
 from designlab.reconstruction.pixelwise import Pixels, solved, weights_of
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # Elevations over which a group's light is spread, see docs/decisions.md.
 PENUMBRA_DEG = 20.0
@@ -185,7 +183,7 @@ class NearField:
         )
         return np.concatenate([(length * self.light)[..., None], by_slope], axis=-1)
 
-    def estimate(self, image: ArrayLike, *, mask: Mask | None = None) -> Estimate:
+    def estimate(self, image: ArrayLike, *, mask: Mask | None = None) -> GradientEstimate:
         """Slopes of the indentation and their weights, each of shape (rows, columns).
 
         The weight of a pixel is the inverse of the variance that camera noise and model error leave in its
@@ -223,7 +221,7 @@ class NearField:
         weights = weights_of(pixels, self.mix, slope, cost)
         weights = weights.reshape(rows, columns) / max(float(weights.max()), 1e-300)
         p, q = slope.T.reshape(2, rows, columns)
-        return Estimate(p, q, weights if mask is None else weights * mask)
+        return GradientEstimate(p, q, weights if mask is None else weights * mask)
 
     def shadowed(self, height_mm: ArrayLike, *, pitch_mm: tuple[float, float]) -> Self:
         """The same light with the shadows that an indentation casts on the gel around it.
@@ -279,7 +277,7 @@ def near_field(
     noise_sigma: Callable[[Array], Array],
     offset: ArrayLike = 0.0,
     base: tuple[ArrayLike, ArrayLike] = (0.0, 0.0),
-) -> Estimate:
+) -> GradientEstimate:
     """Slopes of a press from its picture and the known light; see `NearField.of` for the parameters."""
     known = NearField.of(light, response, mix, noise_sigma=noise_sigma, offset=offset, base=base)
     return known.estimate(image)

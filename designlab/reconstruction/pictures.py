@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from designlab.core.types import Array
 
 # A ratio to a background darker than this share of its mean would be noise.
 _DARKEST = 0.1

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from designlab.core.types import Array
 
 STEEPEST = float(np.tan(np.radians(76.0)))  # slope that is never exceeded, as of the calibrated methods
 # Slopes of which the best on each ring is a further start: attached shadow leaves more than one minimum.

@@ -5,13 +5,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from designlab.core.store import write_atomic
+from designlab.core.types import Array
 from designlab.inference.diagnosis.single_image.blocks import TRAIN, Uses
 from designlab.sensor.design import CHANNELS
-
-Array = NDArray[np.float64]
 
 DOTS_PER_INCH = 110
 BRIGHT, GAMMA = 99.5, 2.2

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from designlab.core.types import Array
 from designlab.sensor.lens import Distortion, Fisheye, Lens, Pinhole
 from designlab.sensor.response_curve import Response
 from designlab.sensor.spectra import Sensitivity
 from geometries.spec import Spec, quantity
 
-Array = NDArray[np.float64]
 Coordinate = Annotated[float, Field(ge=-4000.0, le=4000.0)]  # mm: beyond, views are parallel to rounding
 Tilt = Annotated[float, Field(ge=-45.0, le=45.0)]  # deg
 WIDEST_PINHOLE_DEG = 170.0

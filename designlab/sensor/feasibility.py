@@ -6,8 +6,8 @@ from itertools import combinations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.sensor.camera import Camera
 from designlab.sensor.led_mounting import face_corners, sides
 from designlab.sensor.refraction import apparent_distance_mm, apparent_tangent
@@ -17,7 +17,6 @@ from geometries.leds import Body, bodies, emitters
 if TYPE_CHECKING:
     from designlab.sensor.design import Design
 
-Array = NDArray[np.float64]
 MINIMUM_WALL_MM = 0.8  # two lines of a 0.4 mm nozzle: the thinnest wall that common printers close reliably
 MINIMUM_GEL_MM = 0.5  # thinner gels tear when they are taken out of the mould
 

@@ -24,7 +24,7 @@ class Chip(NamedTuple):
     intensity_mcd: float | None = None
 
 
-class Part(NamedTuple):
+class LedPart(NamedTuple):
     """An LED: front (width, height) and thickness of its package in mm, full viewing angle at half intensity.
 
     The first size runs along the row, the second towards the membrane: for a right-angle part its height
@@ -39,8 +39,8 @@ class Part(NamedTuple):
     source: str
 
 
-PARTS: dict[str, Part] = {
-    "broadcom-asmt-qtb4": Part(
+PARTS: dict[str, LedPart] = {
+    "broadcom-asmt-qtb4": LedPart(
         "Broadcom",
         "ASMT-QTB4-0AA02",
         {"red": Chip(629.0), "green": Chip(521.0), "blue": Chip(464.0)},
@@ -48,7 +48,7 @@ PARTS: dict[str, Part] = {
         120.0,
         "data sheet ASMT-QTB4-0AA02, table 3 (PLCC-4, three colours, black front)",
     ),
-    "kingbright-apfa3010": Part(
+    "kingbright-apfa3010": LedPart(
         "Kingbright",
         "APFA3010LSEKJ3ZGKQBC",
         {
@@ -60,7 +60,7 @@ PARTS: dict[str, Part] = {
         150.0,
         "data sheet DSAO4458 V.3B, page 1, at 2 mA (right-angle, three colours)",
     ),
-    "kingbright-apgf0606": Part(
+    "kingbright-apgf0606": LedPart(
         "Kingbright",
         "APGF0606VGTPBTSEETC",
         {
@@ -72,7 +72,7 @@ PARTS: dict[str, Part] = {
         140.0,
         "data sheet DSAP1402 V.3B, page 1, at 5 mA (three colours)",
     ),
-    "kingbright-aphb1608": Part(
+    "kingbright-aphb1608": LedPart(
         "Kingbright",
         "APHB1608ZGKSURKC",
         {"red": Chip(None, intensity_mcd=250.0), "green": Chip(None, intensity_mcd=350.0)},
@@ -80,7 +80,7 @@ PARTS: dict[str, Part] = {
         130.0,
         "data sheet DSAM9277 V.4A, page 1, at 20 mA (0603, two colours)",
     ),
-    "kingbright-apt1608ec": Part(
+    "kingbright-apt1608ec": LedPart(
         "Kingbright",
         "APT1608EC",
         {"red": Chip(627.0, width_nm=45.0, intensity_mcd=15.0)},
@@ -88,7 +88,7 @@ PARTS: dict[str, Part] = {
         150.0,
         "data sheet DSAD0924 V.17A, at 20 mA (0603)",
     ),
-    "kingbright-aptf1616": Part(
+    "kingbright-aptf1616": LedPart(
         "Kingbright",
         "APTF1616LSEKJ3ZGKQBC",
         {
@@ -100,7 +100,7 @@ PARTS: dict[str, Part] = {
         None,
         "data sheet DSAO4460 V.4B, at 2 mA (0606, three colours)",
     ),
-    "osram-gf-cs8pm1": Part(
+    "osram-gf-cs8pm1": LedPart(
         "OSRAM",
         "GF CS8PM1.24",
         {"infrared": Chip(730.0, "nominal", flux_mw=231.0)},
@@ -108,7 +108,7 @@ PARTS: dict[str, Part] = {
         80.0,
         "data sheet OSLON SSL 80, version 1.1 (2015-12-21), typical flux at 350 mA (lens, far red)",
     ),
-    "osram-lrtb-g6tg": Part(
+    "osram-lrtb-g6tg": LedPart(
         "OSRAM",
         "LRTB G6TG",
         {"red": Chip(625.0, "nominal"), "green": Chip(528.0, "nominal"), "blue": Chip(470.0, "nominal")},
@@ -116,7 +116,7 @@ PARTS: dict[str, Part] = {
         120.0,
         "data sheet MULTILED LRTB G6TG, features (PLCC-6, three colours)",
     ),
-    "vishay-vlm1300": Part(
+    "vishay-vlm1300": LedPart(
         "Vishay",
         "VLMS1300, VLMTG1300, VLMB1300",
         {
@@ -128,7 +128,7 @@ PARTS: dict[str, Part] = {
         130.0,
         "data sheet 82437 rev. 1.4, page 1, at 20 mA (0603, one colour each; blue: middle of 465 to 475 nm)",
     ),
-    "vishay-vlmrgb6112": Part(
+    "vishay-vlmrgb6112": LedPart(
         "Vishay",
         "VLMRGB6112",
         {"red": Chip(None, intensity_mcd=730.0), "green": Chip(None), "blue": Chip(None)},
@@ -136,7 +136,7 @@ PARTS: dict[str, Part] = {
         120.0,
         "data sheet VLMRGB6112, page 1, at 20 mA (PLCC-6, 3528, three colours)",
     ),
-    "worldsemi-ws2812b": Part(
+    "worldsemi-ws2812b": LedPart(
         "Worldsemi",
         "WS2812B",
         {
@@ -161,7 +161,7 @@ FILLED_ARRAY = (
 FILLED_GROUP = ("wavelength_nm", "width_nm", "flux_mw", "profile")
 
 
-def part(name: str) -> Part:
+def part(name: str) -> LedPart:
     """Look up a part by name.
 
     Raises
@@ -175,7 +175,7 @@ def part(name: str) -> Part:
         raise ValueError(f"unknown part {name!r}; known are {', '.join(PARTS)}") from None
 
 
-def flux_mw(chosen: Part, chip: Chip) -> float | None:
+def flux_mw(chosen: LedPart, chip: Chip) -> float | None:
     """Radiant flux of one chip (mW): the data sheet's, or estimated from its luminous intensity.
 
     The intensity spreads as cos(angle)^m, m from the viewing angle, over 2 pi / (m + 1) sr; the spectrum
@@ -245,7 +245,7 @@ def forget(leds: dict[str, Any], path: str, *, given: Collection[str]) -> None:
                 node.pop(name, None)
 
 
-def _named(content: Mapping[str, Any], where: str) -> Part | None:
+def _named(content: Mapping[str, Any], where: str) -> LedPart | None:
     name = content.get("part")
     if not isinstance(name, str):
         return None
@@ -255,7 +255,7 @@ def _named(content: Mapping[str, Any], where: str) -> Part | None:
         raise ValueError(f"{where}: {error}") from None
 
 
-def _group(group: Mapping[str, Any], whole: Part | None, where: str) -> dict[str, Any]:
+def _group(group: Mapping[str, Any], whole: LedPart | None, where: str) -> dict[str, Any]:
     content = dict(group)
     own = _named(content, f"{where}.part")
     chosen = whole if own is None else own
@@ -284,7 +284,7 @@ def _group(group: Mapping[str, Any], whole: Part | None, where: str) -> dict[str
     return content
 
 
-def _array_fields(chosen: Part) -> dict[str, Any]:
+def _array_fields(chosen: LedPart) -> dict[str, Any]:
     values: dict[str, Any] = {}
     if chosen.viewing_deg is not None:
         values["profile"] = {"beam_deg": chosen.viewing_deg}

@@ -3,15 +3,14 @@
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from geometries import elastomer, gelcore
 from geometries.leds import Body, Emitter, bodies, emitters
 
 if TYPE_CHECKING:
     from designlab.sensor.design import Design
 
-Array = NDArray[np.float64]
 Part = TypeVar("Part", Body, Emitter)
 JOINED_MM = (
     2e-3  # a bonded board is put this far inside the core's side, so that the two never fight for a ray

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from geometries.spec import Spec, quantity
 
-Array = NDArray[np.float64]
 TOLERANCE = 1e-13  # focal lengths; a thousandth of a millionth of a pixel
 
 NEGLIGIBLE = 1e-50  # coefficient that no picture shows, but that overflows where it is divided by

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from designlab.core.types import Array
+
 NEWTON_STEPS, NEWTON_STEP = 12, 1e-6
 Layers = Sequence[tuple[float, float]]
 """Thickness (mm) and refractive index of each layer, the camera's last."""

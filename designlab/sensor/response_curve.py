@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from designlab.core.types import Array
 from geometries.spec import Spec, quantity
 
-Array = NDArray[np.float64]
 SLOPE_STEP = 1e-6
 
 

@@ -5,12 +5,10 @@ from itertools import pairwise
 from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from designlab.core.types import Array
 from geometries.spec import Spec
-
-Array = NDArray[np.float64]
 
 WIDTHS_NM = ((490.0, 25.0), (560.0, 35.0), (1100.0, 20.0))
 """Typical full width at half maximum up to a peak wavelength: blue InGaN, green InGaN, red AlGaInP.

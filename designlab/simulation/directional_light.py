@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from designlab.core.store import read_toml
+from designlab.core.types import Array
 from designlab.sensor.camera import View
 from designlab.sensor.design import CHANNELS, Design, DesignError, assign, explain
 from designlab.simulation.contact.press import Press
@@ -27,7 +27,6 @@ from geometries.elastomer import inside
 from geometries.leds import emitters
 from geometries.spec import Spec, quantity
 
-Array = NDArray[np.float64]
 Reflection = Literal["diffuse", "phong"]
 
 KIND, VERSION = "directional_light", 1

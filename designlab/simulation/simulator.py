@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from designlab.core.types import Array
 from designlab.sensor.camera import View, Vignetting
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press, Surface, indent
@@ -22,7 +23,6 @@ from designlab.simulation.scene.scene import Scene, build
 if TYPE_CHECKING:
     from designlab.simulation.render.shading import Shader
 
-Array = NDArray[np.float64]
 SURFACE_MARGIN_MM = 2.0  # the membrane is modelled finely this far beyond the area in view
 OUTSIDE_SHARE = 1.0  # of the gel's diagonal, from its centre, up to which the view may reach outside it
 UNDEFORMED_PITCH_MM = 0.05  # of which the mesh keeps every eighth line

@@ -26,7 +26,7 @@ from designlab.validation.synthetic import (
 from designlab.validation.synthetic.capture import Shooting
 from designlab.validation.synthetic.coat import Coat
 from designlab.validation.synthetic.electronics import Converter, flicker
-from designlab.validation.synthetic.generator_sensor import Lens, Rig, Sensor, cells
+from designlab.validation.synthetic.generator_sensor import Rig, Sensor, TrueLens, cells
 from designlab.validation.synthetic.surface import HeightField, Indenter
 from geometries import probes
 from geometries.elastomer import Elastomer
@@ -331,13 +331,13 @@ class TestCamera:
 
     def test_blur_has_its_size_on_the_plane(self):
         # A disc of 2 x 80 um radius, seen from 41.05 mm by a focal length of 2592 / 2 / tan(26.65 deg) px.
-        radius = lens.disc_px(FLAT.camera, Lens(blur_um=80.0))
+        radius = lens.disc_px(FLAT.camera, TrueLens(blur_um=80.0))
         assert radius == pytest.approx(0.16 * 2592 / 2 / np.tan(np.radians(53.3 / 2)) / 41.05, rel=1e-9)
 
     def test_vignetting_loses_what_is_stated_and_is_nearly_a_parabola(self):
         camera = FLAT.camera
         for view in (camera.full_view()._replace(columns=40, rows=30), generate._crop(FLAT, 40)[1]):
-            factor = lens.falloff(camera, Lens(corner_loss=0.3), view)
+            factor = lens.falloff(camera, TrueLens(corner_loss=0.3), view)
             column, row = view.centres()
             x, y = camera.centre_px
             r2 = ((column - x) ** 2 + (row - y) ** 2) / ((camera.width_px**2 + camera.height_px**2) / 4)

@@ -10,7 +10,7 @@ from designlab.simulation.contact.press import Press
 from designlab.simulation.render.window import transmission
 from designlab.simulation.simulator import Simulator
 from designlab.validation.synthetic import backlight, effects, immersed
-from designlab.validation.synthetic.backlight import LightField, _clear, _spread, directions
+from designlab.validation.synthetic.backlight import ImmersedLightField, _clear, _spread, directions
 from designlab.validation.synthetic.generator_sensor import Rig
 from designlab.validation.synthetic.glass import Disc, look, reflectance, slab_transmission
 from designlab.validation.synthetic.immersed import Immersed
@@ -284,7 +284,9 @@ def test_even_sky_lights_a_flank_by_its_slope(monkeypatch):
     rig = Rig.of(FLAT)
     cells = len(directions()[0])
     axis = np.linspace(-9.0, 9.0, 7)
-    even = LightField(axis, axis, np.array([0.0, 1.0]), np.ones((3, 2, 7, 7, cells), np.float32), axis)
+    even = ImmersedLightField(
+        axis, axis, np.array([0.0, 1.0]), np.ones((3, 2, 7, 7, cells), np.float32), axis
+    )
     monkeypatch.setattr(immersed, "light_field", lambda rig, seed: even)
     light = Immersed(rig)
     ball = Indenter(probes.parse("sphere:6"), 0.8, (0.0, 0.0))

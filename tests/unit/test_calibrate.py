@@ -11,7 +11,13 @@ from designlab.inference.calibration.imaging import Rendered
 from designlab.inference.calibration.linear import predicted, transfer_and_floor
 from designlab.inference.calibration.problem import Problem
 from designlab.inference.calibration.solve import Layout, covariance, fit
-from designlab.measurement import Frame, Measurement, MeasurementError, load_measurement, write_measurement
+from designlab.measurement import (
+    MeasuredFrame,
+    Measurement,
+    MeasurementError,
+    load_measurement,
+    write_measurement,
+)
 from designlab.measurement.shots import Shot, observe
 from designlab.sensor.camera import View
 from designlab.sensor.design import preset
@@ -189,10 +195,10 @@ def made(folder, *, response="linear", split="train", with_background=True):
     rng = np.random.default_rng(72)
     images, frames = {}, []
     if with_background:
-        frames.append(Frame(file="background.exr", kind="background", crop_px=CROP))
+        frames.append(MeasuredFrame(file="background.exr", kind="background", crop_px=CROP))
     sigma = {"centre_mm": 0.05, "depth_mm": 0.02, "yaw_deg": 0.5}
     frames.append(
-        Frame.model_validate(
+        MeasuredFrame.model_validate(
             {"file": "press.exr", "kind": "press", "crop_px": CROP, "sigma": sigma, "split": split, **STATED}
         )
     )

@@ -400,12 +400,12 @@ class TestCompare:
 
     def test_automatic_exposure_brings_the_bright_parts_to_half_of_full_scale(self, tmp_path):
         from designlab.inference.compare import compare_model
-        from designlab.measurement import Frame, Measurement
+        from designlab.measurement import MeasuredFrame, Measurement
 
         design = preset("gelsight-2020-flat").replace({"camera.exposure": None})
         width, height = design.camera.width_px // 16, design.camera.height_px // 16
         write_image(tmp_path / "a.exr", np.full((height, width, 3), 0.5, dtype=np.float32))
-        frame = Frame(file="a.exr", kind="press", probe="sphere:1", depth_mm=0.01, centre_mm=(5, 4))
+        frame = MeasuredFrame(file="a.exr", kind="press", probe="sphere:1", depth_mm=0.01, centre_mm=(5, 4))
         measurement = Measurement(sensor="unknown", response="linear", frames=(frame,), folder=tmp_path)
         (pair,) = compare_model(design, measurement, samples=16, seed=1).pairs
         left, top, wide, high = (round(value / 16) for value in design.view(100)[:4])

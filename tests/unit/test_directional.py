@@ -7,7 +7,7 @@ from designlab.app import cli
 from designlab.inference.calibration import calibrate
 from designlab.inference.calibration.directional import Directional
 from designlab.inference.compare import compare_model
-from designlab.measurement import Frame, Measurement, load_measurement, write_measurement
+from designlab.measurement import MeasuredFrame, Measurement, load_measurement, write_measurement
 from designlab.measurement.shots import observe
 from designlab.sensor.camera import View
 from designlab.sensor.design import DesignError, preset
@@ -248,7 +248,7 @@ def made(folder, picture, *, noise=NOISE, places=PLACES, switched=(ALL,)):
             if place is not None:
                 content |= {"kind": "press", "split": "train", **STATED, "centre_mm": place, "sigma": SIGMA}
                 press = Press(probe=parse(STATED["probe"]), depth_mm=STATED["depth_mm"], centre_mm=place)
-            frames.append(Frame.model_validate(content))
+            frames.append(MeasuredFrame.model_validate(content))
             signal = picture(press, [float(name in leds) for name in ALL])
             images[file] = (signal + noise * rng.standard_normal(signal.shape)).astype(np.float32)
     measurement = Measurement(sensor="gelsight-2020-flat", response="linear", frames=tuple(frames))
@@ -273,7 +273,7 @@ class TestCompare:
     def test_groups_that_are_off_and_exposure_count(self, tmp_path):
         light = true_model("diffuse")
         picture = light.signal(BALL, VIEW, lit=[1, 0, 1], exposure=0.5).astype(np.float32)
-        frame = Frame.model_validate(
+        frame = MeasuredFrame.model_validate(
             {"file": "p.exr", "kind": "press", "crop_px": CROP, "probe": "sphere:4", "depth_mm": 0.5,
              "centre_mm": (0.0, 0.0), "leds": ["red", "blue"], "exposure": 0.5}
         )  # fmt: skip
@@ -370,7 +370,9 @@ def test_a_rendered_picture_is_told_better_by_light_transport(tmp_path):
     for kind, press, content in (("background", None, {}), ("press", BALL, pose)):
         picture = simulator.frame(press).mixed.astype(float) / 2.0
         images[f"{kind}.exr"] = (picture + 1e-4 * rng.standard_normal(picture.shape)).astype(np.float32)
-        frames.append(Frame.model_validate({"file": f"{kind}.exr", "kind": kind, "crop_px": crop, **content}))
+        frames.append(
+            MeasuredFrame.model_validate({"file": f"{kind}.exr", "kind": kind, "crop_px": crop, **content})
+        )
     measurement = Measurement(sensor="gelsight-2020-flat", response="linear", frames=tuple(frames))
     measurement = load_measurement(write_measurement(measurement, images, tmp_path / "m"))
     starts = {kind: DirectionalLight.of(DESIGN, kind) for kind in ("diffuse", "phong")}

@@ -19,7 +19,7 @@ import pytest
 
 import designlab.fabrication as fabricate
 from designlab.fabrication import export, led_colour, parts
-from designlab.fabrication.checks import Check, check_overlaps, mesh_checks, overlap_mm3, require
+from designlab.fabrication.checks import FileCheck, check_overlaps, mesh_checks, overlap_mm3, require
 from designlab.fabrication.tables import CLEAR_STOCK, led_rows
 from designlab.fabrication.triangles import open_edges, printable, read, write_3mf
 from designlab.sensor.design import Design, InfeasibleDesign, load, preset
@@ -440,7 +440,7 @@ def test_mesh_checks_find_each_fault() -> None:
     twisted.faces = np.vstack([twisted.faces[:1, ::-1], twisted.faces[1:]])
     assert "open edges" in failing(twisted)
     assert failing(mesh, volume=24.2) == {"volume error"}
-    assert isinstance(mesh_checks("p", "f", mesh, volume_mm3=24.0)[0], Check)
+    assert isinstance(mesh_checks("p", "f", mesh, volume_mm3=24.0)[0], FileCheck)
 
 
 def test_bodies_that_touch_along_an_edge_are_closed(tmp_path: Path) -> None:

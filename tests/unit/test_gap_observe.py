@@ -2,7 +2,13 @@ import numpy as np
 import pytest
 
 from designlab.inference.diagnosis.likelihood.usable_frames import observe as observe_apart
-from designlab.measurement import Frame, Measurement, MeasurementError, load_measurement, write_measurement
+from designlab.measurement import (
+    MeasuredFrame,
+    Measurement,
+    MeasurementError,
+    load_measurement,
+    write_measurement,
+)
 from designlab.measurement.quality.invariants import invariants
 from designlab.measurement.shots import observe
 from designlab.sensor.camera import Camera
@@ -27,7 +33,7 @@ def measured(
     frames, images = [], {}
 
     def take(file, level, **fields):
-        frames.append(Frame.model_validate({"file": file, "crop_px": CROP, **fields}))
+        frames.append(MeasuredFrame.model_validate({"file": file, "crop_px": CROP, **fields}))
         images[file] = exposed(level, seed=len(frames), camera=camera)
 
     if dark:

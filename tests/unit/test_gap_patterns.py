@@ -14,7 +14,7 @@ from designlab.inference.diagnosis.likelihood.fixed_pattern import found_pattern
 from designlab.inference.diagnosis.likelihood.monte_carlo_noise import grains
 from designlab.inference.diagnosis.likelihood.noise import DARK_LIGHT
 from designlab.inference.diagnosis.selection.acceptance import MOST_IN_WAVES
-from designlab.inference.diagnosis.selection.forward_selection import Search
+from designlab.inference.diagnosis.selection.forward_selection import ForwardSelection
 from designlab.inference.diagnosis.selection.held_out import judge
 from designlab.inference.diagnosis.selection.screening import PERIODS, with_period
 from designlab.inference.diagnosis.verdict.intervals import values
@@ -54,7 +54,7 @@ def test_a_pattern_of_few_waves_is_not_taken_for_the_sensors_own(bank, pitch_px)
     fitter = Fitter(replace(bank, shots=moire))
     start = fitter.fit(fitter.start([0, 1, 2]), (), [0, 1, 2]).state
     fitter.measure(start)
-    search = Search(fitter, ["fixed_pattern"], [0, 1, 2], [3])
+    search = ForwardSelection(fitter, ["fixed_pattern"], [0, 1, 2], [3])
     search.run(start)
     assert not search.winners
     assert "in few waves" in next(c.outcome for c in search.tried if c.name == "fixed_pattern")

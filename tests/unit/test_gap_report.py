@@ -32,7 +32,7 @@ from designlab.inference.diagnosis.result import (
 )
 from designlab.inference.diagnosis.verdict.confidence import SIGNS, confidence
 from designlab.inference.diagnosis.verdict.intervals import of_amplitudes, of_deviation
-from designlab.measurement.quality.invariants import Check
+from designlab.measurement.quality.invariants import FrameCheck
 from designlab.measurement.shots import Observations
 from designlab.report import gap_report
 from designlab.report.gap_plots import gap_bars, interval_bar
@@ -90,7 +90,7 @@ REPORT = GapReport(
     control=Control("albedo_field", 0.12, 5),
     limits=("products only",),
     overlaps=(Overlap("lens_distortion", "camera_pose", 0.996),),
-    checks=(Check("repeats", False, "1.3 % apart", ("a.exr", "b.exr")),),
+    checks=(FrameCheck("repeats", False, "1.3 % apart", ("a.exr", "b.exr")),),
 )
 
 

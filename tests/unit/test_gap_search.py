@@ -21,8 +21,14 @@ from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter
 from designlab.inference.diagnosis.likelihood.normal_equations import System
 from designlab.inference.diagnosis.result import Candidate
-from designlab.inference.diagnosis.selection.acceptance import Attempt, as_good, closes_more, refused, unsure
-from designlab.inference.diagnosis.selection.forward_selection import Search, Winner
+from designlab.inference.diagnosis.selection.acceptance import (
+    JudgedCandidate,
+    as_good,
+    closes_more,
+    refused,
+    unsure,
+)
+from designlab.inference.diagnosis.selection.forward_selection import ForwardSelection, Winner
 from designlab.inference.diagnosis.selection.held_out import Judged, gain, judge
 from designlab.inference.diagnosis.selection.negative_control import control
 from designlab.inference.diagnosis.selection.refine import refined
@@ -39,13 +45,13 @@ def bank(renders) -> Bank:
     return fill(renders, SensorModel.of(DESIGN), shots(SensorModel.of(DESIGN)), NAMES)
 
 
-def searched(bank: Bank, name: str) -> tuple[Search, State, Judged, Judged]:
+def searched(bank: Bank, name: str) -> tuple[ForwardSelection, State, Judged, Judged]:
     """Search for an effect that is there: where it ended, the held-out press before and after."""
     fitter = seeing(bank, applied(name))
     train, select = [0, 1, 2], [3]
     start = fitter.fit(fitter.start(train), (), train).state
     fitter.measure(start)
-    search = Search(fitter, NAMES, train, select)
+    search = ForwardSelection(fitter, NAMES, train, select)
     best, before, after = search.run(start)
     return search, best.state, before, after
 
@@ -78,7 +84,7 @@ def test_the_effect_that_is_there_is_named_with_its_values(bank, name) -> None:
     start = fitter.fit(fitter.start(train), (), train).state
     fitter.measure(start)
     told: list[tuple[str, int, int]] = []
-    search = Search(fitter, NAMES, train, select, progress=lambda *step: told.append(step))
+    search = ForwardSelection(fitter, NAMES, train, select, progress=lambda *step: told.append(step))
     best, before, after = search.run(start)
     assert search.winners[0].name == name
     fitted = [c.name for c in search.tried if c.seconds is not None and c.round == 1]
@@ -97,7 +103,7 @@ def test_nothing_is_named_where_nothing_is_hidden(bank) -> None:
     fitter = seeing(bank, SensorModel.of(DESIGN))
     start = fitter.fit(fitter.start([0, 1, 2]), (), [0, 1, 2]).state
     fitter.measure(start)
-    search = Search(fitter, NAMES, [0, 1, 2], [3])
+    search = ForwardSelection(fitter, NAMES, [0, 1, 2], [3])
     search.run(start)
     assert not search.winners
     # At the floor nothing is looked for; else every candidate is listed.
@@ -115,7 +121,7 @@ def test_what_is_far_is_judged_by_pictures_rendered_where_it_stands(bank, render
     fitter.measure(start)
     ends = []
     for source in (None, renders):
-        search = Search(fitter, NAMES, train, select, source)
+        search = ForwardSelection(fitter, NAMES, train, select, source)
         best, _, after = search.run(start)
         assert next(iter(best.state.values)) == "contact_kernel"
         ends.append((search, after, abs(best.state.values["contact_kernel"]["length_ratio"] - 1.8)))
@@ -133,7 +139,7 @@ def begun(fitter, renders):
     train, select = [0, 1, 2], [3]
     start = fitter.fit(fitter.start(train), (), train)
     fitter.measure(start.state)
-    search = Search(fitter, NAMES, train, select, renders)
+    search = ForwardSelection(fitter, NAMES, train, select, renders)
     now = judge(fitter, start.state, select)
     search.gap = now.gap
     return search, start, now
@@ -178,9 +184,9 @@ def test_what_no_longer_contends_is_not_rendered_a_second_time(bank, renders, mo
         rendered.append(1)
         return fitter
 
-    monkeypatch.setattr(Search, "_judged", judged)
-    monkeypatch.setattr(Search, "_near", near)
-    monkeypatch.setattr(Search, "_standing", lambda self, base, now: (fitter, base, now))
+    monkeypatch.setattr(ForwardSelection, "_judged", judged)
+    monkeypatch.setattr(ForwardSelection, "_near", near)
+    monkeypatch.setattr(ForwardSelection, "_standing", lambda self, base, now: (fitter, base, now))
     found = search._contended([(attempt, 0.0) for attempt in given.values()], start, now)[0]
     assert judged_anew == ["contact_kernel", "albedo_field", "contact_kernel"]
     assert len(rendered) == len(judged_anew)
@@ -192,7 +198,7 @@ def test_the_last_fit_is_closer_than_that_of_the_search(bank, renders) -> None:
     train = [0, 1, 2]
     start = fitter.fit(fitter.start(train), (), train).state
     fitter.measure(start)
-    best, _, _ = Search(fitter, NAMES, train, [3]).run(start)
+    best, _, _ = ForwardSelection(fitter, NAMES, train, [3]).run(start)
     near, last = refined(renders, fitter, best, train)
     assert near.bank is not bank  # a whole prior standard deviation is far
     found = last.state.values["contact_kernel"]
@@ -257,12 +263,12 @@ def attempt(
     before: Judged,
     *,
     evidence: float = 100.0,
-) -> Attempt:
+) -> JudgedCandidate:
     after = judged(objective)
     null = effect(name).null(DESIGN) if name in NAMES else {}
     state = State(GAINS).with_values(name, null)
     fit = Fit(state, System((), np.zeros((0, 0)), np.zeros(0), 0.0, np.zeros(0)), 0.0)
-    return Attempt(name, left, fitter, fit, after, gain(before, after, 1000.0), evidence)
+    return JudgedCandidate(name, left, fitter, fit, after, gain(before, after, 1000.0), evidence)
 
 
 def test_a_press_that_shows_most_of_an_effect_does_not_make_its_gain_unsure() -> None:
@@ -311,7 +317,7 @@ def test_where_much_is_left_what_promises_most_is_fitted_whatever_the_screen_say
 
 
 def test_an_alternative_that_is_named_itself_is_none(bank) -> None:
-    search = Search(Fitter(bank), NAMES, [0], [3], gap=1000.0)
+    search = ForwardSelection(Fitter(bank), NAMES, [0], [3], gap=1000.0)
     before = judged([250.0, 252.0, 248.0])
     one, other, third = (
         attempt(search.fitter, name, 500.0, [160.0, 162.0, 158.0], before)
@@ -323,10 +329,10 @@ def test_an_alternative_that_is_named_itself_is_none(bank) -> None:
 
 
 def test_a_small_lead_of_evidence_tells_apart_only_what_held_out_presses_do_too(bank) -> None:
-    search = Search(Fitter(bank), NAMES, [0], [3], gap=1000.0)
+    search = ForwardSelection(Fitter(bank), NAMES, [0], [3], gap=1000.0)
     before = judged([1150.0, 1152.0, 1148.0])
 
-    def named(left: list[float], evidence: float) -> Attempt:
+    def named(left: list[float], evidence: float) -> JudgedCandidate:
         return attempt(search.fitter, "a", 1000.0, left, before, evidence=evidence)
 
     best = named([160.0, 162.0, 158.0], 200.0)
@@ -339,7 +345,7 @@ def test_a_small_lead_of_evidence_tells_apart_only_what_held_out_presses_do_too(
 
 def test_what_counts_as_closing_more_goes_by_what_is_left(bank) -> None:
     """Of a twentieth of the first gap, 3 % of the first gap would be nearly all."""
-    search = Search(Fitter(bank), NAMES, [0], [3], gap=1000.0)
+    search = ForwardSelection(Fitter(bank), NAMES, [0], [3], gap=1000.0)
     before = judged([150.0, 152.0, 148.0])
     much, little = (
         attempt(search.fitter, "a", 50.0, [100.0 + s, 102.0 + s, 98.0 + s], before) for s in (10.0, 35.0)
@@ -351,10 +357,10 @@ def test_what_counts_as_closing_more_goes_by_what_is_left(bank) -> None:
 
 def test_what_closes_less_of_held_out_presses_does_not_lead(bank) -> None:
     """However large the evidence of the presses fitted to: one of them may hold most of it."""
-    search = Search(Fitter(bank), NAMES, [0], [3], gap=1000.0)
+    search = ForwardSelection(Fitter(bank), NAMES, [0], [3], gap=1000.0)
     before = judged([150.0, 152.0, 148.0])
 
-    def named(name: str, left: list[float], evidence: float) -> Attempt:
+    def named(name: str, left: list[float], evidence: float) -> JudgedCandidate:
         return attempt(search.fitter, name, 1000.0, left, before, evidence=evidence)
 
     wrong = named("wrong", [140.0, 142.0, 138.0], 90.0)
@@ -370,7 +376,7 @@ def test_what_closes_less_of_held_out_presses_does_not_lead(bank) -> None:
 
 def test_a_rival_that_surely_does_more_beside_the_others_takes_an_effects_place(bank, monkeypatch) -> None:
     """One that did more alone must not stay where another explains far more together with later ones."""
-    search = Search(Fitter(bank), NAMES, [0], [3], gap=1000.0)
+    search = ForwardSelection(Fitter(bank), NAMES, [0], [3], gap=1000.0)
     before = judged([250.0, 252.0, 248.0])
     kept = attempt(search.fitter, "contact_kernel", 500.0, [160.0, 162.0, 158.0], before, evidence=100.0)
     without = Fit(State(GAINS).with_values("vignetting", {"corner_loss": 0.1}), kept.fit.system, 0.0)
@@ -390,7 +396,7 @@ def test_a_rival_that_surely_does_more_beside_the_others_takes_an_effects_place(
 
 
 def test_a_needless_effect_leaves_what_it_closed_to_the_one_that_made_it_so(bank) -> None:
-    search = Search(Fitter(bank), NAMES, [0], [3], gap=1000.0)
+    search = ForwardSelection(Fitter(bank), NAMES, [0], [3], gap=1000.0)
     for name, share, evidence in (("vignetting", 0.5, 300.0), ("albedo_field", 0.1, 40.0)):
         search.winners.append(Winner(name, (), share))
         search.tried.append(Candidate(1, name, "passed", share, 0.01, 1.0, {}, evidence))
@@ -404,7 +410,7 @@ def test_a_needless_effect_leaves_what_it_closed_to_the_one_that_made_it_so(bank
 
 
 def test_more_is_asked_of_an_effect_beside_others(bank) -> None:
-    search = Search(Fitter(bank), NAMES, [0], [3], gap=1000.0)
+    search = ForwardSelection(Fitter(bank), NAMES, [0], [3], gap=1000.0)
     before = judged([250.0, 252.0, 248.0])
     weak = attempt(search.fitter, "contact_kernel", 150.0, [210.0, 212.0, 208.0], before, evidence=25.0)
     faint = replace(weak, evidence=15.0)
@@ -427,7 +433,7 @@ def test_what_differs_between_presses_contends_only_beside_what_is_sure(bank) ->
     """That something is missing is sure then; what it is need not be."""
     fitter = seeing(bank, SensorModel.of(DESIGN))
     fitter.start([0, 1, 2])
-    search = Search(fitter, NAMES, [0, 1], [3], gap=1000.0)
+    search = ForwardSelection(fitter, NAMES, [0, 1], [3], gap=1000.0)
     before = judged([250.0, 252.0, 248.0])
     sure = attempt(fitter, "contact_kernel", 500.0, [210.0, 212.0, 208.0], before, evidence=20.0)
     sure = replace(sure, gain=replace(sure.gain, squares=0.5))
@@ -435,7 +441,7 @@ def test_what_differs_between_presses_contends_only_beside_what_is_sure(bank) ->
     differing = replace(differing, gain=replace(differing.gain, own=0.0, squares=0.5, se=1.0))
     faint = replace(differing, name="vignetting", evidence=15.0)
 
-    def passed(*attempts: Attempt) -> list[str]:
+    def passed(*attempts: JudgedCandidate) -> list[str]:
         return [a.name for a in search._passed(1, [(a, 0.1) for a in attempts], State(GAINS), fitter)]
 
     assert passed(differing, faint) == []

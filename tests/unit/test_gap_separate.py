@@ -11,7 +11,7 @@ from designlab.inference.diagnosis.emulator.snapshots import Bank, fill
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.result import Found, Value
-from designlab.inference.diagnosis.selection.acceptance import Attempt
+from designlab.inference.diagnosis.selection.acceptance import JudgedCandidate
 from designlab.inference.diagnosis.selection.held_out import gain, judge
 from designlab.inference.diagnosis.verdict.experiment_design import (
     DARK,
@@ -39,7 +39,7 @@ def bank(renders) -> Bank:
 
 
 @pytest.fixture(scope="module")
-def fitted(bank) -> tuple[Attempt, Attempt]:
+def fitted(bank) -> tuple[JudgedCandidate, JudgedCandidate]:
     """The effect that is there, and a wrong one, as if they did as well."""
     fitter = Fitter(bank)
     start = fitter.fit(fitter.start(TRAIN), (), TRAIN).state
@@ -49,7 +49,9 @@ def fitted(bank) -> tuple[Attempt, Attempt]:
     for name, evidence in (("albedo_field", 60.0), ("vignetting", 57.0)):
         fit = fitter.fit(start, [name], TRAIN)
         judged = judge(fitter, fit.state, [3])
-        made.append(Attempt(name, base.gap, fitter, fit, judged, gain(base, judged, base.gap), evidence))
+        made.append(
+            JudgedCandidate(name, base.gap, fitter, fit, judged, gain(base, judged, base.gap), evidence)
+        )
     return made[0], made[1]
 
 
@@ -57,7 +59,7 @@ def action(bank: Bank, like: int, lit: np.ndarray) -> Action:
     return Action("", replace(bank.shots[like], lit=lit), like, 1.0, {})
 
 
-def risen(bank: Bank, actions: list[Action], true: Attempt, wrong: Attempt) -> float:
+def risen(bank: Bank, actions: list[Action], true: JudgedCandidate, wrong: JudgedCandidate) -> float:
     """How much further the truth leads once frames have been taken and all are fitted together."""
     place = (*bank.place, *(bank.place[a.like] for a in actions))
     taken = replace(bank, shots=(*bank.shots, *(a.shot for a in actions)), place=place)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from designlab.inference.diagnosis.emulator.resampling import MOST_PX, Seen, Warp, seen_mm
+from designlab.inference.diagnosis.emulator.resampling import MOST_PX, SeenPoints, Warp, seen_mm
 from designlab.sensor.design import Design, preset
 
 DESIGN = preset("gelsight-2020-flat")
@@ -19,7 +19,7 @@ def aside(**moved: float) -> Design:
 
 @pytest.mark.parametrize("moved", [{"x": 0.7, "y": -0.4}, {"z": 6.0}, {"z": -4.0, "tilt": 3.0}])
 def test_lines_between_pixels_are_those_of_scipy_also_beyond_the_edges(moved) -> None:
-    warp = Warp(Seen(DESIGN, VIEW), Seen(aside(**moved), VIEW))
+    warp = Warp(SeenPoints(DESIGN, VIEW), SeenPoints(aside(**moved), VIEW))
     light = np.random.default_rng(1).random((5, VIEW.rows, VIEW.columns)).astype(np.float32)
     pad = min(MOST_PX, VIEW.rows - 1, VIEW.columns - 1)
     expected = [
@@ -32,7 +32,7 @@ def test_lines_between_pixels_are_those_of_scipy_also_beyond_the_edges(moved) ->
 
 
 def test_a_camera_moved_aside_sees_a_pattern_on_the_membrane_moved() -> None:
-    warp = Warp(Seen(DESIGN, VIEW), Seen(aside(x=0.5), VIEW))
+    warp = Warp(SeenPoints(DESIGN, VIEW), SeenPoints(aside(x=0.5), VIEW))
     x, there = (seen_mm(design, VIEW)[0] for design in (DESIGN, aside(x=0.5)))
     assert np.median(there - x) == pytest.approx(0.5, abs=1e-6)
     light = np.sin(0.6 * x)[None]
@@ -48,6 +48,6 @@ def test_places_are_found_to_a_hundred_thousandth_of_a_pixel_though_the_search_e
     changed = nominal.replace({"camera.position_mm": (x + 0.3, y - 0.2, z), "camera.tilt_deg": (0.6, 0.0)})
     view = nominal.view(40)
     seen, wanted = (np.stack(seen_mm(design, view)) for design in (nominal, changed))
-    off = np.abs(Warp(Seen(nominal, view), Seen(changed, view))(seen) - wanted)
+    off = np.abs(Warp(SeenPoints(nominal, view), SeenPoints(changed, view))(seen) - wanted)
     pixel_mm = np.abs(np.diff(seen[0], axis=1)).min()
     assert off[:, 5:-5, 5:-5].max() < 1e-5 * pixel_mm

@@ -8,7 +8,13 @@ import pytest
 import tomli_w
 
 from designlab.core.images import from_srgb, write_image
-from designlab.measurement import Frame, Measurement, MeasurementError, load_measurement, write_measurement
+from designlab.measurement import (
+    MeasuredFrame,
+    Measurement,
+    MeasurementError,
+    load_measurement,
+    write_measurement,
+)
 
 MEASURED = os.environ.get("DESIGNLAB_MEASURED")
 CROP = [1000, 700, 400, 300]
@@ -272,7 +278,7 @@ def test_other_folders_are_never_overwritten_and_failures_leave_nothing(tmp_path
         write_measurement(source, {k: v for k, v in images.items() if k != "p.exr"}, tmp_path / "a")
     with pytest.raises(MeasurementError, match="agree in size"):
         write_measurement(source, images | {"p.exr": np.ones((9, 9, 3), np.float32)}, tmp_path / "a")
-    outside = Measurement(frames=(Frame(file="../x.exr", kind="background"),))
+    outside = Measurement(frames=(MeasuredFrame(file="../x.exr", kind="background"),))
     with pytest.raises(MeasurementError, match="lies in the folder"):
         write_measurement(outside, {"../x.exr": images["p.exr"]}, tmp_path / "a")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["source", "thesis"]

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from designlab.measurement import Frame, Measurement, MeasurementError, ball_of, light_of, load_measurement
+from designlab.measurement import (
+    MeasuredFrame,
+    Measurement,
+    MeasurementError,
+    ball_of,
+    light_of,
+    load_measurement,
+)
 from designlab.measurement import write_measurement as write
 from designlab.measurement.light_probe import LightProbe, lobes, probe_view, unwrap
 from designlab.measurement.light_probe.polar import unit_vectors
@@ -16,7 +23,7 @@ BLACK = 0.04
 
 def frame(**changes):
     content = {"file": "ball.exr", "kind": "light_probe", "probe": "ball:4.0", "centre_mm": PROBE.centre_mm}
-    return Frame.model_validate(content | {"crop_px": CROP} | changes)
+    return MeasuredFrame.model_validate(content | {"crop_px": CROP} | changes)
 
 
 def whole_pixels():
@@ -49,7 +56,7 @@ def folder_of(tmp_path, image, *frames, sensor="gelsight-2020-flat", response="l
 
 
 def test_a_measured_frame_unwraps_to_where_its_light_came_from(tmp_path, image):
-    dark = Frame(file="dark.exr", kind="dark", crop_px=CROP)
+    dark = MeasuredFrame(file="dark.exr", kind="dark", crop_px=CROP)
     measured = folder_of(tmp_path, image, frame(), dark)
     found = measured.frames[0]
     assert found.probe == "sphere:4.0"
@@ -104,7 +111,7 @@ def test_what_is_needed_to_unwrap_is_named(tmp_path, image):
     coded = folder_of(tmp_path, image, frame(), response="unknown")
     with pytest.raises(MeasurementError, match="field response: must be known"):
         light_of(coded, coded.frames[0])
-    dark = folder_of(tmp_path, image, Frame(file="dark.exr", kind="dark", crop_px=CROP))
+    dark = folder_of(tmp_path, image, MeasuredFrame(file="dark.exr", kind="dark", crop_px=CROP))
     with pytest.raises(MeasurementError, match="field kind: must be light_probe, got 'dark'"):
         ball_of(dark, dark.frames[0])
 
@@ -119,4 +126,4 @@ def test_what_is_needed_to_unwrap_is_named(tmp_path, image):
 )  # fmt: skip
 def test_fields_that_do_not_belong_are_refused(content, text):
     with pytest.raises(ValueError, match=text):
-        Frame.model_validate({"file": "a.exr"} | content)
+        MeasuredFrame.model_validate({"file": "a.exr"} | content)

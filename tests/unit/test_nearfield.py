@@ -5,7 +5,7 @@ import pytest
 
 from designlab.core.metrics import normal_error_deg
 from designlab.evaluation.noise_limit import AZIMUTHS, RINGS, pressed_limit_deg
-from designlab.evaluation.protocol import Bench, sub_seed
+from designlab.evaluation.protocol import EvaluationProtocol, sub_seed
 from designlab.reconstruction import NearField, near_field, normals
 from designlab.sensor.design import preset
 from designlab.simulation.contact.press import Press
@@ -209,7 +209,7 @@ def test_a_ball_is_reconstructed_without_calibration():
     untouched = simulator.frame(None)
     press = Press(probe=parse("sphere:4"), depth_mm=0.6, centre_mm=(0.0, 0.0))
     frame = simulator.frame(press, seed=sub_seed(0, 2, 0))
-    bench = Bench(design, exposure(design, untouched), 0)
+    bench = EvaluationProtocol(design, exposure(design, untouched), 0)
     known = bench.near_field(untouched, simulator.slope_response())
     image = bench.picture(frame, 100)
     pitch_mm = frame.rays.pitch_mm

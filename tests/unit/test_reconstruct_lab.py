@@ -10,7 +10,7 @@ from designlab.reconstruction import gradients_of, integrate, lab, normals
 from designlab.reconstruction.ball_samples import Setup
 from designlab.reconstruction.balls import BallPress, ball_gradients, find_contact_circle
 from designlab.reconstruction.lab import LeftOut, calibrate, choose_method, left_out_errors, refine_centres
-from designlab.reconstruction.methods import Kernel, Perceptron, Polynomial, Table
+from designlab.reconstruction.methods import Kernel, LookupTable, Perceptron, Polynomial
 
 SHAPE, PITCH_MM, RADIUS_MM = (120, 140), 0.1, 3.0
 SETUP = Setup(RADIUS_MM, PITCH_MM, trusted=0.86, smoothing_px=0.0, detail=0.0)
@@ -53,7 +53,7 @@ BALLS = [press(centre) for centre in CENTRES]
     [
         (Polynomial(ridge=1e-6), 0.5),
         (Kernel(features=200, ridge=1e-6), 0.5),
-        (Table(), 2.5),  # knows nothing of position
+        (LookupTable(), 2.5),  # knows nothing of position
         (Perceptron(), 2.0),
     ],
     ids=["polynomial", "kernel", "table", "perceptron"],
@@ -67,7 +67,7 @@ def test_each_method_recovers_a_press_it_has_not_seen(method, worst_deg):
     assert left_out_errors(BALLS, BACKGROUND, SETUP, method=method).trusted_deg < 2 * worst_deg
 
 
-@pytest.mark.parametrize("method", [Polynomial(), Kernel(features=100), Table()])
+@pytest.mark.parametrize("method", [Polynomial(), Kernel(features=100), LookupTable()])
 def test_the_untouched_gel_is_flat(method):
     shape = calibrate(BALLS, BACKGROUND, SETUP, method=method).reconstruct(BACKGROUND)
     assert np.abs(shape.height_mm).max() < 1e-9
@@ -173,7 +173,7 @@ def test_slopes_on_a_dome_are_relative_to_it():
 
 
 def test_the_method_is_chosen_on_balls_left_out():
-    methods = [Table(nodes=3), Polynomial(ridge=1e-6)]
+    methods = [LookupTable(nodes=3), Polynomial(ridge=1e-6)]
     chosen, table = choose_method(BALLS, BACKGROUND, SETUP, methods)
     assert chosen is methods[1]
     assert [row[0] for row in table] == methods

@@ -8,7 +8,7 @@ import pytest
 
 from designlab.report.page import rounded
 from designlab.validation.paper_2020 import comparison, tables
-from designlab.validation.paper_2020.content import Picture, Table, sections
+from designlab.validation.paper_2020.content import Illustration, Table, sections
 from designlab.validation.paper_2020.markdown import markdown_page
 from designlab.validation.paper_2020.page import html_page
 
@@ -259,7 +259,7 @@ def test_pictures_that_are_there_are_shown_in_the_page_alone(result, tmp_path):
         Image.new("RGB", (4, 4)).save(tmp_path / name)
     result["stages"]["accuracy"]["sensors"][FLAT]["pictures"] = {"comparison": "flat/comparison.png"}
     content = sections(result, tmp_path)
-    assert sum(isinstance(block, Picture) for part in content for block in part.blocks) == 3
+    assert sum(isinstance(block, Illustration) for part in content for block in part.blocks) == 3
     page = html_page(result, content)
     assert Tables(page).images == 3
     assert str(tmp_path) not in page

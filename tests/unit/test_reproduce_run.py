@@ -9,7 +9,7 @@ from test_reproduce_pages import result  # noqa: F401  a fixture
 from designlab.app import cli
 from designlab.validation.paper_2020 import run
 from designlab.validation.paper_2020.probe import probe
-from designlab.validation.paper_2020.run import STAGES, Stage, _Growing, reproduce
+from designlab.validation.paper_2020.run import STAGES, Experiment, _Growing, reproduce
 from designlab.validation.paper_2020.sizes import SIZES
 from designlab.validation.paper_2020.timing import PAPER_MS, timing
 
@@ -30,7 +30,7 @@ def quick(monkeypatch, result):  # noqa: F811
                 within("working", step, 4)
             return result["stages"][name]
 
-        return Stage(f"stage {name}", does, lambda size: 10.0)
+        return Experiment(f"stage {name}", does, lambda size: 10.0)
 
     monkeypatch.setattr(run, "STAGES", {name: stage(name) for name in STAGES})
     return ran

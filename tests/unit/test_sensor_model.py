@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from designlab.app.cli import main
-from designlab.evaluation.protocol import Bench
+from designlab.evaluation.protocol import EvaluationProtocol
 from designlab.fabrication import to_make
 from designlab.inference.calibration import calibrate
 from designlab.measurement.light_probe import light_probe
@@ -219,7 +219,8 @@ def test_what_the_camera_does_to_the_signal_is_in_the_pictures_of_an_evaluation(
     for name in ("black_level", "response_curve"):
         found = applied(name)
         plain, changed = (
-            Bench(DESIGN, 1.0, 1, model=one).picture(frame, 0) for one in (SensorModel.of(DESIGN), found)
+            EvaluationProtocol(DESIGN, 1.0, 1, model=one).picture(frame, 0)
+            for one in (SensorModel.of(DESIGN), found)
         )
         expected = np.clip(found.on_signal(plain), 0, 1)
         assert changed == pytest.approx(expected, abs=1e-6)

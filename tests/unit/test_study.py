@@ -26,7 +26,7 @@ from designlab.optimization.study import (
 )
 from designlab.optimization.study.folder import opened, reading
 from designlab.optimization.study.results import STATES
-from designlab.optimization.study.search import Search
+from designlab.optimization.study.search import StudyRun
 from designlab.sensor import design as designs
 from designlab.sensor.design import InfeasibleDesign, preset
 from designlab.simulation.effects.model import AppliedEffect, SensorModel, load_model
@@ -372,7 +372,7 @@ def test_the_clocks_of_machines_that_share_a_study_may_differ(tmp_path, monkeypa
     """What another run has just drawn is its own, whatever time it is there; unsigned for long, it died."""
     study, url = make(), f"sqlite:///{tmp_path}/shared.db"
     with opened(tmp_path / "out", study, storage=url) as record:
-        search = Search(study, tmp_path / "out", record, closed_form, shared=True)
+        search = StudyRun(study, tmp_path / "out", record, closed_form, shared=True)
         theirs = record.ask()
         with sqlite3.connect(tmp_path / "shared.db") as database:
             database.execute("update trials set datetime_start = '2001-01-01 00:00:00'")

@@ -7,7 +7,7 @@ from toy_studies import RANGES, Death, closed_form, make, mortal, run
 from designlab.optimization.study import Parameter, StudyError, StudyInterrupted
 from designlab.optimization.study.samplers import method
 from designlab.optimization.study.samplers import sampler as sampler_of
-from designlab.optimization.study.search import Search
+from designlab.optimization.study.search import StudyRun
 from designlab.simulation.simulator import RenderFailed
 
 NARROW = RANGES | {"leds.height_mm": Parameter(low=0, high=14)}  # LEDs below the gel cannot be built
@@ -82,8 +82,8 @@ def test_a_run_that_is_stopped_after_a_rejected_design_goes_on_as_it_would_have(
         reject(search, *arguments)
         raise KeyboardInterrupt
 
-    reject = Search._reject
-    monkeypatch.setattr(Search, "_reject", stopping)
+    reject = StudyRun._reject
+    monkeypatch.setattr(StudyRun, "_reject", stopping)
     stops = 0
     while True:
         try:

@@ -11,7 +11,14 @@ from designlab.inference.calibration import calibrate
 from designlab.inference.calibration.imaging import Rendered
 from designlab.inference.calibration.problem import Problem
 from designlab.inference.calibration.suspicions import faults, picture
-from designlab.measurement import Frame, Measurement, MeasurementError, check, load_measurement, refuse
+from designlab.measurement import (
+    MeasuredFrame,
+    Measurement,
+    MeasurementError,
+    check,
+    load_measurement,
+    refuse,
+)
 from designlab.measurement import write_measurement as write
 from designlab.measurement.shots import observe
 from designlab.sensor.design import preset
@@ -196,7 +203,7 @@ class TestWithoutModel:
         assert "depth_mm and centre_mm unknown" in found.evidence
 
     def test_a_set_of_presses_without_any_pose_stops(self, tmp_path):
-        frames = [Frame(file="a.exr", kind="press", probe="sphere")]
+        frames = [MeasuredFrame(file="a.exr", kind="press", probe="sphere")]
         alone = self.written(tmp_path / "m", frames, {"a.exr": square(0.3)})
         (found,) = check(alone)
         assert found.strong
@@ -210,7 +217,7 @@ class TestWithoutModel:
         image = np.random.default_rng(0).uniform(0.2, 0.9, (50, 60, 3)).astype(np.float32)
         image.reshape(-1, 3)[: int(share * 3000), 1] = 1.0
         found = check(
-            self.written(tmp_path / "m", [Frame(file="a.exr", kind="background")], {"a.exr": image})
+            self.written(tmp_path / "m", [MeasuredFrame(file="a.exr", kind="background")], {"a.exr": image})
         )
         assert [each.name for each in found] == ["saturated"] * named
         if named:
@@ -219,7 +226,7 @@ class TestWithoutModel:
     def test_floating_point_numbers_in_another_unit_are_no_long_exposure(self, tmp_path):
         image = np.random.default_rng(0).uniform(0.2, 9.0, (50, 60, 3)).astype(np.float32)
         (found,) = check(
-            self.written(tmp_path / "m", [Frame(file="a.exr", kind="background")], {"a.exr": image})
+            self.written(tmp_path / "m", [MeasuredFrame(file="a.exr", kind="background")], {"a.exr": image})
         )
         assert "a unit of its own" in found.cause
         assert "full scale is 1" in found.remedy
@@ -227,7 +234,7 @@ class TestWithoutModel:
     def test_values_cut_below_full_scale_are_saturated_too(self, tmp_path):
         row, column = np.indices((60, 80)) / 60
         smooth = (0.9 - 1.2 * (row - 0.5) ** 2 - 0.9 * (column - 0.6) ** 2)[..., None] * np.ones(3)
-        frames = [Frame(file="a.tif", kind="background")]
+        frames = [MeasuredFrame(file="a.tif", kind="background")]
 
         def counts(image):  # 10 bits in a file of 16
             return np.round(image * 1023).astype(np.uint16)
@@ -258,11 +265,13 @@ class TestWithoutModel:
             np.tile(shape[None, :, None] * mixing[:, group], (24, 1, 1)) for group, shape in enumerate(shapes)
         ]
         scenes = {"all": sum(single), **dict(zip(("red", "green", "blue"), single, strict=True))}
-        kinds = [Frame(file="all.exr", kind="background")]
-        kinds += [Frame(file=f"{n}.exr", kind="background", leds=(n,)) for n in ("red", "green", "blue")]
+        kinds = [MeasuredFrame(file="all.exr", kind="background")]
+        kinds += [
+            MeasuredFrame(file=f"{n}.exr", kind="background", leds=(n,)) for n in ("red", "green", "blue")
+        ]
         if dark:
             scenes["dark"] = np.zeros((24, 32, 3))
-            kinds.append(Frame(file="dark.exr", kind="dark"))
+            kinds.append(MeasuredFrame(file="dark.exr", kind="dark"))
         encode = to_srgb if true == "srgb" else np.asarray
         images = {
             f"{name}.exr": encode(np.maximum(scene + 0.02 + 0.002 * rng.standard_normal(scene.shape), 0))
@@ -283,7 +292,7 @@ class TestWithoutModel:
     def test_an_exposure_ladder_tells_the_response(self, tmp_path, true):
         scene = smooth(0.05, 0.2)
         encode = to_srgb if true == "srgb" else np.asarray
-        frames = [Frame(file=f"{e}.exr", kind="background", exposure=e) for e in (1, 4)]
+        frames = [MeasuredFrame(file=f"{e}.exr", kind="background", exposure=e) for e in (1, 4)]
         images = {f"{e}.exr": encode(scene * e) for e in (1, 4)}
         found = check(self.written(tmp_path / "m", frames, images))
         assert [each.name for each in found] == ["nonlinear"] * (true == "srgb")
@@ -292,8 +301,8 @@ class TestWithoutModel:
     def test_light_that_does_not_add_up_with_any_response_is_named(self, tmp_path, error, strong):
         """A ladder of 4 whose long picture is brighter than stated; a tenth is left to lamps and shutters."""
         scene = smooth(0.05, 0.1)
-        frames = [Frame(file="dark.exr", kind="dark")]
-        frames += [Frame(file=f"{e}.exr", kind="background", exposure=e) for e in (1, 4)]
+        frames = [MeasuredFrame(file="dark.exr", kind="dark")]
+        frames += [MeasuredFrame(file=f"{e}.exr", kind="background", exposure=e) for e in (1, 4)]
         images = {"dark.exr": 0 * scene, "1.exr": scene, "4.exr": 4 * scene * (1 + error)}
         found = check(self.written(tmp_path / "m", frames, images))
         assert [(each.name, each.strong) for each in found] == [("not_additive", strong)] * (
@@ -320,7 +329,7 @@ class TestWithoutModel:
     )
     def test_the_cause_of_a_wrong_size_is_said(self, tmp_path, shape, cause):
         image = np.full((*shape, 3), 0.3, dtype=np.float16)
-        frames = [Frame(file="a.exr", kind="background")]
+        frames = [MeasuredFrame(file="a.exr", kind="background")]
         with pytest.raises(MeasurementError, match=rf"frame 1 \(a\.exr\): field file.*{cause}.*remedy"):
             self.written(tmp_path / "m", frames, {"a.exr": image}, sensor=NAMES[0])
         unknown = self.written(tmp_path / "unknown", frames, {"a.exr": image})

@@ -11,7 +11,7 @@ from designlab.app import cli
 from designlab.core.store import write_json
 from designlab.inference.diagnosis.result import Level
 from designlab.measurement import Measurement
-from designlab.measurement.frames import Frame
+from designlab.measurement.frames import MeasuredFrame
 from designlab.sensor.design import preset
 from designlab.simulation.effects import effect
 from designlab.validation.blind import (
@@ -166,13 +166,13 @@ def test_confidence_is_compared_with_how_often_names_are_right() -> None:
 
 def test_kits_have_fewer_frames_of_the_same_set() -> None:
     frames = [
-        Frame(file="dark.exr", kind="dark"),
-        Frame(file="red.exr", kind="background", leds=("red",)),
-        Frame(file="all.exr", kind="background"),
-        Frame(file="short.exr", kind="background", exposure=0.5),
-        Frame(file="turned.exr", kind="background", gel_rotation_deg=180.0),
-        Frame(file="press.exr", kind="press", probe="sphere:4"),
-        Frame(file="further-01.exr", kind="dark"),
+        MeasuredFrame(file="dark.exr", kind="dark"),
+        MeasuredFrame(file="red.exr", kind="background", leds=("red",)),
+        MeasuredFrame(file="all.exr", kind="background"),
+        MeasuredFrame(file="short.exr", kind="background", exposure=0.5),
+        MeasuredFrame(file="turned.exr", kind="background", gel_rotation_deg=180.0),
+        MeasuredFrame(file="press.exr", kind="press", probe="sphere:4"),
+        MeasuredFrame(file="further-01.exr", kind="dark"),
     ]
     measurement = Measurement(frames=tuple(frames))
     kept = {kit: [frame.file.split(".")[0] for frame in frames_of(measurement, kit).frames] for kit in KITS}

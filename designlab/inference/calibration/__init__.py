@@ -5,7 +5,7 @@ closed form), `problem` (shots and their simulation), `solve` (everything else, 
 `run` (all of it), `pictures`.
 """
 
-from designlab.inference.calibration.result import Calibration, FrameResult, Parameter
+from designlab.inference.calibration.result import Calibration, FittedParameter, FrameResult
 from designlab.inference.calibration.run import calibrate
 
-__all__ = ["Calibration", "FrameResult", "Parameter", "calibrate"]
+__all__ = ["Calibration", "FittedParameter", "FrameResult", "calibrate"]

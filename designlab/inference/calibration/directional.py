@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel
 
+from designlab.core.types import Array
 from designlab.inference.calibration.fields import WITHIN
 from designlab.inference.calibration.imaging import How, Touched
 from designlab.measurement.light_probe import LightProbe
@@ -15,7 +15,6 @@ from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.directional_light import DirectionalLight
 
-Array = NDArray[np.float64]
 ANGLES = ("azimuth_deg", "elevation_deg")
 
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel
 
+from designlab.core.types import Array
 from designlab.measurement.light_probe import LightProbe, light_probe
 from designlab.measurement.shots import Shot
 from designlab.sensor.camera import View
@@ -17,7 +17,6 @@ from designlab.simulation.effects.camera import BlackLevel
 from designlab.simulation.effects.model import AppliedEffect, SensorModel
 from designlab.simulation.simulator import Simulator, automatic_exposure
 
-Array = NDArray[np.float64]
 KERNEL, SCALE = "contact.kernel_length_mm", "camera.horizontal_fov_deg"
 ALBEDO = "optics.membrane_albedo"
 NODES, BRIGHTEST = (0.7, 1.4), 0.95  # reflectances that are simulated where they are free, of the given ones

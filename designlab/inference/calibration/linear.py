@@ -6,10 +6,8 @@ signal[channel] = sum over groups of transfer[channel, group] x lit[group] x bas
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from designlab.core.types import Array, Mask
 
 RELATIVE_RANK = 1e-13
 

@@ -1,19 +1,17 @@
 """Shots of one sensor, a state of everything unknown about it, and what is simulated from that."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array, Progress
 from designlab.inference.calibration.fields import SharedField
 from designlab.inference.calibration.imaging import How, Imaging, Touched
 from designlab.inference.calibration.linear import predicted, transfer_and_floor
 from designlab.measurement.shots import Shot
 from designlab.simulation.contact.press import Press
-
-Array = NDArray[np.float64]
-Progress = Callable[[str, int, int], None]
 
 MODEL_ERROR = 0.01  # of a channel's mean signal in a shot: what the simulation is not trusted with
 LEAST_DEPTH_MM = 0.01
@@ -22,7 +20,7 @@ BLOCK_PX = 8  # within which errors may go together
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class CalibrationState:
     """Shared fields, departures of poses (x, y, depth in mm, yaw in deg), factors of components and floor."""
 
     shared: Array
@@ -80,7 +78,7 @@ class Problem:
             for number, shot in enumerate(self.shots)
         )
 
-    def weigh(self, state: State, bases: Mapping[int, Array]) -> None:
+    def weigh(self, state: CalibrationState, bases: Mapping[int, Array]) -> None:
         """Let values count as what is left of them shows: errors of neighbours go together.
 
         After this the sums of residuals over blocks have the variance that they would have if values erred
@@ -100,16 +98,18 @@ class Problem:
             self.sigmas[number] = np.maximum(sigma * np.sqrt(spread), np.sqrt(shot.variance))
         self.weighed = True
 
-    def start(self) -> State:
+    def start(self) -> CalibrationState:
         """State that the model and the measurement state, without light yet."""
         components = len(self.imaging.names)
-        return State(np.array([f.value for f in self.fields]), {}, np.zeros((3, components)), np.zeros(3))
+        return CalibrationState(
+            np.array([f.value for f in self.fields]), {}, np.zeros((3, components)), np.zeros(3)
+        )
 
     def changes(self, shared: Array) -> dict[str, float]:
         """Values of the shared fields by their paths."""
         return {f.path: float(value) for f, value in zip(self.fields, shared, strict=True)}
 
-    def touched(self, state: State, number: int) -> Touched:
+    def touched(self, state: CalibrationState, number: int) -> Touched:
         """Return what a shot shows, at the state's pose."""
         shot = self.shots[number]
         x, y, depth, yaw = (float(v) for v in state.pose(number))
@@ -126,7 +126,9 @@ class Problem:
             yaw_deg=press.yaw_deg + yaw,
         )
 
-    def basis(self, state: State, number: int, *, other_seed: bool = False, how: How = "usual") -> Array:
+    def basis(
+        self, state: CalibrationState, number: int, *, other_seed: bool = False, how: How = "usual"
+    ) -> Array:
         """Pictures of the components; the same random numbers each time, unless others are asked for."""
         shot, touched = self.shots[number], self.touched(state, number)
         changes = {
@@ -139,15 +141,15 @@ class Problem:
             self.progress(self.stage, self.done, self.expected)
         return found
 
-    def bases(self, state: State, numbers: Sequence[int]) -> dict[int, Array]:
+    def bases(self, state: CalibrationState, numbers: Sequence[int]) -> dict[int, Array]:
         """Unit-power pictures of several shots."""
         return {number: self.basis(state, number) for number in numbers}
 
-    def predict(self, state: State, number: int, basis: Array) -> Array:
+    def predict(self, state: CalibrationState, number: int, basis: Array) -> Array:
         """Signal of a shot, (rows, columns, 3)."""
         return predicted(state.transfer, state.floor, self.lits[number], basis)
 
-    def lit_best(self, state: State, bases: Mapping[int, Array]) -> State:
+    def lit_best(self, state: CalibrationState, bases: Mapping[int, Array]) -> CalibrationState:
         """State with the transfer and floor that fit the shots best."""
         shots = [self.shots[number] for number in bases]
         transfer, floor = transfer_and_floor(
@@ -159,7 +161,7 @@ class Problem:
         )
         return replace(state, transfer=transfer, floor=floor)
 
-    def residual(self, state: State, number: int, basis: Array, *, weighed: bool = True) -> Array:
+    def residual(self, state: CalibrationState, number: int, basis: Array, *, weighed: bool = True) -> Array:
         """Measured minus predicted valid values over their standard deviation, (values,).
 
         The standard deviation is that of noise and model error alone where `weighed` is False.
@@ -169,7 +171,7 @@ class Problem:
         left = (shot.signal - self.predict(state, number, basis)) / sigma
         return np.asarray(left[shot.valid])
 
-    def objective(self, state: State, bases: Mapping[int, Array]) -> float:
+    def objective(self, state: CalibrationState, bases: Mapping[int, Array]) -> float:
         """Sum of squared residuals, plus the priors of the poses."""
         total = 0.0
         for number, basis in bases.items():

@@ -5,17 +5,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from designlab.core.types import Array
 from designlab.simulation.directional_light import DirectionalLight
 from designlab.simulation.effects.model import SensorModel
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True)
-class Parameter:
+class FittedParameter:
     """One fitted number; its standard error is None where the value stands at zero or nothing shows it."""
 
     name: str
@@ -66,13 +62,13 @@ class Calibration:
     model : SensorModel or DirectionalLight
         The calibrated model. Of a design: flux, mixing, exposure and the shared fields, and the floor as the
         effect ``black_level``.
-    parameters : tuple of Parameter
+    parameters : tuple of FittedParameter
         Everything fitted: shared fields, poses of the fitted presses, transfer, floor.
     correlation : array, shape (parameters, parameters)
         Of their errors; NaN where there is no standard error.
     frames : tuple of FrameResult
         Every shot.
-    products : tuple of Parameter
+    products : tuple of FittedParameter
         Transfer times reflectance of the membrane for each channel and LED group, which pictures of the gel
         tell whether or not they tell the two apart.
     transfer, floor : array, shapes (3, groups) and (3,)
@@ -83,9 +79,9 @@ class Calibration:
     """
 
     model: SensorModel | DirectionalLight
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[FittedParameter, ...]
     correlation: Array
-    products: tuple[Parameter, ...]
+    products: tuple[FittedParameter, ...]
     frames: tuple[FrameResult, ...]
     transfer: Array
     floor: Array

@@ -5,14 +5,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from designlab.core import metrics
+from designlab.core.types import Array, Progress
 from designlab.inference.calibration.directional import Directional
 from designlab.inference.calibration.fields import WITHIN, SharedField, shared_fields
 from designlab.inference.calibration.imaging import ALBEDO, SCALE, Imaging, Rendered
-from designlab.inference.calibration.problem import MODEL_ERROR, Problem, Progress, State
-from designlab.inference.calibration.result import Calibration, FrameResult, Parameter
+from designlab.inference.calibration.problem import MODEL_ERROR, CalibrationState, Problem
+from designlab.inference.calibration.result import Calibration, FittedParameter, FrameResult
 from designlab.inference.calibration.solve import Layout, covariance, fit
 from designlab.inference.calibration.suspicions import suspicious
 from designlab.measurement import Measurement, MeasurementError, check, refuse
@@ -23,8 +23,6 @@ from designlab.simulation.directional_light import DirectionalLight
 from designlab.simulation.effects.model import SensorModel
 from designlab.simulation.optics.viewing_rays import rays
 from designlab.simulation.simulator import RenderFailed
-
-Array = NDArray[np.float64]
 
 SCALES = (0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 1.0, 1.05, 1.1)  # of the tangent of half the field of view
 COARSE_STEPS, PROBE_STEPS = 8, 8
@@ -206,7 +204,7 @@ def _given(measurement: Measurement, problem: Problem, floor: Array) -> dict[int
     return {number: problem.predict(state, number, basis) for number, basis in bases.items()}
 
 
-def _placed(problem: Problem, state: State, balls: Sequence[int]) -> State:
+def _placed(problem: Problem, state: CalibrationState, balls: Sequence[int]) -> CalibrationState:
     """Find the places of light probes, with their light alone.
 
     They are held afterwards: they matter little to all else, and pictures with sharp edges change by jumps.
@@ -230,7 +228,7 @@ def _placed(problem: Problem, state: State, balls: Sequence[int]) -> State:
     return state
 
 
-def _reflecting(problem: Problem, state: State, fitted: Sequence[int]) -> State:
+def _reflecting(problem: Problem, state: CalibrationState, fitted: Sequence[int]) -> CalibrationState:
     """Start the reflectances, where free, from the light that a light probe and that the gel tells of.
 
     The two stages of the paper: light from the ball, then the reflectance from the gel.
@@ -252,7 +250,7 @@ def _reflecting(problem: Problem, state: State, fitted: Sequence[int]) -> State:
     return replace(state, shared=shared)
 
 
-def _scaled(problem: Problem, state: State, fitted: Sequence[int]) -> State:
+def _scaled(problem: Problem, state: CalibrationState, fitted: Sequence[int]) -> CalibrationState:
     """Start from the scale of the picture that fits best, where the field of view is free."""
     paths = [field.path.removeprefix(WITHIN) for field in problem.fields]
     if SCALE not in paths:
@@ -272,12 +270,14 @@ def _scaled(problem: Problem, state: State, fitted: Sequence[int]) -> State:
     return min(found, key=lambda tried: _misfit(problem, tried, fitted))
 
 
-def _misfit(problem: Problem, state: State, fitted: Sequence[int]) -> float:
+def _misfit(problem: Problem, state: CalibrationState, fitted: Sequence[int]) -> float:
     bases = problem.bases(state, fitted)
     return problem.objective(problem.lit_best(state, bases), bases)
 
 
-def _parameters(problem: Problem, layout: Layout, state: State, deviation: Array) -> tuple[Parameter, ...]:
+def _parameters(
+    problem: Problem, layout: Layout, state: CalibrationState, deviation: Array
+) -> tuple[FittedParameter, ...]:
     """Name every unknown, in the order of the layout."""
     named: list[tuple[str, str, float]] = [
         (field.path, field.unit, float(value))
@@ -294,12 +294,14 @@ def _parameters(problem: Problem, layout: Layout, state: State, deviation: Array
             )
         named.append((f"floor.{letter}", "1", float(state.floor[channel])))
     return tuple(
-        Parameter(name, unit, value, float(se) if math.isfinite(se) else None)
+        FittedParameter(name, unit, value, float(se) if math.isfinite(se) else None)
         for (name, unit, value), se in zip(named, deviation, strict=True)
     )
 
 
-def _products(problem: Problem, layout: Layout, state: State, covariance: Array) -> tuple[Parameter, ...]:
+def _products(
+    problem: Problem, layout: Layout, state: CalibrationState, covariance: Array
+) -> tuple[FittedParameter, ...]:
     """Transfer times reflectance, with the error that the two have together."""
     model = problem.imaging.model
     if not isinstance(model, Design):
@@ -317,11 +319,11 @@ def _products(problem: Problem, layout: Layout, state: State, covariance: Array)
             variance = float(gradient[used] @ covariance[np.ix_(used, used)] @ gradient[used])
             value = float(state.transfer[channel, group] * albedo[group])
             se = math.sqrt(variance) if math.isfinite(variance) and value > 0 else None
-            found.append(Parameter(f"product.{letter}.{name}", "mm2 sr", value, se))
+            found.append(FittedParameter(f"product.{letter}.{name}", "mm2 sr", value, se))
     return tuple(found)
 
 
-def _pose(problem: Problem, state: State, number: int) -> dict[str, float]:
+def _pose(problem: Problem, state: CalibrationState, number: int) -> dict[str, float]:
     touched = problem.touched(state, number)
     if isinstance(touched, LightProbe):
         return dict(zip(POSE, (*touched.centre_mm, touched.lowest_mm, 0.0), strict=True))
@@ -329,7 +331,9 @@ def _pose(problem: Problem, state: State, number: int) -> dict[str, float]:
     return dict(zip(POSE, (*touched.centre_mm, touched.depth_mm, touched.yaw_deg), strict=True))
 
 
-def _frame_result(problem: Problem, state: State, number: int, given: Array, basis: Array) -> FrameResult:
+def _frame_result(
+    problem: Problem, state: CalibrationState, number: int, given: Array, basis: Array
+) -> FrameResult:
     shot = problem.shots[number]
     simulated = problem.predict(state, number, basis)
     measured = shot.signal
@@ -343,7 +347,11 @@ def _frame_result(problem: Problem, state: State, number: int, given: Array, bas
 
 
 def _notes(
-    problem: Problem, seen: Observations, state: State, fitted: Sequence[int], bases: dict[int, Array]
+    problem: Problem,
+    seen: Observations,
+    state: CalibrationState,
+    fitted: Sequence[int],
+    bases: dict[int, Array],
 ) -> tuple[str, ...]:
     notes = [_known_apart(problem)]
     chi = sum(float((problem.residual(state, n, bases[n], weighed=False) ** 2).sum()) for n in fitted)
@@ -391,7 +399,7 @@ def _known_apart(problem: Problem) -> str:
     )
 
 
-def _entangled(parameters: Sequence[Parameter], correlation: Array) -> list[str]:
+def _entangled(parameters: Sequence[FittedParameter], correlation: Array) -> list[str]:
     """Say which errors go together, so that one value is only as right as the other."""
     untold = [p.name for p in parameters if p.se is None and p.value != 0.0]
     notes = [f"{', '.join(untold)}: other values explain the pictures as well"] if untold else []

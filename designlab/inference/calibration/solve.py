@@ -11,10 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.inference.calibration.linear import predicted
-from designlab.inference.calibration.problem import BLOCK_PX, Problem, State
-
-Array = NDArray[np.float64]
+from designlab.inference.calibration.problem import BLOCK_PX, CalibrationState, Problem
 
 POSE_STEP = np.array([0.05, 0.05, 0.02, 0.5])  # mm, mm, mm, deg: finite differences
 LONGEST = 5.0  # finite-difference steps that one Gauss-Newton step may take
@@ -52,7 +51,7 @@ class Layout:
         return self.moving + channel * (self.groups + 1) + column
 
 
-class Step(NamedTuple):
+class FiniteDifference(NamedTuple):
     """Finite difference of one unknown: its place, its number among its kind, and what depends on it."""
 
     place: int
@@ -73,13 +72,13 @@ class Normal:
 
 def fit(
     problem: Problem,
-    state: State,
+    state: CalibrationState,
     numbers: Sequence[int],
     *,
     held_out: bool = False,
     steps: int = MOST_STEPS,
     rough: bool = False,
-) -> tuple[State, dict[int, Array]]:
+) -> tuple[CalibrationState, dict[int, Array]]:
     """Fit shared fields, poses, transfer and floor to some shots; of those held out, the poses alone.
 
     Parameters
@@ -133,7 +132,7 @@ def fit(
 
 
 def differences(
-    problem: Problem, layout: Layout, state: State, bases: Mapping[int, Array]
+    problem: Problem, layout: Layout, state: CalibrationState, bases: Mapping[int, Array]
 ) -> dict[int, dict[int, Array]]:
     """Finite differences with common random numbers: of each shot, by place, pictures per unit."""
     found: dict[int, dict[int, Array]] = {}
@@ -156,7 +155,7 @@ def differences(
 def linearise(
     problem: Problem,
     layout: Layout,
-    state: State,
+    state: CalibrationState,
     bases: Mapping[int, Array],
     slopes: Mapping[int, Mapping[int, Array]],
 ) -> Normal:
@@ -187,10 +186,12 @@ def linearise(
     return Normal(matrix + np.diag(prior), right, prior, parts)
 
 
-def _steps(problem: Problem, layout: Layout, state: State, number: int) -> list[list[Step]]:
+def _steps(
+    problem: Problem, layout: Layout, state: CalibrationState, number: int
+) -> list[list[FiniteDifference]]:
     """Finite differences of a shot; those in one list are taken together, each in a component of its own."""
-    found: list[list[Step]] = []
-    apart: dict[str, list[Step]] = {}
+    found: list[list[FiniteDifference]] = []
+    apart: dict[str, list[FiniteDifference]] = {}
     share = problem.imaging.step_share
     for place in range(layout.shared):
         field = problem.fields[place]
@@ -198,32 +199,35 @@ def _steps(problem: Problem, layout: Layout, state: State, number: int) -> list[
             continue
         up = state.shared[place] + field.step <= field.high
         alone = problem.imaging.alone(field.path)
-        step = Step(place, place, share * (field.step if up else -field.step), alone)
+        step = FiniteDifference(place, place, share * (field.step if up else -field.step), alone)
         if alone is None:
             found.append([step])
         else:
             apart.setdefault(field.path.replace(f".{alone}", ".*", 1), []).append(step)
     found += apart.values()
     return found + [
-        [Step(place, part, share * float(POSE_STEP[part]), None)] for place, part in layout.pose[number]
+        [FiniteDifference(place, part, share * float(POSE_STEP[part]), None)]
+        for place, part in layout.pose[number]
     ]
 
 
-def _shifted(layout: Layout, state: State, number: int, steps: Sequence[Step]) -> State:
+def _shifted(
+    layout: Layout, state: CalibrationState, number: int, steps: Sequence[FiniteDifference]
+) -> CalibrationState:
     shared, pose = state.shared.copy(), state.pose(number).copy()
     for step in steps:
         (shared if step.place < layout.shared else pose)[step.part] += step.size
     return replace(state, shared=shared, poses={**state.poses, number: pose})
 
 
-def _active(layout: Layout, normal: Normal, state: State) -> NDArray[np.intp]:
+def _active(layout: Layout, normal: Normal, state: CalibrationState) -> NDArray[np.intp]:
     """Unknowns that may move: those of the light that stand at zero may not."""
     light = np.column_stack([state.transfer, state.floor]).ravel() if layout.linear else np.zeros(0)
     free = np.concatenate([np.ones(layout.moving, dtype=bool), light > 0])
     return np.flatnonzero(free & (np.diag(normal.matrix) > 0))
 
 
-def _step(layout: Layout, normal: Normal, state: State, damping: float) -> tuple[Array, float]:
+def _step(layout: Layout, normal: Normal, state: CalibrationState, damping: float) -> tuple[Array, float]:
     """Damped step of what is not linear, while the light follows in closed form; the fall that it promises.
 
     The light is eliminated first: what it makes up for would otherwise count as curvature and slow the step
@@ -246,7 +250,7 @@ def _step(layout: Layout, normal: Normal, state: State, damping: float) -> tuple
     return step, float(2 * slope @ found - found @ left @ found)
 
 
-def moved(problem: Problem, layout: Layout, state: State, step: Array) -> State:
+def moved(problem: Problem, layout: Layout, state: CalibrationState, step: Array) -> CalibrationState:
     """Take a step, cut to what finite differences are good for and to the bounds."""
     shared = state.shared.copy()
     for place in range(layout.shared):
@@ -265,7 +269,7 @@ def moved(problem: Problem, layout: Layout, state: State, step: Array) -> State:
 
 
 def covariance(
-    problem: Problem, layout: Layout, state: State, bases: Mapping[int, Array]
+    problem: Problem, layout: Layout, state: CalibrationState, bases: Mapping[int, Array]
 ) -> tuple[Array, Array]:
     """Covariance of all unknowns, and its part that the simulator's own errors bring.
 

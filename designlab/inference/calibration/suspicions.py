@@ -11,6 +11,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array, Mask
 from designlab.inference.calibration.linear import normal_equations, predicted, solved, transfer_and_floor
 from designlab.inference.calibration.problem import MODEL_ERROR, Problem
 from designlab.measurement import Measurement
@@ -19,8 +20,6 @@ from designlab.measurement.quality.suspicion import Suspicion, refuse
 from designlab.measurement.shots import Observations, Shot, binned
 from designlab.sensor.design import CHANNELS
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Value = TypeVar("Value", bound=np.generic)
 
 COLUMNS = 48  # faults are as large as the picture
@@ -63,7 +62,7 @@ TURNS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class CoarseShot:
     """One shot, averaged to few columns, with the unit-power pictures of the model."""
 
     files: tuple[str, ...]
@@ -78,7 +77,7 @@ class Picture:
         """Whether it may be turned by 90 deg."""
         return bool(self.signal.shape[0] == self.signal.shape[1])
 
-    def without(self, fault: Fault, black: Array) -> "Picture":
+    def without(self, fault: Fault, black: Array) -> "CoarseShot":
         """Undo a fault."""
         order = list(fault.order)
         signal = _turned(self.signal, fault.turn)[..., order]
@@ -99,7 +98,7 @@ class Picture:
         return np.asarray(np.sqrt(self.variance + (MODEL_ERROR * level) ** 2) + 1e-12)
 
 
-class Light(NamedTuple):
+class FittedLight(NamedTuple):
     """Light fitted to pictures: `transfer` (3, groups), `floor` (3,), and what they miss it by."""
 
     misfit: float
@@ -141,7 +140,7 @@ def suspicious(
 
 
 def faults(
-    pictures: Sequence[Picture], black: Array, transfer: Array, response: str
+    pictures: Sequence[CoarseShot], black: Array, transfer: Array, response: str
 ) -> tuple[Suspicion, ...]:
     """Name the faults of all pictures, else those of single ones."""
     pictures = [picture for picture in pictures if picture.valid.any()]
@@ -151,7 +150,7 @@ def faults(
 
 
 def _of_all(
-    pictures: Sequence[Picture], black: Array, transfer: Array, response: str
+    pictures: Sequence[CoarseShot], black: Array, transfer: Array, response: str
 ) -> tuple[Suspicion, ...]:
     """Faults that all pictures share."""
     tried = {fault: fitted_light(pictures, fault, black) for fault in _shared(pictures, response)}
@@ -184,7 +183,7 @@ def _of_all(
     return _named(chosen, pictures, declared.misfit, tried, response, None)
 
 
-def _of_single(pictures: Sequence[Picture], black: Array, response: str) -> tuple[Suspicion, ...]:
+def _of_single(pictures: Sequence[CoarseShot], black: Array, response: str) -> tuple[Suspicion, ...]:
     """Faults of single pictures, with the light that the others tell."""
     found: list[Suspicion] = []
     for picture, light in zip(pictures, lights_of_others(pictures), strict=True):
@@ -197,7 +196,7 @@ def _of_single(pictures: Sequence[Picture], black: Array, response: str) -> tupl
         }
         fault = min(tried, key=lambda each: tried[each])
         if _explains(tried[fault], declared) and tried[fault] < MOST_MISFIT_ALONE:
-            fits = {fault: Light(tried[fault], light.transfer, light.floor)}
+            fits = {fault: FittedLight(tried[fault], light.transfer, light.floor)}
             found += _named(fault, [picture], declared, fits, response, None)
     return tuple(found)
 
@@ -206,14 +205,14 @@ def _explains(misfit: float, declared: float) -> bool:
     return declared > LEAST_MISFIT and misfit < MOST_MISFIT and BETTER * misfit < declared
 
 
-def _shared(pictures: Sequence[Picture], response: str) -> Iterator[Fault]:
+def _shared(pictures: Sequence[CoarseShot], response: str) -> Iterator[Fault]:
     """Faults to try: what turns and curves there are; the order of channels follows from the fit."""
     turns = list(TURNS) if all(picture.square for picture in pictures) else list(TURNS)[:4]
     for turn, curve in itertools.product(turns, (None, *other_curves(response))):
         yield Fault(turn, curve)
 
 
-def _orders(picture: Picture) -> Iterator[Fault]:
+def _orders(picture: CoarseShot) -> Iterator[Fault]:
     """Orders of channels that one picture tells: dim channels hold what a model leaves out of bright ones."""
     level = picture.signal.mean(axis=(0, 1))
     for order in itertools.permutations(ORDER):
@@ -222,7 +221,7 @@ def _orders(picture: Picture) -> Iterator[Fault]:
             yield Fault(order=order)
 
 
-def fitted_light(pictures: Sequence[Picture], fault: Fault, black: Array) -> Light:
+def fitted_light(pictures: Sequence[CoarseShot], fault: Fault, black: Array) -> FittedLight:
     """Fit the light to pictures with a fault undone."""
     undone = [picture.without(fault, black) for picture in pictures]
     transfer, floor = transfer_and_floor(
@@ -232,33 +231,33 @@ def fitted_light(pictures: Sequence[Picture], fault: Fault, black: Array) -> Lig
         [p.sigma for p in undone],
         [p.valid for p in undone],
     )
-    fit = Light(0.0, transfer, floor)
+    fit = FittedLight(0.0, transfer, floor)
     return fit._replace(misfit=_of_several(undone, fit))
 
 
-def _of_several(pictures: Sequence[Picture], light: Light) -> float:
+def _of_several(pictures: Sequence[CoarseShot], light: FittedLight) -> float:
     """Root mean square of what light leaves of several pictures, over their standard deviations."""
     squares = [misfit(p, light) ** 2 * p.valid.sum() for p in pictures if p.valid.any()]
     return float(np.sqrt(np.sum(squares) / sum(p.valid.sum() for p in pictures)))
 
 
-def lights_of_others(pictures: Sequence[Picture]) -> list[Light | None]:
+def lights_of_others(pictures: Sequence[CoarseShot]) -> list[FittedLight | None]:
     """For every picture the light that all others tell; None where they do not show one of its groups."""
     equations = [normal_equations(p.basis, p.lit, p.signal, p.sigma, p.valid) for p in pictures]
     matrix, right = (np.sum([each[part] for each in equations], axis=0) for part in (0, 1))
     shown = np.sum([p.lit > 0 for p in pictures], axis=0)
-    found: list[Light | None] = []
+    found: list[FittedLight | None] = []
     for number, picture in enumerate(pictures):
         if len(pictures) < 2 or (shown[picture.lit > 0] < 2).any():
             found.append(None)
             continue
-        light = Light(0.0, *solved(matrix - equations[number][0], right - equations[number][1]))
+        light = FittedLight(0.0, *solved(matrix - equations[number][0], right - equations[number][1]))
         others = [p for place, p in enumerate(pictures) if place != number]
         found.append(light._replace(misfit=_of_several(others, light)))
     return found
 
 
-def misfit(picture: Picture, light: Light) -> float:
+def misfit(picture: CoarseShot, light: FittedLight) -> float:
     """Root mean square of what the model leaves of a picture, over its standard deviation."""
     left = picture.signal - predicted(light.transfer, light.floor, picture.lit, picture.basis)
     return float(np.sqrt(np.mean((left / picture.sigma)[picture.valid] ** 2)))
@@ -289,9 +288,9 @@ def _distance(found: Array, expected: Array) -> float:
 
 def _named(
     fault: Fault,
-    pictures: Sequence[Picture],
+    pictures: Sequence[CoarseShot],
     declared: float,
-    tried: Mapping[Fault, Light],
+    tried: Mapping[Fault, FittedLight],
     response: str,
     mirror: Fault | None,
 ) -> tuple[Suspicion, ...]:
@@ -342,13 +341,13 @@ def _named(
     return tuple(found)
 
 
-def picture(shot: Shot, lit: Array, basis: Array) -> Picture:
+def picture(shot: Shot, lit: Array, basis: Array) -> CoarseShot:
     """Average a shot and its unit-power pictures to few columns."""
     factor = max(1, -(-shot.signal.shape[1] // COLUMNS))
     signal, variance = binned(shot.signal, factor), binned(shot.variance, factor) / factor**2
     valid = binned(shot.valid.astype(float), factor) == 1.0
     unit = np.moveaxis(binned(np.moveaxis(basis, 0, -1), factor), -1, 0)
-    return Picture(shot.files, unit, lit, signal, variance, valid)
+    return CoarseShot(shot.files, unit, lit, signal, variance, valid)
 
 
 def _turned(values: NDArray[Value], turn: str) -> NDArray[Value]:

@@ -8,14 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from designlab.inference.diagnosis.emulator.render_cache import Progress, Renders
+from designlab.core.types import Progress
+from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.snapshots import fill
 from designlab.inference.diagnosis.likelihood.empirical_errors import left_of_nothing
 from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD, Fit, Fitter
 from designlab.inference.diagnosis.likelihood.usable_frames import observe
 from designlab.inference.diagnosis.result import Found, GapReport, Level, Overlap, Verdict
 from designlab.inference.diagnosis.run import begin_run, end_run, frames_digest, provenance
-from designlab.inference.diagnosis.selection.forward_selection import Search
+from designlab.inference.diagnosis.selection.forward_selection import ForwardSelection
 from designlab.inference.diagnosis.selection.held_out import Judged, judge, level
 from designlab.inference.diagnosis.selection.negative_control import control
 from designlab.inference.diagnosis.selection.recentring import placed
@@ -137,7 +138,7 @@ def diagnose(
     fitter = placed(source, Fitter(fill(source, model, seen.shots, names)), train, [*select, *final])
     start = fitter.fit(fitter.start(train), (), train).state
     fitter.measure(start)
-    search = Search(fitter, names, train, select, source, progress=progress)
+    search = ForwardSelection(fitter, names, train, select, source, progress=progress)
     best, before, after = search.run(start)
     as_good = [winner.coherence_set for winner in search.winners]
     verdict = verdict_of(as_good, before.mean, after.mean, float(after.floor.mean()))
@@ -296,7 +297,7 @@ def _left(before: float, after: float, level: float) -> float:
     return max(after - level, 0.0) / max(before - level, 1e-12)
 
 
-def _overlaps(search: Search) -> tuple[Overlap, ...]:
+def _overlaps(search: ForwardSelection) -> tuple[Overlap, ...]:
     """Pairs of effects that these frames hardly tell apart, closest first."""
     close = [
         Overlap(*pair, round(share, 3)) for pair, share in search.overlaps.items() if share >= OVERLAPPING

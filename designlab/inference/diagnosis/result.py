@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from designlab.measurement.quality.invariants import Check
+from designlab.measurement.quality.invariants import FrameCheck
 from designlab.simulation.effects.model import SensorModel
 
 FORMAT = 1
@@ -182,7 +182,7 @@ class GapReport:
     control: Control | None = None
     limits: tuple[str, ...] = ()
     overlaps: tuple[Overlap, ...] = ()
-    checks: tuple[Check, ...] = ()
+    checks: tuple[FrameCheck, ...] = ()
     reserves: tuple[str, ...] = ()
     barred: tuple[str, ...] = ()  # those of the reserves for which a name has fallen
 

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.core.images import ImageError, read_counts
-
-Array = NDArray[np.float64]
+from designlab.core.types import Array
 
 RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".pef")
 SUFFIXES = (".exr", ".png", ".tif", ".tiff", ".jpg", ".jpeg", ".pgm", ".ppm", ".npy", *RAW_SUFFIXES)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from designlab.core.images import ImageError
+from designlab.core.types import Array, Mask
 from designlab.measurement.frames import MeasurementError
 from designlab.measurement.importing.camera_files import (
     PATTERNS,
@@ -23,9 +23,6 @@ from designlab.measurement.importing.ladder import (
     read_table,
 )
 from designlab.sensor.response_curve import Response
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FULL_SCALE = 0.999  # of full scale, above which a value is saturated
 

@@ -11,20 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from designlab.core.types import Array, Mask
 from designlab.measurement.folder import load_measurement, write_measurement
-from designlab.measurement.frames import FILE_NAME, Frame, Measurement, MeasurementError, mesh_file
+from designlab.measurement.frames import FILE_NAME, MeasuredFrame, Measurement, MeasurementError, mesh_file
 from designlab.measurement.importing.camera_files import SUFFIXES
-from designlab.measurement.importing.conversion import (
-    Conversion,
-    Mask,
-    linear_picture,
-    read,
-    uncoloured,
-)
+from designlab.measurement.importing.conversion import Conversion, linear_picture, read, uncoloured
 from designlab.measurement.importing.lens_file import LensError, lens_fields
 from designlab.sensor.design import DesignError, dumps, explain, load, preset_names
 
-Array = NDArray[np.float64]
 Pixels = NDArray[np.float32]
 
 CLIPPED_SHARE = 0.02  # of dark values at zero, above which the camera is taken to cut there
@@ -38,7 +32,7 @@ class Item(NamedTuple):
     """A camera's file and what is known about it; the frame names the image to write."""
 
     path: Path
-    frame: Frame
+    frame: MeasuredFrame
 
 
 class Imported(NamedTuple):
@@ -80,7 +74,7 @@ def items(paths: Sequence[Path], **known: Any) -> list[Item]:
         if len(paths) > 1:
             content["repeat"] = number
         try:
-            made.append(Item(path, Frame.model_validate(content)))
+            made.append(Item(path, MeasuredFrame.model_validate(content)))
         except ValidationError as error:
             raise MeasurementError(f"{path}: {explain(error)}") from None
     return made
@@ -105,7 +99,7 @@ def described(folder: str | Path) -> tuple[list[Item], dict[str, Any]]:
     made = []
     for number, entry in enumerate(raw, start=1):
         try:
-            frame = Frame.model_validate(entry)
+            frame = MeasuredFrame.model_validate(entry)
         except ValidationError as error:
             name = entry.get("file", "no file") if isinstance(entry, dict) else "not a table"
             raise MeasurementError(f"{file}: frame {number} ({name}): {explain(error)}") from None
@@ -316,7 +310,7 @@ def _with_lens(sensor: str, lens: str | Path, fisheye: bool | None, home: Path, 
     return DESIGN_NAME
 
 
-def _meshes(frames: Sequence[Frame], origin: Path | None, home: Path) -> None:
+def _meshes(frames: Sequence[MeasuredFrame], origin: Path | None, home: Path) -> None:
     """Copy the meshes of probes that frames name, to where they are looked for."""
     for name in {mesh_file(frame.probe or "") for frame in frames}:
         if name and origin is not None and not Path(name).is_absolute() and (origin / name).is_file():

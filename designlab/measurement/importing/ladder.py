@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from designlab.core.types import Array
 
 DARKEST, BRIGHTEST = 0.04, 0.96  # of full scale: what is used of a picture
 GROUPS = 64  # of pixels alike, whose mean is taken

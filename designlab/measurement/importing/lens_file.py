@@ -8,14 +8,12 @@ from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from designlab.core.types import Array
 from designlab.sensor.camera import Camera
 from designlab.sensor.design import explain
 from designlab.sensor.lens import Distortion, Fisheye
-
-Array = NDArray[np.float64]
 
 # Names that OpenCV's samples, ROS and most scripts use, in small letters without underscores.
 MATRIX_NAMES = ("cameramatrix", "cameramatrix1", "intrinsicmatrix", "mtx", "k")
@@ -32,7 +30,7 @@ class LensError(ValueError):
     """A calibration that cannot be read, or says what the camera model cannot."""
 
 
-class Calibration(NamedTuple):
+class LensCalibration(NamedTuple):
     """What a file says: matrix (3, 3) and distances in px of the calibrated pictures."""
 
     matrix: Array
@@ -120,7 +118,7 @@ def lens_fields(
     return changes, tuple(notes)
 
 
-def read_calibration(path: str | Path) -> Calibration:
+def read_calibration(path: str | Path) -> LensCalibration:
     """Read camera matrix, distortion and image size from a file.
 
     Raises
@@ -161,7 +159,7 @@ def read_calibration(path: str | Path) -> Calibration:
     flag = _one(entries, FISHEYE_NAMES)
     fisheye = model in ("equidistant", "fisheye") or (flag is not None and bool(float(np.ravel(flag)[0])))
     values = np.ravel(np.asarray(distortion, dtype=float))
-    return Calibration(matrix.reshape(3, 3), values, size, fisheye)
+    return LensCalibration(matrix.reshape(3, 3), values, size, fisheye)
 
 
 def _focal(matrix: Array, size: tuple[int, int], path: str) -> tuple[float, list[str]]:

@@ -1,17 +1,15 @@
 """The ball of a light probe: where it lies, how it reflects, and whether it fits into a sensor."""
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from designlab.core.types import Array
 from designlab.sensor.design import Design
 from designlab.sensor.led_mounting import front_corners, seated
 from designlab.simulation.scene.materials import Ball, Metal
 from designlab.simulation.scene.static_parts import degelled
 from geometries import elastomer
 from geometries.spec import Spec, quantity
-
-Array = NDArray[np.float64]
 
 # Chromium at room temperature, wavelength (nm), n, k: P. B. Johnson and R. W. Christy, Phys. Rev. B 9, 5056
 # (1974), as tabulated by refractiveindex.info (public domain).

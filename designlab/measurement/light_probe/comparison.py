@@ -5,14 +5,11 @@ from dataclasses import asdict, dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from designlab.measurement.light_probe.lobes import Lobe, lobes
 from designlab.measurement.light_probe.polar import polar_map
 from designlab.measurement.light_probe.unwrap import Unwrapped
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, find_objects, label, map_coordinates, median_filter
 
+from designlab.core.types import Array
 from designlab.measurement.light_probe.polar import angles_deg
 from designlab.measurement.light_probe.unwrap import Unwrapped
 
-Array = NDArray[np.float64]
 LEAST_PX = 6  # smaller spots are noise
 FAINT = 0.02  # lobes with less flux than this share of the channel's strongest are left out
 SPLIT = 5  # of a pixel along each side, where a lobe's contour runs through it

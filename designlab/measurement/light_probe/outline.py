@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates, zoom
 from scipy.optimize import least_squares
 
+from designlab.core.types import Array
 from designlab.measurement.light_probe.ball import LightProbe
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.optics.viewing_rays import Rays, rays
 
-Array = NDArray[np.float64]
 SEARCH_PX = 200  # the circle is looked for in a picture no larger than this
 SMOOTHING_PX = 1.5
 LEAST_SHARE = 0.35  # of the circumference that must show an edge

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.measurement.light_probe.ball import LightProbe
 from designlab.measurement.light_probe.polar import angles_deg
 from designlab.sensor.camera import View
@@ -17,7 +18,6 @@ from designlab.sensor.design import Design
 from designlab.sensor.led_mounting import front_corners, seated
 from geometries.leds import Emitter
 
-Array = NDArray[np.float64]
 PARTS = 32  # of an emitting face along each side
 SETTLED = 1e-9  # change of the normal in the last step below which it counts as found
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.measurement.light_probe.ball import LightProbe
 from designlab.measurement.light_probe.sight import probe_view
 from designlab.measurement.light_probe.unwrap import Unwrapped, unwrap
@@ -16,8 +17,6 @@ from designlab.simulation.optics.viewing_rays import rays
 from designlab.simulation.render import path
 from designlab.simulation.scene.scene import without_gel
 from designlab.simulation.simulator import RenderFailed
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

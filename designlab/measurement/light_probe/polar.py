@@ -4,12 +4,11 @@ import json
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from designlab.core.types import Array
 from designlab.measurement.light_probe.unwrap import Unwrapped
 
-Array = NDArray[np.float64]
 SPLIT = 3  # directions along each side of a cell of the map
 
 

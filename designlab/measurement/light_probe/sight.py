@@ -1,14 +1,13 @@
 """Which part of the camera's sensor sees the ball."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.measurement.light_probe.ball import LightProbe
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.optics.viewing_rays import rays
 
-Array = NDArray[np.float64]
 BORDER = 1.08  # the picture reaches this far beyond the ball's outline, in its radii
 LEAST_PX = 8  # columns and rows in which a ball can be unwrapped
 SEARCH_PX = 96  # columns and rows of the grids in which the ball is looked for

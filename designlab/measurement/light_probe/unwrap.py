@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.measurement.light_probe.ball import LightProbe
 from designlab.measurement.light_probe.sight import cropped
 from designlab.measurement.light_probe.window import passed
@@ -15,7 +16,6 @@ from designlab.sensor.design import CHANNELS, Design
 from designlab.sensor.led_mounting import seated
 from designlab.simulation.optics.viewing_rays import Rays, rays
 
-Array = NDArray[np.float64]
 DEGREE = 5  # of the polynomials that lead from a place in the sensor to the pixel that looks there
 FIT_POINTS = 40  # along each side of the picture
 STEPS = 8  # to the pixel that shows a direction; each leaves about the ball's radius over twice its distance

@@ -1,13 +1,11 @@
 """What light loses between the ball and the camera."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.optics.viewing_rays import Rays
-
-Array = NDArray[np.float64]
 
 
 def passed(design: Design, view: View, rays: Rays, group: int) -> Array:

@@ -4,15 +4,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from designlab.core.images import resize_area
-from designlab.measurement.frames import Frame, Measurement
+from designlab.core.types import Array
+from designlab.measurement.frames import MeasuredFrame, Measurement
 from designlab.measurement.quality.suspicion import Suspicion
 from designlab.sensor.design import Design
 from designlab.sensor.response_curve import Response
-
-Array = NDArray[np.float64]
 
 FULL_SCALE = 0.999  # values above are saturated
 FEW_SATURATED = 0.005  # of the values of a picture that is compared
@@ -187,7 +185,7 @@ def _sums(measurement: Measurement, design: Design | None) -> list[_Comparison]:
 
 def _ladders(measurement: Measurement) -> list[_Comparison]:
     """Pairs of frames that differ in their exposure only, the longest against the shortest."""
-    groups: dict[str, list[Frame]] = {}
+    groups: dict[str, list[MeasuredFrame]] = {}
     for frame in measurement.frames:
         if frame.lit and frame.exposure is not None and _unsaturated(measurement, frame):
             key = frame.model_copy(update={"file": "-", "repeat": None, "exposure": None}).model_dump_json()
@@ -204,7 +202,7 @@ def _ladders(measurement: Measurement) -> list[_Comparison]:
     return found
 
 
-def _term(measurement: Measurement, frame: Frame, weight: float) -> _Term:
+def _term(measurement: Measurement, frame: MeasuredFrame, weight: float) -> _Term:
     """Picture of a frame averaged to few columns, and the level without light."""
     image = np.asarray(measurement.linear(frame), dtype=float)
     darks = [f for f in measurement.frames if not f.lit and f.crop_px == frame.crop_px]
@@ -220,5 +218,5 @@ def _term(measurement: Measurement, frame: Frame, weight: float) -> _Term:
     return _Term(values, dark, noise / averaged, weight)
 
 
-def _unsaturated(measurement: Measurement, frame: Frame) -> bool:
+def _unsaturated(measurement: Measurement, frame: MeasuredFrame) -> bool:
     return bool((measurement.image(frame) >= FULL_SCALE).mean() < FEW_SATURATED)

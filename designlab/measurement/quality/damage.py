@@ -3,14 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from designlab.core.images import resize_area
-from designlab.measurement.frames import Frame, Measurement
+from designlab.core.types import Array, Mask
+from designlab.measurement.frames import MeasuredFrame, Measurement
 from designlab.measurement.quality.suspicion import Suspicion
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FULL_SCALE = 0.999  # values above are saturated
 MOST_DEAD = 0.05  # of the rows of a picture that hold one value
@@ -33,7 +30,7 @@ def damage(measurement: Measurement) -> list[Suspicion]:
     return [*dead, *_copies(measurement, whole), *_repeats(measurement, whole), *_markers(measurement, whole)]
 
 
-def _dead(measurement: Measurement, frames: Sequence[Frame]) -> list[Suspicion]:
+def _dead(measurement: Measurement, frames: Sequence[MeasuredFrame]) -> list[Suspicion]:
     """Rows of one value, and the same as their neighbour, where other pictures of the set have noise."""
     shares = {}
     for frame in frames:
@@ -55,7 +52,7 @@ def _dead(measurement: Measurement, frames: Sequence[Frame]) -> list[Suspicion]:
     ]
 
 
-def _copies(measurement: Measurement, frames: Sequence[Frame]) -> list[Suspicion]:
+def _copies(measurement: Measurement, frames: Sequence[MeasuredFrame]) -> list[Suspicion]:
     """Files with the same values: noise makes every picture another."""
     first: dict[bytes, str] = {}
     found = []
@@ -76,7 +73,7 @@ def _copies(measurement: Measurement, frames: Sequence[Frame]) -> list[Suspicion
     return found
 
 
-def _repeats(measurement: Measurement, frames: Sequence[Frame]) -> list[Suspicion]:
+def _repeats(measurement: Measurement, frames: Sequence[MeasuredFrame]) -> list[Suspicion]:
     """Repeats that differ by more than brightness, flicker and noise."""
     found = []
     for same in repeated(frames):
@@ -101,16 +98,16 @@ def _repeats(measurement: Measurement, frames: Sequence[Frame]) -> list[Suspicio
     return found
 
 
-def repeated(frames: Sequence[Frame]) -> list[list[Frame]]:
+def repeated(frames: Sequence[MeasuredFrame]) -> list[list[MeasuredFrame]]:
     """Frames that differ in file and number of the repeat only, where there are two or more."""
-    groups: dict[str, list[Frame]] = {}
+    groups: dict[str, list[MeasuredFrame]] = {}
     for frame in frames:
         key = frame.model_copy(update={"file": "-", "repeat": None}).model_dump_json()
         groups.setdefault(key, []).append(frame)
     return [group for group in groups.values() if len(group) > 1]
 
 
-def _levelled(measurement: Measurement, frame: Frame) -> Array:
+def _levelled(measurement: Measurement, frame: MeasuredFrame) -> Array:
     """Picture at few columns over the mean of each channel."""
     image = np.asarray(measurement.image(frame), dtype=float)
     columns = min(COLUMNS, image.shape[1])
@@ -119,7 +116,7 @@ def _levelled(measurement: Measurement, frame: Frame) -> Array:
     return np.asarray(small / np.maximum(small.mean(axis=(0, 1)), 1e-6))
 
 
-def _markers(measurement: Measurement, frames: Sequence[Frame]) -> list[Suspicion]:
+def _markers(measurement: Measurement, frames: Sequence[MeasuredFrame]) -> list[Suspicion]:
     """Dark dots in a regular grid on the untouched gel."""
     plain = [f for f in frames if f.kind == "background" and f.leds is None and not f.gel_rotation_deg]
     for frame in sorted(plain, key=lambda f: -(f.exposure or 1.0))[:1]:

@@ -4,16 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from designlab.core.images import resize_area
-from designlab.measurement.frames import Frame, Measurement
+from designlab.core.types import Array
+from designlab.measurement.frames import MeasuredFrame, Measurement
 from designlab.measurement.quality.additivity import LEAST_MISFIT, added_light_misfits
 from designlab.measurement.quality.damage import FULL_SCALE, repeated
 from designlab.sensor.design import Design
 from designlab.simulation.optics.viewing_rays import rays
-
-Array = NDArray[np.float64]
 
 COLUMNS = 24  # to which pictures are averaged: fields are smooth
 MOST_DRIFT = 0.005  # spread of the levels of repeats; LEDs that are warm and fixed settings keep to it
@@ -26,7 +24,7 @@ CORNER = 0.15  # of the width and height
 
 
 @dataclass(frozen=True)
-class Check:
+class FrameCheck:
     """A comparison of frames that needs no model.
 
     Attributes
@@ -47,7 +45,7 @@ class Check:
     files: tuple[str, ...] = ()
 
 
-def invariants(measurement: Measurement, design: Design) -> tuple[Check, ...]:
+def invariants(measurement: Measurement, design: Design) -> tuple[FrameCheck, ...]:
     """Compare frames with each other: sums of LED groups, exposures, repeats, presses, gel turned, scale.
 
     Parameters
@@ -68,7 +66,7 @@ def invariants(measurement: Measurement, design: Design) -> tuple[Check, ...]:
     )
 
 
-def _light(measurement: Measurement, design: Design) -> list[Check]:
+def _light(measurement: Measurement, design: Design) -> list[FrameCheck]:
     found = added_light_misfits(measurement, design)
     names = {
         "superposition": "no background for each LED group alone, beside one with all",
@@ -78,17 +76,17 @@ def _light(measurement: Measurement, design: Design) -> list[Check]:
     for name, missing in names.items():
         ours = [(files, misfit) for kind, files, misfit in found if kind == name]
         if not ours:
-            checks.append(Check(name, None, missing))
+            checks.append(FrameCheck(name, None, missing))
         for files, misfit in ours:
             figure = f"misses by {misfit:.1%} of the mean (at most {LEAST_MISFIT:.0%})"
-            checks.append(Check(name, misfit < LEAST_MISFIT, figure, tuple(files)))
+            checks.append(FrameCheck(name, misfit < LEAST_MISFIT, figure, tuple(files)))
     return checks
 
 
-def _repeats(measurement: Measurement) -> Check:
+def _repeats(measurement: Measurement) -> FrameCheck:
     groups = repeated([frame for frame in measurement.frames if frame.lit])
     if not groups:
-        return Check("repeats", None, "no frame was taken twice: drift and noise are not known")
+        return FrameCheck("repeats", None, "no frame was taken twice: drift and noise are not known")
     drift, change = 0.0, 0.0
     for group in groups:
         levels = np.stack([_small(measurement, frame).mean(axis=(0, 1)) for frame in group])
@@ -100,19 +98,19 @@ def _repeats(measurement: Measurement) -> Check:
         f"(at most {MOST_CHANGE:.0%})"
     )
     files = tuple(frame.file for group in groups for frame in group)
-    return Check("repeats", drift <= MOST_DRIFT and change <= MOST_CHANGE, figure, files)
+    return FrameCheck("repeats", drift <= MOST_DRIFT and change <= MOST_CHANGE, figure, files)
 
 
-def _dark(measurement: Measurement) -> Check:
+def _dark(measurement: Measurement) -> FrameCheck:
     frames = [frame for frame in measurement.frames if not frame.lit]
     if not frames:
-        return Check("dark", None, "no frame with the LEDs off: nothing is said about an additive floor")
+        return FrameCheck("dark", None, "no frame with the LEDs off: nothing is said about an additive floor")
     levels = np.mean([measurement.linear(f).mean(axis=(0, 1), dtype=float) for f in frames], axis=0)
     shown = ", ".join(f"{level:.4f}" for level in levels)
-    return Check("dark", True, f"level {shown} of full scale", tuple(frame.file for frame in frames))
+    return FrameCheck("dark", True, f"level {shown} of full scale", tuple(frame.file for frame in frames))
 
 
-def _far(measurement: Measurement, design: Design) -> Check:
+def _far(measurement: Measurement, design: Design) -> FrameCheck:
     """Far from the contact a press must look like the untouched gel: fixed factors cancel in the ratio."""
     name = "press over background"
     plain = _plain(measurement)
@@ -139,15 +137,15 @@ def _far(measurement: Measurement, design: Design) -> Check:
         if change > worst:
             worst, files = change, (frame.file, alike[0].file)
     if worst < 0:
-        return Check(name, None, "no press with a background of the same light and room around it")
+        return FrameCheck(name, None, "no press with a background of the same light and room around it")
     figure = (
         f"differs in shape by {worst:.1%} at most, more than {FAR_MM:g} mm beside a probe "
         f"(at most {MOST_FAR:.0%})"
     )
-    return Check(name, worst <= MOST_FAR, figure, files)
+    return FrameCheck(name, worst <= MOST_FAR, figure, files)
 
 
-def _half_mm(measurement: Measurement, frame: Frame) -> float:
+def _half_mm(measurement: Measurement, frame: MeasuredFrame) -> float:
     """Half the size of a probe; none where it is not known."""
     size = (frame.probe or "").rpartition(":")[2]
     try:
@@ -156,7 +154,7 @@ def _half_mm(measurement: Measurement, frame: Frame) -> float:
         return 0.0
 
 
-def _turned(measurement: Measurement) -> Check:
+def _turned(measurement: Measurement) -> FrameCheck:
     """What moves with the gel shows in the difference, what is fixed to the camera does not."""
     name = "turned gel"
     plain = _plain(measurement)
@@ -169,11 +167,11 @@ def _turned(measurement: Measurement) -> Check:
                 f"differs in shape by {change:.2%} from the gel as it is (at most {MOST_TURNED:.0%}): "
                 "that much is fixed to the gel"
             )
-            return Check(name, change <= MOST_TURNED, figure, (frame.file, alike[0].file))
-    return Check(name, None, "no background with the gel turned: fields of gel and lens look alike")
+            return FrameCheck(name, change <= MOST_TURNED, figure, (frame.file, alike[0].file))
+    return FrameCheck(name, None, "no background with the gel turned: fields of gel and lens look alike")
 
 
-def _ends(measurement: Measurement) -> Check:
+def _ends(measurement: Measurement) -> FrameCheck:
     """Values at the ends of the scale."""
     top, bottom, files = 0.0, 0.0, [measurement.frames[0].file] * 2
     for frame in measurement.frames:
@@ -186,10 +184,10 @@ def _ends(measurement: Measurement) -> Check:
         if frame.lit and frame.leds is None and (share := float((image <= 0).mean())) > bottom:
             bottom, files[1] = share, frame.file
     figure = f"{top:.2%} of the values of a frame saturated, {bottom:.2%} cut at zero, at most"
-    return Check("ends of scale", top <= MOST_SATURATED and bottom <= MOST_CUT, figure, tuple(files))
+    return FrameCheck("ends of scale", top <= MOST_SATURATED and bottom <= MOST_CUT, figure, tuple(files))
 
 
-def _flat_field(measurement: Measurement) -> list[Check]:
+def _flat_field(measurement: Measurement) -> list[FrameCheck]:
     """Fall-off of the lens by itself."""
     found = []
     for frame in measurement.frames:
@@ -197,7 +195,7 @@ def _flat_field(measurement: Measurement) -> list[Check]:
             figure = (
                 f"corners at {corners(_small(measurement, frame)):.3f} of the middle: lens and camera alone"
             )
-            found.append(Check("flat field", True, figure, (frame.file,)))
+            found.append(FrameCheck("flat field", True, figure, (frame.file,)))
     return found
 
 
@@ -211,11 +209,11 @@ def corners(picture: Array) -> float:
     return float(np.mean([part.mean() for part in four]) / max(float(middle.mean()), 1e-9))
 
 
-def _plain(measurement: Measurement) -> Sequence[Frame]:
+def _plain(measurement: Measurement) -> Sequence[MeasuredFrame]:
     return [f for f in measurement.frames if f.kind == "background" and f.lit and not f.gel_rotation_deg]
 
 
-def _small(measurement: Measurement, frame: Frame) -> Array:
+def _small(measurement: Measurement, frame: MeasuredFrame) -> Array:
     """Linear picture at few columns, without the level of dark frames."""
     image = np.asarray(measurement.linear(frame), dtype=float)
     darks = [f for f in measurement.frames if not f.lit and f.crop_px == frame.crop_px]
@@ -226,7 +224,7 @@ def _small(measurement: Measurement, frame: Frame) -> Array:
     return np.asarray(resize_area(image, rows, columns), dtype=float)
 
 
-def _shapes(measurement: Measurement, frames: Sequence[Frame]) -> Array:
+def _shapes(measurement: Measurement, frames: Sequence[MeasuredFrame]) -> Array:
     """The same of some frames over the mean of each channel; channels that are dark in any are left out."""
     small = np.stack([_small(measurement, frame) for frame in frames])
     level = small.mean(axis=(1, 2))

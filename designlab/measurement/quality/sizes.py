@@ -1,10 +1,10 @@
 """Whether the size of a picture fits the camera's sensor: whole, a stated part of it, or binned."""
 
-from designlab.measurement.frames import Frame, Measurement
+from designlab.measurement.frames import MeasuredFrame, Measurement
 from designlab.sensor.design import Design
 
 
-def check_leds(measurement: Measurement, frame: Frame, design: Design) -> None:
+def check_leds(measurement: Measurement, frame: MeasuredFrame, design: Design) -> None:
     """Check that the LED groups that were on are those of a design.
 
     Raises
@@ -17,7 +17,7 @@ def check_leds(measurement: Measurement, frame: Frame, design: Design) -> None:
         raise measurement.error(frame, rule, list(frame.leds))
 
 
-def check_size(measurement: Measurement, frame: Frame, design: Design | None) -> None:
+def check_size(measurement: Measurement, frame: MeasuredFrame, design: Design | None) -> None:
     """Check that the crop lies on the sensor, and that the file is it, or it binned.
 
     Raises

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 FRESH = 1_000_003  # between the seed of a search and those of its confirmation
 
 
-class Stage(NamedTuple):
+class ConfirmationRound(NamedTuple):
     """A round of confirmation: designs, effort, seeds."""
 
     trials: tuple[int, ...]
@@ -53,14 +53,14 @@ def confirm(
     promoted = tuple(int(trial) for trial in best["trial"])
     *first, last = dict.fromkeys((*CONFIRMING[CONFIRMING.index(study.fidelity) :], CONFIRMING[-1]))
     for fidelity in first or [last]:
-        stage = Stage((BASE, *promoted), fidelity, fresh(study, fidelity, 1))
+        stage = ConfirmationRound((BASE, *promoted), fidelity, fresh(study, fidelity, 1))
         _run(stage, results, evaluator, workers, interrupts, on_progress)
         again = results.confirmed
         rows = _as_trials(again[again["fidelity"] == fidelity], results)
         best = picks(rows, study.objectives, most=study.plan.confirmed, parameters=study.varied)
     trials = tuple(int(trial) for trial in best["trial"])
     if trials:
-        stage = Stage((BASE, *trials), last, fresh(study, last, study.plan.seeds))
+        stage = ConfirmationRound((BASE, *trials), last, fresh(study, last, study.plan.seeds))
         _run(stage, results, evaluator, workers, interrupts, on_progress)
 
 
@@ -71,7 +71,7 @@ def fresh(study: Study, fidelity: str, count: int) -> tuple[int, ...]:
 
 
 def _run(
-    stage: Stage,
+    stage: ConfirmationRound,
     results: Results,
     evaluator: Evaluator,
     workers: int,

@@ -16,7 +16,7 @@ from designlab.optimization.study.definition import Study
 from designlab.optimization.study.folder import opened
 from designlab.optimization.study.results import Results, load_results
 from designlab.optimization.study.robust import RobustEvaluator
-from designlab.optimization.study.search import Search, retry
+from designlab.optimization.study.search import StudyRun, retry
 
 _DEATHS = 5  # deaths in a row, no design being finished between, after which more than designs is at fault
 
@@ -92,7 +92,7 @@ def run_study(
         scored = evaluator or default_evaluator
         if study.robust is not None:
             scored = RobustEvaluator(evaluator or built_evaluator, study.robust, study.objectives)
-        search = Search(study, folder, record, scored, shared=storage is not None)
+        search = StudyRun(study, folder, record, scored, shared=storage is not None)
         with Interrupts() as interrupts:
             if rebuild:
                 search.rebuild()
@@ -128,7 +128,7 @@ def _confirm(
 
 
 def _run(
-    search: Search, total: int, workers: int, interrupts: Interrupts, update: Callable[[], None]
+    search: StudyRun, total: int, workers: int, interrupts: Interrupts, update: Callable[[], None]
 ) -> None:
     deaths = 0
     while True:
@@ -150,7 +150,7 @@ def _run(
 
 
 @contextlib.contextmanager
-def _bar(total: int, search: Search, *, shown: bool) -> Iterator[Callable[[], None]]:
+def _bar(total: int, search: StudyRun, *, shown: bool) -> Iterator[Callable[[], None]]:
     """Show done, total and time left on stderr."""
     from tqdm import tqdm
 

@@ -67,7 +67,7 @@ class Task(NamedTuple):
     alone: bool
 
 
-class Search:
+class StudyRun:
     """One run of a study on its record.
 
     A trial takes a slot: 0, 1, 2, ... The seed of a draw depends on the study's seed and the slot alone, so a

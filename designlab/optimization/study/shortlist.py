@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.optimization.study.front import losses, pareto
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 NORMAL = 1.96  # standard errors to either side that hold 95 %
 CLOSE = 0.1  # share of what was tried of a parameter, within which two designs count as alike
 NAMED = 3  # parameters that are named where designs are compared

@@ -5,16 +5,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 from scipy.stats import truncnorm
 
 from designlab.core.store import digest
+from designlab.core.types import Array
 from designlab.sensor.design import Design, DesignError, explain
 from designlab.simulation.effects import AppliedEffect, SensorModel, effect
 from geometries.spec import Spec
-
-Array = NDArray[np.float64]
 
 CUT_SD = 3.0  # copies further off are sorted out before they are used
 EFFECTS = "effects"

@@ -7,11 +7,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
 from designlab.core.interrupts import Interrupts
 from designlab.core.store import digest, read_json, write_json
+from designlab.core.types import Array
 from designlab.core.workers import finished
 from designlab.evaluation.illumination_scores import SCORES
 from designlab.optimization.constraint import Bound
@@ -42,7 +40,6 @@ from designlab.optimization.tolerance.result import (
 from designlab.sensor.design import Design
 from designlab.simulation.effects import SensorModel
 
-Array = NDArray[np.float64]
 Calibrate = Literal["each", "once"]
 COPIES = 200
 

@@ -14,10 +14,10 @@ import numpy as np
 from designlab.sensor.design import Design, dumps
 from designlab.simulation.contact.press import Surface
 
-__all__ = ["Picture", "render_view"]
+__all__ = ["ViewPicture", "render_view"]
 
 
-class Picture(NamedTuple):
+class ViewPicture(NamedTuple):
     """Where the picture was written, or None and the reason in words."""
 
     path: Path | None
@@ -31,7 +31,7 @@ def render_view(
     surface: Surface | None = None,
     cutaway: bool = True,
     timeout_s: float = 300.0,
-) -> Picture:
+) -> ViewPicture:
     """Draw the sensor off screen, in a process of its own: without OpenGL there is a reason, not a crash.
 
     Parameters
@@ -61,7 +61,7 @@ def render_view(
             np.savez(job / "surface.npz", x=surface.x_mm, y=surface.y_mm, height=surface.height_mm)
         reason = _drawn(job, timeout_s)
         if reason:
-            return Picture(None, f"no picture: {reason}")
+            return ViewPicture(None, f"no picture: {reason}")
         path.parent.mkdir(parents=True, exist_ok=True)
         partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
         try:
@@ -69,7 +69,7 @@ def render_view(
             partial.replace(path)
         finally:
             partial.unlink(missing_ok=True)
-    return Picture(path, "")
+    return ViewPicture(path, "")
 
 
 def _drawn(job: Path, timeout_s: float) -> str:

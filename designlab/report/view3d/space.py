@@ -4,8 +4,8 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.fabrication import led_colour, parts
 from designlab.sensor.design import Design
 from geometries.elastomer import base_mm, polygon
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     import cadquery
     import pyvista
 
-Array = NDArray[np.float64]
 
 WIDTH_PX, HEIGHT_PX = 1800, 1300
 VIEW_AZIMUTH_DEG, VIEW_ELEVATION_DEG = -62.0, 24.0

@@ -9,12 +9,12 @@ from pydantic import Field
 from scipy.ndimage import map_coordinates
 from scipy.signal import fftconvolve
 
+from designlab.core.types import Array
 from designlab.sensor.design import Contact
 from geometries.elastomer import Elastomer, base_gradient, base_mm
 from geometries.probes import REACH, Probe, profile_mm
 from geometries.spec import Spec, quantity
 
-Array = NDArray[np.float64]
 SUBSAMPLES = 3  # along each side of a grid cell
 
 

@@ -3,7 +3,7 @@
 Adding one is a class in the module of its stage and an entry in `catalogue.CATALOGUE`.
 """
 
-from designlab.simulation.effects.base import Effect, Parameter, Sight
+from designlab.simulation.effects.base import Effect, EffectParameter, Sight
 from designlab.simulation.effects.catalogue import CATALOGUE
 from designlab.simulation.effects.model import AppliedEffect, ModelError, SensorModel, effect, load_model
 
@@ -11,8 +11,8 @@ __all__ = [
     "CATALOGUE",
     "AppliedEffect",
     "Effect",
+    "EffectParameter",
     "ModelError",
-    "Parameter",
     "SensorModel",
     "Sight",
     "effect",

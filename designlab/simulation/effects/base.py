@@ -7,12 +7,12 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press
 from designlab.simulation.scene.scene import Scene
 
-Array = NDArray[np.float64]
 Stage = Literal["geometry", "emission", "transport", "material", "contact", "camera"]
 Values = Mapping[str, float]
 Light = NDArray[np.floating]
@@ -22,7 +22,7 @@ Signal = NDArray[np.floating]
 
 
 @dataclass(frozen=True)
-class Parameter:
+class EffectParameter:
     """One number of an effect.
 
     Attributes
@@ -121,7 +121,7 @@ class Effect:
         changes = kind.on_design is not Effect.on_design or kind.on_scene is not Effect.on_scene
         return changes and not self.recombines and not self.warps
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Return the parameters, some for each LED group; none for a design that the effect cannot change."""
         raise NotImplementedError  # abstract: every effect defines its own
 

@@ -4,8 +4,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from designlab.core.types import Array
 from designlab.sensor.design import CHANNELS, Design
-from designlab.simulation.effects.base import Array, Effect, Light, Parameter, Sight, Signal, Stage, Values
+from designlab.simulation.effects.base import Effect, EffectParameter, Light, Sight, Signal, Stage, Values
 
 
 class FixedPattern(Effect):
@@ -17,9 +18,9 @@ class FixedPattern(Effect):
     transferable: ClassVar[bool] = False  # another sensor chip, other dust
     drawn: ClassVar[bool] = True
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Pixels of small sensors differ by about 1 % (estimate)."""
-        return (Parameter("rms", "1", 0.0, 0.01, 0.0, 0.1, "standard deviation of the pattern"),)
+        return (EffectParameter("rms", "1", 0.0, 0.01, 0.0, 0.1, "standard deviation of the pattern"),)
 
     def on_light(self, light: Light, values: Values, sight: Sight) -> Light:
         """Multiply by 1 + rms times the unit's own pattern, (rows, columns); a unit not known has none."""
@@ -38,9 +39,11 @@ class ExposureDrift(Effect):
     transferable: ClassVar[bool] = False  # every run has its own
     drawn: ClassVar[bool] = True
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """LEDs lose 4 to 7 % by 25 K (MPM 18, 2013, 143); 2 % is common between pictures."""
-        return (Parameter("rms", "1", 0.0, 0.02, 0.0, 0.3, "standard deviation of the pictures' gains"),)
+        return (
+            EffectParameter("rms", "1", 0.0, 0.02, 0.0, 0.3, "standard deviation of the pictures' gains"),
+        )
 
     def on_light(self, light: Light, values: Values, sight: Sight) -> Light:
         """Multiply by 1 + rms times the picture's own draw; a new picture has none."""
@@ -59,12 +62,12 @@ class Banding(Effect):
     transferable: ClassVar[bool] = False  # every picture has its own
     drawn: ClassVar[bool] = True
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Up to 3 % where LEDs are dimmed by pulses (estimate)."""
         rows = float(design.camera.height_px)
         return (
-            Parameter("amplitude", "1", 0.0, 0.015, 0.0, 0.3, "amplitude over the mean"),
-            Parameter(
+            EffectParameter("amplitude", "1", 0.0, 0.015, 0.0, 0.3, "amplitude over the mean"),
+            EffectParameter(
                 "period_rows",
                 "1",
                 400.0,
@@ -95,10 +98,10 @@ class ColourMixing(Effect):
     transferable: ClassVar[bool] = True  # filters of the camera's kind over the LEDs' spectra
     recombines: ClassVar[bool] = True
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """One response for each pair of channel and foreign group; a colour matrix may make it negative."""
         return tuple(
-            Parameter(
+            EffectParameter(
                 f"{channel}_from_{group}",
                 "1",
                 0.0,
@@ -146,10 +149,12 @@ class BlackLevel(Effect):
     summary: ClassVar[str] = "a constant is added to every picture"
     transferable: ClassVar[bool] = True  # set in the camera's converter
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """One level for each channel; 1024 of 65535 is the black level of a common small camera."""
         return tuple(
-            Parameter(channel, "1", 0.0, 0.015, -1.0, 1.0, f"added to channel {channel}, share of full scale")
+            EffectParameter(
+                channel, "1", 0.0, 0.015, -1.0, 1.0, f"added to channel {channel}, share of full scale"
+            )
             for channel in CHANNELS
         )
 
@@ -167,9 +172,9 @@ class ResponseCurve(Effect):
     transferable: ClassVar[bool] = True  # set in the camera's processing
     curved: ClassVar[bool] = True
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """An exponent: 1 +- 0.08 for raw data, 0.4 to 0.5 for pictures meant for eyes."""
-        return (Parameter("exponent", "1", 1.0, 0.08, 0.4, 2.5, "reported value = signal ^ exponent"),)
+        return (EffectParameter("exponent", "1", 1.0, 0.08, 0.4, 2.5, "reported value = signal ^ exponent"),)
 
     def on_signal(self, signal: Signal, values: Values) -> Signal:
         """Raise to the exponent, mirrored about zero for values that noise leaves below."""

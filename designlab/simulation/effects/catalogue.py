@@ -12,7 +12,7 @@ from designlab.simulation.effects.camera import (
 from designlab.simulation.effects.contact import ContactKernel, ContactProfile, DepthOffset
 from designlab.simulation.effects.emission import LedPosition, LedProfile, LedSpread, LedTilt
 from designlab.simulation.effects.geometry import CameraPose
-from designlab.simulation.effects.lens import LensDistortion, PointSpread, VeilingGlare, Vignetting
+from designlab.simulation.effects.lens import LensDistortion, PointSpread, VeilingGlare, VignettingEffect
 from designlab.simulation.effects.material import AlbedoField, SpecularCoat, Translucency
 from designlab.simulation.effects.transport import (
     Absorption,
@@ -41,7 +41,7 @@ CATALOGUE: tuple[Effect, ...] = (
     DepthOffset(),
     LensDistortion(),
     PointSpread(),
-    Vignetting(),
+    VignettingEffect(),
     VeilingGlare(),
     Banding(),
     ExposureDrift(),

@@ -4,7 +4,7 @@ from typing import ClassVar
 
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press
-from designlab.simulation.effects.base import Effect, Parameter, Stage, Values
+from designlab.simulation.effects.base import Effect, EffectParameter, Stage, Values
 
 LEAST_DEPTH_MM = 0.01
 
@@ -17,10 +17,12 @@ class ContactKernel(Effect):
     summary: ClassVar[str] = "the gel's smoothing length differs"
     transferable: ClassVar[bool] = True  # what the gel is made of
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """One ratio; published kernels are tuned by hand, 40 % off is common."""
         return (
-            Parameter("length_ratio", "1", 1.0, 0.4, 0.2, 6.0, "smoothing length over its nominal value"),
+            EffectParameter(
+                "length_ratio", "1", 1.0, 0.4, 0.2, 6.0, "smoothing length over its nominal value"
+            ),
         )
 
     def on_design(self, design: Design, values: Values) -> Design:
@@ -39,11 +41,11 @@ class ContactProfile(Effect):
     summary: ClassVar[str] = "the gel is raised around the contact too"
     transferable: ClassVar[bool] = True  # what the gel is made of
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Tails of 10 to 40 % of the depth that fall over 0.4 to 1 mm have been measured."""
         contact = design.contact
         return (
-            Parameter(
+            EffectParameter(
                 "tail_share",
                 "1",
                 0.0,
@@ -52,7 +54,9 @@ class ContactProfile(Effect):
                 0.8,
                 "added height at the outline, share of the depth",
             ),
-            Parameter("tail_mm", "mm", contact.tail_mm, 0.15, 0.1, 3.0, "distance of decay by e", shape=True),
+            EffectParameter(
+                "tail_mm", "mm", contact.tail_mm, 0.15, 0.1, 3.0, "distance of decay by e", shape=True
+            ),
         )
 
     def on_design(self, design: Design, values: Values) -> Design:
@@ -71,9 +75,9 @@ class DepthOffset(Effect):
     summary: ClassVar[str] = "every press is deeper or shallower than stated"
     transferable: ClassVar[bool] = False  # how the stage was zeroed
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Touching is judged to 0.05 mm by eye (estimate)."""
-        return (Parameter("offset_mm", "mm", 0.0, 0.05, -0.5, 0.5, "added to every depth"),)
+        return (EffectParameter("offset_mm", "mm", 0.0, 0.05, -0.5, 0.5, "added to every depth"),)
 
     def on_press(self, press: Press, values: Values) -> Press:
         """Press deeper."""

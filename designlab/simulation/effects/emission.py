@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from designlab.sensor.design import Design, DesignError
 from designlab.sensor.led_mounting import FACING
-from designlab.simulation.effects.base import Effect, Parameter, Stage, Values
+from designlab.simulation.effects.base import Effect, EffectParameter, Stage, Values
 from designlab.simulation.scene.scene import Light, Scene, Shape
 from geometries.leds import emitters
 
@@ -27,10 +27,10 @@ class LedSpread(Effect):
     summary: ClassVar[str] = "LEDs of one group differ in brightness"
     transferable: ClassVar[bool] = False  # other LEDs from the bin
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """One for each face of a group but its last; a bin is 10 to 15 % wide (data sheet OSXX0402C1C)."""
         return tuple(
-            Parameter(
+            EffectParameter(
                 f"{group}_{number}",
                 "1",
                 0.0,
@@ -72,11 +72,11 @@ class LedProfile(Effect):
     summary: ClassVar[str] = "the beam of the LEDs is wider or narrower"
     transferable: ClassVar[bool] = True  # optics of the kind of LED
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Exponent of the cosine for each group without a table; 120 to 150 deg beams have 1 to 0.5."""
         powers = {g.name: design.leds.profile_of(k).power for k, g in enumerate(design.leds.groups)}
         return tuple(
-            Parameter(
+            EffectParameter(
                 f"{name}_exponent",
                 "1",
                 power,
@@ -109,7 +109,7 @@ class LedTilt(Effect):
     summary: ClassVar[str] = "LEDs shine in another direction"
     transferable: ClassVar[bool] = False  # how boards were set
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Two angles for each group; boards set by hand stand to some 3 deg (estimate).
 
         LEDs bonded to the core have no such play.
@@ -117,7 +117,7 @@ class LedTilt(Effect):
         if design.leds.coupling == "bonded":
             return ()
         return tuple(
-            Parameter(f"{group}_{way}_deg", "deg", 0.0, 3.0, -20.0, 20.0, meaning, group=group)
+            EffectParameter(f"{group}_{way}_deg", "deg", 0.0, 3.0, -20.0, 20.0, meaning, group=group)
             for group in design.group_names
             for way, meaning in (
                 ("tilt", "beam turned towards the membrane"),
@@ -179,13 +179,13 @@ class LedPosition(Effect):
     summary: ClassVar[str] = "LED rows stand off their nominal place"
     transferable: ClassVar[bool] = False  # how boards were set
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Three distances; 0.3 mm is a circuit board's tolerance, 1 mm a hand assembly's.
 
         LEDs bonded to the core have no radial play that light could tell: glue of the core's index fills it.
         """
         return tuple(
-            Parameter(f"{direction}_mm", "mm", 0.0, 0.5, -3.0, 3.0, meaning)
+            EffectParameter(f"{direction}_mm", "mm", 0.0, 0.5, -3.0, 3.0, meaning)
             for direction, meaning in (
                 ("radial", "away from the axis"),
                 ("height", "towards the camera"),

@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 from designlab.sensor.design import Design
-from designlab.simulation.effects.base import Effect, Parameter, Stage, Values
+from designlab.simulation.effects.base import Effect, EffectParameter, Stage, Values
 
 
 class CameraPose(Effect):
@@ -15,13 +15,14 @@ class CameraPose(Effect):
     transferable: ClassVar[bool] = False  # how one camera was screwed on
     warps: ClassVar[bool] = True
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Place to 0.3 mm and direction to 1 deg: a camera screwed to a printed holder (estimate)."""
         place = tuple(
-            Parameter(f"{axis}_mm", "mm", 0.0, 0.3, -3.0, 3.0, f"camera moved along {axis}") for axis in "xyz"
+            EffectParameter(f"{axis}_mm", "mm", 0.0, 0.3, -3.0, 3.0, f"camera moved along {axis}")
+            for axis in "xyz"
         )
         turn = tuple(
-            Parameter(
+            EffectParameter(
                 f"tilt_{axis}_deg", "deg", 0.0, 1.0, -10.0, 10.0, f"camera turned, see camera.tilt_deg[{k}]"
             )
             for k, axis in enumerate("xy")

@@ -4,14 +4,12 @@ from collections.abc import Mapping, Sequence
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from designlab.core.types import Array
 from designlab.simulation.contact.press import Press
-from designlab.simulation.effects.base import Parameter
+from designlab.simulation.effects.base import EffectParameter
 from geometries.spec import Spec, quantity
-
-Array = NDArray[np.float64]
 
 DRAWS = 4096  # after which a draw outside the bounds is moved to them
 Range = tuple[float, float]
@@ -64,13 +62,13 @@ class Covariance(Spec):
         )
 
     def draw(
-        self, parameters: Mapping[str, Parameter], values: Mapping[str, float], *, seed: int
+        self, parameters: Mapping[str, EffectParameter], values: Mapping[str, float], *, seed: int
     ) -> dict[str, float]:
         """Draw values from the normal distribution about given ones, cut off at the bounds.
 
         Parameters
         ----------
-        parameters : mapping of str to Parameter
+        parameters : mapping of str to EffectParameter
             Bounds, and which act by their square.
         values : mapping of str to float
             Centre of the distribution.

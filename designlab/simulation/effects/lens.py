@@ -7,10 +7,11 @@ import numpy as np
 from scipy.ndimage import convolve1d, gaussian_filter1d
 from scipy.special import ive
 
+from designlab.core.types import Array
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.sensor.lens import Fisheye
-from designlab.simulation.effects.base import Array, Effect, Light, Parameter, Sight, Stage, Values
+from designlab.simulation.effects.base import Effect, EffectParameter, Light, Sight, Stage, Values
 
 GLARE_WIDTH = 0.3  # standard deviation of the veil over the picture's width
 
@@ -24,16 +25,16 @@ class LensDistortion(Effect):
     transferable: ClassVar[bool] = True  # the lens's kind
     warps: ClassVar[bool] = True
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """What is left after undistortion: 2 % of the distance from the axis at the corner (estimate).
 
         Displaced inwards by 4/27 or more, a lens images nothing at the corner.
         """
         return (
-            Parameter(
+            EffectParameter(
                 "radial", "1", 0.0, 0.02, -0.1, 0.2, "relative displacement at the full picture's corner"
             ),
-            Parameter("magnification", "1", 0.0, 0.02, -0.4, 0.6, "relative enlargement"),
+            EffectParameter("magnification", "1", 0.0, 0.02, -0.4, 0.6, "relative enlargement"),
         )
 
     def on_design(self, design: Design, values: Values) -> Design:
@@ -64,10 +65,10 @@ class PointSpread(Effect):
     summary: ClassVar[str] = "the picture is blurred"
     transferable: ClassVar[bool] = True  # the lens's kind
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Width on the membrane; 1.5 mm of lens, 40 mm away and 4 mm out of focus, blurs by 40 um."""
         return (
-            Parameter(
+            EffectParameter(
                 "sigma_um", "um", 0.0, 75.0, 0.0, 300.0, "standard deviation along each axis", squared=True
             ),
         )
@@ -98,7 +99,7 @@ def discrete_gaussian(sigma_px: float) -> Array:
     return np.asarray(weights / weights.sum())
 
 
-class Vignetting(Effect):
+class VignettingEffect(Effect):
     """The picture is darker towards its corners than assumed."""
 
     name: ClassVar[str] = "vignetting"
@@ -106,10 +107,10 @@ class Vignetting(Effect):
     summary: ClassVar[str] = "the picture falls off towards its corners"
     transferable: ClassVar[bool] = True  # the lens's kind
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Small lenses lose 20 to 55 % at the corner (libcamera's ov5647 table)."""
         return (
-            Parameter(
+            EffectParameter(
                 "corner_loss", "1", 0.0, 0.25, 0.0, 0.8, "share lost at the full picture's corner, as r^2"
             ),
         )
@@ -138,9 +139,9 @@ class VeilingGlare(Effect):
     summary: ClassVar[str] = "a veil of stray light lies over the picture"
     transferable: ClassVar[bool] = True  # the lens's kind
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Up to 3 % for a clean small lens, more for a dirty one (estimate)."""
-        return (Parameter("share", "1", 0.0, 0.015, 0.0, 0.2, "share of the light that strays"),)
+        return (EffectParameter("share", "1", 0.0, 0.015, 0.0, 0.2, "share of the light that strays"),)
 
     def on_light(self, light: Light, values: Values, sight: Sight) -> Light:
         """Spread a share of the light widely; beyond its edges the picture is taken to go on mirrored."""

@@ -5,7 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from designlab.sensor.design import Design
-from designlab.simulation.effects.base import Effect, Light, Parameter, Sight, Stage, Values
+from designlab.simulation.effects.base import Effect, EffectParameter, Light, Sight, Stage, Values
 
 
 class AlbedoField(Effect):
@@ -16,10 +16,10 @@ class AlbedoField(Effect):
     summary: ClassVar[str] = "the coating's reflectance varies over the membrane"
     transferable: ClassVar[bool] = False  # how one coating was sprayed
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """A quadratic field; sprayed and brushed coatings vary by some 5 % (estimate)."""
         return tuple(
-            Parameter(
+            EffectParameter(
                 term, "1", 0.0, 0.05, -0.5, 0.5, f"relative reflectance, term {term}, at the area's edge"
             )
             for term in ("x", "y", "xx", "xy", "yy")
@@ -50,11 +50,11 @@ class SpecularCoat(Effect):
     summary: ClassVar[str] = "the coating is glossy"
     transferable: ClassVar[bool] = True  # what the coating is made of
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Up to 15 % in the lobe for metal flakes; alpha 0.25 to 0.5 are exponents of 30 to 6 (estimate)."""
         rough = design.optics.coating_roughness if design.optics.coating_specular else 0.35
         return (
-            Parameter(
+            EffectParameter(
                 "share",
                 "1",
                 0.0,
@@ -63,7 +63,7 @@ class SpecularCoat(Effect):
                 0.6,
                 "added share of the glossy lobe",
             ),
-            Parameter("roughness", "1", rough, 0.1, 0.1, 0.8, "GGX alpha of the lobe", shape=True),
+            EffectParameter("roughness", "1", rough, 0.1, 0.1, 0.8, "GGX alpha of the lobe", shape=True),
         )
 
     def on_design(self, design: Design, values: Values) -> Design:
@@ -84,11 +84,11 @@ class Translucency(Effect):
     summary: ClassVar[str] = "the pressed object shines through the coating"
     transferable: ClassVar[bool] = True  # what the coating is made of
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Thin coats let up to 20 % pass (estimate); the object's reflectance is seldom known."""
         room = 1.0 - max(design.per_group("membrane_albedo")) - design.optics.coating_transmittance
         return (
-            Parameter(
+            EffectParameter(
                 "transmittance",
                 "1",
                 0.0,
@@ -98,7 +98,7 @@ class Translucency(Effect):
                 "added transmittance of the coating",
                 squared=True,  # light goes through it to the object and back
             ),
-            Parameter(
+            EffectParameter(
                 "object", "1", 0.5, 0.25, 0.0, 1.0, "diffuse reflectance of the pressed object", shape=True
             ),
         )

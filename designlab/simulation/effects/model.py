@@ -12,7 +12,7 @@ from pydantic import Field, ValidationError, model_validator
 from designlab.core.store import read_toml, write_atomic
 from designlab.sensor.design import Design, DesignError, explain, load
 from designlab.simulation.contact.press import Press
-from designlab.simulation.effects.base import Effect, Light, Parameter, Sight, Signal
+from designlab.simulation.effects.base import Effect, EffectParameter, Light, Sight, Signal
 from designlab.simulation.effects.catalogue import CATALOGUE
 from designlab.simulation.effects.known import Covariance, Domain, Provenance
 from designlab.simulation.scene.scene import Scene
@@ -193,7 +193,7 @@ class SensorModel(Spec):
         )
         return self._changed(effects=effects, covariance=None)
 
-    def _parameters(self, name: str) -> tuple[Parameter, ...]:
+    def _parameters(self, name: str) -> tuple[EffectParameter, ...]:
         return effect(name).parameters(self.design)
 
     def _changed(self, **changes: Any) -> Self:

@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 from designlab.sensor.design import Design
-from designlab.simulation.effects.base import Effect, Parameter, Stage, Values
+from designlab.simulation.effects.base import Effect, EffectParameter, Stage, Values
 
 
 class Interreflection(Effect):
@@ -14,11 +14,13 @@ class Interreflection(Effect):
     summary: ClassVar[str] = "boards or membrane send more or less light round"
     transferable: ClassVar[bool] = True  # materials
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Reflectance of white and black solder mask differs by far more than 0.15 (estimate)."""
         return (
-            Parameter("boards", "1", 0.0, 0.15, -1.0, 1.0, "added to the reflectance of the LED boards"),
-            Parameter(
+            EffectParameter(
+                "boards", "1", 0.0, 0.15, -1.0, 1.0, "added to the reflectance of the LED boards"
+            ),
+            EffectParameter(
                 "albedo_ratio",
                 "1",
                 1.0,
@@ -55,12 +57,12 @@ class GelcoreIndex(Effect):
     summary: ClassVar[str] = "gelcore or elastomer refract otherwise"
     transferable: ClassVar[bool] = True  # material
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Clear resins have 1.505 to 1.533 over the visible (Opt. Mater. Express 11, 2021, 3392)."""
         if design.optics.light_path != "core":
             return ()
         return tuple(
-            Parameter(part, "1", 0.0, 0.02, -0.3, 0.3, f"added to the refractive index of the {part}")
+            EffectParameter(part, "1", 0.0, 0.02, -0.3, 0.3, f"added to the refractive index of the {part}")
             for part in ("gelcore", "elastomer")
         )
 
@@ -81,12 +83,12 @@ class Absorption(Effect):
     summary: ClassVar[str] = "the gelcore absorbs light"
     transferable: ClassVar[bool] = True  # material
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """One coefficient a group; printed resins have up to 0.01 per mm (Appl. Opt. 60, 2021, 6573)."""
         if design.optics.light_path != "core":
             return ()
         return tuple(
-            Parameter(
+            EffectParameter(
                 f"{group}_per_mm",
                 "1/mm",
                 0.0,
@@ -116,11 +118,13 @@ class CoreScatter(Effect):
     summary: ClassVar[str] = "the gelcore scatters light"
     transferable: ClassVar[bool] = True  # material
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """One coefficient; printed clear parts have up to 0.02 per mm (Appl. Opt. 60, 2021, 6573)."""
         if design.optics.light_path != "core" or design.gelcore.cavity is not None:
             return ()
-        return (Parameter("per_mm", "1/mm", 0.0, 0.01, 0.0, 0.5, "added to the scattering coefficient"),)
+        return (
+            EffectParameter("per_mm", "1/mm", 0.0, 0.01, 0.0, 0.5, "added to the scattering coefficient"),
+        )
 
     def on_design(self, design: Design, values: Values) -> Design:
         """Add to the coefficient of the gelcore."""
@@ -138,17 +142,19 @@ class Delamination(Effect):
     summary: ClassVar[str] = "gel and core have come apart over a patch"
     transferable: ClassVar[bool] = False  # a flaw of one unit
 
-    def parameters(self, design: Design) -> tuple[Parameter, ...]:
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """A round patch anywhere under the camera, up to some millimetres (estimate)."""
         if design.optics.light_path != "core":
             return ()
         width, height = design.sensing_area_mm
         return (
-            Parameter("x_mm", "mm", 0.0, width / 4, -width / 2, width / 2, "centre of the patch", shape=True),
-            Parameter(
+            EffectParameter(
+                "x_mm", "mm", 0.0, width / 4, -width / 2, width / 2, "centre of the patch", shape=True
+            ),
+            EffectParameter(
                 "y_mm", "mm", 0.0, height / 4, -height / 2, height / 2, "centre of the patch", shape=True
             ),
-            Parameter("radius_mm", "mm", 0.0, 1.5, 0.0, 6.0, "radius of the patch"),
+            EffectParameter("radius_mm", "mm", 0.0, 1.5, 0.0, 6.0, "radius of the patch"),
         )
 
     def on_design(self, design: Design, values: Values) -> Design:

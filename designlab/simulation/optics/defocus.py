@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import oaconvolve
 
+from designlab.core.types import Array
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Surface
 from designlab.simulation.optics.viewing_rays import Rays, rays
 
-Array = NDArray[np.float64]
 SMALLEST_PX = 0.02  # of radius: less is no blur
 STEP_PX = 0.5  # between radii for which a whole picture is blurred
 MOST_STEPS = 48

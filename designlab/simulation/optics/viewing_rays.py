@@ -3,14 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.sensor.refraction import Glass, crossing_mm
 from designlab.simulation.contact.press import Surface
 
-Array = NDArray[np.float64]
 STEEPEST = float(np.tan(np.radians(89.0)))  # tangent of the angle to the axis
 
 

@@ -10,6 +10,7 @@ from scipy.interpolate import RBFInterpolator
 from scipy.ndimage import binary_erosion
 from scipy.signal import savgol_filter
 
+from designlab.core.types import Array
 from designlab.simulation.render import gather
 from designlab.simulation.render import photons as tracing
 from designlab.simulation.render.lightfield import (
@@ -25,7 +26,6 @@ from designlab.simulation.render.lightfield import (
 from designlab.simulation.render.tables import held
 from designlab.simulation.scene.scene import Scene
 
-Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 STEEPEST_COSINE = 0.02  # light more grazing than this weighs as if it came at this angle
 PILOT_SHARE = 0.2  # of the photons, traced beforehand to learn where on the LEDs others are best started

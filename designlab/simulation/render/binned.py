@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from designlab.core.types import Array
 from designlab.simulation.contact.press import Surface
 from designlab.simulation.render.lightfield import AZIMUTHS, CELL_MM, NODES_PER_CELL, Bins, Field
 from designlab.simulation.render.nodes import Nodes, Response, base_normals, facing, nodes_of
 from designlab.simulation.render.tables import bilinear, held
 from designlab.simulation.render.walls import FURTHEST_MM
 
-Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from designlab.core.types import Array
 from designlab.simulation.contact.press import Surface
 from designlab.simulation.render import bridge
 from designlab.simulation.render.emitters import Directions
@@ -15,7 +16,6 @@ from designlab.simulation.render.nodes import Nodes, Response, facing, nodes_of
 from designlab.simulation.render.tables import held
 from designlab.simulation.scene.scene import Light, Scene
 
-Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 PATCH_MM = 0.5  # an LED's face is divided into patches no larger than this
 MOST_PATCHES = 24  # along each side of a face

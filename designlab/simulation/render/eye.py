@@ -5,19 +5,18 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from designlab.core.types import Array
 from designlab.simulation.optics.viewing_rays import Rays
 from designlab.simulation.render.tables import bilinear
 
-Array = NDArray[np.float64]
 TABLE_MM = 0.25  # pitch of the table of where the camera sees a point
 BEYOND_MM = 2.5  # around the view, since lifted points are seen elsewhere than those below them
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class ProjectedPoints:
     """Points as the camera sees them: fractional pixel, slopes of the ray, area of a pixel there (mm2)."""
 
     column: Any
@@ -45,7 +44,7 @@ class Eye:
 
         return [mi.Float(np.ascontiguousarray(t, dtype=np.float32).ravel()) for t in self.tables]
 
-    def look(self, x: Any, y: Any, z: Any) -> "Seen":
+    def look(self, x: Any, y: Any, z: Any) -> "ProjectedPoints":
         """How the camera sees points (mm, Dr.Jit arrays)."""
         import mitsuba as mi
 
@@ -60,7 +59,7 @@ class Eye:
             x0, y0 = x - at(2, x0, y0) * z, y - at(3, x0, y0) * z
         # Height widens or narrows the area that a pixel sees.
         area = at(4, x0, y0) * (1 + z * at(5, x0, y0) + z * z * at(6, x0, y0))
-        return Seen(at(0, x0, y0), at(1, x0, y0), at(2, x0, y0), at(3, x0, y0), area)
+        return ProjectedPoints(at(0, x0, y0), at(1, x0, y0), at(2, x0, y0), at(3, x0, y0), area)
 
     @staticmethod
     def of(rays: Rays) -> "Eye":

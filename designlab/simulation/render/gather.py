@@ -7,13 +7,12 @@ all places at once (Keller 1997, "Instant radiosity"). So few photons give smoot
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.simulation.render import bridge, photons
 from designlab.simulation.render.tables import held
 from designlab.simulation.scene.scene import Scene
 
-Array = NDArray[np.float64]
 OFF_MM = 0.01  # from a surface, where rays between two points start and end
 SOFT_MM = 0.5  # sources count as discs of this size, so that none is too bright near by
 AT_ONCE = 2**22  # pairs of a source and a point; bounds memory

@@ -12,15 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.simulation.contact.press import Surface
-from designlab.simulation.render.nodes import RAISED_MM, Grid, base_normals
+from designlab.simulation.render.nodes import RAISED_MM, NodeTables, base_normals
 from designlab.simulation.render.tables import held
 
-Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 STEP_MM = 0.06  # along a photon's way through the indentation
 
 
-class Change(NamedTuple):
+class IrradianceChange(NamedTuple):
     """Change of irradiance at every grid node, shape (rows, columns), grainy but right on average.
 
     Attributes
@@ -57,10 +56,10 @@ class FirstLight:
     def _at_rest(self) -> tuple[Single, Single]:
         """Power, and squared power of each photon, over projected area (1/mm2) on the undeformed membrane."""
         x, y, *_, power = self._photons
-        grid, shape = Grid.of(self._untouched), self._untouched.height_mm.shape
+        grid, shape = NodeTables.of(self._untouched), self._untouched.height_mm.shape
         return _density(grid, shape, x, y, power), _density(grid, shape, x, y, power * power)
 
-    def change(self, surface: Surface) -> Change:
+    def change(self, surface: Surface) -> IrradianceChange:
         """Change of irradiance by a press."""
         import drjit as dr
         import mitsuba as mi
@@ -68,15 +67,15 @@ class FirstLight:
         raised = surface.height_mm > RAISED_MM
         none = np.zeros(raised.shape, dtype=np.float32)
         if not raised.any() or not dr.width(self._photons):
-            return Change(none, none)
+            return IrradianceChange(none, none)
         enters, leaves = _within(surface, raised, *self._photons[:6])
         near = dr.compress(enters < leaves)
         if not dr.width(near):
-            return Change(none, none)
+            return IrradianceChange(none, none)
         x, y, z, dx, dy, dz, power, enters, leaves = (
             dr.gather(mi.Float, column, near) for column in (*self._photons, enters, leaves)
         )
-        grid = Grid.of(surface)
+        grid = NodeTables.of(surface)
         back = _last_crossing(grid, (x, y, z), (dx, dy, dz), enters, leaves)
         stopped = dr.compress(back > 0)
         left, arrived, left_squares, arrived_squares = 4 * [none]
@@ -96,7 +95,7 @@ class FirstLight:
         # Photons that stay count by what the slope makes of them, the others by where they come and go.
         varies = (squares - left_squares) * (upright - flat) ** 2 + arrived_squares * upright**2
         varies += left_squares * flat**2
-        return Change(*(np.where(on_gel, one, 0.0).astype(np.float32) for one in (light, varies)))
+        return IrradianceChange(*(np.where(on_gel, one, 0.0).astype(np.float32) for one in (light, varies)))
 
 
 def _within(
@@ -121,7 +120,7 @@ def _within(
     return enters, leaves
 
 
-def _last_crossing(grid: Grid, place: Any, way: Any, enters: Any, leaves: Any) -> Any:
+def _last_crossing(grid: NodeTables, place: Any, way: Any, enters: Any, leaves: Any) -> Any:
     """How far back along its way a photon meets the pressed membrane; zero where it lands as before."""
     import drjit as dr
     import mitsuba as mi
@@ -145,7 +144,7 @@ def _last_crossing(grid: Grid, place: Any, way: Any, enters: Any, leaves: Any) -
     return found
 
 
-def _density(grid: Grid, shape: tuple[int, ...], x: Any, y: Any, amount: Any) -> Single:
+def _density(grid: NodeTables, shape: tuple[int, ...], x: Any, y: Any, amount: Any) -> Single:
     """Amount over projected area (1/mm2), each photon's shared among the four nodes around it."""
     import drjit as dr
     import mitsuba as mi

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
+from designlab.core.types import Array
 from designlab.simulation.scene.scene import Scene
 
-Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 AZIMUTHS, SLANTS, CELL_MM = 48, 33, 1.0
 FINE_CELL_MM = 0.35  # of the irradiance: where light ends sharply, as at the edge of a refracted beam

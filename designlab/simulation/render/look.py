@@ -5,12 +5,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.simulation.contact.press import Surface
 from designlab.simulation.optics.viewing_rays import Rays
-from designlab.simulation.render.nodes import Grid
+from designlab.simulation.render.nodes import NodeTables
 from designlab.simulation.render.tables import bilinear
 
-Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 SUBPIXELS = 2  # look-ups along each side of a pixel
 
@@ -21,7 +21,7 @@ def look(grids: Single, surface: Surface, rays: Rays) -> Single:
     import mitsuba as mi
 
     x0, y0, slope_x, slope_y = (mi.Float(column) for column in _looked(rays))
-    grid = Grid.of(surface)
+    grid = NodeTables.of(surface)
     x, y = x0, y0
     for _ in range(8):
         z = grid.sample(grid.z, x, y)

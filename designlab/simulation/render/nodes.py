@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, distance_transform_edt
 
+from designlab.core.types import Array
 from designlab.simulation.contact.press import Surface
 from designlab.simulation.render.tables import bilinear, held
 
-Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 RAISED_MM = 1e-3  # lower indentations cast no shadow worth counting
 FINE_MM = 0.2  # around the indentation every grid node is shaded
@@ -120,7 +120,7 @@ def _linear(values: NDArray[np.floating], at: Array, axis: int) -> NDArray[np.fl
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
+class NodeTables:
     """A surface's grid as Dr.Jit tables."""
 
     left_mm: Any
@@ -132,7 +132,7 @@ class Grid:
     raised: Any
 
     @staticmethod
-    def of(surface: Surface) -> "Grid":
+    def of(surface: Surface) -> "NodeTables":
         """Take a surface to the device."""
         import mitsuba as mi
 
@@ -140,7 +140,7 @@ class Grid:
         z = mi.Float(np.nan_to_num(surface.z_mm).astype(np.float32).ravel())
         raised = mi.Float(surface.height_mm.astype(np.float32).ravel())
         rows, columns = surface.height_mm.shape
-        return Grid(*corner, held(rows), held(columns), z, raised)
+        return NodeTables(*corner, held(rows), held(columns), z, raised)
 
     def place(self, x: Any, y: Any) -> tuple[Any, Any]:
         """Fractional column and row of a point."""

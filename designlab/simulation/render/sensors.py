@@ -103,7 +103,7 @@ def _lens_class() -> Any:
     import drjit as dr
     import mitsuba as mi
 
-    class Lens(mi.Sensor):  # type: ignore[misc]
+    class LensRays(mi.Sensor):  # type: ignore[misc]
         """Rays through the points of a lens opening, in directions from a table."""
 
         def look(self, camera: Camera, view: View) -> None:
@@ -148,7 +148,7 @@ def _lens_class() -> Any:
             ray, weight = self.sample_ray(time, sample1, sample2, sample3, active)
             return mi.RayDifferential3f(ray), weight
 
-    return Lens
+    return LensRays
 
 
 def must_resample(camera: Camera) -> bool:

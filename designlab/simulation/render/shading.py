@@ -29,7 +29,7 @@ from designlab.simulation.optics.viewing_rays import Rays
 from designlab.simulation.render.binned import Binned
 from designlab.simulation.render.direct import Direct
 from designlab.simulation.render.eye import Eye
-from designlab.simulation.render.landings import Change, FirstLight
+from designlab.simulation.render.landings import FirstLight, IrradianceChange
 from designlab.simulation.render.lightfield import LightField, on_membrane
 from designlab.simulation.render.look import look
 from designlab.simulation.render.nodes import Choice, Nodes, Response, base_normals, facing, nodes_of
@@ -39,7 +39,6 @@ from designlab.simulation.render.window import transmission
 from designlab.simulation.scene.coating import coating_brdf
 from designlab.simulation.scene.scene import Coating, Dielectric, Scene
 
-Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 LONGEST_SHADOW_MM = 12.0
 SHADOW_REACH = 4.0  # shadows reach at least this many times the height of what casts them: light at 14 deg
@@ -238,7 +237,7 @@ class Shader:
         surface: Surface,
         choice: Choice,
         sums: tuple[Single, Single],
-        landed: Sequence[Change],
+        landed: Sequence[IrradianceChange],
     ) -> Single:
         """By how much a press changes the irradiance of every grid node, but for light from wall to wall."""
         changes = []
@@ -252,7 +251,7 @@ class Shader:
             straight = self._corrected(group, surface.pitch_mm, straight, landed[group])
         return straight + again
 
-    def _corrected(self, group: int, pitch_mm: float, change: Single, landed: Change) -> Single:
+    def _corrected(self, group: int, pitch_mm: float, change: Single, landed: IrradianceChange) -> Single:
         """Change of straight light whose mean over a kernel is that of photons, its detail that of the sums.
 
         The sums over direction bins know neither the edges of beams nor the horizon between two azimuths.

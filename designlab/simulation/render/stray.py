@@ -14,11 +14,10 @@ from designlab.sensor.camera import View
 from designlab.sensor.refraction import crossing_mm
 from designlab.simulation.optics.viewing_rays import Rays
 from designlab.simulation.render import photons
-from designlab.simulation.render.eye import Eye, Seen
+from designlab.simulation.render.eye import Eye, ProjectedPoints
 from designlab.simulation.scene.materials import Dielectric, Diffuse
 from designlab.simulation.scene.scene import Scene, Shape
 
-Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 COLUMNS = 16  # of the picture of stray light; strongly forward scattering haze makes finer ones grainy
 SHARE = 0.25  # of the photons of the picture: stray light is dim and smooth
@@ -91,7 +90,7 @@ class _Picture:
         self.view = view._replace(columns=columns, rows=max(1, round(columns * view.rows / view.columns)))
         self._table = dr.zeros(mi.Float, self.view.rows * self.view.columns)
 
-    def add(self, seen: Seen, value: Any, active: Any) -> None:
+    def add(self, seen: ProjectedPoints, value: Any, active: Any) -> None:
         """Add a radiance to the pixel that sees it."""
         import drjit as dr
         import mitsuba as mi

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from designlab.simulation.contact.press import Surface
 from designlab.simulation.render.lightfield import AZIMUTHS
-from designlab.simulation.render.nodes import RAISED_MM, Grid, Nodes
+from designlab.simulation.render.nodes import RAISED_MM, Nodes, NodeTables
 from designlab.simulation.render.tables import held
 
 Single = NDArray[np.float32]
@@ -34,7 +34,7 @@ def horizon_of(surface: Surface, nodes: Nodes, reach_mm: float) -> Any:
     import drjit as dr
     import mitsuba as mi
 
-    grid = Grid.of(surface)
+    grid = NodeTables.of(surface)
     _, x, y, dx, dy = _turns(nodes, AZIMUTHS)
     here = grid.sample(grid.z, x, y)
     count = dr.width(x)
@@ -123,7 +123,7 @@ def between_walls(surface: Surface, nodes: Nodes, radiance: Single, around: Arou
     import drjit as dr
     import mitsuba as mi
 
-    grid = Grid.of(surface)
+    grid = NodeTables.of(surface)
     node, x, y, dx, dy = _turns(nodes, GATHER_AZIMUTHS)
     count = dr.width(x)
     here = grid.sample(grid.z, x, y)

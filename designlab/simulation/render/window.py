@@ -4,15 +4,14 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.sensor.optical_constants import AIR
 from designlab.simulation.contact.press import Surface
 from designlab.simulation.optics.viewing_rays import Rays
 from designlab.simulation.render import bridge
 from designlab.simulation.scene.scene import Dielectric, Scene
 
-Array = NDArray[np.float64]
 ON_THE_WAY = ("interface", "window")  # boundaries between membrane and camera
 RIM = "window-rim"  # the plane around a hollow window
 OFF_EDGES_MM = (1.3e-3, 0.7e-3)  # along edges of a round mesh, as on the axis, rays miss it

@@ -4,15 +4,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize
 from scipy.special import log_expit
 from scipy.stats import chi2
 
+from designlab.core.types import Array
 from designlab.sensor.design import Design
 from designlab.simulation.effects import effect
-
-Array = NDArray[np.float64]
 
 LOW, HIGH = 1 / 32, 32.0  # prior standard deviations between which limits are looked for
 SLOPE = 3.0  # usual slope of a curve against the logarithm of strength, known to a factor of `SLOPE_SPREAD`

@@ -5,8 +5,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from designlab.core.types import Progress
 from designlab.validation.blind.pool import Trial
-from designlab.validation.blind.runner import ALONE, Crew, Outcome, Progress, run
+from designlab.validation.blind.runner import ALONE, Crew, Outcome, run
 from designlab.validation.blind.score import rate, same
 
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression, minimize
 from scipy.special import log_expit
 
+from designlab.core.types import Array
 from designlab.inference.diagnosis.likelihood.empirical_errors import known
 from designlab.inference.diagnosis.verdict.confidence import SIGNS, signs
 from designlab.sensor.design import preset
@@ -22,8 +23,6 @@ from designlab.validation.blind.score import (
     record,
     same,
 )
-
-Array = NDArray[np.float64]
 
 GRID = np.geomspace(1e-3, 3.0, 400)  # prior standard deviations
 USUAL = 0.05  # likewise: scale of the half-Cauchy prior

@@ -8,7 +8,7 @@ import numpy as np
 
 from designlab.core.store import digest
 from designlab.measurement import Measurement
-from designlab.measurement.frames import Frame
+from designlab.measurement.frames import MeasuredFrame
 from designlab.validation.synthetic.capture_plan import FURTHER
 
 AIR = ("gelsight-2020-flat", "gelsight-2020-dome")
@@ -87,7 +87,7 @@ class Trial:
 def frames_of(measurement: Measurement, kit: str) -> Measurement:
     """Measurement with the frames that a kit has."""
 
-    def kept(frame: Frame) -> bool:
+    def kept(frame: MeasuredFrame) -> bool:
         if frame.file.startswith(FURTHER) or kit == "hour":
             return True
         dark = frame.kind == "dark"

@@ -10,6 +10,7 @@ from typing import Any
 
 from designlab.core.interrupts import Interrupts
 from designlab.core.store import read_json, write_json
+from designlab.core.types import Progress
 from designlab.core.workers import calls_at_once, completed, submitter
 from designlab.inference.diagnosis import diagnose
 from designlab.inference.diagnosis.diagnose import COLUMNS, SAMPLES
@@ -25,7 +26,6 @@ from designlab.validation.synthetic.generator_sensor import Rig
 SMALL_COLUMNS, SMALL_SAMPLES = 32, 64
 SEED = 1
 NOT_PLANTED = ("kit", "without")  # fields of a trial that its set does not depend on
-Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True)

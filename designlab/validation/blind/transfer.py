@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from designlab.core.types import Progress
 from designlab.inference.diagnosis.diagnose import COLUMNS, SAMPLES
 from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.snapshots import fill
@@ -20,7 +21,7 @@ from designlab.measurement import Measurement, load_measurement
 from designlab.sensor.design import Design, preset
 from designlab.simulation.effects import SensorModel, effect, load_model
 from designlab.validation.blind.pool import AIR, Trial
-from designlab.validation.blind.runner import ALONE, SEED, Crew, Progress, kept, model_path, run, set_path
+from designlab.validation.blind.runner import ALONE, SEED, Crew, kept, model_path, run, set_path
 from designlab.validation.synthetic import plant
 
 HIGHER_MM = 3.0

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from designlab.core.images import read_image, write_image
 from designlab.core.metrics import remove_quadratic_field
 from designlab.core.store import write_atomic, write_json
+from designlab.core.types import Progress
 from designlab.inference.calibration import Calibration, calibrate
 from designlab.inference.calibration.imaging import ALBEDO, KERNEL
 from designlab.inference.compare import FIGURES, Pair, compare_model
-from designlab.measurement import Frame, Measurement, PoseSigma, load_measurement, write_measurement
+from designlab.measurement import MeasuredFrame, Measurement, PoseSigma, load_measurement, write_measurement
 from designlab.sensor.design import CHANNELS, Design, preset
 from designlab.simulation.directional_light import DirectionalLight, load_any_model
 from designlab.simulation.effects.model import SensorModel
@@ -23,7 +24,7 @@ from designlab.validation.paper_2020.datasets import around, dataset_1, dataset_
 from designlab.validation.paper_2020.hidden import hidden
 from designlab.validation.paper_2020.photograph import photograph
 from designlab.validation.paper_2020.pictures import draw
-from designlab.validation.paper_2020.progress import Progress, named
+from designlab.validation.paper_2020.progress import named
 from designlab.validation.paper_2020.sizes import Size
 
 SENSORS = {"flat": "gelsight-2020-flat", "dome": "gelsight-2020-dome"}
@@ -34,8 +35,6 @@ PLACED = PoseSigma(depth_mm=0.01, centre_mm=0.01, yaw_deg=0.1)  # of presses for
 PARTS = ("smooth", "edges", "rest")  # of an error
 STEEP = 0.15  # slope of the membrane above which a pixel belongs to the edges of a contact
 SHOWN = ("triangle", "star", "sphere")  # which press is drawn, the first of these
-
-Array = NDArray[np.float64]
 
 
 def accuracy(
@@ -125,7 +124,7 @@ def _photographed(
     place: Path,
     sensor: str,
     true: SensorModel,
-    frames: Sequence[Frame],
+    frames: Sequence[MeasuredFrame],
     size: Size,
     seed: int,
     progress: Progress | None,
@@ -151,7 +150,7 @@ def _photographed(
             )
             write_image(image, found[frame.file].astype(np.float16))
             write_json(about, done[0].model_dump(mode="json", exclude_none=True))
-        taken.append(Frame.model_validate(json.loads(about.read_text(encoding="utf-8"))))
+        taken.append(MeasuredFrame.model_validate(json.loads(about.read_text(encoding="utf-8"))))
     measurement = Measurement(
         name=f"made {sensor}",
         sensor=sensor,
@@ -219,7 +218,7 @@ def at_poses(measurement: Measurement, poses: dict[str, Any]) -> Measurement:
     return measurement.model_copy(update={"frames": tuple(frames)})
 
 
-def _edges(design: Design, posed: Measurement, frame: Frame) -> NDArray[np.bool_]:
+def _edges(design: Design, posed: Measurement, frame: MeasuredFrame) -> NDArray[np.bool_]:
     """Pixels that see a steep part of the membrane."""
     simulator = Simulator(design, view=posed.view(frame, design), seed=0)
     surface = simulator.surface(posed.press(frame))

@@ -24,21 +24,21 @@ class Table(NamedTuple):
     caption: str = ""
 
 
-class Picture(NamedTuple):
+class Illustration(NamedTuple):
     """A picture file and what it shows."""
 
     path: Path
     caption: str
 
 
-class Part(NamedTuple):
+class Chapter(NamedTuple):
     """A heading and what stands below it."""
 
     title: str
-    blocks: list[Text | Table | Picture]
+    blocks: list[Text | Table | Illustration]
 
 
-def sections(result: dict[str, Any], out: Path) -> list[Part]:
+def sections(result: dict[str, Any], out: Path) -> list[Chapter]:
     """Everything there is to say about a result.
 
     Parameters
@@ -50,21 +50,21 @@ def sections(result: dict[str, Any], out: Path) -> list[Part]:
     """
     stages = result["stages"]
     return [
-        Part("In short", _short(result)),
-        Part("The paper's figures beside ours", _beside(stages)),
-        Part("Accuracy on presses that were not fitted", _accuracy(stages["accuracy"], out)),
-        Part("Where directional light fails", _failures(stages["accuracy"])),
-        Part("How well hidden sensors are found", _recovery(stages["recovery"])),
-        Part("The light probe", _probe(stages["probe"], out)),
-        Part("Time", _timing(stages["timing"])),
-        Part("The real picture", _real(stages["real"], out)),
-        Part("To run it again", _again(result)),
+        Chapter("In short", _short(result)),
+        Chapter("The paper's figures beside ours", _beside(stages)),
+        Chapter("Accuracy on presses that were not fitted", _accuracy(stages["accuracy"], out)),
+        Chapter("Where directional light fails", _failures(stages["accuracy"])),
+        Chapter("How well hidden sensors are found", _recovery(stages["recovery"])),
+        Chapter("The light probe", _probe(stages["probe"], out)),
+        Chapter("Time", _timing(stages["timing"])),
+        Chapter("The real picture", _real(stages["real"], out)),
+        Chapter("To run it again", _again(result)),
     ]
 
 
-def _short(result: dict[str, Any]) -> list[Text | Table | Picture]:
+def _short(result: dict[str, Any]) -> list[Text | Table | Illustration]:
     accuracy, covered = result["stages"]["accuracy"], result["stages"]["recovery"]["covered"]
-    blocks: list[Text | Table | Picture] = [
+    blocks: list[Text | Table | Illustration] = [
         Text(
             "A. Agarwal, T. Man and W. Yuan (arXiv 2012.13184) simulate a GelSight sensor by tracing "
             "light, fit its light and reflectance to photographs, and compare with two models of "
@@ -93,7 +93,7 @@ def _short(result: dict[str, Any]) -> list[Text | Table | Picture]:
     return blocks
 
 
-def _beside(stages: dict[str, Any]) -> list[Text | Table | Picture]:
+def _beside(stages: dict[str, Any]) -> list[Text | Table | Illustration]:
     rows = [row._asdict() for row in paper.comparison(stages)]
     columns = [
         Column("name", "figure"),
@@ -136,8 +136,8 @@ def constant_text(real: dict[str, Any]) -> str:
     )
 
 
-def _accuracy(accuracy: dict[str, Any], out: Path) -> list[Text | Table | Picture]:
-    blocks: list[Text | Table | Picture] = [
+def _accuracy(accuracy: dict[str, Any], out: Path) -> list[Text | Table | Illustration]:
+    blocks: list[Text | Table | Illustration] = [
         Text(
             "Data set 1 has ball, triangle and star at several places and two depths; data set 2 has balls "
             "and triangles at places and depths of their own. All models are fitted to one ball and one "
@@ -162,7 +162,7 @@ def _accuracy(accuracy: dict[str, Any], out: Path) -> list[Text | Table | Pictur
             place = out / "accuracy" / path
             if place.is_file():
                 blocks.append(
-                    Picture(place, f"{short(sensor)} gel: {name} of the models on a press not fitted")
+                    Illustration(place, f"{short(sensor)} gel: {name} of the models on a press not fitted")
                 )
     blocks.append(
         Table(
@@ -174,8 +174,8 @@ def _accuracy(accuracy: dict[str, Any], out: Path) -> list[Text | Table | Pictur
     return blocks
 
 
-def _failures(accuracy: dict[str, Any]) -> list[Text | Table | Picture]:
-    blocks: list[Text | Table | Picture] = [
+def _failures(accuracy: dict[str, Any]) -> list[Text | Table | Illustration]:
+    blocks: list[Text | Table | Illustration] = [
         Text(
             "The squared error of every picture is split: a smooth (quadratic) field, which is light that "
             "falls off from the LEDs otherwise than modelled; what is left on steep parts of the membrane, "
@@ -214,7 +214,7 @@ def _failures(accuracy: dict[str, Any]) -> list[Text | Table | Picture]:
     return blocks
 
 
-def _recovery(recovery: dict[str, Any]) -> list[Text | Table | Picture]:
+def _recovery(recovery: dict[str, Any]) -> list[Text | Table | Illustration]:
     return [
         Text(
             f"Hidden sensors ({recovery['repeats']}; two with a flat gel and two with a dome in turn) are "
@@ -249,7 +249,7 @@ def _recovery(recovery: dict[str, Any]) -> list[Text | Table | Picture]:
     ]
 
 
-def _probe(probe: dict[str, Any], out: Path) -> list[Text | Table | Picture]:
+def _probe(probe: dict[str, Any], out: Path) -> list[Text | Table | Illustration]:
     rows = [{**strip, "number": n} for n, strip in enumerate(probe["strips"], start=1)]
     columns = [
         Column("number", "strip"),
@@ -260,7 +260,7 @@ def _probe(probe: dict[str, Any], out: Path) -> list[Text | Table | Picture]:
         Column("solid_angle_ratio", "solid angle"),
         Column("seen_ratio", "seen from the ball"),
     ]
-    blocks: list[Text | Table | Picture] = [
+    blocks: list[Text | Table | Illustration] = [
         Text(
             f"A chrome ball of 4 mm in `{probe['sensor']}` without its gel is rendered and unwrapped to "
             "directions; beside it every LED strip is traced from the points of the ball that mirror it, in "
@@ -275,12 +275,12 @@ def _probe(probe: dict[str, Any], out: Path) -> list[Text | Table | Picture]:
     ]
     if (out / "probe" / probe["picture"]).is_file():
         blocks.append(
-            Picture(out / "probe" / probe["picture"], "Light that arrives at the ball, by direction")
+            Illustration(out / "probe" / probe["picture"], "Light that arrives at the ball, by direction")
         )
     return blocks
 
 
-def _timing(timing: dict[str, Any]) -> list[Text | Table | Picture]:
+def _timing(timing: dict[str, Any]) -> list[Text | Table | Illustration]:
     return [
         Text(
             f"Ours on {timing['device']} ({timing['backend']}), the paper's on an RTX 2080 Ti. Path-traced "
@@ -306,10 +306,10 @@ def _timing(timing: dict[str, Any]) -> list[Text | Table | Picture]:
     ]
 
 
-def _real(real: dict[str, Any], out: Path) -> list[Text | Table | Picture]:
+def _real(real: dict[str, Any], out: Path) -> list[Text | Table | Illustration]:
     if "left_out" in real:
         return [Text(real["left_out"][0].upper() + real["left_out"][1:] + ".")]
-    blocks: list[Text | Table | Picture] = [
+    blocks: list[Text | Table | Illustration] = [
         Text(
             "The one public picture of the flat sensor, in full resolution: with the published values and "
             f"nothing fitted, and calibrated on that same picture at {real['columns']} columns (light, "
@@ -319,12 +319,12 @@ def _real(real: dict[str, Any], out: Path) -> list[Text | Table | Picture]:
         Table(tables.real(real), [*tables.REAL_COLUMNS, *tables.FIGURE_COLUMNS]),
     ]
     if (out / "real" / real["picture"]).is_file():
-        blocks.append(Picture(out / "real" / real["picture"], "Measured, calibrated, and what is left"))
+        blocks.append(Illustration(out / "real" / real["picture"], "Measured, calibrated, and what is left"))
     blocks += [Text(note, note=True) for note in real["notes"]]
     return blocks
 
 
-def _again(result: dict[str, Any]) -> list[Text | Table | Picture]:
+def _again(result: dict[str, Any]) -> list[Text | Table | Illustration]:
     return [
         Text(
             f"`designlab reproduce --out DIR --size {result['size']} --seed {result['seed']}`. It can be "

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from designlab.measurement import Frame, PoseSigma
+from designlab.measurement import MeasuredFrame, PoseSigma
 from designlab.measurement.frames import Split
 from designlab.measurement.shots import ROUND
 from designlab.sensor.design import Design
@@ -20,7 +20,7 @@ INNER = 0.4  # of that, where presses lie that are fitted to
 BALL = "sphere:4"  # of the light probe
 
 
-def dataset_1(design: Design, *, seed: int, shapes: int = 3, places: int = 4) -> list[Frame]:
+def dataset_1(design: Design, *, seed: int, shapes: int = 3, places: int = 4) -> list[MeasuredFrame]:
     """Up to three shapes at some places, each at two depths."""
     random = np.random.default_rng([seed, 1])
     frames = []
@@ -34,7 +34,7 @@ def dataset_1(design: Design, *, seed: int, shapes: int = 3, places: int = 4) ->
     return frames
 
 
-def dataset_2(design: Design, *, seed: int, balls: int = 10, triangles: int = 6) -> list[Frame]:
+def dataset_2(design: Design, *, seed: int, balls: int = 10, triangles: int = 6) -> list[MeasuredFrame]:
     """A ball and a triangle at places and depths of their own; the first of each is to fit to."""
     random = np.random.default_rng([seed, 2])
     frames = []
@@ -50,16 +50,20 @@ def dataset_2(design: Design, *, seed: int, balls: int = 10, triangles: int = 6)
     return frames
 
 
-def around(design: Design, *, light_probe: bool, side_px: int = CROP_PX) -> list[Frame]:
+def around(design: Design, *, light_probe: bool, side_px: int = CROP_PX) -> list[MeasuredFrame]:
     """Frames without a press: two with the LEDs off, two of the untouched gel, and the light probe."""
     crop = crop_around(design, (0.0, 0.0), side_px)
-    frames = [Frame(file=f"dark-{n}.exr", kind="dark", leds=(), crop_px=crop, repeat=n) for n in range(2)]
-    frames += [Frame(file=f"background-{n}.exr", kind="background", crop_px=crop, repeat=n) for n in range(2)]
+    frames = [
+        MeasuredFrame(file=f"dark-{n}.exr", kind="dark", leds=(), crop_px=crop, repeat=n) for n in range(2)
+    ]
+    frames += [
+        MeasuredFrame(file=f"background-{n}.exr", kind="background", crop_px=crop, repeat=n) for n in range(2)
+    ]
     if light_probe:
         at = crop_around(design, (0.0, 0.0), min(PROBE_CROP_PX, side_px))
         sigma = PoseSigma(centre_mm=SIGMA.centre_mm)
         frames.append(
-            Frame(
+            MeasuredFrame(
                 file="light-probe.exr",
                 kind="light_probe",
                 probe=BALL,
@@ -72,7 +76,7 @@ def around(design: Design, *, light_probe: bool, side_px: int = CROP_PX) -> list
     return frames
 
 
-def stated(frames: Sequence[Frame], *, seed: int) -> list[Frame]:
+def stated(frames: Sequence[MeasuredFrame], *, seed: int) -> list[MeasuredFrame]:
     """What a lab writes down: poses that are off by their stated doubt."""
     random = np.random.default_rng([seed, 3])
     found = []
@@ -118,8 +122,8 @@ def _press(
     centre_mm: tuple[float, float],
     yaw_deg: float,
     split: Split,
-) -> Frame:
-    return Frame(
+) -> MeasuredFrame:
+    return MeasuredFrame(
         file=file,
         kind="press",
         probe=probe,

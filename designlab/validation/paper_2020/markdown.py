@@ -4,18 +4,18 @@ from collections.abc import Sequence
 from typing import Any
 
 from designlab.report.page import Column, rounded
-from designlab.validation.paper_2020.content import Part, Table, Text
+from designlab.validation.paper_2020.content import Chapter, Table, Text
 from designlab.validation.paper_2020.page import TITLE
 
 
-def markdown_page(result: dict[str, Any], content: Sequence[Part]) -> str:
+def markdown_page(result: dict[str, Any], content: Sequence[Chapter]) -> str:
     """Write the content as Markdown.
 
     Parameters
     ----------
     result : dict
         ``designlab``, ``size`` and ``seed`` go below the title.
-    content : sequence of Part
+    content : sequence of Chapter
         What `sections` returned; pictures are left out, since they lie elsewhere.
     """
     made = f"designlab {result['designlab']}, {result['size']} size, seed {result['seed']}"

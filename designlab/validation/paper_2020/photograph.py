@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.measurement import Frame
+from designlab.measurement import MeasuredFrame
 from designlab.measurement.light_probe import LightProbe, light_probe
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
@@ -21,21 +21,21 @@ MIRRORED = 0.6  # share of full scale for the brightest of a light probe, whose 
 
 def photograph(
     true: SensorModel,
-    frames: Sequence[Frame],
+    frames: Sequence[MeasuredFrame],
     *,
     samples: int,
     seed: int,
     binned: int = 1,
     averaged: int = 1,
     progress: Callable[[int, int], None] | None = None,
-) -> tuple[list[Frame], dict[str, Pixels]]:
+) -> tuple[list[MeasuredFrame], dict[str, Pixels]]:
     """Take pictures at the true poses of the frames.
 
     Parameters
     ----------
     true : SensorModel
         The sensor, with a stated exposure.
-    frames : sequence of Frame
+    frames : sequence of MeasuredFrame
         What to photograph.
     samples : int
         Samples per pixel and LED group.
@@ -75,14 +75,16 @@ def photograph(
     return taken, pictures
 
 
-def view_of(design: Design, frame: Frame, binned: int) -> View:
+def view_of(design: Design, frame: MeasuredFrame, binned: int) -> View:
     """Part of the camera's sensor that a frame shows."""
     x, y, width, height = frame.crop_px or (0, 0, design.camera.width_px, design.camera.height_px)
     columns, rows = width // binned, height // binned
     return View(float(x), float(y), float(columns * binned), float(rows * binned), columns, rows)
 
 
-def _radiance(true: SensorModel, frame: Frame, samples: int, seed: int, binned: int) -> NDArray[np.floating]:
+def _radiance(
+    true: SensorModel, frame: MeasuredFrame, samples: int, seed: int, binned: int
+) -> NDArray[np.floating]:
     design = true.effective_design()
     view = view_of(design, frame, binned)
     if not frame.lit:

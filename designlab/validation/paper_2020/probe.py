@@ -3,12 +3,12 @@
 Flat gel and dome have the same LEDs, and no gel is in place when the ball is photographed: one map is both.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from designlab.core.types import Progress
 from designlab.measurement.light_probe import Lobe, Panel, light_probe, lobes, panels, polar_map
 from designlab.report.plots import light_map
 from designlab.sensor.design import preset
@@ -18,8 +18,6 @@ SENSOR, PICTURE = "gelsight-2020-flat", "light-map.png"
 COLUMNS = {"full": 400, "reduced": 200}
 SAMPLES = 16
 STEP_DEG = 1.0  # of the map that is drawn
-
-Progress = Callable[[str, int, int], None]
 
 
 def probe(

@@ -1,9 +1,6 @@
 """How an experiment tells what it is doing."""
 
-from collections.abc import Callable
-
-Progress = Callable[[str, int, int], None]
-"""Called with what is done, how many parts are done, and how many there are."""
+from designlab.core.types import Progress
 
 
 def named(progress: Progress | None, name: str) -> Progress | None:

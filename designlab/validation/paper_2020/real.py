@@ -1,13 +1,14 @@
 """The one public picture of the paper's sensor: as the published values give it, and calibrated."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from designlab.core import metrics
+from designlab.core.types import Progress
 from designlab.inference.compare import FIGURES, compare_model
 from designlab.sensor.design import CHANNELS, preset
 from designlab.validation.paper_2020.accuracy import SAMPLES, at_poses, poses_of
@@ -20,8 +21,6 @@ SENSOR, SET = "gelsight-2020-flat", "gelsight-flat"
 COLUMNS = {"full": 160, "reduced": 64}
 PICTURE = "residual.png"
 ROUNDING = 1e-12  # figures below are zero: the structure of a constant picture
-
-Progress = Callable[[str, int, int], None]
 
 
 def real(

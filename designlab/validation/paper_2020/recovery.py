@@ -9,15 +9,16 @@ from typing import Any
 import numpy as np
 
 from designlab.core.store import atomic_folder, write_json
+from designlab.core.types import Progress
 from designlab.inference.calibration import Calibration, calibrate
 from designlab.inference.calibration.imaging import ALBEDO, KERNEL
-from designlab.measurement import Frame, Measurement, load_measurement, write_measurement
+from designlab.measurement import MeasuredFrame, Measurement, load_measurement, write_measurement
 from designlab.sensor.design import CHANNELS, preset
 from designlab.simulation.effects.model import SensorModel
 from designlab.validation.paper_2020.datasets import around, dataset_2, stated
 from designlab.validation.paper_2020.hidden import hidden
 from designlab.validation.paper_2020.photograph import photograph
-from designlab.validation.paper_2020.progress import Progress, named
+from designlab.validation.paper_2020.progress import named
 
 SENSORS = ("gelsight-2020-flat", "gelsight-2020-dome")
 BINNED, PROBE_BINNED = 8, 2  # of pixels: 75 columns are enough for light and poses, mirrored LEDs need more
@@ -45,12 +46,12 @@ class Recovered:
 def measured(
     true: SensorModel,
     sensor: str,
-    presses: Sequence[Frame],
+    presses: Sequence[MeasuredFrame],
     folder: Path,
     *,
     seed: int,
     light_probe: bool = True,
-) -> tuple[Measurement, list[Frame]]:
+) -> tuple[Measurement, list[MeasuredFrame]]:
     """Photograph what a calibration needs, with coarse pixels; the measurement, and the true frames."""
     frames = [*around(true.design, light_probe=light_probe), *presses]
     probes = [frame for frame in frames if frame.kind == "light_probe"]
@@ -68,7 +69,7 @@ def measured(
     return load_measurement(write_measurement(set_, pictures | mirrored, folder)), taken
 
 
-def truths(true: SensorModel, frames: Sequence[Frame]) -> dict[str, float]:
+def truths(true: SensorModel, frames: Sequence[MeasuredFrame]) -> dict[str, float]:
     """Value of every number that a calibration may report; floors are above the dark frames, so zero."""
     design = true.design
     flux = np.array([group.flux_mw for group in design.leds.groups])

@@ -29,7 +29,7 @@ Progress = Callable[[str, float], None]
 Within = Callable[[str, int, int], None]
 
 
-class Stage(NamedTuple):
+class Experiment(NamedTuple):
     """One experiment: what it is called, the function that does it in a folder, and what takes how long.
 
     Attributes
@@ -97,7 +97,7 @@ def reproduce(
     return _written(out, extent, seed, found, tell)
 
 
-def _run(folder: Path, stage: Stage, size: Size, seed: int, within: Within) -> dict[str, Any]:
+def _run(folder: Path, stage: Experiment, size: Size, seed: int, within: Within) -> dict[str, Any]:
     remove_partial(folder)
     within("", 0, 1)
     try:
@@ -109,7 +109,7 @@ def _run(folder: Path, stage: Stage, size: Size, seed: int, within: Within) -> d
     return found
 
 
-def _share_of(tell: Progress, stage: Stage, size: Size, done: float, total: float) -> Within:
+def _share_of(tell: Progress, stage: Experiment, size: Size, done: float, total: float) -> Within:
     """Turn the steps of an experiment into a share of everything, which only grows."""
     share_of, cost = _Growing(stage.parts(size)), stage.seconds(size)
 
@@ -242,17 +242,17 @@ def _real(folder: Path, size: Size, seed: int, within: Within) -> dict[str, Any]
     return real(folder, size=size, seed=seed, progress=lambda what, n, of: within(f"fit, {what}", n, of))
 
 
-STAGES: dict[str, Stage] = {
-    "probe": Stage("light probe", _probe, lambda size: 15 if size.name == "full" else 8),
-    "recovery": Stage("hidden sensors", _recovery, lambda size: 75 * size.repeats, _recovery_parts),
-    "accuracy": Stage(
+STAGES: dict[str, Experiment] = {
+    "probe": Experiment("light probe", _probe, lambda size: 15 if size.name == "full" else 8),
+    "recovery": Experiment("hidden sensors", _recovery, lambda size: 75 * size.repeats, _recovery_parts),
+    "accuracy": Experiment(
         "accuracy",
         _accuracy,
         lambda size: 4000 if size.name == "full" else 150,
         _accuracy_parts,
     ),
-    "timing": Stage("time of pictures", _timing, lambda size: 900 if size.name == "full" else 30),
-    "real": Stage(
+    "timing": Experiment("time of pictures", _timing, lambda size: 900 if size.name == "full" else 30),
+    "real": Experiment(
         "real picture", _real, lambda size: 60 if size.name == "full" else 35, lambda size: {"fit": 1.0}
     ),
 }

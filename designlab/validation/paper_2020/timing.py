@@ -5,7 +5,7 @@ import platform
 import statistics
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from designlab.core.backend import activate, cuda_devices
 from designlab.core.metrics import compare
 from designlab.core.store import CACHE_VARIABLE
+from designlab.core.types import Progress
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design, preset
 from designlab.simulation.contact.press import Press
@@ -44,7 +45,6 @@ PAPER_MS = {
 """Published milliseconds by side and samples a pixel, on a GeForce RTX 2080 Ti (arXiv 2012.13184)."""
 
 Pixels = NDArray[np.float32]
-Progress = Callable[[str, int, int], None]
 
 
 def timing(

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from designlab.core.types import Array
 from designlab.validation.synthetic.generator_sensor import Rig
 from designlab.validation.synthetic.glass import onto_interface, reflectance, slab_transmission
 from designlab.validation.synthetic.surface import HeightField, base_z
 from designlab.validation.synthetic.tracing import AZIMUTHS, CHANNELS, COLATITUDES, Glow, Tracer
 from geometries import elastomer
 
-Array = NDArray[np.float64]
 Trace = Callable[..., NDArray[np.float32]]  # such as the methods of a tracer
 
 PITCH_MM, GAP_PITCH_MM = 1.0, 0.7  # of the nodes; the shade of a gap between core and gel has sharp edges
@@ -34,7 +34,7 @@ GLOW_MM = 2.5  # grid of the membrane's own light
 ORDERS = 3  # of light from membrane to membrane; each is a tenth of the one before or less
 KEPT = 4
 
-_fields: "OrderedDict[str, LightField]" = OrderedDict()
+_fields: "OrderedDict[str, ImmersedLightField]" = OrderedDict()
 
 
 class Worth(NamedTuple):
@@ -64,7 +64,7 @@ class Stencil(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class LightField:
+class ImmersedLightField:
     """Radiance (groups, levels, rows, columns, cells) in mW/mm2/sr per mW at nodes within the gel.
 
     `glow` (groups, rows, columns) is the radiance of the membrane itself, `GLOW_MM` apart over the whole gel.
@@ -94,7 +94,7 @@ def directions() -> tuple[Array, Array]:
     return _vectors(rise.ravel(), turn.ravel()), np.full(rise.size, 2 * np.pi / rise.size)
 
 
-def light_field(rig: Rig, *, seed: int = 1) -> LightField:
+def light_field(rig: Rig, *, seed: int = 1) -> ImmersedLightField:
     """Light field of a sensor behind glass; those last used are kept by content.
 
     Paths are traced backwards from the nodes, stratified in direction. After a pilot, further paths go where
@@ -133,14 +133,14 @@ def _content(rig: Rig) -> list[object]:
     return [digest.hexdigest(), clear, sizes, walls, rig.elastomer, rig.path_length, rig.sensing_area_mm]
 
 
-def _baked(rig: Rig, seed: int) -> LightField:
+def _baked(rig: Rig, seed: int) -> ImmersedLightField:
     assert rig.glass is not None
     height = np.array(LEVELS) * rig.glass.thickness_mm
     x, y = _axes(rig, PITCH_MM if rig.glass.gap is None else GAP_PITCH_MM)
     groups = range(len(rig.flux_mw))
     parts = [tuple(groups[first : first + CHANNELS]) for first in range(0, len(groups), CHANNELS)]
     found, glow = zip(*(_field(rig, part, (x, y, height), seed) for part in parts), strict=True)
-    return LightField(x, y, height, np.concatenate(found), np.concatenate(glow))
+    return ImmersedLightField(x, y, height, np.concatenate(found), np.concatenate(glow))
 
 
 def _axes(rig: Rig, pitch_mm: float) -> list[Array]:

@@ -4,9 +4,8 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from designlab.core.types import Array
 
 GRAZING = 0.02  # least cosine to a face's normal by which its radiance is the intensity over the seen area
 

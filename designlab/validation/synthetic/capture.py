@@ -3,17 +3,15 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.sensor.camera import View
 from designlab.validation.synthetic import lens
-from designlab.validation.synthetic.capture_plan import Shot
+from designlab.validation.synthetic.capture_plan import PlannedShot
 from designlab.validation.synthetic.electronics import Converter, flicker, fringes
 from designlab.validation.synthetic.generator_sensor import Rig
 from designlab.validation.synthetic.raycast import Caster
 from designlab.validation.synthetic.surface import Indenter
-
-Array = NDArray[np.float64]
 
 BRIGHT = 0.7  # share of full scale that the bright parts of the untouched gel reach
 FLAT_FIELD = 0.5  # signal of the flat field in the middle of the picture
@@ -50,7 +48,7 @@ class Shooting:
         self.exposure = rig.camera.exposure or BRIGHT / brightest
         """Signal per unit of mixed radiance."""
 
-    def take(self, shot: Shot, random: np.random.Generator | None, *, correlated: bool) -> Array:
+    def take(self, shot: PlannedShot, random: np.random.Generator | None, *, correlated: bool) -> Array:
         """Values of a frame (rows, columns, 3), share of full scale; without noise where `random` is None."""
         rig, sensor, view = self._rig, self._rig.sensor, self._view
         if shot.is_flat_field:

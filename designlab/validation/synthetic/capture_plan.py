@@ -4,15 +4,13 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.sensor.design import Design
 from designlab.validation.synthetic.generator_sensor import Rig
 from designlab.validation.synthetic.surface import Indenter
 from geometries import elastomer, probes
 from geometries.probes import Probe
-
-Array = NDArray[np.float64]
 
 SIGMA = {
     "depth_mm": 0.02,
@@ -31,7 +29,7 @@ OTHER_KIND = {"sphere": "cone", "triangle": "star", "star": "triangle", "cone": 
 """What is pressed instead of a probe where the object is wrong; a ball for all others."""
 
 
-class Shot(NamedTuple):
+class PlannedShot(NamedTuple):
     """One frame to take: the metadata written, the true indentation, and which groups are on.
 
     `exposure` is relative, `gel_deg` the rotation of the gel; a flat field shows no gel at all.
@@ -127,25 +125,27 @@ def _instead(probe: Probe) -> Probe:
 
 def shots(
     rig: Rig, kit: str, stated: list[dict[str, Any]], true: list[Indenter], *, flat_field: bool
-) -> list[Shot]:
+) -> list[PlannedShot]:
     """Frames in the order in which they are taken: backgrounds lie between the presses."""
     groups = len(rig.flux_mw)
     everything, nothing = np.ones(groups), np.zeros(groups)
 
-    def background(name: str, lit: Array = everything, **more: Any) -> Shot:
-        return Shot({"file": f"background-{name}.exr", "kind": "background", **more}, None, lit)
+    def background(name: str, lit: Array = everything, **more: Any) -> PlannedShot:
+        return PlannedShot({"file": f"background-{name}.exr", "kind": "background", **more}, None, lit)
 
     presses = [
-        Shot({"file": f"press-{number:02d}.exr", "kind": "press", **press, "sigma": SIGMA}, one, everything)
+        PlannedShot(
+            {"file": f"press-{number:02d}.exr", "kind": "press", **press, "sigma": SIGMA}, one, everything
+        )
         for number, (press, one) in enumerate(zip(stated, true, strict=True), start=1)
     ]
     between = [background(str(number), repeat=number) for number in range(BACKGROUNDS[kit])]
-    first = [Shot({"file": "dark.exr", "kind": "dark", "leds": []}, None, nothing)]
+    first = [PlannedShot({"file": "dark.exr", "kind": "dark", "leds": []}, None, nothing)]
     first += [
         background(name, lit, leds=[name]) for name, lit in zip(rig.group_names, np.eye(groups), strict=True)
     ]
     if flat_field:
-        first.append(Shot({"file": "flat-field.exr", "kind": "flat_field"}, None, everything))
+        first.append(PlannedShot({"file": "flat-field.exr", "kind": "flat_field"}, None, everything))
     found = [*first, between[0]]
     if kit == "hour":
         if presses:
@@ -163,7 +163,7 @@ def shots(
     return found
 
 
-def further_shot(rig: Rig, frame: Mapping[str, Any], number: int, random: np.random.Generator) -> Shot:
+def further_shot(rig: Rig, frame: Mapping[str, Any], number: int, random: np.random.Generator) -> PlannedShot:
     """Frame that is taken after those of a kit.
 
     Parameters
@@ -189,5 +189,5 @@ def further_shot(rig: Rig, frame: Mapping[str, Any], number: int, random: np.ran
     metadata = {"file": f"{FURTHER}-{number:02d}.exr", **fields}
     gel_deg = float(fields.get("gel_rotation_deg", 0.0))
     if kind != "press":
-        return Shot(metadata, None, lit, exposure, gel_deg)
-    return Shot({**metadata, "sigma": SIGMA}, true_press(rig, fields, random), lit, exposure, gel_deg)
+        return PlannedShot(metadata, None, lit, exposure, gel_deg)
+    return PlannedShot({**metadata, "sigma": SIGMA}, true_press(rig, fields, random), lit, exposure, gel_deg)

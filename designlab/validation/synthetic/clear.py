@@ -7,12 +7,10 @@ count by Fresnel's shares, so that nothing is left to chance but a ray's first d
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     import mitsuba
 
-Array = NDArray[np.float64]
 
 BLACK, SIDE, INTERFACE, GAP_ABOVE, GAP_BELOW, SPREADS = range(6)  # what a ray meets
 GEL, CORE, AIR, GAP = range(4)  # what a ray passes

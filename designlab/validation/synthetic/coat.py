@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from designlab.core.types import Array
+
 MARKER_SOFT_MM = 0.04  # over which the border of a printed dot fades
 
 

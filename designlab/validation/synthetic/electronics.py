@@ -1,13 +1,12 @@
 """From light on the pixels to what the camera reports: noise, black level, response curve, converter."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import dctn, idctn
 
+from designlab.core.types import Array
 from designlab.sensor.camera import Camera, View
 from designlab.validation.synthetic.generator_sensor import Sensor
 
-Array = NDArray[np.float64]
 NEIGHBOUR = 1 / 3  # weight of the next pixel, by which neighbours correlate with 0.3
 FEW_E = 1000.0  # electrons below which photons are counted one by one
 LEVELS = 4096  # of the sampled curve of a converter

@@ -26,8 +26,6 @@ from designlab.validation.synthetic.effects import apply
 from designlab.validation.synthetic.generator_sensor import Rig
 from designlab.validation.synthetic.unmodelled import add_outside, add_unlisted
 
-Array = NDArray[np.float64]
-
 GAIN_ERROR = 0.1  # largest departure of a group's flux from its design
 
 

@@ -7,15 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.sensor.camera import Camera
 from designlab.sensor.design import Design
 from designlab.sensor.led_mounting import seated
 from designlab.validation.synthetic.coat import Coat
-from designlab.validation.synthetic.glass import Glass
+from designlab.validation.synthetic.glass import ImmersedParts
 from geometries.elastomer import Elastomer
 from geometries.leds import Body, Emitter, LedArray, bodies, emitters
-
-Array = NDArray[np.float64]
 
 
 class Rectangles(NamedTuple):
@@ -46,7 +45,7 @@ class Cells(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Contact:
+class TrueContact:
     """How the gel is really touched, other than a press states.
 
     Attributes
@@ -73,7 +72,7 @@ class Contact:
 
 
 @dataclass(frozen=True)
-class Lens:
+class TrueLens:
     """What happens to light between the membrane and the pixels, beyond what the design says of its lens.
 
     Attributes
@@ -169,12 +168,12 @@ class Rig:
     sensing_area_mm: tuple[float, float]
     coat: Coat
     turn: Array = field(default_factory=lambda: np.eye(3))
-    contact: Contact = field(default_factory=Contact)
-    lens: Lens = field(default_factory=Lens)
+    contact: TrueContact = field(default_factory=TrueContact)
+    lens: TrueLens = field(default_factory=TrueLens)
     sensor: Sensor = field(default_factory=Sensor)
     waves: Array = field(default_factory=lambda: np.zeros((0, 4)))
     grain: tuple[float, float, float, float] | None = None
-    glass: Glass | None = None
+    glass: ImmersedParts | None = None
 
     @classmethod
     def of(cls, design: Design) -> "Rig":
@@ -193,7 +192,7 @@ class Rig:
             raise ValueError(
                 "elastomer.shape: measurements are generated for flat gels and domes, got 'freeform'"
             )
-        glass = Glass.of(design) if design.optics.light_path == "core" else None
+        glass = ImmersedParts.of(design) if design.optics.light_path == "core" else None
         strips: Sequence[Emitter]
         boxes: Sequence[Body]
         boxes, strips = (bodies(design.leds), emitters(design.leds)) if glass is None else seated(design)

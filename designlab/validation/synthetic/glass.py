@@ -6,12 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.sensor.design import Design
 from designlab.simulation.scene.materials import Shape
 from designlab.simulation.scene.static_parts import core_and_gel, housing_inside
 from geometries import gelcore
 
-Array = NDArray[np.float64]
 INTERFACE = ("interface", "gap-gel", "gap-core")  # laid out anew
 
 
@@ -28,7 +28,7 @@ class Disc(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Glass:
+class ImmersedParts:
     """Core, gel and what stands around them; absorption has shape (groups,).
 
     `walls` are the core's sides and window, the gel's rim and the housing; boundary between core and gel,
@@ -51,7 +51,7 @@ class Glass:
     gap: Disc | None = None
 
     @classmethod
-    def of(cls, design: Design) -> "Glass":
+    def of(cls, design: Design) -> "ImmersedParts":
         """Take the clear parts of a design."""
         if design.gelcore.cavity is not None:
             raise ValueError("gelcore.cavity_radius_mm: measurements are generated of solid cores only")
@@ -81,7 +81,7 @@ class Glass:
         return not any(losses)
 
 
-class Sight(NamedTuple):
+class ImmersedRays(NamedTuple):
     """Viewing rays within the gel: x = x_0 + t tan_x, y = y_0 + t tan_y, z = z_0 - t, arrays (n,).
 
     `passed` (groups, n) is the share of the membrane's radiance that comes from the interface to the camera,
@@ -94,7 +94,9 @@ class Sight(NamedTuple):
     passed: Array
 
 
-def look(glass: Glass, camera_mm: tuple[float, float, float], tan_x: Array, tan_y: Array) -> Sight:
+def look(
+    glass: ImmersedParts, camera_mm: tuple[float, float, float], tan_x: Array, tan_y: Array
+) -> ImmersedRays:
     """Follow the camera's rays through window and core into the gel.
 
     Snell's law in Heckbert's vector form at a plane window and at the plane or sphere under it; Fresnel's
@@ -135,7 +137,7 @@ def look(glass: Glass, camera_mm: tuple[float, float, float], tan_x: Array, tan_
     lost = glass.core_absorption_per_mm + glass.scattering_per_mm
     kept = np.exp(-lost[:, None] * way) * passed * share / glass.gel_index**2
     x, y, z = below
-    return Sight((x, y, z), onward[0] / -onward[2], onward[1] / -onward[2], kept)
+    return ImmersedRays((x, y, z), onward[0] / -onward[2], onward[1] / -onward[2], kept)
 
 
 def refracted(direction: Array, normal: Array, index: float, other: float) -> tuple[Array, Array]:
@@ -168,7 +170,7 @@ def slab_transmission(cosine: Array, index: float, slab: float, other: float) ->
     )
 
 
-def interface_z(glass: Glass, x: Array, y: Array) -> Array:
+def interface_z(glass: ImmersedParts, x: Array, y: Array) -> Array:
     """Height of the boundary between core and gel (mm)."""
     if glass.interface_radius_mm is None:
         return np.full(np.shape(x), glass.thickness_mm)
@@ -176,7 +178,7 @@ def interface_z(glass: Glass, x: Array, y: Array) -> Array:
     return np.asarray(radius + glass.thickness_mm - np.sqrt(np.maximum(radius**2 - x**2 - y**2, 0.0)))
 
 
-def onto_interface(glass: Glass, point: Array, towards: Array) -> tuple[Array, Array]:
+def onto_interface(glass: ImmersedParts, point: Array, towards: Array) -> tuple[Array, Array]:
     """Where rays from a point in the gel (3,) along unit vectors (n, 3) meet the core, and their cosines."""
     if glass.interface_radius_mm is None:
         way = (glass.thickness_mm - point[2]) / towards[:, 2]

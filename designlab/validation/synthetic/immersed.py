@@ -6,12 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from designlab.core.types import Array
 from designlab.validation.synthetic.backlight import directions, light_field
 from designlab.validation.synthetic.generator_sensor import Rig
 from designlab.validation.synthetic.light import (
     FINE_MARGIN_MM,
-    Grid,
     Patches,
+    PatchGrid,
     coarse_grid,
     coarse_patches,
     fine_patches,
@@ -21,8 +22,6 @@ from designlab.validation.synthetic.light import (
 from designlab.validation.synthetic.shadow import NONE, horizon_map
 from designlab.validation.synthetic.surface import Box, HeightField, base_z
 from designlab.validation.synthetic.tracing import AZIMUTHS, COLATITUDES
-
-Array = NDArray[np.float64]
 
 CHUNK = 4_000_000  # pairs of points and cells handled at once
 FAR_AWAY_MM = 1e6
@@ -112,7 +111,7 @@ class Bathed:
     def __init__(self, light: Immersed, surface: HeightField) -> None:
         self._light, self.surface = light, surface
         self._groups = len(light.rig.flux_mw)
-        self._between: tuple[Grid, Array, Grid, Array] | None = None
+        self._between: tuple[PatchGrid, Array, PatchGrid, Array] | None = None
         self.sky: Sky | None = None
         if surface.height_mm is None:
             self._table = self._tabulated()
@@ -162,7 +161,7 @@ class Bathed:
         found[:, near] = _interpolated(fine, fine_field, x[near], y[near])
         return found
 
-    def _tabulated(self) -> tuple[Grid, Array]:
+    def _tabulated(self) -> tuple[PatchGrid, Array]:
         """Irradiance of the untouched membrane on a grid over the light field."""
         field = self._light.field
         box = Box(field.x_mm[0], field.x_mm[-1], field.y_mm[0], field.y_mm[-1])
@@ -170,7 +169,7 @@ class Bathed:
         found = self._light.arriving(HeightField(self.surface.radius_mm), x, y)
         return grid, found.reshape(-1, grid.rows, grid.columns)
 
-    def _far_shade(self) -> tuple[Grid, Array]:
+    def _far_shade(self) -> tuple[PatchGrid, Array]:
         """What the indentation hides from its surroundings, on a grid over the window."""
         assert self.sky is not None
         light, base = self._light, HeightField(self.surface.radius_mm)
@@ -181,7 +180,7 @@ class Bathed:
         shade[:, at] -= light.arriving(base, x[at], y[at], self.sky)
         return grid, shade.reshape(-1, grid.rows, grid.columns)
 
-    def _between_membrane(self) -> tuple[Grid, Array, Grid, Array]:
+    def _between_membrane(self) -> tuple[PatchGrid, Array, PatchGrid, Array]:
         """Change of the irradiance by other parts of the membrane, all orders, on a coarse and a fine grid.
 
         On a dome the light field holds what the untouched membrane sends itself within the gel; here counts
@@ -251,28 +250,28 @@ def visible_share(slopes: NDArray[np.float32]) -> NDArray[np.float32]:
     return share.reshape(len(slopes), -1)
 
 
-def _grid(box: Box, pitch_mm: float) -> tuple[Grid, Array, Array]:
+def _grid(box: Box, pitch_mm: float) -> tuple[PatchGrid, Array, Array]:
     """Grid that spans a box, at most `pitch_mm` apart, and its points."""
     columns = int(np.ceil((box.right - box.left) / pitch_mm)) + 1
     rows = int(np.ceil((box.top - box.bottom) / pitch_mm)) + 1
     x, y = np.linspace(box.left, box.right, columns), np.linspace(box.bottom, box.top, rows)
-    grid = Grid(box.left, box.bottom, float(x[1] - x[0]), float(y[1] - y[0]), rows, columns)
+    grid = PatchGrid(box.left, box.bottom, float(x[1] - x[0]), float(y[1] - y[0]), rows, columns)
     along, up = (axis.ravel() for axis in np.meshgrid(x, y))
     return grid, along, up
 
 
-def _patches(rig: Rig, surface: HeightField, coarse: Grid, box: Box) -> tuple[Patches, Grid]:
+def _patches(rig: Rig, surface: HeightField, coarse: PatchGrid, box: Box) -> tuple[Patches, PatchGrid]:
     outer = coarse_patches(rig, surface, coarse, without=box)
     inner, fine = fine_patches(rig, surface, box)
     return Patches(*(np.concatenate(parts) for parts in zip(outer, inner, strict=True))), fine
 
 
-def _interpolated(grid: Grid, field: Array, x: Array, y: Array, order: int = 1) -> Array:
+def _interpolated(grid: PatchGrid, field: Array, x: Array, y: Array, order: int = 1) -> Array:
     place = [(y - grid.y0_mm) / grid.pitch_y_mm, (x - grid.x0_mm) / grid.pitch_x_mm]
     return np.stack([map_coordinates(layer, place, order=order, mode="nearest") for layer in field])
 
 
-def _extent(grid: Grid) -> Box:
+def _extent(grid: PatchGrid) -> Box:
     right = grid.x0_mm + (grid.columns - 1) * grid.pitch_x_mm
     return Box(grid.x0_mm, right, grid.y0_mm, grid.y0_mm + (grid.rows - 1) * grid.pitch_y_mm)
 

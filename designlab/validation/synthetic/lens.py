@@ -1,21 +1,20 @@
 """Between the membrane and the pixels: where a pixel looks, blur, fall-off, stray light, drops and ghosts."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import dctn, fft2, fftfreq, idctn, ifft2
 from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.special import j1
 
+from designlab.core.types import Array
 from designlab.sensor.camera import Camera, View
-from designlab.validation.synthetic.generator_sensor import Lens, Rig
+from designlab.validation.synthetic.generator_sensor import Rig, TrueLens
 
-Array = NDArray[np.float64]
 GLARE_WIDTHS = 0.3  # sigma of stray light in widths of the picture
 GHOST_SIZE = 0.3  # of a ghost over the LED as the camera would see it
 DROP_BLUR = 0.12  # sigma behind a drop over its radius
 
 
-def seen(camera: Camera, lens: Lens, column: Array, row: Array) -> tuple[Array, Array]:
+def seen(camera: Camera, lens: TrueLens, column: Array, row: Array) -> tuple[Array, Array]:
     """Places of an ideal picture that are seen at places of the real one (px of the full sensor).
 
     The cubic d (1 + magnification + radial r^2) = d' is solved for d by Newton's method.
@@ -35,12 +34,12 @@ def seen(camera: Camera, lens: Lens, column: Array, row: Array) -> tuple[Array, 
     return x_c + right * scale, y_c + down * scale
 
 
-def disc_px(camera: Camera, lens: Lens) -> float:
+def disc_px(camera: Camera, lens: TrueLens) -> float:
     """Radius of the disc of blur in pixels of the full sensor: a disc's rms for each axis is half of it."""
     return 2 * lens.blur_um / 1000 * camera.focal_px / camera.position_mm[2]
 
 
-def margin(camera: Camera, lens: Lens, view: View) -> int:
+def margin(camera: Camera, lens: TrueLens, view: View) -> int:
     """Output pixels around a view that have to be known."""
     if not lens.blur_um:
         return 0
@@ -64,7 +63,7 @@ def blurred(picture: Array, *, radius: float) -> Array:
     return np.asarray(spread[:, pad : pad + rows, pad : pad + columns])
 
 
-def falloff(camera: Camera, lens: Lens, view: View) -> Array:
+def falloff(camera: Camera, lens: TrueLens, view: View) -> Array:
     """Vignetting as a power of the cosine of the angle at which light meets the sensor, (rows, columns).
 
     The power is the one that loses in the picture's furthest corner what the parabola 1 - loss r^2 does.

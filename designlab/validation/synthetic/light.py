@@ -6,13 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.validation.synthetic import kernels
 from designlab.validation.synthetic.generator_sensor import Cells, Rig, cells
 from designlab.validation.synthetic.shadow import Horizon
 from designlab.validation.synthetic.surface import Box, HeightField
 from geometries import elastomer
-
-Array = NDArray[np.float64]
 
 EMITTER_SPACING_MM = 1.2
 BOARD_SPACING_MM = 2.4
@@ -32,7 +31,7 @@ class Patches(NamedTuple):
     area: Array
 
 
-class Grid(NamedTuple):
+class PatchGrid(NamedTuple):
     """Regular grid of patch centres: first centre, pitch, rows (ascending y) and columns."""
 
     x0_mm: float
@@ -176,7 +175,7 @@ class Pressed:
                 total[group, near] = _interpolate(grid, field, x[near], y[near])
         return total
 
-    def _between_membrane(self) -> tuple[Array, Array | None, Grid | None]:
+    def _between_membrane(self) -> tuple[Array, Array | None, PatchGrid | None]:
         """Irradiance that patches of the membrane send each other, all orders that count, on both grids."""
         rig, lighting = self._rig, self._lighting
         fine_box = None if self.surface.height_mm is None else self.surface.bump.grown(FINE_MARGIN_MM)
@@ -281,7 +280,7 @@ def form_factors(receivers: Patches, senders: Patches) -> Array:
     )
 
 
-def coarse_patches(rig: Rig, surface: HeightField, grid: Grid, *, without: Box | None) -> Patches:
+def coarse_patches(rig: Rig, surface: HeightField, grid: PatchGrid, *, without: Box | None) -> Patches:
     """Patches of the whole membrane; areas count what lies within the gel's outline and outside a box."""
     x, y = (axis.ravel() for axis in _centres(grid))
     fine = (np.arange(6) + 0.5) / 6 - 0.5
@@ -294,10 +293,10 @@ def coarse_patches(rig: Rig, surface: HeightField, grid: Grid, *, without: Box |
     return _patches(surface, x, y, share * grid.pitch_x_mm * grid.pitch_y_mm)
 
 
-def fine_patches(rig: Rig, surface: HeightField, box: Box) -> tuple[Patches, Grid]:
+def fine_patches(rig: Rig, surface: HeightField, box: Box) -> tuple[Patches, PatchGrid]:
     """Patches of a box around an indentation."""
     pitch_x, pitch_y = (box.right - box.left) / FINE_PATCHES, (box.top - box.bottom) / FINE_PATCHES
-    grid = Grid(
+    grid = PatchGrid(
         box.left + pitch_x / 2, box.bottom + pitch_y / 2, pitch_x, pitch_y, FINE_PATCHES, FINE_PATCHES
     )
     x, y = (axis.ravel() for axis in _centres(grid))
@@ -310,23 +309,23 @@ def _patches(surface: HeightField, x: Array, y: Array, footprint_mm2: Array) -> 
     return Patches(np.stack([x, y, surface.z(x, y)], axis=-1), normals, footprint_mm2 / normals[:, 2])
 
 
-def coarse_grid(rig: Rig) -> Grid:
+def coarse_grid(rig: Rig) -> PatchGrid:
     """Grid of the patches of the whole membrane."""
     outline = elastomer.polygon(rig.elastomer)
     (left, bottom), (right, top) = outline.min(axis=0), outline.max(axis=0)
     columns, rows = int(np.ceil((right - left) / COARSE_MM)), int(np.ceil((top - bottom) / COARSE_MM))
     pitch_x, pitch_y = (right - left) / columns, (top - bottom) / rows
-    return Grid(left + pitch_x / 2, bottom + pitch_y / 2, pitch_x, pitch_y, rows, columns)
+    return PatchGrid(left + pitch_x / 2, bottom + pitch_y / 2, pitch_x, pitch_y, rows, columns)
 
 
-def _centres(grid: Grid) -> tuple[Array, Array]:
+def _centres(grid: PatchGrid) -> tuple[Array, Array]:
     x = grid.x0_mm + np.arange(grid.columns) * grid.pitch_x_mm
     y = grid.y0_mm + np.arange(grid.rows) * grid.pitch_y_mm
     grid_x, grid_y = np.meshgrid(x, y)
     return grid_x, grid_y
 
 
-def _interpolate(grid: Grid, field: Array, x: Array, y: Array) -> Array:
+def _interpolate(grid: PatchGrid, field: Array, x: Array, y: Array) -> Array:
     row, column = (y - grid.y0_mm) / grid.pitch_y_mm, (x - grid.x0_mm) / grid.pitch_x_mm
     return kernels.bilinear(field, row, column, True)
 

@@ -6,12 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.validation.synthetic.generator_sensor import Rectangles, Rig
-from designlab.validation.synthetic.glass import Disc, Glass
+from designlab.validation.synthetic.glass import Disc, ImmersedParts
 from designlab.validation.synthetic.surface import base_z
 from geometries import elastomer
-
-Array = NDArray[np.float64]
 
 JOINED_MM = 2e-3  # a bonded board lies this far inside the core's side
 FACING = 0.7  # cosine: sides turned to a board by less than 45 deg may carry it
@@ -93,7 +92,7 @@ def package(boards: Rectangles, number: int, way_mm: float, depth_mm: float) -> 
     return Mesh(vertices, np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]))
 
 
-def joining_mm(boards: Rectangles, number: int, glass: Glass) -> float:
+def joining_mm(boards: Rectangles, number: int, glass: ImmersedParts) -> float:
     """Way of a board along its normal until its front lies just inside the core: glue fills the rest."""
     across = boards.half[number, 0] * boards.across[number]
     down = boards.half[number, 1] * boards.down[number]

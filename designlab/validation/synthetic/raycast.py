@@ -5,9 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.sensor.camera import Camera, View
 from designlab.validation.synthetic import lens
-from designlab.validation.synthetic.generator_sensor import Lens, Rig
+from designlab.validation.synthetic.generator_sensor import Rig, TrueLens
 from designlab.validation.synthetic.glass import look
 from designlab.validation.synthetic.immersed import Bathed, Immersed
 from designlab.validation.synthetic.light import Lighting, Pressed, reflectances
@@ -15,14 +16,12 @@ from designlab.validation.synthetic.surface import HeightField, Indenter, base_z
 from designlab.validation.synthetic.veil import veil
 from geometries import elastomer, probes
 
-Array = NDArray[np.float64]
-
 Place = float | Array
 SUPERSAMPLES = 2  # rays along each side of an output pixel
 GRAIN_REFLECTANCE = 0.3  # of a grain on the gel, over the membrane's
 
 
-class Rays(NamedTuple):
+class CameraRays(NamedTuple):
     """Rays x = x_c + t tan_x, y = y_c + t tan_y, z = z_c - t from a centre of projection (x_c, y_c, z_c)."""
 
     origin_mm: tuple[Place, Place, Place]
@@ -34,10 +33,10 @@ class Rays(NamedTuple):
         x, y, z = self.origin_mm
         return x + t * self.tan_x, y + t * self.tan_y, z - t
 
-    def only(self, chosen: NDArray[np.bool_]) -> "Rays":
+    def only(self, chosen: NDArray[np.bool_]) -> "CameraRays":
         """Some of the rays."""
         x, y, z = (np.broadcast_to(place, chosen.shape)[chosen] for place in self.origin_mm)
-        return Rays((x, y, z), self.tan_x[chosen], self.tan_y[chosen])
+        return CameraRays((x, y, z), self.tan_x[chosen], self.tan_y[chosen])
 
 
 class Caster:
@@ -61,7 +60,7 @@ class Caster:
         if rig.glass is not None and isinstance(self._lighting, Immersed):
             self._veil = veil(rig, self._lighting.field, self._rays.tan_x, self._rays.tan_y)
             sight = look(rig.glass, rig.camera.position_mm, self._rays.tan_x, self._rays.tan_y)
-            self._rays, self._passed = Rays(*sight[:3]), sight.passed
+            self._rays, self._passed = CameraRays(*sight[:3]), sight.passed
         self._t = meet(self._rays, HeightField(rig.elastomer.radius_mm))
         x, y, _ = self._rays.at(self._t)
         self._untouched = self._lighting.untouched.irradiance(x, y, eye=self._eye)
@@ -167,9 +166,9 @@ def pixel_rays(
     view: View,
     *,
     split: int = SUPERSAMPLES,
-    bent: Lens | None = None,
+    bent: TrueLens | None = None,
     turn: Array | None = None,
-) -> Rays:
+) -> CameraRays:
     """Rays through `split` x `split` evenly spaced points of every output pixel, rows first, flattened.
 
     Parameters
@@ -180,7 +179,7 @@ def pixel_rays(
         Output pixels.
     split : int
         Rays along each side of a pixel.
-    bent : Lens, optional
+    bent : TrueLens, optional
         What the lens distorts beyond the camera's own distortion.
     turn : array, shape (3, 3), optional
         Rotation of the camera about its centre of projection.
@@ -192,7 +191,7 @@ def pixel_rays(
     """
     u = view.x_px + (np.arange(view.columns * split) + 0.5) * view.width_px / (view.columns * split)
     v = view.y_px + (np.arange(view.rows * split) + 0.5) * view.height_px / (view.rows * split)
-    column, row = lens.seen(camera, bent or Lens(), *np.meshgrid(u, v))
+    column, row = lens.seen(camera, bent or TrueLens(), *np.meshgrid(u, v))
     if camera.is_plain:
         x_c, y_c = camera.centre_px
         right, up = (column - x_c) / camera.focal_px, (y_c - row) / camera.focal_px
@@ -204,10 +203,10 @@ def pixel_rays(
         forward = -back
     if forward.min() <= 0:
         raise ValueError("camera.lens: the picture must stay within 90 deg of the axis")
-    return Rays(camera.position_mm, (right / forward).ravel(), (up / forward).ravel())
+    return CameraRays(camera.position_mm, (right / forward).ravel(), (up / forward).ravel())
 
 
-def meet(rays: Rays, surface: HeightField, *, steps: int = 16) -> Array:
+def meet(rays: CameraRays, surface: HeightField, *, steps: int = 16) -> Array:
     """Ray parameter t (mm below the camera) of the first point where each ray meets a membrane.
 
     The base is met by Newton's method. Where there is an indentation, the piece of the ray between its peak

@@ -3,11 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.validation.synthetic import kernels
 from designlab.validation.synthetic.generator_sensor import Cells
 from designlab.validation.synthetic.surface import Box, HeightField
-
-Array = NDArray[np.float64]
 
 STEP_DEG = 3.0
 PITCH_MM = 0.05

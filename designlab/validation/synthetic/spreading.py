@@ -8,14 +8,13 @@ do; a direction counts by the chance of both (Veach and Guibas 1995, balance heu
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.validation.synthetic.clear import AIR, CORE, Follower
 
 if TYPE_CHECKING:
     import mitsuba
 
-Array = NDArray[np.float64]
 
 LARGER = 1.25  # targets over boards: through a side of the core things are seen elsewhere
 DULL = 0.02  # chance of targets towards which nothing seems to be spread, over that of the others

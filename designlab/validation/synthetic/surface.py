@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import j0
 
+from designlab.core.types import Array
 from designlab.validation.synthetic import kernels
 from designlab.validation.synthetic.tail import LEAST_MM, outside_mm, reach_mm
 from geometries.elastomer import Elastomer
 from geometries.probes import Probe, profile_mm
-
-Array = NDArray[np.float64]
 
 PITCH_MM = 0.02
 REACH = 6.0  # the kernel ends at this many of its lengths

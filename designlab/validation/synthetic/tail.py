@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from geometries.elastomer import Elastomer
 from geometries.probes import Probe
 
 if TYPE_CHECKING:
     from designlab.validation.synthetic.surface import Indenter
 
-Array = NDArray[np.float64]
 LEAST_MM = 5e-4  # height below which the tail ends
 CORNERS = 3  # of a triangle
 

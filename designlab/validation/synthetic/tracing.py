@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.simulation.scene.materials import Dielectric, Diffuse, Shape
 from designlab.validation.synthetic.beams import Face
 from designlab.validation.synthetic.clear import (
@@ -26,14 +27,13 @@ from designlab.validation.synthetic.clear import (
     Stuff,
 )
 from designlab.validation.synthetic.generator_sensor import Rig
-from designlab.validation.synthetic.glass import Disc, Glass, interface_z
+from designlab.validation.synthetic.glass import Disc, ImmersedParts, interface_z
 from designlab.validation.synthetic.meshes import SEGMENTS, Mesh, joining_mm, membrane, package, sheet
 from designlab.validation.synthetic.spreading import LARGER, Spreader, Target
 
 if TYPE_CHECKING:
     import mitsuba
 
-Array = NDArray[np.float64]
 Look = Callable[[Any, Any], Any]  # what a sampler and rays make of a scene
 
 CHANNELS = 3
@@ -275,7 +275,7 @@ class Tracer:
         bright = rough or (isinstance(shape.material, Diffuse) and any(shape.material.reflectance))
         return SPREADS if self._spreading and bright else BLACK
 
-    def _wall(self, shape: Shape, glass: Glass, groups: tuple[int, ...]) -> "mitsuba.Mesh":
+    def _wall(self, shape: Shape, glass: ImmersedParts, groups: tuple[int, ...]) -> "mitsuba.Mesh":
         mesh = Mesh(shape.vertices, shape.faces.astype(np.int64), shape.normals)
         if isinstance(shape.material, Dielectric) and (self._spreading or not shape.material.roughness):
             return self._boundary(mesh, glass, "core", "air", shape.material.roughness)
@@ -284,7 +284,7 @@ class Tracer:
         return _loaded(mesh, _diffuse(np.zeros(len(groups))))
 
     def _boundary(
-        self, mesh: Mesh, glass: Glass, below: str, above: str, roughness: float = 0.0
+        self, mesh: Mesh, glass: ImmersedParts, below: str, above: str, roughness: float = 0.0
     ) -> "mitsuba.Mesh":
         """Clear boundary whose normals point from the stuff `below` into that `above`."""
         index = {"core": glass.core_index, "gel": glass.gel_index, "air": 1.0}
@@ -294,7 +294,7 @@ class Tracer:
         sides = {"interior": self._media[below], "exterior": self._media[above]}
         return _loaded(mesh, bsdf, {side: medium for side, medium in sides.items() if medium is not None})
 
-    def _interface(self, glass: Glass) -> dict[str, "mitsuba.Mesh"]:
+    def _interface(self, glass: ImmersedParts) -> dict[str, "mitsuba.Mesh"]:
         """Boundary of gel and core, with a gap of air where the gel has come off."""
         gap = glass.gap
         whole = sheet(glass.outline, gap, lambda x, y: interface_z(glass, x, y), glass.interface_radius_mm)
@@ -339,7 +339,7 @@ def _activate() -> None:
         )
 
 
-def _extinction(glass: Glass, groups: tuple[int, ...]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def _extinction(glass: ImmersedParts, groups: tuple[int, ...]) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Extinction (1/mm) of gel and core in every colour channel."""
     lost = glass.gel_absorption_per_mm, glass.core_absorption_per_mm + glass.scattering_per_mm
     gel, core = (
@@ -410,7 +410,7 @@ def _loaded(
     return loaded
 
 
-def _leds(rig: Rig, glass: Glass, groups: tuple[int, ...], *, lit: bool) -> dict[str, Any]:
+def _leds(rig: Rig, glass: ImmersedParts, groups: tuple[int, ...], *, lit: bool) -> dict[str, Any]:
     """Boards and emitting faces; bonded ones joined to the core's side, wherever they were moved."""
     boards, faces = rig.boards, rig.emitters
     each = len(faces.group) // max(len(boards.group), 1)
@@ -438,7 +438,7 @@ def _leds(rig: Rig, glass: Glass, groups: tuple[int, ...], *, lit: bool) -> dict
     return content
 
 
-def _targets(rig: Rig, glass: Glass, groups: tuple[int, ...]) -> list[Target]:
+def _targets(rig: Rig, glass: ImmersedParts, groups: tuple[int, ...]) -> list[Target]:
     """Boards of some groups, and their images in the window and in the boundary of gel and core."""
     boards, found = rig.boards, []
     for number, group in enumerate(boards.group):

@@ -5,11 +5,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from designlab.validation.synthetic.generator_sensor import Rig
 
-Array = NDArray[np.float64]
 Values = dict[str, Any]
 Change = Callable[[Rig, float, np.random.Generator], tuple[Rig, Values]]
 

@@ -1,20 +1,18 @@
 """Light that reaches the camera not straight from the membrane: through haze, or mirrored in glass."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.simulation.scene.materials import Diffuse
-from designlab.validation.synthetic.backlight import GLOW_MM, LightField
+from designlab.validation.synthetic.backlight import GLOW_MM, ImmersedLightField
 from designlab.validation.synthetic.generator_sensor import Rig
 from designlab.validation.synthetic.tracing import CHANNELS, Glow, Tracer
-
-Array = NDArray[np.float64]
 
 COLUMNS, ROWS, DEGREE = 12, 9, 4  # rays over the view, and the polynomials through what they find
 PATHS = 6000  # for each of them
 
 
-def veil(rig: Rig, field: LightField, tan_x: Array, tan_y: Array, *, seed: int = 5) -> Array:
+def veil(rig: Rig, field: ImmersedLightField, tan_x: Array, tan_y: Array, *, seed: int = 5) -> Array:
     """Radiance of every LED group at unit flux beyond the membrane's own, shape (groups, rays).
 
     Paths start at the camera, a few directions over its view; what they find is smooth. The membrane is as if

@@ -4,14 +4,12 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.state import Key, Values, key
 from designlab.sensor.camera import Camera
 from designlab.sensor.design import Design
 from designlab.simulation.effects import CATALOGUE, Effect, SensorModel
-
-Array = NDArray[np.float64]
 
 DEVIATES = np.linspace(-5.0, 5.0, 101)  # of the noise of one pixel
 LEVELS = 400  # of a sampled curve

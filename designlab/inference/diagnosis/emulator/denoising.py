@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dctn, idctn
 
-Array = NDArray[np.float64]
+from designlab.core.types import Array
+
 Single = NDArray[np.float32]
 
 BANDS = 24  # of frequency, in which powers are averaged

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from designlab.inference.diagnosis.emulator.coordinates import coordinate
-from designlab.simulation.effects import Effect, Parameter
+from designlab.simulation.effects import Effect, EffectParameter
 
 Values = Mapping[str, float]
 
@@ -16,14 +16,14 @@ LEAST_SD = 0.1  # steps shorter than this, at a bound, are taken to the other si
 
 
 @dataclass(frozen=True)
-class Step:
+class StencilStep:
     """Two other values of some parameters of an effect, each of which changes the light of other groups.
 
     Attributes
     ----------
     effect : str
         The effect.
-    parameters : tuple of Parameter
+    parameters : tuple of EffectParameter
         What is moved.
     ends : tuple of values
         The two values of the effect.
@@ -36,14 +36,16 @@ class Step:
     """
 
     effect: str
-    parameters: tuple[Parameter, ...]
+    parameters: tuple[EffectParameter, ...]
     ends: tuple[Values, Values]
     reached: tuple[tuple[float, ...], tuple[float, ...]]
     usual: Values
     product: bool = False
 
 
-def steps(effect: Effect, parameters: Sequence[Parameter], origin: Values | None) -> Iterator[Step]:
+def steps(
+    effect: Effect, parameters: Sequence[EffectParameter], origin: Values | None
+) -> Iterator[StencilStep]:
     """Steps of an effect to either side of its null, or of values that a fit has found.
 
     Of a one-sided parameter both ends lie on its side. A shape changes nothing at null: there its steps are
@@ -69,12 +71,12 @@ def steps(effect: Effect, parameters: Sequence[Parameter], origin: Values | None
 
 def _step(
     effect: str,
-    moved: tuple[Parameter, ...],
+    moved: tuple[EffectParameter, ...],
     here: Values,
     ways: Sequence[tuple[float, float]],
     *,
     product: bool = False,
-) -> Step:
+) -> StencilStep:
     low, high = (
         {**here, **{p.name: here[p.name] + way[end] * p.sd for p, way in zip(moved, ways, strict=True)}}
         for end in (0, 1)
@@ -82,10 +84,10 @@ def _step(
     before, after = (
         tuple(coordinate(p, end[p.name]) - coordinate(p, here[p.name]) for p in moved) for end in (low, high)
     )
-    return Step(effect, moved, (low, high), (before, after), here, product)
+    return StencilStep(effect, moved, (low, high), (before, after), here, product)
 
 
-def _ways(p: Parameter, here: float, far: float) -> tuple[float, float]:
+def _ways(p: EffectParameter, here: float, far: float) -> tuple[float, float]:
     """Two distances from a value, in standard deviations, that stay within the bounds."""
     down = float(np.clip(-far, (p.low - here) / p.sd, 0.0))
     up = float(np.clip(far, 0.0, (p.high - here) / p.sd))
@@ -96,9 +98,9 @@ def _ways(p: Parameter, here: float, far: float) -> tuple[float, float]:
     return down, up
 
 
-def _together(parameters: Sequence[Parameter]) -> list[list[Parameter]]:
+def _together(parameters: Sequence[EffectParameter]) -> list[list[EffectParameter]]:
     """Sort parameters so that those of different LED groups are moved at once."""
-    lots: list[list[Parameter]] = []
+    lots: list[list[EffectParameter]] = []
     for p in parameters:
         for lot in lots:
             if p.group and all(other.group and other.group != p.group for other in lot):

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.camera_response import ANSWERING, Answers, clipped, uncut
 from designlab.inference.diagnosis.emulator.coordinates import coordinate, value_at
 from designlab.inference.diagnosis.emulator.resampling import TURNING, Warps, turning
@@ -13,18 +14,17 @@ from designlab.inference.diagnosis.emulator.snapshots import (
     SHARPER,
     SIZE_STEP,
     Bank,
-    Change,
-    Picture,
+    LightDerivative,
+    Snapshot,
     binned,
 )
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, Key, State, Unknown
 from designlab.measurement.shots import POSE, Shot
 from designlab.sensor.camera import View
 from designlab.sensor.design import DesignError
-from designlab.simulation.effects import CATALOGUE, Effect, Parameter, Sight, effect
+from designlab.simulation.effects import CATALOGUE, Effect, EffectParameter, Sight, effect
 from designlab.simulation.effects.camera import mixed
 
-Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Light = NDArray[np.floating]
 
@@ -52,7 +52,7 @@ class Forward:
         self._edged: dict[tuple[int, Key], tuple[Light, Light] | None] = {}
         self._bands: dict[tuple[View, float], Array] = {}
         self.flux = np.array([group.flux_mw for group in self.design.leds.groups])
-        self.parameters: dict[str, tuple[Parameter, ...]] = {
+        self.parameters: dict[str, tuple[EffectParameter, ...]] = {
             e.name: e.parameters(bank.model.design) for e in CATALOGUE
         }
 
@@ -98,8 +98,8 @@ class Forward:
         return light
 
     def _changes(
-        self, picture: Picture, name: str, values: Mapping[str, float]
-    ) -> list[tuple[Change, float, float]]:
+        self, picture: Snapshot, name: str, values: Mapping[str, float]
+    ) -> list[tuple[LightDerivative, float, float]]:
         """Changes of a picture by an effect that was rendered, with coordinates and how often each acts."""
         found = []
         coordinates = self.coordinates(name, values)
@@ -356,7 +356,7 @@ class Forward:
             slope = slope * (ends[1] - ends[0]) / (2 * step)
         return slope * _pattern(state) * (channels > 0.0)
 
-    def _light_slope(self, state: State, number: int, unknown: Unknown, picture: Picture) -> Single | None:
+    def _light_slope(self, state: State, number: int, unknown: Unknown, picture: Snapshot) -> Single | None:
         """Derivative of the light by a pose or a rendered parameter; None for all others."""
         shape = picture.light.shape
         if unknown.effect == "numerical":

@@ -1,7 +1,6 @@
 """Rendered pictures of models under presses: each is computed once, kept in memory and on disk."""
 
 import importlib.metadata
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.core.store import digest, read_cache, write_cache
+from designlab.core.types import Progress
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press
@@ -19,9 +19,7 @@ from designlab.simulation.effects.model import SensorModel, effect
 from designlab.simulation.render import LIGHTFIELD_VERSION
 from designlab.simulation.simulator import Simulator
 
-Array = NDArray[np.float64]
 Basis = NDArray[np.float32]
-Progress = Callable[[str, int, int], None]
 Variant = Literal["value", "fine"]
 """The picture itself; another with a finer membrane mesh."""
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.splines import coefficients, look_up
 from designlab.inference.diagnosis.emulator.state import Key, Values, key
 from designlab.sensor.camera import View, Vignetting
@@ -24,7 +25,6 @@ from geometries.elastomer import base_mm
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-Array = NDArray[np.float64]
 MOST_PX = 16  # by which pictures are continued in proportion beyond their edges
 ITERATIONS = 6
 SETTLED_PX = 1e-6  # steps below which no further ones are taken
@@ -33,7 +33,7 @@ TURNING = tuple(e.name for e in CATALOGUE if e.warps)
 """Effects that turn where pixels look."""
 
 
-class Seen:
+class SeenPoints:
     """Membrane points that the pixels of a design see, and where in its picture a point is seen.
 
     Parameters
@@ -77,11 +77,11 @@ class Warp:
 
     Parameters
     ----------
-    nominal, changed : Seen
+    nominal, changed : SeenPoints
         What their pixels see; the designs differ in their cameras alone.
     """
 
-    def __init__(self, nominal: Seen, changed: Seen) -> None:
+    def __init__(self, nominal: SeenPoints, changed: SeenPoints) -> None:
         self._pad = nominal.pad
         self._place = nominal.place(changed.points_mm)
         self._before: Array | float = 1.0
@@ -135,7 +135,7 @@ class Warps:
     def __init__(self, design: Design) -> None:
         self.design = design
         self._kept: dict[tuple[Key, Key, View], Warp | None] = {}
-        self._seen: dict[tuple[Key, View], Seen] = {}
+        self._seen: dict[tuple[Key, View], SeenPoints] = {}
 
     def between(self, nominal: Key, changed: Key, view: View) -> Warp | None:
         """Resampling of what a camera sees into what another does; None where they are the same."""
@@ -149,7 +149,7 @@ class Warps:
             self._kept[both] = None if before.design is after.design else Warp(before, after)
         return self._kept[both]
 
-    def _looks(self, values: Key, view: View) -> Seen:
+    def _looks(self, values: Key, view: View) -> SeenPoints:
         """What pixels see where effects turn them."""
         if (values, view) not in self._seen:
             if len(self._seen) >= KEPT:
@@ -157,7 +157,7 @@ class Warps:
             design = self.design
             for name, own in values:
                 design = effect(name).on_design(design, dict(own))
-            self._seen[values, view] = Seen(design, view)
+            self._seen[values, view] = SeenPoints(design, view)
         return self._seen[values, view]
 
 

@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.core.store import digest
+from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.denoising import Calm, calm, share_of, without_grain
-from designlab.inference.diagnosis.emulator.difference_stencil import Step, Values, steps
+from designlab.inference.diagnosis.emulator.difference_stencil import StencilStep, Values, steps
 from designlab.inference.diagnosis.emulator.render_cache import Renders, Variant
 from designlab.measurement.shots import POSE, Shot
 from designlab.sensor.camera import View
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects import AppliedEffect, SensorModel, effect
 
-Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 MARGIN_PX = 4  # rendered around what shots show
@@ -34,7 +34,7 @@ FILLED_KEPT = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
+class LightDerivative:
     """Change of light with one coordinate t: t * first + t^2 * second, going on straight beyond `reach`.
 
     Both have shape (groups, rows, columns), or (rows, columns) where the light of `group` alone changes.
@@ -63,7 +63,7 @@ class Change:
 
 
 @dataclass(frozen=True, eq=False)
-class Stand:
+class LocalCorrection:
     """What is added where a press seems to stand, so that light is exact there.
 
     Along the way from the stated pose it grows with the third power, as the error of a quadratic does.
@@ -95,7 +95,7 @@ class Stand:
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class Snapshot:
     """Light of one stated press, and its changes.
 
     Attributes
@@ -112,18 +112,18 @@ class Picture:
         What a finer membrane mesh changes.
     pitch_mm : tuple of float
         Size of a pixel on the plane z = 0.
-    pose : tuple of Change
+    pose : tuple of LightDerivative
         By steps `POSE_STEP` of x, y, depth and yaw; empty without a press.
-    size : Change or None
+    size : LightDerivative or None
         By steps `SIZE_STEP` of the probe; None without a press.
-    changes : mapping of (effect, parameter) to Change
+    changes : mapping of (effect, parameter) to LightDerivative
         By coordinates from where the bank stands.
     spread : array, shape (repeats, groups, rows, columns), or None
         Deviations of the repeats from their mean, without what is known to be chance; None where a picture's
         random error is below what every simulation is granted.
     calming : array, shape (groups, rows, columns), or None
         Factor that takes chance away from pictures of this press, where there are repeats.
-    stand : Stand or None
+    stand : LocalCorrection or None
         Where light was rendered besides, if the press seems to stand far from where it was stated.
     sharp : array, shape (groups, SHARPER * rows, SHARPER * columns), or None
         Light of the stated press in finer pixels, of which edges move as they should; None where chance in it
@@ -140,12 +140,12 @@ class Picture:
     seen_mm: tuple[Array, Array]
     numerical: Single
     pitch_mm: tuple[float, float]
-    pose: tuple[Change, ...] = ()
-    size: Change | None = None
-    changes: Mapping[tuple[str, str], Change] = field(default_factory=dict)
+    pose: tuple[LightDerivative, ...] = ()
+    size: LightDerivative | None = None
+    changes: Mapping[tuple[str, str], LightDerivative] = field(default_factory=dict)
     spread: Single | None = None
     calming: Single | None = None
-    stand: Stand | None = None
+    stand: LocalCorrection | None = None
     sharp: Single | None = None
     sharp_at: Array | None = None
     exact_at: Array | None = None
@@ -166,7 +166,7 @@ class Bank:
         The model as given.
     shots : tuple of Shot
         What was measured.
-    pictures : tuple of Picture
+    pictures : tuple of Snapshot
         One for each press, shared by its shots.
     place : tuple of int
         Number of the picture of each shot.
@@ -178,12 +178,12 @@ class Bank:
 
     model: SensorModel
     shots: tuple[Shot, ...]
-    pictures: tuple[Picture, ...]
+    pictures: tuple[Snapshot, ...]
     place: tuple[int, ...]
     origin: Mapping[str, Values] = field(default_factory=dict)
     stands: Mapping[str, Values] = field(default_factory=dict)
 
-    def of(self, number: int) -> Picture:
+    def of(self, number: int) -> Snapshot:
         """Picture of a shot."""
         return self.pictures[self.place[number]]
 
@@ -223,7 +223,7 @@ def fill(
     return Bank(model, shots, _filled[key], tuple(presses.index(k) for k in keys), origin)
 
 
-_filled: dict[str, tuple["Picture", ...]] = {}
+_filled: dict[str, tuple["Snapshot", ...]] = {}
 
 
 def rendered_at(
@@ -271,7 +271,7 @@ def _fill(
     effects: Sequence[str],
     origin: Mapping[str, Values],
     finer: bool,
-) -> tuple["Picture", ...]:
+) -> tuple["Snapshot", ...]:
     chosen = [
         step
         for name in effects
@@ -359,14 +359,14 @@ def _picture(
     press: Press | None,
     view: View,
     place: tuple[slice, slice],
-    chosen: Sequence[Step],
+    chosen: Sequence[StencilStep],
     finer: bool,
-) -> Picture:
+) -> Snapshot:
     here = lamp.light(model, press, view)
     simulator = lamp.renders.simulator(model, view)
     seen = simulator.rays.hit(simulator.surface(press))
     numerical = lamp.light(model, press, view, variant="fine") - here if finer else np.zeros_like(here)
-    changes: dict[tuple[str, str], Change] = {}
+    changes: dict[tuple[str, str], LightDerivative] = {}
     for step in chosen:
         sees = press is not None or _acts_untouched(step.effect)
         low, high = (
@@ -380,7 +380,7 @@ def _picture(
                 changes[step.effect, p.name] = replace(_quadratic(usual, ends, group), product=True)
             else:
                 changes[step.effect, p.name] = _quadratic(here, ends, group)
-    pose: tuple[Change, ...] = ()
+    pose: tuple[LightDerivative, ...] = ()
     size = None
     if press is not None:
         around = [(lamp.light(model, there, view), s) for s, there in _around(press)]
@@ -388,7 +388,7 @@ def _picture(
         pose = tuple(of_pose)
     repeated = lamp.repeated(press, view)
     if repeated is None:
-        return Picture(
+        return Snapshot(
             light=here,
             view=view,
             place=place,
@@ -409,7 +409,7 @@ def _picture(
         key: _without_grain(change, drawn, quiet, spread) if _traced_anew(key[0]) else _times(change, own)
         for key, change in changes.items()
     }
-    return Picture(
+    return Snapshot(
         light=own * here,
         view=view,
         place=place,
@@ -434,12 +434,12 @@ def _traced_anew(name: str) -> bool:
     return effect(name).stage in ("emission", "transport")
 
 
-def _times(change: Change, factor: Single) -> Change:
+def _times(change: LightDerivative, factor: Single) -> LightDerivative:
     own = factor if change.group is None else factor[change.group]
     return replace(change, first=change.first * own, second=change.second * own)
 
 
-def _without_grain(change: Change, drawn: Single, quiet: Single, spread: Single) -> Change:
+def _without_grain(change: LightDerivative, drawn: Single, quiet: Single, spread: Single) -> LightDerivative:
     groups = slice(None) if change.group is None else [change.group]
 
     def clean(image: Single) -> Single:
@@ -454,14 +454,14 @@ def _acts_untouched(name: str) -> bool:
     return effect(name).stage != "contact" and name != "translucency"
 
 
-def _quadratic(here: Single, sides: Sequence[tuple[Single, float]], group: int | None) -> Change:
+def _quadratic(here: Single, sides: Sequence[tuple[Single, float]], group: int | None) -> LightDerivative:
     """Quadratic through the light here and at two other places."""
     chosen = slice(None) if group is None else group
     (a, s), (b, t) = ((light[chosen] - here[chosen], at) for light, at in sides)
     second = (b / np.float32(t) - a / np.float32(s)) / np.float32(t - s)
     first = a / np.float32(s) - np.float32(s) * second
     reach = max(abs(s), abs(t))
-    return Change(np.ascontiguousarray(first), np.ascontiguousarray(second), group, reach)
+    return LightDerivative(np.ascontiguousarray(first), np.ascontiguousarray(second), group, reach)
 
 
 def _around(press: Press) -> Iterator[tuple[float, Press]]:

@@ -5,7 +5,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import spline_filter1d
 
-Array = NDArray[np.float64]
+from designlab.core.types import Array
 
 MARGIN = 12  # pixels by which edges are repeated, beyond which they do not change coefficients within
 

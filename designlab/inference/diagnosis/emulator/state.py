@@ -5,13 +5,12 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.snapshots import Bank
 from designlab.measurement.shots import POSE
 from designlab.simulation.effects import AppliedEffect, SensorModel, effect
 
-Array = NDArray[np.float64]
 Values = Mapping[str, Mapping[str, float]]
 Key = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
 """Values of some effects, as a key of what is kept."""

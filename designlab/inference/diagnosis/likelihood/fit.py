@@ -4,8 +4,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.coordinates import coordinate, value_at
 from designlab.inference.diagnosis.emulator.forward import Forward
 from designlab.inference.diagnosis.emulator.snapshots import Bank
@@ -16,9 +16,7 @@ from designlab.inference.diagnosis.likelihood.noise import SMOOTH_ALIKE, Noise, 
 from designlab.inference.diagnosis.likelihood.normal_equations import ALIKE, System, system
 from designlab.measurement.shots import POSE
 from designlab.sensor.design import DesignError
-from designlab.simulation.effects import Parameter, effect
-
-Array = NDArray[np.float64]
+from designlab.simulation.effects import EffectParameter, effect
 
 GAIN_SD = 0.3  # of LED groups: what their products with the albedo are off by before anything is fitted
 DRAWN_SD = {
@@ -301,7 +299,7 @@ class Fitter:
         """Names of parameters of an effect that are surely further from null than its prior makes likely."""
         values = state.values[name]
 
-        def most(p: Parameter) -> float:
+        def most(p: EffectParameter) -> float:
             return float(p.sd * (BEYOND_SD + SURELY * unlisted_sd(name, p.name, shape=p.shape)))
 
         own = (p for p in self.forward.parameters[name] if not p.shape)

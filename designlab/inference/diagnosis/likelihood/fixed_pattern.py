@@ -4,16 +4,14 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import idctn
 from scipy.optimize import minimize_scalar
 
+from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.likelihood.noise import Noise, transformed
 from designlab.inference.diagnosis.likelihood.normal_equations import ALIKE
-
-Array = NDArray[np.float64]
 
 STRENGTHS = np.geomspace(3e-4, 0.1, 26)  # relative
 FINE = 600  # strengths of a range

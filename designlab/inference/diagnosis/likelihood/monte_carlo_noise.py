@@ -7,15 +7,13 @@ lost in one picture are lost in nearly all: a fit that knows so can still tell a
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.denoising import bands, by_band, coefficients
 from designlab.inference.diagnosis.emulator.forward import Forward
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.noise import DARK_LIGHT, Grain
-
-Array = NDArray[np.float64]
 
 SMOOTHING_PX = 3.0  # few repeats tell a variance only over a neighbourhood
 

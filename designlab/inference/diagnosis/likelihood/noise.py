@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from scipy.fft import dctn
 from scipy.ndimage import gaussian_laplace
 
+from designlab.core.types import Array
 from designlab.measurement.shots import Shot
-
-Array = NDArray[np.float64]
 
 # Two programs that share no code agree to 0.1 % (rms) on balls and differ by 2 % of the curvature at edges.
 SIGNAL_BUDGET = 0.0015

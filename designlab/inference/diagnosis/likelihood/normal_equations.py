@@ -6,11 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.forward import Forward
 from designlab.inference.diagnosis.emulator.state import State, Unknown
 from designlab.inference.diagnosis.likelihood.noise import SMOOTH_ALIKE, Noise, transformed
-
-Array = NDArray[np.float64]
 
 # Neighbouring values share the small errors that no noise model lists, so that their number says too much:
 # the likelihood is raised to the power of one over this (coarsened posterior, Miller and Dunson 2019).

@@ -3,13 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.likelihood.noise import SHOT_BUDGET, spectrum, transformed
-
-Array = NDArray[np.float64]
 
 FEWEST = 3  # repeats that tell their spread
 LEAST = 1e-4  # relative: presses differ in more than repeats do

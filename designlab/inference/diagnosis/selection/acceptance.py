@@ -28,7 +28,7 @@ MOST_IN_WAVES = 0.25  # of the energy of a fixed pattern in its strongest waves
 
 
 @dataclass(frozen=True, eq=False)
-class Attempt:
+class JudgedCandidate:
     """One candidate, fitted and judged.
 
     `evidence` is the logarithm of the Bayes factor against the model without it, on the shots fitted to and
@@ -45,7 +45,13 @@ class Attempt:
 
 
 def refused(
-    attempt: Attempt, base: State, fitter: Fitter, train: Sequence[int], gap: float, *, surely: bool = True
+    attempt: JudgedCandidate,
+    base: State,
+    fitter: Fitter,
+    train: Sequence[int],
+    gap: float,
+    *,
+    surely: bool = True,
 ) -> str:
     """Why a candidate does not pass, beside a state fitted with a fitter's pictures; empty if it does.
 
@@ -78,7 +84,7 @@ def refused(
     return ""
 
 
-def unsure(attempt: Attempt, gap: float, *, later: bool, surely: bool = True) -> str:
+def unsure(attempt: JudgedCandidate, gap: float, *, later: bool, surely: bool = True) -> str:
     """Why evidence and gain of a candidate do not suffice; empty if they do.
 
     Beside other effects more is asked: what their models miss has a shape, which another may take up.
@@ -99,7 +105,7 @@ def unsure(attempt: Attempt, gap: float, *, later: bool, surely: bool = True) ->
     return ""
 
 
-def _untouched_worse(attempt: Attempt, base: State, fitter: Fitter, train: Sequence[int]) -> float:
+def _untouched_worse(attempt: JudgedCandidate, base: State, fitter: Fitter, train: Sequence[int]) -> float:
     """Rise of the squared residual of the untouched gel, as a share of it or of the floor.
 
     No effect may explain presses by what the gel does not show without them.
@@ -113,14 +119,14 @@ def _untouched_worse(attempt: Attempt, base: State, fitter: Fitter, train: Seque
     return float((after[0] - before[0]) / max(before))
 
 
-def closes_more(one: Attempt, other: Attempt, gap: float) -> bool:
+def closes_more(one: JudgedCandidate, other: JudgedCandidate, gap: float) -> bool:
     """Whether one candidate surely closes more of the first gap than another, press by press."""
     more = gain(other.judged, one.judged, gap)
     least = LEAST_SHARE * one.left / gap
     return more.value >= least and more.value > SURE_SE * more.se
 
 
-def as_good(one: Attempt, most_likely: Attempt, gap: float) -> bool:
+def as_good(one: JudgedCandidate, most_likely: JudgedCandidate, gap: float) -> bool:
     """Whether a candidate explains as much as the most likely one, as far as the shots tell.
 
     A lead of evidence that is small beside the whole tells candidates apart only where held-out presses,

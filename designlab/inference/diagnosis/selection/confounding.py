@@ -3,11 +3,10 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.inference.diagnosis.likelihood.normal_equations import System
 
-Array = NDArray[np.float64]
 Overlaps = Mapping[tuple[str, str], float]
 
 FLAT_PRIOR = 1e-6  # of a signature: a direction that the other hardly has is none

@@ -5,8 +5,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.coordinates import coordinate
 from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State
@@ -15,7 +15,7 @@ from designlab.inference.diagnosis.likelihood.fixed_pattern import found_pattern
 from designlab.inference.diagnosis.result import Candidate
 from designlab.inference.diagnosis.selection.acceptance import (
     DECISIVE,
-    Attempt,
+    JudgedCandidate,
     as_good,
     closes_more,
     least_lead,
@@ -32,8 +32,6 @@ from designlab.inference.diagnosis.selection.recentring import (
 )
 from designlab.inference.diagnosis.selection.screening import PERIODS, screen, with_period
 from designlab.simulation.effects import effect
-
-Array = NDArray[np.float64]
 
 MOST_EFFECTS = 4
 FITTED = 6  # candidates of a round that are fitted to the end
@@ -55,7 +53,7 @@ class Winner:
     """
 
     name: str
-    equals: tuple[Attempt, ...]
+    equals: tuple[JudgedCandidate, ...]
     gain: float
     rivals: Mapping[str, State] = field(default_factory=dict)
 
@@ -66,7 +64,7 @@ class Winner:
 
 
 @dataclass
-class Search:
+class ForwardSelection:
     """Forward selection of effects.
 
     Parameters
@@ -121,7 +119,7 @@ class Search:
         self._drop_named()
         return best, first, now
 
-    def _round(self, number: int, base: Fit, now: Judged) -> Attempt | None:
+    def _round(self, number: int, base: Fit, now: Judged) -> JudgedCandidate | None:
         self._tell("screening", 1 + FITTED)
         screened, overlapping = screen(self.fitter, base.state, self.names, self.train)
         self.overlaps = self.overlaps or overlapping
@@ -168,15 +166,15 @@ class Search:
         return best if near is None else self._judged(best.name, base, now, best.fit.state, near)
 
     def _passed(
-        self, number: int, attempts: Sequence[tuple[Attempt, float]], base: State, own: Fitter
-    ) -> list[Attempt]:
+        self, number: int, attempts: Sequence[tuple[JudgedCandidate, float]], base: State, own: Fitter
+    ) -> list[JudgedCandidate]:
         """Attempts that pass; why others do not is noted."""
         reasons = self._reasons([attempt for attempt, _ in attempts], base, own)
         for reason, (attempt, seconds) in zip(reasons, attempts, strict=True):
             self._note(number, attempt, reason or "passed", seconds)
         return [attempt for reason, (attempt, _) in zip(reasons, attempts, strict=True) if not reason]
 
-    def _reasons(self, attempts: Sequence[Attempt], base: State, own: Fitter) -> list[str]:
+    def _reasons(self, attempts: Sequence[JudgedCandidate], base: State, own: Fitter) -> list[str]:
         """Why attempts at the same place do not pass; empty for those that do.
 
         Where one passes whose gain is sure, that of others need not be.
@@ -187,8 +185,8 @@ class Search:
         return [refused(each, base, own, self.train, self.gap, surely=False) for each in attempts]
 
     def _contended(
-        self, attempts: Sequence[tuple[Attempt, float]], base: Fit, now: Judged
-    ) -> tuple[list[tuple[Attempt, float]], Fitter, Fit, Judged]:
+        self, attempts: Sequence[tuple[JudgedCandidate, float]], base: Fit, now: Judged
+    ) -> tuple[list[tuple[JudgedCandidate, float]], Fitter, Fit, Judged]:
         """Fit those that may win again where they stand, if pictures about null are far from there.
 
         What these lack there grows with an effect, until another one seems to be more likely. Pictures
@@ -231,7 +229,7 @@ class Search:
         fit = own.fit(now.state, names, self.train)
         return own, fit, judge(own, fit.state, self.select)
 
-    def _contends(self, attempt: Attempt, most: float) -> bool:
+    def _contends(self, attempt: JudgedCandidate, most: float) -> bool:
         """Whether a candidate may turn out to be the best beside one with most evidence."""
         share = MOVER_CONTENDING if attempt.name == self._mover else CONTENDING
         return attempt.evidence >= max(share * most, DECISIVE)
@@ -273,20 +271,20 @@ class Search:
         assert self.source is not None
         return exact_fitter(self.source, fitter, state, [*self.train, *self.select])
 
-    def _leading(self, passed: Sequence[Attempt]) -> list[Attempt]:
+    def _leading(self, passed: Sequence[JudgedCandidate]) -> list[JudgedCandidate]:
         """Those that no other which may be the best surely surpasses on held-out shots.
 
         One press may hold most of the evidence. Far less evidence surpasses nothing: frames of other light or
         exposure, which all are fitted to, tell what presses cannot.
         """
 
-        def surpassed(a: Attempt) -> bool:
+        def surpassed(a: JudgedCandidate) -> bool:
             rivals = [other for other in passed if other.evidence >= CONTENDING * a.evidence]
             return any(closes_more(other, a, self.gap) for other in rivals)
 
         return [a for a in passed if not surpassed(a)]
 
-    def _alike(self, best: Attempt, base: Fit, passed: Sequence[str]) -> set[str]:
+    def _alike(self, best: JudgedCandidate, base: Fit, passed: Sequence[str]) -> set[str]:
         """Effects that bring about nearly all of what the best one was found to do.
 
         Which of them fits better is decided by what no catalogue lists.
@@ -321,7 +319,7 @@ class Search:
             evidence = 0.5 * (without.objective - best.objective) - self._occam(best, winner.name)
             evidence += 0.5 * float((judged.objective - now.objective).sum())
             made = gain(judged, now, self.gap)
-            attempt = Attempt(winner.name, judged.gap, self.fitter, best, now, made, evidence)
+            attempt = JudgedCandidate(winner.name, judged.gap, self.fitter, best, now, made, evidence)
             rivals = self._rivals(winner, attempt, without, judged, own)
             reason, *others = self._reasons([attempt, *rivals], without.state, own)
             if reason:
@@ -348,7 +346,9 @@ class Search:
             for w in self.winners
         ]
 
-    def _beside(self, winner: Winner, attempt: Attempt, rivals: Sequence[Attempt], without: Fit) -> Winner:
+    def _beside(
+        self, winner: Winner, attempt: JudgedCandidate, rivals: Sequence[JudgedCandidate], without: Fit
+    ) -> Winner:
         """A winner, or what surely does more beside the effects found since, with what does as well."""
         passed = [attempt, *rivals]
         best = max(passed, key=lambda a: a.evidence)
@@ -360,13 +360,13 @@ class Search:
         return replace(winner, name=best.name, equals=tuple(equal))
 
     def _rivals(
-        self, winner: Winner, attempt: Attempt, without: Fit, base: Judged, own: Fitter
-    ) -> list[Attempt]:
+        self, winner: Winner, attempt: JudgedCandidate, without: Fit, base: Judged, own: Fitter
+    ) -> list[JudgedCandidate]:
         """Rivals of a winner, fitted in its place beside the effects found since.
 
         Parameters
         ----------
-        attempt : Attempt
+        attempt : JudgedCandidate
             The winner, judged against the model without it.
         without, base : Fit, Judged
             That model.
@@ -402,14 +402,14 @@ class Search:
         values = state.values[name]
         return np.array([coordinate(p, values[p.name]) for p in self.fitter.forward.parameters[name]])
 
-    def _timed(self, name: str, base: Fit, now: Judged) -> tuple[Attempt, float]:
+    def _timed(self, name: str, base: Fit, now: Judged) -> tuple[JudgedCandidate, float]:
         begun = time.perf_counter()
         return self._attempt(name, base, now), time.perf_counter() - begun
 
-    def _attempt(self, name: str, base: Fit, now: Judged) -> Attempt:
+    def _attempt(self, name: str, base: Fit, now: Judged) -> JudgedCandidate:
         return self._judged(name, base, now, self._beginning(name, base.state), self.fitter)
 
-    def _judged(self, name: str, base: Fit, now: Judged, begin: State, fitter: Fitter) -> Attempt:
+    def _judged(self, name: str, base: Fit, now: Judged, begin: State, fitter: Fitter) -> JudgedCandidate:
         """Fit a candidate with the pictures of a fitter, from a state on, and judge it."""
         present = [n for n in base.state.values if n != "fixed_pattern"]
         if name == "fixed_pattern":
@@ -427,7 +427,7 @@ class Search:
             self._reached[name] = found.state
         judged = judge(fitter, found.state, self.select)
         evidence += 0.5 * float((now.objective - judged.objective).sum())
-        return Attempt(name, now.gap, fitter, found, judged, gain(now, judged, self.gap), evidence)
+        return JudgedCandidate(name, now.gap, fitter, found, judged, gain(now, judged, self.gap), evidence)
 
     def _occam(self, found: Fit, name: str) -> float:
         """Half the logarithm of how much narrower the fit has made an effect's parameters."""
@@ -454,7 +454,9 @@ class Search:
             self.progress(f"effects: {what}", self._steps, self._steps + left)
         self._steps += 1
 
-    def _note(self, number: int, attempt: Attempt, outcome: str, seconds: float | None = None) -> None:
+    def _note(
+        self, number: int, attempt: JudgedCandidate, outcome: str, seconds: float | None = None
+    ) -> None:
         values = attempt.fit.state.values.get(attempt.name, {})
         self.tried.append(
             fitted(number, attempt.name, outcome, attempt.gain, values, attempt.evidence, seconds)

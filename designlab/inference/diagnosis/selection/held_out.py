@@ -4,16 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.empirical_errors import left_of_nothing
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.likelihood.normal_equations import ALIKE
 from designlab.inference.diagnosis.result import Level
 from designlab.measurement.shots import POSE
-
-Array = NDArray[np.float64]
 
 LEAST_SHARE = 0.03  # of the initial gap: smaller gains are significant all the same, but say nothing
 LEAST_IMPROVED = 0.8  # of the held-out presses

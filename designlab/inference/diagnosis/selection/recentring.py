@@ -7,7 +7,13 @@ import numpy as np
 
 from designlab.inference.diagnosis.emulator.forward import Forward
 from designlab.inference.diagnosis.emulator.render_cache import Renders
-from designlab.inference.diagnosis.emulator.snapshots import POSE_STEP, SHARPER, Bank, Stand, rendered_at
+from designlab.inference.diagnosis.emulator.snapshots import (
+    POSE_STEP,
+    SHARPER,
+    Bank,
+    LocalCorrection,
+    rendered_at,
+)
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.selection.held_out import judge
@@ -144,7 +150,7 @@ def placed(source: Renders, fitter: Fitter, train: Sequence[int], others: Sequen
 
 
 def standing(source: Renders, fitter: Fitter, state: State, shots: Sequence[int]) -> Fitter:
-    """Fitter whose pictures of some shots are exact where these stand in a state, see `Stand`."""
+    """Fitter whose pictures of some shots are exact where these stand in a state, see `LocalCorrection`."""
     bank = fitter.bank
     pictures = [bank.of(number) for number in range(len(bank.shots))]
     for number in shots:
@@ -155,7 +161,7 @@ def standing(source: Renders, fitter: Fitter, state: State, shots: Sequence[int]
     poses = {number: fitter.forward.pose(state, number) for number in shots}
     combined = replace(state, values=values, poses=poses, numerical=0.0)
     for number, light in rendered_at(source, bank, values, poses, state.sizes):
-        stand = Stand(poses[number] / POSE_STEP, light - without.light(combined, number))
+        stand = LocalCorrection(poses[number] / POSE_STEP, light - without.light(combined, number))
         pictures[number] = replace(pictures[number], stand=stand)
     return fitter.of(replace(bank, pictures=tuple(pictures), place=place), fitter.noises)
 

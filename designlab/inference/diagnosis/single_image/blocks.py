@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.difference_stencil import NEAR_SD
 from designlab.inference.diagnosis.emulator.render_cache import Renders
-from designlab.inference.diagnosis.emulator.snapshots import POSE_STEP, Bank, Picture, fill, moved
+from designlab.inference.diagnosis.emulator.snapshots import POSE_STEP, Bank, Snapshot, fill, moved
 from designlab.inference.diagnosis.emulator.state import State, Unknown
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.likelihood.normal_equations import ALIKE
 from designlab.measurement.shots import POSE, Observations, Shot, Use
 from designlab.simulation.effects import SensorModel, effect
 
-Array = NDArray[np.float64]
 Uses = NDArray[np.intp]
 Values = Mapping[str, Mapping[str, float]]
 
@@ -110,7 +110,7 @@ class FrameFitter(Fitter):
         found = super().unknowns(state, names, shots, gains=gains)
         return [u for u in found if u.effect != SCALE or u.name == MAGNIFICATION]
 
-    def knowing(self, nearby: Picture) -> "FrameFitter":
+    def knowing(self, nearby: Snapshot) -> "FrameFitter":
         """Return the same with further changes of its picture, rendered nearby."""
         (picture,) = self.bank.pictures
         changes = {**nearby.changes, **picture.changes}

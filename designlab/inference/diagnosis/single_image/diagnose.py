@@ -12,9 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.snapshots import moved
 from designlab.inference.diagnosis.result import Advice, Found, GapReport, Level, Verdict
@@ -28,7 +26,7 @@ from designlab.inference.diagnosis.single_image.blocks import (
     block_uses,
     in_blocks,
 )
-from designlab.inference.diagnosis.single_image.search import FrameSearch, Stand
+from designlab.inference.diagnosis.single_image.search import FittedModel, FrameSearch
 from designlab.inference.diagnosis.single_image.structure import rendered, structure
 from designlab.inference.diagnosis.verdict.data_checks import Examined, looking_alike, weakened
 from designlab.inference.diagnosis.verdict.intervals import values
@@ -42,7 +40,6 @@ from designlab.sensor.camera import View
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects import SensorModel, effect
 
-Array = NDArray[np.float64]
 Figures = dict[str, dict[str, Mapping[str, float]]]
 
 UNEXPLAINED_ABOVE = 0.5  # leftover share of the gap from which nothing is named
@@ -168,7 +165,7 @@ def diagnose_single(
     )
 
 
-def _verdict(search: FrameSearch, given: Stand, best: Stand) -> Verdict:
+def _verdict(search: FrameSearch, given: FittedModel, best: FittedModel) -> Verdict:
     """Judge by the blocks that chose; more than partial or ambiguous one picture cannot give."""
     floor = search.floor(best)
     before, after = (float(search.blocks(stand).mean()) for stand in (given, best))
@@ -187,8 +184,8 @@ def _compared(
     seen: Observations,
     model: SensorModel,
     updated: SensorModel,
-    given: Stand,
-    best: Stand,
+    given: FittedModel,
+    best: FittedModel,
     source: Renders,
     parity: int,
 ) -> tuple[Figures, dict[str, Array], Uses]:
@@ -212,12 +209,12 @@ def _compared(
     return figures, images, uses
 
 
-def _rendered(model: SensorModel, press: Press, stand: Stand, view: View, source: Renders) -> Array:
+def _rendered(model: SensorModel, press: Press, stand: FittedModel, view: View, source: Renders) -> Array:
     there = moved(press, stand.fitter.stated(stand.state))
     return rendered(model, there, stand.state.gains, view=view, samples=source.samples, seed=source.seed)
 
 
-def _words(search: FrameSearch, best: Stand, figures: Figures) -> list[str]:
+def _words(search: FrameSearch, best: FittedModel, figures: Figures) -> list[str]:
     """What the picture shows, in sentences."""
     words = []
     classes: dict[str, list[str]] = {}
@@ -248,7 +245,7 @@ def _words(search: FrameSearch, best: Stand, figures: Figures) -> list[str]:
     return [*words, *_registered(best)]
 
 
-def _registered(best: Stand) -> list[str]:
+def _registered(best: FittedModel) -> list[str]:
     """Where the press was found, and how bright the light."""
     away, sigma = best.fitter.stated(best.state), best.fitter.bank.shots[TRAIN].pose_sigma
     press = ", ".join(f"{axis} {value:+.3f}" for axis, value in zip(POSE, away, strict=True))

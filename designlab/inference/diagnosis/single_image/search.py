@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.render_cache import Renders
-from designlab.inference.diagnosis.emulator.snapshots import Picture
+from designlab.inference.diagnosis.emulator.snapshots import Snapshot
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fit
 from designlab.inference.diagnosis.result import Candidate
@@ -31,8 +31,6 @@ from designlab.inference.diagnosis.single_image.blocks import (
 from designlab.measurement.shots import POSE, Shot
 from designlab.simulation.effects import SensorModel, effect
 
-Array = NDArray[np.float64]
-
 MOST_EFFECTS = 6  # beside the scale
 ENVELOPE = 1.3  # mean squared residual over the floor below which no further effect is looked for
 FITTED = 8  # candidates of a round that are fitted to the end
@@ -46,7 +44,7 @@ UNSEEN = {
 
 
 @dataclass(frozen=True, eq=False)
-class Stand:
+class FittedModel:
     """A fit with the pictures it is combined from."""
 
     fitter: FrameFitter
@@ -59,7 +57,7 @@ class Stand:
 
 
 @dataclass(frozen=True, eq=False)
-class Attempt:
+class FittedCandidate:
     """A candidate, fitted, its misfit on the blocks that judge, and its evidence by linear approximation."""
 
     name: str
@@ -103,7 +101,7 @@ class FrameSearch:
     gap: float = 1.0
     _equals: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
-    def run(self) -> tuple[Stand, Stand]:
+    def run(self) -> tuple[FittedModel, FittedModel]:
         """Register, add effects until none passes, drop those that are not needed any more.
 
         Returns
@@ -133,10 +131,12 @@ class FrameSearch:
             found = self._round(number, now, nearby, [n for n in open_ if n not in now.state.values])
             if found is None:
                 break
-            now = self._settled(Stand(now.fitter.knowing(nearby), found.fit), (*now.state.values, found.name))
+            now = self._settled(
+                FittedModel(now.fitter.knowing(nearby), found.fit), (*now.state.values, found.name)
+            )
         return given, self._needed(now)
 
-    def blocks(self, stand: Stand, use: int = SELECT) -> Array:
+    def blocks(self, stand: FittedModel, use: int = SELECT) -> Array:
         """Mean squared residual of each block of a use, in units of noise and granted errors."""
         shot, noise = stand.fitter.bank.shots[use], stand.fitter.noises[use]
         left = ((shot.signal - stand.fitter.forward.predict(stand.state, use)) / noise.sigma) ** 2
@@ -145,45 +145,47 @@ class FrameSearch:
         sums, counts = np.bincount(place, left[shot.valid]), np.bincount(place)
         return np.asarray(sums[counts > 0] / counts[counts > 0])
 
-    def floor(self, stand: Stand, use: int = SELECT) -> float:
+    def floor(self, stand: FittedModel, use: int = SELECT) -> float:
         """Mean squared residual that grain and granted errors leave."""
         shot, noise = stand.fitter.bank.shots[use], stand.fitter.noises[use]
         return float(((noise.granted / noise.sigma) ** 2)[shot.valid].mean())
 
-    def _stated(self) -> Stand:
+    def _stated(self) -> FittedModel:
         """Fit light and pose about the stated pose."""
         fitter = centred(self.source, self.model, self.shots, (), np.zeros(len(POSE)), {})
         fit = fitter.fit(fitter.start([TRAIN]), (), [TRAIN])
         fitter.measure(fit.state)
-        return Stand(fitter, fitter.fit(fit.state, (), [TRAIN]))
+        return FittedModel(fitter, fitter.fit(fit.state, (), [TRAIN]))
 
-    def _fitted(self, stand: Stand, names: Sequence[str]) -> Stand:
-        return Stand(stand.fitter, stand.fitter.fit(stand.state, names, [TRAIN]))
+    def _fitted(self, stand: FittedModel, names: Sequence[str]) -> FittedModel:
+        return FittedModel(stand.fitter, stand.fitter.fit(stand.state, names, [TRAIN]))
 
-    def _nearby(self, stand: Stand, names: Sequence[str]) -> Picture:
+    def _nearby(self, stand: FittedModel, names: Sequence[str]) -> Snapshot:
         """Render changes of the picture of a fit, that of a finer mesh too."""
         away = stand.fitter.away
         fitter = centred(self.source, self.model, self.shots, names, away, {}, finer=True)
         return fitter.bank.pictures[0]
 
-    def _about(self, stand: Stand, names: Sequence[str]) -> FrameFitter:
+    def _about(self, stand: FittedModel, names: Sequence[str]) -> FrameFitter:
         """Fitter about pictures rendered where a fit ended."""
         away, values = stand.fitter.stated(stand.state), stand.state.values
         fitter = centred(self.source, self.model, self.shots, names, away, values)
         fitter.noises = stand.fitter.noises
         return fitter
 
-    def _settled(self, stand: Stand, names: Sequence[str]) -> Stand:
+    def _settled(self, stand: FittedModel, names: Sequence[str]) -> FittedModel:
         """Fit effects about pictures rendered anew where the last fit ended, until it stays within reach."""
         for _ in range(SETTLING):
             if stand.fitter.reaches(stand.state):
                 break
             rendered = [name for name in names if effect(name).rendered]
             fitter, state = self._about(stand, rendered), replace(stand.state, poses={})
-            stand = Stand(fitter, fitter.fit(state, names, [TRAIN]))
+            stand = FittedModel(fitter, fitter.fit(state, names, [TRAIN]))
         return stand
 
-    def _round(self, number: int, now: Stand, nearby: Picture, names: Sequence[str]) -> Attempt | None:
+    def _round(
+        self, number: int, now: FittedModel, nearby: Snapshot, names: Sequence[str]
+    ) -> FittedCandidate | None:
         fitter, base = now.fitter.knowing(nearby), now.fit
         screened, _ = screen(fitter, base.state, names, (TRAIN,))
         order = sorted(screened, key=lambda name: -screened[name])
@@ -196,8 +198,8 @@ class FrameSearch:
             begun = time.perf_counter()
             fit = fitter.fit(base.state, (*base.state.values, name), (TRAIN,))
             seconds = time.perf_counter() - begun
-            after = self.blocks(Stand(fitter, fit))
-            attempt = Attempt(name, fit, after, self._gain(before, after), screened[name])
+            after = self.blocks(FittedModel(fitter, fit))
+            attempt = FittedCandidate(name, fit, after, self._gain(before, after), screened[name])
             reason = self._refused(fitter, attempt)
             self._note(number, attempt, reason or "passed", seconds)
             if not reason:
@@ -216,7 +218,7 @@ class FrameSearch:
         value = float(falls.mean())
         return Gain(value, error, float((falls > 0).mean()), squares, value, error)
 
-    def _refused(self, fitter: FrameFitter, attempt: Attempt) -> str:
+    def _refused(self, fitter: FrameFitter, attempt: FittedCandidate) -> str:
         """Why a candidate does not pass; empty if it does."""
         least = max(2 * attempt.gain.se, LEAST_SHARE)
         if attempt.gain.value < least:
@@ -225,7 +227,7 @@ class FrameSearch:
             return f"at the bound of {', '.join(bound)}"
         return ""
 
-    def _needed(self, now: Stand) -> Stand:
+    def _needed(self, now: FittedModel) -> FittedModel:
         """Leave out effects, the least first, without which the blocks that judge are fitted as well."""
         while now.state.values:
             names = list(now.state.values)
@@ -239,28 +241,28 @@ class FrameSearch:
             values = {n: v for n, v in now.state.values.items() if n != least}
             less = replace(now.state, values=values)
             rendered = [name for name in values if effect(name).rendered]
-            fitter = self._about(Stand(now.fitter, replace(now.fit, state=less)), rendered)
+            fitter = self._about(FittedModel(now.fitter, replace(now.fit, state=less)), rendered)
             state = replace(less, poses={})
-            now = self._settled(Stand(fitter, fitter.fit(state, list(values), [TRAIN])), list(values))
+            now = self._settled(FittedModel(fitter, fitter.fit(state, list(values), [TRAIN])), list(values))
         if not now.state.values:
             self.members = []
         return now
 
-    def _without(self, now: Stand, name: str) -> Array:
+    def _without(self, now: FittedModel, name: str) -> Array:
         """Misfit of the blocks that judge, all other effects fitted anew."""
         null = effect(name).null(self.model.design)
         state = now.state.with_values(name, null)
         fit = now.fitter.fit(state, [n for n in state.values if n != name], (TRAIN,))
-        return self.blocks(Stand(now.fitter, fit))
+        return self.blocks(FittedModel(now.fitter, fit))
 
-    def _note(self, number: int, attempt: Attempt, outcome: str, seconds: float) -> None:
+    def _note(self, number: int, attempt: FittedCandidate, outcome: str, seconds: float) -> None:
         values = attempt.fit.state.values[attempt.name]
         self.tried.append(
             fitted(number, attempt.name, outcome, attempt.gain, values, attempt.evidence, seconds)
         )
 
 
-def _not_told_apart(best: Attempt, other: Attempt) -> bool:
+def _not_told_apart(best: FittedCandidate, other: FittedCandidate) -> bool:
     """Whether the blocks differ as much about which of two effects is better as they differ on the mean."""
     apart = other.blocks - best.blocks
     return other is best or float(apart.mean()) < 2 * float(apart.std(ddof=1)) / np.sqrt(len(apart))

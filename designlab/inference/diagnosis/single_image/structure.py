@@ -3,15 +3,12 @@
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array, Mask
 from designlab.sensor.camera import View
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects import SensorModel
 from designlab.simulation.simulator import Simulator
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 def structure(simulated: Array, real: Array, mask: Mask) -> Mapping[str, float]:

@@ -8,11 +8,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.inference.diagnosis.likelihood.empirical_errors import share_of_partial, shares_right
-
-Array = NDArray[np.float64]
 
 SIGNS = {"left": -1, "set": -1, "margin": 1, "gain": 1, "later": -1}
 """What is looked at, and whether more of it speaks for a name or against it.

@@ -4,22 +4,19 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from designlab.inference.calibration.suspicions import Picture, faults, lights_of_others, misfit, picture
+from designlab.inference.calibration.suspicions import CoarseShot, faults, lights_of_others, misfit, picture
 from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.likelihood.usable_frames import end_at_zero
 from designlab.inference.diagnosis.result import Found, GapReport
 from designlab.inference.diagnosis.verdict.odd_presses import odd_presses
 from designlab.measurement import Measurement, MeasurementError, check, refuse
 from designlab.measurement.quality.damage import FULL_SCALE
-from designlab.measurement.quality.invariants import Check, invariants
+from designlab.measurement.quality.invariants import FrameCheck, invariants
 from designlab.measurement.quality.suspicion import Suspicion
 from designlab.measurement.shots import LEFT_OUT, Observations, Shot
 from designlab.sensor.design import CHANNELS, Design
 from designlab.simulation.effects import SensorModel
-
-Array = NDArray[np.float64]
 
 LEAST_PRESSES, LEAST_SELECT = 6, 2
 SATURATED = 0.005  # of the values of a frame
@@ -45,7 +42,7 @@ class Reserve:
 class Examined:
     """Outcome of the checks: comparisons, notes, what weakens the verdict."""
 
-    checks: tuple[Check, ...]
+    checks: tuple[FrameCheck, ...]
     notes: tuple[str, ...]
     reserves: tuple[Reserve, ...]
 
@@ -146,7 +143,7 @@ def examine(
     if not found:
         found += odd_presses(above, pictures, compared, seen.black_level, model, renders)
     said = refuse(measurement, found, trust)
-    agree = Check("model as given", not found, _misfits(above, compared))
+    agree = FrameCheck("model as given", not found, _misfits(above, compared))
     notes = (*notes, *said)
     return Examined(
         checks=(*invariants(measurement, design), agree),
@@ -165,7 +162,7 @@ def _misfits(shots: Sequence[Shot], compared: Sequence[float]) -> str:
     return f"misses, in units of noise and 1 % of the mean: {', '.join(parts)}"
 
 
-def _with_others(pictures: Sequence[Picture]) -> list[float]:
+def _with_others(pictures: Sequence[CoarseShot]) -> list[float]:
     """Misfit of every picture with the light that the others tell."""
     return [
         0.0 if light is None or not one.valid.any() else misfit(one, light)

@@ -6,17 +6,15 @@ from itertools import permutations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.forward import Forward
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.likelihood.noise import noise
 from designlab.inference.diagnosis.likelihood.usable_frames import end_at_zero, without_cut
 from designlab.inference.diagnosis.result import Advice
-from designlab.inference.diagnosis.selection.acceptance import Attempt, least_lead
+from designlab.inference.diagnosis.selection.acceptance import JudgedCandidate, least_lead
 from designlab.measurement.shots import Shot
-
-Array = NDArray[np.float64]
 
 MOST_FRAMES = 12
 LEAST_USE = 0.1  # rise of the logarithm of the Bayes factor below which no frame is asked for
@@ -39,14 +37,14 @@ class Action:
     alone: str | None = None
 
 
-def separating(fitter: Fitter, equals: Sequence[Attempt]) -> Advice:
+def separating(fitter: Fitter, equals: Sequence[JudgedCandidate]) -> Advice:
     """Frames that would leave one of several effects, whichever is true, in the least time.
 
     Parameters
     ----------
     fitter : Fitter
         What is fitted to the frames there are.
-    equals : sequence of Attempt
+    equals : sequence of JudgedCandidate
         Fits of effects that do as well as each other, more than one.
 
     Returns
@@ -115,7 +113,7 @@ class Doubt:
         return 0.5 * float(misfit - right @ np.linalg.solve(matrix, right))
 
 
-def doubt_of(true: Attempt, wrong: Attempt, actions: Sequence[Action]) -> Doubt:
+def doubt_of(true: JudgedCandidate, wrong: JudgedCandidate, actions: Sequence[Action]) -> Doubt:
     """What frames would tell if one attempt is true and another is wrong."""
     here = range(len(wrong.fitter.bank.shots), len(wrong.fitter.bank.shots) + len(actions))
     told = _taking(true.fitter, actions)

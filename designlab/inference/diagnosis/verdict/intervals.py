@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.coordinates import coordinate
 from designlab.inference.diagnosis.emulator.state import State, Unknown
 from designlab.inference.diagnosis.likelihood.empirical_errors import unlisted_sd
@@ -17,9 +17,8 @@ from designlab.inference.diagnosis.likelihood.fixed_pattern import strengths_as_
 from designlab.inference.diagnosis.likelihood.normal_equations import ALIKE
 from designlab.inference.diagnosis.result import Value
 from designlab.inference.diagnosis.selection.screening import PERIODS
-from designlab.simulation.effects import Parameter
+from designlab.simulation.effects import EffectParameter
 
-Array = NDArray[np.float64]
 Ends = tuple[float, float]
 
 NORMAL = 1.96  # standard deviations of a 95 % interval
@@ -56,7 +55,7 @@ def values(fitter: Fitter, fit: Fit, name: str, train: Sequence[int]) -> dict[st
     return found
 
 
-def _value(name: str, p: Parameter, value: float, low: float, high: float) -> Value:
+def _value(name: str, p: EffectParameter, value: float, low: float, high: float) -> Value:
     low, high = min(low, value), max(high, value)
     fit_sd = (high - low) / (2 * NORMAL)
     away = NORMAL * p.sd * unlisted_sd(name, p.name, shape=p.shape)
@@ -76,7 +75,7 @@ def _of_parameters(fitter: Fitter, fit: Fit, name: str) -> dict[str, Ends]:
     return found
 
 
-def _beyond_bounds(p: Parameter, t: float) -> float:
+def _beyond_bounds(p: EffectParameter, t: float) -> float:
     """Value at a coordinate, whatever its bounds: ends are cut when the error is known."""
     return p.null + p.sd * (float(np.sqrt(max(t, 0.0))) if p.squared else t)
 
@@ -174,5 +173,5 @@ def _deviations(fit: Fit, places: Sequence[int]) -> dict[Unknown, float]:
     }
 
 
-def _within(p: Parameter, value: float) -> float:
+def _within(p: EffectParameter, value: float) -> float:
     return float(np.clip(value, p.low, p.high))

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.snapshots import moved
 from designlab.inference.diagnosis.emulator.state import State
@@ -17,8 +18,6 @@ from designlab.inference.diagnosis.result import Where
 from designlab.sensor.design import CHANNELS, Design
 from designlab.simulation.contact.press import Press
 from designlab.simulation.simulator import Frame
-
-Array = NDArray[np.float64]
 
 WALL_SLOPE = 0.15
 RIM_MM = 0.5

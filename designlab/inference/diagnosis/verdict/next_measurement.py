@@ -6,7 +6,7 @@ import numpy as np
 
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.result import Advice, Found, Verdict
-from designlab.inference.diagnosis.selection.forward_selection import Search
+from designlab.inference.diagnosis.selection.forward_selection import ForwardSelection
 from designlab.inference.diagnosis.verdict.data_checks import below_zero
 from designlab.inference.diagnosis.verdict.experiment_design import DARK, separating
 from designlab.measurement.shots import Observations
@@ -15,7 +15,7 @@ FEW_HELD_OUT = 4
 
 
 def advise(
-    fitter: Fitter, seen: Observations, search: Search, verdict: Verdict, effects: Sequence[Found]
+    fitter: Fitter, seen: Observations, search: ForwardSelection, verdict: Verdict, effects: Sequence[Found]
 ) -> Advice:
     """Name the measurement that would help most; without text where none is needed."""
     names = fitter.forward.design.group_names

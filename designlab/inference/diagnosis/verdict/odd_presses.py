@@ -5,9 +5,16 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from designlab.inference.calibration.suspicions import Fault, Light, Picture, fitted_light, misfit, picture
+from designlab.core.types import Array
+from designlab.inference.calibration.suspicions import (
+    CoarseShot,
+    Fault,
+    FittedLight,
+    fitted_light,
+    misfit,
+    picture,
+)
 from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.measurement.quality.suspicion import Suspicion
 from designlab.measurement.shots import Shot
@@ -15,7 +22,6 @@ from designlab.simulation.contact.press import Press
 from designlab.simulation.effects import SensorModel
 from geometries.probes import Probe, parse
 
-Array = NDArray[np.float64]
 Turn = tuple[tuple[int, int], tuple[int, int]]
 
 # Misfits are root mean squares in units of the noise and 1 % of the mean signal together, light fitted to all
@@ -40,7 +46,7 @@ TURNS: dict[str, Turn] = {
 
 def odd_presses(
     shots: Sequence[Shot],
-    pictures: Sequence[Picture],
+    pictures: Sequence[CoarseShot],
     compared: Sequence[float],
     black: Array,
     model: SensorModel,
@@ -52,7 +58,7 @@ def odd_presses(
     ----------
     shots : sequence of Shot
         Shots with LEDs on, black level taken away.
-    pictures : sequence of Picture
+    pictures : sequence of CoarseShot
         The same with the pictures of the model.
     compared : sequence of float
         Misfit of each with the light that the others tell.
@@ -112,7 +118,7 @@ def _depth_mm(shot: Shot) -> float:
 
 def _other_press(
     shots: Sequence[Shot],
-    light: Light,
+    light: FittedLight,
     places: Sequence[tuple[float, float]],
     model: SensorModel,
     renders: Renders,

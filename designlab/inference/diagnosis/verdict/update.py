@@ -4,7 +4,6 @@ import datetime
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from designlab.inference.diagnosis.likelihood.empirical_errors import unlisted_sd
 from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter
@@ -12,10 +11,8 @@ from designlab.inference.diagnosis.result import GapReport, Value
 from designlab.inference.diagnosis.run import frames_digest
 from designlab.measurement import Measurement
 from designlab.measurement.shots import Observations, Shot
-from designlab.simulation.effects import AppliedEffect, Parameter, SensorModel
+from designlab.simulation.effects import AppliedEffect, EffectParameter, SensorModel
 from designlab.simulation.effects.known import Covariance, Domain, Provenance
-
-Array = NDArray[np.float64]
 
 
 def updated(
@@ -95,7 +92,7 @@ def covariance(fitter: Fitter, best: Fit) -> Covariance | None:
     `empirical_errors`: that pulls values along what the frames tell least, so correlations stay. The fit
     knows parameters in prior standard deviations, squared ones by their square.
     """
-    known: dict[str, dict[str, Parameter]] = {
+    known: dict[str, dict[str, EffectParameter]] = {
         name: {p.name: p for p in fitter.forward.parameters[name]} for name in best.state.values
     }
     unknowns = best.system.unknowns
@@ -120,7 +117,7 @@ def covariance(fitter: Fitter, best: Fit) -> Covariance | None:
     )
 
 
-def _unlisted_variance(name: str, p: Parameter, value: float) -> float:
+def _unlisted_variance(name: str, p: EffectParameter, value: float) -> float:
     """Variance of a value by what no catalogue lists; of a squared parameter that of its square."""
     variance = (p.sd * unlisted_sd(name, p.name, shape=p.shape)) ** 2
     return 4 * value**2 * variance + 2 * variance**2 if p.squared else variance

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from designlab.validation.synthetic.effects.base import Parameter, Planted
+from designlab.validation.synthetic.effects.base import Planted, PlantedParameter
 from designlab.validation.synthetic.effects.camera import CAMERA, GEOMETRY
 from designlab.validation.synthetic.effects.colour import COLOUR, of_filters
 from designlab.validation.synthetic.effects.contact import CONTACT
@@ -13,7 +13,7 @@ from designlab.validation.synthetic.effects.material import MATERIAL
 from designlab.validation.synthetic.effects.transport import TRANSPORT
 from designlab.validation.synthetic.generator_sensor import Rig
 
-__all__ = ["Parameter", "Planted", "apply", "draw", "names", "parameters"]
+__all__ = ["Planted", "PlantedParameter", "apply", "draw", "names", "parameters"]
 
 # One table for each stage.
 _EFFECTS: dict[str, Planted] = GEOMETRY | EMISSION | TRANSPORT | MATERIAL | CONTACT | COLOUR | CAMERA
@@ -24,7 +24,7 @@ def names() -> tuple[str, ...]:
     return tuple(_EFFECTS)
 
 
-def parameters(name: str, rig: Rig) -> dict[str, Parameter]:
+def parameters(name: str, rig: Rig) -> dict[str, PlantedParameter]:
     """Parameters of an effect on a sensor.
 
     Raises

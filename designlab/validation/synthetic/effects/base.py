@@ -6,7 +6,7 @@ from typing import NamedTuple
 from designlab.validation.synthetic.generator_sensor import Rig
 
 
-class Parameter(NamedTuple):
+class PlantedParameter(NamedTuple):
     """Null value, usual spread about it, bounds and unit; `shape` if it does nothing by itself."""
 
     null: float
@@ -25,5 +25,5 @@ class Parameter(NamedTuple):
 class Planted(NamedTuple):
     """Parameters of an effect on a sensor, and the change of the sensor that their values make."""
 
-    known: Callable[[Rig], dict[str, Parameter]]
+    known: Callable[[Rig], dict[str, PlantedParameter]]
     change: Callable[[Rig, Mapping[str, float]], Rig]

@@ -7,14 +7,14 @@ from typing import Any, Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from designlab.validation.synthetic.effects.base import Parameter, Planted
+from designlab.validation.synthetic.effects.base import Planted, PlantedParameter
 from designlab.validation.synthetic.effects.colour import CHANNELS
 from designlab.validation.synthetic.generator_sensor import Rig
 
 
-def _pose_parameters(rig: Rig) -> dict[str, Parameter]:
-    moved = {f"{axis}_mm": Parameter(0.0, 0.3, -3.0, 3.0, "mm") for axis in "xyz"}
-    return moved | {f"tilt_{axis}_deg": Parameter(0.0, 1.0, -10.0, 10.0, "deg") for axis in "xy"}
+def _pose_parameters(rig: Rig) -> dict[str, PlantedParameter]:
+    moved = {f"{axis}_mm": PlantedParameter(0.0, 0.3, -3.0, 3.0, "mm") for axis in "xyz"}
+    return moved | {f"tilt_{axis}_deg": PlantedParameter(0.0, 1.0, -10.0, 10.0, "deg") for axis in "xy"}
 
 
 def _pose(rig: Rig, values: Mapping[str, float]) -> Rig:
@@ -27,10 +27,10 @@ def _pose(rig: Rig, values: Mapping[str, float]) -> Rig:
     return replace(rig, camera=moved, turn=rig.turn @ np.asarray(turn.as_matrix()))
 
 
-def _of(part: Literal["lens", "sensor"], parameters: dict[str, tuple[str, Parameter]]) -> Planted:
+def _of(part: Literal["lens", "sensor"], parameters: dict[str, tuple[str, PlantedParameter]]) -> Planted:
     """Effect whose parameters are fields of the rig's lens or sensor: name to field and parameter."""
 
-    def known(rig: Rig) -> dict[str, Parameter]:
+    def known(rig: Rig) -> dict[str, PlantedParameter]:
         return {name: parameter for name, (_, parameter) in parameters.items()}
 
     def change(rig: Rig, values: Mapping[str, float]) -> Rig:
@@ -42,8 +42,8 @@ def _of(part: Literal["lens", "sensor"], parameters: dict[str, tuple[str, Parame
     return Planted(known, change)
 
 
-def _black_parameters(rig: Rig) -> dict[str, Parameter]:
-    return {channel: Parameter(0.0, 0.015, -1.0, 1.0) for channel in CHANNELS}
+def _black_parameters(rig: Rig) -> dict[str, PlantedParameter]:
+    return {channel: PlantedParameter(0.0, 0.015, -1.0, 1.0) for channel in CHANNELS}
 
 
 def _black(rig: Rig, values: Mapping[str, float]) -> Rig:
@@ -56,22 +56,22 @@ CAMERA = {
     "lens_distortion": _of(
         "lens",
         {
-            "radial": ("radial", Parameter(0.0, 0.02, -0.2, 0.2)),
-            "magnification": ("magnification", Parameter(0.0, 0.02, -0.2, 0.2)),
+            "radial": ("radial", PlantedParameter(0.0, 0.02, -0.2, 0.2)),
+            "magnification": ("magnification", PlantedParameter(0.0, 0.02, -0.2, 0.2)),
         },
     ),
-    "point_spread": _of("lens", {"sigma_um": ("blur_um", Parameter(0.0, 75.0, 0.0, 300.0, "um"))}),
-    "vignetting": _of("lens", {"corner_loss": ("corner_loss", Parameter(0.0, 0.25, 0.0, 0.8))}),
-    "veiling_glare": _of("lens", {"share": ("glare", Parameter(0.0, 0.015, 0.0, 0.2))}),
+    "point_spread": _of("lens", {"sigma_um": ("blur_um", PlantedParameter(0.0, 75.0, 0.0, 300.0, "um"))}),
+    "vignetting": _of("lens", {"corner_loss": ("corner_loss", PlantedParameter(0.0, 0.25, 0.0, 0.8))}),
+    "veiling_glare": _of("lens", {"share": ("glare", PlantedParameter(0.0, 0.015, 0.0, 0.2))}),
     "banding": _of(
         "sensor",
         {
-            "amplitude": ("banding", Parameter(0.0, 0.015, 0.0, 0.3)),
-            "period_rows": ("period_rows", Parameter(400.0, 100.0, 40.0, 2000.0, "px", shape=True)),
+            "amplitude": ("banding", PlantedParameter(0.0, 0.015, 0.0, 0.3)),
+            "period_rows": ("period_rows", PlantedParameter(400.0, 100.0, 40.0, 2000.0, "px", shape=True)),
         },
     ),
-    "exposure_drift": _of("sensor", {"rms": ("drift_rms", Parameter(0.0, 0.02, 0.0, 0.3))}),
-    "fixed_pattern": _of("sensor", {"rms": ("pattern_rms", Parameter(0.0, 0.01, 0.0, 0.1))}),
+    "exposure_drift": _of("sensor", {"rms": ("drift_rms", PlantedParameter(0.0, 0.02, 0.0, 0.3))}),
+    "fixed_pattern": _of("sensor", {"rms": ("pattern_rms", PlantedParameter(0.0, 0.01, 0.0, 0.1))}),
     "black_level": Planted(_black_parameters, _black),
-    "response_curve": _of("sensor", {"exponent": ("exponent", Parameter(1.0, 0.08, 0.4, 2.5))}),
+    "response_curve": _of("sensor", {"exponent": ("exponent", PlantedParameter(1.0, 0.08, 0.4, 2.5))}),
 }

@@ -4,12 +4,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from designlab.validation.synthetic.effects.base import Parameter, Planted
+from designlab.core.types import Array
+from designlab.validation.synthetic.effects.base import Planted, PlantedParameter
 from designlab.validation.synthetic.generator_sensor import Rig
-
-Array = NDArray[np.float64]
 
 CHANNELS = ("R", "G", "B")
 WAVELENGTHS_NM = np.arange(300.0, 1151.0, 0.5)
@@ -35,10 +33,10 @@ def _gauss(centres_nm: Array, sigma_nm: float) -> Array:
     return np.asarray(np.exp(-(((WAVELENGTHS_NM - np.asarray(centres_nm)[:, None]) / sigma_nm) ** 2) / 2))
 
 
-def _parameters(rig: Rig) -> dict[str, Parameter]:
+def _parameters(rig: Rig) -> dict[str, PlantedParameter]:
     own = own_groups(rig)
     return {
-        f"{channel}_from_{group}": Parameter(0.0, 0.1, -0.7, 0.7, "")
+        f"{channel}_from_{group}": PlantedParameter(0.0, 0.1, -0.7, 0.7, "")
         for channel, mine in zip(CHANNELS, own, strict=True)
         for number, group in enumerate(rig.group_names)
         if number != mine

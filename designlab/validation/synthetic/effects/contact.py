@@ -3,22 +3,22 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
-from designlab.validation.synthetic.effects.base import Parameter, Planted
+from designlab.validation.synthetic.effects.base import Planted, PlantedParameter
 from designlab.validation.synthetic.generator_sensor import Rig
 
 
-def _kernel_parameters(rig: Rig) -> dict[str, Parameter]:
-    return {"length_ratio": Parameter(1.0, 0.4, 0.1, 4.0)}
+def _kernel_parameters(rig: Rig) -> dict[str, PlantedParameter]:
+    return {"length_ratio": PlantedParameter(1.0, 0.4, 0.1, 4.0)}
 
 
 def _kernel(rig: Rig, values: Mapping[str, float]) -> Rig:
     return replace(rig, kernel_length_mm=rig.kernel_length_mm * values["length_ratio"])
 
 
-def _profile_parameters(rig: Rig) -> dict[str, Parameter]:
+def _profile_parameters(rig: Rig) -> dict[str, PlantedParameter]:
     return {
-        "tail_share": Parameter(0.0, 0.2, 0.0, 0.8),
-        "tail_mm": Parameter(0.7, 0.15, 0.1, 3.0, "mm", shape=True),
+        "tail_share": PlantedParameter(0.0, 0.2, 0.0, 0.8),
+        "tail_mm": PlantedParameter(0.7, 0.15, 0.1, 3.0, "mm", shape=True),
     }
 
 
@@ -27,8 +27,8 @@ def _profile(rig: Rig, values: Mapping[str, float]) -> Rig:
     return replace(rig, contact=contact)
 
 
-def _offset_parameters(rig: Rig) -> dict[str, Parameter]:
-    return {"offset_mm": Parameter(0.0, 0.05, -0.5, 0.5, "mm")}
+def _offset_parameters(rig: Rig) -> dict[str, PlantedParameter]:
+    return {"offset_mm": PlantedParameter(0.0, 0.05, -0.5, 0.5, "mm")}
 
 
 def _offset(rig: Rig, values: Mapping[str, float]) -> Rig:

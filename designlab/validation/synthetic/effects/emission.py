@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.validation.synthetic.effects.base import Parameter, Planted
+from designlab.core.types import Array
+from designlab.validation.synthetic.effects.base import Planted, PlantedParameter
 from designlab.validation.synthetic.generator_sensor import Rectangles, Rig
-
-Array = NDArray[np.float64]
 
 
 def _bonded(rig: Rig) -> bool:
@@ -17,9 +16,9 @@ def _bonded(rig: Rig) -> bool:
     return rig.glass is not None and rig.glass.bonded
 
 
-def _position_parameters(rig: Rig) -> dict[str, Parameter]:
+def _position_parameters(rig: Rig) -> dict[str, PlantedParameter]:
     free = ("height", "tangential") if _bonded(rig) else ("radial", "height", "tangential")
-    return {f"{axis}_mm": Parameter(0.0, 0.5, -3.0, 3.0, "mm") for axis in free}
+    return {f"{axis}_mm": PlantedParameter(0.0, 0.5, -3.0, 3.0, "mm") for axis in free}
 
 
 def _move(rig: Rig, values: Mapping[str, float]) -> Rig:
@@ -35,11 +34,11 @@ def _move(rig: Rig, values: Mapping[str, float]) -> Rig:
     return replace(rig, emitters=moved(rig.emitters), boards=moved(rig.boards))
 
 
-def _spread_parameters(rig: Rig) -> dict[str, Parameter]:
+def _spread_parameters(rig: Rig) -> dict[str, PlantedParameter]:
     """All faces of a group but the last, which makes up for them: their sum is the group's own flux."""
     faces = np.bincount(rig.emitters.group, minlength=len(rig.group_names))
     return {
-        f"{name}_{number}": Parameter(0.0, 0.12, -1.0, 1.0)
+        f"{name}_{number}": PlantedParameter(0.0, 0.12, -1.0, 1.0)
         for name, count in zip(rig.group_names, faces, strict=True)
         for number in range(1, count)
     }
@@ -56,9 +55,9 @@ def _spread(rig: Rig, values: Mapping[str, float]) -> Rig:
     return replace(rig, face_flux=flux)
 
 
-def _profile_parameters(rig: Rig) -> dict[str, Parameter]:
+def _profile_parameters(rig: Rig) -> dict[str, PlantedParameter]:
     return {
-        f"{name}_exponent": Parameter(
+        f"{name}_exponent": PlantedParameter(
             float(exponent), 0.3, min(0.3, float(exponent)), max(20.0, float(exponent))
         )
         for name, exponent in zip(rig.group_names, rig.exponent, strict=True)
@@ -69,11 +68,11 @@ def _profile(rig: Rig, values: Mapping[str, float]) -> Rig:
     return replace(rig, exponent=np.array([values[f"{name}_exponent"] for name in rig.group_names]))
 
 
-def _tilt_parameters(rig: Rig) -> dict[str, Parameter]:
+def _tilt_parameters(rig: Rig) -> dict[str, PlantedParameter]:
     if _bonded(rig):
         return {}
     return {
-        f"{name}_{way}_deg": Parameter(0.0, 3.0, -20.0, 20.0, "deg")
+        f"{name}_{way}_deg": PlantedParameter(0.0, 3.0, -20.0, 20.0, "deg")
         for name in rig.group_names
         for way in ("tilt", "turn")
     }

@@ -5,16 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from designlab.validation.synthetic.effects.base import Parameter, Planted
+from designlab.validation.synthetic.effects.base import Planted, PlantedParameter
 from designlab.validation.synthetic.generator_sensor import Rig
 
 FIELD = ("x", "y", "xx", "xy", "yy")
 
 
-def _interreflection_parameters(rig: Rig) -> dict[str, Parameter]:
+def _interreflection_parameters(rig: Rig) -> dict[str, PlantedParameter]:
     return {
-        "boards": Parameter(0.0, 0.15, -1.0, 1.0),
-        "albedo_ratio": Parameter(1.0, 0.15, 0.3, 2.5),
+        "boards": PlantedParameter(0.0, 0.15, -1.0, 1.0),
+        "albedo_ratio": PlantedParameter(1.0, 0.15, 0.3, 2.5),
     }
 
 
@@ -29,8 +29,8 @@ def _interreflection(rig: Rig, values: Mapping[str, float]) -> Rig:
     )
 
 
-def _field_parameters(rig: Rig) -> dict[str, Parameter]:
-    return {name: Parameter(0.0, 0.05, -0.5, 0.5) for name in FIELD}
+def _field_parameters(rig: Rig) -> dict[str, PlantedParameter]:
+    return {name: PlantedParameter(0.0, 0.05, -0.5, 0.5) for name in FIELD}
 
 
 def _field(rig: Rig, values: Mapping[str, float]) -> Rig:
@@ -38,10 +38,10 @@ def _field(rig: Rig, values: Mapping[str, float]) -> Rig:
     return replace(rig, coat=replace(rig.coat, field=(x, y, xx, xy, yy)))
 
 
-def _specular_parameters(rig: Rig) -> dict[str, Parameter]:
+def _specular_parameters(rig: Rig) -> dict[str, PlantedParameter]:
     return {
-        "share": Parameter(rig.coat.specular, 0.075, min(0.0, rig.coat.specular), 0.6),
-        "roughness": Parameter(rig.coat.roughness, 0.1, 0.1, 0.8, shape=True),
+        "share": PlantedParameter(rig.coat.specular, 0.075, min(0.0, rig.coat.specular), 0.6),
+        "roughness": PlantedParameter(rig.coat.roughness, 0.1, 0.1, 0.8, shape=True),
     }
 
 
@@ -49,10 +49,10 @@ def _specular(rig: Rig, values: Mapping[str, float]) -> Rig:
     return replace(rig, coat=replace(rig.coat, specular=values["share"], roughness=values["roughness"]))
 
 
-def _translucency_parameters(rig: Rig) -> dict[str, Parameter]:
+def _translucency_parameters(rig: Rig) -> dict[str, PlantedParameter]:
     return {
-        "transmittance": Parameter(rig.coat.transmittance, 0.1, 0.0, 0.4),
-        "object": Parameter(rig.coat.behind, 0.25, 0.0, 1.0, shape=True),
+        "transmittance": PlantedParameter(rig.coat.transmittance, 0.1, 0.0, 0.4),
+        "object": PlantedParameter(rig.coat.behind, 0.25, 0.0, 1.0, shape=True),
     }
 
 

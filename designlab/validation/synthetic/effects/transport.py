@@ -8,15 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from designlab.validation.synthetic.effects.base import Parameter, Planted
+from designlab.validation.synthetic.effects.base import Planted, PlantedParameter
 from designlab.validation.synthetic.generator_sensor import Rig
 from designlab.validation.synthetic.glass import Disc
 
 
-def _index_parameters(rig: Rig) -> dict[str, Parameter]:
+def _index_parameters(rig: Rig) -> dict[str, PlantedParameter]:
     if rig.glass is None:
         return {}
-    return {part: Parameter(0.0, 0.02, -0.3, 0.3) for part in ("gelcore", "elastomer")}
+    return {part: PlantedParameter(0.0, 0.02, -0.3, 0.3) for part in ("gelcore", "elastomer")}
 
 
 def _indices(rig: Rig, values: Mapping[str, float]) -> Rig:
@@ -28,13 +28,13 @@ def _indices(rig: Rig, values: Mapping[str, float]) -> Rig:
     return replace(rig, glass=replace(rig.glass, core_index=core, gel_index=gel))
 
 
-def _gap_parameters(rig: Rig) -> dict[str, Parameter]:
+def _gap_parameters(rig: Rig) -> dict[str, PlantedParameter]:
     if rig.glass is None:
         return {}
     return {
-        "x_mm": Parameter(0.0, 4.0, -20.0, 20.0, "mm", shape=True),
-        "y_mm": Parameter(0.0, 4.0, -20.0, 20.0, "mm", shape=True),
-        "radius_mm": Parameter(0.0, 1.5, 0.0, 8.0, "mm"),
+        "x_mm": PlantedParameter(0.0, 4.0, -20.0, 20.0, "mm", shape=True),
+        "y_mm": PlantedParameter(0.0, 4.0, -20.0, 20.0, "mm", shape=True),
+        "radius_mm": PlantedParameter(0.0, 1.5, 0.0, 8.0, "mm"),
     }
 
 
@@ -46,10 +46,10 @@ def _gap(rig: Rig, values: Mapping[str, float]) -> Rig:
     return replace(rig, glass=replace(rig.glass, gap=disc))
 
 
-def _absorption_parameters(rig: Rig) -> dict[str, Parameter]:
+def _absorption_parameters(rig: Rig) -> dict[str, PlantedParameter]:
     if rig.glass is None:
         return {}
-    return {f"{name}_per_mm": Parameter(0.0, 0.005, 0.0, 0.2, "1/mm") for name in rig.group_names}
+    return {f"{name}_per_mm": PlantedParameter(0.0, 0.005, 0.0, 0.2, "1/mm") for name in rig.group_names}
 
 
 def _absorption(rig: Rig, values: Mapping[str, float]) -> Rig:
@@ -60,10 +60,10 @@ def _absorption(rig: Rig, values: Mapping[str, float]) -> Rig:
     return replace(rig, glass=glass)
 
 
-def _scatter_parameters(rig: Rig) -> dict[str, Parameter]:
+def _scatter_parameters(rig: Rig) -> dict[str, PlantedParameter]:
     if rig.glass is None:
         return {}
-    return {"per_mm": Parameter(0.0, 0.01, 0.0, 0.5, "1/mm")}
+    return {"per_mm": PlantedParameter(0.0, 0.01, 0.0, 0.5, "1/mm")}
 
 
 def _scatter(rig: Rig, values: Mapping[str, float]) -> Rig:

@@ -1,0 +1,15 @@
+"""Types that every room shares."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+"""Array of floating-point numbers."""
+
+Mask = NDArray[np.bool_]
+"""Array of truth values."""
+
+Progress = Callable[[str, int, int], None]
+"""Called with the name of a stage, the number of its steps that are done, and the number of all its steps."""
