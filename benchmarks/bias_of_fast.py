@@ -2,7 +2,7 @@
 
     python benchmarks/bias_of_fast.py --designs 30 --photons 4e6
 
-Every design of `designlab.sensor.random_designs` is pressed by a ball, a triangle or star, and another test
+Every design of `benchmarks/random_designs.py` is pressed by a ball, a triangle or star, and another test
 probe. Each press is rendered with the settings of fidelity "fast" and, twice independently, by the unbiased
 estimator: light tracing where light refracts, path tracing in air. For every LED group the mean of the
 picture and the means of its blocks of 8 x 8 pixels are compared, relative to the mean radiance of the
@@ -25,12 +25,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from random_designs import random_design
 
 from designlab.core.store import write_json
 from designlab.evaluation.evaluate import FIDELITIES
 from designlab.evaluation.protocol import sub_seed
 from designlab.sensor.design import Design
-from designlab.sensor.random_designs import random_design
 from designlab.simulation.contact.press import Press
 from designlab.simulation.render import PHOTONS_PER_SAMPLE
 from designlab.simulation.simulator import Simulator

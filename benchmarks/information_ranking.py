@@ -2,7 +2,7 @@
 
     python benchmarks/information_ranking.py --designs 30 --plot docs/images/information_ranking.png
 
-Every design of `designlab.sensor.random_designs` is evaluated. The information score needs one untouched
+Every design of `benchmarks/random_designs.py` is evaluated. The information score needs one untouched
 gel, the median normal error the calibration presses, test presses and their reconstruction. Finished designs
 are kept in the results folder.
 """
@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from random_designs import random_design
 from scipy.stats import spearmanr
 
 from designlab.core.store import write_json
 from designlab.evaluation.evaluate import FIDELITIES, evaluate
 from designlab.evaluation.press_scores import PRESS_FIGURES
 from designlab.evaluation.protocol import TEST_PROBES
-from designlab.sensor.random_designs import random_design
 
 AGAINST = {
     "normal_error_median_deg": "median normal error (deg)",

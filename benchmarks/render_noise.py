@@ -14,12 +14,12 @@ import json
 from pathlib import Path
 
 import numpy as np
+from random_designs import random_design
 
 from designlab.core.store import write_json
 from designlab.evaluation.evaluate import FIDELITIES, evaluate
 from designlab.evaluation.press_scores import NOISE_LEFT, PRESS_FIGURES, pooled
 from designlab.sensor.design import Design, load
-from designlab.sensor.random_designs import random_design
 
 PRESETS = ("default", "gelsight-2020-flat-core", "gelsight-2020-dome-core", "digit-like")
 SCORES = ("normal_error_median_deg", "height_mae_um", "normals_within_5deg")

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from random_designs import random_design
 
-from designlab.sensor.random_designs import random_design
 from designlab.simulation.contact.press import Press
 from designlab.simulation.simulator import Simulator
 from geometries.probes import parse

@@ -2,8 +2,8 @@ import math
 
 import numpy as np
 import pytest
+from random_designs import RANGES, random_design
 
-from designlab.sensor.random_designs import RANGES, random_design
 from geometries.elastomer import base_mm
 from geometries.leds import emitters
 

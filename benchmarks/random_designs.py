@@ -147,7 +147,7 @@ def _content(draw: _Draw, shape: str, light_path: str, radius: float) -> dict[st
     }
     leds = _leds(draw, core, gel, light_path)
     content: dict[str, Any] = {
-        "description": "Drawn by designlab.sensor.random_designs.",
+        "description": "Drawn by benchmarks/random_designs.py.",
         "sensing_area_mm": (width, height),
         "gelcore": core,
         "elastomer": gel,
