@@ -1,5 +1,8 @@
 """What README and docs promise is there: links, commands, fields, designs, and the script, which runs."""
 
+import ast
+import contextlib
+import functools
 import importlib.util
 import json
 import re
@@ -33,7 +36,13 @@ from geometries.housing import Housing
 from geometries.leds import LedArray, LedGroup
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [
+    *(ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")),
+    *sorted((ROOT / "docs").glob("*.md")),
+]
+ROOMS = sorted(path.name for path in (ROOT / "designlab").iterdir() if (path / "__init__.py").is_file())
+WORDS = r"(?:\.[A-Za-z_]\w*)+"
+FOLDERS = ("designlab", "geometries", "tests", "scripts", "benchmarks", "studies", "notebooks", "docs")
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 OPTICS = (ROOT / "docs" / "optics.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"^```toml\n(.*?)^```", OPTICS, re.DOTALL | re.MULTILINE)
@@ -65,10 +74,71 @@ TILT=NONE
 """
 
 
+def anchors(page):
+    """Headings of a page as links name them."""
+    for heading in re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE):
+        yield re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-")
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_lead_somewhere(page):
-    for target in re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text(encoding="utf-8")):
-        assert (page.parent / target).exists(), target
+    for target, anchor in re.findall(r"\]\((?!https?:)([^)#]*)#?([^)]*)\)", page.read_text(encoding="utf-8")):
+        there = page.parent / target if target else page
+        assert there.exists(), target
+        if anchor:
+            assert anchor in anchors(there), f"{target}#{anchor}"
+
+
+def named(name):
+    """What a dotted name stands for: a module, or something in one."""
+    words = name.split(".")
+    for size in range(len(words), 0, -1):
+        with contextlib.suppress(ModuleNotFoundError):
+            module = importlib.import_module(".".join(words[:size]))
+            return functools.reduce(getattr, words[size:], module)
+    raise AssertionError(name)
+
+
+def code_of(page):
+    """Text of a page without files of earlier commits."""
+    return re.sub(r"\b[0-9a-f]{7,40}:\S+", "", page.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_modules_and_names_exist(page):
+    """Names that begin with designlab or geometries; those in code quotes may begin with a room."""
+    text = code_of(page)
+    whole = re.findall(rf"(?<![\w/.-])((?:designlab|geometries){WORDS})", text)
+    inside = re.findall(rf"`((?:{'|'.join(ROOMS)})(?!\.(?:toml|html|json)`){WORDS})`", text)
+    for name in [*whole, *(f"designlab.{name}" for name in inside)]:
+        named(name)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_imports_of_examples_exist(page):
+    for block in re.findall(
+        r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
+    ):
+        for line in ast.walk(ast.parse(block)):
+            if isinstance(line, ast.ImportFrom):
+                for name in line.names:
+                    named(f"{line.module}.{name.name}")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_paths_exist(page):
+    for path in re.findall(rf"(?<![\w/.-])((?:{'|'.join(FOLDERS)})/[\w./*-]*\w)", code_of(page)):
+        assert list(ROOT.glob(path)), path
+
+
+def test_functions_of_the_two_paths_are_where_the_map_says():
+    """A module in code quotes, a colon, and names in it."""
+    map_ = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    found = re.findall(rf"`((?:{'|'.join(ROOMS)})[\w.]*)`: ((?:`[\w.]+`(?:, )?)+)", map_)
+    assert len(found) > 15
+    for module, names in found:
+        for name in re.findall(r"`([\w.]+)`", names):
+            named(f"designlab.{module}.{name}")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
