@@ -7,6 +7,7 @@ sizes were found for none: the whole front of a package is taken to emit (assump
 from collections.abc import Collection, Mapping
 from typing import Any, Literal, NamedTuple
 
+from designlab.sensor.data import table
 from designlab.sensor.spectra import luminous_efficacy_lm_w
 from geometries.emission import AngularProfile
 
@@ -17,7 +18,7 @@ class Chip(NamedTuple):
     `intensity_mcd` is the typical luminous intensity on the axis, which sheets often give instead of a flux.
     """
 
-    wavelength_nm: float | None
+    wavelength_nm: float | None = None
     kind: Literal["peak", "dominant", "nominal"] = "peak"
     width_nm: float | None = None
     flux_mw: float | None = None
@@ -34,122 +35,22 @@ class LedPart(NamedTuple):
     maker: str
     number: str
     chips: Mapping[str, Chip]
-    size_mm: tuple[float, float, float | None] | None
-    viewing_deg: float | None
     source: str
+    size_mm: tuple[float, float, float | None] | None = None
+    viewing_deg: float | None = None
 
 
-PARTS: dict[str, LedPart] = {
-    "broadcom-asmt-qtb4": LedPart(
-        "Broadcom",
-        "ASMT-QTB4-0AA02",
-        {"red": Chip(629.0), "green": Chip(521.0), "blue": Chip(464.0)},
-        None,
-        120.0,
-        "data sheet ASMT-QTB4-0AA02, table 3 (PLCC-4, three colours, black front)",
-    ),
-    "kingbright-apfa3010": LedPart(
-        "Kingbright",
-        "APFA3010LSEKJ3ZGKQBC",
-        {
-            "red": Chip(None, intensity_mcd=40.0),
-            "green": Chip(None, intensity_mcd=60.0),
-            "blue": Chip(None, intensity_mcd=10.0),
-        },
-        (3.0, 1.0, 1.5),
-        150.0,
-        "data sheet DSAO4458 V.3B, page 1, at 2 mA (right-angle, three colours)",
-    ),
-    "kingbright-apgf0606": LedPart(
-        "Kingbright",
-        "APGF0606VGTPBTSEETC",
-        {
-            "red": Chip(None, intensity_mcd=25.0),
-            "green": Chip(None, intensity_mcd=90.0),
-            "blue": Chip(None, intensity_mcd=20.0),
-        },
-        (0.65, 0.65, 0.2),
-        140.0,
-        "data sheet DSAP1402 V.3B, page 1, at 5 mA (three colours)",
-    ),
-    "kingbright-aphb1608": LedPart(
-        "Kingbright",
-        "APHB1608ZGKSURKC",
-        {"red": Chip(None, intensity_mcd=250.0), "green": Chip(None, intensity_mcd=350.0)},
-        (1.6, 0.8, 0.5),
-        130.0,
-        "data sheet DSAM9277 V.4A, page 1, at 20 mA (0603, two colours)",
-    ),
-    "kingbright-apt1608ec": LedPart(
-        "Kingbright",
-        "APT1608EC",
-        {"red": Chip(627.0, width_nm=45.0, intensity_mcd=15.0)},
-        (1.6, 0.8, 0.75),
-        150.0,
-        "data sheet DSAD0924 V.17A, at 20 mA (0603)",
-    ),
-    "kingbright-aptf1616": LedPart(
-        "Kingbright",
-        "APTF1616LSEKJ3ZGKQBC",
-        {
-            "red": Chip(640.0, width_nm=20.0),
-            "green": Chip(515.0, width_nm=35.0),
-            "blue": Chip(460.0, width_nm=25.0),
-        },
-        (1.6, 1.6, 0.7),
-        None,
-        "data sheet DSAO4460 V.4B, at 2 mA (0606, three colours)",
-    ),
-    "osram-gf-cs8pm1": LedPart(
-        "OSRAM",
-        "GF CS8PM1.24",
-        {"infrared": Chip(730.0, "nominal", flux_mw=231.0)},
-        None,
-        80.0,
-        "data sheet OSLON SSL 80, version 1.1 (2015-12-21), typical flux at 350 mA (lens, far red)",
-    ),
-    "osram-lrtb-g6tg": LedPart(
-        "OSRAM",
-        "LRTB G6TG",
-        {"red": Chip(625.0, "nominal"), "green": Chip(528.0, "nominal"), "blue": Chip(470.0, "nominal")},
-        None,
-        120.0,
-        "data sheet MULTILED LRTB G6TG, features (PLCC-6, three colours)",
-    ),
-    "vishay-vlm1300": LedPart(
-        "Vishay",
-        "VLMS1300, VLMTG1300, VLMB1300",
-        {
-            "red": Chip(631.0, "nominal", intensity_mcd=54.0),
-            "green": Chip(525.0, "nominal"),
-            "blue": Chip(470.0, "nominal"),
-        },
-        (1.6, 0.8, 0.8),
-        130.0,
-        "data sheet 82437 rev. 1.4, page 1, at 20 mA (0603, one colour each; blue: middle of 465 to 475 nm)",
-    ),
-    "vishay-vlmrgb6112": LedPart(
-        "Vishay",
-        "VLMRGB6112",
-        {"red": Chip(None, intensity_mcd=730.0), "green": Chip(None), "blue": Chip(None)},
-        (3.5, 2.8, 1.45),
-        120.0,
-        "data sheet VLMRGB6112, page 1, at 20 mA (PLCC-6, 3528, three colours)",
-    ),
-    "worldsemi-ws2812b": LedPart(
-        "Worldsemi",
-        "WS2812B",
-        {
-            "red": Chip(622.5, "nominal", intensity_mcd=405.0),
-            "green": Chip(523.5, "nominal", intensity_mcd=690.0),
-            "blue": Chip(466.0, "nominal", intensity_mcd=190.0),
-        },
-        (5.0, 5.0, None),
-        120.0,
-        "data sheet figures as sellers print them, at full brightness; middles of 620 to 625, 522 to 525 and "
-        "465 to 467 nm, of 390 to 420, 660 to 720 and 180 to 200 mcd (5050, driver inside, three colours)",
-    ),
-}
+def _parts() -> dict[str, LedPart]:
+    parts = {}
+    for name, content in table("led_catalogue").items():
+        chips = {colour: Chip(**chip) for colour, chip in content.pop("chips").items()}
+        size = content.pop("size_mm", None)
+        parts[name] = LedPart(chips=chips, size_mm=size and (*size, None)[:3], **content)
+    return parts
+
+
+PARTS = _parts()
+"""The catalogue, read from `data/led_catalogue.toml`."""
 FILLED_ARRAY = (
     "body_width_mm",
     "body_height_mm",

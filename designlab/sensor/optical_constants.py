@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from designlab.sensor.data import table
+
 
 @dataclass(frozen=True)
 class Material:
@@ -39,61 +41,18 @@ class Material:
         return float(np.interp(wavelength_nm, wavelengths, coefficients))
 
 
-AIR = Material("air", 1.0, "definition; air at 20 C is 1.00027")
+def _materials() -> dict[str, Material]:
+    materials = {}
+    for name, content in table("optical_constants").items():
+        # the absorption coefficient (per mm) of an extinction coefficient k at a wavelength in nm
+        absorption = tuple((nm, 4e6 * np.pi * k / nm) for nm, k in content.pop("extinction", ()))
+        materials[name] = Material(name, absorption=absorption, **content)
+    return materials
 
-# Extinction coefficients k of N-BK7 by wavelength (nm), SCHOTT Zemax catalogue 2017-01-20b as tabulated by
-# refractiveindex.info; the absorption coefficient is 4 pi k / wavelength.
-_BK7_EXTINCTION = (
-    (436.0, 1.1147e-8), (460.0, 1.0286e-8), (500.0, 9.5781e-9), (546.0, 6.9658e-9),
-    (580.0, 9.2541e-9), (620.0, 1.1877e-8), (660.0, 1.2643e-8), (700.0, 8.9305e-9),
-)  # fmt: skip
 
-MATERIALS: dict[str, Material] = {
-    material.name: material
-    for material in (
-        AIR,
-        Material(
-            "acrylic",
-            1.49,
-            "PMMA at 589 nm, rounded: 1.4925 by Beadie et al., Appl. Opt. 54, F139 (2015), with 1.500 at "
-            "465 nm and 1.491 at 625 nm. Absorbs about 2e-5 per mm near 500 nm (laser calorimetry): taken"
-            " as clear",
-        ),
-        Material(
-            "silicone",
-            1.41,
-            "clear silicone gels, 1.40 to 1.43 by makers' data sheets, rounded. Sylgard 184 at 589 nm: "
-            "1.431 (Schneider et al., Sens. Actuators A 151, 95 (2009)) or 1.395 (Zhang et al., Appl. "
-            "Opt. 59, 2337 (2020)). Waveguides written into PDMS lose 0.03 dB/cm, 7e-4 per mm, at 650 to "
-            "700 nm (EPFL): an upper limit of the bulk's loss, taken as clear",
-        ),
-        Material(
-            "resin-2020",
-            1.5403,
-            "gelcore of the 2020 prototype, arXiv 2012.13184, public scene files; losses are not published",
-        ),
-        Material(
-            "resin-clear",
-            1.51,
-            "clear printing resins (two commercial, one custom): 1.505 at 670 nm to 1.533 at 405 nm, Opt."
-            " Mater. Express 11, 3392 (2021); rounded. Losses and haze depend on print, cure and polish, "
-            "and no single coefficient describes them (Hamp et al., Appl. Opt. 60, 6573 (2021)): none "
-            "assumed, measure the part",
-        ),
-        Material(
-            "epoxy",
-            1.53,
-            "assumption: middle of the range 1.50 to 1.57 that makers of optical epoxies give for most of"
-            " them; no figure for losses found, none assumed",
-        ),
-        Material(
-            "glass",
-            1.5168,
-            "SCHOTT N-BK7 data sheet, n_d and extinction coefficients",
-            tuple((nm, 4e6 * np.pi * k / nm) for nm, k in _BK7_EXTINCTION),
-        ),
-    )
-}
+MATERIALS = _materials()
+"""The materials, read from `data/optical_constants.toml`."""
+AIR = MATERIALS["air"]
 
 
 def material(name: str) -> Material:

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from designlab.core.types import Array
+from designlab.sensor.data import table
 from geometries.spec import Spec
 
 WIDTHS_NM = ((490.0, 25.0), (560.0, 35.0), (1100.0, 20.0))
@@ -17,16 +18,9 @@ Source: Kingbright data sheet DSAO4460 (APTF1616LSEKJ3ZGKQBC), spectral bandwidt
 stands for longer wavelengths (assumption).
 """
 
-
-LUMINOUS_EFFICIENCY = (
-    (380, 4e-5), (390, 1.2e-4), (400, 4e-4), (410, 0.0012), (420, 0.0040), (430, 0.0116), (440, 0.0230),
-    (450, 0.0380), (460, 0.0600), (470, 0.0910), (480, 0.1390), (490, 0.2080), (500, 0.3230), (510, 0.5030),
-    (520, 0.7100), (530, 0.8620), (540, 0.9540), (550, 0.9950), (555, 1.0), (560, 0.9950), (570, 0.9520),
-    (580, 0.8700), (590, 0.7570), (600, 0.6310), (610, 0.5030), (620, 0.3810), (630, 0.2650), (640, 0.1750),
-    (650, 0.1070), (660, 0.0610), (670, 0.0320), (680, 0.0170), (690, 0.0082), (700, 0.0041), (710, 0.0021),
-    (720, 0.0010), (730, 5e-4), (740, 2.5e-4), (750, 1.2e-4), (760, 6e-5), (770, 3e-5), (780, 1.5e-5),
-)  # fmt: skip
-"""Spectral luminous efficiency V for photopic vision, CIE 1924, by wavelength (nm)."""
+_TABLES = table("spectra")
+LUMINOUS_EFFICIENCY: Array = np.array(_TABLES["luminous_efficiency"]["rows"], dtype=float)
+"""Spectral luminous efficiency V for photopic vision: rows of wavelength (nm) and V."""
 PEAK_EFFICACY_LM_W = 683.0
 """Lumen per watt where V is 1: the definition of the candela."""
 
@@ -39,27 +33,13 @@ class Curves(NamedTuple):
     source: str
 
 
-SENSITIVITIES: dict[str, Curves] = {
-    "imx219": Curves(
-        per="photon",
-        rows=(
-            (400, 9.86, 7.68, 48.85), (410, 7.85, 6.06, 56.91), (420, 5.74, 4.61, 61.92),
-            (430, 4.28, 4.54, 69.74), (440, 3.62, 5.56, 74.66), (450, 3.15, 6.17, 81.28),
-            (460, 3.06, 8.59, 82.95), (470, 3.88, 23.56, 81.23), (480, 5.01, 60.63, 72.04),
-            (490, 5.48, 84.57, 59.83), (500, 6.28, 93.42, 47.13), (510, 8.57, 97.48, 34.61),
-            (520, 12.06, 99.46, 23.84), (530, 13.34, 97.46, 18.41), (540, 11.44, 92.92, 14.61),
-            (550, 10.64, 88.05, 11.44), (560, 11.30, 82.86, 9.19), (570, 14.39, 74.54, 8.45),
-            (580, 51.04, 65.82, 8.41), (590, 93.49, 56.25, 8.08), (600, 96.12, 43.02, 7.10),
-            (610, 89.15, 30.68, 6.04), (620, 84.06, 22.59, 5.60), (630, 80.71, 18.06, 5.52),
-            (640, 76.41, 15.35, 5.90), (650, 71.87, 13.75, 6.71), (660, 66.70, 13.43, 7.65),
-            (670, 60.90, 14.71, 8.44), (680, 55.23, 17.15, 9.08), (690, 50.95, 19.97, 9.68),
-            (700, 49.31, 22.73, 10.70),
-        ),
-        source="Sony IMX219 (Raspberry Pi camera v2), quantum efficiency relative to its highest, no "
-        "infrared filter in it: the data sheet's curve as digitised by K. Hufkens (2016), published with "
-        "github.com/scivision/raspicam-spectra, file archive/IMX219.csv; every tenth nm, rounded",
-    ),
-}  # fmt: skip
+SENSITIVITIES = {
+    name: Curves(content["per"], tuple(map(tuple, content["rows"])), content["source"])
+    for name, content in _TABLES["sensitivities"].items()
+}
+"""Published sensitivities, read from `data/spectra.toml`."""
+CHROMIUM: Array = np.array(_TABLES["chromium"]["rows"], dtype=float)
+"""Complex refractive index of chromium: rows of wavelength (nm), n and k."""
 
 
 class Sensitivity(Spec):
@@ -168,10 +148,9 @@ def response(
 def luminous_efficacy_lm_w(wavelength_nm: float, width_nm: float | None = None) -> float:
     """Lumen per watt of an LED's light, a Gaussian spectrum as in `response` weighted with V."""
     grid, share = _spectrum(wavelength_nm, width_nm)
-    table = np.asarray(LUMINOUS_EFFICIENCY)
-    return float(
-        PEAK_EFFICACY_LM_W * (share * np.interp(grid, table[:, 0], table[:, 1], left=0.0, right=0.0)).sum()
-    )
+    wavelength, efficiency = LUMINOUS_EFFICIENCY.T
+    seen = np.interp(grid, wavelength, efficiency, left=0.0, right=0.0)
+    return float(PEAK_EFFICACY_LM_W * (share * seen).sum())
 
 
 def _spectrum(peak_nm: float, width_nm: float | None) -> tuple[Array, Array]:

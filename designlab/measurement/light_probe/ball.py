@@ -6,26 +6,18 @@ from pydantic import Field
 from designlab.core.types import Array
 from designlab.sensor.design import Design
 from designlab.sensor.led_mounting import front_corners, seated
+from designlab.sensor.spectra import CHROMIUM
 from designlab.simulation.scene.materials import Ball, Metal
 from designlab.simulation.scene.static_parts import degelled
 from geometries import elastomer
 from geometries.spec import Spec, quantity
 
-# Chromium at room temperature, wavelength (nm), n, k: P. B. Johnson and R. W. Christy, Phys. Rev. B 9, 5056
-# (1974), as tabulated by refractiveindex.info (public domain).
-_CHROMIUM = np.array([
-    (342.0, 1.76, 2.58), (354.0, 1.84, 2.64), (368.0, 1.87, 2.69), (381.0, 1.92, 2.74), (397.0, 2.00, 2.83),
-    (413.0, 2.08, 2.93), (431.0, 2.19, 3.04), (451.0, 2.33, 3.14), (471.0, 2.51, 3.24), (496.0, 2.75, 3.30),
-    (521.0, 2.94, 3.33), (549.0, 3.18, 3.33), (582.0, 3.22, 3.30), (617.0, 3.17, 3.30), (659.0, 3.09, 3.34),
-    (704.0, 3.05, 3.39), (756.0, 3.08, 3.42), (821.0, 3.20, 3.48), (892.0, 3.30, 3.52), (984.0, 3.41, 3.57),
-    (1088.0, 3.58, 3.58), (1216.0, 3.67, 3.60),
-])  # fmt: skip
 RINGS = 60  # of the ball's upper half that are held against the core
 
 
 def chromium(wavelength_nm: float) -> complex:
     """Complex refractive index n + ik of chromium, linear between the tabulated wavelengths."""
-    wavelength, n, k = _CHROMIUM.T
+    wavelength, n, k = CHROMIUM.T
     return complex(np.interp(wavelength_nm, wavelength, n), np.interp(wavelength_nm, wavelength, k))
 
 

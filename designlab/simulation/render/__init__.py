@@ -43,7 +43,7 @@ class Bias(NamedTuple):
 
 UNBIASED = Bias(0.0, 0.0)
 FAST_BIAS = Bias(mean=0.004, block=0.05)
-"""Measured against unbiased pictures of random designs (`benchmarks/bias_of_fast.py`), their noise included."""
+"""Measured against unbiased pictures of random designs, noise included: `benchmarks/bias_of_fast.py`."""
 
 Thing = TypeVar("Thing")
 KEPT_IN_MEMORY = 4  # designs' light fields and shaders, some 100 MB each
