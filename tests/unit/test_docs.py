@@ -40,6 +40,12 @@ PAGES = [
     *(ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")),
     *sorted((ROOT / "docs").glob("*.md")),
 ]
+SCRIPTS = sorted(
+    path
+    for folder in ("benchmarks", "notebooks", "scripts", "studies", "designlab/app/templates")
+    for path in (ROOT / folder).glob("*.*")
+    if path.suffix in (".py", ".ipynb")
+)
 ROOMS = sorted(path.name for path in (ROOT / "designlab").iterdir() if (path / "__init__.py").is_file())
 WORDS = r"(?:\.[A-Za-z_]\w*)+"
 FOLDERS = ("designlab", "geometries", "tests", "scripts", "benchmarks", "studies", "notebooks", "docs")
@@ -114,13 +120,21 @@ def test_modules_and_names_exist(page):
         named(name)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_imports_of_examples_exist(page):
-    for block in re.findall(
-        r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
-    ):
-        for line in ast.walk(ast.parse(block)):
-            if isinstance(line, ast.ImportFrom):
+def code_in(path):
+    """Python code of a page's examples, of a notebook, or of a script."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".md":
+        return re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    if path.suffix == ".ipynb":
+        return ["".join(cell["source"]) for cell in json.loads(text)["cells"] if cell["cell_type"] == "code"]
+    return [text]
+
+
+@pytest.mark.parametrize("path", [*PAGES, *SCRIPTS], ids=lambda path: path.name)
+def test_imports_of_examples_exist(path):
+    for code in code_in(path):
+        for line in ast.walk(ast.parse(code)):
+            if isinstance(line, ast.ImportFrom) and line.module.split(".")[0] in ("designlab", "geometries"):
                 for name in line.names:
                     named(f"{line.module}.{name.name}")
 
