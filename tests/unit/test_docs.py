@@ -155,6 +155,19 @@ def test_functions_of_the_two_paths_are_where_the_map_says():
             named(f"designlab.{module}.{name}")
 
 
+def test_words_of_our_own_are_in_the_code():
+    """The last column of the nomenclature names what carries each word."""
+    sources = [path for package in ("designlab", "geometries") for path in (ROOT / package).rglob("*.py")]
+    library = "".join(path.read_text(encoding="utf-8") for path in sources)
+    page = (ROOT / "docs" / "nomenclature.md").read_text(encoding="utf-8")
+    cells = [line.split(" | ")[-1] for line in page.splitlines() if line.startswith("| ")]
+    words = [word for cell in cells for word in re.findall(r"`([\w.]+)`", cell)]
+    assert len(words) > 40
+    for word in words:
+        if not word.startswith(("designlab.", "geometries.")):
+            assert re.search(rf"\b{word.split('.')[-1]}\b", library), word
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_example_commands_exist(page):
     """Lines of code blocks that call designlab, without the explanation to their right, are valid calls."""
