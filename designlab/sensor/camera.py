@@ -1,5 +1,6 @@
 """The camera: where its pixels look, and from linear radiance on the sensor to digital counts."""
 
+from collections.abc import Sequence
 from typing import Annotated, Literal, NamedTuple, Self
 
 import numpy as np
@@ -28,6 +29,18 @@ class View(NamedTuple):
     height_px: float
     columns: int
     rows: int
+
+    @classmethod
+    def around(cls, places_px: Sequence[tuple[float, float]], columns: int) -> "View":
+        """The smallest rectangle of square output pixels around places (column, row), `columns` of them wide.
+
+        Its height is a whole number of rows: it differs by less than half a row from that of the places.
+        """
+        (left, top), (right, bottom) = np.min(places_px, axis=0), np.max(places_px, axis=0)
+        rows = max(1, round(columns * (bottom - top) / (right - left)))
+        height_px = (right - left) * rows / columns
+        corner = float(left), float((top + bottom - height_px) / 2)
+        return cls(*corner, float(right - left), float(height_px), columns, rows)
 
     def centres(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Column and row on the full sensor of the output pixels' centres, shape (rows, columns)."""

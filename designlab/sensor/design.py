@@ -18,7 +18,7 @@ from designlab.sensor.camera import Camera, View
 from designlab.sensor.feasibility import RULES, SEEN, margins
 from designlab.sensor.optical_constants import material
 from designlab.sensor.optical_properties import Optics
-from designlab.sensor.refraction import Glass, apparent_tangent
+from designlab.sensor.refraction import Glass, tangents_through
 from designlab.sensor.spectra import response
 from geometries.elastomer import Elastomer, base_mm
 from geometries.gelcore import Gelcore
@@ -220,13 +220,7 @@ class Design(Spec):
         )
         edge = [(x, y) for x in along_x[[0, -1]] for y in along_y]
         edge += [(x, y) for x in along_x[1:-1] for y in along_y[[0, -1]]]
-        seen = [self.project_px(float(x), float(y)) for x, y in edge]
-        left, right = min(c[0] for c in seen), max(c[0] for c in seen)
-        top, bottom = min(c[1] for c in seen), max(c[1] for c in seen)
-        rows = max(1, round(columns * (bottom - top) / (right - left)))
-        # Square pixels: differs from bottom - top by less than half a row.
-        height_px = (right - left) * rows / columns
-        return View(left, (top + bottom - height_px) / 2, right - left, height_px, columns, rows)
+        return View.around([self.project_px(float(x), float(y)) for x, y in edge], columns)
 
     def project_px(self, x_mm: float, y_mm: float) -> tuple[float, float]:
         """Where a point of the undeformed membrane appears on the full sensor.
@@ -273,32 +267,17 @@ class Design(Spec):
         InfeasibleDesign
             If the camera stands below the window.
         """
-        x_c, y_c, z_c = self.camera.position_mm
-        z_c = z_c if camera_mm is None else camera_mm
-        layers = [self.layers_to_camera(float(z), camera_mm=z_c) for z in points[:, 2]]
+        x, y, z = self.camera.position_mm
+        camera = np.array([x, y, z if camera_mm is None else camera_mm])
+        layers = [self.layers_to_camera(float(z), camera_mm=camera[2]) for z in points[:, 2]]
         if self.glass is not None and self.glass.cavity is not None:
-            return self.glass.toward(np.array([x_c, y_c, z_c]), points)
-        away = points[:, :2] - (x_c, y_c)
-        distances = np.hypot(*away.T)
-        tangents = [apparent_tangent(float(d), each) for d, each in zip(distances, layers, strict=True)]
-        return np.asarray(away * (tangents / np.maximum(distances, 1e-300))[:, None])
+            return self.glass.toward(camera, points)
+        return tangents_through(layers, points[:, :2] - camera[:2])
 
     @property
     def glass(self) -> Glass | None:
         """Core and gel as the camera looks through them; None where light does not see them."""
-        if self.optics.light_path == "air":
-            return None
-        gel, core = self.elastomer, self.gelcore
-        dome_mm = None if gel.radius_mm is None else gel.radius_mm - gel.thickness_mm
-        return Glass(
-            window_mm=gel.thickness_mm + core.height_mm,
-            interface_mm=gel.thickness_mm,
-            core_index=self.optics.core_index,
-            gel_index=self.optics.gel_index,
-            dome_mm=dome_mm,
-            reach_mm=math.inf if dome_mm is None else min(core.width_mm / 2, dome_mm),
-            cavity=core.cavity,
-        )
+        return Glass.of(self.gelcore, self.elastomer, self.optics)
 
     def layers_to_camera(self, z: float, *, camera_mm: float | None = None) -> list[tuple[float, float]]:
         """Thickness (mm) and index of each plane layer from a membrane point at height z (mm) to the camera.
@@ -310,21 +289,14 @@ class Design(Spec):
         InfeasibleDesign
             If the camera stands below the window.
         """
-        z_c = self.camera.position_mm[2] if camera_mm is None else camera_mm
-        if self.optics.light_path == "air":
+        z_c, glass = self.camera.position_mm[2] if camera_mm is None else camera_mm, self.glass
+        if glass is None:
             return [(z_c - z, 1.0)]
-        gel_index, core_index = self.optics.gel_index, self.optics.core_index
-        thickness = self.elastomer.thickness_mm
-        window = thickness + self.gelcore.height_mm
-        if z_c <= window:
+        if z_c <= glass.window_mm:
             raise InfeasibleDesign(
-                f"camera.position_mm: z must be above the window at {window:g} mm, is {z_c:g} mm"
+                f"camera.position_mm: z must be above the window at {glass.window_mm:g} mm, is {z_c:g} mm"
             )
-        if self.elastomer.shape == "freeform":
-            # Its core is flat: the gel gets thinner towards the edge.
-            return [(thickness - z, gel_index), (window - thickness, core_index), (z_c - window, 1.0)]
-        # On a dome the gel keeps its thickness and the core gets thinner towards the edge.
-        return [(thickness, gel_index), (window - thickness - z, core_index), (z_c - window, 1.0)]
+        return glass.layers(z, z_c)
 
     def margins(self) -> dict[str, float]:
         """Signed distance to every geometric rule in mm; positive means violated.

@@ -8,6 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.core.types import Array
+from designlab.sensor.optical_properties import Optics
+from geometries.elastomer import Elastomer
+from geometries.gelcore import Gelcore
 
 NEWTON_STEPS, NEWTON_STEP = 12, 1e-6
 Layers = Sequence[tuple[float, float]]
@@ -55,6 +58,26 @@ def apparent_tangent(distance_mm: float, layers: Layers) -> float:
     return float(invariant / math.sqrt(layers[-1][1] ** 2 - invariant**2))
 
 
+def tangents_through(layers: Sequence[Layers], away_mm: Array) -> Array:
+    """Tangents of the angles to the axis at which the camera sees points through plane layers.
+
+    Parameters
+    ----------
+    layers : sequence of Layers
+        The layers between the camera and each point.
+    away_mm : array, shape (n, 2)
+        Ways from the camera to the points along x and y.
+
+    Returns
+    -------
+    array, shape (n, 2)
+        Tangents along x and y, in the camera's layer.
+    """
+    distances = np.hypot(*away_mm.T)
+    tangents = [apparent_tangent(float(d), each) for d, each in zip(distances, layers, strict=True)]
+    return np.asarray(away_mm * (tangents / np.maximum(distances, 1e-300))[:, None])
+
+
 def apparent_distance_mm(layers: Layers) -> float:
     """Distance at which something behind the layers seems to lie, seen along their normal."""
     return sum(thickness / index for thickness, index in layers) * layers[-1][1]
@@ -84,6 +107,40 @@ class Glass(NamedTuple):
     dome_mm: float | None = None
     reach_mm: float = math.inf
     cavity: tuple[float, float] | None = None
+
+    @classmethod
+    def of(cls, core: Gelcore, gel: Elastomer, optics: Optics) -> "Glass | None":
+        """Core and gel of a design; None where light does not see them."""
+        if optics.light_path == "air":
+            return None
+        dome_mm = None if gel.radius_mm is None else gel.radius_mm - gel.thickness_mm
+        return cls(
+            window_mm=gel.thickness_mm + core.height_mm,
+            interface_mm=gel.thickness_mm,
+            core_index=optics.core_index,
+            gel_index=optics.gel_index,
+            dome_mm=dome_mm,
+            reach_mm=math.inf if dome_mm is None else min(core.width_mm / 2, dome_mm),
+            cavity=core.cavity,
+        )
+
+    def layers(self, z_mm: float, camera_mm: float) -> list[tuple[float, float]]:
+        """Plane layers that stand for core and gel over a point of the membrane at a height.
+
+        On a dome the gel keeps its thickness and the core gets thinner towards the edge; behind a freeform
+        membrane the core is flat and the gel gets thinner.
+
+        Returns
+        -------
+        list of (thickness in mm, index)
+            From the membrane to the camera.
+        """
+        gel_mm, core_mm = self.interface_mm, self.window_mm - self.interface_mm
+        if self.dome_mm is None:
+            gel_mm -= z_mm
+        else:
+            core_mm -= z_mm
+        return [(gel_mm, self.gel_index), (core_mm, self.core_index), (camera_mm - self.window_mm, 1.0)]
 
     def follow(self, start: Array, direction: Array) -> tuple[Array, Array, Array]:
         """Follow rays from the camera into the gel.
