@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from designlab.optimization.study.sweep import optimise, sweep
     from designlab.optimization.tolerance import tolerance
     from designlab.sensor.design import Design, load, preset
-    from designlab.simulation.contact.press import Press, Surface
+    from designlab.simulation.contact.press import Press
+    from designlab.simulation.contact.surface import Surface
     from designlab.simulation.simulator import render
     from geometries.probes import Probe, sphere, star, triangle
 
@@ -26,7 +27,7 @@ _HOMES = {
     "LightProbe": "designlab.measurement.light_probe",
     "light_probe": "designlab.measurement.light_probe",
     "Press": "designlab.simulation.contact.press",
-    "Surface": "designlab.simulation.contact.press",
+    "Surface": "designlab.simulation.contact.surface",
     "render": "designlab.simulation.simulator",
     "Score": "designlab.evaluation.evaluate",
     "evaluate": "designlab.evaluation.evaluate",

@@ -22,7 +22,7 @@ from designlab.evaluation.protocol import EvaluationProtocol, Presses, Reconstru
 from designlab.evaluation.weakest_point import GelMaps, Place, worst_of_gel, worst_of_presses
 from designlab.reconstruction import KernelCalibration
 from designlab.sensor.design import Design
-from designlab.simulation.contact.press import Surface
+from designlab.simulation.contact.surface import Surface
 from designlab.simulation.effects.model import SensorModel
 from designlab.simulation.render import Estimator
 from designlab.simulation.simulator import Frame, Simulator, exposure

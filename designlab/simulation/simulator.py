@@ -12,7 +12,9 @@ from scipy.ndimage import gaussian_filter
 from designlab.core.types import Array
 from designlab.sensor.camera import View, Vignetting
 from designlab.sensor.design import Design
-from designlab.simulation.contact.press import Press, Surface, indent
+from designlab.simulation.contact.kernel import indent
+from designlab.simulation.contact.press import Press
+from designlab.simulation.contact.surface import Surface
 from designlab.simulation.effects import SensorModel, Sight
 from designlab.simulation.optics.defocus import blur, radius_px
 from designlab.simulation.optics.viewing_rays import Rays, rays

@@ -7,7 +7,7 @@ import pytest
 from scenes import box, far_camera, rectangle_light, sheet_at, view_of
 
 from designlab.sensor.design import preset
-from designlab.simulation.contact.press import indent
+from designlab.simulation.contact.kernel import indent
 from designlab.simulation.render import path
 from designlab.simulation.scene.scene import Coating, Dielectric, Diffuse, Medium, Scene, Texture, build
 from designlab.simulation.scene.static_parts import core_and_gel

@@ -5,7 +5,8 @@ import pytest
 from closed_forms import block_means
 
 from designlab.sensor.design import preset
-from designlab.simulation.contact.press import Press, indent
+from designlab.simulation.contact.kernel import indent
+from designlab.simulation.contact.press import Press
 from designlab.simulation.render import baking, lightfield, shading
 from designlab.simulation.render.landings import FirstLight
 from designlab.simulation.simulator import RenderFailed, Simulator

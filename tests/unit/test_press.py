@@ -5,7 +5,8 @@ import pytest
 from scipy.ndimage import center_of_mass
 
 from designlab.sensor.design import Contact
-from designlab.simulation.contact.press import Press, indent
+from designlab.simulation.contact.kernel import indent
+from designlab.simulation.contact.press import Press
 from geometries.elastomer import Elastomer
 from geometries.probes import SIZES, from_file, parse
 
@@ -187,7 +188,7 @@ def test_a_ball_meets_a_dome_in_the_lens_of_two_spheres():
 def test_nothing_is_raised_beyond_the_reach_of_a_probe(text, monkeypatch):
     one = press(text, 0.4, centre_mm=(1.2, -0.7), yaw_deg=33.0)
     near = indented(one)
-    monkeypatch.setattr("designlab.simulation.contact.press.REACH", dict.fromkeys(SIZES, 20.0))
+    monkeypatch.setattr("designlab.simulation.contact.kernel.REACH", dict.fromkeys(SIZES, 20.0))
     np.testing.assert_array_equal(near.height_mm, indented(one).height_mm)
 
 

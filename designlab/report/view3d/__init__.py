@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from designlab.sensor.design import Design, dumps
-from designlab.simulation.contact.press import Surface
+from designlab.simulation.contact.surface import Surface
 
 __all__ = ["ViewPicture", "render_view"]
 

@@ -13,7 +13,7 @@ from scipy.signal import oaconvolve
 from designlab.core.types import Array
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
-from designlab.simulation.contact.press import Surface
+from designlab.simulation.contact.surface import Surface
 from designlab.simulation.optics.viewing_rays import Rays, rays
 
 SMALLEST_PX = 0.02  # of radius: less is no blur

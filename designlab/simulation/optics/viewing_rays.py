@@ -8,7 +8,7 @@ from designlab.core.types import Array
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.sensor.refraction import Glass, crossing_mm
-from designlab.simulation.contact.press import Surface
+from designlab.simulation.contact.surface import Surface
 
 STEEPEST = float(np.tan(np.radians(89.0)))  # tangent of the angle to the axis
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from designlab.core import store
 from designlab.core.backend import activate
-from designlab.simulation.contact.press import Surface
+from designlab.simulation.contact.surface import Surface
 from designlab.simulation.optics.viewing_rays import Rays
 from designlab.simulation.scene.scene import Scene
 

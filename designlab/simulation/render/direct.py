@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from designlab.core.types import Array
-from designlab.simulation.contact.press import Surface
+from designlab.simulation.contact.surface import Surface
 from designlab.simulation.render import bridge
 from designlab.simulation.render.emitters import Directions
 from designlab.simulation.render.lightfield import AZIMUTHS, CELL_MM

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.core.types import Array
-from designlab.simulation.contact.press import Surface
+from designlab.simulation.contact.surface import Surface
 from designlab.simulation.optics.viewing_rays import Rays
 from designlab.simulation.render.nodes import NodeTables
 from designlab.simulation.render.tables import bilinear

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.simulation.contact.press import Surface
+from designlab.simulation.contact.surface import Surface
 from designlab.simulation.optics.viewing_rays import Rays
 from designlab.simulation.render import photons
 from designlab.simulation.render.eye import Eye

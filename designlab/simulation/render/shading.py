@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from designlab.sensor.camera import View
-from designlab.simulation.contact.press import Surface
+from designlab.simulation.contact.surface import Surface
 from designlab.simulation.optics.viewing_rays import Rays
 from designlab.simulation.render.binned import Binned
 from designlab.simulation.render.direct import Direct

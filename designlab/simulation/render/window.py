@@ -7,7 +7,7 @@ import numpy as np
 
 from designlab.core.types import Array
 from designlab.sensor.optical_constants import AIR
-from designlab.simulation.contact.press import Surface
+from designlab.simulation.contact.surface import Surface
 from designlab.simulation.optics.viewing_rays import Rays
 from designlab.simulation.render import bridge
 from designlab.simulation.scene.scene import Dielectric, Scene

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from designlab.sensor.design import Design
 from designlab.sensor.optical_properties import AlbedoImage
-from designlab.simulation.contact.press import Surface
+from designlab.simulation.contact.surface import Surface
 from designlab.simulation.scene.materials import Coating, FloatArray, Texture
 from geometries import elastomer
 

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.sensor.design import Design
-from designlab.simulation.contact.press import Surface
+from designlab.simulation.contact.surface import Surface
 from designlab.simulation.scene.coating import coating
 from designlab.simulation.scene.materials import FloatArray, Shape
 from geometries import elastomer

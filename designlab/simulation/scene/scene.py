@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from designlab.sensor.camera import Camera, View
 from designlab.sensor.design import Design
 from designlab.sensor.led_mounting import seated
-from designlab.simulation.contact.press import Surface
+from designlab.simulation.contact.surface import Surface
 from designlab.simulation.scene.materials import (
     Ball,
     Coating,
