@@ -155,6 +155,17 @@ def test_functions_of_the_two_paths_are_where_the_map_says():
             named(f"designlab.{module}.{name}")
 
 
+def test_the_map_shows_the_import_contract():
+    """The rows of the house, and those within its rooms, are those that imports are checked by."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    orders = [each["layers"] for each in project["tool"]["importlinter"]["contracts"] if "layers" in each]
+    map_ = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    house, *inner = orders
+    assert "\n".join(["```", *house, "```"]) in map_
+    for layers in inner:
+        assert " > ".join(f"`{layer}`" for layer in layers) in map_
+
+
 def test_words_of_our_own_are_in_the_code():
     """The last column of the nomenclature names what carries each word."""
     sources = [path for package in ("designlab", "geometries") for path in (ROOT / package).rglob("*.py")]
