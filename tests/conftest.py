@@ -1,6 +1,7 @@
 """Fixtures shared by all tests."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from designlab.core.backend import Backend, activate, choose, usable_cores
 from designlab.core.workers import keep_to_share
+from tests.helpers.processes import Processes
 
 # examples render and solve, so their time says nothing; the same ones are drawn at every run
 settings.register_profile("designlab", deadline=None, derandomize=True)
@@ -48,3 +50,15 @@ def measured_dir() -> Path:
 def backend() -> Backend:
     """The back end, with Mitsuba loaded and its variant set."""
     return activate()
+
+
+@pytest.fixture
+def processes(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Processes]:
+    """Processes of the test module's PROGRAM, which may be killed; all are at the end."""
+    program = tmp_path / "program.py"
+    program.write_text(request.module.PROGRAM)
+    found = Processes(program)
+    yield found
+    for process in found.started:
+        process.kill()
+        process.communicate()

@@ -1,0 +1,175 @@
+"""What to measure next: what frames are predicted to tell, and which are asked for."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from designlab.inference.diagnosis.emulator.snapshots import Bank, fill
+from designlab.inference.diagnosis.emulator.state import State
+from designlab.inference.diagnosis.likelihood.fit import Fitter
+from designlab.inference.diagnosis.result import Found, Value
+from designlab.inference.diagnosis.selection.acceptance import JudgedCandidate
+from designlab.inference.diagnosis.selection.held_out import gain, judge
+from designlab.inference.diagnosis.verdict.experiment_design import (
+    DARK,
+    Action,
+    doubt_of,
+    frames_to_take,
+    separating,
+)
+from designlab.inference.diagnosis.verdict.next_measurement import advise
+from designlab.measurement.shots import Observations
+from designlab.simulation.effects import SensorModel
+from tests.helpers.small_sensor import DESIGN, VALUES, shots
+
+NAMES = ("albedo_field", "vignetting")
+TRAIN = [0, 1, 2]
+
+
+@pytest.fixture(scope="module")
+def bank(renders) -> Bank:
+    """Frames of a coat of uneven reflectance, without noise."""
+    found = fill(renders, SensorModel.of(DESIGN), shots(SensorModel.of(DESIGN)), NAMES)
+    truth = State(np.ones(3)).with_values("albedo_field", VALUES["albedo_field"])
+    predict = Fitter(found).forward.predict
+    seen = (replace(s, signal=predict(truth, n), pose_sigma=np.zeros(4)) for n, s in enumerate(found.shots))
+    return replace(found, shots=tuple(seen))
+
+
+@pytest.fixture(scope="module")
+def fitted(bank) -> tuple[JudgedCandidate, JudgedCandidate]:
+    """The effect that is there, and a wrong one, as if they did as well."""
+    fitter = Fitter(bank)
+    start = fitter.fit(fitter.start(TRAIN), (), TRAIN).state
+    fitter.measure(start)
+    base = judge(fitter, start, [3])
+    made = []
+    for name, evidence in (("albedo_field", 60.0), ("vignetting", 57.0)):
+        fit = fitter.fit(start, [name], TRAIN)
+        judged = judge(fitter, fit.state, [3])
+        made.append(
+            JudgedCandidate(name, base.gap, fitter, fit, judged, gain(base, judged, base.gap), evidence)
+        )
+    return made[0], made[1]
+
+
+def action(bank: Bank, like: int, lit: np.ndarray) -> Action:
+    return Action("", replace(bank.shots[like], lit=lit), like, 1.0, {})
+
+
+def risen(bank: Bank, actions: list[Action], true: JudgedCandidate, wrong: JudgedCandidate) -> float:
+    """How much further the truth leads once frames have been taken and all are fitted together."""
+    place = (*bank.place, *(bank.place[a.like] for a in actions))
+    taken = replace(bank, shots=(*bank.shots, *(a.shot for a in actions)), place=place)
+    further = range(len(bank.shots), len(taken.shots))
+    predict = Fitter(taken).forward.predict
+    new = [replace(a.shot, signal=predict(true.fit.state, n)) for n, a in zip(further, actions, strict=True)]
+    fitter = Fitter(replace(taken, shots=(*bank.shots, *new)))
+    fitter.measure(true.fit.state)
+    fitter.noises[: len(bank.shots)] = true.fitter.noises
+    right, other = (
+        fitter.fit(a.fit.state, [a.name], [*TRAIN, *further]).objective - a.fit.objective
+        for a in (true, wrong)
+    )
+    return 0.5 * (other - right)
+
+
+def test_frames_tell_at_least_what_was_predicted(bank, fitted) -> None:
+    """Smooth errors that frames share are better known from all of them than from each."""
+    actions = [action(bank, 0, np.eye(3)[0]), action(bank, 0, np.eye(3)[2]), action(bank, 1, np.eye(3)[1])]
+    doubt = doubt_of(*fitted, actions)
+    before = 0.0
+    for count in (1, 2, 3):
+        predicted = doubt.lead(range(count))
+        assert predicted > before + 5.0
+        assert predicted <= risen(bank, actions[:count], *fitted) <= 3.0 * predicted
+        before = predicted
+    assert doubt.needed == pytest.approx(6.0 - 3.0)  # a tenth of the evidence, of which it has some
+
+
+def test_what_shows_neither_effect_tells_nothing(bank, fitted) -> None:
+    doubt = doubt_of(*fitted, [action(bank, 0, np.zeros(3))])
+    assert doubt.lead([0]) == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("level", "clips", "tells"), [(0.03, True, True), (-0.03, True, False), (-0.03, False, True)]
+)
+def test_a_frame_without_light_tells_no_black_level_below_zero(bank, fitted, level, clips, tells) -> None:
+    """Counts end at zero: what lies below is seen only in values from which something was subtracted."""
+    right, wrong = fitted
+    levels = {"R": level, "G": 0.0, "B": 0.0}
+    state = wrong.fit.state.without("vignetting").with_values("black_level", levels)
+    true = replace(right, name="black_level", fit=replace(right.fit, state=state))
+    dark = action(bank, 0, np.zeros(3))
+    dark = replace(dark, shot=replace(dark.shot, clips=(clips,) * 3))
+    lead = doubt_of(true, wrong, [dark]).lead([0])
+    assert lead > 5.0 if tells else lead == pytest.approx(0.0, abs=1e-3)
+
+
+def test_cameras_are_taken_to_end_at_zero_unless_they_are_seen_not_to(fitted) -> None:
+    fitter = fitted[0].fitter
+    dark = next(each for each in frames_to_take(fitter) if each.frame == DARK)
+    assert dark.shot.clips == (True, True, True)
+    shots = [replace(fitter.bank.shots[0], signal=fitter.bank.shots[0].signal - 1.0), *fitter.bank.shots[1:]]
+    below = Fitter(replace(fitter.bank, shots=tuple(shots)))
+    dark = next(each for each in frames_to_take(below) if each.frame == DARK)
+    assert dark.shot.clips == (False, False, False)
+
+
+def test_frames_are_asked_for_until_they_suffice(fitted) -> None:
+    """More where the doubt is greater, each once, and the words say where they may not do."""
+    true, wrong = fitted
+    asked = separating(true.fitter, [true, wrong])
+    assert asked.separation_sd is not None
+    assert 0.5 * asked.separation_sd**2 >= 9.0
+    assert "may not" not in asked.text
+    far = [replace(each, evidence=10 * each.evidence) for each in fitted]
+    more = separating(true.fitter, far)
+    assert len(more.frames) > len(asked.frames)
+    assert len({str(frame) for frame in more.frames}) == len(more.frames)
+    assert more.minutes > asked.minutes
+    endless = [replace(each, evidence=1e4 * each.evidence) for each in fitted]
+    assert separating(true.fitter, endless).text.endswith("; even that may not tell them apart")
+
+
+def test_all_that_there_is_may_be_asked_for(fitted, monkeypatch) -> None:
+    true, wrong = fitted
+    monkeypatch.setattr("designlab.inference.diagnosis.verdict.experiment_design.MOST_FRAMES", 1000)
+    endless = [replace(each, evidence=1e4 * each.evidence) for each in (true, wrong)]
+    frames = separating(true.fitter, endless).frames
+    # Backgrounds alone, short and turned, two places of presses with each group; dark shows neither effect.
+    assert len(frames) == 11
+    assert {"kind": "dark", "leds": []} not in frames
+
+
+def test_where_no_frame_tells_anything_that_is_said(fitted) -> None:
+    true, _ = fitted
+    asked = separating(true.fitter, [true, replace(true)])
+    assert not asked.frames
+    assert asked.text.startswith("no frame is known")
+
+
+def test_frames_that_differ_by_their_light_are_said_at_once(fitted) -> None:
+    far = [replace(each, evidence=1e4 * each.evidence) for each in fitted]
+    text = separating(far[0].fitter, far).text
+    pressed = [part for part in text.split("; ") if part.startswith("sphere:4 pressed 0.6 mm deep")]
+    assert len(pressed) == 1
+    assert pressed[0].endswith(" LEDs, each alone")
+    assert " and " in pressed[0]
+
+
+@pytest.mark.parametrize("dark", [True, False])
+@pytest.mark.parametrize("level", [-0.01, 0.01])
+def test_a_black_level_below_zero_is_looked_for_in_light_of_single_groups(fitted, level, dark) -> None:
+    fitter = fitted[0].fitter
+    off = replace(fitter.bank.shots[0], lit=np.zeros(3), clips=(True, True, True))
+    taken = (*fitter.bank.shots, *([off] if dark else []))
+    seen = Observations(taken, np.zeros(3), "repeated frames", True, dark, ())
+    levels = {c: Value(level, level - 0.001, level + 0.001, "1", 0.0, 0.015, (-1.0, 1.0)) for c in "RGB"}
+    found = Found("black_level", levels, 0.9, ("black_level",))
+    asked = advise(fitter, seen, SimpleNamespace(winners=[]), "named", [found])
+    alone = [{"kind": "background", "leds": [name]} for name in DESIGN.group_names]
+    assert list(asked.frames) == ([] if dark else [DARK]) + (alone if level < 0 else [])

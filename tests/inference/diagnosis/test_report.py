@@ -1,0 +1,400 @@
+"""What a diagnosis says: fields as documented, words that fit the verdict, honest intervals, the page."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from designlab.inference.diagnosis.diagnose import (
+    _along,
+    _gives_back,
+    _provenance,
+    _settled,
+    _sure,
+    verdict_of,
+)
+from designlab.inference.diagnosis.emulator.render_cache import Renders
+from designlab.inference.diagnosis.emulator.state import State
+from designlab.inference.diagnosis.likelihood.empirical_errors import share_of_partial, shares_right
+from designlab.inference.diagnosis.result import (
+    Advice,
+    Candidate,
+    Control,
+    Found,
+    GapReport,
+    Level,
+    Overlap,
+    Value,
+    Where,
+)
+from designlab.inference.diagnosis.verdict.confidence import SIGNS, confidence
+from designlab.inference.diagnosis.verdict.intervals import of_amplitudes, of_deviation
+from designlab.measurement.quality.invariants import FrameCheck
+from designlab.measurement.shots import Observations
+from designlab.report import gap_report
+from designlab.report.gap_plots import gap_bars, interval_bar
+from designlab.report.gap_text import places
+from designlab.sensor.design import preset
+from designlab.simulation.effects import SensorModel
+from tests import ROOT
+
+DOCUMENT = ROOT / "docs" / "gap.md"
+SETS = 2000
+
+VALUE = Value(0.31, 0.2, 0.4, "1", 0.0, 0.25, (0.0, 0.9))
+FOUND = Found("vignetting", {"corner_loss": VALUE}, 0.88, ("vignetting",), "corners are darker", True)
+CORNERS = Where("corners of the picture", "R", "background", 0.4, 0.05, 6.0, -4.2)
+REST = Where("rest of the gel", "R", "background", 0.6, 0.7, 0.6, 1.0)
+REPORT = GapReport(
+    verdict="named",
+    effects=(FOUND,),
+    where=(CORNERS, REST),
+    gap={
+        "train": Level(9.0, 1.2, 1.0, 0.6),
+        "select": Level(8.0, 1.3, 1.0, 0.6),
+        "final": Level(8.0, 1.7, 1.0, 1.0),
+    },
+    next_measurement=Advice("a flat field", 4.0, 10.0),
+    updated=SensorModel.of(preset("gelsight-2020-flat")),
+    model=Path("out/model.toml"),
+    candidates=(
+        Candidate(1, "numerical", "fitted with every candidate", parameters={"numerical.amount": 0.2}),
+        Candidate(1, "banding", "screened out", evidence=0.3),
+        Candidate(1, "vignetting", "passed", 0.9, 0.05, 1.0, {"vignetting.corner_loss": 0.31}, 55.0, 2.5),
+        Candidate(
+            1, "led_profile", "at the bound of red", 0.2, 0.1, 0.5, {"led_profile.red": 9.0}, 12.0, 7.5
+        ),
+    ),
+    notes=("the noise is assumed",),
+    provenance={
+        "measurement": "a <b>",
+        "model": "0" * 64,
+        "seed": 1,
+        "samples": 256,
+        "noise": "repeats",
+        "floor": "measured",
+        "frames": {"dark": [], "background": ["b.exr"], "train": ["t.exr"], "select": [], "final": ["f.exr"]},
+        "rendered": 3,
+        "seconds": 12.5,
+        "version": "1",
+        "blocks": {
+            "parity": 0,
+            "structure": {
+                "select": {"given": {"snr_db": 1.0, "structure_corr": 0.5, "structure_snr_db": 0.1}}
+            },
+        },
+    },
+    pictures={},
+    control=Control("albedo_field", 0.12, 5),
+    limits=("products only",),
+    overlaps=(Overlap("lens_distortion", "camera_pose", 0.996),),
+    checks=(FrameCheck("repeats", False, "1.3 % apart", ("a.exr", "b.exr")),),
+)
+
+
+def paths(value: object, inside: str = "") -> set[str]:
+    """Names of all fields, `[]` for the entries of a list, `*` for keys that are not fields."""
+    free = ("effects[].parameters", "gap", "candidates[].parameters", "pictures")
+    free += ("provenance.blocks.structure", "provenance.blocks.structure.*")
+    if isinstance(value, dict):
+        found = set()
+        for key, entry in value.items():
+            name = "*" if inside in free else key
+            found |= paths(entry, f"{inside}.{name}" if inside else name)
+        return found or {f"{inside}.*" if inside in free else inside}
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        return set().union(*(paths(entry, f"{inside}[]") for entry in value))
+    return {inside}
+
+
+def test_every_field_that_is_written_is_documented_and_the_other_way_round() -> None:
+    text = DOCUMENT.read_text(encoding="utf-8")
+    table = text[text.index("## report.json") :]
+    documented = set(re.findall(r"^\| `([^`]+)`", table, re.MULTILINE))
+    pictures = replace(REPORT, pictures={Path("where.png"): "where"})
+    assert documented == paths(pictures.to_json())
+
+
+def test_the_fields_of_the_provenance_are_those_that_a_diagnosis_writes(tmp_path) -> None:
+    seen = Observations((), np.zeros(3), "repeats", True, True, ())
+    measurement = SimpleNamespace(name="mine")  # of a measurement only its name is written
+    model = SensorModel.of(preset("gelsight-2020-flat"))
+    written = _provenance(seen, measurement, model, Renders(tmp_path, 256, 1), 0.0)  # type: ignore[arg-type]
+    assert written.keys() == REPORT.provenance.keys() - {"blocks"}  # of a single picture
+    assert written["frames"].keys() == REPORT.provenance["frames"].keys()
+
+
+@pytest.mark.parametrize(
+    ("changes", "said", "unsaid"),
+    [
+        ({}, ["The model lacks vignetting (corners are darker).", "90 % of the gap is gone", "0.88"], "or"),
+        (
+            {"verdict": "partial"},
+            ["Part of the gap is explained", "better but not right"],
+            "The model lacks one",
+        ),
+        (
+            {
+                "verdict": "ambiguous",
+                "effects": (replace(FOUND, coherence_set=("vignetting", "albedo_field")),),
+            },
+            ["do not tell apart: vignetting or albedo_field", "The updated model holds vignetting"],
+            "unexplained",
+        ),
+        (
+            {
+                "verdict": "partial",
+                "reserves": ("no frame was repeated",),
+                "barred": ("no frame was repeated",),
+            },
+            ["seems to lack vignetting", "does not bear a name without reserve: no frame was repeated."],
+            "The rest",
+        ),
+        (
+            {"verdict": "partial", "reserves": ("0.6 % are saturated",)},
+            ["Part of the gap is explained", "With reserve: 0.6 % are saturated.", "The rest is more"],
+            "seems",
+        ),
+        (
+            {
+                "verdict": "ambiguous",
+                "effects": (
+                    FOUND,
+                    replace(FOUND, name="led_tilt", coherence_set=("led_tilt", "led_profile")),
+                ),
+            },
+            ["lacks vignetting (corners are darker), and one of several", "apart: led_tilt or led_profile."],
+            "or vignetting",
+        ),
+        (
+            {"verdict": "unexplained", "effects": (), "control": None},
+            ["real but unexplained", "8 times its floor", "Nothing was added"],
+            "lacks",
+        ),
+        (
+            {"verdict": "at_floor", "effects": (), "control": None},
+            ["agree", "Nothing was added", "not excluded"],
+            "lacks",
+        ),
+    ],
+)
+def test_the_verdict_is_said_in_plain_words(changes, said, unsaid) -> None:
+    text = " ".join(replace(REPORT, **changes).statement)
+    for words in said:
+        assert words in text
+    assert not re.search(rf"\b{unsaid}\b", text)
+
+
+def test_a_gap_below_the_floor_is_told_of_like_any_other() -> None:
+    levels = {split: Level(0.9, 0.61, 1.0, 0.58) for split in REPORT.gap}
+    below = replace(REPORT, gap=levels, provenance={})
+    text = " ".join(below.statement)
+    said = "91 % of the gap is gone: squared residual 0.9 before, 0.61 after; 0.58 is usual where nothing"
+    assert said in text
+    assert "takes away 12 %" in text
+    text = " ".join(replace(below, verdict="partial").statement)
+    assert "The rest is more than is usual where nothing is missing" in text
+
+
+ONE, SEVERAL = [("vignetting",)], [("vignetting",), ("led_tilt", "led_profile")]
+
+
+@pytest.mark.parametrize(
+    ("alike", "before", "after", "verdict"),
+    [
+        ([], 1.2, 1.2, "at_floor"),
+        ([], 1.4, 1.4, "unexplained"),
+        (ONE, 1.1, 0.7, "named"),  # no more is left than where nothing is hidden
+        (ONE, 0.75, 0.7, "named"),
+        (ONE, 1.1, 0.8, "partial"),  # more than nothing would leave
+        (ONE, 9.0, 0.8, "partial"),  # likewise, 3 % of the gap
+        (ONE, 90.0, 1.5, "named"),  # an effect of that size is known no better
+        (ONE, 9.0, 1.5, "partial"),
+        (ONE, 9.0, 5.5, "unexplained"),
+        (SEVERAL, 9.0, 0.7, "ambiguous"),
+        (SEVERAL, 9.0, 1.5, "partial"),  # whichever of them it is
+        (SEVERAL, 9.0, 5.5, "unexplained"),
+    ],
+)
+def test_the_verdict_follows_from_what_is_left(alike, before, after, verdict) -> None:
+    """In units of the floor; sets that hide nothing leave 0.5 to 0.7 of it."""
+    assert verdict_of(alike, before, after, 1.0) == verdict
+    assert verdict_of(alike, 7 * before, 7 * after, 7.0) == verdict
+
+
+@pytest.mark.parametrize(
+    ("verdict", "train", "final", "settled"),
+    [
+        ("at_floor", (1.1, 1.1), (0.9, 0.9), "at_floor"),
+        ("at_floor", (1.1, 1.1), (2.0, 2.0), "unexplained"),  # something that was not where one looked
+        ("at_floor", (2.0, 2.0), (1.1, 1.1), "unexplained"),
+        ("named", (9.0, 0.7), (9.0, 0.7), "named"),
+        ("named", (9.0, 0.7), (0.75, 0.74), "named"),  # the final presses hardly show it
+        ("named", (9.0, 0.7), (9.0, 3.0), "partial"),
+        ("named", (9.0, 0.7), (0.77, 1.4), "partial"),  # there it makes things worse
+        ("unexplained", (9.0, 9.0), (9.0, 9.0), "unexplained"),
+    ],
+)
+def test_other_presses_can_weaken_a_verdict(verdict, train, final, settled) -> None:
+    gap = {name: Level(*ends, 1.0, 0.58) for name, ends in (("train", train), ("final", final))}
+    assert _settled(verdict, ONE, gap) == settled
+
+
+@pytest.mark.parametrize(("after", "given_back"), [(0.9, False), (1.7, False), (2.0, True), (12.0, True)])
+def test_a_last_fit_may_not_undo_what_the_search_reached(after, given_back) -> None:
+    assert _gives_back(9.0, 1.0, after) is given_back
+
+
+def test_a_region_stands_out_by_its_own_excess_and_an_even_one_does_not() -> None:
+    said = places((CORNERS, REST))
+    assert "corners of the picture (on the untouched gel, channel R), 40 % of the excess on 5 %" in said
+    assert "measured darker than simulated" in said
+    even = [
+        Where(region, "B", "press", share, share, 1.0, 3.0)
+        for region, share in (("rest of the gel", 0.7), ("corners of the picture", 0.3))
+    ]
+    assert places(even) == (
+        "Where: 100 % of the excess is in channel B; 100 % in presses. "
+        "No region stands out: it is spread over the picture."
+    )
+
+
+@pytest.mark.parametrize("count", [4, 12, 30])
+def test_intervals_of_drawn_strengths_hold_as_often_as_they_say(count) -> None:
+    random = np.random.default_rng(count)
+    draws = 0.02 * random.standard_normal((SETS, count))
+    draws -= draws.mean(axis=1, keepdims=True)  # gains of the LED groups take the mean
+    held = [low <= 0.02 <= high for low, high in map(of_deviation, draws)]
+    assert abs(np.mean(held) - 0.95) < 3 * np.sqrt(0.95 * 0.05 / SETS)
+
+
+def test_an_error_of_the_draws_widens_the_interval_upwards_alone() -> None:
+    draws = np.array([0.02, -0.01, 0.015, -0.025])
+    sharp, blurred = of_deviation(draws), of_deviation(draws, 1e-4)
+    assert blurred[0] == sharp[0]
+    assert blurred[1] > sharp[1]
+
+
+@pytest.mark.parametrize("count", [5, 20])
+def test_intervals_of_an_amplitude_hold_as_often_as_they_say(count) -> None:
+    random = np.random.default_rng(count)
+    phase = random.uniform(0, 2 * np.pi, (SETS, count))
+    sigma = 0.002
+    waves = 0.015 * np.stack([np.sin(phase), np.cos(phase)], axis=-1)
+    waves += sigma * random.standard_normal(waves.shape)
+    held = [low <= 0.015 <= high for low, high in (of_amplitudes(w, 2 * sigma**2) for w in waves)]
+    assert np.mean(held) > 0.93
+
+
+def test_the_page_shows_what_was_found_tried_and_not_known(tmp_path) -> None:
+    unknown = replace(VALUE, low=None, high=None)
+    report = replace(
+        REPORT, effects=(replace(FOUND, parameters={"corner_loss": VALUE, "red_1": unknown}),)
+    ).to_json()
+    text = gap_report(report, tmp_path / "page.html").read_text(encoding="utf-8")
+    shown = " ".join(re.sub(r"<(script|style)>.*?</\1>|<[^>]+>", " ", text, flags=re.DOTALL).split())
+    for words in (
+        "measurement a &lt;b&gt;",
+        "named The model lacks vignetting",
+        "corners of the picture R untouched gel 40 5 6 times darker, mean 4.2 sd",
+        "vignetting corner loss 0.31 0.2 to 0.4",
+        "red 1 0.31 not known",
+        "0 to 0.9 0.88 none the design",
+        "albedo_field , fitted in the same way, takes away 12 % of the gap",
+        "vignetting accepted corner_loss 0.31 55 0.900 ± 0.050 100 % 2.5",
+        "led_profile at the bound of red red 9 12 0.20 ± 0.10 50 % 7.5",
+        "Screened out before fitting, with their evidence by linear approximation: banding 0.3",
+        "numerical : fitted with every candidate (amount 0.2)",
+        "A flat field. the candidates would differ by 4 standard deviations (predicted)",
+        "time in the lab about 10 min",
+        "final 8 1.7 1 1 90",
+        "products only",
+        "repeats fails 1.3 % apart",
+    ):
+        assert words in shown, words
+    assert "<b>" not in text.partition("<title>")[2].partition("</main>")[0].replace("</b>", "")
+
+
+def test_bars_of_the_gap_begin_at_what_is_usual() -> None:
+    drawn = gap_bars(
+        {"final": {"before": 100.0, "after": 1.0, "floor": 1.7, "usual": 1.0}}, {"final": "final"}
+    )
+    before, after = (float(width) for width in re.findall(r'<rect x="\d+" y="\d+" width="([\d.]+)"', drawn))
+    assert after < 2
+    halfway = gap_bars(
+        {"final": {"before": 100.0, "after": 10.0, "floor": 1.7, "usual": 1.0}}, {"final": "final"}
+    )
+    long, half = (float(width) for width in re.findall(r'<rect x="\d+" y="\d+" width="([\d.]+)"', halfway))
+    assert long == before
+    assert half == pytest.approx(long / 2, abs=0.1)  # logarithmic
+
+
+def test_the_drawing_of_a_value_keeps_order_and_shows_a_bound_that_is_near() -> None:
+    drawn = interval_bar(vars(VALUE) | {"bounds": list(VALUE.bounds)})
+    value = float(re.search(r'<circle cx="([\d.]+)"', drawn)[1])
+    *_, interval = re.findall(r'<line x1="([\d.]+)" y1="11.0" x2="([\d.]+)"', drawn)
+    assert float(interval[0]) < value < float(interval[1])
+    assert drawn.count("<path") == 2  # 0 and 0.9 lie within what is drawn
+    far = interval_bar(vars(VALUE) | {"bounds": [-50.0, 50.0]})
+    assert "<path" not in far
+
+
+def test_confidence_of_a_report_is_what_was_learnt_of_names_like_it() -> None:
+    passed = [c for c in REPORT.candidates if c.name == "vignetting"]
+    assert passed
+    shown = REPORT.to_json()
+    shown["candidates"] = [
+        {**c, "outcome": "passed"} for c in shown["candidates"] if c["name"] == "vignetting"
+    ]
+    weights, scores, right = shares_right()
+
+    def said(after: float, names: list[str]) -> float:
+        shown["gap"]["select"] |= {"after": after, "usual": 0.6}
+        shown["effects"][0]["coherence_set"] = names
+        return confidence(shown, 0)
+
+    good, worse, alike = (
+        said(0.6, ["vignetting"]),
+        said(6.0, ["vignetting"]),
+        said(0.6, ["vignetting", "b", "c"]),
+    )
+    assert good > worse
+    assert good >= alike
+    assert round(min(right), 3) <= worse <= good <= round(max(right), 3) < 1.0
+    assert weights.keys() == SIGNS.keys()
+    assert list(scores) == sorted(scores)
+    shown["verdict"] = "partial"
+    assert said(0.6, ["vignetting"]) == round(share_of_partial(), 3) < good
+
+
+@pytest.mark.parametrize(("presses", "most"), [(2, 0.75), (5, 6 / 7), (6, 1.0)])
+def test_few_presses_limit_confidence(presses, most) -> None:
+    candidates = tuple(replace(c, outcome="passed") for c in REPORT.candidates if c.name == "vignetting")
+    levels = {split: Level(9.0, 0.5, 1.0, 0.58) for split in REPORT.gap}
+    report = replace(REPORT, candidates=candidates, gap=levels)
+    (found,) = _sure(report, presses).effects
+    assert found.confidence == min(confidence(report.to_json(), 0), most)
+
+
+@pytest.mark.parametrize(
+    ("along", "notes"),
+    [
+        ({}, []),
+        ({"fringes": 0.004, "sizes": {"sphere(radius=3)": 0.02}}, []),
+        ({"fringes": 0.006}, ["the lens magnifies red 0.60% more, and blue less, than green"]),
+        ({"fringes": -0.006}, ["the lens magnifies blue 0.60% more, and red less, than green"]),
+        (
+            {"sizes": {"sphere(radius=3)": 0.03, "sphere(radius=5)": -0.04}},
+            [
+                "probe sphere(radius=3) fits best 3.0% larger than stated: measure it",
+                "probe sphere(radius=5) fits best 4.0% smaller than stated: measure it",
+            ],
+        ),
+    ],
+)
+def test_what_is_fitted_along_is_told_where_it_is_more_than_usual(along, notes) -> None:
+    stand = SimpleNamespace(fit=SimpleNamespace(state=State(np.ones(1), {}, **along)))
+    assert list(_along(stand)) == notes

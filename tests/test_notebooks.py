@@ -1,0 +1,85 @@
+"""The notebooks run as a lab would run them, and are kept without their outputs."""
+
+import base64
+import shutil
+from pathlib import Path
+
+import nbformat
+import pytest
+
+import designlab
+from designlab.sensor.design import preset_text
+from tests import ROOT
+
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+TEMPLATE = Path(designlab.__file__).parent / "app" / "templates" / "notebook.ipynb"
+
+SWEPT = "tilts_deg = range(0, 80, 20)"
+SHORT = "tilts_deg = [10, 40]"
+STORY = ROOT / "notebooks" / "corrected_model.ipynb"
+SWEEPS = [path for path in NOTEBOOKS if path != STORY]
+NAMES = [path.name for path in [*SWEEPS, TEMPLATE]]
+SMALLER = {
+    "columns, samples, seed = 64, 128, 3": "columns, samples, seed = 24, 32, 3",
+    'tried = ["led_profile", "led_position", "vignetting", "albedo_field", "colour_mixing", "black_level"]': (
+        'tried = ["led_profile", "black_level"]'
+    ),
+    "heights_mm = [9.0, 11.0, 13.0, 15.0]": "heights_mm = [9.0, 15.0]",
+}
+
+
+@pytest.mark.parametrize("path", [*NOTEBOOKS, TEMPLATE], ids=lambda path: path.name)
+def test_outputs_are_stripped(path):
+    notebook = nbformat.read(path, as_version=4)
+    nbformat.validate(notebook)
+    for cell in notebook.cells:
+        if cell.cell_type == "code":
+            assert cell.outputs == []
+            assert cell.execution_count is None
+
+
+def executed(path: Path, changes: dict[str, str], folder: Path) -> list:
+    """Run a notebook with some texts changed, each of which it holds once; its outputs."""
+    from nbclient import NotebookClient
+
+    notebook = nbformat.read(path, as_version=4)
+    for before, after in changes.items():
+        (cell,) = (cell for cell in notebook.cells if before in cell.source)
+        cell.source = cell.source.replace(before, after)
+    NotebookClient(
+        notebook, timeout=900, kernel_name="python3", resources={"metadata": {"path": folder}}
+    ).execute()
+    return [output for cell in notebook.cells for output in cell.get("outputs", [])]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "path", [*(pytest.param(path, marks=pytest.mark.full) for path in SWEEPS), TEMPLATE], ids=NAMES
+)
+def test_a_notebook_runs_to_its_end(path, tmp_path, monkeypatch):
+    """Every cell runs, with fewer values swept; the last pictures are there and not empty."""
+    monkeypatch.setenv("MPLBACKEND", "module://matplotlib_inline.backend_inline")
+    shutil.copy(path, tmp_path)
+    (tmp_path / "design.toml").write_text(preset_text("gelsight-2020-flat"), encoding="utf-8")
+    outputs = executed(path, {SWEPT: SHORT}, tmp_path)
+    table = next(
+        o.data["text/plain"] for o in outputs if "uniformity_u0" in o.get("data", {}).get("text/plain", "")
+    )
+    assert len(table.splitlines()[0].split()) > 3
+    assert [line.split()[1] for line in table.splitlines() if line[:1].isdigit()][:2] == ["10", "40"]
+    pictures = [base64.b64decode(o.data["image/png"]) for o in outputs if "image/png" in o.get("data", {})]
+    assert len(pictures) == 2
+    assert all(len(picture) > 5000 for picture in pictures)
+
+
+@pytest.mark.full
+@pytest.mark.slow
+def test_the_story_of_a_corrected_model_runs_to_its_end(tmp_path, monkeypatch):
+    """The hidden effect is named, and the corrected model predicts the light as what was hidden does."""
+    monkeypatch.setenv("MPLBACKEND", "module://matplotlib_inline.backend_inline")
+    outputs = executed(STORY, SMALLER, tmp_path)
+    said = "".join(o.text for o in outputs if o.output_type == "stream" and o.name == "stdout")
+    assert "The model lacks led_profile" in said
+    assert "warning: effects were fitted to another design, gelsight-2020-flat" in said
+    pictures = [o for o in outputs if "image/png" in o.get("data", {})]
+    assert len(pictures) == 4  # where, a press, the untouched gel, the sweep
