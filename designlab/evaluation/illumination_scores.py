@@ -1,7 +1,7 @@
 """Scores of the untouched gel, each with its standard error."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +25,7 @@ from designlab.evaluation.response_maps import (
 )
 from designlab.evaluation.weakest_point import GelMaps
 from designlab.sensor.design import Design
+from designlab.simulation.imaging import expected
 from designlab.simulation.simulator import GRAIN_PX, Frame, automatic_exposure
 
 UNIFORMITY_DRAWS, DETAIL_DRAWS = 30, 10
@@ -246,7 +247,7 @@ def exposure_scores(bench: EvaluationProtocol, a: Frame, b: Frame) -> tuple[Scor
         basis, stray = images[:groups], images[groups:]
         mixed = np.einsum("cg,grk->rkc", a.weights, basis)
         scale = automatic_exposure(mixed, grain_px=GRAIN_PX / step) if automatic else bench.exposure
-        signal = bench.reported(scale * mixed + design.camera.black_level)
+        signal = expected(mixed, replace(bench.capture(), exposure=scale))
         found = [
             scale,
             illumination.colour_balance(mixed, mask),

@@ -17,6 +17,7 @@ from designlab.reconstruction import KernelCalibration, NearField, fit_kernel, n
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects.model import SensorModel
+from designlab.simulation.imaging import Capture, reported
 from designlab.simulation.simulator import Frame
 from geometries.elastomer import base_gradient
 from geometries.probes import parse, profile_mm
@@ -133,19 +134,14 @@ class EvaluationProtocol:
     seed: int
     model: SensorModel | None = None
 
-    def reported(self, signal: NDArray[np.floating]) -> NDArray[np.floating]:
-        """What the camera reports for a linear signal, by effects that act on it; within its range."""
-        if self.model is None or not self.model.effects:
-            return signal
-        return np.clip(self.model.on_signal(signal), 0.0, 1.0)
+    def capture(self, *, seed: int | None = None, binned: float = 1.0) -> Capture:
+        """How the camera takes a picture; without a seed, without noise."""
+        return Capture(self.design.camera, self.model, exposure=self.exposure, seed=seed, binned=binned)
 
     def picture(self, frame: Frame, number: int) -> NDArray[np.float32]:
         """What the camera reports, the curve of the design undone; its noise follows from the number."""
-        camera = self.design.camera
-        seen = camera.expose(
-            frame.mixed, exposure=self.exposure, seed=sub_seed(self.seed, 4, number), binned=_binned(frame)
-        )
-        return self.reported(camera.response.decode(seen)).astype(np.float32)
+        capture = self.capture(seed=sub_seed(self.seed, 4, number), binned=_binned(frame))
+        return reported(frame.mixed, capture)
 
     def background(self, untouched: Frame, again: Frame) -> NDArray[np.floating]:
         """Picture of the untouched gel that presses are compared with."""

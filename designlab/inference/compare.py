@@ -131,16 +131,18 @@ def _rendered(
     sensor: SensorModel, design: Design, measurement: Measurement, *, samples: int, seed: int
 ) -> Predict:
     """Signal of a frame by light transport."""
+    from designlab.simulation.imaging import Capture, expected, mixed
     from designlab.simulation.simulator import Simulator, exposure
 
     # Only a design that leaves its exposure to the camera needs a picture of the untouched gel.
-    untouched = None if design.camera.exposure else Simulator(sensor, samples=samples, seed=seed).frame(None)
-    scale = design.camera.exposure if untouched is None else exposure(design, untouched)
+    scale = design.camera.exposure or exposure(
+        design, Simulator(sensor, samples=samples, seed=seed).frame(None)
+    )
 
     def predict(frame: MeasuredFrame, view: View) -> NDArray[np.floating]:
         picture = Simulator(sensor, view=view, samples=samples, seed=seed).frame(measurement.press(frame))
-        mixed = np.einsum("cg,grk->rkc", picture.weights * _lit(frame, design), picture.basis)
-        return sensor.on_signal(mixed * scale * (frame.exposure or 1.0) + design.camera.black_level)
+        capture = Capture(design.camera, sensor, exposure=scale * (frame.exposure or 1.0))
+        return expected(mixed(picture.basis, picture.weights * _lit(frame, design)), capture)
 
     return predict
 

@@ -1,6 +1,6 @@
 """The camera: where its pixels look, and from linear radiance on the sensor to digital counts."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Annotated, Literal, NamedTuple, Self
 
 import numpy as np
@@ -350,60 +350,8 @@ class Camera(Spec):
         """The whole sensor at its own resolution."""
         return View(0.0, 0.0, float(self.width_px), float(self.height_px), self.width_px, self.height_px)
 
-    def expose(
-        self,
-        radiance: NDArray[np.floating],
-        *,
-        exposure: float,
-        seed: int,
-        noise: bool = True,
-        binned: float = 1.0,
-    ) -> NDArray[np.float32]:
-        """Turn linear radiance into what the camera reports, as a share of full scale.
-
-        Photon noise follows Poisson statistics of the collected electrons (drawn as a Gaussian above
-        1000 e-, where the two agree), read noise is Gaussian; the black level is added, the response curve
-        acts, and the result is quantised and clipped.
-
-        Parameters
-        ----------
-        radiance : array, shape (rows, columns, channels)
-            Mixed linear radiance.
-        exposure : float
-            Signal as a share of full scale per unit of radiance.
-        seed : int
-            Seed of the noise.
-        noise : bool
-            Without it only exposure, black level, response and clipping act; nothing is quantised.
-        binned : float
-            Sensor pixels averaged into one output pixel, at least 1; lowers the noise accordingly. The
-            response acts on each of them: behind a curve the noise of their mean is drawn as a Gaussian.
-        """
-        signal = np.clip(np.asarray(radiance, dtype=float) * exposure, 0.0, None)
-        if not noise:
-            return np.clip(self.response.encode(signal + self.black_level), 0.0, 1.0).astype(np.float32)
-        random = np.random.default_rng(seed)
-        steps = (2**self.bit_depth - 1) * binned
-        if binned > 1 and not self.response.is_linear:
-            mean, sigma = self._behind_curve(signal + self.black_level)
-            # The last rounding below brings the rest of the pixels' rounding errors.
-            rounding = np.sqrt((1 - 1 / binned) / 12) / (2**self.bit_depth - 1)
-            noise_of_mean = np.hypot(sigma, rounding) / np.sqrt(binned)
-            digital = mean + noise_of_mean * random.standard_normal(signal.shape)
-            return np.asarray(np.clip(np.round(digital * steps) / steps, 0.0, 1.0), dtype=np.float32)
-        electrons = signal * self.full_well_e * binned
-        # Averaging pixels refines the converter's steps, but each pixel has brought its own rounding error.
-        rounding_e = self.full_well_e * np.sqrt((binned - 1) / 12) / (2**self.bit_depth - 1)
-        read_e = np.hypot(self.read_noise_e * np.sqrt(binned), rounding_e)
-        deviates = random.standard_normal(electrons.shape, dtype=np.float32)
-        found = electrons + np.sqrt(electrons + read_e**2) * deviates
-        few = electrons < 1000.0
-        found[few] = random.poisson(electrons[few]) + read_e * deviates[few]
-        digital = self.response.encode(found / (self.full_well_e * binned) + self.black_level)
-        return np.asarray(np.clip(np.round(digital * steps) / steps, 0.0, 1.0), dtype=np.float32)
-
     def noise_sigma(self, signal: NDArray[np.floating], *, binned: float = 1.0) -> NDArray[np.float64]:
-        """Standard deviation of the noise of what `expose` reports.
+        """Standard deviation of the noise of what the camera reports, see `simulation.imaging`.
 
         Parameters
         ----------
@@ -414,25 +362,44 @@ class Camera(Spec):
         """
         quantisation = 1.0 / (2**self.bit_depth - 1) / np.sqrt(12.0 * binned)
         if not self.response.is_linear:
-            _, sigma = self._behind_curve(np.asarray(signal, dtype=float))
+            _, sigma = self.behind_curve(np.asarray(signal, dtype=float))
             return np.asarray(np.hypot(sigma / np.sqrt(binned), quantisation))
-        return np.asarray(np.hypot(self._electronic(np.asarray(signal, dtype=float), binned), quantisation))
+        return np.asarray(np.hypot(self.pixel_noise(np.asarray(signal, dtype=float), binned), quantisation))
 
-    def _electronic(self, signal: Array, binned: float) -> Array:
-        """Standard deviation of photon and read noise in the linear signal."""
+    def pixel_noise(self, signal: Array, binned: float) -> Array:
+        """Standard deviation of photon and read noise of a linear signal, black level included.
+
+        Parameters
+        ----------
+        signal : array
+            As a share of full scale.
+        binned : float
+            Sensor pixels averaged into one output pixel.
+        """
         electrons = np.clip(signal - self.black_level, 0.0, None) * self.full_well_e * binned
         return np.asarray(np.sqrt(electrons + self.read_noise_e**2 * binned) / (self.full_well_e * binned))
 
-    def _behind_curve(self, signal: Array) -> tuple[Array, Array]:
-        """Mean and standard deviation of one sensor pixel behind the response curve, before quantisation.
+    def behind_curve(
+        self, signal: NDArray[np.floating], curve: Callable[[Array], Array] | None = None
+    ) -> tuple[Array, Array]:
+        """Mean and standard deviation of one sensor pixel behind a curve, before quantisation.
 
         The curve's slope alone would not do: near black a gamma curve is steeper than the noise is small. So
         the Gaussian of photon and read noise is integrated over the curve, clipping included.
+
+        Parameters
+        ----------
+        signal : array
+            Linear signal as a share of full scale, black level included.
+        curve : callable, optional
+            The curve, from signals to answers of the same shape; the response when absent.
         """
         levels = 1.2 * np.linspace(0.0, 1.0, CURVE_STEPS) ** 2
         weights = np.exp(-(DEVIATES**2) / 2)
         weights /= weights.sum()
-        encoded = self.response.encode(levels[:, None] + self._electronic(levels, 1.0)[:, None] * DEVIATES)
-        mean = encoded @ weights
-        sigma = np.sqrt(((encoded - mean[:, None]) ** 2) @ weights)
+        answers = (curve or self.response.encode)(
+            levels[:, None] + self.pixel_noise(levels, 1.0)[:, None] * DEVIATES
+        )
+        mean = answers @ weights
+        sigma = np.sqrt(((answers - mean[:, None]) ** 2) @ weights)
         return np.interp(signal, levels, mean), np.interp(signal, levels, sigma)

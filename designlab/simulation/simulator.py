@@ -1,6 +1,5 @@
 """The one composition: press, scene, effects, light transport, mixing, camera."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -10,13 +9,14 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from designlab.core.types import Array
-from designlab.sensor.camera import View, Vignetting
+from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.contact.kernel import indent
 from designlab.simulation.contact.press import Press
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.effects import SensorModel, Sight
-from designlab.simulation.optics.defocus import blur, radius_px
+from designlab.simulation.imaging import WHOLE, Capture, mixed, through_optics
+from designlab.simulation.optics.defocus import radius_px
 from designlab.simulation.optics.viewing_rays import Rays, rays
 from designlab.simulation.render import UNBIASED, Bias, Estimator, bias, chosen, shader, trace, traces_lens
 from designlab.simulation.render.lightfield import CELL_MM
@@ -73,7 +73,7 @@ class Frame:
     @property
     def mixed(self) -> NDArray[np.float32]:
         """Linear radiance of the camera channels, shape (rows, columns, 3)."""
-        return np.asarray(np.einsum("cg,grk->rkc", self.weights, self.basis), dtype=np.float32)
+        return np.asarray(mixed(self.basis, self.weights), dtype=np.float32)
 
     @cached_property
     def seen_mm(self) -> tuple[Array, Array]:
@@ -224,7 +224,7 @@ class Simulator:
         surface = surface or (self._untouched if press is None else self.surface(press))
         estimator = chosen(self.estimator, self._undeformed)
         scene = self._undeformed if estimator == "fast" and self._same_coating else self.scene(surface)
-        seen, place = self.rays, (slice(None), slice(None))
+        seen, place = self.rays, WHOLE
         sharp = scene.camera.defocus is not None and not traces_lens(estimator)
         if sharp:
             # Light from around the view is blurred into it.
@@ -232,16 +232,13 @@ class Simulator:
             wider, place = self.view.grown(reach, self.design.camera)
             scene, seen = replace(scene, view=wider), rays(self.design, wider)
         seed = self.seed if seed is None else seed
-        basis, stray = self._basis(estimator, scene, surface, seen, seed, half, following)
+        light, stray = self._light(estimator, scene, surface, seen, seed, half, following)
+        capture = self._capture(surface, place)
+        if stray is not None:  # smooth: blur would not change it
+            stray = through_optics(stray, capture)
         if sharp:
-            basis = blur(basis, radius_px(self.design, scene.view, surface))[:, *place]
-            stray = None if stray is None else stray[:, *place]  # smooth: blur would not change it
-        if self.design.camera.vignetting != Vignetting():
-            falloff = self.design.camera.vignette(self.view)
-            basis = (basis * falloff).astype(np.float32)
-            stray = None if stray is None else (stray * falloff).astype(np.float32)
-        basis = self._on_light(basis, surface)
-        stray = None if stray is None else self._on_light(stray, surface)
+            capture = replace(capture, defocus_px=radius_px(self.design, scene.view, surface))
+        basis = through_optics(light, capture)
         for name, image in zip(self.design.group_names, basis, strict=True):
             if not np.isfinite(image).all():
                 raise RenderFailed(
@@ -262,10 +259,10 @@ class Simulator:
         """What the picture of a surface shows, for effects that act on its light."""
         return Sight(self.design, self.view, self.rays.hit(surface), self.rays.pitch_mm)
 
-    def _on_light(self, light: NDArray[np.float32], surface: Surface) -> NDArray[np.float32]:
-        if not self.model.effects:
-            return light
-        return np.asarray(self.model.on_light(light, self.sight(surface)), dtype=np.float32)
+    def _capture(self, surface: Surface, place: tuple[slice, slice] = WHOLE) -> Capture:
+        """How the camera takes its picture of a surface; light that it sees sharp."""
+        sight = self.sight(surface) if self.model.effects else None
+        return Capture(self.design.camera, self.model, view=self.view, sight=sight, place=place)
 
     @property
     def has_light_field(self) -> bool:
@@ -295,9 +292,8 @@ class Simulator:
         if not self.has_light_field:
             raise ValueError("slope_response: this estimator or back end has no light field")
         response = self._shader(half).response(self._undeformed, self.rays)
-        if self.design.camera.vignetting != Vignetting():
-            response = (response * self.design.camera.vignette(self.view)[..., None]).astype(np.float32)
-        slopes = [self._on_light(response[..., axis], self._untouched) for axis in (0, 1)]
+        capture = self._capture(self._untouched)
+        slopes = [through_optics(response[..., axis], capture) for axis in (0, 1)]
         return np.stack(slopes, axis=-1)
 
     def _shader(self, half: int | None) -> "Shader":
@@ -316,7 +312,7 @@ class Simulator:
         """Whether a press leaves the coating as it is: nothing shines through from behind."""
         return not (self.design.optics.coating_transmittance and self.design.optics.object_reflectance)
 
-    def _basis(
+    def _light(
         self,
         estimator: Estimator,
         scene: Scene,
@@ -379,16 +375,3 @@ def render(
 ) -> Frame:
     """Simulate one picture of the sensing area; see `Simulator` for the parameters."""
     return Simulator(design, columns=columns, samples=samples, seed=seed).frame(press)
-
-
-def render_all(
-    design: Design | SensorModel,
-    presses: Sequence[Press | None],
-    *,
-    columns: int = 160,
-    samples: int = 64,
-    seed: int,
-) -> list[Frame]:
-    """Simulate several pictures of one sensor."""
-    simulator = Simulator(design, columns=columns, samples=samples, seed=seed)
-    return [simulator.frame(press) for press in presses]

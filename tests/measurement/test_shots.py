@@ -13,6 +13,7 @@ from designlab.measurement.quality.invariants import invariants
 from designlab.measurement.shots import observe
 from designlab.sensor.camera import Camera
 from designlab.sensor.design import preset
+from designlab.simulation.imaging import Capture, reported
 
 DESIGN = preset("gelsight-2020-flat")
 ROWS, COLUMNS, BINNED = 90, 120, 81.0
@@ -23,7 +24,7 @@ PLACES = ((-4.0, -3.0), (4.0, -2.0), (0.0, 3.0))
 def exposed(level: float, seed: int, camera: Camera = DESIGN.camera) -> np.ndarray:
     """A flat picture with a gradient from left to right, as the camera reports it."""
     ramp = np.broadcast_to(np.linspace(0.5, 1.5, COLUMNS)[None, :, None], (ROWS, COLUMNS, 3))
-    return camera.expose(level * ramp, exposure=1.0, seed=seed, binned=BINNED)
+    return reported(level * ramp, Capture(camera, seed=seed, binned=BINNED))
 
 
 def measured(

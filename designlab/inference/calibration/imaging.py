@@ -15,6 +15,7 @@ from designlab.sensor.design import CHANNELS, Design
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects.camera import BlackLevel
 from designlab.simulation.effects.model import AppliedEffect, SensorModel
+from designlab.simulation.imaging import mixed
 from designlab.simulation.simulator import Simulator, automatic_exposure
 
 KERNEL, SCALE = "contact.kernel_length_mm", "camera.horizontal_fov_deg"
@@ -239,7 +240,7 @@ class Rendered:
         transfer = self.design.mixing_matrix * [group.flux_mw for group in self.design.leds.groups]
         if exposure is None:
             untouched = Simulator(self.design, samples=self.samples, seed=0).frame(None).basis.astype(float)
-            exposure = automatic_exposure(np.moveaxis(np.tensordot(transfer, untouched, axes=1), 0, -1))
+            exposure = automatic_exposure(mixed(untouched, transfer))
         return np.asarray(transfer * exposure)
 
     def level(self) -> Array:

@@ -8,13 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from designlab.core.types import Array, Mask
+from designlab.simulation.imaging import mixed
 
 RELATIVE_RANK = 1e-13
 
 
 def predicted(transfer: Array, floor: Array, lit: Array, basis: Array) -> Array:
     """Signal, (rows, columns, 3), from unit-power pictures (groups, rows, columns)."""
-    return np.moveaxis(np.tensordot(transfer * lit, basis, axes=1), 0, -1) + floor
+    return np.asarray(mixed(basis, transfer * lit) + floor)
 
 
 def transfer_and_floor(

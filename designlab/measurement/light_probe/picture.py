@@ -9,10 +9,11 @@ from designlab.core.types import Array
 from designlab.measurement.light_probe.ball import LightProbe
 from designlab.measurement.light_probe.sight import probe_view
 from designlab.measurement.light_probe.unwrap import Unwrapped, unwrap
-from designlab.sensor.camera import View, Vignetting
+from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.effects import Sight
 from designlab.simulation.effects.model import SensorModel, effect
+from designlab.simulation.imaging import Capture, through_optics
 from designlab.simulation.optics.viewing_rays import rays
 from designlab.simulation.render import path
 from designlab.simulation.scene.scene import without_gel
@@ -105,22 +106,15 @@ def light_probe(
             if design.optics.light_path == "core"
             else "the rendered light probe is black; no light of the LEDs reaches the ball"
         )
-    if design.camera.vignetting != Vignetting():
-        basis = (basis * design.camera.vignette(seen)).astype(np.float32)
-    basis = _through_camera(sensor, design, seen, basis)
+    basis = through_optics(basis, _capture(sensor, design, seen)).astype(np.float32)
     flux = np.array([group.flux_mw for group in design.leds.groups])
     return ProbePicture(design, probe, seen, basis, design.mixing_matrix * flux)
 
 
-def _through_camera(
-    sensor: SensorModel, design: Design, view: View, light: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    """Light of the picture after the effects of the lens; those of the membrane have nothing to act on."""
-    acting = [a for a in sensor.effects if effect(a.name).stage == "camera"]
-    if not acting:
-        return light
+def _capture(sensor: SensorModel, design: Design, view: View) -> Capture:
+    """How the camera takes the picture; effects on the membrane have nothing to act on."""
+    acting = tuple(applied for applied in sensor.effects if effect(applied.name).stage == "camera")
     seen = rays(design, view)
-    sight = Sight(design, view, (seen.x_mm, seen.y_mm), seen.pitch_mm)
-    for applied in acting:
-        light = np.asarray(effect(applied.name).on_light(light, applied.values, sight), dtype=np.float32)
-    return light
+    sight = Sight(design, view, (seen.x_mm, seen.y_mm), seen.pitch_mm) if acting else None
+    effects = SensorModel(design=sensor.design, effects=acting)
+    return Capture(design.camera, effects, view=view, sight=sight)

@@ -142,7 +142,7 @@ class Effect:
         return light
 
     def on_signal(self, signal: Signal, values: Values) -> Signal:
-        """Change the signal of the camera, before its noise."""
+        """Change the signal of the pixels, noise included, before the converter cuts and rounds it."""
         return signal
 
     def null(self, design: Design) -> dict[str, float]:

@@ -117,11 +117,11 @@ class ColourMixing(Effect):
         """Add to the mixing matrix; a row is scaled by the channel's response to its own group."""
         if not any(values.values()):
             return design
-        matrix = mixed(design, values)
+        matrix = mixing_with(design, values)
         return design.replace({"mixing": tuple(tuple(float(v) for v in row) for row in matrix)})
 
 
-def mixed(design: Design, values: Values) -> Array:
+def mixing_with(design: Design, values: Values) -> Array:
     """Mixing matrix of a design (3, groups) with the added responses."""
     matrix = design.mixing_matrix.copy()
     own = np.abs(matrix).max(axis=1)

@@ -113,6 +113,11 @@ class SensorModel(Spec):
             design = effect(applied.name).on_design(design, applied.values)
         return design
 
+    @property
+    def curved(self) -> bool:
+        """Whether an effect bends the signal, so that noise changes its mean."""
+        return any(effect(applied.name).curved for applied in self.effects)
+
     def on_press(self, press: Press) -> Press:
         """Return what is really pressed when a press is stated."""
         for applied in self.effects:

@@ -56,7 +56,7 @@ def _pixels_per_mm(centre: Rays, z: Array) -> Array:
     return np.linalg.inv(np.stack(by_pixel, axis=-2))
 
 
-def blur(image: NDArray[np.float32], radius: Array) -> NDArray[np.float32]:
+def blur(image: NDArray[np.float32], radius: Array, *, squared: bool = False) -> NDArray[np.float32]:
     """Average a picture over discs whose radius varies over it.
 
     Parameters
@@ -65,6 +65,8 @@ def blur(image: NDArray[np.float32], radius: Array) -> NDArray[np.float32]:
         The sharp picture; beyond its edge it is continued in proportion.
     radius : array, shape (rows, columns)
         Radius of the disc around each pixel, in pixels.
+    squared : bool
+        Whether to sum by the squares of the discs' weights, as variances of independent pixels add up.
     """
     smallest, largest = float(radius.min()), float(radius.max())
     if largest < SMALLEST_PX:
@@ -77,12 +79,13 @@ def blur(image: NDArray[np.float32], radius: Array) -> NDArray[np.float32]:
     for number, node in enumerate(nodes):
         weight = np.clip(1 - np.abs(place - number), 0.0, 1.0)
         if weight.any():
-            total += weight * _blurred(image, float(node))
+            disc = _disc(float(node))
+            total += weight * _summed(image, disc**2 if squared else disc)
     return np.maximum(total, 0.0).astype(np.float32)
 
 
-def _blurred(image: NDArray[np.float32], radius: float) -> Array:
-    disc = _disc(radius)
+def _summed(image: NDArray[np.float32], disc: Array) -> Array:
+    """Sum around every pixel by the weights of a disc."""
     reach = disc.shape[0] // 2
     still = [(0, 0)] * (image.ndim - 2)
     padded = np.pad(

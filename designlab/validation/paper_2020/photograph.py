@@ -1,6 +1,7 @@
 """Pictures of a true sensor: the unbiased estimator, a fine mesh, the camera's noise."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects.model import SensorModel
+from designlab.simulation.imaging import Capture, reported
 from designlab.simulation.simulator import Simulator
 from geometries.probes import parse
 
@@ -61,11 +63,9 @@ def photograph(
             brightest = float(np.percentile(radiance, 99.9)) * (design.camera.exposure or 1.0)
             frame = frame.model_copy(update={"exposure": round(MIRRORED / brightest, 4)})
         scale = (design.camera.exposure or 1.0) * (frame.exposure or 1.0)
-        signal = true.on_signal(radiance * scale)
+        capture = Capture(design.camera, true, exposure=scale, binned=float(binned**2))
         exposures = [
-            design.camera.expose(
-                signal, exposure=1.0, seed=averaged * (1000 * seed + number) + k, binned=float(binned**2)
-            )
+            reported(radiance, replace(capture, seed=averaged * (1000 * seed + number) + k))
             for k in range(averaged)
         ]
         pictures[frame.file] = np.asarray(np.mean(exposures, axis=0), dtype=np.float32)

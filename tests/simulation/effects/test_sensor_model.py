@@ -222,11 +222,13 @@ def test_what_the_camera_does_to_the_signal_is_in_the_pictures_of_an_evaluation(
             EvaluationProtocol(DESIGN, 1.0, 1, model=one).picture(frame, 0)
             for one in (SensorModel.of(DESIGN), found)
         )
+        # Effects act before the converter rounds: both pictures are off by up to half a step.
+        step = 1 / (2**DESIGN.camera.bit_depth - 1)
         expected = np.clip(found.on_signal(plain), 0, 1)
-        assert changed == pytest.approx(expected, abs=1e-6)
-        pictures[name] = np.abs(changed - plain).max()
-    assert pictures["black_level"] == pytest.approx(0.015, abs=1e-6)
-    assert pictures["response_curve"] > 0.01
+        assert changed == pytest.approx(expected, abs=1.5 * step)
+        pictures[name] = np.abs(changed - plain)
+    assert pictures["black_level"].mean() == pytest.approx(0.015, rel=0.01)
+    assert pictures["response_curve"].max() > 0.01
 
 
 def test_a_light_probe_sees_the_lens() -> None:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,7 +10,9 @@ from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.state import Key, Values, key
 from designlab.sensor.camera import Camera
 from designlab.sensor.design import Design
-from designlab.simulation.effects import CATALOGUE, Effect, SensorModel
+from designlab.simulation.effects import CATALOGUE, Effect, SensorModel, Sight
+from designlab.simulation.effects.base import Light, Signal
+from designlab.simulation.imaging import Capture, expected
 
 DEVIATES = np.linspace(-5.0, 5.0, 101)  # of the noise of one pixel
 LEVELS = 400  # of a sampled curve
@@ -41,9 +44,10 @@ class Answers:
         Every pixel of the sensor has its noise before it answers by a curve, frames are means of pixels. No
         pixel collects less than nothing, whatever a mixing that is negative takes from it.
         """
-        lifted = np.maximum(mixed, 0.0) + self.camera.black_level
-        if not any(e.curved and e.name in values for e in CATALOGUE):
-            return self._answered(values, lifted)
+        effects = _Effects(self.model, values)
+        if not effects.curved:
+            return expected(mixed, Capture(self.camera, effects))
+        lifted = expected(mixed, Capture(self.camera))
         if not np.isfinite(lifted).all():  # a fit that runs away
             return np.full_like(lifted, np.nan)
         levels, curves = self._curves(values, float(lifted.max()))
@@ -61,18 +65,33 @@ class Answers:
             if len(self._kept) >= CURVES_KEPT:
                 self._kept.clear()
             reach = 2.0 ** (octaves / REACHES)
-            self._kept[place] = mean_answers(
-                lambda signal: self._answered(values, signal), self.camera, reach
-            )
+            self._kept[place] = mean_answers(_Effects(self.model, values).on_signal, self.camera, reach)
         return self._kept[place]
 
-    def _answered(self, values: Values, lifted: Array) -> Array:
-        """Signal after the effects on it."""
-        signal = np.asarray(self.model.on_signal(lifted), dtype=float)
+
+@dataclass(frozen=True)
+class _Effects:
+    """Effects of a model and those that a state adds; light has passed them already."""
+
+    model: SensorModel
+    values: Values
+
+    @property
+    def curved(self) -> bool:
+        """Whether an effect of the state is."""
+        return any(e.curved and e.name in self.values for e in CATALOGUE)
+
+    def on_light(self, light: Light, sight: Sight) -> Light:
+        """Return the light as it is."""
+        return light
+
+    def on_signal(self, signal: Signal) -> Array:
+        """Return the signal after the effects on it."""
+        signal = self.model.on_signal(signal)
         for e in CATALOGUE:
-            if e.name in values:
-                signal = np.asarray(e.on_signal(signal, values[e.name]))
-        return signal
+            if e.name in self.values:
+                signal = e.on_signal(signal, self.values[e.name])
+        return np.asarray(signal, dtype=float)
 
 
 def mean_answers(answered: Callable[[Array], Array], camera: Camera, brightest: float) -> tuple[Array, Array]:

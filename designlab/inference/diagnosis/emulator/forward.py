@@ -23,7 +23,8 @@ from designlab.measurement.shots import POSE, Shot
 from designlab.sensor.camera import View
 from designlab.sensor.design import DesignError
 from designlab.simulation.effects import CATALOGUE, Effect, EffectParameter, Sight, effect
-from designlab.simulation.effects.camera import mixed
+from designlab.simulation.effects.camera import mixing_with
+from designlab.simulation.imaging import mixed
 
 Single = NDArray[np.float32]
 Light = NDArray[np.floating]
@@ -228,11 +229,11 @@ class Forward:
         """Signal of each channel per unit of each group's radiance at unit flux, (3, groups)."""
         mixing = self.design.mixing_matrix
         if "colour_mixing" in state.values:
-            mixing = mixed(self.design, state.values["colour_mixing"])
+            mixing = mixing_with(self.design, state.values["colour_mixing"])
         return np.asarray(mixing * self.flux * state.gains * self.shot(number).lit)
 
     def _of_optics(self, state: State, number: int, optics: NDArray[np.floating]) -> Array:
-        channels = np.moveaxis(np.tensordot(self.weights(state, number), optics, axes=1), 0, -1)
+        channels = mixed(optics, self.weights(state, number))
         if state.fringes:
             channels = channels + state.fringes * self._fringes(number, channels)
         reported = self.answers.reported(state.values, channels * _pattern(state))
@@ -287,7 +288,7 @@ class Forward:
                 part = mixing[:, group, None, None] * optics[group] / state.gains[group]
                 found[place] = unknown.sd * np.moveaxis(part, 0, -1) * gain
             elif unknown.effect == FRINGES:
-                channels = np.moveaxis(np.tensordot(mixing, optics, axes=1), 0, -1)
+                channels = mixed(optics, mixing)
                 found[place] = unknown.sd * self._fringes(number, channels) * gain
             elif unknown.effect in ("exposure_drift", "banding"):
                 wave: Array | float = 1.0
@@ -343,7 +344,7 @@ class Forward:
 
     def _slope(self, state: State, mixing: Array, optics: NDArray[np.floating], sigma: Array) -> Array:
         """Derivative of the reported signal by the mixed light, (rows, columns, 3)."""
-        channels = np.moveaxis(np.tensordot(mixing, optics, axes=1), 0, -1) * _pattern(state)
+        channels = mixed(optics, mixing) * _pattern(state)
         slope = uncut(self.answers.reported(state.values, channels), sigma)
         if "response_curve" in state.values or any(
             a.name == "response_curve" for a in self.bank.model.effects

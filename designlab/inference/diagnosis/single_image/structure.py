@@ -8,6 +8,7 @@ from designlab.core.types import Array, Mask
 from designlab.sensor.camera import View
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects import SensorModel
+from designlab.simulation.imaging import Capture, expected, mixed
 from designlab.simulation.simulator import Simulator
 
 
@@ -44,6 +45,5 @@ def structure(simulated: Array, real: Array, mask: Mask) -> Mapping[str, float]:
 def rendered(model: SensorModel, press: Press, gains: Array, *, view: View, samples: int, seed: int) -> Array:
     """Signal of a model under a press, LED groups brighter by gains, (rows, columns, 3)."""
     frame = Simulator(model, view=view, samples=samples, seed=seed).frame(press)
-    signal = np.einsum("cg,grk->rkc", frame.weights * gains, frame.basis.astype(float))
-    lifted = signal + model.effective_design().camera.black_level
-    return np.asarray(model.on_signal(lifted), dtype=float)
+    capture = Capture(model.effective_design().camera, model)
+    return expected(mixed(frame.basis.astype(float), frame.weights * gains), capture)
