@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from rival_methods import LookupTable, Perceptron
 
 from designlab.core.metrics import normal_error_deg
 from designlab.measurement import Measurement, load_measurement
@@ -27,7 +28,7 @@ from designlab.reconstruction import normals
 from designlab.reconstruction.ball_samples import Setup
 from designlab.reconstruction.balls import BallPress, ball_gradients
 from designlab.reconstruction.lab import LabCalibration, LeftOut, calibrate, left_out_errors, refine_centres
-from designlab.reconstruction.methods import Kernel, LookupTable, Method, Perceptron, Polynomial
+from designlab.reconstruction.methods import Kernel, Method, Polynomial
 
 Array = NDArray[np.float64]
 JUDGED = 0.85

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from designlab.evaluation.evaluate import Score, evaluate
-    from designlab.measurement.light_probe import LightProbe, light_probe
+    from designlab.measurement.light_probe.ball import LightProbe
+    from designlab.measurement.light_probe.picture import light_probe
     from designlab.optimization.study.sweep import optimise, sweep
     from designlab.optimization.tolerance import tolerance
     from designlab.sensor.design import Design, load, preset
@@ -24,8 +25,8 @@ _HOMES = {
     "Design": "designlab.sensor.design",
     "load": "designlab.sensor.design",
     "preset": "designlab.sensor.design",
-    "LightProbe": "designlab.measurement.light_probe",
-    "light_probe": "designlab.measurement.light_probe",
+    "LightProbe": "designlab.measurement.light_probe.ball",
+    "light_probe": "designlab.measurement.light_probe.picture",
     "Press": "designlab.simulation.contact.press",
     "Surface": "designlab.simulation.contact.surface",
     "render": "designlab.simulation.simulator",

@@ -1,6 +1,6 @@
-"""Figures of merit: how alike two images are, how even a light is, how wrong a reconstruction is."""
+"""Figures of merit: how alike two images are, how even a light is, how wrong normals are."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,15 +14,6 @@ _NO_STRUCTURE = 1e-12
 _DIRECTIONS = 8  # of the lines that `rgb_to_normal` samples from the middle of each contact
 _LEAST_TILT_DEG = 1.0  # of a membrane that counts as pressed
 _FEWEST_SAMPLES = 6  # on a line that is fitted
-
-
-class HeightError(NamedTuple):
-    """Errors of a reconstructed height within a mask, and the constant that was removed first."""
-
-    mae_um: float
-    rmse_um: float
-    max_um: float
-    offset_um: float
 
 
 def compare(simulated: ArrayLike, real: ArrayLike) -> dict[str, Any]:
@@ -241,45 +232,6 @@ def _line_correlation(colour: Array, tilt: Array, at: Array) -> float:
     return float(abs(np.sum(component * angle)) / power) if power > 0 else float("nan")
 
 
-def height_error(
-    estimated_mm: ArrayLike, truth_mm: ArrayLike, mask: Mask, border: Mask | None = None
-) -> HeightError:
-    """Errors of a height map within a mask, after its constant is fixed on a border that nothing touched.
-
-    Parameters
-    ----------
-    estimated_mm, truth_mm : array, shape (rows, columns)
-        Heights (mm).
-    mask : bool array, same shape
-        Where the error counts.
-    border : bool array, same shape, optional
-        Where the mean difference is brought to zero first; without it the heights are taken as they are.
-
-    Returns
-    -------
-    HeightError
-        Mean absolute error, root mean square error, greatest error, and the constant removed (um).
-
-    Raises
-    ------
-    ValueError
-        If the shapes differ, a mask is empty, or a height within the masks is not finite.
-    """
-    if np.shape(estimated_mm) != np.shape(truth_mm):
-        raise ValueError(
-            f"heights: must have one shape, got {np.shape(estimated_mm)} and {np.shape(truth_mm)}"
-        )
-    difference = np.asarray(estimated_mm, dtype=float) - np.asarray(truth_mm, dtype=float)
-    offset = 0.0 if border is None else float(_inside(difference, border, name="border").mean())
-    error_um = 1000 * (_inside(difference, mask) - offset)
-    return HeightError(
-        mae_um=float(np.abs(error_um).mean()),
-        rmse_um=float(np.sqrt(np.mean(error_um**2))),
-        max_um=float(np.abs(error_um).max()),
-        offset_um=1000 * offset,
-    )
-
-
 def _image(array: ArrayLike, name: str) -> Array:
     image = np.asarray(array, dtype=float)
     image = image[..., None] if image.ndim == 2 else image
@@ -334,24 +286,24 @@ def _ratio_db(power: Any, error: Any) -> float:
         return float(10 * np.log10(np.float64(power) / np.float64(error)))
 
 
-def _mask(channel: ArrayLike, mask: Mask | None, name: str = "mask") -> Mask:
+def _mask(channel: ArrayLike, mask: Mask | None) -> Mask:
     shape = np.shape(channel)
     if len(shape) != 2:
         raise ValueError(f"channel: must have rows and columns, got shape {shape}")
     if mask is None:
         return np.ones(shape, dtype=bool)
     if mask.shape != shape or mask.dtype != bool:
-        raise ValueError(f"{name}: must be bool of shape {shape}, got {mask.dtype} of shape {mask.shape}")
+        raise ValueError(f"mask: must be bool of shape {shape}, got {mask.dtype} of shape {mask.shape}")
     if not mask.any():
-        raise ValueError(f"{name}: must hold pixels, it is empty")
+        raise ValueError("mask: must hold pixels, it is empty")
     return mask
 
 
-def _inside(channel: ArrayLike, mask: Mask | None, name: str = "mask") -> Array:
-    values = np.asarray(channel, dtype=float)[_mask(channel, mask, name)]
+def _inside(channel: ArrayLike, mask: Mask | None) -> Array:
+    values = np.asarray(channel, dtype=float)[_mask(channel, mask)]
     bad = int((~np.isfinite(values)).sum())
     if bad:
-        raise ValueError(f"{name}: values inside must be finite, {bad} of {values.size} are not")
+        raise ValueError(f"mask: values inside must be finite, {bad} of {values.size} are not")
     return values
 
 

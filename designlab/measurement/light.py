@@ -6,7 +6,9 @@ import numpy as np
 from pydantic import ValidationError
 
 from designlab.measurement.frames import MeasuredFrame, Measurement, MeasurementError
-from designlab.measurement.light_probe import LightProbe, Outline, Unwrapped, locate, unwrap
+from designlab.measurement.light_probe.ball import LightProbe
+from designlab.measurement.light_probe.outline import Outline, locate
+from designlab.measurement.light_probe.unwrap import Unwrapped, unwrap
 from designlab.sensor.design import CHANNELS, Design, explain
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from designlab.core.types import Array, Mask
 from designlab.measurement.frames import MeasuredFrame, Measurement, MeasurementError
 from designlab.measurement.light import ball_of
-from designlab.measurement.light_probe import LightProbe
+from designlab.measurement.light_probe.ball import LightProbe
 from designlab.measurement.quality.sizes import check_leds
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design

@@ -10,7 +10,9 @@ from scipy.ndimage import gaussian_filter
 
 from designlab.core.images import tone_map
 from designlab.evaluation.weakest_point import Place
-from designlab.measurement.light_probe import Lobe, Lobes, Panel, Panels, PolarMap
+from designlab.measurement.light_probe.lobes import Lobe, Lobes
+from designlab.measurement.light_probe.panels import Panel, Panels
+from designlab.measurement.light_probe.polar import PolarMap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,8 +12,11 @@ from designlab.measurement import (
     load_measurement,
 )
 from designlab.measurement import write_measurement as write
-from designlab.measurement.light_probe import LightProbe, lobes, probe_view, unwrap
+from designlab.measurement.light_probe.ball import LightProbe
+from designlab.measurement.light_probe.lobes import lobes
 from designlab.measurement.light_probe.polar import unit_vectors
+from designlab.measurement.light_probe.sight import probe_view
+from designlab.measurement.light_probe.unwrap import unwrap
 from designlab.sensor.design import preset
 
 DESIGN = preset("gelsight-2020-flat")

@@ -7,21 +7,14 @@ import pytest
 from pydantic import ValidationError
 
 import designlab as dl
-from designlab.measurement.light_probe import (
-    LightProbe,
-    Outline,
-    compare_light,
-    find_outline,
-    lobes,
-    locate,
-    panels,
-    polar_map,
-    probe_view,
-    unwrap,
-)
-from designlab.measurement.light_probe.ball import chromium, fresnel_metal
-from designlab.measurement.light_probe.lobes import Lobes
-from designlab.measurement.light_probe.polar import unit_vectors
+from designlab.measurement.light_probe.ball import LightProbe, chromium, fresnel_metal
+from designlab.measurement.light_probe.comparison import compare_light
+from designlab.measurement.light_probe.lobes import Lobes, lobes
+from designlab.measurement.light_probe.outline import Outline, find_outline, locate
+from designlab.measurement.light_probe.panels import panels
+from designlab.measurement.light_probe.polar import polar_map, unit_vectors
+from designlab.measurement.light_probe.sight import probe_view
+from designlab.measurement.light_probe.unwrap import unwrap
 from designlab.sensor.camera import View
 
 FLAT = dl.preset("gelsight-2020-flat")

@@ -5,7 +5,12 @@ import pytest
 from scipy.optimize import brentq, minimize
 
 import designlab as dl
-from designlab.measurement.light_probe import LightProbe, compare_light, light_probe, lobes, panels, polar_map
+from designlab.measurement.light_probe.ball import LightProbe
+from designlab.measurement.light_probe.comparison import compare_light
+from designlab.measurement.light_probe.lobes import lobes
+from designlab.measurement.light_probe.panels import panels
+from designlab.measurement.light_probe.picture import light_probe
+from designlab.measurement.light_probe.polar import polar_map
 from designlab.sensor.camera import View
 from designlab.sensor.design import preset
 from designlab.simulation.simulator import RenderFailed

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from designlab.core.metrics import height_error
 from designlab.reconstruction import integrate, normals
 
 
@@ -67,10 +66,10 @@ def test_a_sphere_cap_keeps_its_depth():
     height = np.maximum(sphere - (radius_mm - depth_mm), 0)
     p, q = np.where(height > 0, -x / sphere, 0), np.where(height > 0, -y / sphere, 0)
     recovered = integrate(p, q, pitch_mm=pitch, boundary="dirichlet")
-    error = height_error(recovered, height, height > 0)
+    error_um = 1000 * np.abs(recovered - height)[height > 0]
     # the slope jumps from 1.02 to 0 at the rim: half a pixel of it is 20 um
-    assert error.max_um < 20
-    assert error.mae_um < 5
+    assert error_um.max() < 20
+    assert error_um.mean() < 5
 
 
 def test_a_tilted_plane_rises_towards_plus_x_and_plus_y():

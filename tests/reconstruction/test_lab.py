@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from rival_methods import LookupTable, Perceptron
 from scipy.ndimage import gaussian_filter
 
 from designlab.core.images import read_image
@@ -10,7 +11,7 @@ from designlab.reconstruction import gradients_of, integrate, lab, normals
 from designlab.reconstruction.ball_samples import Setup
 from designlab.reconstruction.balls import BallPress, ball_gradients, find_contact_circle
 from designlab.reconstruction.lab import LeftOut, calibrate, choose_method, left_out_errors, refine_centres
-from designlab.reconstruction.methods import Kernel, LookupTable, Perceptron, Polynomial
+from designlab.reconstruction.methods import Kernel, Polynomial
 from tests import ROOT
 
 SHAPE, PITCH_MM, RADIUS_MM = (120, 140), 0.1, 3.0

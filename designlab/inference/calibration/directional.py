@@ -9,7 +9,7 @@ from pydantic import BaseModel
 from designlab.core.types import Array
 from designlab.inference.calibration.fields import WITHIN
 from designlab.inference.calibration.imaging import How, Touched
-from designlab.measurement.light_probe import LightProbe
+from designlab.measurement.light_probe.ball import LightProbe
 from designlab.measurement.shots import Shot
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design

@@ -8,7 +8,8 @@ import numpy as np
 from pydantic import BaseModel
 
 from designlab.core.types import Array
-from designlab.measurement.light_probe import LightProbe, light_probe
+from designlab.measurement.light_probe.ball import LightProbe
+from designlab.measurement.light_probe.picture import light_probe
 from designlab.measurement.shots import Shot
 from designlab.sensor.camera import View
 from designlab.sensor.design import CHANNELS, Design

@@ -16,7 +16,7 @@ from designlab.inference.calibration.result import Calibration, FittedParameter,
 from designlab.inference.calibration.solve import Layout, covariance, fit
 from designlab.inference.calibration.suspicions import suspicious
 from designlab.measurement import Measurement, MeasurementError, check, refuse
-from designlab.measurement.light_probe import LightProbe
+from designlab.measurement.light_probe.ball import LightProbe
 from designlab.measurement.shots import POSE, ROUND, Observations, observe
 from designlab.sensor.design import CHANNELS, Design
 from designlab.simulation.directional_light import DirectionalLight

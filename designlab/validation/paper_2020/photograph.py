@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.measurement import MeasuredFrame
-from designlab.measurement.light_probe import LightProbe, light_probe
+from designlab.measurement.light_probe.ball import LightProbe
+from designlab.measurement.light_probe.picture import light_probe
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press

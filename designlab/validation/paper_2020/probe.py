@@ -9,7 +9,10 @@ from typing import Any
 import numpy as np
 
 from designlab.core.types import Progress
-from designlab.measurement.light_probe import Lobe, Panel, light_probe, lobes, panels, polar_map
+from designlab.measurement.light_probe.lobes import Lobe, lobes
+from designlab.measurement.light_probe.panels import Panel, panels
+from designlab.measurement.light_probe.picture import light_probe
+from designlab.measurement.light_probe.polar import polar_map
 from designlab.report.plots import light_map
 from designlab.sensor.design import preset
 from designlab.validation.paper_2020.sizes import Size

@@ -7,7 +7,7 @@ import pytest
 
 from designlab.inference.calibration.imaging import ALBEDO, KERNEL, SCALE, Rendered
 from designlab.inference.calibration.problem import BLOCK_PX, Problem
-from designlab.measurement.light_probe import LightProbe
+from designlab.measurement.light_probe.ball import LightProbe
 from designlab.measurement.shots import Shot
 from designlab.sensor.camera import View
 from designlab.sensor.design import preset

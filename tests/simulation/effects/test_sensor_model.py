@@ -10,7 +10,7 @@ from designlab.app.cli import main
 from designlab.evaluation.protocol import EvaluationProtocol
 from designlab.fabrication import to_make
 from designlab.inference.calibration import calibrate
-from designlab.measurement.light_probe import light_probe
+from designlab.measurement.light_probe.picture import light_probe
 from designlab.optimization.study import Study, sweep
 from designlab.report.view3d import render_view
 from designlab.sensor.design import DesignError, preset
