@@ -29,7 +29,7 @@ def measure(design: str, fidelity: str) -> dict[str, float]:
     for seed in range(REPEATS + 1):
         with tempfile.TemporaryDirectory() as folder:
             os.environ[CACHE_VARIABLE] = folder
-            parts.append(evaluate(load(design), fidelity=fidelity, seed=seed).seconds)
+            parts.append(evaluate(load(design), fidelity=fidelity, seed=seed).score.seconds)
     return {name: statistics.median(part[name] for part in parts[1:]) for name in parts[0]}
 
 

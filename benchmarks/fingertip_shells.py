@@ -44,7 +44,7 @@ def scores(shell: str, light: str, fidelity: str, seed: int) -> dict[str, float]
     """Scores of one sensor; RGB2Normal also of balls alone, which the paper presses."""
     base = preset(BASE)
     design = base.replace({**SHELLS[shell], "leds.profile": LIGHTS[light]})
-    found = evaluate(design, fidelity=fidelity, seed=seed)
+    found = evaluate(design, fidelity=fidelity, seed=seed).score
     balls = np.array(found.presses["rgb2normal"])[BALL :: len(TEST_PROBES)]
     return {**{name: found.scores[name].value for name in NAMES}, BALLS: float(np.nanmean(balls))}
 

@@ -51,7 +51,7 @@ NAMES = ("uniformity_u0", "normal_error_median_deg", "information_deg")
 def scores(sensor: str, undone: str, fidelity: str, seed: int) -> dict[str, float]:
     """Scores of the design found for a sensor, with one change undone."""
     design = load(RECORDS / f"study-{sensor}-core-best.toml").replace(UNDONE[sensor][undone])
-    found = evaluate(design, fidelity=fidelity, seed=seed).scores
+    found = evaluate(design, fidelity=fidelity, seed=seed).score.scores
     return {name: found[name].value for name in NAMES}
 
 

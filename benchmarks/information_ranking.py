@@ -109,7 +109,7 @@ def main() -> None:
         file = args.out / f"design-{seed}-{args.fidelity}.json"
         if not file.is_file():
             design = random_design(seed)
-            score = evaluate(design, fidelity=args.fidelity, seed=0).to_json()
+            score = evaluate(design, fidelity=args.fidelity, seed=0).score.to_json()
             write_json(
                 file, score | {"light_path": design.optics.light_path, "shape": design.elastomer.shape}
             )

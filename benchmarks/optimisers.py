@@ -49,7 +49,7 @@ def lacking(scores: Any) -> np.ndarray:
 
 def scalarised(design: Any, /, *, fidelity: str, seed: int) -> RobustScore:
     """Scores of a design, with the mean of what both lack as one more."""
-    found = evaluate(design, fidelity=fidelity, seed=seed).scores
+    found = evaluate(design, fidelity=fidelity, seed=seed).score.scores
     values = {name: found[name].value for name in OBJECTIVES}
     return RobustScore({**found, SCALAR: Estimate(float(lacking(values).mean()), 0.0, "1")})
 

@@ -30,7 +30,7 @@ def over_seeds(found: list[Estimate]) -> Estimate:
 
 def scores_of(name: str, fidelity: str, seed: int) -> dict[str, Estimate]:
     """Scores of a preset."""
-    return dict(evaluate(preset(name), fidelity=fidelity, seed=seed).scores)
+    return dict(evaluate(preset(name), fidelity=fidelity, seed=seed).score.scores)
 
 
 def main() -> None:

@@ -33,7 +33,7 @@ def scored(name: str, design: Design, times: int, seed: int, folder: Path) -> di
         fast = FIDELITIES["fast"]
         FIDELITIES["more"] = fast._replace(samples=times * fast.samples)
         folder.mkdir(parents=True, exist_ok=True)
-        write_json(file, evaluate(design, fidelity="more", seed=seed).to_json())
+        write_json(file, evaluate(design, fidelity="more", seed=seed).score.to_json())
     found = json.loads(file.read_text())
     presses = np.array([found["presses"][figure] for figure in PRESS_FIGURES], dtype=float).T
     raw = pooled(presses)

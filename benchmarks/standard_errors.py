@@ -27,7 +27,7 @@ def repeat(design: str, fidelity: str, seed: int, folder: Path) -> dict[str, tup
     file = folder / f"{Path(design).stem}-{fidelity}-{seed}.json"
     if not file.is_file():
         folder.mkdir(parents=True, exist_ok=True)
-        write_json(file, evaluate(load(design), fidelity=fidelity, seed=seed).to_json())
+        write_json(file, evaluate(load(design), fidelity=fidelity, seed=seed).score.to_json())
         print(f"{design}: seed {seed} done", flush=True)
     else:
         print(f"{design}: seed {seed} taken from {file}", flush=True)

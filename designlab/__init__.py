@@ -8,11 +8,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from designlab.evaluation.evaluate import Score, evaluate
+    from designlab.evaluation.evaluate import Score
     from designlab.measurement.light_probe.ball import LightProbe
     from designlab.measurement.light_probe.picture import light_probe
     from designlab.optimization.study.sweep import optimise, sweep
     from designlab.optimization.tolerance import tolerance
+    from designlab.report.evaluation_folder import evaluate
     from designlab.sensor.design import Design, load, preset
     from designlab.simulation.contact.press import Press
     from designlab.simulation.contact.surface import Surface
@@ -31,7 +32,7 @@ _HOMES = {
     "Surface": "designlab.simulation.contact.surface",
     "render": "designlab.simulation.simulator",
     "Score": "designlab.evaluation.evaluate",
-    "evaluate": "designlab.evaluation.evaluate",
+    "evaluate": "designlab.report.evaluation_folder",
     "sweep": "designlab.optimization.study",
     "optimise": "designlab.optimization.study",
     "tolerance": "designlab.optimization.tolerance",

@@ -1,20 +1,17 @@
 """Score a design: how evenly it lights the gel, and how well its pictures tell the shape of a press."""
 
-import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from designlab.core.backend import activate
-from designlab.core.store import atomic_folder, write_atomic
 from designlab.core.types import Progress
 from designlab.evaluation import illumination_scores, press_scores, response_maps
 from designlab.evaluation.illumination_scores import Estimate, TransportError
@@ -55,7 +52,7 @@ FIDELITIES: dict[str, Fidelity] = {
 
 @dataclass(frozen=True)
 class Score:
-    """What `evaluate` found.
+    """What an evaluation found.
 
     Every score is an attribute too, for example ``score.normal_error_median_deg``.
 
@@ -122,17 +119,44 @@ def _plain(estimates: Mapping[str, Estimate]) -> dict[str, dict[str, Any]]:
     }
 
 
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """A score, with the pictures and maps that it was taken from.
+
+    Attributes
+    ----------
+    score : Score
+        The scores.
+    design : Design
+        The design as simulated, the effects of a sensor model that change it included.
+    exposure : float
+        Signal of the camera per unit of radiance.
+    untouched : Frame
+        The untouched gel.
+    gel : GelMaps
+        What it looks like, pixel by pixel.
+    presses : sequence of Reconstruction
+        The test presses.
+    """
+
+    score: Score
+    design: Design
+    exposure: float
+    untouched: Frame
+    gel: GelMaps
+    presses: Sequence[Reconstruction]
+
+
 def evaluate(
     design: Design | SensorModel,
     *,
     fidelity: str = "fast",
     seed: int = 0,
-    out: str | Path | None = None,
     progress: Progress | None = None,
     calibration: KernelCalibration | None = None,
     as_built: bool = False,
-) -> Score:
-    """Score a design by simulation.
+) -> Evaluation:
+    """Score a design by simulation, and keep what the scores were taken from.
 
     The untouched gel tells how each LED group lights it and what the camera makes of it. Ball presses
     calibrate photometric stereo, which then reconstructs other probes at other places, with camera noise; and
@@ -148,8 +172,6 @@ def evaluate(
         One of `FIDELITIES`; presses depend on the seed alone, so fidelities see the same ones.
     seed : int
         Seed of places, render noise and camera noise.
-    out : path, optional
-        Folder for scores and pictures; replaced when it exists.
     progress : callable, optional
         Called with what is being done, how many steps are done, and how many there are.
     calibration : KernelCalibration, optional
@@ -168,72 +190,33 @@ def evaluate(
     effort = _effort(fidelity)
     model = SensorModel.of(design)
     model.effective_design().require_feasible(as_built=as_built)
-    if out is not None:
-        _require_writable(Path(out))
-    clock = _Clock()
     simulator = _simulator(model, effort, seed)
     if calibration is not None:
         _require_fitting(calibration, simulator)
     presses = plan_presses(simulator.design, rounds=effort.rounds, seed=seed, grids=effort.grids)
-    twice = press_scores.noisier_presses(len(presses.test))
-    steps = _Steps(progress, 1 + len(presses.calibration) + len(presses.test) + 2 * len(twice) + 1)
-
-    # Surfaces are laid out, and what pictures show of them is found, while light is traced.
+    clock = _Clock()
     with ThreadPoolExecutor(1) as beside:
-        surfaces = beside.map(simulator.surface, (*presses.calibration, *presses.test))
-        with clock.part("untouched gel"):
-            steps("untouched gel")
-            untouched, again = _untouched(simulator)
-        frames = _pressed(simulator, presses, surfaces, steps)
-        with clock.part("calibration presses"):
-            balls = list(islice(frames, len(presses.calibration)))
-            beside.submit(_find_truth, balls)
-        with clock.part("test presses"):
-            tests = list(frames)
-            halves = _by_halves(simulator, [tests[k] for k in twice], steps)
+        frames = _rendered(simulator, presses, beside, clock, progress)
         # Threads of the linear algebra wait for each other longer than its small products take.
         with clock.part("reconstruction and scores"), threadpool_limits(limits=1, user_api="blas"):
-            steps("reconstruction")
-            bench = EvaluationProtocol(
-                simulator.design, exposure(simulator.design, untouched, again), seed, model=simulator.model
-            )
-            of_gel = beside.submit(_scores_of_gel, simulator, bench, (untouched, again), balls)
-            if calibration is None:
-                own = bench.calibrate(untouched, again, balls)
-            else:
-                own = calibration.on(bench.background(untouched, again))
-            noisier = beside.submit(_noisier, bench, own, (untouched, again), halves, twice)
-            results = bench.reconstruct(own, tests)
-            errors, of_presses = press_scores.reconstruction_scores(
-                bench, untouched, own.background, results, noisier.result()
-            )
-            gel = of_gel.result()
-            worst = {
-                "gel": worst_of_gel(gel.maps, simulator.design.group_names),
-                "press": worst_of_presses(
-                    response_maps.press_maps(bench, untouched, results),
-                    gel.maps,
-                    simulator.design.group_names,
-                    steepest=response_maps.steepest_slope(balls),
-                ),
-            }
+            found = _scored(simulator, frames, calibration, beside)
     score = Score(
         design=simulator.design.name,
         digest=model.digest if model.effects else model.design.digest,
         fidelity=fidelity,
         seed=seed,
-        scores=errors | gel.scores,
+        scores=found.errors | found.gel.scores,
         margins=simulator.design.margins(),
-        light=illumination_scores.transport_error(simulator.design, untouched, again),
+        light=illumination_scores.transport_error(simulator.design, *frames.untouched),
         seconds=clock.seconds,
-        groups=gel.groups,
-        worst=worst,
-        presses=of_presses,
+        groups=found.gel.groups,
+        worst=found.worst,
+        presses=found.of_presses,
         warnings=model.warnings([*presses.calibration, *presses.test]),
     )
-    if out is not None:
-        _write(Path(out), score, bench, untouched, results, gel.maps)
-    return score
+    return Evaluation(
+        score, simulator.design, found.exposure, frames.untouched[0], found.gel.maps, found.presses
+    )
 
 
 def calibration_of(
@@ -298,6 +281,83 @@ def _untouched(simulator: Simulator) -> tuple[Frame, Frame]:
     return first, again
 
 
+class _Frames(NamedTuple):
+    """What an evaluation renders.
+
+    The untouched gel twice, the calibration and the test presses, and some of the latter, by their numbers,
+    from either half of the light alone.
+    """
+
+    untouched: tuple[Frame, Frame]
+    balls: list[Frame]
+    tests: list[Frame]
+    halved: Sequence[int]
+    halves: list[list[Frame]]
+
+
+def _rendered(
+    simulator: Simulator, presses: Presses, beside: Executor, clock: "_Clock", progress: Progress | None
+) -> _Frames:
+    """Render; surfaces are laid out, and what pictures show of them is found, while light is traced."""
+    halved = press_scores.noisier_presses(len(presses.test))
+    steps = _Steps(progress, 1 + len(presses.calibration) + len(presses.test) + 2 * len(halved) + 1)
+    surfaces = beside.map(simulator.surface, (*presses.calibration, *presses.test))
+    with clock.part("untouched gel"):
+        steps("untouched gel")
+        untouched = _untouched(simulator)
+    frames = _pressed(simulator, presses, surfaces, steps)
+    with clock.part("calibration presses"):
+        balls = list(islice(frames, len(presses.calibration)))
+        beside.submit(_find_truth, balls)
+    with clock.part("test presses"):
+        tests = list(frames)
+        halves = _by_halves(simulator, [tests[k] for k in halved], steps)
+    steps("reconstruction")
+    return _Frames(untouched, balls, tests, halved, halves)
+
+
+class _Scored(NamedTuple):
+    """What an evaluation finds in its frames."""
+
+    exposure: float
+    gel: "_Gel"
+    presses: Sequence[Reconstruction]
+    errors: dict[str, Estimate]
+    of_presses: Mapping[str, Sequence[float]]
+    worst: dict[str, Place]
+
+
+def _scored(
+    simulator: Simulator, frames: _Frames, calibration: KernelCalibration | None, beside: Executor
+) -> _Scored:
+    """Reconstruct the test presses and score them and the untouched gel."""
+    design, (untouched, again) = simulator.design, frames.untouched
+    bench = EvaluationProtocol(
+        design, exposure(design, untouched, again), simulator.seed, model=simulator.model
+    )
+    of_gel = beside.submit(_scores_of_gel, simulator, bench, frames)
+    if calibration is None:
+        own = bench.calibrate(untouched, again, frames.balls)
+    else:
+        own = calibration.on(bench.background(untouched, again))
+    noisier = beside.submit(_noisier, bench, own, frames)
+    presses = bench.reconstruct(own, frames.tests)
+    errors, of_presses = press_scores.reconstruction_scores(
+        bench, untouched, own.background, presses, noisier.result()
+    )
+    gel = of_gel.result()
+    worst = {
+        "gel": worst_of_gel(gel.maps, design.group_names),
+        "press": worst_of_presses(
+            response_maps.press_maps(bench, untouched, presses),
+            gel.maps,
+            design.group_names,
+            steepest=response_maps.steepest_slope(frames.balls),
+        ),
+    }
+    return _Scored(bench.exposure, gel, presses, errors, of_presses, worst)
+
+
 class _Gel(NamedTuple):
     """Scores and maps of the untouched gel."""
 
@@ -306,12 +366,9 @@ class _Gel(NamedTuple):
     maps: GelMaps
 
 
-def _scores_of_gel(
-    simulator: Simulator, bench: EvaluationProtocol, renders: tuple[Frame, Frame], balls: Sequence[Frame]
-) -> _Gel:
-    untouched, again = renders
-    design = bench.design
-    responses = response_maps.slope_responses(simulator, untouched, balls)
+def _scores_of_gel(simulator: Simulator, bench: EvaluationProtocol, frames: _Frames) -> _Gel:
+    design, (untouched, again) = bench.design, frames.untouched
+    responses = response_maps.slope_responses(simulator, untouched, frames.balls)
     gel = response_maps.gel_maps(bench, untouched, responses.best)
     evenness, even_groups = illumination_scores.evenness_scores(design, untouched, again, bench.seed)
     exposed, exposure_error = illumination_scores.exposure_scores(bench, untouched, again)
@@ -354,16 +411,12 @@ def _by_halves(simulator: Simulator, tests: Sequence[Frame], steps: "_Steps") ->
 
 
 def _noisier(
-    bench: EvaluationProtocol,
-    calibration: KernelCalibration,
-    untouched: Sequence[Frame],
-    halves: Sequence[Sequence[Frame]],
-    numbers: Sequence[int],
+    bench: EvaluationProtocol, calibration: KernelCalibration, frames: _Frames
 ) -> list[list[Reconstruction]]:
     """Test presses as either half of the light shows them, each beside its own untouched gel."""
     return [
-        bench.reconstruct(calibration.on(bench.background(alone, alone)), frames, numbers=numbers)
-        for alone, frames in zip(untouched, halves, strict=True)
+        bench.reconstruct(calibration.on(bench.background(alone, alone)), halves, numbers=frames.halved)
+        for alone, halves in zip(frames.untouched, frames.halves, strict=True)
     ]
 
 
@@ -396,60 +449,3 @@ class _Clock:
         start = time.perf_counter()
         yield
         self.seconds[name] = round(time.perf_counter() - start, 3)
-
-
-def _write(
-    out: Path,
-    score: Score,
-    bench: EvaluationProtocol,
-    untouched: Frame,
-    results: Sequence[Reconstruction],
-    of_gel: GelMaps,
-) -> None:
-    from designlab.report import plots
-    from designlab.sensor.design import dumps
-
-    design = bench.design
-    with atomic_folder(out, replace=True) as folder:
-        write_atomic(folder / "design.toml", dumps(design))
-        write_atomic(folder / "score.json", json.dumps(score.to_json(), indent=2))
-        extent = plots.extent_mm(untouched.rays.x_mm, untouched.rays.y_mm)
-        gel, press = score.worst["gel"], score.worst["press"]
-        limit_deg = np.where(of_gel.seen & ~of_gel.saturated, of_gel.limit_deg, np.nan)
-        plots.background(folder / "background.png", untouched.mixed * bench.exposure, extent)
-        named = dict(zip(design.group_names, untouched.basis, strict=True))
-        plots.uniformity(folder / "uniformity.png", named, extent)
-        plots.information(folder / "information.png", limit_deg, extent, gel)
-        plots.errors(
-            folder / "errors.png",
-            [np.where(r.region, r.error_deg, np.nan) for r in results],
-            [np.where(r.region, 1000 * np.abs(r.height_mm - r.frame.height_mm), np.nan) for r in results],
-            extent,
-            press,
-        )
-        for number, result in enumerate(results):
-            shown = result.frame.press
-            assert shown is not None  # every test frame has one
-            plots.press(
-                folder / f"press-{number + 1:02d}-{shown.probe.kind}.png",
-                title=f"{shown.probe.text} mm pressed {shown.depth_mm:.2f} mm deep",
-                image=result.image,
-                normals=result.normals,
-                true_normals=result.true_normals,
-                height_mm=result.height_mm,
-                true_height_mm=result.frame.height_mm,
-                error_deg=np.where(result.region, result.error_deg, np.nan),
-                extent=extent,
-                mark=press if press.press == number else None,
-            )
-
-
-def _require_writable(out: Path) -> None:
-    """Fail before the work, not after it; an earlier evaluation may be replaced, anything else may not."""
-    if out.exists() and not out.is_dir():
-        raise NotADirectoryError(f"{out}: must be a folder, is a file")
-    if out.is_dir() and any(out.iterdir()) and not (out / "score.json").is_file():
-        raise FileExistsError(f"{out}: is not empty and holds no earlier evaluation; choose another folder")
-    with atomic_folder(out.parent / f".{out.name}.probe", replace=True):
-        pass
-    (out.parent / f".{out.name}.probe").rmdir()

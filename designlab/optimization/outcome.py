@@ -25,14 +25,14 @@ def default_evaluator(design: "Design | SensorModel", /, *, fidelity: str, seed:
     """Score a design by simulation, with `designlab.evaluation.evaluate.evaluate`."""
     from designlab.evaluation.evaluate import evaluate
 
-    return evaluate(design, fidelity=fidelity, seed=seed)
+    return evaluate(design, fidelity=fidelity, seed=seed).score
 
 
 def built_evaluator(copy: "Design | SensorModel", /, *, fidelity: str, seed: int) -> Any:
     """Score a sensor as it was built, which may have lost some of its view."""
     from designlab.evaluation.evaluate import evaluate
 
-    return evaluate(copy, fidelity=fidelity, seed=seed, as_built=True)
+    return evaluate(copy, fidelity=fidelity, seed=seed, as_built=True).score
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,8 @@ class CalibratedOnce:
         """Return the score of a copy."""
         from designlab.evaluation.evaluate import evaluate
 
-        return evaluate(copy, fidelity=fidelity, seed=seed, calibration=self.calibration, as_built=True)
+        found = evaluate(copy, fidelity=fidelity, seed=seed, calibration=self.calibration, as_built=True)
+        return found.score
 
 
 class Prepared(NamedTuple, Generic[Subject]):

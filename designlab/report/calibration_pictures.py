@@ -1,36 +1,33 @@
 """Measured and simulated picture and what is left between them, for each channel."""
 
-import io
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from designlab.core.store import write_atomic
 from designlab.inference.calibration.result import Calibration, FrameResult
+from designlab.report.figures import new_figure
 from designlab.sensor.design import CHANNELS
 
-DOTS_PER_INCH = 110
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 QUANTILE = 0.998
 
 
-def draw(calibration: Calibration, path: str | Path) -> Path:
+def residual_plot(calibration: Calibration) -> "Figure":
     """Draw the shot of which most is left: a held-out press, else one that was fitted."""
     presses = [frame for frame in calibration.frames if frame.pose is not None] or list(calibration.frames)
     shown = [frame for frame in presses if frame.held_out] or presses
-    return _figure(min(shown, key=lambda frame: float(frame.after["snr_db"])), Path(path))
+    return _residual(min(shown, key=lambda frame: float(frame.after["snr_db"])))
 
 
-def _figure(frame: FrameResult, path: Path) -> Path:
-    import matplotlib
-
-    matplotlib.use("agg")
-    from matplotlib import pyplot
-
+def _residual(frame: FrameResult) -> "Figure":
     left = frame.measured - frame.simulated
     limit = float(np.quantile(np.abs(left / frame.measured.mean(axis=(0, 1))), QUANTILE)) * 100
     rows, columns = frame.measured.shape[:2]
     height = 1.2 + 3 * 3.1 * min(rows / columns, 1.2)
-    figure, axes = pyplot.subplots(3, 3, figsize=(11.5, height), layout="constrained")
+    figure = new_figure(11.5, height)
+    axes = figure.subplots(3, 3)
     for channel, name in enumerate(CHANNELS):
         level = float(np.mean(frame.measured[..., channel]))
         top = float(np.quantile(frame.measured[..., channel], QUANTILE))
@@ -61,7 +58,4 @@ def _figure(frame: FrameResult, path: Path) -> Path:
         f"SNR {frame.after['snr_db']:.1f} dB, structure correlation {frame.after['structure_corr']:.2f}",
         fontsize=11,
     )
-    buffer = io.BytesIO()
-    figure.savefig(buffer, dpi=DOTS_PER_INCH, format="png")
-    pyplot.close(figure)
-    return write_atomic(path, buffer.getvalue())
+    return figure

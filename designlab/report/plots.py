@@ -1,7 +1,6 @@
-"""Pictures of images, normals and heights for people: one scale, units, colour bars; arrays to PNG."""
+"""Plots of images, normals, heights and light for people: one scale, units, colour bars."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,16 +8,17 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from designlab.core.images import tone_map
+from designlab.core.types import Array
 from designlab.evaluation.weakest_point import Place
 from designlab.measurement.light_probe.lobes import Lobe, Lobes
 from designlab.measurement.light_probe.panels import Panel, Panels
 from designlab.measurement.light_probe.polar import PolarMap
+from designlab.report.figures import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-Array = NDArray[np.floating[Any]]
 Extent = tuple[float, float, float, float]
 BRIGHTEST_PERCENTILE = 99.5  # of all groups: the end of the colour scale
 NOT_COUNTED = "#e8eaee"
@@ -44,20 +44,20 @@ def extent_mm(x_mm: Array, y_mm: Array) -> Extent:
     )
 
 
-def background(path: Path, signal: Array, extent: Extent) -> None:
+def background(signal: NDArray[Any], extent: Extent) -> "Figure":
     """Untouched gel as the camera shows it, brightened to its own white."""
-    figure = _figure(5.6, 4.2)
+    figure = new_figure(5.6, 4.2)
     axes = figure.add_subplot()
     axes.imshow(tone_map(signal), extent=extent)
     _label(axes, "Untouched gel, camera picture")
-    _save(figure, path)
+    return figure
 
 
-def uniformity(path: Path, groups: Mapping[str, Array], extent: Extent) -> None:
+def uniformity(groups: Mapping[str, Array], extent: Extent) -> "Figure":
     """Illumination of the untouched gel by each LED group, relative to its mean."""
     columns = min(len(groups), MOST_COLUMNS)
     rows = -(-len(groups) // columns)
-    figure = _figure(4.0 * columns + 0.6, 3.4 * rows + 0.2)
+    figure = new_figure(4.0 * columns + 0.6, 3.4 * rows + 0.2)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     relative = {name: image / image.mean() for name, image in groups.items()}
     brightest = float(np.percentile(np.stack(list(relative.values())), BRIGHTEST_PERCENTILE))
@@ -75,12 +75,12 @@ def uniformity(path: Path, groups: Mapping[str, Array], extent: Extent) -> None:
     for axes in panels[len(groups) :]:
         axes.set_visible(False)
     figure.colorbar(shown, ax=list(panels), label="radiance / mean of the group", shrink=0.85, extend="max")
-    _save(figure, path)
+    return figure
 
 
-def information(path: Path, limit_deg: Array, extent: Extent, worst: Place) -> None:
+def information(limit_deg: Array, extent: Extent, worst: Place) -> "Figure":
     """Least tilt that camera noise makes up, NaN where there is no picture, and where it is worst."""
-    figure = _figure(5.6, 4.2)
+    figure = new_figure(5.6, 4.2)
     axes = figure.add_subplot()
     told = limit_deg[np.isfinite(limit_deg)]
     top = float(np.percentile(told, BRIGHTEST_PERCENTILE)) if told.size else 1.0
@@ -89,18 +89,16 @@ def information(path: Path, limit_deg: Array, extent: Extent, worst: Place) -> N
     figure.colorbar(shown, ax=axes, label="information limit (deg)", shrink=0.85, extend="max")
     _label(axes, "Tilt that camera noise makes up")
     _mark(axes, worst, extent)
-    _save(figure, path)
+    return figure
 
 
 def errors(
-    path: Path, error_deg: Sequence[Array], height_error_um: Sequence[Array], extent: Extent, worst: Place
-) -> None:
+    error_deg: Sequence[Array], height_error_um: Sequence[Array], extent: Extent, worst: Place
+) -> "Figure":
     """Errors over all test presses: their mean at each place, and where the normals err most.
 
     Parameters
     ----------
-    path : Path
-        PNG to write.
     error_deg, height_error_um : sequence of arrays, shape (rows, columns)
         Normal error and size of the height error of each press; NaN where they do not count.
     extent : tuple of float
@@ -108,7 +106,7 @@ def errors(
     worst : Place
         Where the normals err most.
     """
-    figure = _figure(10.4, 4.0)
+    figure = new_figure(10.4, 4.0)
     panels = figure.subplots(1, 2)
     for axes, maps, name, unit, least in (
         (panels[0], error_deg, "Normal error, mean of the test presses", "normal error (deg)", 5.0),
@@ -122,14 +120,13 @@ def errors(
         figure.colorbar(shown, ax=axes, label=unit, shrink=0.85, extend="max")
         _label(axes, name)
     _mark(panels[0], worst, extent)
-    _save(figure, path)
+    return figure
 
 
 def press(
-    path: Path,
     *,
     title: str,
-    image: Array,
+    image: NDArray[Any],
     normals: Array,
     true_normals: Array,
     height_mm: Array,
@@ -137,9 +134,9 @@ def press(
     error_deg: Array,
     extent: Extent,
     mark: Place | None = None,
-) -> None:
+) -> "Figure":
     """One press: picture, normals and heights beside the truth, and where the normals err."""
-    figure = _figure(12.6, 6.4)
+    figure = new_figure(12.6, 6.4)
     figure.suptitle(title)
     panels = figure.subplots(2, 3)
     panels[0, 0].imshow(tone_map(image), extent=extent)
@@ -164,18 +161,16 @@ def press(
         shown = axes.imshow(field, extent=extent, cmap="viridis", vmin=min(0.0, -0.1 * top), vmax=1.1 * top)
         figure.colorbar(shown, ax=axes, label="height (mm)")
         _label(axes, name)
-    _save(figure, path)
+    return figure
 
 
 def light_map(
-    path: Path, light: PolarMap, found: Lobes, *, traced: Panels | None = None, title: str = "Light probe"
-) -> None:
+    light: PolarMap, found: Lobes, *, traced: Panels | None = None, title: str = "Light probe"
+) -> "Figure":
     """Light around the ball by direction, with its lobes numbered, and a table of them beside it.
 
     Parameters
     ----------
-    path : Path
-        PNG to write.
     light : PolarMap
         Incident radiance; each channel is shown in its own colour, as a share of its peak.
     found : Lobes
@@ -187,7 +182,7 @@ def light_map(
     """
     from matplotlib.patheffects import withStroke
 
-    figure = _figure(11.6, 5.8)
+    figure = new_figure(11.6, 5.8)
     left, right = figure.subfigures(1, 2, squeeze=False)[0]
     axes = left.add_subplot(projection="polar")
     colours = _channel_colours(light.names)
@@ -224,7 +219,7 @@ def light_map(
             path_effects=[withStroke(linewidth=2.5, foreground="k")],
         )
     _lobe_table(right, found, traced, colours, light.names)
-    _save(figure, path)
+    return figure
 
 
 def _lobe_table(
@@ -280,12 +275,6 @@ def _channel_colours(names: Sequence[str]) -> Array:
     return np.array([to_rgb(CHANNEL_COLOURS.get(name.lower()) or next(others)) for name in names])
 
 
-def _figure(width: float, height: float) -> "Figure":
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), layout="constrained", dpi=110)
-
-
 def _mark(axes: "Axes", place: Place, extent: Extent) -> None:
     """Ring and reason at a place, written towards the middle of the picture."""
     left, right, bottom, top = extent
@@ -330,7 +319,3 @@ def _label(axes: "Axes", title: str) -> None:
     axes.set_title(title, fontsize=10)
     axes.set_xlabel("x (mm)")
     axes.set_ylabel("y (mm)")
-
-
-def _save(figure: "Figure", path: Path) -> None:
-    figure.savefig(path, format="png")

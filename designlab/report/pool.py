@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from designlab.core.store import write_atomic
+from designlab.report.figures import write_figure
 from designlab.report.page import Column, Html, Section, page, paragraph, picture, table
 from designlab.report.pool_plots import limits_plot, reliability_plot
 
@@ -57,11 +58,11 @@ def pool_report(score: Mapping[str, Any], target: str | Path, *, title: str) -> 
     said: tuple[Html, ...] = ()
     limited: tuple[Html, ...] = ()
     if sure is not None:
-        plot = reliability_plot(folder / "reliability.png", sure["bins"])
+        plot = write_figure(reliability_plot(sure["bins"]), folder / "reliability.png")
         words = f"Mean distance of the two over {sure['names']} names: {sure['error']:.3f}."
         said = (paragraph(words), picture(plot, _RELIABILITY))
     if limits:
-        limited = (picture(limits_plot(folder / "limits.png", limits), _LIMITS),)
+        limited = (picture(write_figure(limits_plot(limits), folder / "limits.png"), _LIMITS),)
     content = [
         Section("Rates", _rates(score)),
         Section("How sure, and how often right", said),

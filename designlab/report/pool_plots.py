@@ -1,11 +1,11 @@
 """Plots about a pool of generated sets: reliability of the confidence, detection limits."""
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from designlab.report.figures import new_figure
 from designlab.report.page import COLOURS
 
 if TYPE_CHECKING:
@@ -15,9 +15,9 @@ BLUE, GREY = COLOURS[0], COLOURS[-1]
 FREE = 0.05  # of the confidence: an error up to here is shaded
 
 
-def reliability_plot(path: Path, bins: Sequence[Mapping[str, float]]) -> Path:
+def reliability_plot(bins: Sequence[Mapping[str, float]]) -> "Figure":
     """Share of right names over stated confidence, with 95 % intervals and the number of names."""
-    figure = _figure(5.0, 4.4)
+    figure = new_figure(5.0, 4.4)
     axes = figure.add_subplot()
     ends = np.array([0.0, 1.0])
     axes.fill_between(ends, ends - FREE, ends + FREE, color=GREY, alpha=0.15, linewidth=0)
@@ -33,17 +33,17 @@ def reliability_plot(path: Path, bins: Sequence[Mapping[str, float]]) -> Path:
         )  # fmt: skip
     axes.set(xlabel="stated confidence", ylabel="share of names that were right")
     axes.set(xlim=(0, 1.02), ylim=(0, 1.02), aspect="equal")
-    return _saved(figure, path)
+    return figure
 
 
 MARKS = "so^v"
 """Of the sets of each design."""
 
 
-def limits_plot(path: Path, limits: Mapping[str, Mapping[str, Any]]) -> Path:
+def limits_plot(limits: Mapping[str, Mapping[str, Any]]) -> "Figure":
     """Sets named right or not over strength, and the limits with their 95 % intervals, smallest on top."""
     kinds = sorted(limits, key=lambda kind: -float(limits[kind]["strength"]))
-    figure = _figure(7.2, 1.2 + 0.32 * len(kinds))
+    figure = new_figure(7.2, 1.2 + 0.32 * len(kinds))
     axes = figure.add_subplot()
     tried = [(row, *each) for row, kind in enumerate(kinds) for each in limits[kind]["tried"]]
     designs = sorted({design for *_, design in tried}, reverse=True)
@@ -79,15 +79,4 @@ def limits_plot(path: Path, limits: Mapping[str, Mapping[str, Any]]) -> Path:
     axes.set_xlabel("strength (prior standard deviations)")
     axes.grid(axis="x", color="#dde1e7")
     figure.legend(loc="outside upper center", ncols=2, frameon=False, fontsize=9)
-    return _saved(figure, path)
-
-
-def _figure(width: float, height: float) -> "Figure":
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), layout="constrained", dpi=110)
-
-
-def _saved(figure: "Figure", path: Path) -> Path:
-    figure.savefig(path, format="png")
-    return path
+    return figure

@@ -1,21 +1,19 @@
 """Scores of designs, at an effort small enough for tests."""
 
 import json
-from importlib import import_module
 
 import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter
 
+from designlab.evaluation import evaluate as evaluation
 from designlab.evaluation.illumination_scores import SCORES, transport_error
 from designlab.evaluation.press_scores import NOISE_LEFT, PRESS_FIGURES, pooled
 from designlab.evaluation.response_maps import sensing_area
+from designlab.report.evaluation_folder import evaluate
 from designlab.sensor.design import InfeasibleDesign, load, preset
 from designlab.simulation.effects import AppliedEffect, SensorModel
 from designlab.simulation.simulator import Simulator
-
-evaluation = import_module("designlab.evaluation.evaluate")  # the package's own `evaluate` is the function
-evaluate = evaluation.evaluate
 
 FLAT = preset("gelsight-2020-flat")
 BEHIND_GLASS = preset("default")

@@ -292,13 +292,14 @@ def test_the_figure_shows_light_where_it_comes_from(tmp_path):
     """Red light from the right and blue from the left end up there, in these colours."""
     from PIL import Image
 
+    from designlab.report.figures import write_figure
     from designlab.report.plots import light_map
 
     light, view = directions(columns=120)
     spots = [(0, 60.0, 0.0, 15.0, 1.0), (2, 60.0, 180.0, 15.0, 1.0)]
     found = unwrapped(painted(light, view, spots), view=view)
     on_map = polar_map(found, step_deg=3, furthest_deg=120)
-    light_map(tmp_path / "a.png", on_map, lobes(found), traced=panels(FLAT, PLAIN, view))
+    write_figure(light_map(on_map, lobes(found), traced=panels(FLAT, PLAIN, view)), tmp_path / "a.png")
     pixels = np.asarray(Image.open(tmp_path / "a.png").convert("RGB")).astype(int)[:, :638]
     red = np.argwhere((pixels[..., 0] > 200) & (pixels[..., 2] < 120))
     blue = np.argwhere((pixels[..., 2] > 200) & (pixels[..., 0] < 120))

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.image import imread
 
 from designlab.report import pool_report
+from designlab.report.figures import write_figure
 from designlab.report.pool_plots import limits_plot, reliability_plot
 from designlab.validation.blind import Outcome, Trial, score
 from designlab.validation.blind.pool import AIR
@@ -51,14 +52,17 @@ def test_marks_stand_where_the_numbers_say(tmp_path: Path) -> None:
     bins = [
         {"confidence": 0.9, "right": r, "low": r - 0.05, "high": r + 0.05, "names": 9} for r in (0.1, 0.9)
     ]
-    drawn = [imread(reliability_plot(tmp_path / f"{k}.png", [b]))[..., :3] for k, b in enumerate(bins)]
+    drawn = [
+        imread(write_figure(reliability_plot([b]), tmp_path / f"{k}.png"))[..., :3]
+        for k, b in enumerate(bins)
+    ]
     rows = [np.mean(np.nonzero(_blue(image))[0]) for image in drawn]
     assert rows[0] - rows[1] > 0.5 * drawn[0].shape[0]
     limits = {
         kind: {"strength": s, "low": low, "high": None, "tried": [(0.25, False, "flat"), (2.0, True, "flat")]}
         for kind, s, low in (("small", 0.3, 0.2), ("large", 1.5, 1.0))
     }
-    image = imread(limits_plot(tmp_path / "limits.png", limits))[..., :3]
+    image = imread(write_figure(limits_plot(limits), tmp_path / "limits.png"))[..., :3]
     rows_, columns = np.nonzero(_blue(image)[60:])  # below the legend
     upper = rows_ < rows_.mean()
     assert columns[upper].min() < columns[~upper].min()  # the smallest limit stands on top

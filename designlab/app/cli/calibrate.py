@@ -21,7 +21,8 @@ def calibrate(args: Namespace) -> Result:
     from designlab.core.store import atomic_folder, write_atomic, write_json
     from designlab.inference.calibration import calibrate as fit
     from designlab.measurement import load_measurement
-    from designlab.report.calibration_pictures import draw
+    from designlab.report.calibration_pictures import residual_plot
+    from designlab.report.figures import write_figure
 
     measurement = load_measurement(args.measurement)
     model = _start(args)
@@ -41,7 +42,7 @@ def calibrate(args: Namespace) -> Result:
     with atomic_folder(out, replace=True) as folder:
         write_atomic(folder / DESIGN, found.model.dumps())
         write_json(folder / RESULT, data)
-        draw(found, folder / PICTURE)
+        write_figure(residual_plot(found), folder / PICTURE)
     data["files"] = {
         "design": str(out / DESIGN),
         "result": str(out / RESULT),

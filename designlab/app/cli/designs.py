@@ -64,7 +64,7 @@ def parts(args: Namespace) -> Result:
 
 def evaluate(args: Namespace) -> Result:
     """Score a design, or two against each other."""
-    from designlab.evaluation.evaluate import evaluate as score_of
+    from designlab.report.evaluation_folder import evaluate as score_of
     from designlab.simulation.effects.model import load_model
 
     if args.compare != (args.other is not None):
@@ -102,8 +102,8 @@ def evaluate(args: Namespace) -> Result:
 
 def _against(args: Namespace) -> Result:
     """Score two designs with the same presses and random numbers, and tell where they differ."""
-    from designlab.evaluation.evaluate import evaluate as score_of
     from designlab.evaluation.paired_comparison import differences
+    from designlab.report.evaluation_folder import evaluate as score_of
     from designlab.report.page import rounded
     from designlab.report.yardsticks import YARDSTICKS, row
     from designlab.simulation.effects.model import load_model

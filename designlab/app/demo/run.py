@@ -137,8 +137,8 @@ def _claim(state: Demo) -> None:
 
 
 def _evaluation(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any]:
-    from designlab.evaluation.evaluate import evaluate
     from designlab.report import evaluation_report
+    from designlab.report.evaluation_folder import evaluate
 
     folder = state.out / "evaluation"
     report = folder / "report.html"
@@ -171,9 +171,9 @@ def _parts(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, An
 
 
 def _study(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any]:
-    from designlab.evaluation.evaluate import evaluate
     from designlab.optimization.study import Parameter, Plan, Study, StudyInterrupted, load_results, run_study
     from designlab.report import study_report
+    from designlab.report.evaluation_folder import evaluate
 
     folder = state.out / "study"
     study = Study(

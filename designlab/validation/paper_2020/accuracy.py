@@ -16,6 +16,7 @@ from designlab.inference.calibration import Calibration, calibrate
 from designlab.inference.calibration.imaging import ALBEDO, KERNEL
 from designlab.inference.compare import FIGURES, Pair, compare_model
 from designlab.measurement import MeasuredFrame, Measurement, PoseSigma, load_measurement, write_measurement
+from designlab.report.figures import write_figure
 from designlab.sensor.design import CHANNELS, Design, preset
 from designlab.simulation.directional_light import DirectionalLight, load_any_model
 from designlab.simulation.effects.model import SensorModel
@@ -23,7 +24,7 @@ from designlab.simulation.simulator import Simulator
 from designlab.validation.paper_2020.datasets import around, dataset_1, dataset_2, stated
 from designlab.validation.paper_2020.hidden import hidden
 from designlab.validation.paper_2020.photograph import photograph
-from designlab.validation.paper_2020.pictures import draw
+from designlab.validation.paper_2020.pictures import models_plot
 from designlab.validation.paper_2020.progress import named
 from designlab.validation.paper_2020.sizes import Size
 
@@ -111,7 +112,9 @@ def _sensor(place: Path, sensor: str, size: Size, seed: int, progress: Progress 
         "models": models,
         "pictures": {
             "comparison": str(
-                draw({name: own[shown] for name, own in pairs.items()}, place / "comparison.png")
+                write_figure(
+                    models_plot({name: own[shown] for name, own in pairs.items()}), place / "comparison.png"
+                )
             )
         },
         "interreflected_share": _interreflected(place, size, seed),

@@ -1,36 +1,34 @@
 """One press as measured and as every model shows it, what is left, and where the structure agrees."""
 
-import io
 from collections.abc import Mapping
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from designlab.core.images import tone_map
-from designlab.core.store import write_atomic
 from designlab.inference.compare import Pair
+from designlab.report.figures import new_figure
 
-DOTS_PER_INCH = 110
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 QUANTILE = 0.998
 
 
-def draw(pairs: Mapping[str, Pair], path: str | Path) -> Path:
+def models_plot(pairs: Mapping[str, Pair]) -> "Figure":
     """Draw a row for each model: its picture beside the true one, the difference, the map of SSIM.
 
     Differences are of the mean of the channels, on one scale for all models.
     """
-    import matplotlib
     from skimage.metrics import structural_similarity
-
-    matplotlib.use("agg")
-    from matplotlib import pyplot
 
     first = next(iter(pairs.values()))
     white = float(np.percentile(first.real, 99.8))
     errors = {name: (pair.simulated - pair.real).mean(axis=-1) for name, pair in pairs.items()}
     level = float(first.real.mean())
     limit = 100 * max(float(np.quantile(np.abs(error), QUANTILE)) for error in errors.values()) / level
-    figure, axes = pyplot.subplots(len(pairs), 4, figsize=(13.2, 3.35 * len(pairs)), layout="constrained")
+    figure = new_figure(13.2, 3.35 * len(pairs))
+    axes = figure.subplots(len(pairs), 4)
     for row, (name, pair) in enumerate(pairs.items()):
         maps = [
             structural_similarity(  # type: ignore[no-untyped-call]
@@ -56,7 +54,4 @@ def draw(pairs: Mapping[str, Pair], path: str | Path) -> Path:
             axis.set_xticks([])
             axis.set_yticks([])
     figure.suptitle(f"{first.file}, not fitted", fontsize=11)
-    buffer = io.BytesIO()
-    figure.savefig(buffer, dpi=DOTS_PER_INCH, format="png")
-    pyplot.close(figure)
-    return write_atomic(path, buffer.getvalue())
+    return figure

@@ -13,6 +13,7 @@ from designlab.measurement.light_probe.lobes import Lobe, lobes
 from designlab.measurement.light_probe.panels import Panel, panels
 from designlab.measurement.light_probe.picture import light_probe
 from designlab.measurement.light_probe.polar import polar_map
+from designlab.report.figures import write_figure
 from designlab.report.plots import light_map
 from designlab.sensor.design import preset
 from designlab.validation.paper_2020.sizes import Size
@@ -57,7 +58,8 @@ def probe(
     light = picture.unwrap()
     found, traced = lobes(light), panels(design, picture.probe, picture.view)
     strips = [_strip(panel, found.of(panel.group)) for panel in traced.panels]
-    light_map(folder / PICTURE, polar_map(light, step_deg=STEP_DEG), found, traced=traced, title=SENSOR)
+    figure = light_map(polar_map(light, step_deg=STEP_DEG), found, traced=traced, title=SENSOR)
+    write_figure(figure, folder / PICTURE)
     return {
         "sensor": SENSOR,
         "strips": strips,

@@ -54,13 +54,14 @@ def real(
 
     from designlab.inference.calibration import calibrate
     from designlab.measurement import load_measurement
-    from designlab.report.calibration_pictures import draw
+    from designlab.report.calibration_pictures import residual_plot
+    from designlab.report.figures import write_figure
 
     measurement, columns = load_measurement(place), COLUMNS[size.name]
     found = calibrate(measurement, preset(SENSOR), columns=columns, seed=seed, progress=progress)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    draw(found, folder / PICTURE)
+    write_figure(residual_plot(found), folder / PICTURE)
     models = {
         "before": (preset(SENSOR), measurement),
         "after": (found.model, at_poses(measurement, poses_of(found))),

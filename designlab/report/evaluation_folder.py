@@ -1,0 +1,122 @@
+"""A design scored, and the folder that the scores and the pictures of them are left in."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from designlab.core.store import atomic_folder, write_atomic
+from designlab.core.types import Array, Progress
+from designlab.evaluation import evaluate as evaluation
+from designlab.evaluation.evaluate import Evaluation, Score
+from designlab.evaluation.protocol import Reconstruction
+from designlab.reconstruction import KernelCalibration
+from designlab.report import plots
+from designlab.report.figures import write_figure
+from designlab.sensor.design import Design, dumps
+from designlab.simulation.effects.model import SensorModel
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def evaluate(
+    design: Design | SensorModel,
+    *,
+    fidelity: str = "fast",
+    seed: int = 0,
+    out: str | Path | None = None,
+    progress: Progress | None = None,
+    calibration: KernelCalibration | None = None,
+    as_built: bool = False,
+) -> Score:
+    """Score a design by simulation.
+
+    Parameters
+    ----------
+    design, fidelity, seed, progress, calibration, as_built
+        As of `designlab.evaluation.evaluate.evaluate`.
+    out : path, optional
+        Folder for scores and pictures; replaced when it exists.
+
+    Raises
+    ------
+    InfeasibleDesign
+        If the design breaks a geometric rule.
+    ValueError
+        If the fidelity is unknown.
+    OSError
+        If the folder cannot be written, or holds anything but an earlier evaluation.
+    """
+    if out is not None:
+        _require_writable(Path(out))
+    found = evaluation.evaluate(
+        design, fidelity=fidelity, seed=seed, progress=progress, calibration=calibration, as_built=as_built
+    )
+    if out is not None:
+        write_evaluation(found, Path(out))
+    return found.score
+
+
+def write_evaluation(found: Evaluation, out: Path) -> None:
+    """Write the design, the scores and pictures of them into a folder, which is replaced as a whole."""
+    with atomic_folder(out, replace=True) as folder:
+        write_atomic(folder / "design.toml", dumps(found.design))
+        write_atomic(folder / "score.json", json.dumps(found.score.to_json(), indent=2))
+        for name, figure in _figures(found):
+            write_figure(figure, folder / name)
+
+
+def _figures(found: Evaluation) -> Iterator[tuple[str, "Figure"]]:
+    """Figures of an evaluation and the names of their files."""
+    untouched, gel, worst = found.untouched, found.gel, found.score.worst
+    extent = plots.extent_mm(untouched.rays.x_mm, untouched.rays.y_mm)
+    yield "background.png", plots.background(untouched.mixed * found.exposure, extent)
+    groups = dict(zip(found.design.group_names, untouched.basis, strict=True))
+    yield "uniformity.png", plots.uniformity(groups, extent)
+    limit_deg = np.where(gel.seen & ~gel.saturated, gel.limit_deg, np.nan)
+    yield "information.png", plots.information(limit_deg, extent, worst["gel"])
+    yield (
+        "errors.png",
+        plots.errors(
+            [_counted(r, r.error_deg) for r in found.presses],
+            [_counted(r, 1000 * np.abs(r.height_mm - r.frame.height_mm)) for r in found.presses],
+            extent,
+            worst["press"],
+        ),
+    )
+    for number, result in enumerate(found.presses):
+        press = result.frame.press
+        assert press is not None  # every test frame has one
+        yield (
+            f"press-{number + 1:02d}-{press.probe.kind}.png",
+            plots.press(
+                title=f"{press.probe.text} mm pressed {press.depth_mm:.2f} mm deep",
+                image=result.image,
+                normals=result.normals,
+                true_normals=result.true_normals,
+                height_mm=result.height_mm,
+                true_height_mm=result.frame.height_mm,
+                error_deg=_counted(result, result.error_deg),
+                extent=extent,
+                mark=worst["press"] if worst["press"].press == number else None,
+            ),
+        )
+
+
+def _counted(result: Reconstruction, values: Array) -> Array:
+    """Values of a press, NaN where they do not count."""
+    return np.where(result.region, values, np.nan)
+
+
+def _require_writable(out: Path) -> None:
+    """Fail before the work, not after it; an earlier evaluation may be replaced, anything else may not."""
+    if out.exists() and not out.is_dir():
+        raise NotADirectoryError(f"{out}: must be a folder, is a file")
+    if out.is_dir() and any(out.iterdir()) and not (out / "score.json").is_file():
+        raise FileExistsError(f"{out}: is not empty and holds no earlier evaluation; choose another folder")
+    with atomic_folder(out.parent / f".{out.name}.probe", replace=True):
+        pass
+    (out.parent / f".{out.name}.probe").rmdir()
