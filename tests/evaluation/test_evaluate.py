@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter
 
+from designlab.core.backend import activate
 from designlab.evaluation import evaluate as evaluation
 from designlab.evaluation.illumination_scores import SCORES, transport_error
 from designlab.evaluation.press_scores import NOISE_LEFT, PRESS_FIGURES, pooled
@@ -225,8 +226,10 @@ def test_a_calibration_serves_its_own_sensor_as_before_and_others_less_well(scor
     """What the drawing teaches holds for it exactly; LEDs that stand elsewhere make it wrong."""
     taught = evaluation.calibration_of(FLAT, seed=1)
     own = evaluate(FLAT, seed=1, calibration=taught)
-    # The order in which photons are added up is left to threads.
-    assert own.normal_error_median_deg.value == pytest.approx(score.normal_error_median_deg.value, rel=1e-6)
+    # The order in which photons are added up is left to threads: two on a processor, thousands on a GPU,
+    # where single precision leaves 4e-6 of the median (H100).
+    order = 1e-5 if activate().variant == "cuda_ad_rgb" else 1e-6
+    assert own.normal_error_median_deg.value == pytest.approx(score.normal_error_median_deg.value, rel=order)
     assert own.uniformity_u0.value == pytest.approx(score.uniformity_u0.value, rel=1e-6)
     lower = FLAT.replace({"leds.height_mm": FLAT.leds.height_mm - 3.0})
     each, once = (evaluate(lower, seed=1, calibration=given) for given in (None, taught))
