@@ -171,20 +171,20 @@ def atomic_folder(path: str | Path, *, replace: bool = False) -> Iterator[Path]:
     OSError
         If the target exists and must stay, or cannot be written; the text names the path.
     """
-    target = Path(path)
+    target = Path(path).resolve()  # of a link, the folder it leads to gives way
     if not replace and (target.is_file() or (target.is_dir() and any(target.iterdir()))):
-        raise FileExistsError(f"{target} exists already and is not empty")
+        raise FileExistsError(f"{path} exists already and is not empty")
     temporary = _sibling(target)
     try:
         try:
             temporary.mkdir(parents=True)
         except OSError as error:
-            raise _cannot_write(target, error) from error
+            raise _cannot_write(path, error) from error
         yield temporary
         try:
             _take_place(temporary, target)
         except OSError as error:
-            raise _cannot_write(target, error) from error
+            raise _cannot_write(path, error) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
@@ -205,11 +205,16 @@ def _take_place(temporary: Path, target: Path) -> None:
 
 def remove_partial(folder: str | Path) -> None:
     """Delete what writers that were killed left in a folder: temporary files and folders of this module."""
-    for leftover in Path(folder).glob(f".*{_PARTIAL}"):
+    for leftover in filter(is_partial, Path(folder).glob(".*")):
         if leftover.is_dir():
             shutil.rmtree(leftover, ignore_errors=True)
         else:
             leftover.unlink(missing_ok=True)
+
+
+def is_partial(path: Path) -> bool:
+    """Whether a file or folder is what a writer of this module has not finished, or was killed over."""
+    return path.name.startswith(".") and path.name.endswith(_PARTIAL)
 
 
 def read_cache(key: str, *, folder: str | Path | None = None) -> dict[str, NDArray[Any]] | None:
@@ -355,5 +360,5 @@ def _sibling(target: Path) -> Path:
     return target.parent / f".{target.name}.{uuid.uuid4().hex}{_PARTIAL}"
 
 
-def _cannot_write(path: Path, error: OSError) -> OSError:
+def _cannot_write(path: str | Path, error: OSError) -> OSError:
     return OSError(error.errno, f"cannot write {path}: {error.strerror or error}")

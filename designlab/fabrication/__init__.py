@@ -3,12 +3,15 @@
 import hashlib
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from itertools import combinations, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from designlab.core.progress import silent
+from designlab.core.store import atomic_folder
+from designlab.core.types import Progress
 from designlab.fabrication.checks import (
     FileCheck,
     check_mesh,
@@ -17,7 +20,7 @@ from designlab.fabrication.checks import (
     mesh_checks,
     require,
 )
-from designlab.fabrication.folder import KIND, MANIFEST, replaced_folder
+from designlab.fabrication.folder import KIND, MANIFEST, require_replaceable
 from designlab.fabrication.parts import (
     CASTING_PARTS,
     MOULD_FLOOR_MM,
@@ -48,8 +51,6 @@ PART_COLOURS: dict[str, tuple[float, float, float, float]] = {
     "housing": (0.25, 0.26, 0.29, 1.0),
 }
 
-Progress = Callable[[int, int, str], None]
-
 
 def export(
     design: Design | SensorModel,
@@ -57,7 +58,7 @@ def export(
     *,
     probes: Sequence[Probe | str] = (),
     allow_infeasible: bool = False,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> dict[str, Any]:
     """Write everything needed to make a design into a folder, and check what was written.
 
@@ -73,7 +74,7 @@ def export(
     allow_infeasible : bool
         Export a design that breaks its rules, and overlapping parts, with a warning for each.
     progress : callable, optional
-        Called with steps done, steps in all and the name of the next step.
+        Called with the name of the next step, steps done and steps in all.
 
     Returns
     -------
@@ -97,9 +98,11 @@ def export(
     names = [probe_name(probe) for probe in chosen]
     if len(set(names)) < len(names):
         raise ValueError(f"probes: their names must differ, got {', '.join(names)}")
-    with replaced_folder(Path(out)) as folder:
-        manifest = _write(design, folder, chosen, allow_infeasible, progress or (lambda *_: None), notes)
+    require_replaceable(Path(out))
+    with atomic_folder(out, replace=True) as folder:
+        manifest = _write(design, folder, chosen, allow_infeasible, progress, notes)
         require(FileCheck(**check) for check in manifest["checks"])
+        require_replaceable(Path(out))  # somebody may have written there meanwhile
     return manifest
 
 
@@ -133,16 +136,16 @@ def _write(
     described: dict[str, Any] = {}
     checks: list[FileCheck] = []
     for done, (name, shape) in enumerate(shapes.items()):
-        progress(done, steps, name)
+        progress(name, done, steps)
         described[name], found = _write_part(design, folder, name, shape)
         checks += found
     for done, probe in enumerate(meshed, start=len(shapes)):
-        progress(done, steps, probe_name(probe))
+        progress(probe_name(probe), done, steps)
         described[probe_name(probe)], found = _write_mesh_probe(folder, probe)
         checks += found
-    progress(steps - 2, steps, "assembly")
+    progress("assembly", steps - 2, steps)
     checks += _write_assembly(design, folder, shapes)
-    progress(steps - 1, steps, "checks")
+    progress("checks", steps - 1, steps)
     pairs = [*combinations(SENSOR_PARTS, 2), *combinations(CASTING_PARTS, 2)]
     overlaps = check_overlaps(design, shapes, pairs)
     if allow_infeasible:
@@ -182,7 +185,7 @@ def _write(
         path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in written
     }
     _write_json(manifest, folder / MANIFEST)
-    progress(steps, steps, "done")
+    progress("done", steps, steps)
     return manifest
 
 

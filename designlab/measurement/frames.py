@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from designlab.core.images import ImageError, from_srgb, read_image
+from designlab.core.store import digest
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design, DesignError, explain, load, loads, preset_names
 from designlab.simulation.contact.press import Press
@@ -142,6 +143,10 @@ class Measurement(Spec):
         if text not in ("linear", "srgb", "unknown") and not (match and 0.1 <= float(match[1]) <= 10):
             raise ValueError("one of linear, srgb, gamma:G with G from 0.1 to 10, unknown")
         return text
+
+    def content_digest(self) -> str:
+        """Digest of a set: of what it says and of the content of its files."""
+        return digest(self, *(self.path(frame.file).read_bytes() for frame in self.frames))
 
     def image(self, frame: MeasuredFrame) -> Pixels:
         """Values of a frame's file, shape (rows, columns, channels), read-only; see `linear` for radiance."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from designlab.core.run_folder import require_writable
 from designlab.core.store import atomic_folder, write_atomic
 from designlab.core.types import Array, Progress
 from designlab.evaluation import evaluate as evaluation
@@ -20,6 +21,8 @@ from designlab.simulation.effects.model import SensorModel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+SCORE_FILE = "score.json"
 
 
 def evaluate(
@@ -46,12 +49,12 @@ def evaluate(
     InfeasibleDesign
         If the design breaks a geometric rule.
     ValueError
-        If the fidelity is unknown.
+        If the fidelity is unknown, or the folder holds anything but an earlier evaluation.
     OSError
-        If the folder cannot be written, or holds anything but an earlier evaluation.
+        If the folder cannot be written.
     """
     if out is not None:
-        _require_writable(Path(out))
+        require_writable(out, made_with=SCORE_FILE)
     found = evaluation.evaluate(
         design, fidelity=fidelity, seed=seed, progress=progress, calibration=calibration, as_built=as_built
     )
@@ -64,7 +67,7 @@ def write_evaluation(found: Evaluation, out: Path) -> None:
     """Write the design, the scores and pictures of them into a folder, which is replaced as a whole."""
     with atomic_folder(out, replace=True) as folder:
         write_atomic(folder / "design.toml", dumps(found.design))
-        write_atomic(folder / "score.json", json.dumps(found.score.to_json(), indent=2))
+        write_atomic(folder / SCORE_FILE, json.dumps(found.score.to_json(), indent=2))
         for name, figure in _figures(found):
             write_figure(figure, folder / name)
 
@@ -109,14 +112,3 @@ def _figures(found: Evaluation) -> Iterator[tuple[str, "Figure"]]:
 def _counted(result: Reconstruction, values: Array) -> Array:
     """Values of a press, NaN where they do not count."""
     return np.where(result.region, values, np.nan)
-
-
-def _require_writable(out: Path) -> None:
-    """Fail before the work, not after it; an earlier evaluation may be replaced, anything else may not."""
-    if out.exists() and not out.is_dir():
-        raise NotADirectoryError(f"{out}: must be a folder, is a file")
-    if out.is_dir() and any(out.iterdir()) and not (out / "score.json").is_file():
-        raise FileExistsError(f"{out}: is not empty and holds no earlier evaluation; choose another folder")
-    with atomic_folder(out.parent / f".{out.name}.probe", replace=True):
-        pass
-    (out.parent / f".{out.name}.probe").rmdir()

@@ -50,7 +50,7 @@ def quick(monkeypatch):
 
 def test_stages_run_in_order_and_progress_only_grows(quick, tmp_path):
     told = []
-    demo.demo(tmp_path / "out", progress=lambda what, share: told.append((what, share)))
+    demo.demo(tmp_path / "out", progress=lambda what, done, of: told.append((what, done / of)))
     assert quick == list(demo._SECONDS)
     shares = [share for _, share in told]
     assert shares == sorted(shares)
@@ -74,11 +74,11 @@ def test_a_stage_that_fails_is_named_and_ends_the_demo(quick, tmp_path, monkeypa
 
 def test_folders_of_others_are_left_alone(quick, tmp_path):
     (tmp_path / "note.txt").write_text("mine")
-    with pytest.raises(ValueError, match="must be absent, empty or an earlier demo"):
+    with pytest.raises(ValueError, match="must be absent, empty or of an earlier run"):
         demo.demo(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["note.txt"]
     demo.demo(tmp_path / "out", seed=1)
-    with pytest.raises(ValueError, match="other settings"):
+    with pytest.raises(ValueError, match=r"holds a demo with another seed \(seed 1, .*; choose"):
         demo.demo(tmp_path / "out", seed=2)
     assert quick == list(demo._SECONDS)
 

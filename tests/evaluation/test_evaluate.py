@@ -212,12 +212,12 @@ def test_what_cannot_be_scored_is_refused_before_any_work(tmp_path):
     with pytest.raises(InfeasibleDesign, match="minimum_wall"):
         evaluate(FLAT.replace({"housing.wall_mm": 0.1}))
     (tmp_path / "file").write_text("x")
-    with pytest.raises(NotADirectoryError, match="must be a folder"):
+    with pytest.raises(ValueError, match="must be a folder, is a file"):
         evaluate(FLAT, out=tmp_path / "file")
     other = tmp_path / "other"
     other.mkdir()
     (other / "thesis.tex").write_text("x")
-    with pytest.raises(FileExistsError, match="holds no earlier evaluation"):
+    with pytest.raises(ValueError, match=r"must be absent, empty or .*; it has files but no score\.json"):
         evaluate(FLAT, out=other)
     assert (other / "thesis.tex").read_text() == "x"
 

@@ -307,11 +307,11 @@ def test_export_replaces_only_an_export(tmp_path: Path, cheap: None) -> None:
     design, out = preset("default"), tmp_path / "deep" / "out"
     export(design, out, probes=["cone:3"])
     assert (out / "stl" / "probe_cone_3mm.stl").exists()
-    steps: list[tuple[int, int, str]] = []
+    steps: list[tuple[str, int, int]] = []
     export(design, out, progress=lambda *step: steps.append(step))
     assert not (out / "stl" / "probe_cone_3mm.stl").exists()
-    assert [done for done, _, _ in steps] == list(range(len(steps)))
-    assert steps[-1][0] == steps[-1][1]
+    assert [done for _, done, _ in steps] == list(range(len(steps)))
+    assert steps[-1][1] == steps[-1][2]
     assert [path.name for path in out.parent.iterdir()] == ["out"]
 
     before = (out / "manifest.json").read_bytes()
@@ -383,7 +383,7 @@ def test_failed_check_leaves_the_earlier_export(
 
 
 def test_interruption_leaves_nothing(tmp_path: Path, cheap: None) -> None:
-    def interrupt(done: int, total: int, name: str) -> None:
+    def interrupt(name: str, done: int, total: int) -> None:
         if done == 2:
             raise KeyboardInterrupt
 

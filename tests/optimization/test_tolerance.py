@@ -240,7 +240,7 @@ def test_a_spread_that_fits_nothing_is_named(spread, rule, tmp_path):
 
 def test_a_folder_of_another_run_is_refused_and_few_copies_blame_nobody(tmp_path):
     few = run(tmp_path / "out", copies=10)
-    with pytest.raises(ValueError, match="holds another run"):
+    with pytest.raises(ValueError, match=r"holds a tolerance run of another design, .*seed 0, .*; choose"):
         run(tmp_path / "out", copies=10, seed=3)
     assert few.offenders("blur") is None
     with pytest.raises(ValueError, match="holds no tolerance run"):
@@ -293,7 +293,7 @@ def test_the_page_and_the_summary_say_what_was_found(tmp_path, monkeypatch, caps
     for word in ("protractor", "copies at or below (%)", "elastomer, thickness mm", "None."):
         assert word in page
     assert cli.main([*words, str(tmp_path / "out"), "--seed", "4"]) == 2
-    assert "holds another run" in capsys.readouterr().err
+    assert "holds a tolerance run of another design" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

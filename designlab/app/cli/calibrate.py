@@ -5,7 +5,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from designlab.app.cli.console import Result
-from designlab.app.cli.shared import bar, results_folder, source_named, table
+from designlab.app.cli.shared import source_named, table
+from designlab.core.progress import bar
+from designlab.core.run_folder import require_writable
 
 if TYPE_CHECKING:
     from designlab.inference.calibration import Calibration
@@ -26,7 +28,7 @@ def calibrate(args: Namespace) -> Result:
 
     measurement = load_measurement(args.measurement)
     model = _start(args)
-    results_folder(args.out, made_with=RESULT)
+    require_writable(args.out, made_with=RESULT)
     with bar("picture") as progress, source_named(args.model):
         found = fit(
             measurement,

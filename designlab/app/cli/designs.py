@@ -5,7 +5,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from designlab.app.cli.console import Result
-from designlab.app.cli.shared import bar, results_folder, source_named, table
+from designlab.app.cli.shared import source_named, table
+from designlab.core.progress import bar
+from designlab.core.run_folder import require_writable
 
 if TYPE_CHECKING:
     from designlab.simulation.contact.press import Press
@@ -72,7 +74,6 @@ def evaluate(args: Namespace) -> Result:
     if args.compare:
         return _against(args)
     design = load_model(args.design)
-    results_folder(args.out, made_with="score.json")
     with bar() as progress, source_named(args.design):
         score = score_of(design, fidelity=args.fidelity, seed=args.seed, out=args.out, progress=progress)
     data: dict[str, Any] = score.to_json()
@@ -113,7 +114,6 @@ def _against(args: Namespace) -> Result:
     scores = {}
     for place, source in sources.items():
         out = None if args.out is None else Path(args.out) / place
-        results_folder(out, made_with="score.json")
         with bar() as progress, source_named(source):
             scores[place] = score_of(
                 models[place], fidelity=args.fidelity, seed=args.seed, out=out, progress=progress
@@ -175,7 +175,7 @@ def render(args: Namespace) -> Result:
     with source_named(args.design):
         model.effective_design().require_feasible()
     press = _press(args)
-    results_folder(output.parent)
+    require_writable(output.parent)
     frame = Simulator(model, columns=args.columns, samples=args.samples, seed=args.seed).frame(press)
     mixed = frame.mixed
     try:
@@ -256,7 +256,8 @@ def _compare_model(args: Namespace) -> dict[str, Any]:
 
     measurement = load_measurement(args.real)
     model = load_any_model(args.simulated)
-    results_folder(args.out)
+    if args.out is not None:
+        require_writable(args.out)
     with bar("frame") as progress:
         found = compare_model(model, measurement, samples=args.samples, seed=args.seed, progress=progress)
     if args.out is not None:
@@ -282,7 +283,7 @@ def export(args: Namespace) -> Result:
             args.out,
             probes=args.probe,
             allow_infeasible=args.allow_infeasible,
-            progress=lambda done, total, what: progress(what, done, total),
+            progress=progress,
         )
     passed = sum(check["ok"] for check in manifest["checks"])
     lines = [

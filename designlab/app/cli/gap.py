@@ -5,7 +5,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from designlab.app.cli.console import Result
-from designlab.app.cli.shared import bar, results_folder, table
+from designlab.app.cli.shared import table
+from designlab.core.progress import bar
+from designlab.core.run_folder import require_writable
 
 if TYPE_CHECKING:
     from designlab.inference.diagnosis import GapReport
@@ -48,7 +50,7 @@ def plant(args: Namespace) -> Result:
             columns=args.columns,
             flat_field=args.flat_field,
             outside=dict(outside),
-            progress=lambda done, total: progress("planting", done, total),
+            progress=progress,
         )
     data = {"measurement": str(folder), "answer": str(answer_path(folder)), "seal": str(seal_path(folder))}
     text = (
@@ -86,14 +88,12 @@ def _outside(text: str) -> tuple[str, float]:
 def diagnose(args: Namespace) -> Result:
     """Name the effects a model lacks."""
     from designlab.inference.diagnosis import diagnose as find
-    from designlab.inference.diagnosis.run import RUN
     from designlab.measurement import load_measurement
     from designlab.report import gap_report
     from designlab.simulation.effects.model import load_model
 
     measurement = load_measurement(args.measurement)
     model = load_model(args.model)
-    results_folder(args.out, made_with=RUN)
     page = Path(args.out) / "report.html"
     with bar("picture") as progress:
         report = find(
@@ -119,7 +119,7 @@ def benchmark(args: Namespace) -> Result:
 
     trials = _trials(args)
     before = {} if args.records is None else read_records(Path(args.records))
-    results_folder(args.out)
+    require_writable(args.out)
     crew = Crew(args.workers, args.dask)
     if args.transfer:
         return _transferred(trials, Path(args.out), crew)

@@ -3,22 +3,15 @@
 from argparse import Namespace
 
 from designlab.app.cli.console import Result
-from designlab.app.cli.shared import bar, results_folder
+from designlab.core.progress import IN_PERCENT, bar
 
 
 def reproduce(args: Namespace) -> Result:
     """Run what is left of the experiments, and write the pages about them."""
-    from designlab.validation.paper_2020.run import MARKER
     from designlab.validation.paper_2020.run import reproduce as run
 
-    results_folder(args.out, made_with=MARKER)
-    with bar(form="{desc}: {percentage:.0f} % |{bar}| {elapsed} passed, about {remaining} left") as progress:
-        done = run(
-            args.out,
-            size=args.size,
-            seed=args.seed,
-            progress=lambda what, share: progress(what, round(1000 * share), 1000),
-        )
+    with bar(form=IN_PERCENT) as progress:
+        done = run(args.out, size=args.size, seed=args.seed, progress=progress)
     lines = [f"report    {done['report']}", f"markdown  {done['markdown']}", f"figures   {done['result']}"]
     left_out = [found["left_out"] for found in done["stages"].values() if "left_out" in found]
     return Result(done, "\n".join([*lines, *(f"real picture {text}" for text in left_out)]))

@@ -5,7 +5,7 @@ from importlib import resources
 from pathlib import Path
 
 from designlab.app.cli.console import DONE, FAILED, Result
-from designlab.app.cli.shared import bar, results_folder
+from designlab.core.progress import IN_PERCENT, bar
 
 
 def doctor(args: Namespace) -> Result:
@@ -42,9 +42,6 @@ def demo(args: Namespace) -> Result:
     """Run the main job end to end."""
     from designlab.app.demo import demo as run
 
-    results_folder(args.out, made_with="demo.json")
-    with bar(form="{desc}: {percentage:.0f} % |{bar}| {elapsed} passed, about {remaining} left") as progress:
-        done = run(
-            args.out, seed=args.seed, progress=lambda what, share: progress(what, round(1000 * share), 1000)
-        )
+    with bar(form=IN_PERCENT) as progress:
+        done = run(args.out, seed=args.seed, progress=progress)
     return Result(done.to_json(), done.text)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from designlab.app.cli.arguments import STORAGE_VARIABLE
 from designlab.app.cli.console import Result
-from designlab.app.cli.shared import results_folder, table
+from designlab.app.cli.shared import table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,7 +29,6 @@ def run(args: Namespace) -> Result:
         study.require_scores(SCORES)
     except StudyError as error:
         raise StudyError(f"{file}: {error}") from None
-    results_folder(folder)
     try:
         results = run_study(
             study,

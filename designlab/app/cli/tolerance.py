@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from designlab.app.cli.console import Result
-from designlab.app.cli.shared import results_folder, table
+from designlab.app.cli.shared import table
 
 if TYPE_CHECKING:
     from designlab.optimization.tolerance import Tolerance
@@ -21,7 +21,6 @@ def tolerance(args: Namespace) -> Result:
 
     model = load_model(args.design)
     terms = Terms() if args.terms is None else load_terms(args.terms)
-    results_folder(args.out)
     found = tolerance(
         model,
         out=args.out,

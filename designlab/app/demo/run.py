@@ -3,7 +3,6 @@
 Every stage keeps its results in a folder of its own; a stage whose results are there already is not repeated.
 """
 
-import json
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,7 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from designlab.app.demo.page import index_page
-from designlab.core.store import write_atomic, write_json
+from designlab.core.progress import THOUSANDTHS, part_of, silent
+from designlab.core.run_folder import claim, resumed
+from designlab.core.store import read_json, write_atomic
+from designlab.core.types import Progress
 from designlab.sensor.design import Design, preset
 
 if TYPE_CHECKING:
@@ -21,6 +23,7 @@ SENSOR = "gelsight-2020-flat"
 MEASURED_VARIABLE = "DESIGNLAB_MEASURED"
 """Environment variable that names a folder of real pictures; without it that stage is left out."""
 
+MARKER = "demo.json"
 TRIALS = 8
 PARAMETERS = {"leds.height_mm": (5.0, 14.0), "leds.tilt_deg": (-10.0, 60.0)}
 HIDDEN = {"led_position": {"radial_mm": 1.0, "height_mm": 0.8}}
@@ -30,9 +33,6 @@ TRIED = ("led_position", "contact_kernel", "vignetting", "black_level", "colour_
 DIAGNOSIS_PICTURES = 190
 """About as many pictures as a diagnosis of this size renders; only the time left depends on it."""
 
-Progress = Callable[[str, float], None]
-"""Called with what is being done and the share of the whole demo that is done, 0 to 1."""
-
 _SECONDS = {"evaluation": 18, "parts": 8, "study": 18 * TRIALS + 10, "gap": 60, "real": 15}
 """What stages take on two cores, in relation to each other; only the time left depends on it."""
 
@@ -41,7 +41,7 @@ class _Step(NamedTuple):
     """One stage: what it is called, and the function that does it."""
 
     title: str
-    run: Callable[["Demo", Callable[[str, int, int], None]], dict[str, Any]]
+    run: Callable[["Demo", Progress], dict[str, Any]]
 
 
 @dataclass
@@ -79,7 +79,7 @@ class Demo:
         )
 
 
-def demo(out: str | Path, *, seed: int = 0, progress: Progress | None = None) -> Demo:
+def demo(out: str | Path, *, seed: int = 0, progress: Progress = silent) -> Demo:
     """Run the demo; the same call again goes on where it ended.
 
     Parameters
@@ -89,7 +89,7 @@ def demo(out: str | Path, *, seed: int = 0, progress: Progress | None = None) ->
     seed : int
         Seed of everything random.
     progress : callable, optional
-        Called with what is being done and the share that is done.
+        Called with what is being done, and how much of everything is done in thousandths.
 
     Raises
     ------
@@ -101,42 +101,32 @@ def demo(out: str | Path, *, seed: int = 0, progress: Progress | None = None) ->
         If the folder cannot be written.
     """
     state = Demo(Path(out), seed, preset(SENSOR))
-    _claim(state)
-    tell = progress or (lambda what, share: None)
+    claim(
+        state.out,
+        MARKER,
+        {"design": state.design.digest, "seed": seed, "trials": TRIALS},
+        kind="a demo",
+        decided_by={
+            "design": "of another design",
+            "seed": "with another seed",
+            "trials": "of other size",
+        },
+    )
     total, done = sum(_SECONDS.values()), 0
     for name, step in _STEPS.items():
-        cost = _SECONDS[name]
-
-        def within(
-            what: str, count: int, of: int, step: _Step = step, done: int = done, cost: int = cost
-        ) -> None:
-            tell(f"{step.title}: {what}", (done + cost * count / max(of, 1)) / total)
-
-        tell(step.title, done / total)
+        within = part_of(progress, step.title, begun=done, cost=_SECONDS[name], total=total)
+        within("", 0, 1)
         try:
             state.found[name] = step.run(state, within)
         except (ValueError, RuntimeError) as error:
             raise RuntimeError(f"demo, {step.title}: {error}") from error
-        done += cost
+        done += _SECONDS[name]
     write_atomic(state.index, index_page(state.out, state.design, state.seed, state.found))
-    tell("done", 1.0)
+    progress("done", THOUSANDTHS, THOUSANDTHS)
     return state
 
 
-def _claim(state: Demo) -> None:
-    """Mark a new folder; refuse one that holds something else."""
-    marker = state.out / "demo.json"
-    content = {"design": state.design.digest, "seed": state.seed, "trials": TRIALS}
-    if marker.is_file():
-        if json.loads(marker.read_text(encoding="utf-8")) != content:
-            raise ValueError(f"{state.out}: holds a demo with other settings; choose another folder")
-        return
-    if state.out.is_dir() and any(state.out.iterdir()):
-        raise ValueError(f"{state.out}: must be absent, empty or an earlier demo; it has no demo.json")
-    write_json(marker, content)
-
-
-def _evaluation(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any]:
+def _evaluation(state: Demo, within: Progress) -> dict[str, Any]:
     from designlab.report import evaluation_report
     from designlab.report.evaluation_folder import evaluate
 
@@ -145,21 +135,20 @@ def _evaluation(state: Demo, within: Callable[[str, int, int], None]) -> dict[st
     if not report.is_file():
         state.score = evaluate(state.design, seed=state.seed, out=folder, progress=within)
         evaluation_report(state.score.to_json(), report)
-    data: dict[str, Any] = json.loads((folder / "score.json").read_text(encoding="utf-8"))
-    return data
+    return read_json(folder / "score.json")
 
 
-def _parts(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any]:
+def _parts(state: Demo, within: Progress) -> dict[str, Any]:
     from designlab.fabrication import export
     from designlab.report.view3d import render_view
 
     folder, view = state.out / "parts", state.out / "sensor.png"
     if not (folder / "manifest.json").is_file():
         export(
-            state.design, folder, probes=[PROBE], progress=lambda done, of, what: within(what, done, of + 1)
+            state.design, folder, probes=[PROBE], progress=lambda what, done, of: within(what, done, of + 1)
         )
     drawn = view.is_file() or render_view(state.design, view).path is not None
-    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    manifest = read_json(folder / "manifest.json")
     return {
         "folder": str(folder),
         "files": sorted(manifest["files"]),
@@ -170,7 +159,7 @@ def _parts(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, An
     }
 
 
-def _study(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any]:
+def _study(state: Demo, within: Progress) -> dict[str, Any]:
     from designlab.optimization.study import Parameter, Plan, Study, StudyInterrupted, load_results, run_study
     from designlab.report import study_report
     from designlab.report.evaluation_folder import evaluate
@@ -207,7 +196,7 @@ def _study(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, An
     return results.to_json()
 
 
-def _gap(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any]:
+def _gap(state: Demo, within: Progress) -> dict[str, Any]:
     from designlab.inference.diagnosis import diagnose
     from designlab.measurement import load_measurement
     from designlab.report import gap_report
@@ -229,11 +218,10 @@ def _gap(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any]
             catalogue=TRIED,
         )
         gap_report(found.to_json(), report, pictures=found.pictures)
-    data: dict[str, Any] = json.loads((folder / "report.json").read_text(encoding="utf-8"))
-    return {**data, "hidden": unseal(measured)["effects"]}
+    return {**read_json(folder / "report.json"), "hidden": unseal(measured)["effects"]}
 
 
-def _cumulative(within: Callable[[str, int, int], None]) -> Callable[[str, int, int], None]:
+def _cumulative(within: Progress) -> Progress:
     """Add up the parts of a diagnosis, each of which counts its pictures from zero."""
     now, before, last = "", 0, 0
 
@@ -248,7 +236,7 @@ def _cumulative(within: Callable[[str, int, int], None]) -> Callable[[str, int, 
     return progress
 
 
-def _real(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any]:
+def _real(state: Demo, within: Progress) -> dict[str, Any]:
     import numpy as np
 
     from designlab.core.images import tone_map, write_image
@@ -259,8 +247,8 @@ def _real(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any
     if not named:
         return {"left_out": f"left out: {MEASURED_VARIABLE} names no folder of real pictures"}
     folder = state.out / "real"
-    kept = folder / "comparison.json"
-    if not kept.is_file():
+
+    def compared() -> dict[str, Any]:
         found = compare_model(
             state.design, load_measurement(Path(named) / "gelsight-flat"), seed=state.seed, progress=within
         )
@@ -269,9 +257,9 @@ def _real(state: Demo, within: Callable[[str, int, int], None]) -> dict[str, Any
             beside = np.concatenate([pair.simulated, pair.real], axis=1)
             white = float(np.percentile(pair.real, 99.9))
             write_image(folder / f"{Path(pair.file).stem}.png", tone_map(beside, white))
-        write_json(kept, found.to_json())
-    data: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8"))
-    return data
+        return found.to_json()
+
+    return resumed(folder / "comparison.json", compared)
 
 
 _STEPS: dict[str, _Step] = {

@@ -15,7 +15,7 @@ from designlab.inference.diagnosis.likelihood.empirical_errors import left_of_no
 from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD, Fit, Fitter
 from designlab.inference.diagnosis.likelihood.usable_frames import observe
 from designlab.inference.diagnosis.result import Found, GapReport, Level, Overlap, Verdict
-from designlab.inference.diagnosis.run import begin_run, end_run, frames_digest, provenance
+from designlab.inference.diagnosis.run import RUN, claim_run, end_run, provenance
 from designlab.inference.diagnosis.selection.forward_selection import ForwardSelection
 from designlab.inference.diagnosis.selection.held_out import Judged, judge, level
 from designlab.inference.diagnosis.selection.negative_control import control
@@ -119,7 +119,8 @@ def diagnose(
     folder = renders or out / "renders"
     if not resume:
         shutil.rmtree(folder, ignore_errors=True)
-    begin_run(out, measurement, model, seed, resume=resume)
+        (out / RUN).unlink(missing_ok=True)
+    claim_run(out, measurement, model, seed)
     source = Renders(folder, samples, seed, progress)
     examined = examine(measurement, model, seen, source, noted, trust)
     if is_single(seen):
@@ -175,7 +176,7 @@ def diagnose(
             named=[w.name for w in winners],
             as_good={name for w in winners for name in w.coherence_set},
             tried=search.screened[0],
-            seed=int(frames_digest(measurement)[:8], 16),
+            seed=int(measurement.content_digest()[:8], 16),
             train=train,
             final=final,
             before=ends[0],

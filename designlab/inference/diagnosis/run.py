@@ -1,11 +1,11 @@
 """The folder of a diagnosis: whose it is, and results that are complete or not there."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from designlab.core.store import digest, remove_partial, write_json
+from designlab.core.run_folder import claim
+from designlab.core.store import remove_partial, write_json
 from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.result import GapReport
 from designlab.measurement import Measurement
@@ -15,39 +15,17 @@ from designlab.simulation.effects import SensorModel
 RUN, REPORT = "run.json", "report.json"
 
 
-def begin_run(
-    out: Path, measurement: Measurement, model: SensorModel, seed: int, *, resume: bool = True
-) -> None:
-    """Mark a folder with what is diagnosed in it; clear what a killed run left half-written.
-
-    Raises
-    ------
-    ValueError
-        If it is a file, or holds a diagnosis of other frames, of another model or with another seed.
-    OSError
-        If it cannot be written.
-    """
-    if out.exists() and not out.is_dir():
-        raise ValueError(f"{out}: must be a folder, is a file")
-    asked = {
+def claim_run(out: Path, measurement: Measurement, model: SensorModel, seed: int) -> None:
+    """Mark a folder with what is diagnosed in it, see `core.run_folder.claim`."""
+    run = {
         "measurement": measurement.name,
-        "frames": frames_digest(measurement),
+        "frames": measurement.content_digest(),
         "model": model.digest,
         "seed": seed,
     }
-    there = _there(out / RUN)
-    if resume and there is not None:
-        says = {"frames": "other frames", "model": "another model", "seed": "another seed"}
-        other = [words for name, words in says.items() if there.get(name) != asked[name]]
-        if other:
-            raise ValueError(
-                f"{out}: holds a diagnosis of {' and '.join(other)} "
-                f"({there.get('measurement')!r}, seed {there.get('seed')}); choose another folder"
-            )
-    out.mkdir(parents=True, exist_ok=True)
-    for folder in (out, out / "renders"):
-        remove_partial(folder)
-    write_json(out / RUN, asked)
+    differing = {"frames": "of other frames", "model": "of another model", "seed": "with another seed"}
+    claim(out, RUN, run, kind="a diagnosis", decided_by=differing)
+    remove_partial(out / "renders")
 
 
 def end_run(
@@ -86,17 +64,3 @@ def provenance(
         "floor": "measured" if seen.repeats else "assumed",
         "version": __version__,
     }
-
-
-def frames_digest(measurement: Measurement) -> str:
-    """Digest of a set: of what it says and of the content of its files."""
-    files = [measurement.path(frame.file).read_bytes() for frame in measurement.frames]
-    return digest(measurement, *files)
-
-
-def _there(path: Path) -> dict[str, Any] | None:
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    return found if isinstance(found, dict) else None

@@ -5,11 +5,11 @@ Fresh seeds have no part in that choice. Of a robust study they draw fresh copie
 was made with suited its best by chance.
 """
 
-from collections.abc import Callable
 from contextlib import closing
 from typing import TYPE_CHECKING, NamedTuple
 
 from designlab.core.store import write_json
+from designlab.core.types import Progress
 from designlab.core.workers import finished
 from designlab.optimization.outcome import Evaluator, evaluate_design
 from designlab.optimization.study.definition import BASE, Study
@@ -39,7 +39,7 @@ def confirm(
     *,
     workers: int,
     interrupts: "Interrupts",
-    on_progress: Callable[[str, int, int], None],
+    progress: Progress,
 ) -> None:
     """Evaluate the best designs again, by the study's plan; what is there already is kept.
 
@@ -54,14 +54,14 @@ def confirm(
     *first, last = dict.fromkeys((*CONFIRMING[CONFIRMING.index(study.fidelity) :], CONFIRMING[-1]))
     for fidelity in first or [last]:
         stage = ConfirmationRound((BASE, *promoted), fidelity, fresh(study, fidelity, 1))
-        _run(stage, results, evaluator, workers, interrupts, on_progress)
+        _run(stage, results, evaluator, workers, interrupts, progress)
         again = results.confirmed
         rows = _as_trials(again[again["fidelity"] == fidelity], results)
         best = picks(rows, study.objectives, most=study.plan.confirmed, parameters=study.varied)
     trials = tuple(int(trial) for trial in best["trial"])
     if trials:
         stage = ConfirmationRound((BASE, *trials), last, fresh(study, last, study.plan.seeds))
-        _run(stage, results, evaluator, workers, interrupts, on_progress)
+        _run(stage, results, evaluator, workers, interrupts, progress)
 
 
 def fresh(study: Study, fidelity: str, count: int) -> tuple[int, ...]:
@@ -76,7 +76,7 @@ def _run(
     evaluator: Evaluator,
     workers: int,
     interrupts: "Interrupts",
-    on_progress: Callable[[str, int, int], None],
+    progress: Progress,
 ) -> None:
     wanted = [(trial, seed) for trial in stage.trials for seed in stage.seeds]
     subjects = {trial: results.subject(trial) for trial in stage.trials}
@@ -86,7 +86,7 @@ def _run(
     }
     missing = [call for call in wanted if not paths[call].is_file()]
     done = len(wanted) - len(missing)
-    on_progress(stage.fidelity, done, len(wanted))
+    progress(f"confirming, {stage.fidelity}", done, len(wanted))
     calls = [(evaluate_design, evaluator, subjects[trial], stage.fidelity, seed) for trial, seed in missing]
     with closing(finished(calls, workers=workers, interrupts=interrupts)) as outcomes:
         for place, outcome in outcomes:
@@ -95,7 +95,7 @@ def _run(
             about = {"trial": trial, "design": digest, "fidelity": stage.fidelity, "seed": seed}
             write_json(paths[trial, seed], about | outcome)
             done += 1
-            on_progress(stage.fidelity, done, len(wanted))
+            progress(f"confirming, {stage.fidelity}", done, len(wanted))
 
 
 def _as_trials(again: "pd.DataFrame", results: Results) -> "pd.DataFrame":

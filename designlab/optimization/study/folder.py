@@ -4,7 +4,6 @@ The record may lie in a database instead, which runs on several machines share.
 """
 
 import contextlib
-import os
 import sqlite3
 import threading
 import time
@@ -12,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from designlab.core.run_folder import locked
 from designlab.core.store import read_json, remove_partial, write_atomic
 from designlab.optimization.study.definition import BASE, Study, StudyError, dumps_study, load_study
 
@@ -83,7 +83,7 @@ def opened(
     sense = {"maximise": StudyDirection.MAXIMIZE, "minimise": StudyDirection.MINIMIZE}
     directions = [sense[way] for way in study.objectives.values()]
     with contextlib.ExitStack() as stack:
-        stack.enter_context(_locked(folder))
+        stack.enter_context(locked(folder, kind="study"))
         _claim(folder, study)
         if rebuild:
             _set_aside(folder, storage)
@@ -336,27 +336,6 @@ def _set_aside(folder: Path, storage: str | None) -> None:
     for suffix in _PARTS:
         with contextlib.suppress(FileNotFoundError):
             (folder / f"{RECORD_FILE}{suffix}").rename(folder / f"{RECORD_FILE}.damaged-{number}{suffix}")
-
-
-@contextlib.contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Hold the folder; the system lets go of it when this process ends, however it ends."""
-    import fcntl
-
-    path = folder / ".lock"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-    except OSError as error:
-        raise OSError(error.errno, f"cannot write {folder}: {error.strerror}") from error
-    try:
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise RuntimeError(f"{folder}: another run of this study is writing there") from None
-        yield
-    finally:
-        os.close(descriptor)
 
 
 def read_trial(folder: Path, trial: "optuna.trial.FrozenTrial") -> dict[str, Any] | None:

@@ -1,13 +1,12 @@
 """Run a study: in this process or several, with progress, interruptible and resumable."""
 
-import contextlib
-import sys
-from collections.abc import Callable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
 
 from designlab.core.interrupts import Interrupts
+from designlab.core.progress import bar
+from designlab.core.types import Progress
 from designlab.core.workers import death, submitter
 from designlab.evaluation.illumination_scores import SCORES
 from designlab.optimization.outcome import Evaluator, built_evaluator, default_evaluator
@@ -98,11 +97,12 @@ def run_study(
                 search.rebuild()
             search.recover()
             try:
-                with _bar(total, search, shown=progress) as update:
-                    _run(search, total, workers, interrupts, update)
+                with bar("design", begun=search.done, keep=True, shown=progress) as tell:
+                    _run(search, total, workers, interrupts, tell)
                 if study.plan.promoted:
                     found = load_results(folder, storage=storage)
-                    _confirm(found, search.evaluator, workers, interrupts, shown=progress)
+                    with bar("evaluation", keep=True, shown=progress) as tell:
+                        confirm(found, scored, workers=workers, interrupts=interrupts, progress=tell)
             except KeyboardInterrupt:
                 raise StudyInterrupted(
                     f"study {study.name!r} interrupted after {search.done} of {total} designs; "
@@ -111,31 +111,13 @@ def run_study(
     return load_results(folder, storage=storage)
 
 
-def _confirm(
-    results: Results, evaluator: Evaluator, workers: int, interrupts: Interrupts, *, shown: bool
-) -> None:
-    """Evaluate the best designs again; what a run before it has done is there."""
-    from tqdm import tqdm
-
-    with tqdm(unit="evaluation", file=sys.stderr, disable=not shown, leave=True) as bar:
-
-        def update(fidelity: str, done: int, total: int) -> None:
-            bar.set_description(f"confirming, {fidelity}", refresh=False)
-            bar.total, bar.n = total, done
-            bar.refresh()
-
-        confirm(results, evaluator, workers=workers, interrupts=interrupts, on_progress=update)
-
-
-def _run(
-    search: StudyRun, total: int, workers: int, interrupts: Interrupts, update: Callable[[], None]
-) -> None:
+def _run(search: StudyRun, total: int, workers: int, interrupts: Interrupts, progress: Progress) -> None:
     deaths = 0
     while True:
         before = search.done
         try:
             with submitter(workers, interrupts) as submit:
-                search.run(total, workers=workers, submit=submit, interrupts=interrupts, on_progress=update)
+                search.run(total, workers=workers, submit=submit, interrupts=interrupts, progress=progress)
                 return
         except BrokenProcessPool as error:
             search.recover()
@@ -147,25 +129,3 @@ def _run(
         except BaseException:
             search.recover(interrupted=True)
             raise
-
-
-@contextlib.contextmanager
-def _bar(total: int, search: StudyRun, *, shown: bool) -> Iterator[Callable[[], None]]:
-    """Show done, total and time left on stderr."""
-    from tqdm import tqdm
-
-    with tqdm(
-        desc="search",
-        total=total,
-        initial=search.done,
-        unit="design",
-        file=sys.stderr,
-        disable=not shown,
-        leave=True,
-    ) as bar:
-
-        def update() -> None:
-            bar.update(search.done - bar.n)
-            bar.set_postfix_str(f"{search.infeasible} infeasible", refresh=False)
-
-        yield update

@@ -4,7 +4,7 @@ import contextlib
 import secrets
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from itertools import takewhile
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 
 from designlab.core.interrupts import Interrupts
 from designlab.core.store import atomic_folder, write_atomic, write_json
+from designlab.core.types import Progress
 from designlab.core.workers import Submit
 from designlab.optimization.outcome import Evaluator, evaluate_design, prepared
 from designlab.optimization.study.definition import Study, StudyError
@@ -172,7 +173,7 @@ class StudyRun:
         workers: int,
         submit: Submit,
         interrupts: Interrupts,
-        on_progress: Callable[[], None],
+        progress: Progress,
     ) -> None:
         """Evaluate designs until there are `total`, by all runs that share the record together.
 
@@ -192,7 +193,7 @@ class StudyRun:
                         arguments = (self.evaluator, task.subject, self.study.fidelity, self.study.seed)
                         running[submit(evaluate_design, *arguments)] = task
                         self._followers[task.design.digest] = []
-                    on_progress()
+                    progress(f"search, {self.infeasible} infeasible", self.done, total)
                 if not running and self.done >= total:
                     return
                 if running:
@@ -200,7 +201,7 @@ class StudyRun:
                 else:
                     with interrupts.allowed():
                         time.sleep(POLL_S)  # should another run die, its designs are evaluated here
-                on_progress()
+                progress(f"search, {self.infeasible} infeasible", self.done, total)
 
     def _collect(self, running: dict[Future[dict[str, Any]], Task], interrupts: Interrupts) -> None:
         """Wait for an evaluation to end, and record what has ended."""

@@ -2,7 +2,6 @@
 
 import contextlib
 import itertools
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -10,6 +9,8 @@ from typing import TYPE_CHECKING, Any, Literal
 from pydantic import ValidationError
 
 from designlab.core.interrupts import Interrupts
+from designlab.core.progress import bar
+from designlab.core.run_folder import claim
 from designlab.core.store import digest, read_json, write_json
 from designlab.core.workers import finished
 from designlab.optimization.constraint import Bound
@@ -91,7 +92,6 @@ def sweep(
         If worker processes die over and over.
     """
     import pandas as pd
-    from tqdm import tqdm
 
     grid = {path: list(chosen) for path, chosen in values.items()}
     if not grid or not all(grid.values()):
@@ -100,7 +100,15 @@ def sweep(
     scored = evaluator or default_evaluator
     paths: list[Path | None] = [None] * len(combinations)
     if out is not None:
-        paths = _claim(Path(out), design, combinations, fidelity, seed)
+        run = {
+            "digest": digest(design.digest, fidelity, seed),
+            "design": design.name if isinstance(design, Design) else design.design.name,
+            "fidelity": fidelity,
+            "seed": seed,
+        }
+        differing = {"digest": "of another design, fidelity or seed"}
+        claim(Path(out), SWEEP_FILE, run, kind="a sweep", decided_by=differing, alone=False)
+        paths = [Path(out) / ROWS_FOLDER / f"{digest(_plain(one))[:24]}.json" for one in combinations]
     rows = [_kept(path) for path in paths]
     missing = [place for place, row in enumerate(rows) if row is None]
     calls = [(_sweep_row, design, combinations[place], scored, fidelity, seed) for place in missing]
@@ -108,9 +116,9 @@ def sweep(
     if out is not None:
         goes_on = f"what is finished is kept: the same call with out {str(out)!r} goes on"
     done = len(rows) - len(missing)
-    bar = tqdm(total=len(rows), initial=done, unit="design", file=sys.stderr, disable=not progress)
     try:
-        with Interrupts() as interrupts, bar:
+        with Interrupts() as interrupts, bar("design", begun=done, keep=True, shown=progress) as tell:
+            tell("sweep", done, len(rows))
             outcomes = finished(calls, workers=workers, interrupts=interrupts, dask=dask, goes_on=goes_on)
             with contextlib.closing(outcomes):
                 for number, row in outcomes:
@@ -119,31 +127,11 @@ def sweep(
                     if path is not None:
                         write_json(path, row)
                     done += 1
-                    bar.update()
+                    tell("sweep", done, len(rows))
     except KeyboardInterrupt:
         text = f"sweep interrupted after {done} of {len(rows)} designs; {goes_on}"
         raise SweepInterrupted(text) from None
     return pd.DataFrame([values | (row or {}) for values, row in zip(combinations, rows, strict=True)])
-
-
-def _claim(
-    folder: Path,
-    design: "Design | SensorModel",
-    combinations: Sequence[Mapping[str, Any]],
-    fidelity: str,
-    seed: int,
-) -> list[Path | None]:
-    """Where the rows of a sweep are kept; refuse the folder of another one."""
-    path, ours = folder / SWEEP_FILE, digest(design.digest, fidelity, seed)
-    name = design.name if isinstance(design, Design) else design.design.name
-    if not path.is_file():
-        write_json(path, {"digest": ours, "design": name, "fidelity": fidelity, "seed": seed})
-    elif (before := read_json(path)).get("digest") != ours:
-        raise ValueError(
-            f"{folder}: holds another sweep, of {before.get('design')!r}: design, fidelity or seed differ; "
-            "choose another folder"
-        )
-    return [folder / ROWS_FOLDER / f"{digest(_plain(values))[:24]}.json" for values in combinations]
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,14 +1,16 @@
 """Monte Carlo of built copies: each is drawn, evaluated and kept; an interrupted run goes on."""
 
 import contextlib
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
 from designlab.core.interrupts import Interrupts
-from designlab.core.store import digest, read_json, write_json
+from designlab.core.progress import bar
+from designlab.core.run_folder import claim
+from designlab.core.store import digest, write_json
 from designlab.core.types import Array
 from designlab.core.workers import finished
 from designlab.evaluation.illumination_scores import SCORES
@@ -42,6 +44,7 @@ from designlab.simulation.effects import SensorModel
 
 Calibrate = Literal["each", "once"]
 COPIES = 200
+DECIDED_BY = {"digest": "of another design, spreads, fidelity, seed or calibration"}
 
 
 class ToleranceInterrupted(KeyboardInterrupt):
@@ -112,96 +115,74 @@ def tolerance(
     drawn = inputs(nominal.design, chosen)
     if not drawn:
         raise ValueError("spreads: nothing differs between copies; give one or more")
-    folder = Path(out)
-    _claim(
-        folder, nominal, chosen, spec or {}, copies=copies, fidelity=fidelity, seed=seed, calibrate=calibrate
-    )
-    values = deviates(copies, [each.name for each in drawn], seed)
-    missing = [k for k in range(NOMINAL, copies) if not is_finished(folder, k)]
-    for k in list(missing):
-        _, reason, _ = prepared(partial(_built, nominal, drawn, values, k), as_built=True)
-        if reason:
-            write_json(copy_path(folder, k), _record(k, drawn, values, {"unbuilt": reason}))
-            missing.remove(k)
-    scored = evaluator or built_evaluator
-    if calibrate == "once" and missing:
-        from designlab.evaluation.evaluate import calibration_of
-
-        scored = CalibratedOnce(calibration_of(nominal, fidelity=fidelity, seed=seed))
-    calls = [(evaluate_design, scored, _built(nominal, drawn, values, k), fidelity, seed) for k in missing]
-    with Interrupts() as interrupts, _bar(copies + 1, len(missing), shown=progress) as step:
-        try:
-            outcomes = finished(calls, workers=workers, interrupts=interrupts, dask=dask)
-            with contextlib.closing(outcomes):
-                for place, found in outcomes:
-                    require_scores(spec or {}, found.get("scores", spec or {}))
-                    k = missing[place]
-                    write_json(copy_path(folder, k), _record(k, drawn, values, found))
-                    step()
-        except KeyboardInterrupt:
-            done = sum(is_finished(folder, k) for k in range(NOMINAL, copies))
-            raise ToleranceInterrupted(
-                f"tolerance run interrupted after {done} of {copies + 1} evaluations; run it again with the "
-                f"same folder, {folder}, to resume"
-            ) from None
-    return load_tolerance(folder)
-
-
-def _built(nominal: SensorModel, drawn: Sequence[Input], values: Array, number: int) -> SensorModel:
-    """Copy of a number, or the drawing itself."""
-    return nominal if number == NOMINAL else copy(nominal, drawn, values[number])
-
-
-def _record(number: int, drawn: Sequence[Input], values: Array, found: Mapping[str, Any]) -> dict[str, Any]:
-    own = (
-        {}
-        if number == NOMINAL
-        else {each.name: float(v) for each, v in zip(drawn, values[number], strict=True)}
-    )
-    return {"copy": number, "deviates": own, **found}
-
-
-def _claim(
-    folder: Path,
-    nominal: SensorModel,
-    spreads: Sequence[Spread],
-    spec: Mapping[str, Bound],
-    *,
-    copies: int,
-    fidelity: str,
-    seed: int,
-    calibrate: Calibrate,
-) -> None:
-    """Write what is run into a new folder; refuse the folder of another run."""
-    path = folder / RUN_FILE
-    stated = [spread.model_dump(mode="json") for spread in spreads]
-    ours = digest(nominal.digest, stated, fidelity, seed, calibrate)
-    if path.is_file():
-        before = read_json(path)
-        if before.get("digest") != ours:
-            raise ValueError(
-                f"{folder}: holds another run, of {before.get('design')!r}: design, spreads, fidelity, "
-                "seed or calibration differ; choose another folder"
-            )
-    content = {
-        "digest": ours,
+    built = _Copies(Path(out), nominal, drawn, deviates(copies, [each.name for each in drawn], seed))
+    stated = [spread.model_dump(mode="json") for spread in chosen]
+    run = {
+        "digest": digest(nominal.digest, stated, fidelity, seed, calibrate),
         "design": nominal.design.name,
         "copies": copies,
         "fidelity": fidelity,
         "seed": seed,
         "calibrate": calibrate,
         "spreads": stated,
-        "spec": {name: bound.model_dump(exclude_none=True) for name, bound in spec.items()},
+        "spec": {name: bound.model_dump(exclude_none=True) for name, bound in (spec or {}).items()},
     }
-    write_json(path, content)
+    claim(built.folder, RUN_FILE, run, kind="a tolerance run", decided_by=DECIDED_BY, alone=False)
+    missing = [k for k in range(NOMINAL, copies) if not is_finished(built.folder, k) and built.possible(k)]
+    scored = evaluator or built_evaluator
+    if calibrate == "once" and missing:
+        from designlab.evaluation.evaluate import calibration_of
+
+        scored = CalibratedOnce(calibration_of(nominal, fidelity=fidelity, seed=seed))
+    calls = [(evaluate_design, scored, built.model(k), fidelity, seed) for k in missing]
+    done, total = copies + 1 - len(missing), copies + 1
+    try:
+        with Interrupts() as interrupts, bar("copy", begun=done, keep=True, shown=progress) as tell:
+            tell("copies", done, total)
+            outcomes = finished(calls, workers=workers, interrupts=interrupts, dask=dask)
+            with contextlib.closing(outcomes):
+                for place, found in outcomes:
+                    require_scores(spec or {}, found.get("scores", spec or {}))
+                    built.keep(missing[place], found)
+                    done += 1
+                    tell("copies", done, total)
+    except KeyboardInterrupt:
+        raise ToleranceInterrupted(
+            f"tolerance run interrupted after {done} of {total} evaluations; run it again with the "
+            f"same folder, {out}, to resume"
+        ) from None
+    return load_tolerance(out)
 
 
-@contextlib.contextmanager
-def _bar(total: int, missing: int, *, shown: bool) -> Iterator[Callable[[], None]]:
-    """Show done, total and time left on stderr."""
-    from tqdm import tqdm
+@dataclass(frozen=True, eq=False)
+class _Copies:
+    """The drawing and its copies, by number, and what is kept of each.
 
-    with tqdm(
-        total=total, initial=total - missing, unit="copy", file=sys.stderr, disable=not shown, leave=True
-    ) as bar:
-        yield lambda: bar.update() and None
+    Attributes
+    ----------
+    values : Array
+        What is drawn for each copy, in standard deviations, shape (copies, inputs).
+    """
+
+    folder: Path
+    nominal: SensorModel
+    drawn: Sequence[Input]
+    values: Array
+
+    def model(self, number: int) -> SensorModel:
+        """Copy of a number, or the drawing itself."""
+        return self.nominal if number == NOMINAL else copy(self.nominal, self.drawn, self.values[number])
+
+    def possible(self, number: int) -> bool:
+        """Whether a copy can be built; that it cannot is kept."""
+        _, reason, _ = prepared(partial(self.model, number), as_built=True)
+        if reason:
+            self.keep(number, {"unbuilt": reason})
+        return not reason
+
+    def keep(self, number: int, found: Mapping[str, Any]) -> None:
+        """Write what was found of a copy."""
+        own: dict[str, float] = {}
+        if number != NOMINAL:
+            own = {each.name: float(v) for each, v in zip(self.drawn, self.values[number], strict=True)}
+        write_json(copy_path(self.folder, number), {"copy": number, "deviates": own, **found})

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from designlab.core.progress import silent
 from designlab.core.types import Progress
 from designlab.validation.blind.pool import Trial
 from designlab.validation.blind.runner import ALONE, Crew, Outcome, run
@@ -12,7 +13,7 @@ from designlab.validation.blind.score import rate, same
 
 
 def run_further(
-    trials: Iterable[Trial], folder: Path, *, progress: Progress | None = None, crew: Crew = ALONE
+    trials: Iterable[Trial], folder: Path, *, progress: Progress = silent, crew: Crew = ALONE
 ) -> list[tuple[Outcome, Outcome]]:
     """Run trials, and those that are ambiguous once more with the frames that their reports ask for.
 

@@ -1,6 +1,5 @@
 """Running trials: each set is generated, diagnosed, and only then is its answer opened."""
 
-import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
@@ -9,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from designlab.core.interrupts import Interrupts
+from designlab.core.progress import silent
+from designlab.core.run_folder import require_same
 from designlab.core.store import read_json, write_json
 from designlab.core.types import Progress
 from designlab.core.workers import calls_at_once, completed, submitter
@@ -72,7 +73,7 @@ ALONE = Crew()
 
 
 def run(
-    trials: Iterable[Trial], folder: Path, *, progress: Progress | None = None, crew: Crew = ALONE
+    trials: Iterable[Trial], folder: Path, *, progress: Progress = silent, crew: Crew = ALONE
 ) -> list[Outcome]:
     """Run trials, or take them from the folder where they were run before.
 
@@ -103,7 +104,7 @@ def kept(
     folder: Path,
     records: str,
     run_one: Callable[[Trial, Path], Any],
-    progress: Progress | None,
+    progress: Progress,
     crew: Crew,
 ) -> list[dict[str, Any]]:
     """Run trials whose record is not in a folder yet; the records of all, in their order.
@@ -121,12 +122,11 @@ def kept(
     missing = [n for n, path in enumerate(paths) if not path.is_file()]
     for n, path in enumerate(paths):
         if n not in missing:
-            _check_same(path, asdict(trials[n]), read_json(path).get("trial"))
+            _require_same_trial(path, read_json(path).get("trial"), asdict(trials[n]))
     at_once = calls_at_once(crew.workers, crew.dask)
 
     def tell(what: str) -> None:
-        if progress is not None:
-            progress(what, sum(path.is_file() for path in paths), len(paths))
+        progress(what, sum(path.is_file() for path in paths), len(paths))
 
     try:
         with Interrupts() as interrupts, submitter(crew.workers, interrupts, dask=crew.dask) as submit:
@@ -144,10 +144,10 @@ def kept(
     return [read_json(path) for path in paths]
 
 
-def _check_same(path: Path, ours: Mapping[str, Any], theirs: object) -> None:
+def _require_same_trial(path: Path, held: object, asked: Mapping[str, Any]) -> None:
     """Refuse what a folder holds of a trial that has changed since."""
-    if json.loads(json.dumps(ours)) != theirs:
-        raise ValueError(f"{path}: is of a set that was defined otherwise; begin in another folder")
+    differing = {"trial": "that was defined otherwise"}
+    require_same(path, {"trial": held}, {"trial": asked}, kind="a set", decided_by=differing)
 
 
 def _waves(trials: Sequence[tuple[int, Trial]]) -> Iterator[list[tuple[int, Trial]]]:
@@ -177,7 +177,7 @@ def _planted(trial: Trial, folder: Path) -> Path:
     planted = {name: value for name, value in asdict(trial).items() if name not in NOT_PLANTED}
     definition = measurement.with_name(f"{measurement.name}.trial.json")
     if measurement.exists():
-        _check_same(definition, planted, read_json(definition))
+        _require_same_trial(definition, read_json(definition), planted)
         return measurement
     write_json(definition, planted)
     rig = Rig.of(design)

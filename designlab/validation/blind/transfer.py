@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from designlab.core.progress import silent
 from designlab.core.types import Progress
 from designlab.inference.diagnosis.diagnose import COLUMNS, SAMPLES
 from designlab.inference.diagnosis.emulator.render_cache import Renders
@@ -90,7 +91,7 @@ def other(design: Design) -> Design:
 
 
 def run_transfers(
-    trials: Iterable[Trial], folder: Path, *, progress: Progress | None = None, crew: Crew = ALONE
+    trials: Iterable[Trial], folder: Path, *, progress: Progress = silent, crew: Crew = ALONE
 ) -> list[Transferred]:
     """Run trials, or take them from the folder where they were run before.
 

@@ -1,7 +1,7 @@
 """Light transport and directional light, calibrated in the same way, on the paper's two sets of presses."""
 
-import json
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from designlab.core.images import read_image, write_image
 from designlab.core.metrics import remove_quadratic_field
-from designlab.core.store import write_atomic, write_json
+from designlab.core.progress import named, silent
+from designlab.core.run_folder import resumed
+from designlab.core.store import read_json, write_atomic, write_json
 from designlab.core.types import Progress
 from designlab.inference.calibration import Calibration, calibrate
 from designlab.inference.calibration.imaging import ALBEDO, KERNEL
@@ -25,7 +27,6 @@ from designlab.validation.paper_2020.datasets import around, dataset_1, dataset_
 from designlab.validation.paper_2020.hidden import hidden
 from designlab.validation.paper_2020.photograph import photograph
 from designlab.validation.paper_2020.pictures import models_plot
-from designlab.validation.paper_2020.progress import named
 from designlab.validation.paper_2020.sizes import Size
 
 SENSORS = {"flat": "gelsight-2020-flat", "dome": "gelsight-2020-dome"}
@@ -38,9 +39,7 @@ STEEP = 0.15  # slope of the membrane above which a pixel belongs to the edges o
 SHOWN = ("triangle", "star", "sphere")  # which press is drawn, the first of these
 
 
-def accuracy(
-    folder: str | Path, *, size: Size, seed: int = 1, progress: Progress | None = None
-) -> dict[str, Any]:
+def accuracy(folder: str | Path, *, size: Size, seed: int = 1, progress: Progress = silent) -> dict[str, Any]:
     """Photograph hidden sensors, calibrate each model on two presses, and compare on all others.
 
     Every picture, calibration and comparison is kept in the folder and not made again.
@@ -66,14 +65,12 @@ def accuracy(
         if shape not in size.shapes_of_gel:
             continue
         place = Path(folder) / shape
-        kept = place / "accuracy.json"
-        if not kept.is_file():
-            write_json(kept, _sensor(place, sensor, size, seed + number, progress))
-        found[sensor] = json.loads(kept.read_text(encoding="utf-8"))
+        make = partial(_sensor, place, sensor, size, seed + number, progress)
+        found[sensor] = resumed(place / "accuracy.json", make)
     return {"sensors": found}
 
 
-def _sensor(place: Path, sensor: str, size: Size, seed: int, progress: Progress | None) -> dict[str, Any]:
+def _sensor(place: Path, sensor: str, size: Size, seed: int, progress: Progress) -> dict[str, Any]:
     nominal = preset(sensor)
     true = hidden(nominal, seed=seed)
     sets = {
@@ -130,7 +127,7 @@ def _photographed(
     frames: Sequence[MeasuredFrame],
     size: Size,
     seed: int,
-    progress: Progress | None,
+    progress: Progress,
 ) -> Measurement:
     """Take every picture that is not there yet, then write the measurement."""
     if (place / "measurement" / "measurement.toml").is_file():
@@ -138,8 +135,7 @@ def _photographed(
     pictures, taken = place / "pictures", []
     pictures.mkdir(parents=True, exist_ok=True)
     for number, frame in enumerate(frames):
-        if progress is not None:
-            progress(f"{sensor}: photographing", number, len(frames))
+        progress(f"{sensor}: photographing", number, len(frames))
         image, about = pictures / frame.file, pictures / f"{frame.file}.json"
         if not about.is_file():
             binned = 1 if frame.kind == "light_probe" else size.binned
@@ -153,7 +149,7 @@ def _photographed(
             )
             write_image(image, found[frame.file].astype(np.float16))
             write_json(about, done[0].model_dump(mode="json", exclude_none=True))
-        taken.append(MeasuredFrame.model_validate(json.loads(about.read_text(encoding="utf-8"))))
+        taken.append(MeasuredFrame.model_validate(read_json(about)))
     measurement = Measurement(
         name=f"made {sensor}",
         sensor=sensor,
@@ -172,7 +168,7 @@ def _calibrated(
     measurement: Measurement,
     size: Size,
     seed: int,
-    progress: Progress | None,
+    progress: Progress,
 ) -> tuple[SensorModel | DirectionalLight, dict[str, Any]]:
     """Model fitted to two presses, and the pose that it finds for every press."""
     stem = name.replace(", ", "-").replace(" ", "-")
@@ -195,7 +191,7 @@ def _calibrated(
         )
         write_atomic(model, found.model.dumps())
         write_json(kept, {"poses": poses_of(found), "calibration": found.to_json()})
-    return load_any_model(model), json.loads(kept.read_text(encoding="utf-8"))["poses"]
+    return load_any_model(model), read_json(kept)["poses"]
 
 
 def poses_of(found: Calibration) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """Pictures of a true sensor: the unbiased estimator, a fine mesh, the camera's noise."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -30,7 +30,6 @@ def photograph(
     seed: int,
     binned: int = 1,
     averaged: int = 1,
-    progress: Callable[[int, int], None] | None = None,
 ) -> tuple[list[MeasuredFrame], dict[str, Pixels]]:
     """Take pictures at the true poses of the frames.
 
@@ -48,8 +47,6 @@ def photograph(
         Side of the squares of sensor pixels that are averaged.
     averaged : int
         Exposures whose mean a picture is.
-    progress : callable, optional
-        Called with frames done and frames in all.
 
     Returns
     -------
@@ -71,8 +68,6 @@ def photograph(
         ]
         pictures[frame.file] = np.asarray(np.mean(exposures, axis=0), dtype=np.float32)
         taken.append(frame)
-        if progress is not None:
-            progress(number + 1, len(frames))
     return taken, pictures
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from designlab.core.progress import silent
 from designlab.core.types import Progress
 from designlab.measurement.light_probe.lobes import Lobe, lobes
 from designlab.measurement.light_probe.panels import Panel, panels
@@ -24,9 +25,7 @@ SAMPLES = 16
 STEP_DEG = 1.0  # of the map that is drawn
 
 
-def probe(
-    folder: str | Path, *, size: Size, seed: int = 1, progress: Progress | None = None
-) -> dict[str, Any]:
+def probe(folder: str | Path, *, size: Size, seed: int = 1, progress: Progress = silent) -> dict[str, Any]:
     """Render a chrome ball in the sensor, unwrap it, and hold its lobes against the LED strips.
 
     Strips are mirrored in the ball point by point, in closed form; the lobes come from the picture.
@@ -51,8 +50,7 @@ def probe(
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    if progress is not None:
-        progress(SENSOR, 0, 1)
+    progress(SENSOR, 0, 1)
     design = preset(SENSOR)
     picture = light_probe(design, columns=COLUMNS[size.name], samples=SAMPLES, seed=seed)
     light = picture.unwrap()

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from designlab.core import metrics
+from designlab.core.progress import silent
 from designlab.core.types import Progress
 from designlab.inference.compare import FIGURES, compare_model
 from designlab.sensor.design import CHANNELS, preset
@@ -23,9 +24,7 @@ PICTURE = "residual.png"
 ROUNDING = 1e-12  # figures below are zero: the structure of a constant picture
 
 
-def real(
-    folder: str | Path, *, size: Size, seed: int = 1, progress: Progress | None = None
-) -> dict[str, Any]:
+def real(folder: str | Path, *, size: Size, seed: int = 1, progress: Progress = silent) -> dict[str, Any]:
     """Calibrate the preset on the real picture.
 
     Parameters

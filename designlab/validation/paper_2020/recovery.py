@@ -1,6 +1,5 @@
 """How well a calibration finds hidden sensors, and whether its intervals hold."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from designlab.core.store import atomic_folder, write_json
+from designlab.core.progress import named, silent
+from designlab.core.run_folder import resumed
+from designlab.core.store import atomic_folder
 from designlab.core.types import Progress
 from designlab.inference.calibration import Calibration, calibrate
 from designlab.inference.calibration.imaging import ALBEDO, KERNEL
@@ -18,7 +19,6 @@ from designlab.simulation.effects.model import SensorModel
 from designlab.validation.paper_2020.datasets import around, dataset_2, stated
 from designlab.validation.paper_2020.hidden import hidden
 from designlab.validation.paper_2020.photograph import photograph
-from designlab.validation.paper_2020.progress import named
 
 SENSORS = ("gelsight-2020-flat", "gelsight-2020-dome")
 BINNED, PROBE_BINNED = 8, 2  # of pixels: 75 columns are enough for light and poses, mirrored LEDs need more
@@ -99,15 +99,15 @@ def compared(calibration: Calibration, truth: dict[str, float]) -> list[Recovere
     ]
 
 
-def repeat(number: int, folder: str | Path, *, progress: Progress | None = None) -> dict[str, Any]:
+def repeat(number: int, folder: str | Path, *, progress: Progress = silent) -> dict[str, Any]:
     """Make one hidden sensor and calibrate it, or take it from the folder where it is there.
 
     The gel is flat or a dome, and a ball or a triangle is pressed, in turn. The fit starts from the preset;
     kernel, reflectances, light, floor and poses are free.
     """
     folder = Path(folder)
-    file = folder / f"repeat-{number:02d}.json"
-    if not file.is_file():
+
+    def made() -> dict[str, Any]:
         sensor = SENSORS[number // 2 % 2]
         nominal = preset(sensor)
         true = hidden(nominal, seed=100 + number)
@@ -125,12 +125,12 @@ def repeat(number: int, folder: str | Path, *, progress: Progress | None = None)
                 progress=progress,
             )
         values = compared(found, truths(true, frames))
-        write_json(file, {"sensor": sensor, "values": [vars(value) for value in values]})
-    data: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-    return data
+        return {"sensor": sensor, "values": [vars(value) for value in values]}
+
+    return resumed(folder / f"repeat-{number:02d}.json", made)
 
 
-def recovery(repeats: int, folder: str | Path, *, progress: Progress | None = None) -> dict[str, Any]:
+def recovery(repeats: int, folder: str | Path, *, progress: Progress = silent) -> dict[str, Any]:
     """Repeat with other sensors; what is left to do is done, what is there is taken.
 
     Returns
@@ -141,8 +141,7 @@ def recovery(repeats: int, folder: str | Path, *, progress: Progress | None = No
     """
     found = []
     for number in range(repeats):
-        if progress is not None:
-            progress(f"{told(number)}of {repeats}", 0, 1)
+        progress(f"{told(number)}of {repeats}", 0, 1)
         found.append(repeat(number, folder, progress=named(progress, told(number))))
     return summary(found)
 

@@ -4,13 +4,15 @@ Every experiment keeps its result in a folder of its own; one whose result is th
 """
 
 import dataclasses
-import json
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from designlab.core.store import remove_partial, write_atomic, write_json
+from designlab.core.progress import THOUSANDTHS, part_of, silent
+from designlab.core.run_folder import claim
+from designlab.core.store import read_json, remove_partial, write_atomic, write_json
+from designlab.core.types import Progress
 from designlab.sensor.design import preset
 from designlab.validation.paper_2020.content import sections
 from designlab.validation.paper_2020.markdown import markdown_page
@@ -21,12 +23,13 @@ RESULTS = 1  # raise when a change makes results of earlier runs wrong
 SENSORS = ("gelsight-2020-flat", "gelsight-2020-dome")
 MARKER, KEPT = "reproduce.json", "result.json"
 REPORT, MARKDOWN = "report.html", "reproduction.md"
+_DECIDED_BY = {
+    "size": "of another size",
+    "seed": "with another seed",
+    "designs": "of other sensors",
+    "results": "by another version of the experiments",
+}
 LEFT_OUT = "left_out"  # key of an experiment that could not be run; it is tried again
-
-Progress = Callable[[str, float], None]
-"""Called with what is being done and the share that is done of what was left to do, 0 to 1."""
-
-Within = Callable[[str, int, int], None]
 
 
 class Experiment(NamedTuple):
@@ -42,13 +45,13 @@ class Experiment(NamedTuple):
     """
 
     title: str
-    run: Callable[[Path, Size, int, Within], dict[str, Any]]
+    run: Callable[[Path, Size, int, Progress], dict[str, Any]]
     seconds: Callable[[Size], float]
     parts: Callable[[Size], Mapping[str, float]] = lambda size: {}
 
 
 def reproduce(
-    out: str | Path, *, size: str = "full", seed: int = 1, progress: Progress | None = None
+    out: str | Path, *, size: str = "full", seed: int = 1, progress: Progress = silent
 ) -> dict[str, Any]:
     """Run the paper's experiments; the same call again goes on where it ended.
 
@@ -62,7 +65,7 @@ def reproduce(
         Seed of everything random but the hidden sensors that are fitted to tell of the errors, which have
         fixed ones.
     progress : callable, optional
-        Called with what is being done and the share that is done.
+        Called with what is being done, and how much of what was left to do is done in thousandths.
 
     Returns
     -------
@@ -81,23 +84,24 @@ def reproduce(
     if size not in SIZES:
         raise ValueError(f"size: must be one of {', '.join(SIZES)}, got {size!r}")
     out, extent = Path(out), SIZES[size]
-    _claim(out, extent, seed)
-    tell = progress or (lambda what, share: None)
-    remove_partial(out)
+    designs = {name: preset(name).digest for name in SENSORS}
+    asked = {"results": RESULTS, "seed": seed, "designs": designs, "size": dataclasses.asdict(extent)}
+    claim(out, MARKER, asked, kind="a reproduction", decided_by=_DECIDED_BY)
     left = {name: stage for name, stage in STAGES.items() if not (out / name / KEPT).is_file()}
     total, done = sum(stage.seconds(extent) for stage in left.values()), 0.0
     found: dict[str, dict[str, Any]] = {}
     for name, stage in STAGES.items():
         cost = stage.seconds(extent) if name in left else 0.0
         if name in left:
-            found[name] = _run(out / name, stage, extent, seed, _share_of(tell, stage, extent, done, total))
+            within = _share_of(progress, stage, extent, done, total)
+            found[name] = _run(out / name, stage, extent, seed, within)
         else:
-            found[name] = json.loads((out / name / KEPT).read_text(encoding="utf-8"))
+            found[name] = read_json(out / name / KEPT)
         done += cost
-    return _written(out, extent, seed, found, tell)
+    return _written(out, extent, seed, found, progress)
 
 
-def _run(folder: Path, stage: Experiment, size: Size, seed: int, within: Within) -> dict[str, Any]:
+def _run(folder: Path, stage: Experiment, size: Size, seed: int, within: Progress) -> dict[str, Any]:
     remove_partial(folder)
     within("", 0, 1)
     try:
@@ -109,13 +113,14 @@ def _run(folder: Path, stage: Experiment, size: Size, seed: int, within: Within)
     return found
 
 
-def _share_of(tell: Progress, stage: Experiment, size: Size, done: float, total: float) -> Within:
+def _share_of(progress: Progress, stage: Experiment, size: Size, done: float, total: float) -> Progress:
     """Turn the steps of an experiment into a share of everything, which only grows."""
-    share_of, cost = _Growing(stage.parts(size)), stage.seconds(size)
+    share_of = _Growing(stage.parts(size))
+    part = part_of(progress, stage.title, begun=done, cost=stage.seconds(size), total=total)
 
     def within(what: str, count: int, of: int) -> None:
         share = share_of(what, count, of) if what else 0.0
-        tell(f"{stage.title}: {what}" if what else stage.title, (done + cost * share) / total)
+        part(what, round(THOUSANDTHS * share), THOUSANDTHS)
 
     return within
 
@@ -143,38 +148,8 @@ class _Growing:
         return self.share
 
 
-def _claim(out: Path, size: Size, seed: int) -> None:
-    """Mark a new folder; refuse one that holds something else."""
-    marker = out / MARKER
-    designs = {name: preset(name).digest for name in SENSORS}
-    content: dict[str, Any] = {"results": RESULTS, "seed": seed, "designs": designs}
-    content = json.loads(json.dumps({**content, "size": dataclasses.asdict(size)}))
-    if marker.is_file():
-        try:
-            held = json.loads(marker.read_text(encoding="utf-8"))
-        except ValueError:
-            held = None
-        if not isinstance(held, dict):
-            raise ValueError(f"{marker}: must be JSON that an earlier reproduction wrote, is not")
-        for name, text in _DIFFERENT.items():
-            if held.get(name) != content[name]:
-                raise ValueError(f"{out}: holds a reproduction {text}; choose another folder")
-        return
-    if out.is_dir() and any(out.iterdir()):
-        raise ValueError(f"{out}: must be absent, empty or an earlier reproduction; it has no {MARKER}")
-    write_json(marker, content)
-
-
-_DIFFERENT = {
-    "size": "of another size",
-    "seed": "with another seed",
-    "designs": "of other sensors",
-    "results": "by another version of the experiments",
-}
-
-
 def _written(
-    out: Path, size: Size, seed: int, found: dict[str, dict[str, Any]], tell: Progress
+    out: Path, size: Size, seed: int, found: dict[str, dict[str, Any]], progress: Progress
 ) -> dict[str, Any]:
     """Write result and pages, anew at every call."""
     from designlab import __version__
@@ -184,18 +159,18 @@ def _written(
     content = sections(result, out)
     write_atomic(out / REPORT, html_page(result, content))
     write_atomic(out / MARKDOWN, markdown_page(result, content))
-    tell("done", 1.0)
+    progress("done", THOUSANDTHS, THOUSANDTHS)
     files = {"out": out, "report": out / REPORT, "markdown": out / MARKDOWN, "result": out / KEPT}
     return {**{name: str(path) for name, path in files.items()}, **result}
 
 
-def _probe(folder: Path, size: Size, seed: int, within: Within) -> dict[str, Any]:
+def _probe(folder: Path, size: Size, seed: int, within: Progress) -> dict[str, Any]:
     from designlab.validation.paper_2020.probe import probe
 
     return probe(folder, size=size, seed=seed, progress=within)
 
 
-def _recovery(folder: Path, size: Size, seed: int, within: Within) -> dict[str, Any]:
+def _recovery(folder: Path, size: Size, seed: int, within: Progress) -> dict[str, Any]:
     from designlab.validation.paper_2020.recovery import recovery
 
     return recovery(size.repeats, folder, progress=within)
@@ -207,7 +182,7 @@ def _recovery_parts(size: Size) -> dict[str, float]:
     return {told(number): 1.0 for number in range(size.repeats)}
 
 
-def _accuracy(folder: Path, size: Size, seed: int, within: Within) -> dict[str, Any]:
+def _accuracy(folder: Path, size: Size, seed: int, within: Progress) -> dict[str, Any]:
     from designlab.validation.paper_2020.accuracy import accuracy
 
     found = accuracy(folder, size=size, seed=seed, progress=within)
@@ -230,13 +205,13 @@ def _accuracy_parts(size: Size) -> dict[str, float]:
     return parts
 
 
-def _timing(folder: Path, size: Size, seed: int, within: Within) -> dict[str, Any]:
+def _timing(folder: Path, size: Size, seed: int, within: Progress) -> dict[str, Any]:
     from designlab.validation.paper_2020.timing import timing
 
     return timing(folder, size=size, seed=seed, progress=within)
 
 
-def _real(folder: Path, size: Size, seed: int, within: Within) -> dict[str, Any]:
+def _real(folder: Path, size: Size, seed: int, within: Progress) -> dict[str, Any]:
     from designlab.validation.paper_2020.real import real
 
     return real(folder, size=size, seed=seed, progress=lambda what, n, of: within(f"fit, {what}", n, of))

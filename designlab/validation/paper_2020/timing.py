@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from designlab.core.backend import activate, cuda_devices
 from designlab.core.metrics import compare
+from designlab.core.progress import silent
 from designlab.core.store import CACHE_VARIABLE
 from designlab.core.types import Progress
 from designlab.sensor.camera import View
@@ -47,9 +48,7 @@ PAPER_MS = {
 Pixels = NDArray[np.float32]
 
 
-def timing(
-    folder: str | Path, *, size: Size, seed: int = 1, progress: Progress | None = None
-) -> dict[str, Any]:
+def timing(folder: str | Path, *, size: Size, seed: int = 1, progress: Progress = silent) -> dict[str, Any]:
     """Time pictures of a pressed ball, and compare each with a long reference of the same view.
 
     A path-traced picture is timed from the membrane's shape to radiance of every LED group in memory, the
@@ -82,16 +81,13 @@ def timing(
     path: list[dict[str, Any]] = []
     steps = len(cases) + len(sides) + 1
     for side in sides:
-        if progress is not None:
-            progress(f"reference of {side} x {side}", len(references) + len(path), steps)
+        progress(f"reference of {side} x {side}", len(references) + len(path), steps)
         references[side] = reference(design, side, seed)
         for samples in (n for s, n in cases if s == side):
-            if progress is not None:
-                progress(f"{side} x {side}, {samples} samples", len(references) + len(path), steps)
+            progress(f"{side} x {side}, {samples} samples", len(references) + len(path), steps)
             row, picture = path_ms(design, side, samples, seed)
             path.append({**row, **_quality(picture, references[side])})
-    if progress is not None:
-        progress("fast estimator", steps - 1, steps)
+    progress("fast estimator", steps - 1, steps)
     with _own_cache(Path(folder)):
         row, picture = fast_ms(design, size.crop_px, seed)
     return {

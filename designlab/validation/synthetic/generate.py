@@ -3,7 +3,7 @@
 import hashlib
 import json
 import secrets
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.core.images import write_image
+from designlab.core.progress import silent
 from designlab.core.store import atomic_folder, write_atomic
+from designlab.core.types import Progress
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design, dumps, preset, preset_names
 from designlab.validation.synthetic.capture import Shooting
@@ -45,7 +47,7 @@ def plant(
     further: Sequence[Mapping[str, Any]] = (),
     outside: Mapping[str, float] | None = None,
     unlisted: bool | Mapping[str, float] = True,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress = silent,
 ) -> Path:
     """Generate a measurement folder of a sensor that differs from its design by hidden effects.
 
@@ -89,7 +91,7 @@ def plant(
     unlisted : bool or mapping
         Whether to add small departures (or which, kind to strength).
     progress : callable, optional
-        Called with the number of frames done and their total.
+        Called with what is being done, the number of frames done and their total.
 
     Returns
     -------
@@ -139,8 +141,7 @@ def plant(
         values = shooting.take(shot, frame_noise if noise else None, correlated=correlated_noise)
         images[shot.file] = values.astype(np.float32)
         frames.append(shot.metadata | {"exposure": shot.exposure, "crop_px": crop})
-        if progress is not None:
-            progress(number + 1, len(taken))
+        progress("planting", number + 1, len(taken))
     answer = {
         "effects": truth,
         "outside": beyond,

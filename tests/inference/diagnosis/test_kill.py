@@ -167,7 +167,7 @@ def test_a_run_killed_between_its_results_leaves_no_report(start, whole, measure
 def test_a_folder_of_another_diagnosis_is_refused(whole, measured):
     out = measured.with_name("whole")
     before = (out / "report.json").read_bytes()
-    with pytest.raises(ValueError, match=r"whole: holds a diagnosis of another seed .*choose another folder"):
+    with pytest.raises(ValueError, match=r"whole: holds a diagnosis with another seed .*choose another"):
         diagnose(load_measurement(measured), DESIGN, out=out, seed=SEED + 1, **SETTINGS)
     other = DESIGN.replace({"leds.height_mm": DESIGN.leds.height_mm + 1})
     with pytest.raises(ValueError, match="holds a diagnosis of another model"):

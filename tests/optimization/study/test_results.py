@@ -178,7 +178,7 @@ def test_a_sweep_keeps_what_is_finished_and_goes_on(tmp_path):
     assert frame.equals(sweep(base, grid, evaluator=closed_form, progress=False))
     assert sweep(base, grid, evaluator=counting, **common).equals(frame)
     assert len(counting.digests) == 3
-    with pytest.raises(ValueError, match=r"holds another sweep, of .*: design, fidelity or seed differ"):
+    with pytest.raises(ValueError, match=r"holds a sweep of another design, fidelity or seed \(.*seed 0\);"):
         sweep(base, grid, evaluator=counting, seed=1, **common)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from designlab.app import cli
+from designlab.core.progress import silent
 from designlab.core.store import write_json
 from designlab.inference.diagnosis.result import Level
 from designlab.measurement import Measurement
@@ -71,7 +72,7 @@ def test_one_set_of_each_design_comes_first_then_the_last_and_what_is_there_is_k
         return one
 
     with pytest.raises(RuntimeError, match="t3"):
-        kept(trials, tmp_path, "records", fails_at("t3"), None, Crew())
+        kept(trials, tmp_path, "records", fails_at("t3"), silent, Crew())
     assert ran == ["t0", "t2", "t4", "t3"]
     told: list[tuple[int, int]] = []
     found = kept(
@@ -82,8 +83,8 @@ def test_one_set_of_each_design_comes_first_then_the_last_and_what_is_there_is_k
     assert told[0] == (3, 5)
     assert told[-1] == (5, 5)
     stronger = [*trials[:4], replace(trials[4], effects={"vignetting": 1.0})]
-    with pytest.raises(ValueError, match=r"t4-4\.json: is of a set that was defined otherwise"):
-        kept(stronger, tmp_path, "records", fails_at(""), None, Crew())
+    with pytest.raises(ValueError, match=r"t4-4\.json: holds a set that was defined otherwise"):
+        kept(stronger, tmp_path, "records", fails_at(""), silent, Crew())
 
 
 @pytest.mark.parametrize(

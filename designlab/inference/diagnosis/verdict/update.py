@@ -8,7 +8,6 @@ import numpy as np
 from designlab.inference.diagnosis.likelihood.empirical_errors import unlisted_sd
 from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter
 from designlab.inference.diagnosis.result import GapReport, Value
-from designlab.inference.diagnosis.run import frames_digest
 from designlab.measurement import Measurement
 from designlab.measurement.shots import Observations, Shot
 from designlab.simulation.effects import AppliedEffect, EffectParameter, SensorModel
@@ -71,7 +70,7 @@ def updated(
         domain=domain([seen.shots[n] for n in seen.of("background", "train")]),
         provenance=Provenance(
             measurement=measurement.name,
-            measurement_digest=frames_digest(measurement),
+            measurement_digest=measurement.content_digest(),
             design=given.design.name,
             design_digest=given.design.digest,
             verdict=report.verdict,
