@@ -52,7 +52,7 @@ FLOORS = (
         Room("sensor", "what a sensor is: design, rules, camera", THINGS, (1,)),
         Room("reconstruction", "picture to normals to height", THINGS, (7,)),
     ),
-    (Room("core", "files and cache, images, metrics, processes, back end", BASE),),
+    (Room("core", "files, cache and run folders, images, metrics, processes, back end", BASE),),
 )
 OUTSIDE = Room("geometries", "CAD of every part", "#ffffff", (2,))  # beside the library
 PATHS = (
