@@ -1,4 +1,4 @@
-"""What may be written after `designlab`: commands, their arguments and their help."""
+"""The command line: commands, their arguments and their help."""
 
 import argparse
 import os
@@ -13,17 +13,17 @@ STORAGE_VARIABLE = "DESIGNLAB_STORAGE"
 
 FIDELITIES = ("fast", "standard", "reference")
 DESIGN_HELP = "preset name (see `designlab presets`) or TOML file"
-BASELINES = ("diffuse", "phong")
-SIZES = ("full", "reduced")
 MODEL_HELP = "preset name, design file, or model file written by `gap`"
 
 _DESIGNS = "designlab.app.cli.designs"
 _START = "designlab.app.cli.start"
 _STUDY = "designlab.app.cli.study"
 _GAP = "designlab.app.cli.gap"
-_CALIBRATE = "designlab.app.cli.calibrate"
-_IMPORT = "designlab.app.cli.importing"
-_REPRODUCE = "designlab.app.cli.reproduce"
+
+_LARGEST_SEED = 2**31 - 1
+
+_PRESET = "gelsight-2020-flat"
+_AGAIN = "run the same command again to resume"
 
 _EPILOGUE = """\
 Every command takes --json: one JSON object on stdout and nothing else there.
@@ -37,7 +37,7 @@ class UsageError(ValueError):
 
 
 class _Parser(argparse.ArgumentParser):
-    """Raises instead of exiting, so that wrong arguments read like every other bad input."""
+    """A parser that raises instead of exiting, so that wrong arguments read like other bad input."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(allow_abbrev=False, **options)
@@ -62,8 +62,8 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
 def parser() -> argparse.ArgumentParser:
     """Build the parser of all commands."""
     common = argparse.ArgumentParser(add_help=False)
-    common.add_argument("--json", action="store_true", help="print one JSON object instead of text")
-    common.add_argument("--debug", action="store_true", help="show the traceback of a failure")
+    _option(common, "--json", "print one JSON object instead of text")
+    _option(common, "--debug", "show the traceback of a failure")
     top = _Parser(
         prog="designlab",
         parents=[common],
@@ -74,26 +74,24 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action="version", version=f"designlab {__version__}")
     commands = top.add_subparsers(metavar="COMMAND", required=True, parser_class=_Parser)
 
-    def add(name: str, run: str, text: str, *, to: Any = commands, **options: Any) -> argparse.ArgumentParser:
+    def add(
+        name: str, run: str, text: str, *, to: Any = commands, **defaults: str
+    ) -> argparse.ArgumentParser:
+        description = text[0].upper() + text[1:] + "."
         added: argparse.ArgumentParser = to.add_parser(
-            name, help=text, description=text[0].upper() + text[1:] + ".", parents=[common], **options
+            name, help=text, description=description, parents=[common]
         )
-        added.set_defaults(run=run)
+        added.set_defaults(run=run, **defaults)
         return added
 
     add("doctor", f"{_START}:doctor", "what this machine offers, what is missing and how to get it")
     presets = add("presets", f"{_DESIGNS}:presets", "designs to start from, published sensors among them")
-    presets.add_argument("name", nargs="?", metavar="NAME", help="preset to print")
+    _option(presets, "name NAME", "preset to print", nargs="?")
     parts = add("parts", f"{_DESIGNS}:parts", "LEDs with the figures of their data sheets")
-    parts.add_argument("name", nargs="?", metavar="NAME", help="part to show, with its source")
+    _option(parts, "name NAME", "part to show, with its source", nargs="?")
     init = add("init", f"{_START}:init", "a starter folder: design, study, notebook, measurement template")
-    init.add_argument("folder", metavar="DIR", help="folder to make; must not exist, or be empty")
-    init.add_argument(
-        "--preset",
-        default="gelsight-2020-flat",
-        metavar="NAME",
-        help="sensor to start from (default: %(default)s)",
-    )
+    _option(init, "folder DIR", "folder to make; must not exist, or be empty")
+    _option(init, "--preset NAME", "sensor to start from (default: %(default)s)", default=_PRESET)
     demo = add("demo", f"{_START}:demo", "the main job end to end on a small budget")
     _out(demo, "folder of the results; the same command again goes on where it ended")
     _seed(demo)
@@ -102,174 +100,150 @@ def parser() -> argparse.ArgumentParser:
     _add_study(add)
     _add_tolerance(add)
     _add_gap(add)
-    _add_reproduce(add)
+    reproduce = add(
+        "reproduce",
+        "designlab.app.cli.reproduce:reproduce",
+        "the experiments of arXiv 2012.13184 on made sensors, its figures beside ours",
+    )
+    _out(reproduce, "folder of the results; the same command again goes on where it ended")
+    _option(
+        reproduce,
+        "--size",
+        "full: the paper's layout, hours on a few cores; reduced: some minutes, shows that it runs",
+        choices=("full", "reduced"),
+    )
+    _seed(reproduce, default=1)
     return top
 
 
 def _add_designs(add: Any) -> None:
     evaluate = add("evaluate", f"{_DESIGNS}:evaluate", "scores of a design, by simulation")
-    evaluate.add_argument("design", metavar="DESIGN", help=DESIGN_HELP)
-    evaluate.add_argument("other", metavar="OTHER", nargs="?", help="second design, with --compare")
-    evaluate.add_argument(
-        "--compare", action="store_true", help="say in which scores two designs differ, and which is better"
-    )
-    evaluate.add_argument("--fidelity", choices=FIDELITIES, default="fast", help="effort (default: fast)")
-    evaluate.add_argument("--profile", action="store_true", help="show how long each part took")
+    _option(evaluate, "design DESIGN", DESIGN_HELP)
+    _option(evaluate, "other OTHER", "second design, with --compare", nargs="?")
+    _option(evaluate, "--compare", "say in which scores two designs differ, and which is better")
+    _option(evaluate, "--fidelity", "effort", choices=FIDELITIES)
+    _option(evaluate, "--profile", "show how long each part took")
     _seed(evaluate)
     _out(evaluate, "folder for the score and its pictures", required=False)
 
     render = add("render", f"{_DESIGNS}:render", "one picture of the sensing area")
-    _model(render, "design")
+    _option(render, "design DESIGN", MODEL_HELP)
     press = render.add_argument_group("press (without: the untouched gel)")
-    press.add_argument("--probe", metavar="SPEC", help="kind[:size_mm] such as sphere:4, or a mesh file")
-    press.add_argument("--depth-mm", type=float, metavar="D", help="how deep it is pressed (mm)")
-    press.add_argument(
-        "--at", type=_point, metavar="X,Y", help="where its axis meets the gel (mm; default 0,0)"
-    )
-    press.add_argument("--yaw-deg", type=float, metavar="A", help="its rotation, counter-clockwise (deg)")
-    render.add_argument(
-        "-o",
-        "--output",
-        required=True,
-        metavar="FILE",
-        help=".exr: linear radiance; .png: picture for eyes (sRGB, brightest 0.1 %% clipped)",
-    )
-    render.add_argument(
-        "--columns", type=_whole(16, 4096), default=640, metavar="N", help="width of the picture in pixels"
-    )
+    _option(press, "--probe SPEC", "kind[:size_mm] such as sphere:4, or a mesh file")
+    _option(press, "--depth-mm D", "how deep it is pressed (mm)", type=float)
+    _option(press, "--at X,Y", "where its axis meets the gel (mm; default 0,0)", type=_point)
+    _option(press, "--yaw-deg A", "its rotation, counter-clockwise (deg)", type=float)
+    png = "picture for eyes (sRGB, brightest 0.1 %% clipped)"
+    _option(render, "-o --output FILE", f".exr: linear radiance; .png: {png}", required=True)
+    _option(render, "--columns N", "width of the picture in pixels", type=_whole(16, 4096), default=640)
     _samples(render)
     _seed(render)
 
     compare = add("compare", f"{_DESIGNS}:compare", "image metrics of a simulation against the real thing")
-    compare.add_argument("simulated", metavar="SIM", help="image file; or " + MODEL_HELP + " or `calibrate`")
-    compare.add_argument("real", metavar="REAL", help="image file; or a measurement folder")
+    _option(compare, "simulated SIM", f"image file; or {MODEL_HELP} or `calibrate`")
+    _option(compare, "real REAL", "image file; or a measurement folder")
     _out(compare, "folder for the simulated pictures, beside the real ones", required=False)
     _samples(compare)
     _seed(compare)
 
     calibrate = add(
         "calibrate",
-        f"{_CALIBRATE}:calibrate",
+        "designlab.app.cli.calibrate:calibrate",
         "the design under which the simulator gives a sensor's pictures",
     )
-    calibrate.add_argument("measurement", metavar="MEASUREMENT", help="folder with a measurement.toml")
-    calibrate.add_argument(
-        "--model", required=True, metavar="MODEL", help=DESIGN_HELP + ", or what calibrate wrote"
-    )
-    calibrate.add_argument(
+    _option(calibrate, "measurement MEASUREMENT", "folder with a measurement.toml")
+    _option(calibrate, "--model MODEL", DESIGN_HELP + ", or what calibrate wrote", required=True)
+    _option(
+        calibrate,
         "--baseline",
-        choices=BASELINES,
-        help="fit, in place of light transport, one distant light for each LED group on a surface of this "
+        "fit, in place of light transport, one distant light for each LED group on a surface of this "
         "reflection, starting from where the LEDs stand; calibrated.toml is then for compare and calibrate",
+        choices=("diffuse", "phong"),
+        default=None,
     )
-    calibrate.add_argument(
-        "--free",
-        nargs="*",
-        metavar="FIELD",
-        help="numbers of the design to fit beside light and poses "
+    _option(
+        calibrate,
+        "--free FIELD",
+        "numbers of the design to fit beside light and poses "
         "(default: contact.kernel_length_mm camera.horizontal_fov_deg; of a baseline, which names these with "
         "design. in front, lights.N.azimuth_deg, lights.N.elevation_deg and exponent)",
+        nargs="*",
     )
-    calibrate.add_argument(
-        "--columns", type=_whole(8, 2048), default=160, metavar="N", help="wider frames are binned to this"
-    )
+    _option(calibrate, "--columns N", "wider frames are binned to this", type=_whole(8, 2048), default=160)
     _out(calibrate, "folder for the calibrated model, the result and a picture of what is left")
     _trust(calibrate)
     _seed(calibrate)
 
     export = add("export", f"{_DESIGNS}:export", "STL, STEP, 3MF, LED coordinates, bill of materials, checks")
-    _design(export)
+    _option(export, "design DESIGN", DESIGN_HELP)
     _out(export, "folder to make; replaces an earlier export")
-    export.add_argument(
-        "--probe", action="append", default=[], metavar="SPEC", help="indenter to add (repeatable)"
-    )
-    export.add_argument(
-        "--allow-infeasible", action="store_true", help="export although rules are broken, with warnings"
-    )
+    _option(export, "--probe SPEC", "indenter to add (repeatable)", action="append", default=[])
+    _option(export, "--allow-infeasible", "export although rules are broken, with warnings")
 
 
 def _add_import(add: Any) -> None:
     command = add(
         "import",
-        f"{_IMPORT}:import_pictures",
+        "designlab.app.cli.importing:import_pictures",
         "a camera's own files as linear images of a measurement folder",
     )
-    command.add_argument(
-        "sources",
-        nargs="*",
-        metavar="SOURCE",
-        help="JPEG, PNG, TIFF, EXR, PGM, NPY or raw files, or folders of them; or one folder with a "
+    _option(
+        command,
+        "sources SOURCE",
+        "JPEG, PNG, TIFF, EXR, PGM, NPY or raw files, or folders of them; or one folder with a "
         "measurement.toml that says what each of its files shows",
+        nargs="*",
     )
-    command.add_argument(
-        "--out", metavar="DIR", help="measurement folder; frames are added to one that exists"
-    )
+    _out(command, "measurement folder; frames are added to one that exists", required=False)
     shown = command.add_argument_group("what the pictures show (all of this call; several are repeats)")
-    shown.add_argument(
-        "--kind", choices=("background", "press", "light_probe", "dark", "flat_field"), help="what they show"
-    )
-    shown.add_argument("--leds", metavar="NAMES", help="LED groups on, with commas; all when absent")
-    shown.add_argument("--exposure", type=float, metavar="E", help="relative exposure")
-    shown.add_argument("--probe", metavar="SPEC", help="kind:size_mm such as sphere:4, or a mesh file")
-    shown.add_argument("--depth-mm", type=float, metavar="D", help="how deep it was pressed (mm)")
-    shown.add_argument("--at", type=_point, metavar="X,Y", help="where its axis meets the gel (mm)")
-    shown.add_argument("--yaw-deg", type=float, metavar="A", help="its rotation, counter-clockwise (deg)")
+    kinds = ("background", "press", "light_probe", "dark", "flat_field")
+    _option(shown, "--kind", "what they show", choices=kinds, default=None)
+    _option(shown, "--leds NAMES", "LED groups on, with commas; all when absent")
+    _option(shown, "--exposure E", "relative exposure", type=float)
+    _option(shown, "--probe SPEC", "kind:size_mm such as sphere:4, or a mesh file")
+    _option(shown, "--depth-mm D", "how deep it was pressed (mm)", type=float)
+    _option(shown, "--at X,Y", "where its axis meets the gel (mm)", type=_point)
+    _option(shown, "--yaw-deg A", "its rotation, counter-clockwise (deg)", type=float)
     undone = command.add_argument_group("what is undone")
-    undone.add_argument(
-        "--response",
-        metavar="CURVE",
-        help="linear, srgb, gamma:G, or a file of lines 'encoded,linear'; linear for raw files when absent",
-    )
-    undone.add_argument(
-        "--ladder", nargs="+", metavar="FILE=E", help="estimate the response from one scene at exposures E"
-    )
-    undone.add_argument(
-        "--save-response", metavar="FILE", help="write the estimated response, for --response"
-    )
-    undone.add_argument("--dark", nargs="+", metavar="FILE", help="pictures with all LEDs off, imported too")
-    undone.add_argument("--black", type=float, metavar="V", help="value without light, as the files store it")
-    undone.add_argument("--white", type=float, metavar="V", help="value at full scale, as the files store it")
-    undone.add_argument(
-        "--bayer", choices=("RGGB", "BGGR", "GRBG", "GBRG"), help="pattern of files with one channel"
-    )
-    undone.add_argument(
-        "--colour-matrix",
-        metavar="M",
-        help="matrix that the camera applied to linear R, G, B: nine numbers, row by row, or a file",
-    )
+    curves = "linear, srgb, gamma:G, or a file of lines 'encoded,linear'; linear for raw files when absent"
+    _option(undone, "--response CURVE", curves)
+    _option(undone, "--ladder FILE=E", "estimate the response from one scene at exposures E", nargs="+")
+    _option(undone, "--save-response FILE", "write the estimated response, for --response")
+    _option(undone, "--dark FILE", "pictures with all LEDs off, imported too", nargs="+")
+    _option(undone, "--black V", "value without light, as the files store it", type=float)
+    _option(undone, "--white V", "value at full scale, as the files store it", type=float)
+    patterns = ("RGGB", "BGGR", "GRBG", "GBRG")
+    _option(undone, "--bayer", "pattern of files with one channel", choices=patterns, default=None)
+    matrix = "matrix that the camera applied to linear R, G, B: nine numbers, row by row, or a file"
+    _option(undone, "--colour-matrix M", matrix)
     sensor = command.add_argument_group("the sensor")
-    sensor.add_argument("--sensor", metavar="DESIGN", help=DESIGN_HELP)
-    sensor.add_argument("--lens", metavar="FILE", help="OpenCV calibration to put into a copy of the design")
-    sensor.add_argument("--fisheye", action="store_true", help="it was made by cv2.fisheye")
+    _option(sensor, "--sensor DESIGN", DESIGN_HELP)
+    _option(sensor, "--lens FILE", "OpenCV calibration to put into a copy of the design")
+    _option(sensor, "--fisheye", "it was made by cv2.fisheye")
 
 
 def _add_study(add: Any) -> None:
     study = add("study", "", "search for better designs; resumable, many workers")
     actions = study.add_subparsers(metavar="ACTION", required=True, parser_class=_Parser)
-    run = add("run", f"{_STUDY}:run", "evaluate designs until the study is done", to=actions)
-    run.set_defaults(resume="run the same command again to resume")
+    run = add("run", f"{_STUDY}:run", "evaluate designs until the study is done", to=actions, resume=_AGAIN)
     status = add("status", f"{_STUDY}:status", "how far a study is, and its best designs", to=actions)
     report = add("report", f"{_STUDY}:report", "one HTML page about a study", to=actions)
     for action in (run, status, report):
-        action.add_argument("study", metavar="STUDY", help="study file (TOML), or the folder of its results")
-        action.add_argument(
-            "--storage",
-            metavar="URL",
-            default=os.environ.get(STORAGE_VARIABLE),
-            help="database that holds the record, for runs on several machines, "
+        _option(action, "study STUDY", "study file (TOML), or the folder of its results")
+        _option(
+            action,
+            "--storage URL",
+            "database that holds the record, for runs on several machines, "
             f"postgresql+psycopg://user@host/name (default: {STORAGE_VARIABLE} if set, else the folder)",
+            default=os.environ.get(STORAGE_VARIABLE),
         )
     _out(run, "folder of the results (default: STUDY without .toml, with -out)", required=False)
     _out(status, "folder of the results, where `run` had one", required=False)
-    report.add_argument("--results", metavar="DIR", help="folder of the results, where `run` had --out")
-    report.add_argument("-o", "--output", metavar="FILE", help="page to write (default: report.html there)")
+    _option(report, "--results DIR", "folder of the results, where `run` had --out")
+    _option(report, "-o --output FILE", "page to write (default: report.html there)")
     _workers(run)
-    run.add_argument(
-        "--trials", type=_whole(1, 100_000), metavar="N", help="designs in all, instead of the study's own"
-    )
-    run.add_argument(
-        "--rebuild", action="store_true", help="make a new record of the scores kept; the old one stays"
-    )
+    _option(run, "--trials N", "designs in all, instead of the study's own", type=_whole(1, 100_000))
+    _option(run, "--rebuild", "make a new record of the scores kept; the old one stays")
 
 
 def _add_tolerance(add: Any) -> None:
@@ -277,207 +251,163 @@ def _add_tolerance(add: Any) -> None:
         "tolerance",
         "designlab.app.cli.tolerance:tolerance",
         "copies of a design as they would be built: how many are good, and what is to blame",
+        resume=_AGAIN,
     )
-    command.add_argument("design", metavar="DESIGN", help=MODEL_HELP)
-    command.add_argument(
-        "--terms", metavar="FILE", help="TOML file: what a copy must score, what differs between copies"
+    _option(command, "design DESIGN", MODEL_HELP)
+    _option(command, "--terms FILE", "TOML file: what a copy must score, what differs between copies")
+    _option(command, "--copies N", "how many (default: 200)", type=_whole(2, 100_000), default=200)
+    _option(
+        command, "--calibrate", "calibrate each copy, or the drawing once for all", choices=("each", "once")
     )
-    command.add_argument(
-        "--copies", type=_whole(2, 100_000), default=200, metavar="N", help="how many (default: 200)"
-    )
-    command.add_argument(
-        "--calibrate",
-        choices=("each", "once"),
-        default="each",
-        help="calibrate each copy, or the drawing once for all (default: each)",
-    )
-    command.add_argument("--fidelity", choices=FIDELITIES, default="fast", help="effort (default: fast)")
+    _option(command, "--fidelity", "effort", choices=FIDELITIES)
     _workers(command)
-    command.add_argument(
-        "--dask", metavar="ADDRESS", help="Dask scheduler whose workers run the copies, tcp://host:8786"
-    )
+    _option(command, "--dask ADDRESS", "Dask scheduler whose workers run the copies, tcp://host:8786")
     _out(command, "folder of the copies and the report; the same command again goes on there")
     _seed(command)
-    command.set_defaults(resume="run the same command again to resume")
-
-
-def _trust(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "--trust",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="go on although pictures look suspicious (repeatable); the refusal says which name",
-    )
 
 
 def _add_gap(add: Any) -> None:
     gap = add("gap", "", "what a model lacks: diagnose a measurement, or make one with a hidden effect")
     actions = gap.add_subparsers(metavar="ACTION", required=True, parser_class=_Parser)
     plant = add("plant", f"{_GAP}:plant", "a measurement set with a hidden effect, answer apart", to=actions)
-    plant.add_argument(
-        "--effect",
+    _option(
+        plant,
+        "--effect NAME[:P=V,...]",
+        "effect to hide (repeatable); without values they are drawn from the seed; none: a null set",
         action="append",
         default=[],
-        metavar="NAME[:P=V,...]",
-        help="effect to hide (repeatable); without values they are drawn from the seed; none: a null set",
     )
-    plant.add_argument("--design", default="gelsight-2020-flat", metavar="DESIGN", help=DESIGN_HELP)
-    plant.add_argument(
-        "--strength",
-        type=float,
-        default=1.5,
-        metavar="S",
-        help="distance of drawn values from null in usual spreads (default: 1.5)",
-    )
+    _option(plant, "--design DESIGN", DESIGN_HELP, default=_PRESET)
+    strength = "distance of drawn values from null in usual spreads (default: 1.5)"
+    _option(plant, "--strength S", strength, type=float, default=1.5)
     plant.add_argument("--kit", choices=("hour", "small"), default="hour", help="which presses are taken")
-    plant.add_argument(
-        "--kit-seed",
-        type=_whole(0, 2**31 - 1),
-        metavar="N",
-        help="seed of the stated places (default: that of --seed)",
-    )
-    plant.add_argument(
-        "--outside",
+    kit_seed = "seed of the stated places (default: that of --seed)"
+    _option(plant, "--kit-seed N", kit_seed, type=_whole(0, _LARGEST_SEED))
+    _option(
+        plant,
+        "--outside KIND[:STRENGTH]",
+        "departure that no effect explains (repeatable): printed_markers, debris, second_contact, "
+        "lens_ghost, wrong_object, jpeg_blocks, moire or water_drop",
         action="append",
         default=[],
-        metavar="KIND[:STRENGTH]",
-        help="departure that no effect explains (repeatable): printed_markers, debris, second_contact, "
-        "lens_ghost, wrong_object, jpeg_blocks, moire or water_drop",
     )
-    plant.add_argument("--flat-field", action="store_true", help="add a frame of uniform light")
-    plant.add_argument(
-        "--columns", type=_whole(8, 2048), default=96, metavar="N", help="image width in pixels"
-    )
+    _option(plant, "--flat-field", "add a frame of uniform light")
+    _option(plant, "--columns N", "image width in pixels", type=_whole(8, 2048), default=96)
     _out(plant, "folder to make; the answer is written beside it")
     _seed(plant)
-    diagnose = add("diagnose", f"{_GAP}:diagnose", "name the effects a model lacks", to=actions)
-    diagnose.add_argument("measurement", metavar="MEASUREMENT", help="folder with a measurement.toml")
-    diagnose.add_argument("--model", required=True, metavar="MODEL", help=MODEL_HELP)
+
+    resume = "the pictures rendered so far are kept; run the same command again to go on"
+    diagnose = add(
+        "diagnose", f"{_GAP}:diagnose", "name the effects a model lacks", to=actions, resume=resume
+    )
+    _option(diagnose, "measurement MEASUREMENT", "folder with a measurement.toml")
+    _option(diagnose, "--model MODEL", MODEL_HELP, required=True)
     _out(diagnose, "folder of the report and the updated model; the same command again goes on there")
     _trust(diagnose)
-    diagnose.add_argument(
-        "--renders", metavar="DIR", help="folder of pictures that several diagnoses share (default: in --out)"
-    )
+    _option(diagnose, "--renders DIR", "folder of pictures that several diagnoses share (default: in --out)")
     _seed(diagnose)
-    diagnose.set_defaults(resume="the pictures rendered so far are kept; run the same command again to go on")
-    benchmark = add(
-        "benchmark", f"{_GAP}:benchmark", "diagnose a pool of generated sets and score it", to=actions
-    )
-    benchmark.add_argument(
-        "--only", default="", metavar="REGEX", help="sets whose name matches (default: the whole pool)"
-    )
-    benchmark.add_argument(
+
+    text = "diagnose a pool of generated sets and score it"
+    benchmark = add("benchmark", f"{_GAP}:benchmark", text, to=actions)
+    _option(benchmark, "--only REGEX", "sets whose name matches (default: the whole pool)", default="")
+    _option(
+        benchmark,
         "--pool",
+        "quick: six small sets, to see that all works; development: sets without and with one effect, "
+        "and outside the catalogue; power: each effect at rising strengths, for the smallest that is named; "
+        "calibration: the families of the test, for the errors of fitted values; test: the sealed sets",
         choices=("quick", "development", "power", "calibration", "test"),
         default="development",
-        help="quick: six small sets, to see that all works; development: sets without and with one effect, "
-        "and outside the catalogue; power: each effect at rising strengths, for the smallest that is named; "
-        "calibration: the families of the test, for the errors of fitted values; test: the sealed sets "
-        "(default: development)",
     )
-    benchmark.add_argument(
-        "--frozen",
-        metavar="COMMIT",
-        help="commit that froze the thresholds, from which --pool test takes its seeds; the code must be "
+    _option(
+        benchmark,
+        "--frozen COMMIT",
+        "commit that froze the thresholds, from which --pool test takes its seeds; the code must be "
         "as it was there",
     )
-    benchmark.add_argument(
+    _option(
+        benchmark,
         "--again",
-        action="store_true",
-        help="run sets of a pool that was opened once more by later code, for its time and what it changes; "
+        "run sets of a pool that was opened once more by later code, for its time and what it changes; "
         "no opening, since the sets are known",
     )
-    benchmark.add_argument(
-        "--shard", metavar="K/N", help="the k-th of n parts of the pool, 1/4 to 4/4 (default: all)"
-    )
-    benchmark.add_argument(
-        "--records",
-        metavar="FILE",
-        help="records.jsonl of an earlier run by the same code: its sets are not run again, and count; "
+    _option(benchmark, "--shard K/N", "the k-th of n parts of the pool, 1/4 to 4/4 (default: all)")
+    _option(
+        benchmark,
+        "--records FILE",
+        "records.jsonl of an earlier run by the same code: its sets are not run again, and count; "
         "records.jsonl in --out holds both",
     )
-    benchmark.add_argument(
-        "--base", type=_whole(0, 2**31 - 1), default=0, metavar="N", help="start of the seeds (default: 0)"
+    _option(
+        benchmark, "--base N", "start of the seeds (default: 0)", type=_whole(0, _LARGEST_SEED), default=0
     )
-    benchmark.add_argument(
+    _option(
+        benchmark,
         "--transfer",
-        action="store_true",
-        help="see how much better the corrected models predict another design: LEDs 3 mm higher, 15 deg more "
+        "see how much better the corrected models predict another design: LEDs 3 mm higher, 15 deg more "
         "tilted, with the same hidden effect",
     )
-    benchmark.add_argument(
+    _option(
+        benchmark,
         "--kit",
+        "frames that are used of each set: all; all but the dark frame; all but those of single LED "
+        "groups; without these, other exposures and the turned gel",
         choices=("hour", "no_dark", "no_groups", "plain"),
-        default="hour",
-        help="frames that are used of each set: all; all but the dark frame; all but those of single LED "
-        "groups; without these, other exposures and the turned gel (default: hour)",
     )
-    benchmark.add_argument(
-        "--further",
-        action="store_true",
-        help="take the frames that each ambiguous report asks for, and see whether they settle the matter",
-    )
+    further = "take the frames that each ambiguous report asks for, and see whether they settle the matter"
+    _option(benchmark, "--further", further)
     _workers(benchmark)
-    benchmark.add_argument(
-        "--dask", metavar="ADDRESS", help="Dask scheduler whose workers run the sets, tcp://host:8786"
-    )
+    _option(benchmark, "--dask ADDRESS", "Dask scheduler whose workers run the sets, tcp://host:8786")
     _out(benchmark, "folder of sets, reports and scores; the same command again goes on where it ended")
 
 
-def _add_reproduce(add: Any) -> None:
-    reproduce = add(
-        "reproduce",
-        f"{_REPRODUCE}:reproduce",
-        "the experiments of arXiv 2012.13184 on made sensors, its figures beside ours",
-    )
-    _out(reproduce, "folder of the results; the same command again goes on where it ended")
-    reproduce.add_argument(
-        "--size",
-        choices=SIZES,
-        default="full",
-        help="full: the paper's layout, hours on a few cores; reduced: some minutes, shows that it runs "
-        "(default: full)",
-    )
-    _seed(reproduce, default=1)
+def _option(to: Any, words: str, text: str, **more: Any) -> None:
+    """Add an argument to a parser or a group.
 
-
-def _design(command: argparse.ArgumentParser) -> None:
-    command.add_argument("design", metavar="DESIGN", help=DESIGN_HELP)
-
-
-def _model(command: argparse.ArgumentParser, name: str) -> None:
-    command.add_argument(name, metavar="DESIGN", help=MODEL_HELP)
+    Parameters
+    ----------
+    to : argparse.ArgumentParser or argument group
+        Where to add it.
+    words : str
+        Its names and the placeholder of its value, such as ``-o --output FILE``. An option without a
+        placeholder is a switch or takes one of `choices`, of which the first is the default, and named so.
+    text : str
+        Its help.
+    **more
+        What `add_argument` takes besides.
+    """
+    *names, last = words.split()
+    if not last.startswith("-"):
+        more["metavar"] = last
+    else:
+        names.append(last)
+        if "choices" not in more:
+            more["action"] = "store_true"
+        elif more.setdefault("default", more["choices"][0]) is not None:
+            text += " (default: %(default)s)"
+    to.add_argument(*names, help=text, **more)
 
 
 def _workers(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "--workers", type=_whole(1, 256), default=1, metavar="N", help="processes at once (default: 1)"
-    )
+    _option(command, "--workers N", "processes at once (default: 1)", type=_whole(1, 256), default=1)
 
 
 def _out(command: argparse.ArgumentParser, text: str, *, required: bool = True) -> None:
-    command.add_argument("--out", required=required, metavar="DIR", help=text)
+    _option(command, "--out DIR", text, required=required)
 
 
 def _seed(command: argparse.ArgumentParser, *, default: int = 0) -> None:
-    command.add_argument(
-        "--seed",
-        type=_whole(0, 2**31 - 1),
-        default=default,
-        metavar="N",
-        help="random seed (default: %(default)s)",
-    )
+    seed = _whole(0, _LARGEST_SEED)
+    _option(command, "--seed N", "random seed (default: %(default)s)", type=seed, default=default)
 
 
 def _samples(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "--samples",
-        type=_whole(1, 65536),
-        default=64,
-        metavar="N",
-        help="light paths a pixel (default: 64)",
-    )
+    _option(command, "--samples N", "light paths a pixel (default: 64)", type=_whole(1, 65536), default=64)
+
+
+def _trust(command: argparse.ArgumentParser) -> None:
+    text = "go on although pictures look suspicious (repeatable); the refusal says which name"
+    _option(command, "--trust NAME", text, action="append", default=[])
 
 
 def _whole(low: int, high: int) -> Any:
