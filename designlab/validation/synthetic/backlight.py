@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
 from designlab.core.types import Array
+from designlab.validation.synthetic.boundaries import gap_transmission, reflectance
 from designlab.validation.synthetic.generator_sensor import Rig
-from designlab.validation.synthetic.glass import onto_interface, reflectance, slab_transmission
+from designlab.validation.synthetic.glass import onto_interface
 from designlab.validation.synthetic.surface import HeightField, base_z
 from designlab.validation.synthetic.tracing import AZIMUTHS, CHANNELS, COLATITUDES, Glow, Tracer
 from geometries import elastomer
@@ -239,7 +240,7 @@ def _part(spread: NDArray[np.float32], rig: Rig, groups: tuple[int, ...], nodes:
         under = glass.gap.contains(place[:, 0], place[:, 1])
         if not under.any():
             continue
-        through = slab_transmission(cosine[under], glass.gel_index, 1.0, glass.core_index)
+        through = gap_transmission(cosine[under], glass.gel_index, (glass.gel_index, glass.core_index))
         joined = 1.0 - reflectance(cosine[under], glass.gel_index, glass.core_index)
         glow = rig.albedo[list(groups)] / np.pi * (flat[:, number] @ rise)
         flat[:, number, under] *= (through / np.maximum(joined, 1e-6)).astype(np.float32)

@@ -3,6 +3,8 @@
 from functools import cache
 from typing import Any, NamedTuple
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
 from designlab.core.types import Array
@@ -31,8 +33,6 @@ class Face(NamedTuple):
 
     def entry(self, paint: dict[str, Any]) -> dict[str, Any]:
         """Entry for the engine's dictionary of a scene; `paint` is the surface of the face."""
-        import mitsuba as mi
-
         matrix = np.eye(4)
         matrix[:3] = np.column_stack([self.half_across, self.half_down, self.normal, self.centre])
         if self.is_plain:
@@ -46,8 +46,6 @@ class Face(NamedTuple):
 @cache
 def _beam_class(variant: str) -> Any:
     """Class of an emitter whose intensity is a power of the cosine about an axis, for one variant."""
-    import drjit as dr
-    import mitsuba as mi
 
     class Beam(mi.Emitter):  # type: ignore[misc]
         """Face that sends cos^m about an axis: its radiance is that intensity over the area seen."""

@@ -4,14 +4,15 @@ At a clear boundary the engine's path tracers choose by chance between mirrored 
 count by Fresnel's shares, so that nothing is left to chance but a ray's first direction.
 """
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
-if TYPE_CHECKING:
-    import mitsuba
+from designlab.validation.synthetic import boundaries
 
-
+ENGINE = boundaries.Functions(dr.select, dr.safe_sqrt)
 BLACK, SIDE, INTERFACE, GAP_ABOVE, GAP_BELOW, SPREADS = range(6)  # what a ray meets
 GEL, CORE, AIR, GAP = range(4)  # what a ray passes
 FAINTEST = 1e-4  # share of a ray's worth below which it is given up
@@ -61,14 +62,13 @@ class Follower:
 
     def __init__(
         self,
-        scene: "mitsuba.Scene",
+        scene: "mi.Scene",
         kinds: dict[str, int],
         stuff: Stuff,
         *,
         longest: int,
         far: bool,
     ) -> None:
-        import mitsuba as mi
 
         self._scene, self._stuff, self._longest, self._far = scene, stuff, longest, far
         shapes = {int(_number(mi.ShapePtr(shape))[0]): shape.id() for shape in scene.shapes()}
@@ -93,9 +93,6 @@ class Follower:
         active : mitsuba.Bool
             Which of them count.
         """
-        import drjit as dr
-        import mitsuba as mi
-
         width = dr.width(ray)
         nothing = dr.zeros(mi.Color3f, width)
         passing, segment = (mi.UInt32(n) + dr.zeros(mi.UInt32, width) for n in (passing, segment))
@@ -126,8 +123,6 @@ class Follower:
         active: Any,
     ) -> tuple[Any, ...]:
         """One segment: to the next boundary, and on from there."""
-        import drjit as dr
-        import mitsuba as mi
 
         def offer(at: Any, *offered: Any) -> None:
             """Draw one of all that is offered, in proportion to what each counts."""
@@ -170,8 +165,9 @@ class Follower:
         index = dr.select(passing == GEL, stuff.gel_index, dr.select(in_air, 1.0, stuff.core_index))
         other = dr.select(within & (kind == INTERFACE), stuff.gel_index, stuff.core_index)
         other = dr.select(leaves | into_gap | (within & (kind == GAP_ABOVE)), 1.0, other)
-        mirrored = reflectance(cosine, index, other)
-        slab = slab_transmission(cosine, dr.select(within, stuff.core_index, stuff.gel_index), stuff)
+        mirrored = boundaries.reflectance(cosine, index, other, ENGINE)
+        behind = dr.select(within, stuff.core_index, stuff.gel_index)
+        slab = boundaries.gap_transmission(cosine, behind, (stuff.gel_index, stuff.core_index), ENGINE)
         beyond = met.spawn_ray(refracted(ray.d, met.sh_frame.n, index / other))
         turned = met.spawn_ray(ray.d - 2.0 * dr.dot(ray.d, met.sh_frame.n) * met.sh_frame.n)
         passed = (1.0 - mirrored) * dr.square(index / other)
@@ -206,8 +202,6 @@ class Follower:
         return ray, share, passing, segment, draw, direct, last, total, active
 
     def _kind(self, met: Any, active: Any) -> Any:
-        import drjit as dr
-        import mitsuba as mi
 
         number = _number(met.shape)
         known = active & (number < dr.width(self._kinds))
@@ -219,58 +213,23 @@ class Follower:
 
     def _kept(self, passing: Any, way_mm: Any) -> Any:
         """Share of light that a way through gel or core leaves."""
-        import drjit as dr
-        import mitsuba as mi
-
         gel, core = (mi.Color3f(*per_mm) for per_mm in (self._stuff.gel_per_mm, self._stuff.core_per_mm))
         per_mm = dr.select(passing == GEL, gel, dr.select(passing == CORE, core, mi.Color3f(0.0)))
         return dr.select(dr.isfinite(way_mm), dr.exp(-per_mm * way_mm), 0.0)
 
 
-def reflectance(cosine: Any, index: Any, other: Any) -> Any:
-    """Fresnel's reflectance for unpolarised light, for the engine's arrays; 1 if total."""
-    import drjit as dr
-
-    sine2 = dr.square(index / other) * (1.0 - dr.square(cosine))
-    onward = dr.safe_sqrt(1.0 - sine2)
-    across = (index * cosine - other * onward) / (index * cosine + other * onward)
-    along = (other * cosine - index * onward) / (other * cosine + index * onward)
-    return dr.select(sine2 >= 1.0, 1.0, 0.5 * (dr.square(across) + dr.square(along)))
-
-
-def slab_transmission(cosine: Any, index: Any, stuff: Stuff) -> Any:
-    """Share that passes a gap of air between gel and core, whichever it comes from: all reflections in it."""
-    import drjit as dr
-
-    inner = dr.safe_sqrt(1.0 - dr.square(index) * (1.0 - dr.square(cosine)))
-    first = reflectance(inner, 1.0, stuff.gel_index)
-    second = reflectance(inner, 1.0, stuff.core_index)
-    passed = (1.0 - first) * (1.0 - second) / (1.0 - dr.minimum(first * second, 0.999999))
-    return dr.select(inner > 0, passed, 0.0)
-
-
 def refracted(direction: Any, normal: Any, ratio: Any) -> Any:
-    """Unit vectors beyond a boundary, Snell's law in Heckbert's form; `ratio` is index over index beyond."""
-    import drjit as dr
-
+    """Unit vectors beyond a boundary with a normal to either side; `ratio` is index over index beyond."""
     cosine = -dr.dot(direction, normal)
     facing = dr.select(cosine < 0, -normal, normal)
-    cosine = dr.abs(cosine)
-    onward = dr.safe_sqrt(1.0 - dr.square(ratio) * (1.0 - dr.square(cosine)))
-    return dr.normalize(ratio * direction + (ratio * cosine - onward) * facing)
+    return dr.normalize(boundaries.refracted(direction, facing, dr.abs(cosine), ratio, ENGINE))
 
 
 def _before(met: Any, ray: Any) -> Any:
     """Rays to the same points from close by."""
-    import drjit as dr
-    import mitsuba as mi
-
     return mi.Ray3f(met.p - dr.minimum(BEFORE_MM, met.t / 2) * ray.d, ray.d)
 
 
 def _number(shape: Any) -> Any:
     """Numbers of shapes in the engine's registry."""
-    import drjit as dr
-    import mitsuba as mi
-
     return dr.reinterpret_array(mi.UInt32, shape)

@@ -10,6 +10,7 @@ from designlab.core.types import Array
 from designlab.sensor.design import Design
 from designlab.simulation.scene.materials import Shape
 from designlab.simulation.scene.static_parts import core_and_gel, housing_inside
+from designlab.validation.synthetic.boundaries import gap_transmission, reflectance, refracted
 from geometries import gelcore
 
 INTERFACE = ("interface", "gap-gel", "gap-core")  # laid out anew
@@ -116,7 +117,7 @@ def look(
         [camera_mm[0] + fall * tan_x, camera_mm[1] + fall * tan_y, np.full(len(tan_x), glass.window_mm)]
     )
     up = np.broadcast_to(np.array([[0.0], [0.0], [1.0]]), direction.shape)
-    direction, passed = refracted(direction, up, 1.0, glass.core_index)
+    direction, passed = _entering(direction, up, 1.0, glass.core_index)
     if glass.interface_radius_mm is None:
         way = (point[2] - glass.thickness_mm) / -direction[2]
         below = point + way * direction
@@ -129,10 +130,11 @@ def look(
         way = -half + np.sqrt(root)
         below = point + way * direction
         normal = (centre - below) / np.linalg.norm(centre - below, axis=0)
-    onward, share = refracted(direction, normal, glass.core_index, glass.gel_index)
+    onward, share = _entering(direction, normal, glass.core_index, glass.gel_index)
     if glass.gap is not None:
         behind = glass.gap.contains(below[0], below[1])
-        through = slab_transmission(-(direction * normal).sum(axis=0), glass.core_index, 1.0, glass.gel_index)
+        cosine, sides = -(direction * normal).sum(axis=0), (glass.gel_index, glass.core_index)
+        through = gap_transmission(cosine, glass.core_index, sides)
         share = np.where(behind, through, share)
     lost = glass.core_absorption_per_mm + glass.scattering_per_mm
     kept = np.exp(-lost[:, None] * way) * passed * share / glass.gel_index**2
@@ -140,34 +142,10 @@ def look(
     return ImmersedRays((x, y, z), onward[0] / -onward[2], onward[1] / -onward[2], kept)
 
 
-def refracted(direction: Array, normal: Array, index: float, other: float) -> tuple[Array, Array]:
+def _entering(direction: Array, normal: Array, index: float, other: float) -> tuple[Array, Array]:
     """Directions (3, n) beyond a boundary and the share of power that passes; normals point against them."""
     cosine = -(direction * normal).sum(axis=0)
-    ratio = index / other
-    onward = np.sqrt(np.maximum(1.0 - ratio**2 * (1.0 - cosine**2), 0.0))
-    return ratio * direction + (ratio * cosine - onward) * normal, 1.0 - reflectance(cosine, index, other)
-
-
-def reflectance(cosine: Array, index: float, other: float) -> Array:
-    """Fresnel's reflectance for unpolarised light that meets a medium `other` at a cosine; 1 if total."""
-    sine = index / other * np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
-    total = sine >= 1.0
-    onward = np.sqrt(np.where(total, 0.0, 1.0 - np.minimum(sine, 1.0) ** 2))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        across = (index * cosine - other * onward) / (index * cosine + other * onward)
-        along = (other * cosine - index * onward) / (other * cosine + index * onward)
-    return np.asarray(np.where(total, 1.0, (across**2 + along**2) / 2.0))
-
-
-def slab_transmission(cosine: Array, index: float, slab: float, other: float) -> Array:
-    """Share of power through a plane slab, thick against the wave: all reflections in it, no phases."""
-    inner = np.sqrt(np.maximum(1.0 - (index / slab) ** 2 * (1.0 - cosine**2), 0.0))
-    first, second = reflectance(cosine, index, slab), reflectance(inner, slab, other)
-    return np.asarray(
-        np.where(
-            first >= 1.0, 0.0, (1.0 - first) * (1.0 - second) / (1.0 - np.minimum(first * second, 0.999999))
-        )
-    )
+    return refracted(direction, normal, cosine, index / other), 1.0 - reflectance(cosine, index, other)
 
 
 def interface_z(glass: ImmersedParts, x: Array, y: Array) -> Array:

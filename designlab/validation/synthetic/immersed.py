@@ -157,7 +157,7 @@ class Bathed:
             return np.zeros((self._groups, len(x)))
         coarse, coarse_field, fine, fine_field = self._between
         found = _interpolated(coarse, coarse_field, x, y)
-        near = _extent(fine).contains(x, y)
+        near = fine.box.contains(x, y)
         found[:, near] = _interpolated(fine, fine_field, x[near], y[near])
         return found
 
@@ -261,19 +261,13 @@ def _grid(box: Box, pitch_mm: float) -> tuple[PatchGrid, Array, Array]:
 
 
 def _patches(rig: Rig, surface: HeightField, coarse: PatchGrid, box: Box) -> tuple[Patches, PatchGrid]:
-    outer = coarse_patches(rig, surface, coarse, without=box)
     inner, fine = fine_patches(rig, surface, box)
-    return Patches(*(np.concatenate(parts) for parts in zip(outer, inner, strict=True))), fine
+    return coarse_patches(rig, surface, coarse, without=box).beside(inner), fine
 
 
 def _interpolated(grid: PatchGrid, field: Array, x: Array, y: Array, order: int = 1) -> Array:
-    place = [(y - grid.y0_mm) / grid.pitch_y_mm, (x - grid.x0_mm) / grid.pitch_x_mm]
+    place = grid.place(x, y)
     return np.stack([map_coordinates(layer, place, order=order, mode="nearest") for layer in field])
-
-
-def _extent(grid: PatchGrid) -> Box:
-    right = grid.x0_mm + (grid.columns - 1) * grid.pitch_x_mm
-    return Box(grid.x0_mm, right, grid.y0_mm, grid.y0_mm + (grid.rows - 1) * grid.pitch_y_mm)
 
 
 def _runs(key: NDArray[np.int64], longest: int) -> Iterator[slice]:

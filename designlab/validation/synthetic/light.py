@@ -30,6 +30,10 @@ class Patches(NamedTuple):
     normal: Array
     area: Array
 
+    def beside(self, others: "Patches") -> "Patches":
+        """These patches, then others."""
+        return Patches(*(np.concatenate(parts) for parts in zip(self, others, strict=True)))
+
 
 class PatchGrid(NamedTuple):
     """Regular grid of patch centres: first centre, pitch, rows (ascending y) and columns."""
@@ -40,6 +44,23 @@ class PatchGrid(NamedTuple):
     pitch_y_mm: float
     rows: int
     columns: int
+
+    @property
+    def box(self) -> Box:
+        """Box from the first centre to the last."""
+        right = self.x0_mm + (self.columns - 1) * self.pitch_x_mm
+        return Box(self.x0_mm, right, self.y0_mm, self.y0_mm + (self.rows - 1) * self.pitch_y_mm)
+
+    def centres(self) -> tuple[Array, Array]:
+        """Centres of the patches: x and y, shape (rows * columns,) each."""
+        x = self.x0_mm + np.arange(self.columns) * self.pitch_x_mm
+        y = self.y0_mm + np.arange(self.rows) * self.pitch_y_mm
+        grid_x, grid_y = np.meshgrid(x, y)
+        return grid_x.ravel(), grid_y.ravel()
+
+    def place(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Row and column of points, as fractions."""
+        return (y - self.y0_mm) / self.pitch_y_mm, (x - self.x0_mm) / self.pitch_x_mm
 
 
 class Lighting:
@@ -105,7 +126,7 @@ class Lighting:
         on_membrane = albedo * irradiance(membrane.centre, membrane.normal, lit, power)
         on_boards = reflectance * irradiance(boards.centre, boards.normal, lit, power)
         orders = [on_boards]
-        everything = Patches(*(np.concatenate(parts) for parts in zip(membrane, boards, strict=True)))
+        everything = membrane.beside(boards)
         exchange = form_factors(everything, everything).T
         both = np.concatenate([albedo, np.broadcast_to(reflectance, on_boards.shape)], axis=1)
         radiosity = np.concatenate([on_membrane, on_boards], axis=1)
@@ -167,12 +188,9 @@ class Pressed:
         """Irradiance by other parts of the membrane, shape (groups, points), interpolated between patches."""
         total = np.stack([_interpolate(self._lighting._coarse, field, x, y) for field in self._coarse_field])
         if self._fine is not None and self._fine_field is not None:
-            grid = self._fine
-            right = grid.x0_mm + (grid.columns - 1) * grid.pitch_x_mm
-            top = grid.y0_mm + (grid.rows - 1) * grid.pitch_y_mm
-            near = Box(grid.x0_mm, right, grid.y0_mm, top).contains(x, y)
+            near = self._fine.box.contains(x, y)
             for group, field in enumerate(self._fine_field):
-                total[group, near] = _interpolate(grid, field, x[near], y[near])
+                total[group, near] = _interpolate(self._fine, field, x[near], y[near])
         return total
 
     def _between_membrane(self) -> tuple[Array, Array | None, PatchGrid | None]:
@@ -183,7 +201,7 @@ class Pressed:
         coarse_count, grid = len(patches.area), None
         if fine_box is not None:
             fine, grid = fine_patches(rig, self.surface, fine_box)
-            patches = Patches(*(np.concatenate(parts) for parts in zip(patches, fine, strict=True)))
+            patches = patches.beside(fine)
         x, y = patches.centre[:, 0], patches.centre[:, 1]
         total = np.zeros((len(rig.flux_mw), len(x)))
         between = np.zeros_like(total)
@@ -282,7 +300,7 @@ def form_factors(receivers: Patches, senders: Patches) -> Array:
 
 def coarse_patches(rig: Rig, surface: HeightField, grid: PatchGrid, *, without: Box | None) -> Patches:
     """Patches of the whole membrane; areas count what lies within the gel's outline and outside a box."""
-    x, y = (axis.ravel() for axis in _centres(grid))
+    x, y = grid.centres()
     fine = (np.arange(6) + 0.5) / 6 - 0.5
     split_x, split_y = (axis.ravel() for axis in np.meshgrid(fine * grid.pitch_x_mm, fine * grid.pitch_y_mm))
     point_x, point_y = x[:, None] + split_x, y[:, None] + split_y
@@ -299,7 +317,7 @@ def fine_patches(rig: Rig, surface: HeightField, box: Box) -> tuple[Patches, Pat
     grid = PatchGrid(
         box.left + pitch_x / 2, box.bottom + pitch_y / 2, pitch_x, pitch_y, FINE_PATCHES, FINE_PATCHES
     )
-    x, y = (axis.ravel() for axis in _centres(grid))
+    x, y = grid.centres()
     counted = elastomer.inside(rig.elastomer, x, y)
     return _patches(surface, x, y, np.asarray(counted * (pitch_x * pitch_y), dtype=float)), grid
 
@@ -318,16 +336,8 @@ def coarse_grid(rig: Rig) -> PatchGrid:
     return PatchGrid(left + pitch_x / 2, bottom + pitch_y / 2, pitch_x, pitch_y, rows, columns)
 
 
-def _centres(grid: PatchGrid) -> tuple[Array, Array]:
-    x = grid.x0_mm + np.arange(grid.columns) * grid.pitch_x_mm
-    y = grid.y0_mm + np.arange(grid.rows) * grid.pitch_y_mm
-    grid_x, grid_y = np.meshgrid(x, y)
-    return grid_x, grid_y
-
-
 def _interpolate(grid: PatchGrid, field: Array, x: Array, y: Array) -> Array:
-    row, column = (y - grid.y0_mm) / grid.pitch_y_mm, (x - grid.x0_mm) / grid.pitch_x_mm
-    return kernels.bilinear(field, row, column, True)
+    return kernels.bilinear(field, *grid.place(x, y), True)
 
 
 def _exchange(points: Array, normals: Array, sources: Cells) -> Array:

@@ -1,6 +1,6 @@
 """Pictures of a membrane by casting every pixel's own rays onto the height field."""
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +10,12 @@ from designlab.sensor.camera import Camera, View
 from designlab.validation.synthetic import lens
 from designlab.validation.synthetic.generator_sensor import Rig, TrueLens
 from designlab.validation.synthetic.glass import look
-from designlab.validation.synthetic.immersed import Bathed, Immersed
 from designlab.validation.synthetic.light import Lighting, Pressed, reflectances
 from designlab.validation.synthetic.surface import HeightField, Indenter, base_z, indented
-from designlab.validation.synthetic.veil import veil
 from geometries import elastomer, probes
+
+if TYPE_CHECKING:
+    from designlab.validation.synthetic.immersed import Bathed, Immersed
 
 Place = float | Array
 SUPERSAMPLES = 2  # rays along each side of an output pixel
@@ -53,12 +54,18 @@ class Caster:
     def __init__(self, rig: Rig, view: View) -> None:
         self._rig, self._view = rig, view
         self._wide, self._place = view.grown(lens.margin(rig.camera, rig.lens, view), rig.camera)
-        self._lighting: Lighting | Immersed = Lighting(rig) if rig.glass is None else Immersed(rig)
+        self._lighting: Lighting | Immersed
         self._rays = pixel_rays(rig.camera, self._wide, bent=rig.lens, turn=rig.turn)
         self._passed: Array | float = 1.0
         self._veil: Array | float = 0.0
-        if rig.glass is not None and isinstance(self._lighting, Immersed):
-            self._veil = veil(rig, self._lighting.field, self._rays.tan_x, self._rays.tan_y)
+        if rig.glass is None:
+            self._lighting = Lighting(rig)
+        else:
+            # The rendering engine is loaded for light behind glass alone.
+            from designlab.validation.synthetic import immersed, veil
+
+            self._lighting = immersed.Immersed(rig)
+            self._veil = veil.veil(rig, self._lighting.field, self._rays.tan_x, self._rays.tan_y)
             sight = look(rig.glass, rig.camera.position_mm, self._rays.tan_x, self._rays.tan_y)
             self._rays, self._passed = CameraRays(*sight[:3]), sight.passed
         self._t = meet(self._rays, HeightField(rig.elastomer.radius_mm))
@@ -138,7 +145,7 @@ class Caster:
         radiance = reflectances(self._rig, surface, x, y) / np.pi * np.where(membrane, irradiance, 0.0)
         return radiance * self._grain * passed + self._veil
 
-    def _near(self, pressed: Pressed | Bathed, x: Array, y: Array) -> NDArray[np.bool_]:
+    def _near(self, pressed: "Pressed | Bathed", x: Array, y: Array) -> NDArray[np.bool_]:
         """Rays whose own point, or the light on it, an indentation changes."""
         if pressed.window is None:
             return np.zeros(len(x), dtype=bool)

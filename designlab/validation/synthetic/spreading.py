@@ -5,16 +5,14 @@ boards of the LEDs and their images in window and gel, roughly where they seem t
 do; a direction counts by the chance of both (Veach and Guibas 1995, balance heuristic).
 """
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 
 from designlab.core.types import Array
 from designlab.validation.synthetic.clear import AIR, CORE, Follower
-
-if TYPE_CHECKING:
-    import mitsuba
-
 
 LARGER = 1.25  # targets over boards: through a side of the core things are seen elsewhere
 DULL = 0.02  # chance of targets towards which nothing seems to be spread, over that of the others
@@ -42,14 +40,11 @@ class Spreader:
         Where light comes from.
     """
 
-    def __init__(self, scene: "mitsuba.Scene", follower: Follower, targets: list[Target]) -> None:
+    def __init__(self, scene: "mi.Scene", follower: Follower, targets: list[Target]) -> None:
         self._scene, self._follower, self._targets = scene, follower, targets
 
     def seen(self, ray: Any, sampler: Any) -> Any:
         """Radiance of what spreads light, as rays from within the gel see it."""
-        import drjit as dr
-        import mitsuba as mi
-
         first = self._follower.follow(ray, sampler.next_1d())
         found = dr.zeros(mi.Color3f, dr.width(ray))
         start = first.ray, first.worth, first.passing, first.segment, found, sampler, dr.max(first.worth) > 0
@@ -60,9 +55,6 @@ class Spreader:
         self, ray: Any, worth: Any, passing: Any, segment: Any, found: Any, sampler: Any, active: Any
     ) -> tuple[Any, ...]:
         """One thing that spreads light: the LEDs that it is lit by, and on to the next such thing."""
-        import drjit as dr
-        import mitsuba as mi
-
         met = self._scene.ray_intersect(ray, active)
         active &= met.is_valid()
         context, bsdf = mi.BSDFContext(), met.bsdf(ray)
@@ -98,17 +90,11 @@ class Spreader:
 
     def _into(self, met: Any, local: Any, passing: Any) -> Any:
         """What a direction leads into: through a ground side it leads out of the core, or into it."""
-        import drjit as dr
-        import mitsuba as mi
-
         through = mi.Frame3f.cos_theta(met.wi) * mi.Frame3f.cos_theta(local) < 0
         return dr.select(through, dr.select(passing == CORE, mi.UInt32(AIR), mi.UInt32(CORE)), passing)
 
     def _chances(self, met: Any, bsdf: Any, context: Any, active: Any) -> list[Any]:
         """Chance of each target, by how much would be spread from its middle."""
-        import drjit as dr
-        import mitsuba as mi
-
         values = []
         for target in self._targets:
             normal = np.cross(target.across, target.down)
@@ -126,9 +112,6 @@ class Spreader:
 
     def _aimed(self, met: Any, chances: list[Any], draw: Any, place: Any) -> Any:
         """Directions to points of targets drawn by their chances."""
-        import drjit as dr
-        import mitsuba as mi
-
         point, below = mi.Point3f(*self._targets[-1].centre.tolist()), mi.Float(0.0)
         u, v = 2.0 * place.x - 1.0, 2.0 * place.y - 1.0
         for target, chance in zip(self._targets, chances, strict=True):
@@ -140,9 +123,6 @@ class Spreader:
 
     def _density(self, met: Any, direction: Any, chances: list[Any]) -> Any:
         """Chance of directions for each steradian."""
-        import drjit as dr
-        import mitsuba as mi
-
         density = mi.Float(0.0)
         for target, chance in zip(self._targets, chances, strict=True):
             centre, across, down = (mi.Vector3f(*part.tolist()) for part in target)

@@ -6,8 +6,10 @@ channel.
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
+import drjit as dr
+import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,9 +32,6 @@ from designlab.validation.synthetic.generator_sensor import Rig
 from designlab.validation.synthetic.glass import Disc, ImmersedParts, interface_z
 from designlab.validation.synthetic.meshes import SEGMENTS, Mesh, joining_mm, membrane, package, sheet
 from designlab.validation.synthetic.spreading import LARGER, Spreader, Target
-
-if TYPE_CHECKING:
-    import mitsuba
 
 Look = Callable[[Any, Any], Any]  # what a sampler and rays make of a scene
 
@@ -67,8 +66,6 @@ class Glow(NamedTuple):
 
     def emitter(self) -> dict[str, Any]:
         """Area emitter for the engine's dictionary of a scene."""
-        import mitsuba as mi
-
         groups, rows, columns = self.radiance.shape
         values = np.zeros((rows, columns, CHANNELS), dtype=np.float32)
         values[..., :groups] = np.moveaxis(self.radiance, 0, -1)
@@ -110,7 +107,6 @@ class Tracer:
         if glass is None:
             raise ValueError("rig.glass: light behind glass needs a core")
         _activate()
-        import mitsuba as mi
 
         self._channels = len(groups)
         self._spreading = spreading
@@ -157,7 +153,6 @@ class Tracer:
         seed : int
             Seed of the paths; equal seeds give equal random numbers in every scene.
         """
-        import mitsuba as mi
 
         def rays(part: slice) -> Any:
             o, d = (np.ascontiguousarray(a[part].T, dtype=np.float32) for a in (origin, direction))
@@ -195,8 +190,6 @@ class Tracer:
     def _mean(
         self, nodes: Array, index: NDArray[np.uint32], paths: int, seed: int, look: Look
     ) -> NDArray[np.float32]:
-        import drjit as dr
-        import mitsuba as mi
 
         place = [mi.Float(np.ascontiguousarray(nodes[:, axis], dtype=np.float32)) for axis in range(3)]
         count = COLATITUDES * AZIMUTHS
@@ -220,17 +213,12 @@ class Tracer:
 
     def _by_chance(self, sampler: Any, ray: Any, within: str = "gel") -> Any:
         """One path of the engine along every ray."""
-        import mitsuba as mi
-
         stuff = self._media[within]
         medium = {} if stuff is None else {"medium": mi.MediumPtr(stuff)}
         return self._integrator.sample(self._scene, sampler, ray, **medium)[0]
 
     def _beyond(self, sampler: Any, ray: Any) -> Any:
         """What each ray sees of things that spread light; in haze by one path of the engine."""
-        import drjit as dr
-        import mitsuba as mi
-
         if self.far:
             return self._spreader.seen(ray, sampler)
         found = self._follower.follow(ray, sampler.next_1d())
@@ -245,8 +233,6 @@ class Tracer:
 
     def _traced(self, rays: Any, size: int, seed: int, together: int, look: Look) -> NDArray[np.float32]:
         """What `look` finds along each ray; `together` neighbours share what is drawn evenly."""
-        import mitsuba as mi
-
         found = np.empty((self._channels, size), dtype=np.float32)
         step = WAVEFRONT // together * together
         for number, start in enumerate(range(0, size, step)):
@@ -275,7 +261,7 @@ class Tracer:
         bright = rough or (isinstance(shape.material, Diffuse) and any(shape.material.reflectance))
         return SPREADS if self._spreading and bright else BLACK
 
-    def _wall(self, shape: Shape, glass: ImmersedParts, groups: tuple[int, ...]) -> "mitsuba.Mesh":
+    def _wall(self, shape: Shape, glass: ImmersedParts, groups: tuple[int, ...]) -> "mi.Mesh":
         mesh = Mesh(shape.vertices, shape.faces.astype(np.int64), shape.normals)
         if isinstance(shape.material, Dielectric) and (self._spreading or not shape.material.roughness):
             return self._boundary(mesh, glass, "core", "air", shape.material.roughness)
@@ -285,7 +271,7 @@ class Tracer:
 
     def _boundary(
         self, mesh: Mesh, glass: ImmersedParts, below: str, above: str, roughness: float = 0.0
-    ) -> "mitsuba.Mesh":
+    ) -> "mi.Mesh":
         """Clear boundary whose normals point from the stuff `below` into that `above`."""
         index = {"core": glass.core_index, "gel": glass.gel_index, "air": 1.0}
         bsdf: dict[str, Any] = {"type": "dielectric", "int_ior": index[below], "ext_ior": index[above]}
@@ -294,7 +280,7 @@ class Tracer:
         sides = {"interior": self._media[below], "exterior": self._media[above]}
         return _loaded(mesh, bsdf, {side: medium for side, medium in sides.items() if medium is not None})
 
-    def _interface(self, glass: ImmersedParts) -> dict[str, "mitsuba.Mesh"]:
+    def _interface(self, glass: ImmersedParts) -> dict[str, "mi.Mesh"]:
         """Boundary of gel and core, with a gap of air where the gel has come off."""
         gap = glass.gap
         whole = sheet(glass.outline, gap, lambda x, y: interface_z(glass, x, y), glass.interface_radius_mm)
@@ -325,8 +311,6 @@ def _activate() -> None:
     RuntimeError
         If this machine has none.
     """
-    import mitsuba as mi
-
     if mi.variant() is None:
         # Choosing a compiler that does not crash is no physics: the one thing shared with the renderer.
         from designlab.core.backend import activate
@@ -360,8 +344,6 @@ def _medium(
     absorption: Array, groups: tuple[int, ...], scattering: float, anisotropy: float, spreading: bool
 ) -> Any:
     """Homogeneous medium, nothing where light passes undimmed; unless spreading, what it scatters is lost."""
-    import mitsuba as mi
-
     extinction = absorption[list(groups)] + scattering
     if extinction.max() == 0:
         return None
@@ -379,8 +361,7 @@ def _medium(
 
 def _loaded(
     mesh: Mesh, bsdf: dict[str, Any], media: dict[str, Any] | None = None, *, glow: "Glow | None" = None
-) -> "mitsuba.Mesh":
-    import mitsuba as mi
+) -> "mi.Mesh":
 
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(bsdf)

@@ -47,15 +47,10 @@ def add_outside(rig: Rig, kinds: Mapping[str, float], *, random: np.random.Gener
     ValueError
         Naming kind, value and rule.
     """
-    found: Values = {}
     for kind, strength in kinds.items():
-        if kind not in _OUTSIDE:
-            raise ValueError(f"outside: {kind!r} is unknown; known are {', '.join(_OUTSIDE)}")
-        if not 0 <= strength <= 2:
+        if kind in _OUTSIDE and not 0 <= strength <= 2:
             raise ValueError(f"outside {kind}: strength lies between 0 and 2, got {strength:g}")
-        rig, values = _OUTSIDE[kind](rig, strength, random)
-        found[kind] = {"strength": float(strength), **values}
-    return rig, found
+    return _added(rig, kinds, _OUTSIDE, "outside", random)
 
 
 def add_unlisted(
@@ -71,11 +66,17 @@ def add_unlisted(
     if kinds is None:
         chosen = random.choice(list(_UNLISTED), size=int(random.integers(1, 3)), replace=False)
         kinds = {str(kind): float(random.uniform(WEAKEST, STRONGEST)) for kind in sorted(chosen)}
+    return _added(rig, kinds, _UNLISTED, "unlisted", random)
+
+
+def _added(
+    rig: Rig, kinds: Mapping[str, float], known: Mapping[str, Change], field: str, random: np.random.Generator
+) -> tuple[Rig, Values]:
     found: Values = {}
     for kind, strength in kinds.items():
-        if kind not in _UNLISTED:
-            raise ValueError(f"unlisted: {kind!r} is unknown; known are {', '.join(_UNLISTED)}")
-        rig, values = _UNLISTED[kind](rig, strength, random)
+        if kind not in known:
+            raise ValueError(f"{field}: {kind!r} is unknown; known are {', '.join(known)}")
+        rig, values = known[kind](rig, strength, random)
         found[kind] = {"strength": float(strength), **values}
     return rig, found
 
@@ -99,20 +100,10 @@ def _probe_size(rig: Rig, strength: float, random: np.random.Generator) -> tuple
     return replace(rig, contact=replace(rig.contact, probe_scale=scale)), {"scale": scale}
 
 
-def _column_smear(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
-    """Light smeared along the columns during read-out, 2 % of their mean: 2.5 % of the median signal."""
-    return replace(rig, sensor=replace(rig.sensor, smear=0.02 * strength)), {"share": 0.02 * strength}
-
-
 def _lateral_colour(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
     """Lens that magnifies red and blue differently, by 1 % each way: 0.5 to 1.2 % of the median signal."""
     shift = 0.01 * strength * float(random.choice([-1, 1]))
     return replace(rig, lens=replace(rig.lens, colour_shift=shift)), {"share": shift}
-
-
-def _supply_sag(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
-    """Supply that sags: 2 % less light where all groups are on, 2.7 % of the median signal."""
-    return replace(rig, sensor=replace(rig.sensor, sag=0.02 * strength)), {"share": 0.02 * strength}
 
 
 def _printed_markers(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
@@ -142,24 +133,9 @@ def _second_contact(rig: Rig, strength: float, random: np.random.Generator) -> t
     return replace(rig, contact=replace(rig.contact, second=second)), {"place_mm": [x, y], "depth_mm": depth}
 
 
-def _lens_ghost(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
-    """Mirror images of the LEDs from reflections between lenses."""
-    return replace(rig, lens=replace(rig.lens, ghost=0.3 * strength)), {}
-
-
 def _wrong_object(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
     """Another probe than stated."""
     return replace(rig, contact=replace(rig.contact, wrong=min(strength, 1.0))), {}
-
-
-def _jpeg_blocks(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
-    """Pictures that went through a coarse block transform."""
-    return replace(rig, sensor=replace(rig.sensor, jpeg=strength)), {}
-
-
-def _moire(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
-    """Coloured fringes."""
-    return replace(rig, sensor=replace(rig.sensor, moire=0.04 * strength)), {}
 
 
 def _water_drop(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
@@ -169,20 +145,36 @@ def _water_drop(rig: Rig, strength: float, random: np.random.Generator) -> tuple
     return replace(rig, lens=replace(rig.lens, drop=drop)), {"place": [x, y]}
 
 
+def _in_proportion(part: str, field: str, at_one: float, *, told: bool = False) -> Change:
+    """Change of a field of a part of the rig in proportion to strength; told as a share, if so."""
+
+    def change(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
+        value = at_one * strength
+        changed: dict[str, Any] = {part: replace(getattr(rig, part), **{field: value})}
+        return replace(rig, **changed), {"share": value} if told else {}
+
+    return change
+
+
 _UNLISTED: dict[str, Change] = {
     "membrane_waviness": _waviness,
     "probe_size": _probe_size,
-    "column_smear": _column_smear,
+    # Light smeared along the columns during read-out, 2 % of their mean: 2.5 % of the median signal.
+    "column_smear": _in_proportion("sensor", "smear", 0.02, told=True),
     "lateral_colour": _lateral_colour,
-    "supply_sag": _supply_sag,
+    # Supply that sags: 2 % less light where all groups are on, 2.7 % of the median signal.
+    "supply_sag": _in_proportion("sensor", "sag", 0.02, told=True),
 }
 _OUTSIDE: dict[str, Change] = {
     "printed_markers": _printed_markers,
     "debris": _debris,
     "second_contact": _second_contact,
-    "lens_ghost": _lens_ghost,
+    # Mirror images of the LEDs from reflections between lenses.
+    "lens_ghost": _in_proportion("lens", "ghost", 0.3),
     "wrong_object": _wrong_object,
-    "jpeg_blocks": _jpeg_blocks,
-    "moire": _moire,
+    # Pictures that went through a coarse block transform.
+    "jpeg_blocks": _in_proportion("sensor", "jpeg", 1.0),
+    # Coloured fringes.
+    "moire": _in_proportion("sensor", "moire", 0.04),
     "water_drop": _water_drop,
 }

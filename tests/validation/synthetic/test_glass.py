@@ -11,8 +11,9 @@ from designlab.simulation.render.window import transmission
 from designlab.simulation.simulator import Simulator
 from designlab.validation.synthetic import backlight, effects, immersed
 from designlab.validation.synthetic.backlight import ImmersedLightField, _clear, _spread, directions
+from designlab.validation.synthetic.boundaries import gap_transmission, reflectance
 from designlab.validation.synthetic.generator_sensor import Rig
-from designlab.validation.synthetic.glass import Disc, look, reflectance, slab_transmission
+from designlab.validation.synthetic.glass import Disc, look
 from designlab.validation.synthetic.immersed import Immersed
 from designlab.validation.synthetic.light import Lighting
 from designlab.validation.synthetic.meshes import JOINED_MM, joining_mm
@@ -71,8 +72,8 @@ def test_fresnel_at_normal_brewsters_and_critical_angle():
 
 def test_slab_of_air_passes_the_sum_over_its_reflections():
     once = 0.04
-    assert slab_transmission(np.array([1.0]), 1.5, 1.0, 1.5)[0] == pytest.approx((1 - once) / (1 + once))
-    assert slab_transmission(np.array([0.5]), 1.5, 1.0, 1.5)[0] == 0.0
+    assert gap_transmission(np.array([1.0]), 1.5, (1.5, 1.5))[0] == pytest.approx((1 - once) / (1 + once))
+    assert gap_transmission(np.array([0.5]), 1.5, (1.5, 1.5))[0] == 0.0
 
 
 @pytest.mark.parametrize("design", [FLAT, DOME], ids=["plane", "dome"])
@@ -353,7 +354,7 @@ def test_what_lies_behind_a_gap_is_seen_through_a_slab_of_air():
     x, y = rays.x_mm + thickness * rays.slope_x, rays.y_mm + thickness * rays.slope_y
     cosine = 1 / np.sqrt(1 + rays.slope_x**2 + rays.slope_y**2)
     gel, core = FLAT.optics.gel_index, FLAT.optics.core_index
-    expected = slab_transmission(cosine, gel, 1.0, core) / (1 - reflectance(cosine, gel, core))
+    expected = gap_transmission(cosine, gel, (gel, core)) / (1 - reflectance(cosine, gel, core))
     away = np.hypot(x - 1.5, y - 1.0)
     found = shares[1] / shares[0]
     np.testing.assert_allclose(found[away < 1.95], expected[away < 1.95], rtol=1e-3)

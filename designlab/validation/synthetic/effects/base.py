@@ -1,7 +1,8 @@
 """What an effect is to the generator."""
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 from designlab.validation.synthetic.generator_sensor import Rig
 
@@ -27,3 +28,17 @@ class Planted(NamedTuple):
 
     known: Callable[[Rig], dict[str, PlantedParameter]]
     change: Callable[[Rig, Mapping[str, float]], Rig]
+
+
+def of_fields(part: str, parameters: Mapping[str, tuple[str, PlantedParameter]]) -> Planted:
+    """Make an effect whose parameters are fields of a part of the rig: name to field and parameter."""
+
+    def known(rig: Rig) -> dict[str, PlantedParameter]:
+        return {name: parameter for name, (_, parameter) in parameters.items()}
+
+    def change(rig: Rig, values: Mapping[str, float]) -> Rig:
+        fields: dict[str, Any] = {field: values[name] for name, (field, _) in parameters.items()}
+        changed: dict[str, Any] = {part: replace(getattr(rig, part), **fields)}
+        return replace(rig, **changed)
+
+    return Planted(known, change)

@@ -2,12 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from designlab.validation.synthetic.effects.base import Planted, PlantedParameter
+from designlab.validation.synthetic.effects.base import Planted, PlantedParameter, of_fields
 from designlab.validation.synthetic.effects.colour import CHANNELS
 from designlab.validation.synthetic.generator_sensor import Rig
 
@@ -27,21 +26,6 @@ def _pose(rig: Rig, values: Mapping[str, float]) -> Rig:
     return replace(rig, camera=moved, turn=rig.turn @ np.asarray(turn.as_matrix()))
 
 
-def _of(part: Literal["lens", "sensor"], parameters: dict[str, tuple[str, PlantedParameter]]) -> Planted:
-    """Effect whose parameters are fields of the rig's lens or sensor: name to field and parameter."""
-
-    def known(rig: Rig) -> dict[str, PlantedParameter]:
-        return {name: parameter for name, (_, parameter) in parameters.items()}
-
-    def change(rig: Rig, values: Mapping[str, float]) -> Rig:
-        fields: dict[str, Any] = {field: values[name] for name, (field, _) in parameters.items()}
-        if part == "lens":
-            return replace(rig, lens=replace(rig.lens, **fields))
-        return replace(rig, sensor=replace(rig.sensor, **fields))
-
-    return Planted(known, change)
-
-
 def _black_parameters(rig: Rig) -> dict[str, PlantedParameter]:
     return {channel: PlantedParameter(0.0, 0.015, -1.0, 1.0) for channel in CHANNELS}
 
@@ -53,25 +37,27 @@ def _black(rig: Rig, values: Mapping[str, float]) -> Rig:
 
 GEOMETRY = {"camera_pose": Planted(_pose_parameters, _pose)}
 CAMERA = {
-    "lens_distortion": _of(
+    "lens_distortion": of_fields(
         "lens",
         {
             "radial": ("radial", PlantedParameter(0.0, 0.02, -0.2, 0.2)),
             "magnification": ("magnification", PlantedParameter(0.0, 0.02, -0.2, 0.2)),
         },
     ),
-    "point_spread": _of("lens", {"sigma_um": ("blur_um", PlantedParameter(0.0, 75.0, 0.0, 300.0, "um"))}),
-    "vignetting": _of("lens", {"corner_loss": ("corner_loss", PlantedParameter(0.0, 0.25, 0.0, 0.8))}),
-    "veiling_glare": _of("lens", {"share": ("glare", PlantedParameter(0.0, 0.015, 0.0, 0.2))}),
-    "banding": _of(
+    "point_spread": of_fields(
+        "lens", {"sigma_um": ("blur_um", PlantedParameter(0.0, 75.0, 0.0, 300.0, "um"))}
+    ),
+    "vignetting": of_fields("lens", {"corner_loss": ("corner_loss", PlantedParameter(0.0, 0.25, 0.0, 0.8))}),
+    "veiling_glare": of_fields("lens", {"share": ("glare", PlantedParameter(0.0, 0.015, 0.0, 0.2))}),
+    "banding": of_fields(
         "sensor",
         {
             "amplitude": ("banding", PlantedParameter(0.0, 0.015, 0.0, 0.3)),
             "period_rows": ("period_rows", PlantedParameter(400.0, 100.0, 40.0, 2000.0, "px", shape=True)),
         },
     ),
-    "exposure_drift": _of("sensor", {"rms": ("drift_rms", PlantedParameter(0.0, 0.02, 0.0, 0.3))}),
-    "fixed_pattern": _of("sensor", {"rms": ("pattern_rms", PlantedParameter(0.0, 0.01, 0.0, 0.1))}),
+    "exposure_drift": of_fields("sensor", {"rms": ("drift_rms", PlantedParameter(0.0, 0.02, 0.0, 0.3))}),
+    "fixed_pattern": of_fields("sensor", {"rms": ("pattern_rms", PlantedParameter(0.0, 0.01, 0.0, 0.1))}),
     "black_level": Planted(_black_parameters, _black),
-    "response_curve": _of("sensor", {"exponent": ("exponent", PlantedParameter(1.0, 0.08, 0.4, 2.5))}),
+    "response_curve": of_fields("sensor", {"exponent": ("exponent", PlantedParameter(1.0, 0.08, 0.4, 2.5))}),
 }

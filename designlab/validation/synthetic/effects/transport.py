@@ -3,34 +3,41 @@
 They have no parameters, and do nothing, where light passes no core.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from designlab.validation.synthetic.effects.base import Planted, PlantedParameter
 from designlab.validation.synthetic.generator_sensor import Rig
-from designlab.validation.synthetic.glass import Disc
+from designlab.validation.synthetic.glass import Disc, ImmersedParts
+
+Values = Mapping[str, float]
+
+
+def _of_glass(
+    known: Callable[[Rig], dict[str, PlantedParameter]],
+    change: Callable[[Rig, ImmersedParts, Values], ImmersedParts],
+) -> Planted:
+    """Make an effect of the clear parts of a rig, where it has some."""
+
+    def changed(rig: Rig, values: Values) -> Rig:
+        return rig if rig.glass is None else replace(rig, glass=change(rig, rig.glass, values))
+
+    return Planted(lambda rig: {} if rig.glass is None else known(rig), changed)
 
 
 def _index_parameters(rig: Rig) -> dict[str, PlantedParameter]:
-    if rig.glass is None:
-        return {}
     return {part: PlantedParameter(0.0, 0.02, -0.3, 0.3) for part in ("gelcore", "elastomer")}
 
 
-def _indices(rig: Rig, values: Mapping[str, float]) -> Rig:
+def _indices(rig: Rig, glass: ImmersedParts, values: Values) -> ImmersedParts:
     """Add to the refractive indices, which stay those of matter."""
-    if rig.glass is None:
-        return rig
-    core = max(rig.glass.core_index + values["gelcore"], 1.0)
-    gel = max(rig.glass.gel_index + values["elastomer"], 1.0)
-    return replace(rig, glass=replace(rig.glass, core_index=core, gel_index=gel))
+    core = max(glass.core_index + values["gelcore"], 1.0)
+    return replace(glass, core_index=core, gel_index=max(glass.gel_index + values["elastomer"], 1.0))
 
 
 def _gap_parameters(rig: Rig) -> dict[str, PlantedParameter]:
-    if rig.glass is None:
-        return {}
     return {
         "x_mm": PlantedParameter(0.0, 4.0, -20.0, 20.0, "mm", shape=True),
         "y_mm": PlantedParameter(0.0, 4.0, -20.0, 20.0, "mm", shape=True),
@@ -38,44 +45,32 @@ def _gap_parameters(rig: Rig) -> dict[str, PlantedParameter]:
     }
 
 
-def _gap(rig: Rig, values: Mapping[str, float]) -> Rig:
+def _gap(rig: Rig, glass: ImmersedParts, values: Values) -> ImmersedParts:
     """Put a disc of air between core and gel."""
-    if rig.glass is None or not values["radius_mm"]:
-        return rig
     disc = Disc(values["x_mm"], values["y_mm"], values["radius_mm"])
-    return replace(rig, glass=replace(rig.glass, gap=disc))
+    return replace(glass, gap=disc) if disc.radius_mm else glass
 
 
 def _absorption_parameters(rig: Rig) -> dict[str, PlantedParameter]:
-    if rig.glass is None:
-        return {}
     return {f"{name}_per_mm": PlantedParameter(0.0, 0.005, 0.0, 0.2, "1/mm") for name in rig.group_names}
 
 
-def _absorption(rig: Rig, values: Mapping[str, float]) -> Rig:
-    if rig.glass is None:
-        return rig
+def _absorption(rig: Rig, glass: ImmersedParts, values: Values) -> ImmersedParts:
     more = np.array([values[f"{name}_per_mm"] for name in rig.group_names])
-    glass = replace(rig.glass, core_absorption_per_mm=rig.glass.core_absorption_per_mm + more)
-    return replace(rig, glass=glass)
+    return replace(glass, core_absorption_per_mm=glass.core_absorption_per_mm + more)
 
 
 def _scatter_parameters(rig: Rig) -> dict[str, PlantedParameter]:
-    if rig.glass is None:
-        return {}
     return {"per_mm": PlantedParameter(0.0, 0.01, 0.0, 0.5, "1/mm")}
 
 
-def _scatter(rig: Rig, values: Mapping[str, float]) -> Rig:
-    if rig.glass is None:
-        return rig
-    more = rig.glass.scattering_per_mm + values["per_mm"]
-    return replace(rig, glass=replace(rig.glass, scattering_per_mm=more))
+def _scatter(rig: Rig, glass: ImmersedParts, values: Values) -> ImmersedParts:
+    return replace(glass, scattering_per_mm=glass.scattering_per_mm + values["per_mm"])
 
 
 TRANSPORT = {
-    "gelcore_index": Planted(_index_parameters, _indices),
-    "delamination": Planted(_gap_parameters, _gap),
-    "absorption": Planted(_absorption_parameters, _absorption),
-    "core_scatter": Planted(_scatter_parameters, _scatter),
+    "gelcore_index": _of_glass(_index_parameters, _indices),
+    "delamination": _of_glass(_gap_parameters, _gap),
+    "absorption": _of_glass(_absorption_parameters, _absorption),
+    "core_scatter": _of_glass(_scatter_parameters, _scatter),
 }
