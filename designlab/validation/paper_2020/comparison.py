@@ -27,14 +27,14 @@ BASELINES = (
 
 
 class Row(NamedTuple):
-    """One figure: the paper's, ours, what we aim at, whether it is met (empty without a target), and why."""
+    """One figure: the paper's, ours, why they differ, and what we aim at if anything."""
 
     name: str
     paper: str
     ours: str
-    target: str
-    met: str
     why: str
+    target: str = ""
+    met: str = ""
 
 
 def comparison(stages: Mapping[str, Any]) -> list[Row]:
@@ -87,51 +87,36 @@ def _pictures(accuracy: Mapping[str, Any]) -> list[Row]:
             "MSE, mean of pictures",
             f"{MSE:.6f}",
             ours(TRANSPORT, "mse"),
-            "",
-            "",
             f"{MADE} Ours is in shares of full scale, squared, and grows with exposure; the paper names no "
             "unit.",
         ),
-        Row("SNR", f"{SNR_DB} dB", ours(TRANSPORT, "snr_db", " dB"), "", "", MADE),
+        Row("SNR", f"{SNR_DB} dB", ours(TRANSPORT, "snr_db", " dB"), MADE),
         Row(
             "SMAPE",
             f"{SMAPE}",
             ours(TRANSPORT, "smape"),
-            "",
-            "",
             f"{MADE} Ours is the form from 0 to 2; the paper prints no formula (from 0 to 1, halve ours).",
         ),
         Row(
             "SSIM",
             f"{SSIM:.2f}",
             ours(TRANSPORT, "ssim"),
-            "",
-            "",
             f"{MADE} SSIM depends on window and range: ours has 7 x 7 pixels and each channel's own range, "
             "and camera noise, which no model foresees, lowers it.",
         ),
-        Row(
-            "SSIM, directional and diffuse",
-            f"{SSIM_DIFFUSE:.2f}",
-            ours(DIFFUSE, "ssim"),
-            "",
-            "",
-            f"{MADE} {BASELINES}",
-        ),
-        Row(
-            "SSIM, directional and Phong",
-            f"{SSIM_PHONG:.2f}",
-            ours(PHONG, "ssim"),
-            "",
-            "",
-            f"{MADE} {BASELINES}",
+        *(
+            Row(
+                f"SSIM, {model.replace(',', ' and')}",
+                f"{ssim:.2f}",
+                ours(model, "ssim"),
+                f"{MADE} {BASELINES}",
+            )
+            for model, ssim in ((DIFFUSE, SSIM_DIFFUSE), (PHONG, SSIM_PHONG))
         ),
         Row(
             "SNR, directional and Phong",
             "not compared",
             ours(PHONG, "snr_db", " dB"),
-            "",
-            "",
             "The paper's row (MSE 477.44, SNR -35.39 dB) is on another scale than its other rows.",
         ),
     ]
@@ -147,11 +132,11 @@ def _light(recovery: Mapping[str, Any], real: Mapping[str, Any]) -> list[Row]:
                 "Radiance of the lights",
                 "; ".join(f"{group} {list(values)}" for group, values in RADIANCE.items()),
                 f"light times reflectance within {found}{_crosstalk(real)}",
-                f"{percent(PRODUCT)}, largest",
-                verdict(errors["product"]["largest"] <= PRODUCT),
                 "The paper fits photographs, where nobody knows the truth, in the units of its scene. "
                 "Ours are errors against a known truth. Pictures of the gel alone tell the product of "
                 "light and reflectance.",
+                f"{percent(PRODUCT)}, largest",
+                verdict(errors["product"]["largest"] <= PRODUCT),
             )
         )
     if "reflectance" in errors:
@@ -160,8 +145,6 @@ def _light(recovery: Mapping[str, Any], real: Mapping[str, Any]) -> list[Row]:
                 "Reflectance",
                 "; ".join(f"{gel} {list(values)}" for gel, values in REFLECTANCE.items()),
                 f"within {_median_largest(errors['reflectance'], percent)}",
-                "",
-                "",
                 "The light probe tells reflectance from light, as in the paper; ours is again an error "
                 "against a known truth. The presets hold the published values.",
             )
@@ -191,6 +174,10 @@ def _statements(stages: Mapping[str, Any]) -> list[Row]:
     recovery, sensors = stages["recovery"], stages["accuracy"]["sensors"]
     errors, covered = recovery["errors"], recovery["covered"]
     camera = preset("gelsight-2020-flat").camera
+    protocol = {
+        sensor: f"{found['fit_frames']} presses fitted, {found['held_out_frames']} not"
+        for sensor, found in sensors.items()
+    }
     rows = []
     poses = [errors[name]["largest"] for name in POSES_MM if name in errors]
     if poses:
@@ -201,11 +188,11 @@ def _statements(stages: Mapping[str, Any]) -> list[Row]:
                 "Registration of presses",
                 "by hand, no error stated",
                 f"largest errors {rounded(max(poses))} mm{turned}",
-                f"{POSE_MM} mm, {YAW_DEG} deg",
-                verdict(max(poses) <= POSE_MM and yaw <= YAW_DEG),
                 "Ours are fitted together with the light, from stated poses that are off by "
                 f"{SIGMA.centre_mm:g} mm, {SIGMA.depth_mm:g} mm in depth and {SIGMA.yaw_deg:g} deg "
                 "(standard deviations).",
+                f"{POSE_MM} mm, {YAW_DEG} deg",
+                verdict(max(poses) <= POSE_MM and yaw <= YAW_DEG),
             )
         )
     return [
@@ -214,21 +201,14 @@ def _statements(stages: Mapping[str, Any]) -> list[Row]:
             "Uncertainty",
             "none stated",
             f"{percent(covered['share'])} of {covered['count']} intervals of 95 % hold the truth",
+            "Every number that is fitted has a standard error; made sensors show whether it is right.",
             f"{COVERED[0]:.0%} to {COVERED[1]:.0%}".replace("%", " %"),
             verdict(COVERED[0] <= covered["share"] <= COVERED[1]),
-            "Every number that is fitted has a standard error; made sensors show whether it is right.",
         ),
         Row(
             "Held-out protocol",
             "none stated",
-            each(
-                {
-                    sensor: f"{found['fit_frames']} presses fitted, {found['held_out_frames']} not"
-                    for sensor, found in sensors.items()
-                }
-            ),
-            "",
-            "",
+            each(protocol),
             "Figures of accuracy are of presses that were not fitted, but for each one's own pose.",
         ),
         Row(
@@ -236,8 +216,6 @@ def _statements(stages: Mapping[str, Any]) -> list[Row]:
             "none stated",
             f"full well {camera.full_well_e:g} e, read noise {camera.read_noise_e:g} e, {camera.bit_depth} "
             "bit",
-            "",
-            "",
             "Assumed, since the camera's noise is not published; it is in every made picture and every "
             f"stated error. Pictures for accuracy are the mean of {AVERAGED} exposures.",
         ),
@@ -251,10 +229,10 @@ def _strips(probe: Mapping[str, Any]) -> Row:
         "Light probe",
         "pictures of a chrome ball, to fit the lights to",
         f"strips within {rounded(apart)} deg and {percent(off)} of solid angle of where they must appear",
-        f"{STRIP_DEG} deg, {percent(STRIP_SOLID_ANGLE)}",
-        verdict(apart <= STRIP_DEG and off <= STRIP_SOLID_ANGLE and not probe["unmatched"]),
         "Ours checks the renderer against a calculation without it; the light of a real sensor would tell of "
         "its LEDs as well.",
+        f"{STRIP_DEG} deg, {percent(STRIP_SOLID_ANGLE)}",
+        verdict(apart <= STRIP_DEG and off <= STRIP_SOLID_ANGLE and not probe["unmatched"]),
     )
 
 
@@ -264,8 +242,6 @@ def _times(timing: Mapping[str, Any]) -> list[Row]:
             f"Time, {row['px']} x {row['px']}, {row['samples']} samples",
             f"{row['paper_ms']:g} ms (RTX 2080 Ti)",
             f"{rounded(row['ms'])} ms ({timing['device']})",
-            "",
-            "",
             "Another machine; ours renders three LED groups one by one and loads the scene within the time.",
         )
         for row in timing["path"]

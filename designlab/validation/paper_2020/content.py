@@ -1,5 +1,9 @@
-"""What the pages about a reproduction say, without regard to how they are written."""
+"""What the pages about a reproduction say, without regard to how they are written.
 
+The running text lies in ``reproduction.txt``, where tables, pictures and what depends on results have names.
+"""
+
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,11 +35,21 @@ class Illustration(NamedTuple):
     caption: str
 
 
+Blocks = list[Text | Table | Illustration]
+
+
 class Chapter(NamedTuple):
     """A heading and what stands below it."""
 
     title: str
-    blocks: list[Text | Table | Illustration]
+    blocks: Blocks
+
+
+REDUCED = Text(
+    "This is the reduced size: few presses and coarse pictures show that everything runs. Quote the figures "
+    "of the full size.",
+    note=True,
+)
 
 
 def sections(result: dict[str, Any], out: Path) -> list[Chapter]:
@@ -49,51 +63,33 @@ def sections(result: dict[str, Any], out: Path) -> list[Chapter]:
         Folder of the reproduction, in which the pictures lie.
     """
     stages = result["stages"]
-    return [
-        Chapter("In short", _short(result)),
-        Chapter("The paper's figures beside ours", _beside(stages)),
-        Chapter("Accuracy on presses that were not fitted", _accuracy(stages["accuracy"], out)),
-        Chapter("Where directional light fails", _failures(stages["accuracy"])),
-        Chapter("How well hidden sensors are found", _recovery(stages["recovery"])),
-        Chapter("The light probe", _probe(stages["probe"], out)),
-        Chapter("Time", _timing(stages["timing"])),
-        Chapter("The real picture", _real(stages["real"], out)),
-        Chapter("To run it again", _again(result)),
-    ]
+    covered = stages["recovery"]["covered"]
+    fields = {**result, **stages, "covered": covered, "covered_share": percent(covered["share"])}
+    inserts = {
+        "reduced": [] if result["size"] == "full" else [REDUCED],
+        "headlines": [Text(tables.headline(*own)) for own in stages["accuracy"]["sensors"].items()],
+        "constant": [Text(constant_text(stages["real"]))],
+        "comparison": [_comparison(stages)],
+        "accuracy": _accuracy(stages["accuracy"], out),
+        "failures": _failures(stages["accuracy"]),
+        "recovery": _recovery(stages["recovery"]),
+        "probe": _probe(stages["probe"], out),
+        "timing": [_timing(stages["timing"])],
+        "real": _real(stages["real"], out),
+    }
+    text = files(__package__).joinpath("reproduction.txt").read_text(encoding="utf-8")
+    chapters: list[Chapter] = []
+    for paragraph in (" ".join(part.split()) for part in text.split("\n\n")):
+        if paragraph.startswith("# "):
+            chapters.append(Chapter(paragraph[2:], []))
+        elif paragraph.startswith("["):
+            chapters[-1].blocks.extend(inserts[paragraph[1:-1]])
+        else:
+            chapters[-1].blocks.append(Text(paragraph.format_map(fields)))
+    return chapters
 
 
-def _short(result: dict[str, Any]) -> list[Text | Table | Illustration]:
-    accuracy, covered = result["stages"]["accuracy"], result["stages"]["recovery"]["covered"]
-    blocks: list[Text | Table | Illustration] = [
-        Text(
-            "A. Agarwal, T. Man and W. Yuan (arXiv 2012.13184) simulate a GelSight sensor by tracing "
-            "light, fit its light and reflectance to photographs, and compare with two models of "
-            "directional light. Here the same experiments run on made sensors, whose truth is known: light "
-            "powers, reflectances, colour mixing, contact and floor of a hidden sensor differ from the "
-            "stated design, its pictures have camera noise, and its presses are off by their stated doubt. "
-            "Each model is fitted to the same two presses and background, and judged on all others."
-        )
-    ]
-    if result["size"] != "full":
-        blocks.append(
-            Text(
-                "This is the reduced size: few presses and coarse pictures show that everything runs. "
-                "Quote the figures of the full size.",
-                note=True,
-            )
-        )
-    for sensor, found in accuracy["sensors"].items():
-        blocks.append(Text(tables.headline(sensor, found)))
-    blocks.append(
-        Text(
-            f"Of {covered['count']} stated 95 % intervals, {percent(covered['share'])} hold the truth "
-            f"(hidden sensors: {result['stages']['recovery']['repeats']})."
-        )
-    )
-    return blocks
-
-
-def _beside(stages: dict[str, Any]) -> list[Text | Table | Illustration]:
+def _comparison(stages: dict[str, Any]) -> Table:
     rows = [row._asdict() for row in paper.comparison(stages)]
     columns = [
         Column("name", "figure"),
@@ -103,16 +99,12 @@ def _beside(stages: dict[str, Any]) -> list[Text | Table | Illustration]:
         Column("met", "met"),
         Column("why", "why they differ"),
     ]
-    return [
-        Text(
-            "Ours are made pictures with stated noise; the paper's are photographs, with everything that "
-            "no model knows of. Where a figure of ours is better, that is in part for this reason. What "
-            "can be compared is how models differ on the same pictures, and whether stated errors are "
-            "right."
-        ),
-        Text(constant_text(stages["real"])),
-        Table(rows, columns, f"The paper's figures are from {paper.SOURCE}."),
-    ]
+    return Table(rows, columns, f"The paper's figures are from {paper.SOURCE}.")
+
+
+def _picture(path: Path, caption: str) -> Blocks:
+    """Picture, if it is there."""
+    return [Illustration(path, caption)] if path.is_file() else []
 
 
 def constant_text(real: dict[str, Any]) -> str:
@@ -136,15 +128,8 @@ def constant_text(real: dict[str, Any]) -> str:
     )
 
 
-def _accuracy(accuracy: dict[str, Any], out: Path) -> list[Text | Table | Illustration]:
-    blocks: list[Text | Table | Illustration] = [
-        Text(
-            "Data set 1 has ball, triangle and star at several places and two depths; data set 2 has balls "
-            "and triangles at places and depths of their own. All models are fitted to one ball and one "
-            "triangle. Of every other press nothing but its pose is fitted, by light transport; the others "
-            "are compared at that pose, since directional light would bend poses to make up for light that "
-            "falls off."
-        ),
+def _accuracy(accuracy: dict[str, Any], out: Path) -> Blocks:
+    blocks: Blocks = [
         Table(
             tables.accuracy(accuracy, channels=False),
             [*tables.MODEL_COLUMNS, *tables.FIGURE_COLUMNS],
@@ -159,11 +144,8 @@ def _accuracy(accuracy: dict[str, Any], out: Path) -> list[Text | Table | Illust
     ]
     for sensor, found in accuracy["sensors"].items():
         for name, path in found.get("pictures", {}).items():
-            place = out / "accuracy" / path
-            if place.is_file():
-                blocks.append(
-                    Illustration(place, f"{short(sensor)} gel: {name} of the models on a press not fitted")
-                )
+            caption = f"{short(sensor)} gel: {name} of the models on a press not fitted"
+            blocks += _picture(out / "accuracy" / path, caption)
     blocks.append(
         Table(
             tables.accuracy(accuracy, channels=True),
@@ -174,15 +156,8 @@ def _accuracy(accuracy: dict[str, Any], out: Path) -> list[Text | Table | Illust
     return blocks
 
 
-def _failures(accuracy: dict[str, Any]) -> list[Text | Table | Illustration]:
-    blocks: list[Text | Table | Illustration] = [
-        Text(
-            "The squared error of every picture is split: a smooth (quadratic) field, which is light that "
-            "falls off from the LEDs otherwise than modelled; what is left on steep parts of the membrane, "
-            "the edges of contacts; and the rest, mostly cast shadows and light from wall to wall."
-        )
-    ]
-    blocks += [Text(text) for text in tables.failures(accuracy)]
+def _failures(accuracy: dict[str, Any]) -> Blocks:
+    blocks: Blocks = [Text(text) for text in tables.failures(accuracy)]
     blocks.append(
         Table(
             tables.error_shares(accuracy),
@@ -196,32 +171,21 @@ def _failures(accuracy: dict[str, Any]) -> list[Text | Table | Illustration]:
             "Shares of the squared error, means over frames that were not fitted.",
         )
     )
-    shares = {
-        sensor: each(
-            {c: percent(v) for c, v in found["interreflected_share"].items()}, names=lambda name: name
-        )
-        for sensor, found in accuracy["sensors"].items()
-        if found.get("interreflected_share")
-    }
-    for sensor, text in shares.items():
-        blocks.append(
-            Text(
-                f"{short(sensor).capitalize()} gel: share of the untouched gel's light that met the "
-                "membrane or the parts around it more than once, which directional light has no place for: "
-                f"{text}."
+    for sensor, found in accuracy["sensors"].items():
+        if found.get("interreflected_share"):
+            shares = {channel: percent(share) for channel, share in found["interreflected_share"].items()}
+            blocks.append(
+                Text(
+                    f"{short(sensor).capitalize()} gel: share of the untouched gel's light that met the "
+                    "membrane or the parts around it more than once, which directional light has no place "
+                    f"for: {each(shares, names=str)}."
+                )
             )
-        )
     return blocks
 
 
-def _recovery(recovery: dict[str, Any]) -> list[Text | Table | Illustration]:
+def _recovery(recovery: dict[str, Any]) -> Blocks:
     return [
-        Text(
-            f"Hidden sensors ({recovery['repeats']}; two with a flat gel and two with a dome in turn) are "
-            "each fitted to one press, backgrounds, dark frames and a light probe. Strong products are "
-            "those above a quarter of the group's strongest response; weaker ones are crosstalk, as a "
-            "share of the strongest."
-        ),
         Table(
             tables.recovery(recovery),
             [
@@ -249,7 +213,7 @@ def _recovery(recovery: dict[str, Any]) -> list[Text | Table | Illustration]:
     ]
 
 
-def _probe(probe: dict[str, Any], out: Path) -> list[Text | Table | Illustration]:
+def _probe(probe: dict[str, Any], out: Path) -> Blocks:
     rows = [{**strip, "number": n} for n, strip in enumerate(probe["strips"], start=1)]
     columns = [
         Column("number", "strip"),
@@ -260,56 +224,35 @@ def _probe(probe: dict[str, Any], out: Path) -> list[Text | Table | Illustration
         Column("solid_angle_ratio", "solid angle"),
         Column("seen_ratio", "seen from the ball"),
     ]
-    blocks: list[Text | Table | Illustration] = [
-        Text(
-            f"A chrome ball of 4 mm in `{probe['sensor']}` without its gel is rendered and unwrapped to "
-            "directions; beside it every LED strip is traced from the points of the ball that mirror it, in "
-            "closed form and without the renderer. Flat gel and dome have the same LEDs."
-        ),
-        Table(
-            rows,
-            columns,
-            "Angle between the centres of strip and lobe; solid angles, rendered over traced, of the "
-            f"directions and as seen from the ball. Lobes without a strip: {probe['unmatched']}.",
-        ),
+    caption = (
+        "Angle between the centres of strip and lobe; solid angles, rendered over traced, of the directions "
+        f"and as seen from the ball. Lobes without a strip: {probe['unmatched']}."
+    )
+    picture = _picture(out / "probe" / probe["picture"], "Light that arrives at the ball, by direction")
+    return [Table(rows, columns, caption), *picture]
+
+
+def _timing(timing: dict[str, Any]) -> Table:
+    columns = [
+        Column("picture", "picture"),
+        Column("samples", "samples a pixel"),
+        Column("ms", "ours", "ms"),
+        Column("paper_ms", "paper", "ms"),
+        Column("snr_db", "SNR", "dB"),
+        Column("ssim", "SSIM"),
     ]
-    if (out / "probe" / probe["picture"]).is_file():
-        blocks.append(
-            Illustration(out / "probe" / probe["picture"], "Light that arrives at the ball, by direction")
-        )
-    return blocks
+    caption = (
+        f"Quality against {timing['reference_samples']} samples a pixel of the same view, whose own noise is "
+        "in the figures. The fast estimator traces a light field once for a design, then shades every press "
+        "from it."
+    )
+    return Table(tables.timing(timing), columns, caption)
 
 
-def _timing(timing: dict[str, Any]) -> list[Text | Table | Illustration]:
-    return [
-        Text(
-            f"Ours on {timing['device']} ({timing['backend']}), the paper's on an RTX 2080 Ti. Path-traced "
-            "pictures hold each of the three LED groups on its own, so that colours and powers can be "
-            "changed without rendering again: three times the samples of one colour picture, the loading "
-            f"of the scene included. Each time is the median of {timing['repeats']} pictures after one that "
-            "compiles."
-        ),
-        Table(
-            tables.timing(timing),
-            [
-                Column("picture", "picture"),
-                Column("samples", "samples a pixel"),
-                Column("ms", "ours", "ms"),
-                Column("paper_ms", "paper", "ms"),
-                Column("snr_db", "SNR", "dB"),
-                Column("ssim", "SSIM"),
-            ],
-            f"Quality against {timing['reference_samples']} samples a pixel of the same view, whose own "
-            "noise is in the figures. The fast estimator traces a light field once for a design, then "
-            "shades every press from it.",
-        ),
-    ]
-
-
-def _real(real: dict[str, Any], out: Path) -> list[Text | Table | Illustration]:
+def _real(real: dict[str, Any], out: Path) -> Blocks:
     if "left_out" in real:
         return [Text(real["left_out"][0].upper() + real["left_out"][1:] + ".")]
-    blocks: list[Text | Table | Illustration] = [
+    blocks: Blocks = [
         Text(
             "The one public picture of the flat sensor, in full resolution: with the published values and "
             f"nothing fitted, and calibrated on that same picture at {real['columns']} columns (light, "
@@ -318,17 +261,5 @@ def _real(real: dict[str, Any], out: Path) -> list[Text | Table | Illustration]:
         ),
         Table(tables.real(real), [*tables.REAL_COLUMNS, *tables.FIGURE_COLUMNS]),
     ]
-    if (out / "real" / real["picture"]).is_file():
-        blocks.append(Illustration(out / "real" / real["picture"], "Measured, calibrated, and what is left"))
-    blocks += [Text(note, note=True) for note in real["notes"]]
-    return blocks
-
-
-def _again(result: dict[str, Any]) -> list[Text | Table | Illustration]:
-    return [
-        Text(
-            f"`designlab reproduce --out DIR --size {result['size']} --seed {result['seed']}`. It can be "
-            "interrupted; the same command goes on. The environment variable `DESIGNLAB_MEASURED` names the "
-            "folder of real pictures, without which that part is left out."
-        )
-    ]
+    blocks += _picture(out / "real" / real["picture"], "Measured, calibrated, and what is left")
+    return [*blocks, *(Text(note, note=True) for note in real["notes"])]

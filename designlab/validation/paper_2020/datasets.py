@@ -50,9 +50,9 @@ def dataset_2(design: Design, *, seed: int, balls: int = 10, triangles: int = 6)
     return frames
 
 
-def around(design: Design, *, light_probe: bool, side_px: int = CROP_PX) -> list[MeasuredFrame]:
+def around(design: Design, *, light_probe: bool) -> list[MeasuredFrame]:
     """Frames without a press: two with the LEDs off, two of the untouched gel, and the light probe."""
-    crop = crop_around(design, (0.0, 0.0), side_px)
+    crop = crop_around(design, (0.0, 0.0), CROP_PX)
     frames = [
         MeasuredFrame(file=f"dark-{n}.exr", kind="dark", leds=(), crop_px=crop, repeat=n) for n in range(2)
     ]
@@ -60,7 +60,7 @@ def around(design: Design, *, light_probe: bool, side_px: int = CROP_PX) -> list
         MeasuredFrame(file=f"background-{n}.exr", kind="background", crop_px=crop, repeat=n) for n in range(2)
     ]
     if light_probe:
-        at = crop_around(design, (0.0, 0.0), min(PROBE_CROP_PX, side_px))
+        at = crop_around(design, (0.0, 0.0), PROBE_CROP_PX)
         sigma = PoseSigma(centre_mm=SIGMA.centre_mm)
         frames.append(
             MeasuredFrame(

@@ -44,16 +44,10 @@ class Recovered:
 
 
 def measured(
-    true: SensorModel,
-    sensor: str,
-    presses: Sequence[MeasuredFrame],
-    folder: Path,
-    *,
-    seed: int,
-    light_probe: bool = True,
+    true: SensorModel, sensor: str, presses: Sequence[MeasuredFrame], folder: Path, *, seed: int
 ) -> tuple[Measurement, list[MeasuredFrame]]:
     """Photograph what a calibration needs, with coarse pixels; the measurement, and the true frames."""
-    frames = [*around(true.design, light_probe=light_probe), *presses]
+    frames = [*around(true.design, light_probe=True), *presses]
     probes = [frame for frame in frames if frame.kind == "light_probe"]
     others = [frame for frame in frames if frame.kind != "light_probe"]
     taken, pictures = photograph(true, others, samples=TRUE_SAMPLES, seed=seed, binned=BINNED)
