@@ -1,6 +1,6 @@
 """Scores of the untouched gel, each with its standard error."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -129,10 +129,7 @@ def uniformity(design: Design, a: Frame, b: Frame, seed: int) -> Scores:
     mask, pair, step = _coarse(design, a, b, coarser=1)  # the darkest hundredth needs many pixels
     sigma_px = SMOOTHING_PX / step
     found = _over_draws(lambda basis: worst_evenness(basis, mask, sigma_px), pair, seed, UNIFORMITY_DRAWS)
-    return {
-        name: Estimate(float(value), float(se), "1")
-        for name, value, se in zip(("uniformity_u0", "uniformity_cv"), *found, strict=True)
-    }
+    return _estimates(("uniformity_u0", "uniformity_cv"), *found)
 
 
 def worst_evenness(
@@ -161,10 +158,7 @@ def evenness_scores(
 
     values, errors = _over_draws(figures, pair, seed, DETAIL_DRAWS)
     each = {
-        name: {
-            figure: Estimate(float(v), float(e), "1")
-            for figure, v, e in zip(Evenness._fields, value, error, strict=True)
-        }
+        name: _estimates(Evenness._fields, value, error)
         for name, value, error in zip(names, values, errors, strict=True)
     }
     combined = each.pop("combined")
@@ -175,6 +169,11 @@ def evenness_scores(
         "uniformity_gradient": max((g["gradient"] for g in groups), key=lambda e: e.value),
     } | {f"combined_{figure}": estimate for figure, estimate in combined.items()}
     return scores, each
+
+
+def _estimates(names: Sequence[str], values: ArrayLike, errors: ArrayLike, unit: str = "1") -> Scores:
+    pairs = zip(names, np.asarray(values), np.asarray(errors), strict=True)
+    return {name: Estimate(float(value), float(error), unit) for name, value, error in pairs}
 
 
 class _Pair(NamedTuple):
@@ -258,10 +257,7 @@ def exposure_scores(bench: EvaluationProtocol, a: Frame, b: Frame) -> tuple[Scor
         return [*found, max(shares)] if shares else found
 
     (scale, *values), (scale_error, *errors) = _over_draws(figures, pair, bench.seed, DETAIL_DRAWS)
-    both = {
-        name: Estimate(max(float(value), 0.0), float(error), "1")
-        for name, value, error in zip(names, values, errors, strict=False)
-    }
+    both = _estimates(names[: len(values)], np.maximum(values, 0.0), errors)
     covered = illumination.coverage(a.rays.x_mm, a.rays.y_mm, seen(design, a), design.sensing_area_mm)
     return both | {"coverage": Estimate(covered, 0.0, "1")}, float(scale_error / scale)
 
@@ -341,8 +337,7 @@ def information_score(
     values, errors = responses.figures(of)
     errors = np.hypot(errors, of(responses.best, 1 + exposure_error) - values)
     names = ("information_flat_deg", "information_deg")
-    found = zip(names, values, errors, strict=True)
-    return {name: Estimate(float(value), float(se), "deg") for name, value, se in found}
+    return _estimates(names, values, errors, "deg")
 
 
 def merged(*parts: Mapping[str, Mapping[str, Estimate]]) -> dict[str, dict[str, Estimate]]:

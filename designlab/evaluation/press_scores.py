@@ -7,7 +7,7 @@ import numpy as np
 from designlab.core.metrics import rgb_to_normal
 from designlab.core.types import Array
 from designlab.evaluation.illumination import saturated
-from designlab.evaluation.illumination_scores import Estimate, Scores
+from designlab.evaluation.illumination_scores import SCORES, Estimate, Scores
 from designlab.evaluation.protocol import TEST_PROBES, EvaluationProtocol, Reconstruction
 from designlab.evaluation.response_maps import signal_of, thinned
 from designlab.reconstruction import normals
@@ -66,24 +66,16 @@ def reconstruction_scores(
         `noisier_presses` of them with twice the variance of render noise, one or several times. What is added
         to a score then, render noise has added as well: it is taken off.
     """
-    units = {
-        "normal_error_median_deg": "deg",
-        "normal_error_mean_deg": "deg",
-        "height_mae_um": "um",
-        "height_rmse_um": "um",
-        "normals_within_5deg": "1",
-        "rgb2normal": "1",
-        "press_saturation_share": "1",
-    }
     base = normals(*base_gradient(bench.design.elastomer, *untouched.seen_mm))
     each = _errors(bench, results, background, base)
     value, once = pooled(each), pooled(each[noisier_presses(len(each))])
     again = [pooled(_errors(bench, half, background, base)) for half in noisier]
     chances = press_chances(each)
     estimates = {}
-    for name, unit in units.items():
+    for name in value:
         if not np.isfinite(value[name]):
             continue
+        unit = SCORES[name]
         choice = float(np.linalg.norm(chances[name]))
         added = float(np.mean([half[name] for half in again])) - once[name]
         added = added if np.isfinite(added) else 0.0
@@ -133,8 +125,8 @@ def pooled(errors: Array) -> dict[str, float]:
         "height_mae_um": absolute,
         "height_rmse_um": float(np.sqrt(square)),
         "normals_within_5deg": close,
-        "press_saturation_share": full,
         "rgb2normal": float(follows.mean()) if len(follows) else float("nan"),
+        "press_saturation_share": full,
     }
 
 

@@ -94,57 +94,33 @@ def calibrate(
     given = _given(measurement, problem, imaging.level() - seen.black_level)
     if probes:  # a model without light transport misses pictures for reasons of its own
         trusted += suspicious(measurement, seen, problem, trust=trust)
-    moves, balls = len(fields) + 5, seen.of("light_probe")
+    balls = seen.of("light_probe")
     state = _reflecting(problem, _placed(problem, problem.start(), balls), fitted)
     problem.hold(balls)
+    coarse = problem
     if columns // 2 >= LEAST_COLUMNS:
-        seen_coarsely = observe(measurement, design, columns=columns // 2, light_probes=probes)
-        coarse = Problem(imaging, seen_coarsely.shots, fields, seed=seed, progress=progress)
+        shots = observe(measurement, design, columns=columns // 2, light_probes=probes).shots
+        coarse = Problem(imaging, shots, fields, seed=seed, progress=progress)
         coarse.hold(balls)
-        state = _scaled(coarse, state, fitted)
-        coarse.begin("fitting coarsely", len(fitted) * (1 + COARSE_STEPS * moves))
-        state, _ = fit(coarse, state, fitted, steps=COARSE_STEPS, rough=True)
-    else:
-        state = _scaled(problem, state, fitted)
-    problem.begin("fitting", len(fitted) * (1 + 4 * moves))
-    state, bases = fit(problem, state, fitted, rough=True)
-    problem.weigh(state, bases)
-    problem.begin("fitting, errors weighed", len(fitted) * (1 + 2 * moves))
-    state, bases = fit(problem, state, fitted)
-    problem.begin("errors", len(fitted) * (1 + moves))
+    state = _started(coarse, state, fitted, fit_coarsely=coarse is not problem)
+    state, bases = _fitted(problem, state, fitted)
     layout = Layout(problem, fitted, held_out=False)
     spread, simulated = covariance(problem, layout, state, bases)
-    held_out = seen.of("select", "final")
-    fixed = Problem(
-        imaging.at(problem.changes(state.shared)), problem.shots, (), seed=seed, progress=progress
-    )
-    fixed.begin("held-out presses", len(held_out) * 20)
-    for number in held_out:
-        found, own = fit(fixed, replace(state, shared=np.zeros(0)), [number], held_out=True, rough=True)
-        state, bases = replace(state, poses={**state.poses, **found.poses}), bases | own
+    state, bases = _registered(problem, state, bases, seen.of("select", "final"))
     total = spread + simulated
     parameters = _parameters(problem, layout, state, np.sqrt(np.diag(total)))
-    frames = tuple(
-        _frame_result(problem, state, number, given[number], bases[number])
-        for number in range(len(seen.shots))
-    )
     deviation = np.sqrt(np.diag(spread))
     correlation = spread / np.outer(deviation, deviation)
-    notes = (*trusted, *_notes(problem, seen, state, fitted, bases), *_entangled(parameters, correlation))
+    level = state.floor + seen.black_level
     return Calibration(
-        model=imaging.finished(
-            problem.changes(state.shared),
-            state.transfer,
-            state.floor + seen.black_level,
-            measurement.name,
-        ),
+        model=imaging.finished(problem.changes(state.shared), state.transfer, level, measurement.name),
         parameters=parameters,
         correlation=correlation,
         products=_products(problem, layout, state, total),
-        frames=frames,
+        frames=tuple(_frame_result(problem, state, n, given[n], bases[n]) for n in range(len(seen.shots))),
         transfer=state.transfer,
         floor=state.floor,
-        notes=notes,
+        notes=(*trusted, *_notes(problem, seen, state, fitted, bases), *_entangled(parameters, correlation)),
         provenance={
             "measurement": measurement.name,
             "model_digest": model.digest,
@@ -156,6 +132,49 @@ def calibrate(
             "noise": seen.noise_source,
         },
     )
+
+
+def _started(
+    problem: Problem, state: CalibrationState, fitted: Sequence[int], *, fit_coarsely: bool
+) -> CalibrationState:
+    """Find where a fit starts: at the best scale of the picture and, on coarse pictures, by a first fit."""
+    state = _scaled(problem, state, fitted)
+    if fit_coarsely:
+        problem.begin("fitting coarsely", len(fitted) * (1 + COARSE_STEPS * _moves(problem)))
+        state, _ = fit(problem, state, fitted, steps=COARSE_STEPS, rough=True)
+    return state
+
+
+def _fitted(
+    problem: Problem, state: CalibrationState, fitted: Sequence[int]
+) -> tuple[CalibrationState, dict[int, Array]]:
+    """Fit roughly, weigh values by what is left of them, and fit again; also the pictures at the end."""
+    moves = _moves(problem)
+    problem.begin("fitting", len(fitted) * (1 + 4 * moves))
+    state, bases = fit(problem, state, fitted, rough=True)
+    problem.weigh(state, bases)
+    problem.begin("fitting, errors weighed", len(fitted) * (1 + 2 * moves))
+    state, bases = fit(problem, state, fitted)
+    problem.begin("errors", len(fitted) * (1 + moves))
+    return state, bases
+
+
+def _registered(
+    problem: Problem, state: CalibrationState, bases: dict[int, Array], held_out: Sequence[int]
+) -> tuple[CalibrationState, dict[int, Array]]:
+    """Find the poses of held-out presses, with all else as it was fitted."""
+    imaging = problem.imaging.at(problem.changes(state.shared))
+    fixed = Problem(imaging, problem.shots, (), seed=problem.seed, progress=problem.progress)
+    fixed.begin("held-out presses", len(held_out) * 20)
+    for number in held_out:
+        found, own = fit(fixed, replace(state, shared=np.zeros(0)), [number], held_out=True, rough=True)
+        state, bases = replace(state, poses={**state.poses, **found.poses}), bases | own
+    return state, bases
+
+
+def _moves(problem: Problem) -> int:
+    """About how many pictures of each shot a step takes."""
+    return len(problem.fields) + 5
 
 
 def _imaging(model: Design | SensorModel | DirectionalLight, samples: int) -> Imaging:

@@ -57,68 +57,36 @@ class Input:
 
 def default_spreads(design: Design) -> tuple[Spread, ...]:
     """Spreads of a sensor that a laboratory makes itself: printed housing, cast gel, LEDs of one reel."""
-    above = ("leds.height_mm", "camera.position_mm.2")
-    found = [
-        Spread(
-            field="leds.groups.*.flux_mw",
-            sd=0.035,
-            relative=True,
-            source="an intensity bin is 10 to 15 % wide (data sheet OSXX0402C1C), even over it",
-        ),
-        Spread(
-            field="effects.led_spread.*",
-            sd=0.035,
-            source="as the flux of groups: LEDs side by side are of one bin",
-        ),
-        Spread(
-            field="leds.groups.*.wavelength_nm",
-            sd=2.9,
-            source="5 nm to either side of the typical wavelength (data sheet LLH-RGBW-5050), even over it",
-        ),
-        Spread(
-            field="effects.led_position.*",
-            sd=0.1,
-            source="package and board 0.1 mm (data sheet LLH-RGBW-5050), printed slot (estimate)",
-        ),
-        Spread(field="effects.led_tilt.*", sd=1.0, source="board in a printed slot (estimate)"),
-        Spread(
-            field="effects.camera_pose.*", sd=0.1, source="module in a printed seat, mm and deg (estimate)"
-        ),
-        Spread(field="optics.membrane_albedo", sd=0.05, relative=True, source="sprayed coating (estimate)"),
-    ]
-    thickness = Spread(
-        field="elastomer.thickness_mm",
-        sd=0.1,
-        # The membrane is the origin: a thicker gel moves all above it away.
-        also=(*above, "elastomer.radius_mm") if design.elastomer.shape == "dome" else above,
-        source="gel cast in a printed mould (estimate)",
-    )
-    found.append(thickness)
-    if design.elastomer.shape == "dome":
-        found.append(
-            Spread(
-                field="elastomer.radius_mm",
-                sd=0.2,
-                also=("gelcore.radius_mm",),
-                source="printed or turned mould, 0.5 % of the radius (estimate)",
-            )
-        )
+    found: list[Spread] = []
+
+    def add(
+        field: str, sd: float, source: str, *, relative: bool = False, also: tuple[str, ...] = ()
+    ) -> None:
+        found.append(Spread(field=field, sd=sd, relative=relative, also=also, source=source))
+
+    bins = "an intensity bin is 10 to 15 % wide (data sheet OSXX0402C1C), even over it"
+    add("leds.groups.*.flux_mw", 0.035, bins, relative=True)
+    add("effects.led_spread.*", 0.035, "as the flux of groups: LEDs side by side are of one bin")
+    wavelength = "5 nm to either side of the typical wavelength (data sheet LLH-RGBW-5050), even over it"
+    add("leds.groups.*.wavelength_nm", 2.9, wavelength)
+    place = "package and board 0.1 mm (data sheet LLH-RGBW-5050), printed slot (estimate)"
+    add("effects.led_position.*", 0.1, place)
+    add("effects.led_tilt.*", 1.0, "board in a printed slot (estimate)")
+    add("effects.camera_pose.*", 0.1, "module in a printed seat, mm and deg (estimate)")
+    add("optics.membrane_albedo", 0.05, "sprayed coating (estimate)", relative=True)
+    dome = design.elastomer.shape == "dome"
+    # The membrane is the origin: a thicker gel moves all above it away.
+    above = ("leds.height_mm", "camera.position_mm.2", *(("elastomer.radius_mm",) if dome else ()))
+    add("elastomer.thickness_mm", 0.1, "gel cast in a printed mould (estimate)", also=above)
+    if dome:
+        mould = "printed or turned mould, 0.5 % of the radius (estimate)"
+        add("elastomer.radius_mm", 0.2, mould, also=("gelcore.radius_mm",))
     if design.optics.light_path == "core":
-        found += [
-            Spread(field="optics.elastomer_index", sd=0.003, source="silicones of one kind (estimate)"),
-            Spread(field="optics.gelcore_index", sd=0.002, source="acrylic of several makers (estimate)"),
-        ]
+        add("optics.elastomer_index", 0.003, "silicones of one kind (estimate)")
+        add("optics.gelcore_index", 0.002, "acrylic of several makers (estimate)")
         if design.gelcore.side_finish == "ground":
-            found.append(
-                Spread(
-                    field="gelcore.ground_roughness",
-                    sd=0.2,
-                    relative=True,
-                    source="sanded by hand (estimate)",
-                )
-            )
-    known = (spread for spread in found if _has(design, spread))
-    return tuple(known)
+            add("gelcore.ground_roughness", 0.2, "sanded by hand (estimate)", relative=True)
+    return tuple(spread for spread in found if _has(design, spread))
 
 
 def _has(design: Design, spread: Spread) -> bool:

@@ -1,7 +1,7 @@
 """Light transport and directional light, calibrated in the same way, on the paper's two sets of presses."""
 
 from collections.abc import Sequence
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -65,133 +65,143 @@ def accuracy(folder: str | Path, *, size: Size, seed: int = 1, progress: Progres
         if shape not in size.shapes_of_gel:
             continue
         place = Path(folder) / shape
-        make = partial(_sensor, place, sensor, size, seed + number, progress)
-        found[sensor] = resumed(place / "accuracy.json", make)
+        hidden_sensor = _HiddenSensor(place, preset(sensor), size, seed + number, progress)
+        found[sensor] = resumed(place / "accuracy.json", hidden_sensor.compared)
     return {"sensors": found}
 
 
-def _sensor(place: Path, sensor: str, size: Size, seed: int, progress: Progress) -> dict[str, Any]:
-    nominal = preset(sensor)
-    true = hidden(nominal, seed=seed)
-    sets = {
-        1: dataset_1(nominal, seed=seed, shapes=size.shapes, places=size.places),
+@dataclass(frozen=True)
+class _HiddenSensor:
+    """A sensor built after a nominal design, its pictures, and the models fitted to them, in one folder."""
+
+    place: Path
+    nominal: Design
+    size: Size
+    seed: int
+    progress: Progress
+
+    def compared(self) -> dict[str, Any]:
+        """Figures of every model, and what is told of the sensor beside them."""
+        nominal, place, seed = self.nominal, self.place, self.seed
         # The second set of presses is on the flat gel; of the dome it gives the two that are fitted to.
-        2: dataset_2(nominal, seed=seed, balls=size.balls, triangles=size.triangles)
-        if sensor == SENSORS["flat"]
-        else dataset_2(nominal, seed=seed, balls=1, triangles=1),
-    }
-    frames = [*around(nominal, light_probe=True), *sets[1], *sets[2]]
-    measurement = _photographed(place, sensor, true, frames, size, seed, progress)
-    dataset = {frame.file: number for number, own in sets.items() for frame in own}
-    models: dict[str, Any] = {}
-    pairs: dict[str, Sequence[Pair]] = {}
-    edges: dict[str, NDArray[np.bool_]] = {}
-    posed = measurement
-    for name in MODELS:
-        # Directional light would bend poses to stand for light that falls off; it is given those found.
-        model, poses = _calibrated(place, name, nominal, posed, size, seed, progress)
-        posed = at_poses(measurement, poses) if name == TRANSPORT else posed
-        tell = named(progress, f"{sensor}: {name}, comparing: ")
-        comparison = compare_model(model, posed, samples=SAMPLES, seed=seed, progress=tell)
-        pairs[name] = comparison.pairs
-        if name == TRANSPORT:
-            edges = {
-                frame.file: _edges(nominal, posed, frame) for frame in posed.frames if frame.kind == "press"
-            }
-        models[name] = _figures(comparison.pairs, measurement, dataset, edges)
-    shown = next(
-        k
-        for kind in SHOWN
-        for k, pair in enumerate(pairs[TRANSPORT])
-        if pair.file.startswith(kind) and dataset[pair.file] == 1
-    )
-    return {
-        "models": models,
-        "pictures": {
-            "comparison": str(
-                write_figure(
-                    models_plot({name: own[shown] for name, own in pairs.items()}), place / "comparison.png"
-                )
-            )
-        },
-        "interreflected_share": _interreflected(place, size, seed),
-        "fit_frames": sum(frame.split == "train" for frame in measurement.frames),
-        "held_out_frames": sum(frame.split == "final" for frame in measurement.frames),
-    }
-
-
-def _photographed(
-    place: Path,
-    sensor: str,
-    true: SensorModel,
-    frames: Sequence[MeasuredFrame],
-    size: Size,
-    seed: int,
-    progress: Progress,
-) -> Measurement:
-    """Take every picture that is not there yet, then write the measurement."""
-    if (place / "measurement" / "measurement.toml").is_file():
-        return load_measurement(place / "measurement")
-    pictures, taken = place / "pictures", []
-    pictures.mkdir(parents=True, exist_ok=True)
-    for number, frame in enumerate(frames):
-        progress(f"{sensor}: photographing", number, len(frames))
-        image, about = pictures / frame.file, pictures / f"{frame.file}.json"
-        if not about.is_file():
-            binned = 1 if frame.kind == "light_probe" else size.binned
-            done, found = photograph(
-                true,
-                [frame],
-                samples=size.samples,
-                seed=1000 * seed + number,
-                binned=binned,
-                averaged=AVERAGED,
-            )
-            write_image(image, found[frame.file].astype(np.float16))
-            write_json(about, done[0].model_dump(mode="json", exclude_none=True))
-        taken.append(MeasuredFrame.model_validate(read_json(about)))
-    measurement = Measurement(
-        name=f"made {sensor}",
-        sensor=sensor,
-        response="linear",
-        source="simulated: unbiased estimator, fine mesh, camera noise, poses off by their stated doubt",
-        frames=tuple(stated(taken, seed=seed)),
-    )
-    images = {frame.file: read_image(pictures / frame.file).astype(np.float16) for frame in frames}
-    return load_measurement(write_measurement(measurement, images, place / "measurement"))
-
-
-def _calibrated(
-    place: Path,
-    name: str,
-    nominal: Design,
-    measurement: Measurement,
-    size: Size,
-    seed: int,
-    progress: Progress,
-) -> tuple[SensorModel | DirectionalLight, dict[str, Any]]:
-    """Model fitted to two presses, and the pose that it finds for every press."""
-    stem = name.replace(", ", "-").replace(" ", "-")
-    model, kept = place / f"{stem}.toml", place / f"{stem}.json"
-    if not kept.is_file():
-        groups = range(len(nominal.leds.groups))
-        start: Design | DirectionalLight = nominal
-        free = [KERNEL, *(f"{ALBEDO}.{group}" for group in groups)]
-        if name != TRANSPORT:
-            # At poses that are known nothing of the other presses is left to be found.
-            fitted = tuple(frame for frame in measurement.frames if frame.split != "final")
-            measurement = measurement.model_copy(update={"frames": fitted})
-            start = DirectionalLight.of(nominal, "diffuse" if name == DIFFUSE else "phong")
-            # Free azimuths turn to where they stand for fall-off, and shade presses from the wrong side.
-            free = [f"lights.{group}.elevation_deg" for group in groups]
-            free += ["exponent"] if name == PHONG else []
-        tell = named(progress, f"{nominal.name}: {name}: ")
-        found = calibrate(
-            measurement, start, columns=size.columns, samples=SAMPLES, seed=seed, free=free, progress=tell
+        flat = nominal.name == SENSORS["flat"]
+        more = (
+            {"balls": self.size.balls, "triangles": self.size.triangles}
+            if flat
+            else {"balls": 1, "triangles": 1}
         )
-        write_atomic(model, found.model.dumps())
-        write_json(kept, {"poses": poses_of(found), "calibration": found.to_json()})
-    return load_any_model(model), read_json(kept)["poses"]
+        sets = {
+            1: dataset_1(nominal, seed=seed, shapes=self.size.shapes, places=self.size.places),
+            2: dataset_2(nominal, seed=seed, **more),
+        }
+        measurement = self._photographed([*around(nominal, light_probe=True), *sets[1], *sets[2]])
+        dataset = {frame.file: number for number, own in sets.items() for frame in own}
+        models: dict[str, Any] = {}
+        pairs: dict[str, Sequence[Pair]] = {}
+        edges: dict[str, NDArray[np.bool_]] = {}
+        posed = measurement
+        for name in MODELS:
+            # Directional light would bend poses to stand for light that falls off; it is given those found.
+            model, poses = self._calibrated(name, posed)
+            posed = at_poses(measurement, poses) if name == TRANSPORT else posed
+            tell = named(self.progress, f"{nominal.name}: {name}, comparing: ")
+            comparison = compare_model(model, posed, samples=SAMPLES, seed=seed, progress=tell)
+            pairs[name] = comparison.pairs
+            if name == TRANSPORT:
+                edges = {
+                    frame.file: _edges(nominal, posed, frame)
+                    for frame in posed.frames
+                    if frame.kind == "press"
+                }
+            models[name] = _figures(comparison.pairs, measurement, dataset, edges)
+        shown = next(
+            k
+            for kind in SHOWN
+            for k, pair in enumerate(pairs[TRANSPORT])
+            if pair.file.startswith(kind) and dataset[pair.file] == 1
+        )
+        plot = models_plot({name: own[shown] for name, own in pairs.items()})
+        picture = write_figure(plot, place / "comparison.png")
+        return {
+            "models": models,
+            "pictures": {"comparison": str(picture)},
+            "interreflected_share": self._interreflected(),
+            "fit_frames": sum(frame.split == "train" for frame in measurement.frames),
+            "held_out_frames": sum(frame.split == "final" for frame in measurement.frames),
+        }
+
+    def _photographed(self, frames: Sequence[MeasuredFrame]) -> Measurement:
+        """Take every picture that is not there yet, then write the measurement."""
+        folder, sensor = self.place / "measurement", self.nominal.name
+        if (folder / "measurement.toml").is_file():
+            return load_measurement(folder)
+        true = hidden(self.nominal, seed=self.seed)
+        pictures, taken = self.place / "pictures", []
+        pictures.mkdir(parents=True, exist_ok=True)
+        for number, frame in enumerate(frames):
+            self.progress(f"{sensor}: photographing", number, len(frames))
+            image, about = pictures / frame.file, pictures / f"{frame.file}.json"
+            if not about.is_file():
+                binned = 1 if frame.kind == "light_probe" else self.size.binned
+                seed = 1000 * self.seed + number
+                done, found = photograph(
+                    true, [frame], samples=self.size.samples, seed=seed, binned=binned, averaged=AVERAGED
+                )
+                write_image(image, found[frame.file].astype(np.float16))
+                write_json(about, done[0].model_dump(mode="json", exclude_none=True))
+            taken.append(MeasuredFrame.model_validate(read_json(about)))
+        measurement = Measurement(
+            name=f"made {sensor}",
+            sensor=sensor,
+            response="linear",
+            source="simulated: unbiased estimator, fine mesh, camera noise, poses off by their stated doubt",
+            frames=tuple(stated(taken, seed=self.seed)),
+        )
+        images = {frame.file: read_image(pictures / frame.file).astype(np.float16) for frame in frames}
+        return load_measurement(write_measurement(measurement, images, folder))
+
+    def _calibrated(
+        self, name: str, measurement: Measurement
+    ) -> tuple[SensorModel | DirectionalLight, dict[str, Any]]:
+        """Model fitted to two presses, and the pose that it finds for every press."""
+        stem = name.replace(", ", "-").replace(" ", "-")
+        model, kept = self.place / f"{stem}.toml", self.place / f"{stem}.json"
+        if not kept.is_file():
+            groups = range(len(self.nominal.leds.groups))
+            start: Design | DirectionalLight = self.nominal
+            free = [KERNEL, *(f"{ALBEDO}.{group}" for group in groups)]
+            if name != TRANSPORT:
+                # At poses that are known nothing of the other presses is left to be found.
+                fitted = tuple(frame for frame in measurement.frames if frame.split != "final")
+                measurement = measurement.model_copy(update={"frames": fitted})
+                start = DirectionalLight.of(self.nominal, "diffuse" if name == DIFFUSE else "phong")
+                # Free azimuths turn to where they stand for fall-off, and shade presses from the wrong side.
+                free = [f"lights.{group}.elevation_deg" for group in groups]
+                free += ["exponent"] if name == PHONG else []
+            found = calibrate(
+                measurement,
+                start,
+                columns=self.size.columns,
+                samples=SAMPLES,
+                seed=self.seed,
+                free=free,
+                progress=named(self.progress, f"{self.nominal.name}: {name}: "),
+            )
+            write_atomic(model, found.model.dumps())
+            write_json(kept, {"poses": poses_of(found), "calibration": found.to_json()})
+        return load_any_model(model), read_json(kept)["poses"]
+
+    def _interreflected(self) -> dict[str, float]:
+        """Share of the untouched gel's light that met the membrane or the parts around it more than once."""
+        model = load_any_model(self.place / "light-transport.toml")
+        assert isinstance(model, SensorModel)
+        lengths = model.design.optics.path_length, 2
+        designs = [model.design.replace({"optics.path_length": length}) for length in lengths]
+        whole, once = (
+            Simulator(design, columns=80, samples=SAMPLES, seed=self.seed).frame(None).mixed.mean(axis=(0, 1))
+            for design in designs
+        )
+        return {channel: float(1 - b / a) for channel, a, b in zip(CHANNELS, whole, once, strict=True)}
 
 
 def poses_of(found: Calibration) -> dict[str, Any]:
@@ -281,18 +291,3 @@ def error_shares(
     parts = (((error - left) ** 2).sum(), (left[edges] ** 2).sum(), (left[~edges] ** 2).sum())
     total = float(sum(parts))
     return {name: float(part) / total if total else 0.0 for name, part in zip(PARTS, parts, strict=True)}
-
-
-def _interreflected(place: Path, size: Size, seed: int) -> dict[str, float]:
-    """Share of the untouched gel's light that has met the membrane or the parts around it more than once."""
-    model = load_any_model(place / "light-transport.toml")
-    assert isinstance(model, SensorModel)
-    whole, once = (
-        Simulator(
-            model.design.replace({"optics.path_length": length}), columns=80, samples=SAMPLES, seed=seed
-        )
-        .frame(None)
-        .mixed.mean(axis=(0, 1))
-        for length in (model.design.optics.path_length, 2)
-    )
-    return {channel: float(1 - b / a) for channel, a, b in zip(CHANNELS, whole, once, strict=True)}

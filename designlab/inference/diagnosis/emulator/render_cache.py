@@ -97,11 +97,12 @@ class Renders:
         key = digest(_transport(model, press), press, _mesh_content(press), *settings, _versions(), *shared)
         if key not in self._kept:
             stored = read_cache(key, folder=self.folder)
-            self._kept[key] = (
-                stored["basis"] if stored else self._render(model, press, view, variant, repeat, like)
-            )
             if not stored:
-                write_cache(key, {"basis": self._kept[key]}, folder=self.folder)
+                self.rendered += 1
+                simulator = self.simulator(model, view, variant=variant, repeat=repeat, like=like)
+                stored = {"basis": simulator.frame(press).basis}
+                write_cache(key, stored, folder=self.folder)
+            self._kept[key] = stored["basis"]
             self._asked += 1
             self._tell()
         return self._kept[key]
@@ -128,18 +129,6 @@ class Renders:
                 simulator.pitch_mm /= FINER
             self._simulators[key] = simulator
         return self._simulators[key]
-
-    def _render(
-        self,
-        model: SensorModel,
-        press: Press | None,
-        view: View,
-        variant: Variant,
-        repeat: int,
-        like: SensorModel | None,
-    ) -> Basis:
-        self.rendered += 1
-        return self.simulator(model, view, variant=variant, repeat=repeat, like=like).frame(press).basis
 
     def _seed(self, repeat: int) -> int:
         return self.seed + NEXT_SEED * repeat

@@ -244,7 +244,6 @@ class Fitter:
         *,
         gains: bool = True,
         held: Collection[str] = (),
-        iterations: int = ITERATIONS,
     ) -> Fit:
         """Fit effects, gains and what shots have alone.
 
@@ -267,7 +266,7 @@ class Fitter:
         found = self.system(state, shots, unknowns)
         low, high = self.bounds(unknowns)
         objective = found.misfit + float(found.now @ found.now)
-        for _ in range(iterations):
+        for _ in range(ITERATIONS):
             step, predicted = found.step(low, high)
             if predicted < 2 * SETTLED:
                 break
