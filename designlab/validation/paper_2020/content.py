@@ -65,7 +65,7 @@ def sections(result: dict[str, Any], out: Path) -> list[Chapter]:
     stages = result["stages"]
     covered = stages["recovery"]["covered"]
     fields = {**result, **stages, "covered": covered, "covered_share": percent(covered["share"])}
-    inserts = {
+    inserts: dict[str, Blocks] = {
         "reduced": [] if result["size"] == "full" else [REDUCED],
         "headlines": [Text(tables.headline(*own)) for own in stages["accuracy"]["sensors"].items()],
         "constant": [Text(constant_text(stages["real"]))],
