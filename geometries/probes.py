@@ -66,9 +66,24 @@ MIN_SHANK_MM = 5.0
 
 
 class Probe(Spec):
-    """An indenter.
+    """A probe is the rigid body that is pressed into the gel.
 
-    Local frame: its foremost point touches z = 0 and it extends towards -z; it moves along +z into the gel.
+    In its own frame its foremost point touches z = 0 and it extends towards -z; it moves along +z into the
+    gel.
+
+    Parameters
+    ----------
+    kind : str
+        Shape of the probe, one of `SIZES`.
+    size_mm : float
+        Characteristic size in mm, see `SIZES`.
+    file : str, optional
+        Mesh file (STL or OBJ) of a probe of kind ``mesh``.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If the kind is unknown, the size is out of its bounds, or the file is missing or superfluous.
     """
 
     kind: ProbeKind = Field(description="Shape of the probe.")
@@ -127,17 +142,62 @@ def _size_mm(size: str, text: str) -> float:
 
 
 def sphere(*, diameter_mm: float) -> Probe:
-    """Ball, on a round shank of its diameter."""
+    """Make a ball, on a round shank of its diameter.
+
+    Parameters
+    ----------
+    diameter_mm : float
+        Diameter of the ball in mm, above 0.05, at most 100.
+
+    Returns
+    -------
+    Probe
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If the size is out of its bounds.
+    """
     return Probe(kind="sphere", size_mm=diameter_mm)
 
 
 def triangle(*, side_mm: float) -> Probe:
-    """Flat equilateral triangle with a corner at +y."""
+    """Make a flat equilateral triangle with a corner at +y.
+
+    Parameters
+    ----------
+    side_mm : float
+        Side of the triangle in mm, above 0.05, at most 100.
+
+    Returns
+    -------
+    Probe
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If the size is out of its bounds.
+    """
     return Probe(kind="triangle", size_mm=side_mm)
 
 
 def star(*, diameter_mm: float) -> Probe:
-    """Flat five-pointed star with a tip at +y; the diameter is that of the circle through its tips."""
+    """Make a flat five-pointed star with a tip at +y.
+
+    Parameters
+    ----------
+    diameter_mm : float
+        Diameter of the circle through the tips in mm, above 0.05, at most 100.
+
+    Returns
+    -------
+    Probe
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If the size is out of its bounds.
+    """
     return Probe(kind="star", size_mm=diameter_mm)
 
 

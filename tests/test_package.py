@@ -1,14 +1,94 @@
-"""The names of the package as a notebook types them."""
+"""The public names: as a notebook types them, as help shows them, and as docs/api.md lists them."""
 
+import inspect
+import pydoc
+import re
 import subprocess
 import sys
 
+import pytest
+
 import designlab
+from tests import ROOT
+
+API = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
+UNITS = {"_mm": "mm", "_deg": "deg"}
 
 
-def test_every_public_name_is_found():
+def sections(name):
+    """Sections of a docstring by title; the text before them has none."""
+    title, found = "", {"": []}
+    lines = inspect.getdoc(getattr(designlab, name)).splitlines()
+    for line, below in zip(lines, [*lines[1:], ""], strict=True):
+        if below and set(below) == {"-"}:
+            title, found[line] = line, []
+        elif not line or set(line) != {"-"}:
+            found[title].append(line)
+    return {title: "\n".join(lines) for title, lines in found.items()}
+
+
+def described(text):
+    """Description of each name in a section of parameters; names before a comma share theirs."""
+    entries = re.findall(r"^(\w[\w, ]*?)(?: :.*)?\n((?: +.+\n?|\n)*)", text, re.MULTILINE)
+    return {name: meaning for names, meaning in entries for name in names.split(", ")}
+
+
+def call(name):
+    """How a name is called: parameters with their defaults, and what comes back from a function."""
+    signature = inspect.signature(getattr(designlab, name))
+    words, keyword = [], False
+    for parameter in signature.parameters.values():
+        if parameter.kind is parameter.KEYWORD_ONLY and not keyword:
+            words.append("*")
+            keyword = True
+        default = "..." if "factory" in repr(parameter.default) else repr(parameter.default)
+        words.append(parameter.name + (f"={default}" if parameter.default is not parameter.empty else ""))
+    back = signature.return_annotation
+    back = f" -> {getattr(back, '__name__', back)}" if inspect.isfunction(getattr(designlab, name)) else ""
+    return f"{name}({', '.join(words)}){back}"
+
+
+def row(name):
+    """Row of a name in the table of docs/api.md."""
+    summary = " ".join(sections(name)[""].split("\n\n")[0].split())
+    return f"| `{name}` | {summary} | `{call(name)}` |"
+
+
+def test_dir_gives_the_public_names_and_no_other():
+    assert dir(designlab) == sorted(designlab.__all__) == list(designlab.__all__)
     for name in designlab.__all__:
         assert callable(getattr(designlab, name)), name
+
+
+def test_help_shows_every_public_name():
+    shown = pydoc.plain(pydoc.render_doc(designlab))
+    for name in designlab.__all__:
+        assert re.search(rf"^    (class )?{name}\(", shown, re.MULTILINE), name
+
+
+@pytest.mark.parametrize("name", designlab.__all__)
+def test_every_public_name_has_its_row(name):
+    """A row that is missing or out of date is printed as it should stand."""
+    assert row(name) in API.splitlines()
+
+
+def test_no_row_names_anything_else():
+    assert re.findall(r"^\| `(\w+)`", API, re.MULTILINE) == designlab.__all__
+
+
+@pytest.mark.parametrize("name", designlab.__all__)
+def test_docstrings_say_parameters_units_results_and_errors(name):
+    found = sections(name)
+    assert re.match(r"[A-Z].*\.$", found[""].strip(), re.DOTALL)
+    meanings = described(found.get("Parameters") or found["Attributes"])
+    for parameter in inspect.signature(getattr(designlab, name)).parameters:
+        assert parameter in meanings
+        for ending, unit in UNITS.items():
+            if parameter.endswith(ending):
+                assert unit in meanings[parameter], parameter
+    if inspect.isfunction(getattr(designlab, name)):
+        assert found["Returns"].strip()
+        assert found["Raises"].strip()
 
 
 def test_functions_are_not_hidden_by_modules_of_the_same_name():

@@ -52,12 +52,18 @@ FIDELITIES: dict[str, Fidelity] = {
 
 @dataclass(frozen=True)
 class Score:
-    """What an evaluation found.
+    """A score holds what an evaluation found of a design.
 
-    Every score is an attribute too, for example ``score.normal_error_median_deg``.
+    Each of `scores` is an attribute too, for example ``score.normal_error_median_deg``.
 
     Attributes
     ----------
+    design, digest : str
+        Name of the design, and digest of the design or the sensor model.
+    fidelity : str
+        Effort of the evaluation.
+    seed : int
+        Seed of places, render noise and camera noise.
     scores : mapping of str to Estimate
         The scores; of figures that each LED group has, that of the worst group.
     groups : mapping of str to mapping of str to Estimate
@@ -66,6 +72,12 @@ class Score:
         Worst place of the untouched gel (``gel``) and of the test presses (``press``), see `weakest_point`.
     presses : mapping of str to sequence of float
         Figures of each test press, of which the scores of presses are pooled, with what render noise adds.
+    margins : mapping of str to float
+        Signed distance to each geometric rule in mm; positive means violated.
+    light : TransportError
+        How far the light may be off, relative to its mean.
+    seconds : mapping of str to float
+        Time that each part took, in s.
     warnings : sequence of str
         Where a sensor model was used beyond what it was fitted to, and what of it is not simulated.
     """
@@ -179,6 +191,11 @@ def evaluate(
         only the untouched gel is seen. Its pictures must be as large as those of `fidelity`.
     as_built : bool
         Whether it is a sensor as it was built, which may have lost some of its view: ``coverage`` tells.
+
+    Returns
+    -------
+    Score
+        Each score with value, standard error, bound of its bias, and unit.
 
     Raises
     ------

@@ -39,10 +39,21 @@ def evaluate(
 
     Parameters
     ----------
-    design, fidelity, seed, progress, calibration, as_built
-        As of `designlab.evaluation.evaluate.evaluate`.
+    design : Design or SensorModel
+        What to score.
+    fidelity : {"fast", "standard", "reference"}
+        Effort; presses depend on the seed alone, so all see the same ones.
+    seed : int
+        Seed of places, render noise and camera noise.
     out : path, optional
         Folder for scores and pictures; replaced when it exists.
+    progress, calibration, as_built
+        As in `designlab.evaluation.evaluate.evaluate`.
+
+    Returns
+    -------
+    Score
+        Each score with value, standard error, bound of its bias, and unit.
 
     Raises
     ------

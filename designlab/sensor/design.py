@@ -72,7 +72,41 @@ class Contact(Spec):
 
 
 class Design(Spec):
-    """One sensor: parts, optics, contact, camera. Immutable; equal designs have equal digests."""
+    """A design is one sensor: parts, optics, contact and camera.
+
+    It is immutable; equal designs have equal digests.
+
+    Parameters
+    ----------
+    name : str
+        Short name.
+    description : str
+        What it is and where its figures come from.
+    gelcore : Gelcore
+        The rigid clear body.
+    elastomer : Elastomer
+        The soft clear gel.
+    leds : LedArray
+        The light sources.
+    housing : Housing
+        The opaque tube.
+    optics : Optics
+        Materials and light path.
+    contact : Contact
+        Smoothing of indentations by the gel.
+    camera : Camera
+        The camera.
+    sensing_area_mm : tuple of two float
+        Width and height in mm of the area where scores count, centred on the membrane.
+    mixing : tuple of three rows, optional
+        Response of each camera channel to each LED group, shape (3, groups), without unit. It follows from
+        LED spectra and camera sensitivities when absent.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If a field is unknown or out of its bounds, or fields contradict each other.
+    """
 
     name: str = Field("unnamed", description="Short name.")
     description: str = Field("", description="What it is and where its figures come from.")
@@ -408,6 +442,16 @@ def loads(text: str, *, source: str = "design", folder: Path | None = None) -> D
 def load(name_or_path: str | Path) -> Design:
     """Load a preset by name, or a design from a TOML file.
 
+    Parameters
+    ----------
+    name_or_path : str or Path
+        A preset's name goes before a file of the same name.
+
+    Returns
+    -------
+    Design
+        The design; lengths are mm, angles degrees.
+
     Raises
     ------
     DesignError
@@ -451,5 +495,21 @@ def preset_text(name: str) -> str:
 
 
 def preset(name: str) -> Design:
-    """Load a published or built-in sensor by name."""
+    """Load a published or built-in sensor by name.
+
+    Parameters
+    ----------
+    name : str
+        One of those that ``designlab presets`` lists.
+
+    Returns
+    -------
+    Design
+        The design; lengths are mm, angles degrees.
+
+    Raises
+    ------
+    DesignError
+        If there is no preset of that name.
+    """
     return loads(preset_text(name), source=f"preset {name}")

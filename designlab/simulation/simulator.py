@@ -373,5 +373,30 @@ def render(
     samples: int = 64,
     seed: int,
 ) -> Frame:
-    """Simulate one picture of the sensing area; see `Simulator` for the parameters."""
+    """Simulate one picture of the sensing area.
+
+    Parameters
+    ----------
+    design : Design or SensorModel
+        The sensor.
+    press : Press, optional
+        The indentation; the untouched membrane when absent.
+    columns : int
+        Width of the picture in pixels.
+    samples : int
+        Samples per pixel and LED group; photons per LED group are chosen to match.
+    seed : int
+        Seed of the light transport.
+
+    Returns
+    -------
+    Frame
+        The picture in linear radiance (`Frame.mixed`, mW/mm2/sr, shape (rows, columns, 3)) and its ground
+        truth.
+
+    Raises
+    ------
+    RenderFailed
+        If no light reaches the camera, or what was rendered is no picture.
+    """
     return Simulator(design, columns=columns, samples=samples, seed=seed).frame(press)

@@ -30,11 +30,31 @@ def fresnel_metal(cosine: Array, index: complex) -> Array:
 
 
 class LightProbe(Spec):
-    """A chrome ball in a sensor without its gel, seen by the sensor's own camera.
+    """A light probe is a chrome ball in a sensor without its gel, seen by the sensor's own camera.
 
     The ball stands on the plane z = 0, where the apex of the membrane was, on the camera's side: this is an
     assumption, which `lowest_mm` changes. A sensor with a gelcore in the path of light has no room there for
     more than the gel's thickness; a larger ball hangs lower.
+
+    Parameters
+    ----------
+    diameter_mm : float
+        Diameter of the ball in mm.
+    centre_mm : tuple of two float
+        Place of the ball's centre, (x, y) in mm.
+    lowest_mm : float
+        Height of the ball's lowest point above the plane z = 0, in mm.
+    roughness : float
+        GGX alpha of the ball's surface, from 0, a mirror, to 1.
+    reflectance : float, optional
+        Reflectance at all angles, at most 1; chromium's when absent.
+    immersed : bool
+        Whether a clear liquid of the gel's index joins ball and gelcore.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If a value is out of its bounds.
     """
 
     diameter_mm: float = quantity(4.0, unit="mm", gt=0, le=50, description="Diameter of the ball.")

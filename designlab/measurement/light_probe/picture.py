@@ -84,6 +84,11 @@ def light_probe(
     view : View, optional
         Part of the camera's sensor.
 
+    Returns
+    -------
+    ProbePicture
+        The picture in linear radiance (mW/mm2/sr), with the ball and the view that it shows.
+
     Raises
     ------
     ValueError

@@ -190,7 +190,7 @@ def optimise(
     evaluator: Evaluator | None = None,
     storage: str | None = None,
 ) -> Results:
-    """Search for better designs; the same call again resumes, see `run_study`.
+    """Search for better designs; the same call again goes on where it was, see `run_study`.
 
     Parameters
     ----------
@@ -215,10 +215,18 @@ def optimise(
     trials, fidelity, seed, sampler, workers, progress, evaluator, storage
         As in `Study` and `run_study`.
 
+    Returns
+    -------
+    Results
+        All trials so far, those of earlier runs in the folder included.
+
     Raises
     ------
     StudyError
-        If a parameter does not fit its field; names field, value and rule.
+        If a parameter does not fit its field (the line names field, value and rule), or the folder holds
+        another study.
+    StudyInterrupted
+        If the user pressed Ctrl-C; nothing that was finished is lost.
     """
     base = design if isinstance(design, Design) else design.design
     stated = {"objectives": objectives, "constraints": constraints, "plan": plan}

@@ -91,7 +91,12 @@ def tolerance(
         Whether each copy is calibrated on its own, as a laboratory does with a sensor that it has built, or
         the drawing is once: copies are then reconstructed with its calibration and their own untouched gel.
     workers, dask, progress, evaluator
-        As in `designlab.optimization.study.run_study`.
+        As in `designlab.optimization.study.sweep`.
+
+    Returns
+    -------
+    Tolerance
+        Scores and yield of the copies, and how much each spread is to blame.
 
     Raises
     ------

@@ -7,7 +7,24 @@ from geometries.spec import Spec, quantity
 
 
 class Press(Spec):
-    """One indentation: which probe, how deep, where, and how it is turned."""
+    """A press is one indentation: which probe, how deep, where, and how it is turned.
+
+    Parameters
+    ----------
+    probe : Probe
+        The indenter.
+    depth_mm : float
+        Largest penetration below the undeformed membrane, along z, in mm; at most 20.
+    centre_mm : tuple of two float
+        Where the probe's axis meets the membrane, (x, y) in mm.
+    yaw_deg : float
+        Rotation about z in degrees, counter-clockwise in the image.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If a value is out of its bounds.
+    """
 
     probe: Probe = Field(description="The indenter.")
     depth_mm: float = quantity(

@@ -12,16 +12,18 @@ from designlab.core.types import Array
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """The membrane on a regular grid: row 0 at +y, heights above the undeformed base.
+    """A surface is the membrane on a regular grid: row 0 at +y, heights above the undeformed base.
 
     Attributes
     ----------
     x_mm, y_mm : array, shapes (columns,) and (rows,)
-        Grid coordinates; `y_mm` descends.
+        Grid coordinates in mm; `y_mm` descends.
     height_mm : array, shape (rows, columns)
-        Indentation, positive towards the camera.
+        Indentation in mm, positive towards the camera.
     base_mm : array, shape (rows, columns)
-        Undeformed membrane; NaN where there is none.
+        Height of the undeformed membrane in mm; NaN where there is none.
+    base_p, base_q : array, shape (rows, columns)
+        Slopes dz/dx and dz/dy of the undeformed membrane.
     contact : bool array, shape (rows, columns)
         Where the probe touches.
     """
