@@ -1,10 +1,12 @@
 """The public names: as a notebook types them, as help shows them, and as docs/api.md lists them."""
 
+import ast
 import inspect
 import pydoc
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -13,6 +15,10 @@ from tests import ROOT
 
 API = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
 UNITS = {"_mm": "mm", "_deg": "deg"}
+
+APP = Path(designlab.__file__).parent / "app"
+PROVE = ("cli/gap.py", "cli/reproduce.py", "demo/run.py")
+"""What generates measurements, or runs the proof of the tool, where it is asked to."""
 
 
 def sections(name):
@@ -107,3 +113,27 @@ def test_importing_the_package_loads_nothing_heavy():
         "assert not heavy, heavy"
     )
     subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_the_product_loads_nothing_of_its_proof():
+    """What evaluates, renders, exports, calibrates, searches and diagnoses, as far as it loads at once."""
+    modules = [f"designlab.app.cli.{path.stem}" for path in (APP / "cli").glob("[a-z]*.py")]
+    modules.append("designlab.inference.diagnosis.diagnose")
+    program = (
+        "import importlib, sys, designlab;"
+        "[getattr(designlab, name) for name in designlab.__all__];"
+        f"[importlib.import_module(name) for name in {modules}];"
+        "proof = [name for name in sys.modules if name.startswith('designlab.validation')];"
+        "assert not proof, proof"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_only_commands_that_prove_import_the_proof_where_they_run():
+    importers = {
+        path.relative_to(APP).as_posix()
+        for path in APP.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("designlab.validation")
+    }
+    assert importers == set(PROVE)
