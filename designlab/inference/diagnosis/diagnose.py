@@ -321,9 +321,9 @@ def _notes(seen: Observations, measurement: Measurement, model: SensorModel) -> 
 def _chance(fitter: Fitter) -> Iterator[str]:
     """Note what chance leaves of light that is counted in photons."""
     shares = [
-        float(np.sqrt((own.grain.sigma**2).mean() / (shot.signal**2).mean()))
+        float(np.sqrt((own.random.sigma**2).mean() / (shot.signal**2).mean()))
         for shot, own in zip(fitter.bank.shots, fitter.noises, strict=True)
-        if own.grain is not None and shot.lit.all()
+        if own.random is not None and shot.lit.all()
     ]
     if shares:
         yield (

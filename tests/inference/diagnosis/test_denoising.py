@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from designlab.inference.diagnosis.emulator.denoising import bands, by_band, calm, coefficients, without_grain
+from designlab.inference.diagnosis.emulator.denoising import (
+    bands,
+    by_band,
+    coefficients,
+    denoised_change,
+    fit_denoiser,
+)
 
 SHAPE, REPEATS, CHANCE = (60, 80), 8, 0.03
 Y, X = np.meshgrid(np.linspace(-1, 1, SHAPE[0]), np.linspace(-1, 1, SHAPE[1]), indexing="ij")
@@ -25,7 +31,7 @@ def relative_error(found: np.ndarray, truth: np.ndarray) -> float:
 
 def test_smooth_light_is_told_from_chance_up_to_the_border() -> None:
     pictures = repeated(BROAD)
-    found = calm(pictures).factor[0] * pictures.mean(axis=0)[0]
+    found = fit_denoiser(pictures).factor[0] * pictures.mean(axis=0)[0]
     plain = relative_error(pictures.mean(axis=0)[0], BROAD)
     assert plain == pytest.approx(CHANCE / np.sqrt(REPEATS), rel=0.05)
     assert relative_error(found, BROAD) < 0.35 * plain
@@ -37,7 +43,7 @@ def test_smooth_light_is_told_from_chance_up_to_the_border() -> None:
 def test_an_edge_is_kept() -> None:
     light = BROAD * (1 + BEAM)
     pictures = repeated(light)
-    found = calm(pictures).factor[0] * pictures.mean(axis=0)[0]
+    found = fit_denoiser(pictures).factor[0] * pictures.mean(axis=0)[0]
     assert relative_error(found, light) < 0.7 * relative_error(pictures.mean(axis=0)[0], light)
     inside, outside = np.hypot(X - 0.3, Y) < 0.35, np.hypot(X - 0.3, Y) > 0.45
     step = (found / BROAD)[inside].mean() - (found / BROAD)[outside].mean()
@@ -48,8 +54,8 @@ def test_an_edge_is_kept() -> None:
 def test_what_is_left_of_chance_is_as_large_as_said(beam) -> None:
     light = BROAD * (1 + beam * BEAM)
     pictures = repeated(light)
-    mean, still = pictures.mean(axis=0), calm(pictures)
-    left = pictures - mean - mean * still.taken
+    mean, still = pictures.mean(axis=0), fit_denoiser(pictures)
+    left = pictures - mean - mean * still.removed
     said = np.sqrt(((left / mean) ** 2).sum(axis=0).mean() / (REPEATS * (REPEATS - 1)))
     assert said == pytest.approx(relative_error(still.factor[0] * mean[0], light), rel=0.25)
 
@@ -57,7 +63,7 @@ def test_what_is_left_of_chance_is_as_large_as_said(beam) -> None:
 def freed(change: np.ndarray, drawn: np.ndarray, light: np.ndarray) -> np.ndarray:
     pictures = repeated(light)
     spread = pictures - pictures.mean(axis=0)
-    return without_grain(change, drawn, light[None].astype(np.float32), spread)
+    return denoised_change(change, drawn, light[None].astype(np.float32), spread)
 
 
 def test_a_change_is_freed_from_the_chance_of_two_pictures() -> None:
@@ -84,11 +90,11 @@ def test_no_band_is_empty(shape) -> None:
 def test_dark_places_stay_finite() -> None:
     light = BROAD * (X < 0.6)  # beyond is no membrane
     pictures = repeated(light)
-    found = calm(pictures)
+    found = fit_denoiser(pictures)
     assert np.isfinite(found.factor).all()
-    assert np.isfinite(found.taken).all()
+    assert np.isfinite(found.removed).all()
     mean = pictures.mean(axis=0)
-    assert np.isfinite(without_grain(mean, mean, found.factor * mean, pictures - mean)).all()
+    assert np.isfinite(denoised_change(mean, mean, found.factor * mean, pictures - mean)).all()
 
 
 def test_bands_share_out_all_coefficients() -> None:

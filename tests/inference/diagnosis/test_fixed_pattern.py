@@ -10,7 +10,7 @@ from designlab.inference.diagnosis.emulator.snapshots import Bank, fill
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fitter, with_strength
 from designlab.inference.diagnosis.likelihood.fixed_pattern import found_pattern, in_few_waves
-from designlab.inference.diagnosis.likelihood.monte_carlo_noise import grains
+from designlab.inference.diagnosis.likelihood.monte_carlo_noise import monte_carlo_noise
 from designlab.inference.diagnosis.likelihood.noise import DARK_LIGHT
 from designlab.inference.diagnosis.selection.acceptance import MOST_IN_WAVES
 from designlab.inference.diagnosis.selection.forward_selection import ForwardSelection
@@ -135,7 +135,7 @@ def grainy(bank) -> Bank:
 def test_grain_of_the_mean_of_repeats_is_told_from_their_spread(grainy) -> None:
     forward, state = Forward(grainy), State(GAINS)
     for number, expected in enumerate([SHARED, *[np.hypot(SHARED, OWN)] * 3]):
-        found = grains(forward, state)[number]
+        found = monte_carlo_noise(forward, state)[number]
         assert found is not None
         light = forward.predict(state, number)
         ratio = np.sqrt((found.sigma**2).mean() / (light**2).mean())
@@ -148,7 +148,7 @@ def test_grain_of_the_mean_of_repeats_is_told_from_their_spread(grainy) -> None:
 
 
 def test_pictures_taken_once_have_no_grain_to_tell(bank) -> None:
-    assert grains(Forward(bank), State(GAINS)) == [None] * len(bank.shots)
+    assert monte_carlo_noise(Forward(bank), State(GAINS)) == [None] * len(bank.shots)
 
 
 def test_grain_of_the_simulation_is_no_pattern_of_the_sensor(grainy) -> None:

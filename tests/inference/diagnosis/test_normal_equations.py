@@ -12,7 +12,7 @@ from designlab.inference.diagnosis.likelihood.noise import (
     SHOT_BUDGET,
     SMOOTH_ALIKE,
     SMOOTH_BUDGET,
-    Grain,
+    MonteCarloNoise,
     Noise,
     spectrum,
 )
@@ -42,7 +42,7 @@ class Known:
         return np.zeros(SHAPE), columns.astype(np.float32)
 
 
-def noises(level: float, grain: Grain | None = None) -> list[Noise]:
+def noises(level: float, grain: MonteCarloNoise | None = None) -> list[Noise]:
     sigma = np.full(SHAPE, 0.5)  # of every value
     return [Noise(sigma, sigma, sigma, np.full(3, level * (1 + n)), grain) for n in range(2)]
 
@@ -77,7 +77,11 @@ def coarse() -> np.ndarray:
 def test_normal_equations_are_those_of_the_dense_covariance(grainy: float, alike: float) -> None:
     # Of the variance of every value `grainy` is grain; 0.1 and, where twice as bright, 0.4 are shared.
     power, relative = coarse(), 0.1 / 200.0**2
-    grain = Grain(np.full(SHAPE, 0.5 * np.sqrt(grainy)), np.full(3, relative), power) if grainy else None
+    grain = (
+        MonteCarloNoise(np.full(SHAPE, 0.5 * np.sqrt(grainy)), np.full(3, relative), power)
+        if grainy
+        else None
+    )
     known, own = Known(3), noises(200.0, grain)
     found = system(known, None, [0, 1], UNKNOWNS, own, np.zeros(3), alike=alike)  # type: ignore[arg-type]
     # Of a misfit divided by `alike`, smooth errors are to weigh as if divided by no more than `SMOOTH_ALIKE`.

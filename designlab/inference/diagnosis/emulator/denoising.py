@@ -1,4 +1,4 @@
-"""What chance leaves in pictures of light that is counted in photons, by spatial frequency."""
+"""Denoising of pictures traced with few photons: a Wiener filter by spatial frequency."""
 
 from dataclasses import dataclass
 
@@ -38,23 +38,23 @@ def by_band(squares: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Calm:
-    """What the picture of the untouched gel has by chance, relative to its light; all pictures share it.
+class Denoiser:
+    """Monte Carlo noise of the picture of the untouched gel, relative to its light; all pictures share it.
 
     Attributes
     ----------
     factor : array, shape (groups, rows, columns)
         That takes it from any picture of the sensor.
-    taken : array, shape (repeats, groups, rows, columns)
-        Part of the relative deviation of every repeat that is taken away so.
+    removed : array, shape (repeats, groups, rows, columns)
+        Part of the relative deviation of every repeat that is removed with it.
     """
 
     factor: Single
-    taken: Single
+    removed: Single
 
 
-def calm(repeated: Single) -> Calm:
-    """Tell the structure of light from chance by frequency (Wiener 1949).
+def fit_denoiser(repeated: Single) -> Denoiser:
+    """Tell the structure of light from Monte Carlo noise by frequency (Wiener 1949).
 
     Parameters
     ----------
@@ -64,20 +64,20 @@ def calm(repeated: Single) -> Calm:
     mean = repeated.mean(axis=0)
     repeats, groups, *shape = repeated.shape
     band = bands((shape[0], shape[1]))
-    factor, taken = np.empty_like(mean), np.empty_like(repeated)
+    factor, removed = np.empty_like(mean), np.empty_like(repeated)
     for group in range(groups):
         broad = _broad(mean[group])
         light = np.maximum(mean[group], LEAST_LIGHT * mean[group].max())
         structure = coefficients(light / broad - 1.0)
         spread = coefficients((repeated[:, group] - mean[group]) / broad)
-        chance = by_band((spread**2).sum(axis=0)) / (repeats * (repeats - 1))
-        kept = np.clip(1.0 - chance / np.maximum(by_band(structure**2), 1e-300), 0.0, 1.0)
+        noise = by_band((spread**2).sum(axis=0)) / (repeats * (repeats - 1))
+        kept = np.clip(1.0 - noise / np.maximum(by_band(structure**2), 1e-300), 0.0, 1.0)
         found = broad * (1.0 + idctn(kept[band] * structure, norm="ortho"))
         factor[group] = found / light
         # The root: structure that is lost errs as well, and both together have this variance.
         lost = idctn((1.0 - np.sqrt(kept[band])) * spread, axes=(-2, -1), norm="ortho")
-        taken[:, group] = broad / light * lost
-    return Calm(factor, taken)
+        removed[:, group] = broad / light * lost
+    return Denoiser(factor, removed)
 
 
 def _broad(image: Single) -> Array:
@@ -93,12 +93,12 @@ def _polynomial(image: NDArray[np.floating], degree: int) -> Array:
     return np.asarray(down @ (down.T @ image @ across) @ across.T)
 
 
-def without_grain(change: Single, drawn: Single, light: Single, spread: Single) -> Single:
-    """Take from the change of a picture what chance leaves of it.
+def denoised_change(change: Single, drawn: Single, light: Single, spread: Single) -> Single:
+    """Remove Monte Carlo noise from the change of a picture.
 
-    The picture's own chance is in change and picture alike and cancels in their ratio. Where photons go other
-    ways there is more: it is filtered by frequency (Wiener 1949). How much that is, the finer half of the
-    frequencies tells, where light that goes other ways changes least.
+    The noise of the picture itself is in change and picture alike and cancels in their ratio. Where photons
+    go other ways there is more: it is filtered by frequency (Wiener 1949). How much that is, the finer half
+    of the frequencies tells, where light that goes other ways changes least.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def without_grain(change: Single, drawn: Single, light: Single, spread: Single) 
     drawn : array, shape (groups, rows, columns)
         The picture that it is a change of.
     light : array, shape (groups, rows, columns)
-        The same with as little chance as is known, what the change is put on.
+        The same with as little noise as is known, what the change is put on.
     spread : array, shape (repeats, groups, rows, columns)
         Deviations of repeated pictures from their mean.
     """
@@ -116,10 +116,10 @@ def without_grain(change: Single, drawn: Single, light: Single, spread: Single) 
     for group, image in enumerate(share_of(change, drawn)):
         broad = _polynomial(image, DEGREE_OF_CHANGE)
         rest = coefficients(image - broad)
-        chance = by_band((coefficients(share_of(spread[:, group], light[group])) ** 2).mean(axis=0))
+        noise = by_band((coefficients(share_of(spread[:, group], light[group])) ** 2).mean(axis=0))
         power = by_band(rest**2)
-        left = np.median((power / np.maximum(chance, 1e-300))[len(power) // 2 :])
-        kept = np.clip(1.0 - left * chance / np.maximum(power, 1e-300), 0.0, 1.0)
+        left = np.median((power / np.maximum(noise, 1e-300))[len(power) // 2 :])
+        kept = np.clip(1.0 - left * noise / np.maximum(power, 1e-300), 0.0, 1.0)
         found[group] = light[group] * (broad + idctn(kept[band] * rest, norm="ortho"))
     return found
 

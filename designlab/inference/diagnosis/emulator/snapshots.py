@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from designlab.core.store import digest
 from designlab.core.types import Array
-from designlab.inference.diagnosis.emulator.denoising import Calm, calm, share_of, without_grain
+from designlab.inference.diagnosis.emulator.denoising import Denoiser, denoised_change, fit_denoiser, share_of
 from designlab.inference.diagnosis.emulator.difference_stencil import StencilStep, Values, steps
 from designlab.inference.diagnosis.emulator.render_cache import Renders, Variant
 from designlab.measurement.shots import POSE, Shot
@@ -29,7 +29,7 @@ POSE_STEP = (0.05, 0.05, 0.06, 1.0)  # x, y, depth (mm) and yaw (deg): steps of 
 SIZE_STEP = 0.02  # likewise of the probe, relative
 LEAST_DEPTH_MM = 0.01
 SHARPER = 2  # times as many pixels along each side of pictures that are moved where a camera looks elsewhere
-REPEATS = 8  # further pictures of the given model where light comes through a core, each with its own chance
+REPEATS = 8  # further pictures of the given model where light comes through a core, each with its own noise
 FILLED_KEPT = 2
 
 
@@ -101,7 +101,7 @@ class Snapshot:
     Attributes
     ----------
     light : array, shape (groups, rows, columns)
-        Radiance of every LED group at unit flux; of repeats their mean, chance taken away as far as known.
+        Radiance of every LED group at unit flux; of repeats their mean, denoised.
     view : View
         What is rendered: more than the shots show, since a camera that stands or looks otherwise sees beyond.
     place : tuple of slice
@@ -119,14 +119,14 @@ class Snapshot:
     changes : mapping of (effect, parameter) to LightDerivative
         By coordinates from where the bank stands.
     spread : array, shape (repeats, groups, rows, columns), or None
-        Deviations of the repeats from their mean, without what is known to be chance; None where a picture's
+        Deviations of the repeats from their mean, without what is known to be noise; None where a picture's
         random error is below what every simulation is granted.
-    calming : array, shape (groups, rows, columns), or None
-        Factor that takes chance away from pictures of this press, where there are repeats.
+    denoising : array, shape (groups, rows, columns), or None
+        Factor that removes Monte Carlo noise from pictures of this press, where there are repeats.
     stand : LocalCorrection or None
         Where light was rendered besides, if the press seems to stand far from where it was stated.
     sharp : array, shape (groups, SHARPER * rows, SHARPER * columns), or None
-        Light of the stated press in finer pixels, of which edges move as they should; None where chance in it
+        Light of the stated press in finer pixels, of which edges move as they should; None where noise in it
         is more than that is worth.
     sharp_at : array, shape (4,), or None
         Pose, in steps, of the press in `sharp`, if that is not the stated one.
@@ -144,7 +144,7 @@ class Snapshot:
     size: LightDerivative | None = None
     changes: Mapping[tuple[str, str], LightDerivative] = field(default_factory=dict)
     spread: Single | None = None
-    calming: Single | None = None
+    denoising: Single | None = None
     stand: LocalCorrection | None = None
     sharp: Single | None = None
     sharp_at: Array | None = None
@@ -261,7 +261,7 @@ def rendered_at(
             press = moved(press, pose) if pose.any() else press
         picture = bank.of(number)
         light = lamp.light(model, press, picture.view.finer(times))
-        yield number, light if picture.calming is None else light * picture.calming
+        yield number, light if picture.denoising is None else light * picture.denoising
 
 
 def _fill(
@@ -319,7 +319,7 @@ class _Lamp:
 
     renders: Renders
     given: SensorModel
-    _calm: dict[View, Calm] = field(default_factory=dict)
+    _denoisers: dict[View, Denoiser] = field(default_factory=dict)
 
     def light(
         self, model: SensorModel, press: Press | None, view: View, *, variant: Variant = "value"
@@ -340,13 +340,13 @@ class _Lamp:
             return None
         return np.stack([self.renders.basis(self.given, press, view, repeat=k) for k in numbers])
 
-    def calm(self, view: View) -> Calm:
-        """What the untouched gel's pictures of the given model have by chance; they are repeated."""
-        if view not in self._calm:
+    def denoiser(self, view: View) -> Denoiser:
+        """Denoiser from repeated pictures of the untouched gel of the given model."""
+        if view not in self._denoisers:
             untouched = self.repeated(None, view)
             assert untouched is not None
-            self._calm[view] = calm(untouched)
-        return self._calm[view]
+            self._denoisers[view] = fit_denoiser(untouched)
+        return self._denoisers[view]
 
 
 def _with(model: SensorModel, name: str, values: Values) -> SensorModel:
@@ -386,41 +386,37 @@ def _picture(
         around = [(lamp.light(model, there, view), s) for s, there in _around(press)]
         *of_pose, size = (_quadratic(here, around[k : k + 2], None) for k in range(0, len(around), 2))
         pose = tuple(of_pose)
-    repeated = lamp.repeated(press, view)
-    if repeated is None:
-        return Snapshot(
-            light=here,
-            view=view,
-            place=place,
-            seen_mm=seen,
-            numerical=numerical,
-            pitch_mm=simulator.rays.pitch_mm,
-            pose=pose,
-            size=size,
-            changes=changes,
-            sharp=lamp.light(model, press, view.finer(SHARPER)),
-        )
-    mean = repeated.mean(axis=0)
-    spread = repeated - mean
-    still = lamp.calm(view)
-    drawn, quiet = lamp.light(lamp.given, press, view), still.factor * mean
-    own = (1.0 + share_of(quiet - drawn, drawn)).astype(np.float32)
-    changes = {
-        key: _without_grain(change, drawn, quiet, spread) if _traced_anew(key[0]) else _times(change, own)
-        for key, change in changes.items()
-    }
-    return Snapshot(
-        light=own * here,
+    found = Snapshot(
+        light=here,
         view=view,
         place=place,
         seen_mm=seen,
-        numerical=own * numerical,
+        numerical=numerical,
         pitch_mm=simulator.rays.pitch_mm,
+        pose=pose,
+        size=size,
+        changes=changes,
+    )
+    repeated = lamp.repeated(press, view)
+    if repeated is None:
+        return replace(found, sharp=lamp.light(model, press, view.finer(SHARPER)))
+    mean = repeated.mean(axis=0)
+    spread = repeated - mean
+    denoiser = lamp.denoiser(view)
+    drawn, quiet = lamp.light(lamp.given, press, view), denoiser.factor * mean
+    own = (1.0 + share_of(quiet - drawn, drawn)).astype(np.float32)
+    return replace(
+        found,
+        light=own * here,
+        numerical=own * numerical,
         pose=tuple(_times(change, own) for change in pose),
         size=None if size is None else _times(size, own),
-        changes=changes,
-        spread=spread - mean * still.taken,
-        calming=own,
+        changes={
+            key: _denoised(change, drawn, quiet, spread) if _traced_anew(key[0]) else _times(change, own)
+            for key, change in changes.items()
+        },
+        spread=spread - mean * denoiser.removed,
+        denoising=own,
     )
 
 
@@ -430,7 +426,7 @@ def _repeats(given: SensorModel) -> int:
 
 
 def _traced_anew(name: str) -> bool:
-    """Whether an effect sends photons elsewhere, so that chance does not cancel in its changes."""
+    """Whether an effect sends photons elsewhere, so that noise does not cancel in its changes."""
     return effect(name).stage in ("emission", "transport")
 
 
@@ -439,12 +435,12 @@ def _times(change: LightDerivative, factor: Single) -> LightDerivative:
     return replace(change, first=change.first * own, second=change.second * own)
 
 
-def _without_grain(change: LightDerivative, drawn: Single, quiet: Single, spread: Single) -> LightDerivative:
+def _denoised(change: LightDerivative, drawn: Single, quiet: Single, spread: Single) -> LightDerivative:
     groups = slice(None) if change.group is None else [change.group]
 
     def clean(image: Single) -> Single:
         stack = image.reshape(-1, *quiet.shape[1:])
-        return without_grain(stack, drawn[groups], quiet[groups], spread[:, groups]).reshape(image.shape)
+        return denoised_change(stack, drawn[groups], quiet[groups], spread[:, groups]).reshape(image.shape)
 
     return replace(change, first=clean(change.first), second=clean(change.second))
 

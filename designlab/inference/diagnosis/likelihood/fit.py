@@ -11,7 +11,7 @@ from designlab.inference.diagnosis.emulator.forward import Forward
 from designlab.inference.diagnosis.emulator.snapshots import Bank
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State, Unknown
 from designlab.inference.diagnosis.likelihood.empirical_errors import unlisted_sd
-from designlab.inference.diagnosis.likelihood.monte_carlo_noise import grains
+from designlab.inference.diagnosis.likelihood.monte_carlo_noise import monte_carlo_noise
 from designlab.inference.diagnosis.likelihood.noise import SMOOTH_ALIKE, Noise, noise
 from designlab.inference.diagnosis.likelihood.normal_equations import ALIKE, System, system
 from designlab.measurement.shots import POSE
@@ -112,9 +112,9 @@ class Fitter:
     def measure(self, state: State) -> None:
         """Set the noise of all shots by what a state predicts."""
         forward, black = self.forward, self.forward.black
-        chance = grains(forward, state)
+        random = monte_carlo_noise(forward, state)
         self.noises = [
-            noise(shot, forward.predict(state, n), forward.untouched(state, n), black, chance[n])
+            noise(shot, forward.predict(state, n), forward.untouched(state, n), black, random[n])
             for n, shot in enumerate(self.bank.shots)
         ]
 

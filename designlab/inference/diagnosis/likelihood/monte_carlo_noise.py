@@ -13,36 +13,36 @@ from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.denoising import bands, by_band, coefficients
 from designlab.inference.diagnosis.emulator.forward import Forward
 from designlab.inference.diagnosis.emulator.state import State
-from designlab.inference.diagnosis.likelihood.noise import DARK_LIGHT, Grain
+from designlab.inference.diagnosis.likelihood.noise import DARK_LIGHT, MonteCarloNoise
 
 SMOOTHING_PX = 3.0  # few repeats tell a variance only over a neighbourhood
 
 
-def grains(forward: Forward, state: State) -> list[Grain | None]:
-    """Grain of every shot of a bank; None where pictures were not repeated.
+def monte_carlo_noise(forward: Forward, state: State) -> list[MonteCarloNoise | None]:
+    """Monte Carlo noise of every shot of a bank; None where pictures were not repeated.
 
     Shots with all LED groups on tell its power and what all have in common: the covariance of the presses
     with the untouched gel.
     """
-    found: list[Grain | None] = [None] * len(forward.bank.shots)
-    chances = {n: chance for n in range(len(found)) if (chance := _chance(forward, state, n)) is not None}
-    for shape in {chance.shape for chance in chances.values()}:
-        ours = {n: chance for n, chance in chances.items() if chance.shape == shape}
+    found: list[MonteCarloNoise | None] = [None] * len(forward.bank.shots)
+    repeated = {n: away for n in range(len(found)) if (away := _deviations(forward, state, n)) is not None}
+    for shape in {away.shape for away in repeated.values()}:
+        ours = {n: away for n, away in repeated.items() if away.shape == shape}
         relative = {
-            n: chance / np.hypot(_light(forward, state, n), DARK_LIGHT)
-            for n, chance in ours.items()
+            n: away / np.hypot(_light(forward, state, n), DARK_LIGHT)
+            for n, away in ours.items()
             if forward.shot(n).lit.all()
         }
         if not relative:
             continue
         power, shared = _power(relative.values()), _shared(forward, relative)
-        for n, chance in ours.items():
-            variance = gaussian_filter((chance**2).sum(axis=0), (SMOOTHING_PX, SMOOTHING_PX, 0))
-            found[n] = Grain(np.sqrt(variance), shared, power)
+        for n, away in ours.items():
+            variance = gaussian_filter((away**2).sum(axis=0), (SMOOTHING_PX, SMOOTHING_PX, 0))
+            found[n] = MonteCarloNoise(np.sqrt(variance), shared, power)
     return found
 
 
-def _chance(forward: Forward, state: State, number: int) -> Array | None:
+def _deviations(forward: Forward, state: State, number: int) -> Array | None:
     """Deviations of repeats, scaled so that their squares add up to the variance of the mean.
 
     Shape (repeats, rows, columns, 3).
@@ -74,9 +74,9 @@ def _power(relative: Iterable[Array]) -> Array:
 def _shared(forward: Forward, relative: Mapping[int, Array]) -> Array:
     """Relative variance that shots have in common, (3,)."""
     pressed = [n for n in relative if forward.shot(n).press is not None]
-    untouched = [chance for n, chance in relative.items() if n not in pressed]
+    untouched = [away for n, away in relative.items() if n not in pressed]
     if not untouched or not pressed:
-        alone = [(chance**2).sum(axis=0).mean(axis=(0, 1)) for chance in relative.values()]
+        alone = [(away**2).sum(axis=0).mean(axis=(0, 1)) for away in relative.values()]
         return np.asarray(np.mean(alone, axis=0))
     reference = np.mean(untouched, axis=0)
     both = [(relative[n] * reference).sum(axis=0).mean(axis=(0, 1)) for n in pressed]

@@ -4,7 +4,7 @@ The granted error has four parts. Three are white, shares of the signal, of its 
 changes: they belong to the standard deviation of every value. The fourth is smooth over the picture and the
 same in all frames, as that of a light source known to a limited accuracy is; fits count it as covariance, so
 that small effects of large pictures are not taken for certain. Behind a core light is counted in photons, and
-its grain comes on top: it is measured, and mostly the same in all frames, see `monte_carlo_noise`.
+Monte Carlo noise comes on top: it is measured, and mostly the same in all frames, see `monte_carlo_noise`.
 """
 
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ LEAST_VARIANCE = 0.02  # of a coefficient: what is estimated may not make it cer
 
 
 @dataclass(frozen=True, eq=False)
-class Grain:
+class MonteCarloNoise:
     """Random error of the simulation's picture of a shot.
 
     Attributes
@@ -66,7 +66,7 @@ class Noise:
         Of camera and smooth errors: what a model that is right is expected to miss by.
     level : array, shape (3,)
         Root mean square of signal over sigma, what smooth relative errors are multiples of.
-    grain : Grain or None
+    random : MonteCarloNoise or None
         Random error of the simulation, part of sigma; None where it is below what is granted anyway.
     shot : float
         Smooth error of the shot alone, relative.
@@ -76,7 +76,7 @@ class Noise:
     camera: Array
     granted: Array
     level: Array
-    grain: Grain | None = None
+    random: MonteCarloNoise | None = None
     shot: float = SHOT_BUDGET
 
     @cached_property
@@ -84,11 +84,11 @@ class Noise:
         """Variance of coefficients, in units of sigma, that no other shot shares, (rows, columns, 3)."""
         power = spectrum(self.sigma.shape[:2])[..., None]
         found = 1.0 + (self.shot * self.level) ** 2 * power
-        if self.grain is None:
+        if self.random is None:
             return found
-        share = ((self.grain.sigma / self.sigma) ** 2).mean(axis=(0, 1))
-        own = np.maximum(share - self.grain.shared * self.level**2, 0.0)
-        return np.asarray(np.maximum(found - share + own * self.grain.power[..., None], LEAST_VARIANCE))
+        share = ((self.random.sigma / self.sigma) ** 2).mean(axis=(0, 1))
+        own = np.maximum(share - self.random.shared * self.level**2, 0.0)
+        return np.asarray(np.maximum(found - share + own * self.random.power[..., None], LEAST_VARIANCE))
 
     def common(self, *, mean: bool = True, share: float = 1.0) -> Array:
         """Variance of coefficients, relative to the light, that all shots share, (rows, columns, 3).
@@ -100,11 +100,15 @@ class Noise:
         if not mean:
             power[0, 0] = 0.0
         found = share * SMOOTH_BUDGET**2 * np.repeat(power[..., None], 3, axis=-1)
-        return found if self.grain is None else found + self.grain.shared * self.grain.power[..., None]
+        return found if self.random is None else found + self.random.shared * self.random.power[..., None]
 
 
 def noise(
-    shot: Shot, predicted: Array, untouched: Array, black: Array | float, grain: Grain | None = None
+    shot: Shot,
+    predicted: Array,
+    untouched: Array,
+    black: Array | float,
+    random: MonteCarloNoise | None = None,
 ) -> Noise:
     """Noise of a shot about a prediction, and about that of the untouched gel (rows, columns, 3)."""
     light = predicted - black
@@ -112,12 +116,12 @@ def noise(
     budget = np.hypot(SIGNAL_BUDGET * light, EDGE_BUDGET * curvature)
     budget = np.hypot(budget, CONTACT_BUDGET * (predicted - untouched))
     camera = np.sqrt(shot.variance)
-    chance = 0.0 if grain is None else grain.sigma
-    sigma = np.hypot(np.hypot(camera, budget), chance)
+    traced = 0.0 if random is None else random.sigma
+    sigma = np.hypot(np.hypot(camera, budget), traced)
     lit = np.hypot(light, DARK_LIGHT)
     level = np.sqrt(np.where(shot.valid, (lit / sigma) ** 2, 0.0).mean(axis=(0, 1)))
-    granted = np.hypot(np.hypot(camera, np.hypot(SMOOTH_BUDGET, SHOT_BUDGET) * lit), chance)
-    return Noise(sigma, camera, granted, level, grain)
+    granted = np.hypot(np.hypot(camera, np.hypot(SMOOTH_BUDGET, SHOT_BUDGET) * lit), traced)
+    return Noise(sigma, camera, granted, level, random)
 
 
 def spectrum(shape: tuple[int, int]) -> Array:

@@ -121,8 +121,8 @@ def doubt_of(true: JudgedCandidate, wrong: JudgedCandidate, actions: Sequence[Ac
     for number, action in zip(here, actions, strict=True):
         signal = told.predict(true.fit.state, number)
         shot = without_cut(replace(action.shot, signal=signal, valid=np.ones(signal.shape, dtype=bool)))
-        grain = wrong.fitter.noises[action.like].grain
-        noises.append(noise(shot, signal, told.untouched(true.fit.state, number), told.black, grain))
+        random = wrong.fitter.noises[action.like].random
+        noises.append(noise(shot, signal, told.untouched(true.fit.state, number), told.black, random))
         taken.append(replace(action, shot=shot))
     fitter = wrong.fitter.of(_taking(wrong.fitter, taken).bank, noises)
     state, found = wrong.fit.state, wrong.fit.system
