@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from geometries.ies import SYMMETRIES_DEG, read
 from geometries.spec import FOLDER, Spec, quantity
 
 Array = NDArray[np.float64]
-SYMMETRIES_DEG = (90.0, 180.0, 360.0)  # where planes may end: two mirror planes, one, none
 
 
 class AngularProfile(Spec):
@@ -70,11 +70,9 @@ class AngularProfile(Spec):
             return content
         if any(content.get(name) for name in ("exponent", "beam_deg", "polar_deg", "intensity")):
             return content
-        from geometries.ies import read
-
         name = content["ies"]
         found = read(Path((info.context or {}).get(FOLDER, ".")) / name, name=name)
-        return content | found.model_dump(include={"polar_deg", "azimuth_deg", "intensity"})
+        return content | found._asdict()
 
     @field_validator("intensity", mode="before")
     @classmethod

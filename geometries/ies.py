@@ -5,14 +5,14 @@ Format: ANSI/IES LM-63-02, "Standard File Format for the Electronic Transfer of 
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-
-from geometries.emission import SYMMETRIES_DEG, AngularProfile
 
 HEADERS = ("IESNA:LM-63-", "IESNA91", "IES:LM-63-")  # the edition of 1986 has no such line
 BEHIND = 0.01  # share of the light beyond 90 deg that may be cut off: a flat face sends none there
 LARGEST_BYTES = 4_000_000
+SYMMETRIES_DEG = (90.0, 180.0, 360.0)  # where planes may end: two mirror planes, one, none
 PHOTOMETRY = {1: "C", 2: "B", 3: "A"}
 
 
@@ -20,38 +20,49 @@ class IesError(ValueError):
     """An IES file that cannot be used; the text names file, line and rule."""
 
 
-def read(path: Path, *, name: str | None = None) -> AngularProfile:
+class IntensityTable(NamedTuple):
+    """Relative intensity over the front half-space.
+
+    Polar angles from the normal of the emitting face and azimuths from the direction along the row (deg; none
+    of a round beam), and a row of intensities for each azimuth.
+    """
+
+    polar_deg: tuple[float, ...]
+    azimuth_deg: tuple[float, ...]
+    intensity: tuple[tuple[float, ...], ...]
+
+
+def read(path: Path, *, name: str) -> IntensityTable:
     """Read the intensity table of an IES file.
 
     Parameters
     ----------
     path : Path
         The file.
-    name : str, optional
-        What to call it in the profile and in errors; its path when absent.
+    name : str
+        What to call it in errors.
 
     Returns
     -------
-    AngularProfile
-        The table over the front half-space, relative, with the file's name in `ies`. The file's vertical
-        angle 0 is the normal of the emitting face, its horizontal angle 0 the direction along the row.
+    IntensityTable
+        The table. The file's vertical angle 0 is the normal of the emitting face, its horizontal angle 0 the
+        direction along the row.
 
     Raises
     ------
     IesError
         If the file cannot be read or is not of this kind; names file, line and rule.
     """
-    named = str(path) if name is None else name
     try:
         content = path.read_bytes()
     except OSError as error:
-        raise IesError(f"{named}: cannot be read: {error.strerror or error}") from None
+        raise IesError(f"{name}: cannot be read: {error.strerror or error}") from None
     if len(content) > LARGEST_BYTES:
-        raise IesError(f"{named}: has {len(content)} bytes, an IES file has at most {LARGEST_BYTES}")
-    return parse(content.decode("latin-1"), name=named)
+        raise IesError(f"{name}: has {len(content)} bytes, an IES file has at most {LARGEST_BYTES}")
+    return parse(content.decode("latin-1"), name=name)
 
 
-def parse(text: str, *, name: str) -> AngularProfile:
+def parse(text: str, *, name: str) -> IntensityTable:
     """Read the intensity table from the text of an IES file; see `read`."""
     lines = text.splitlines()
     start = _after_tilt(lines, name)
@@ -84,7 +95,7 @@ def parse(text: str, *, name: str) -> AngularProfile:
     if not candela.any():
         raise numbers.error("candela values must not all be zero")
     numbers.end()
-    return _profile(polar, azimuth, candela, numbers, name)
+    return _front(polar, azimuth, candela, numbers)
 
 
 def _after_tilt(lines: list[str], name: str) -> int:
@@ -103,10 +114,10 @@ def _after_tilt(lines: list[str], name: str) -> int:
     raise IesError(f"{name}, line {len(lines)}: no TILT= line up to the end: not an IES LM-63 file")
 
 
-def _profile(
-    polar: list[float], azimuth: list[float], candela: np.ndarray, numbers: "_Numbers", name: str
-) -> AngularProfile:
-    """Profile of the table, cut at 90 deg and with its turn closed."""
+def _front(
+    polar: list[float], azimuth: list[float], candela: np.ndarray, numbers: "_Numbers"
+) -> IntensityTable:
+    """Cut the table at 90 deg and close its turn."""
     angle = np.array(polar)
     if angle[-1] > 90.0 and 90.0 not in angle:
         edge = [float(np.interp(90.0, angle, row)) for row in candela]
@@ -129,11 +140,10 @@ def _profile(
         raise numbers.error(
             f"horizontal angles must end at 0, 90, 180 or 360 deg, end at {azimuth[-1]:g} deg"
         )
-    return AngularProfile(
+    return IntensityTable(
         polar_deg=tuple(float(a) for a in angle),
         azimuth_deg=() if len(azimuth) == 1 else tuple(azimuth),
         intensity=tuple(tuple(float(v) for v in row) for row in candela),
-        ies=name,
     )
 
 

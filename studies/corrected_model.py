@@ -30,6 +30,7 @@ from designlab.inference.diagnosis import diagnose
 from designlab.measurement import load_measurement
 from designlab.optimization.study import sweep
 from designlab.report import gap_report
+from designlab.report.diagnosis_folder import write_diagnosis
 from designlab.sensor.design import Design, preset
 from designlab.simulation.effects import AppliedEffect, SensorModel, load_model
 from designlab.simulation.simulator import Simulator
@@ -126,7 +127,7 @@ def diagnosed(
             samples=samples,
             catalogue=catalogue,
         )
-        gap_report(found.to_json(), folder / "report.html", pictures=found.pictures)
+        gap_report(write_diagnosis(found), folder / "report.html")
     report: dict[str, Any] = json.loads((folder / "report.json").read_text(encoding="utf-8"))
     named = tuple(effect["name"] for effect in report["effects"])
     return report["verdict"], named, load_model(folder / "model.toml").transferable()

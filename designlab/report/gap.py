@@ -63,7 +63,6 @@ def gap_report(
     target: str | Path,
     *,
     title: str = "Gap between simulation and measurement",
-    pictures: Mapping[Path, str] | None = None,
     sections: Sequence[Section] = (),
 ) -> Path:
     """Write the page about a diagnosis.
@@ -71,17 +70,17 @@ def gap_report(
     Parameters
     ----------
     report : mapping
-        What ``gap diagnose --json`` prints, see ``docs/gap.md``; what is absent is left out.
+        What ``gap diagnose --json`` prints, see ``docs/gap.md``; what is absent is left out. The pictures
+        that it names must be there.
     target : path
         HTML file to write.
     title : str
         Heading.
-    pictures : mapping of path to str, optional
-        Picture files and their captions.
     sections : sequence of Section
         Further sections, placed last.
     """
-    shown = {path.name: picture(path, caption) for path, caption in (pictures or {}).items()}
+    files = {Path(path): caption for path, caption in report.get("pictures", {}).items()}
+    shown = {path.name: picture(path, caption) for path, caption in files.items()}
     places = shown.pop("where.png", None)
     made = report.get("provenance", {})
     content = [

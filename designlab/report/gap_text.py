@@ -4,7 +4,6 @@ import re
 from collections.abc import Iterable, Sequence
 
 from designlab.inference.diagnosis.result import Control, Found, GapReport, Level, Where
-from designlab.measurement.shots import Observations
 
 SPREAD = 1.5  # times the mean of its channel and frames, from which a region stands out
 MOST_PLACES = 3
@@ -21,6 +20,14 @@ USUAL = "usual where nothing is missing"
 OUTSIDE = (
     "dirt or a hair on the gel, a second contact, marks printed on it, a reflection of an LED in the lens, "
     "another object than stated, pictures that were compressed"
+)
+
+ONE = (
+    "n = 1: one picture of one press. Alternate blocks of it were fitted to and the others scored, which "
+    "shows that a correction is no fit to dirt, not that it holds for another press: the effects are "
+    "consistent with this picture, none is validated.",
+    "The noise floor is unknown without repeats; the grain of the picture itself, dirt included, stands for "
+    "it.",
 )
 
 
@@ -199,18 +206,22 @@ def _to_do(report: GapReport) -> list[str]:
     return []
 
 
-def limits(seen: Observations, effects: Sequence[Found]) -> tuple[str, ...]:
-    """What a diagnosis by these frames cannot know."""
-    final, select = len(seen.of("final")), len(seen.of("select"))
-    found = [
-        f"All numbers come from one sensor: {count(len(seen.of('train')), 'press')} to fit, {select} to "
-        "choose, "
-        f"{final} for the last figures.",
+def limits(report: GapReport) -> tuple[str, ...]:
+    """What a diagnosis by its frames cannot know."""
+    seen = report.seen
+    train, select, final = (len(seen.of(use)) for use in ("train", "select", "final"))
+    if "blocks" in report.provenance:
+        found = [*ONE]
+    else:
+        found = [
+            f"All numbers come from one sensor: {count(train, 'press')} to fit, {select} to choose, {final} "
+            "for the last figures."
+        ]
+    found += [
         "Only products are known: power of an LED group, reflectance of the membrane, gain and exposure are "
         "one number for each group, and are fitted in every comparison.",
         "Poses of the presses are fitted within their stated errors; what looks like a moved, turned or "
-        "deeper "
-        "press is taken for one.",
+        "deeper press is taken for one.",
     ]
     if not seen.repeats:
         found.append("No frame was repeated: the noise floor is assumed, not measured.")
@@ -225,7 +236,7 @@ def limits(seen: Observations, effects: Sequence[Found]) -> tuple[str, ...]:
         found.append(
             "No LED group was photographed alone: mixing of colours, stray light and a constant look alike."
         )
-    if effects:
+    if report.effects:
         found.append(
             "Intervals hold small departures that no catalogue lists; large ones shift values by more."
         )

@@ -1,56 +1,41 @@
 """A single picture beside the models: measured, as given, corrected, and what each leaves."""
 
-import io
-from collections.abc import Mapping
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from designlab.core.store import write_atomic
-from designlab.core.types import Array
-from designlab.inference.diagnosis.single_image.blocks import TRAIN, Uses
+from designlab.inference.diagnosis.result import PictureComparison
+from designlab.report.figures import new_figure
 from designlab.sensor.design import CHANNELS
 
-DOTS_PER_INCH = 110
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 BRIGHT, GAMMA = 99.5, 2.2
 LEFT_PERCENTILE = 99.0
 DIMMED = 0.8  # blocks that were fitted to, in the measured picture
-NAME = "picture.png"
+CAPTION = (
+    "The picture and the models, light and pose fitted; blocks darker in the measured picture were fitted "
+    "to, the others judge. Below: what is left, one colour scale."
+)
 
 
-def draw(images: Mapping[str, Array], uses: Uses, out: Path) -> dict[Path, str]:
-    """Draw the three pictures and, of each channel, measured minus simulated.
-
-    Parameters
-    ----------
-    images : mapping of str to array, shape (rows, columns, 3)
-        ``measured``, ``given`` and ``corrected``.
-    uses : array, shape (rows, columns)
-        Use of every pixel, see `blocks.block_uses`.
-
-    Returns
-    -------
-    dict of Path to str
-        The file and its caption.
-    """
-    import matplotlib
-
-    matplotlib.use("agg")
-    from matplotlib import pyplot
-
-    real = images["measured"]
+def models_plot(found: PictureComparison) -> "Figure":
+    """Measured, as given and corrected, and of each channel what both models leave."""
+    real, models = found.measured, {"given": found.given, "corrected": found.corrected}
     white = np.percentile(real, BRIGHT, axis=(0, 1))
-    left = {name: 100 * (real - images[name]) / real.mean(axis=(0, 1)) for name in ("given", "corrected")}
+    left = {name: 100 * (real - image) / real.mean(axis=(0, 1)) for name, image in models.items()}
     limit = float(np.percentile(np.abs(left["given"]), LEFT_PERCENTILE))
-    figure, axes = pyplot.subplots(3, 3, figsize=(9.6, 9.4), layout="constrained")
+    figure = new_figure(9.6, 9.4)
+    axes = figure.subplots(3, 3)
     titles = {"measured": "measured", "given": "model as given", "corrected": "corrected model"}
     for axis, (name, title) in zip(axes[0], titles.items(), strict=True):
-        shown = np.clip(images[name] / white, 0, 1) ** (1 / GAMMA)
+        shown = np.clip(models.get(name, real) / white, 0, 1) ** (1 / GAMMA)
         if name == "measured":
-            shown = np.where((uses == TRAIN)[..., None], DIMMED * shown, shown)
+            shown = np.where(found.fitted[..., None], DIMMED * shown, shown)
         axis.imshow(shown, interpolation="nearest")
         axis.set_title(title, fontsize=10)
-    for row, name in enumerate(("given", "corrected"), start=1):
+    for row, name in enumerate(models, start=1):
         for channel, colour in enumerate(CHANNELS):
             image = axes[row, channel].imshow(
                 left[name][..., channel], cmap="RdBu_r", vmin=-limit, vmax=limit, interpolation="nearest"
@@ -61,11 +46,4 @@ def draw(images: Mapping[str, Array], uses: Uses, out: Path) -> dict[Path, str]:
         axis.set_yticks([])
     bar = figure.colorbar(image, ax=axes[1:], shrink=0.8, extend="both")
     bar.set_label("measured − simulated (% of the channel's mean)")
-    buffer = io.BytesIO()
-    figure.savefig(buffer, dpi=DOTS_PER_INCH)
-    pyplot.close(figure)
-    path = write_atomic(out / NAME, buffer.getvalue())
-    return {
-        path: "The picture and the models, light and pose fitted; blocks darker in the measured picture "
-        "were fitted to, the others judge. Below: what is left, one colour scale."
-    }
+    return figure

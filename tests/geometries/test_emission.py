@@ -64,7 +64,7 @@ def test_half_the_axial_intensity_lies_at_half_the_beam(beam_deg):
 
 
 def test_a_table_is_normalised_and_linear_between_its_angles():
-    profile = ies.parse(SAMPLE, name="sample.ies")
+    profile = AngularProfile(**ies.parse(SAMPLE, name="sample.ies")._asdict())
     assert integral(profile) == pytest.approx(1.0, rel=1e-9)
     # plane at 22.5 deg, halfway between polar 30 and 45: mean of 80, 60, 65 and 40
     expected = (80 + 60 + 65 + 40) / 4 / profile.flux
@@ -188,19 +188,19 @@ def test_a_missing_ies_file_is_named(tmp_path):
 
 def test_files_of_every_edition_and_symmetry_are_read():
     plain = "my lamp, 1986\nTILT=NONE\n1 1000 1 5 1 1 1 0 0 0 1 1 50 0 60 89 91 180 0 9 3 0.02 0 0"
-    profile = ies.parse(plain, name="old")
+    profile = AngularProfile(**ies.parse(plain, name="old")._asdict())
     assert profile.azimuth_deg == ()
     assert profile.polar_deg == (0.0, 60.0, 89.0, 90.0)
     assert profile.intensity == ((9.0, 3.0, 0.02, 0.01),)  # cut at 90 deg, between 89 and 91
     turn = "IESNA91\nTILT=NONE\n1 1000 1 2 4 1 1 0 0 0 1 1 50 0 90 0 90 180 270 8 0 6 0 4 0 2 0"
-    profile = ies.parse(turn, name="whole")
+    profile = AngularProfile(**ies.parse(turn, name="whole")._asdict())
     assert profile.azimuth_deg == (0, 90, 180, 270, 360)
     assert profile.intensity[-1] == profile.intensity[0]
     np.testing.assert_allclose(
         profile.share_per_sr(0.0, [0, 45, 90, 225, 315]) * profile.flux, [8, 7, 6, 3, 5]
     )
     half = "IES:LM-63-2019\nTILT=NONE\n1 1000 1 2 2 1 1 0 0 0 1 1 50 0 90 0 180 8 0 4 0"
-    profile = ies.parse(half, name="half")
+    profile = AngularProfile(**ies.parse(half, name="half")._asdict())
     np.testing.assert_allclose(profile.share_per_sr(0.0, [0, 90, 180, 270]) * profile.flux, [8, 6, 4, 6])
 
 

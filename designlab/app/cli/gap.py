@@ -89,14 +89,14 @@ def diagnose(args: Namespace) -> Result:
     """Name the effects a model lacks."""
     from designlab.inference.diagnosis import diagnose as find
     from designlab.measurement import load_measurement
-    from designlab.report import gap_report
+    from designlab.report.diagnosis_folder import write_diagnosis
     from designlab.simulation.effects.model import load_model
 
     measurement = load_measurement(args.measurement)
     model = load_model(args.model)
     page = Path(args.out) / "report.html"
     with bar("picture") as progress:
-        report = find(
+        found = find(
             measurement,
             model,
             out=args.out,
@@ -104,9 +104,9 @@ def diagnose(args: Namespace) -> Result:
             progress=progress,
             renders=None if args.renders is None else Path(args.renders),
             trust=args.trust,
-            page=lambda found: gap_report(found.to_json(), page, pictures=found.pictures),
         )
-    return Result({**report.to_json(), "report": str(page)}, f"{_summary(report)}\nreport: {page}")
+        content = write_diagnosis(found, page=page)
+    return Result(content | {"report": str(page)}, f"{_summary(found)}\nreport: {page}")
 
 
 def benchmark(args: Namespace) -> Result:
@@ -331,9 +331,9 @@ def _further(trials: "list[Trial]", folder: Path, crew: "Crew") -> Result:
 
 def _summary(report: "GapReport") -> str:
     """The verdict in words, values with intervals, the gap before and after."""
-    from designlab.report.gap_text import percent
+    from designlab.report.gap_text import percent, statement
 
-    lines = [f"verdict: {report.verdict}", *report.statement]
+    lines = [f"verdict: {report.verdict}", *statement(report)]
     rows = [
         (f"{effect.name}.{name}", f"{v.value:.4g}", _interval(v.low, v.high), v.unit.removeprefix("1"))
         for effect in report.effects

@@ -200,6 +200,7 @@ def _gap(state: Demo, within: Progress) -> dict[str, Any]:
     from designlab.inference.diagnosis import diagnose
     from designlab.measurement import load_measurement
     from designlab.report import gap_report
+    from designlab.report.diagnosis_folder import write_diagnosis
     from designlab.simulation.effects.model import SensorModel
     from designlab.validation.synthetic import plant, seal_path, unseal
 
@@ -217,7 +218,7 @@ def _gap(state: Demo, within: Progress) -> dict[str, Any]:
             columns=96,
             catalogue=TRIED,
         )
-        gap_report(found.to_json(), report, pictures=found.pictures)
+        gap_report(write_diagnosis(found), report)
     return {**read_json(folder / "report.json"), "hidden": unseal(measured)["effects"]}
 
 

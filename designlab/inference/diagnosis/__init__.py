@@ -1,9 +1,9 @@
 """From a measurement that does not match the simulation to named physical effects and an updated model.
 
-The order of the work: `observe` (what was measured), `bank` (pictures of the model and how they change),
-`forward` (what a state predicts), `noise` (how far a perfect model may miss), `evidence` and `fit` (effects,
-gains and poses together), `judge` (held-out presses), `search` (the race), `diagnose` (all of it), `update`
-(the better model), `words` and `pictures` (what people see). `single_press` diagnoses one picture alone.
+From the bottom up: `result` (what is found: data, which `report` words and draws), `emulator` (pictures of
+the model and how they change), `likelihood` (noise, and effects, gains and poses fitted together),
+`selection` (the search, judged by held-out presses), `verdict` (values, confidence, regions, the updated
+model), `single_image` (one picture alone), `diagnose` (all of it).
 """
 
 from designlab.inference.diagnosis.diagnose import diagnose

@@ -2,40 +2,48 @@
 
 import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from designlab.core.run_folder import claim
+from designlab.core.store import remove_partial
 from designlab.core.types import Progress
 from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.snapshots import fill
 from designlab.inference.diagnosis.likelihood.empirical_errors import left_of_nothing
 from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD, Fit, Fitter
-from designlab.inference.diagnosis.likelihood.usable_frames import observe
-from designlab.inference.diagnosis.result import Found, GapReport, Level, Overlap, Verdict
-from designlab.inference.diagnosis.run import RUN, claim_run, end_run, provenance
-from designlab.inference.diagnosis.selection.forward_selection import ForwardSelection
+from designlab.inference.diagnosis.likelihood.usable_frames import is_single, observe
+from designlab.inference.diagnosis.result import (
+    Control,
+    Found,
+    GapReport,
+    Level,
+    Overlap,
+    Verdict,
+    provenance,
+)
+from designlab.inference.diagnosis.selection.forward_selection import ForwardSelection, Winner
 from designlab.inference.diagnosis.selection.held_out import Judged, judge, level
 from designlab.inference.diagnosis.selection.negative_control import control
 from designlab.inference.diagnosis.selection.recentring import placed
 from designlab.inference.diagnosis.selection.refine import refined
-from designlab.inference.diagnosis.single_image.blocks import is_single
 from designlab.inference.diagnosis.single_image.diagnose import diagnose_single
+from designlab.inference.diagnosis.verdict.comparison import compared
 from designlab.inference.diagnosis.verdict.confidence import confidence
 from designlab.inference.diagnosis.verdict.data_checks import check_frames, examine, looking_alike, weakened
 from designlab.inference.diagnosis.verdict.intervals import values
-from designlab.inference.diagnosis.verdict.localise import geometry, where
+from designlab.inference.diagnosis.verdict.localise import where
 from designlab.inference.diagnosis.verdict.next_measurement import advise
 from designlab.inference.diagnosis.verdict.update import updated
 from designlab.measurement import Measurement
 from designlab.measurement.shots import Observations
-from designlab.report.gap_pictures import draw
-from designlab.report.gap_text import limits
 from designlab.sensor.design import Design
 from designlab.simulation.effects import CATALOGUE, SensorModel, effect
 
+RUN = "run.json"
 SAMPLES = 256
 COLUMNS = 96  # those that all limits and confidence were learnt at: evidence grows with the pixels
 OVERLAPPING = 0.5  # share of an effect's signature from which a pair is reported
@@ -61,9 +69,7 @@ def diagnose(
     samples: int = SAMPLES,
     columns: int = COLUMNS,
     renders: Path | None = None,
-    pictures: bool = True,
     trust: Sequence[str] = (),
-    page: Callable[[GapReport], object] | None = None,
 ) -> GapReport:
     """Find the effects that explain the difference between a measurement and a model.
 
@@ -77,7 +83,7 @@ def diagnose(
     model : SensorModel or Design
         The model to begin with; its effects stay as they are.
     out : path
-        Folder for ``model.toml``, ``report.json``, pictures and the renders kept for resuming.
+        Folder of the results, which `report.diagnosis_folder` writes, and of the renders kept for resuming.
     seed : int
         Seed of rendering; the same seed gives the same report.
     progress : callable, optional
@@ -92,12 +98,8 @@ def diagnose(
         Wider frames are binned to at most this many columns.
     renders : path, optional
         Folder of renders that several diagnoses share; within `out` when absent.
-    pictures : bool
-        Whether to draw what is left.
     trust : sequence of str
         Names of suspicions, see `measurement.quality.suspicion`, that are known and right as they are.
-    page : callable, optional
-        Called with the report before ``report.json`` is written, which is the last file of a finished run.
 
     Raises
     ------
@@ -120,21 +122,83 @@ def diagnose(
     if not resume:
         shutil.rmtree(folder, ignore_errors=True)
         (out / RUN).unlink(missing_ok=True)
-    claim_run(out, measurement, model, seed)
+    _claim(out, measurement, model, seed)
     source = Renders(folder, samples, seed, progress)
     examined = examine(measurement, model, seen, source, noted, trust)
     if is_single(seen):
         return diagnose_single(
-            seen,
-            measurement,
-            model,
-            names=names,
-            source=source,
-            examined=examined,
-            out=out,
-            pictures=pictures,
-            page=page,
+            seen, measurement, model, names=names, source=source, examined=examined, out=out
         )
+    found = _explained(seen, model, names, source, progress)
+    given, last = found.given, found.last
+    train = seen.of("dark", "background", "train")
+    intervals = {name: values(last.fitter, last.fit, name, train) for name in last.fit.state.values}
+    effects = tuple(
+        Found(
+            winner.name,
+            intervals[winner.name],
+            0.0,
+            winner.coherence_set,
+            effect(winner.name).summary,
+            effect(winner.name).transferable,
+        )
+        for winner in found.winners
+    )
+    wrong = _control(found, seen, seed=int(measurement.content_digest()[:8], 16))
+    at_floor = found.verdict == "at_floor"
+    excess = () if at_floor else where(given.fitter, source, given.judged.state, [*train, *seen.of("select")])
+    report = GapReport(
+        verdict=found.verdict,
+        effects=effects,
+        where=excess,
+        gap=found.gap,
+        next_measurement=advise(given.fitter, seen, found.search, found.verdict, effects),
+        updated=model,
+        model=out / "model.toml",
+        candidates=tuple(found.search.tried),
+        notes=(*_notes(seen, measurement, model), *_chance(given.fitter), *_along(last)),
+        provenance=_provenance(seen, measurement, model, source, begun),
+        seen=seen,
+        control=wrong,
+        overlaps=_overlaps(found.search),
+    )
+    alike = looking_alike(effects, seen, model.effective_design())
+    report = weakened(_sure(report, len(seen.of("select"))), examined, names, alike)
+    better = updated(last.fitter, last.fit, measurement, seen, report, intervals, seed=seed, samples=samples)
+    before, after = ((stand.fitter, end.state) for stand, end in zip((given, last), found.ends, strict=True))
+    return replace(report, updated=better, shown=compared(source, before, after))
+
+
+@dataclass(frozen=True, eq=False)
+class _Stand:
+    """A model where a fit has left it, and the select presses judged by it."""
+
+    fitter: Fitter
+    fit: Fit
+    judged: Judged
+
+
+@dataclass(frozen=True, eq=False)
+class _Explanation:
+    """Where a search has ended: the model as given, the corrected one, and the final presses by either."""
+
+    search: ForwardSelection
+    given: _Stand
+    last: _Stand
+    verdict: Verdict
+    gap: Mapping[str, Level]
+    ends: Sequence[Judged]
+
+    @property
+    def winners(self) -> Sequence[Winner]:
+        """Effects that are named."""
+        return [] if self.verdict in NAMELESS else self.search.winners
+
+
+def _explained(
+    seen: Observations, model: SensorModel, names: Sequence[str], source: Renders, progress: Progress | None
+) -> _Explanation:
+    """Search for effects, fit those found exactly, and judge by presses that had no say in it."""
     train, select, final = seen.of("dark", "background", "train"), seen.of("select"), seen.of("final")
     fitter = placed(source, Fitter(fill(source, model, seen.shots, names)), train, [*select, *final])
     start = fitter.fit(fitter.start(train), (), train).state
@@ -154,65 +218,24 @@ def diagnose(
         "select": level(given.judged, last.judged),
         "final": level(*ends),
     }
-    verdict = _settled(verdict, as_good, gap)
-    found = {name: values(last.fitter, last.fit, name, train) for name in last.fit.state.values}
-    winners = [] if verdict in NAMELESS else search.winners
-    effects = tuple(
-        Found(
-            w.name,
-            found[w.name],
-            0.0,
-            w.coherence_set,
-            effect(w.name).summary,
-            effect(w.name).transferable,
-        )
-        for w in winners
-    )
-    wrong = None
-    if winners:
-        wrong = control(
-            fitter,
-            before.state,
-            named=[w.name for w in winners],
-            as_good={name for w in winners for name in w.coherence_set},
-            tried=search.screened[0],
-            seed=int(measurement.content_digest()[:8], 16),
-            train=train,
-            final=final,
-            before=ends[0],
-        )
-    report = GapReport(
-        verdict=verdict,
-        effects=effects,
-        where=where(fitter, source, before.state, [*train, *select]) if verdict != "at_floor" else (),
-        gap=gap,
-        next_measurement=advise(fitter, seen, search, verdict, effects),
-        updated=model,
-        model=out / "model.toml",
-        candidates=tuple(search.tried),
-        notes=(*_notes(seen, measurement, model), *_chance(fitter), *_along(last)),
-        provenance=_provenance(seen, measurement, model, source, begun),
-        control=wrong,
-        limits=limits(seen, effects),
-        overlaps=_overlaps(search),
-    )
-    alike = looking_alike(effects, seen, model.effective_design())
-    report = weakened(_sure(report, len(select)), examined, names, alike)
-    better = updated(last.fitter, last.fit, measurement, seen, report, found, seed=seed, samples=samples)
-    report = replace(report, updated=better)
+    return _Explanation(search, given, last, _settled(verdict, as_good, gap), gap, ends)
 
-    def finished() -> GapReport:
-        if not pictures:
-            return report
-        drawn = draw(
-            (fitter, ends[0].state),
-            (last.fitter, ends[1].state),
-            lambda number: geometry(fitter, source, ends[0].state, number),
-            out,
-        )
-        return replace(report, pictures=drawn)
 
-    return end_run(out, finished, page)
+def _control(found: _Explanation, seen: Observations, *, seed: int) -> Control | None:
+    """Fit a wrong effect for comparison, where any was named."""
+    if not found.winners:
+        return None
+    return control(
+        found.given.fitter,
+        found.given.judged.state,
+        named=[w.name for w in found.winners],
+        as_good={name for w in found.winners for name in w.coherence_set},
+        tried=found.search.screened[0],
+        seed=seed,
+        train=seen.of("dark", "background", "train"),
+        final=seen.of("final"),
+        before=found.ends[0],
+    )
 
 
 def _sure(report: GapReport, presses: int) -> GapReport:
@@ -225,6 +248,19 @@ def _sure(report: GapReport, presses: int) -> GapReport:
         for place, found in enumerate(report.effects)
     )
     return replace(report, effects=tuple(effects))
+
+
+def _claim(out: Path, measurement: Measurement, model: SensorModel, seed: int) -> None:
+    """Mark a folder with what is diagnosed in it; clear what a killed run left half-written."""
+    run = {
+        "measurement": measurement.name,
+        "frames": measurement.content_digest(),
+        "model": model.digest,
+        "seed": seed,
+    }
+    differing = {"frames": "of other frames", "model": "of another model", "seed": "with another seed"}
+    claim(out, RUN, run, kind="a diagnosis", decided_by=differing)
+    remove_partial(out / "renders")
 
 
 def _names(model: SensorModel, catalogue: Sequence[str] | None, seen: Observations) -> list[str]:
@@ -257,15 +293,6 @@ def verdict_of(alike: Sequence[Sequence[str]], before: float, after: float, floo
     if after >= NEAR * floor and _left(before, after, left_of_nothing() * floor) > PARTIAL_ABOVE:
         return "partial"
     return "ambiguous" if any(len(names) > 1 for names in alike) else "named"
-
-
-@dataclass(frozen=True, eq=False)
-class _Stand:
-    """A model where a fit has left it, and the select presses judged by it."""
-
-    fitter: Fitter
-    fit: Fit
-    judged: Judged
 
 
 def _last_fit(
@@ -347,7 +374,7 @@ def _along(last: _Stand) -> Iterator[str]:
 def _provenance(
     seen: Observations, measurement: Measurement, model: SensorModel, renders: Renders, begun: float
 ) -> dict[str, object]:
-    return provenance(measurement, seen, model, renders) | {
+    return provenance(measurement, seen, model, seed=renders.seed, samples=renders.samples) | {
         "frames": {
             use: [file for shot in seen.shots if shot.use == use for file in shot.files]
             for use in ("dark", "background", "train", "select", "final")

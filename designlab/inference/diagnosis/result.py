@@ -1,11 +1,15 @@
-"""What a diagnosis says."""
+"""What a diagnosis finds: data, which `report` puts into words and pictures."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
+from designlab.core.types import Array, Mask
+from designlab.measurement import Measurement
 from designlab.measurement.quality.invariants import FrameCheck
+from designlab.measurement.shots import Observations, Shot
+from designlab.sensor.design import Design
 from designlab.simulation.effects.model import SensorModel
 
 FORMAT = 1
@@ -164,9 +168,81 @@ class Advice:
         return "".join(words)
 
 
+class Prediction(NamedTuple):
+    """What a model predicts of a shot, and by how much a right one may miss it.
+
+    All arrays have shape (rows, columns, 3): the signal, the standard deviation of what residuals are counted
+    in, and the part of it that noise of the camera and errors granted to the simulation leave.
+    """
+
+    signal: Array
+    sigma: Array
+    granted: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ShotComparison:
+    """A shot beside the predictions of models, by what a model is called: as given, updated."""
+
+    shot: Shot
+    predictions: Mapping[str, Prediction]
+
+
+@dataclass(frozen=True, eq=False)
+class PressComparison:
+    """The final press that the model as given misses by most and the untouched gel, beside predictions.
+
+    Attributes
+    ----------
+    press, untouched : ShotComparison
+        The two shots.
+    contact : bool array, shape (rows, columns)
+        Pixels of the press that see the contact.
+    x_mm, y_mm : array, shape (rows, columns)
+        Points of the untouched gel that its pixels see.
+    design : Design
+        The sensor.
+    """
+
+    press: ShotComparison
+    untouched: ShotComparison
+    contact: Mask
+    x_mm: Array
+    y_mm: Array
+    design: Design
+
+
+@dataclass(frozen=True, eq=False)
+class PictureComparison:
+    """A single picture beside those of the model as given and of the corrected one.
+
+    Attributes
+    ----------
+    measured, given, corrected : array, shape (rows, columns, 3)
+        Linear pictures; light and pose are fitted.
+    fitted : bool array, shape (rows, columns)
+        Pixels of the blocks that were fitted to.
+    """
+
+    measured: Array
+    given: Array
+    corrected: Array
+    fitted: Mask
+
+
 @dataclass(frozen=True)
 class GapReport:
-    """Result of a diagnosis; ``docs/gap.md`` explains every field."""
+    """Result of a diagnosis; ``docs/gap.md`` explains every field that `to_json` gives.
+
+    Attributes
+    ----------
+    seen : Observations
+        What was fitted to and judged by, which decides what a diagnosis cannot know.
+    barred : tuple of str
+        Reserves for which a name has fallen.
+    shown : PressComparison or PictureComparison, optional
+        What pictures of the diagnosis show.
+    """
 
     verdict: Verdict
     effects: tuple[Found, ...]
@@ -178,20 +254,19 @@ class GapReport:
     candidates: tuple[Candidate, ...]
     notes: tuple[str, ...]
     provenance: Mapping[str, Any]
-    pictures: Mapping[Path, str] = field(default_factory=dict)
+    seen: Observations = field(compare=False)
     control: Control | None = None
-    limits: tuple[str, ...] = ()
     overlaps: tuple[Overlap, ...] = ()
     checks: tuple[FrameCheck, ...] = ()
     reserves: tuple[str, ...] = ()
-    barred: tuple[str, ...] = ()  # those of the reserves for which a name has fallen
+    barred: tuple[str, ...] = ()
+    shown: PressComparison | PictureComparison | None = field(default=None, compare=False)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain data, ready for JSON."""
+        """Plain data, ready for JSON, without what `report` says of it in words and pictures."""
         return {
             "format": FORMAT,
             "verdict": self.verdict,
-            "statement": list(self.statement),
             "effects": [
                 {
                     "name": effect.name,
@@ -211,20 +286,28 @@ class GapReport:
             "control": None if self.control is None else vars(self.control),
             "next_measurement": str(self.next_measurement),
             "next": vars(self.next_measurement),
-            "limits": list(self.limits),
             "overlaps": [vars(overlap) for overlap in self.overlaps],
             "model": str(self.model),
             "candidates": [vars(c) | {"parameters": dict(c.parameters)} for c in self.candidates],
             "notes": list(self.notes),
             "provenance": dict(self.provenance),
-            "pictures": {str(path): caption for path, caption in self.pictures.items()},
             "checks": [vars(check) | {"files": list(check.files)} for check in self.checks],
             "reserves": list(self.reserves),
         }
 
-    @property
-    def statement(self) -> tuple[str, ...]:
-        """The verdict in plain words, a sentence or two each: what, how sure, how much, what to do."""
-        from designlab.report.gap_text import statement
 
-        return statement(self)
+def provenance(
+    measurement: Measurement, seen: Observations, model: SensorModel, *, seed: int, samples: int
+) -> dict[str, Any]:
+    """What every report says of how it was made; frames, pictures rendered and seconds come on top."""
+    from designlab import __version__
+
+    return {
+        "measurement": measurement.name,
+        "model": model.digest,
+        "seed": seed,
+        "samples": samples,
+        "noise": seen.noise_source,
+        "floor": "measured" if seen.repeats else "assumed",
+        "version": __version__,
+    }

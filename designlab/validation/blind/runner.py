@@ -16,6 +16,7 @@ from designlab.core.workers import calls_at_once, completed, submitter
 from designlab.inference.diagnosis import diagnose
 from designlab.inference.diagnosis.diagnose import COLUMNS, SAMPLES
 from designlab.measurement import load_measurement
+from designlab.report.diagnosis_folder import write_diagnosis
 from designlab.sensor.design import preset
 from designlab.simulation.effects import CATALOGUE
 from designlab.validation.blind.frozen import code_digest
@@ -207,7 +208,7 @@ def _one(trial: Trial, folder: Path) -> Outcome:
     design, measurement = preset(trial.design), _planted(trial, folder)
     begun = os.times()
     try:
-        report = diagnose(
+        found = diagnose(
             frames_of(load_measurement(measurement), trial.kit),
             design,
             out=model_path(trial, folder).parent,
@@ -216,8 +217,8 @@ def _one(trial: Trial, folder: Path) -> Outcome:
             samples=SAMPLES if trial.size == "full" else SMALL_SAMPLES,
             renders=folder / "renders" / trial.design,
             catalogue=_catalogue(trial),
-            pictures=False,
-        ).to_json()
+        )
+        report = write_diagnosis(found, pictures=False)
     except ValueError as error:  # what a user would be told; one such set must not end a pool
         report = {
             "verdict": f"refused: {str(error).replace(str(measurement), trial.name)}",

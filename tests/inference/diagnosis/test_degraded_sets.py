@@ -290,6 +290,7 @@ def report(verdict="named", name="vignetting", coherence=None) -> GapReport:
         candidates=(),
         notes=(),
         provenance={},
+        seen=Observations((), np.zeros(3), "repeats", True, True, ()),
     )
 
 

@@ -10,6 +10,7 @@ import pytest
 
 from designlab.inference.diagnosis import diagnose
 from designlab.measurement import load_measurement
+from designlab.report.diagnosis_folder import write_diagnosis
 from designlab.sensor.design import preset
 from designlab.validation.synthetic import plant
 from tests.helpers.processes import until
@@ -18,7 +19,7 @@ pytestmark = pytest.mark.faults
 
 DESIGN = preset("gelsight-2020-flat")
 SEED = 3
-SETTINGS = {"catalogue": ("vignetting",), "columns": 16, "samples": 4, "pictures": False}
+SETTINGS = {"catalogue": ("vignetting",), "columns": 16, "samples": 4}
 PRESSES = [
     {"probe": "sphere:4", "depth_mm": 0.4, "centre_mm": place, "yaw_deg": 0.0}
     for place in ((-4.0, -3.0), (4.0, -2.0), (0.0, 3.0))
@@ -26,11 +27,13 @@ PRESSES = [
 
 PROGRAM = """
 import json, sys, time
+from pathlib import Path
+from designlab.report import diagnosis_folder
 from designlab.sensor.design import preset
 from designlab.inference.diagnosis import diagnose
 from designlab.measurement import load_measurement
 
-def wait(report):
+def wait(content, page):
     time.sleep(600)
 
 def show(stage, done, total):
@@ -38,10 +41,14 @@ def show(stage, done, total):
 
 if __name__ == "__main__":
     measurement, design, out, seed, settings, hang = sys.argv[1:]
-    diagnose(
+    if hang == "hang":
+        diagnosis_folder.gap_report = wait
+    found = diagnose(
         load_measurement(measurement), preset(design), out=out, seed=int(seed), progress=show,
-        page=wait if hang == "hang" else None, **json.loads(settings),
+        **json.loads(settings),
     )
+    page = Path(out) / "report.html" if hang else None
+    diagnosis_folder.write_diagnosis(found, pictures=False, page=page)
 """
 
 
@@ -57,7 +64,8 @@ def measured(tmp_path_factory):
 def whole(measured):
     """Report of a run that nothing interrupted, and what it leaves in its folder."""
     out = measured.with_name("whole")
-    diagnose(load_measurement(measured), DESIGN, out=out, seed=SEED, **SETTINGS)
+    found = diagnose(load_measurement(measured), DESIGN, out=out, seed=SEED, **SETTINGS)
+    write_diagnosis(found, pictures=False)
     return contents(out), pictures(out)
 
 
@@ -161,6 +169,7 @@ def test_a_run_killed_between_its_results_leaves_no_report(start, whole, measure
     assert not (out / "report.json").exists()
     again = diagnose(load_measurement(measured), DESIGN, out=out, seed=SEED, **SETTINGS)
     assert again.provenance["rendered"] == 0
+    write_diagnosis(again, pictures=False)
     assert_alike(contents(out), report)
 
 

@@ -35,8 +35,9 @@ from designlab.inference.diagnosis.verdict.intervals import of_amplitudes, of_de
 from designlab.measurement.quality.invariants import FrameCheck
 from designlab.measurement.shots import Observations
 from designlab.report import gap_report
+from designlab.report.diagnosis_folder import report_content
 from designlab.report.gap_plots import gap_bars, interval_bar
-from designlab.report.gap_text import places
+from designlab.report.gap_text import places, statement
 from designlab.sensor.design import preset
 from designlab.simulation.effects import SensorModel
 from tests import ROOT
@@ -87,9 +88,8 @@ REPORT = GapReport(
             },
         },
     },
-    pictures={},
+    seen=Observations((), np.zeros(3), "repeats", True, True, ()),
     control=Control("albedo_field", 0.12, 5),
-    limits=("products only",),
     overlaps=(Overlap("lens_distortion", "camera_pose", 0.996),),
     checks=(FrameCheck("repeats", False, "1.3 % apart", ("a.exr", "b.exr")),),
 )
@@ -114,8 +114,7 @@ def test_every_field_that_is_written_is_documented_and_the_other_way_round() -> 
     text = DOCUMENT.read_text(encoding="utf-8")
     table = text[text.index("## report.json") :]
     documented = set(re.findall(r"^\| `([^`]+)`", table, re.MULTILINE))
-    pictures = replace(REPORT, pictures={Path("where.png"): "where"})
-    assert documented == paths(pictures.to_json())
+    assert documented == paths(report_content(REPORT, {"where.png": "where"}))
 
 
 def test_the_fields_of_the_provenance_are_those_that_a_diagnosis_writes(tmp_path) -> None:
@@ -182,7 +181,7 @@ def test_the_fields_of_the_provenance_are_those_that_a_diagnosis_writes(tmp_path
     ],
 )
 def test_the_verdict_is_said_in_plain_words(changes, said, unsaid) -> None:
-    text = " ".join(replace(REPORT, **changes).statement)
+    text = " ".join(statement(replace(REPORT, **changes)))
     for words in said:
         assert words in text
     assert not re.search(rf"\b{unsaid}\b", text)
@@ -191,11 +190,11 @@ def test_the_verdict_is_said_in_plain_words(changes, said, unsaid) -> None:
 def test_a_gap_below_the_floor_is_told_of_like_any_other() -> None:
     levels = {split: Level(0.9, 0.61, 1.0, 0.58) for split in REPORT.gap}
     below = replace(REPORT, gap=levels, provenance={})
-    text = " ".join(below.statement)
+    text = " ".join(statement(below))
     said = "91 % of the gap is gone: squared residual 0.9 before, 0.61 after; 0.58 is usual where nothing"
     assert said in text
     assert "takes away 12 %" in text
-    text = " ".join(replace(below, verdict="partial").statement)
+    text = " ".join(statement(replace(below, verdict="partial")))
     assert "The rest is more than is usual where nothing is missing" in text
 
 
@@ -291,10 +290,8 @@ def test_intervals_of_an_amplitude_hold_as_often_as_they_say(count) -> None:
 
 def test_the_page_shows_what_was_found_tried_and_not_known(tmp_path) -> None:
     unknown = replace(VALUE, low=None, high=None)
-    report = replace(
-        REPORT, effects=(replace(FOUND, parameters={"corner_loss": VALUE, "red_1": unknown}),)
-    ).to_json()
-    text = gap_report(report, tmp_path / "page.html").read_text(encoding="utf-8")
+    report = replace(REPORT, effects=(replace(FOUND, parameters={"corner_loss": VALUE, "red_1": unknown}),))
+    text = gap_report(report_content(report, {}), tmp_path / "page.html").read_text(encoding="utf-8")
     shown = " ".join(re.sub(r"<(script|style)>.*?</\1>|<[^>]+>", " ", text, flags=re.DOTALL).split())
     for words in (
         "measurement a &lt;b&gt;",
@@ -311,7 +308,7 @@ def test_the_page_shows_what_was_found_tried_and_not_known(tmp_path) -> None:
         "A flat field. the candidates would differ by 4 standard deviations (predicted)",
         "time in the lab about 10 min",
         "final 8 1.7 1 1 90",
-        "products only",
+        "Only products are known",
         "repeats fails 1.3 % apart",
     ):
         assert words in shown, words

@@ -1,6 +1,7 @@
 """A single press without a background: blocks of one picture against sets by the independent generator."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,8 @@ from designlab.inference.diagnosis.single_image.blocks import (
 )
 from designlab.inference.diagnosis.single_image.structure import structure
 from designlab.measurement import load_measurement, write_measurement
+from designlab.report.diagnosis_folder import write_diagnosis
+from designlab.report.gap_text import statement
 from designlab.sensor.design import preset
 from designlab.validation.synthetic import answer_path, plant
 
@@ -48,12 +51,12 @@ def alone(folder, effects):
 
 @pytest.fixture(scope="module")
 def reports(tmp_path_factory):
-    """Diagnoses of a picture with mixed colours and of one with nothing hidden, on shared renders."""
+    """Diagnoses, as found and as written, of mixed colours and of nothing hidden, on shared renders."""
     folder = tmp_path_factory.mktemp("single")
     found = {}
     for name, effects in (("mixed", {"colour_mixing": MIXED}), ("nothing", {})):
         (folder / name).mkdir()
-        found[name] = diagnose(
+        report = diagnose(
             alone(folder / name, effects),
             DESIGN,
             out=folder / name / "out",
@@ -63,13 +66,14 @@ def reports(tmp_path_factory):
             columns=COLUMNS,
             renders=folder / "renders",
         )
+        found[name] = report, write_diagnosis(report)
     return found
 
 
 @pytest.mark.llvm
 class TestPlanted:
     def test_mixed_colours_are_found_from_other_blocks(self, reports):
-        report = reports["mixed"]
+        report, _ = reports["mixed"]
         named = {effect.name: effect for effect in report.effects}
         assert "colour_mixing" in named
         values = report.updated.effects[
@@ -82,27 +86,30 @@ class TestPlanted:
             assert level.after - level.floor < 0.15 * (level.before - level.floor), split
 
     def test_one_picture_names_nothing_for_certain(self, reports):
-        report = reports["mixed"]
+        report, written = reports["mixed"]
         assert report.verdict == "partial"
         assert all(effect.confidence <= 0.5 for effect in report.effects)
-        assert any("n = 1" in text and "consistent with" in text for text in report.statement)
-        assert any("floor is unknown" in text for text in report.limits)
+        assert any("n = 1" in text and "consistent with" in text for text in written["statement"])
+        assert any("floor is unknown" in text for text in written["limits"])
         assert "untouched gel" in str(report.next_measurement)
 
     def test_nothing_hidden_nothing_named(self, reports):
-        assert reports["nothing"].verdict == "at_floor"
-        assert not reports["nothing"].effects
-        assert not reports["nothing"].updated.effects
+        report, _ = reports["nothing"]
+        assert report.verdict == "at_floor"
+        assert not report.effects
+        assert not report.updated.effects
 
     def test_report_and_model_are_written_with_figures_of_blocks_not_fitted_to(self, reports):
-        report = reports["mixed"]
+        report, written = reports["mixed"]
         data = json.loads((report.model.parent / "report.json").read_text(encoding="utf-8"))
+        assert data == json.loads(json.dumps(written))
         figures = data["provenance"]["blocks"]["structure"]
         given, corrected = (
             figures[name]["other blocks"]["structure_corr"] for name in ("given", "corrected")
         )
         assert corrected > max(given, 0.97)
-        assert all(path.is_file() for path in report.pictures)
+        assert [Path(path).name for path in written["pictures"]] == ["picture.png"]
+        assert all(Path(path).is_file() for path in written["pictures"])
         outcomes = {c["name"]: c["outcome"] for c in data["candidates"]}
         assert set(CATALOGUE) <= set(outcomes) | {"lens_distortion"}
 
@@ -162,4 +169,4 @@ def test_the_real_triangle(measured_dir, tmp_path):
     assert report.verdict == "partial"
     assert all(effect.confidence <= 0.5 for effect in report.effects)
     assert "fixed_pattern" not in {applied.name for applied in report.updated.effects}
-    assert any("n = 1" in text for text in report.statement)
+    assert any("n = 1" in text for text in statement(report))

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from designlab.inference.diagnosis.single_image.blocks import is_single
 from designlab.measurement import Measurement, MeasurementError
 from designlab.measurement.shots import Observations, Shot
 from designlab.measurement.shots import observe as gathered
@@ -27,6 +26,12 @@ def observe(measurement: Measurement, design: Design, *, columns: int) -> Observ
     if not is_single(seen):
         _require_enough(measurement, seen.shots)
     return replace(seen, shots=tuple(without_cut(shot) for shot in seen.shots))
+
+
+def is_single(seen: Observations) -> bool:
+    """Whether the only picture with light is one press."""
+    lit = [shot for shot in seen.shots if shot.lit.any() and shot.ball is None]
+    return len(lit) == 1 and lit[0].press is not None
 
 
 def without_cut(shot: Shot) -> Shot:

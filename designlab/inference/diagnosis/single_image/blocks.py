@@ -27,12 +27,6 @@ SCALE_SD = 0.15  # of a picture's scale, which nothing in a single one tells
 NORMAL_MAD = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 
 
-def is_single(seen: Observations) -> bool:
-    """Whether the only picture with light is one press."""
-    lit = [shot for shot in seen.shots if shot.lit.any() and shot.ball is None]
-    return len(lit) == 1 and lit[0].press is not None
-
-
 def block_numbers(rows: int, columns: int) -> tuple[Uses, Uses]:
     """Row and column of the block that every pixel belongs to, (rows, 1) and (1, columns)."""
     down = max(round(rows / columns * BLOCKS), 1)

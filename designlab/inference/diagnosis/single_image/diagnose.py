@@ -7,7 +7,7 @@ most consistent with it, and none is named for certain.
 """
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,14 +15,20 @@ from typing import Any
 from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.snapshots import moved
-from designlab.inference.diagnosis.result import Advice, Found, GapReport, Level, Verdict
-from designlab.inference.diagnosis.run import end_run, provenance
+from designlab.inference.diagnosis.result import (
+    Advice,
+    Found,
+    GapReport,
+    Level,
+    PictureComparison,
+    Verdict,
+    provenance,
+)
 from designlab.inference.diagnosis.single_image.blocks import (
     FINAL,
     SCALE,
     TRAIN,
     USES,
-    Uses,
     block_uses,
     in_blocks,
 )
@@ -34,8 +40,6 @@ from designlab.inference.diagnosis.verdict.localise import where
 from designlab.inference.diagnosis.verdict.update import updated
 from designlab.measurement import Measurement
 from designlab.measurement.shots import POSE, Observations
-from designlab.report.gap_text import limits
-from designlab.report.single_image_picture import draw
 from designlab.sensor.camera import View
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects import SensorModel, effect
@@ -52,13 +56,6 @@ NEXT = Advice(
     "picture, and its noise is not known",
     minutes=10.0,
 )
-ONE = (
-    "n = 1: one picture of one press. Alternate blocks of it were fitted to and the others scored, which "
-    "shows that a correction is no fit to dirt, not that it holds for another press: the effects are "
-    "consistent with this picture, none is validated.",
-    "The noise floor is unknown without repeats; the grain of the picture itself, dirt included, stands for "
-    "it.",
-)
 
 
 def diagnose_single(
@@ -70,8 +67,6 @@ def diagnose_single(
     source: Renders,
     examined: Examined,
     out: Path,
-    pictures: bool = True,
-    page: Callable[[GapReport], object] | None = None,
     parity: int = 0,
 ) -> GapReport:
     """Find effects that are consistent with a single picture.
@@ -79,7 +74,7 @@ def diagnose_single(
     Parameters
     ----------
     seen : Observations
-        Whose only shot with light is a press, see `blocks.is_single`.
+        Whose only shot with light is a press, see `usable_frames.is_single`.
     measurement : Measurement
         What was observed.
     model : SensorModel
@@ -91,11 +86,7 @@ def diagnose_single(
     examined : Examined
         Outcome of the checks, which weakens the verdict.
     out : Path
-        Folder for ``model.toml``, ``report.json`` and the picture.
-    pictures : bool
-        Whether to draw.
-    page : callable, optional
-        Called with the report before ``report.json`` is written.
+        Folder of the results.
     parity : int
         0 or 1: which blocks are fitted to.
 
@@ -144,24 +135,22 @@ def diagnose_single(
         candidates=tuple(search.tried),
         notes=seen.notes,
         provenance=_provenance(seen, measurement, model, source, parity),
-        limits=(*ONE, *limits(seen, effects)[1:]),
+        seen=seen,
     )
     alike = looking_alike(report.effects, seen, model.effective_design())
     report = weakened(report, examined, names, alike)
     better = updated(
         best.fitter, best.fit, measurement, seen, report, found, seed=source.seed, samples=source.samples
     )
-    figures, images, uses = _compared(measurement, seen, model, better, given, best, source, parity)
+    figures, shown = _compared(measurement, seen, model, better, given, best, source, parity)
     made = dict(report.provenance)
     made["blocks"] = {"parity": parity, "structure": figures}
-    report = replace(
+    return replace(
         report,
         updated=better,
+        shown=shown,
         notes=(*_words(search, best, figures), *report.notes),
         provenance=made | {"rendered": source.rendered, "seconds": round(time.perf_counter() - begun, 1)},
-    )
-    return end_run(
-        out, lambda: replace(report, pictures=draw(images, uses, out)) if pictures else report, page
     )
 
 
@@ -188,15 +177,15 @@ def _compared(
     best: FittedModel,
     source: Renders,
     parity: int,
-) -> tuple[Figures, dict[str, Array], Uses]:
-    """Figures of the models on the blocks, rendered anew in full resolution, the pictures, and the blocks."""
+) -> tuple[Figures, PictureComparison]:
+    """Figures of the models on the blocks, rendered anew in full resolution, and the pictures."""
     frame = next(f for f in measurement.frames if f.file == seen.shots[TRAIN].files[0])
     press = measurement.press(frame)
     assert press is not None
     real = measurement.linear(frame).astype(float)
     view = measurement.view(frame, model.effective_design())
     uses = block_uses(*real.shape[:2], parity=parity)
-    images: dict[str, Array] = {"measured": real}
+    images: dict[str, Array] = {}
     figures: Figures = {}
     for label, own, stand in (("given", model, given), ("corrected", updated, best)):
         image = _rendered(own, press, stand, view, source)
@@ -206,7 +195,7 @@ def _compared(
             "other blocks": structure(image, real, uses != TRAIN),
             "blocks that decided nothing": structure(image, real, uses == FINAL),
         }
-    return figures, images, uses
+    return figures, PictureComparison(real, **images, fitted=uses == TRAIN)
 
 
 def _rendered(model: SensorModel, press: Press, stand: FittedModel, view: View, source: Renders) -> Array:
@@ -269,7 +258,7 @@ def _provenance(
     seen: Observations, measurement: Measurement, model: SensorModel, source: Renders, parity: int
 ) -> dict[str, Any]:
     files = list(seen.shots[TRAIN].files)
-    return provenance(measurement, seen, model, source) | {
+    return provenance(measurement, seen, model, seed=source.seed, samples=source.samples) | {
         "frames": {"dark": [], "background": [], **{use: files for use in USES}},
         "blocks": {"parity": parity},
     }
