@@ -1,9 +1,8 @@
-"""Images as arrays with provenance, and the files they live in."""
+"""Images as arrays, and the files they live in."""
 
 import os
 import tempfile
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,45 +19,6 @@ _TIFF_MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 
 class ImageError(ValueError):
     """A file or an array that is not the image it should be."""
-
-
-@dataclass(frozen=True, eq=False)
-class Image:
-    """Linear radiance with what is known about its noise and its origin.
-
-    Parameters
-    ----------
-    radiance : array, shape (rows, columns, channels)
-        Linear radiance, kept as a read-only float32 copy; 1 or 3 channels.
-    variance : array, same shape, optional
-        Variance of each value, in the squared unit of `radiance`.
-    provenance : mapping
-        Where the image comes from: digests, seed, samples, versions.
-
-    Raises
-    ------
-    ImageError
-        If an array has the wrong shape, is not finite or is negative somewhere, or if the radiance is zero
-        everywhere.
-    """
-
-    radiance: Pixels
-    variance: Pixels | None = None
-    provenance: Mapping[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        radiance = _frozen(self.radiance, "radiance")
-        if not radiance.any():
-            raise ImageError(f"radiance: must have light somewhere, got {_size(radiance)} of zeros")
-        object.__setattr__(self, "radiance", radiance)
-        if self.variance is not None:
-            variance = _frozen(self.variance, "variance")
-            if variance.shape != radiance.shape:
-                raise ImageError(
-                    f"variance: must have the shape of radiance {radiance.shape}, got {variance.shape}"
-                )
-            object.__setattr__(self, "variance", variance)
-        object.__setattr__(self, "provenance", dict(self.provenance))
 
 
 def read_image(path: str | os.PathLike[str]) -> Pixels:
@@ -349,22 +309,3 @@ def _require_finite(pixels: NDArray[Any], name: str) -> NDArray[Any]:
             f"{pixels[row, column, channel]} at row {row}, column {column}, channel {channel}"
         )
     return pixels
-
-
-def _frozen(array: NDArray[Any], name: str) -> Pixels:
-    pixels = np.array(array, dtype=np.float32)
-    if pixels.ndim != 3 or pixels.shape[-1] not in _CHANNEL_COUNTS or 0 in pixels.shape:
-        raise ImageError(f"{name}: must be rows, columns and 1 or 3 channels, got shape {pixels.shape}")
-    _require_finite(pixels, name)
-    if (pixels < 0).any():
-        row, column, channel = (int(index) for index in np.unravel_index(np.argmin(pixels), pixels.shape))
-        raise ImageError(
-            f"{name}: must not be negative, the lowest value is {pixels.min():g} at row {row}, "
-            f"column {column}, channel {channel}"
-        )
-    pixels.setflags(write=False)
-    return pixels
-
-
-def _size(pixels: Pixels) -> str:
-    return f"{pixels.shape[0]} x {pixels.shape[1]} pixels"

@@ -25,7 +25,7 @@ from designlab.evaluation.response_maps import (
 )
 from designlab.evaluation.weakest_point import GelMaps
 from designlab.sensor.design import Design
-from designlab.simulation.imaging import expected
+from designlab.simulation.imaging import Capture, expected, noise_sigma
 from designlab.simulation.simulator import GRAIN_PX, Frame, automatic_exposure
 
 UNIFORMITY_DRAWS, DETAIL_DRAWS = 30, 10
@@ -323,8 +323,8 @@ def information_score(
     light = membrane_light(untouched)[thinned(untouched)]
 
     def sigma(signal: Array) -> Array:
-        seen = np.minimum(signal + camera.black_level, 1.0)
-        noise = camera.noise_sigma(seen, binned=binned) / camera.response.slope(seen)
+        collected = np.minimum(signal, 1.0 - camera.black_level)
+        noise = noise_sigma(collected, Capture(camera, binned=binned))
         return np.where(signal + camera.black_level < 1.0, noise, np.inf)
 
     def of(response: Array, brighter: float = 1.0) -> Array:

@@ -12,9 +12,9 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from designlab.core.metrics import normal_error_deg
 from designlab.core.types import Array
-from designlab.evaluation import noise_limit
 from designlab.reconstruction import KernelCalibration, NearField, fit_kernel, normals
 from designlab.sensor.design import Design
+from designlab.simulation import imaging
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects.model import SensorModel
 from designlab.simulation.imaging import Capture, reported
@@ -29,7 +29,6 @@ MOST_THREADS = 4  # beyond these NumPy's own lock leaves no gain
 GROWN_MM = 0.5
 RIM_MM = 1.0  # around a contact the membrane is still lifted
 SMOOTHING_PX = 2.0  # illumination is smooth; render noise is not, and would pass for unevenness
-GRAIN_PX = 4.0  # noise of single pixels is finer than this
 # A small ball shows steep slopes, a large one many of each; depths as shares of the deepest.
 BALLS_MM, BALL_DEPTHS = (6.0, 4.0, 3.0), (1.0, 0.6)
 TEST_PROBES = ("sphere:4", "triangle:5", "star:6", "cylinder:4", "cone:4", "dots:1.5")
@@ -166,24 +165,6 @@ class EvaluationProtocol:
             lambda k: self._one(calibration, tests[k], self.picture(tests[k], 100 + chosen[k])), len(tests)
         )
 
-    def noise_limits_deg(self, untouched: Frame, balls: Sequence[Frame]) -> list[Array]:
-        """Least tilt that camera noise makes up at each pixel of the untouched gel, see `information`.
-
-        The first one uses all balls, each further one leaves out one ball in turn.
-        """
-        background = self.exposure * gaussian_filter(untouched.mixed, (SMOOTHING_PX, SMOOTHING_PX, 0))
-        slopes = noise_limit.responses(
-            [self.exposure * frame.mixed for frame in balls],
-            background,
-            [frame.gradient for frame in balls],
-            untouched.rays.x_mm,
-            untouched.rays.y_mm,
-        )
-        camera = self.design.camera
-        signal = background + camera.black_level
-        sigma = camera.noise_sigma(signal, binned=_binned(untouched)) / camera.response.slope(signal)
-        return [noise_limit.noise_limit_deg(slope, sigma) for slope in slopes]
-
     def near_field(self, untouched: Frame, response: NDArray[np.floating]) -> NearField:
         """Light of the untouched gel as the camera sees it, from which presses need no calibration.
 
@@ -198,8 +179,8 @@ class EvaluationProtocol:
         stray = np.zeros_like(untouched.basis) if untouched.stray is None else untouched.stray
 
         def noise_sigma(signal: Array) -> Array:
-            signal = np.clip(signal, camera.black_level, 1.0)
-            return camera.noise_sigma(signal, binned=_binned(untouched)) / camera.response.slope(signal)
+            collected = np.clip(signal, camera.black_level, 1.0) - camera.black_level
+            return imaging.noise_sigma(collected, Capture(camera, binned=_binned(untouched)))
 
         light = gaussian_filter(untouched.basis - stray, sigma=(0, SMOOTHING_PX, SMOOTHING_PX))
         base_p, base_q = base_gradient(self.design.elastomer, *untouched.seen_mm)

@@ -14,6 +14,7 @@ from designlab.evaluation.illumination import within
 from designlab.evaluation.protocol import SMOOTHING_PX, EvaluationProtocol, Reconstruction, sub_seed
 from designlab.evaluation.weakest_point import GelMaps, PressMaps
 from designlab.sensor.design import Design
+from designlab.simulation.imaging import Capture, noise_sigma
 from designlab.simulation.simulator import Frame, Simulator
 from geometries.elastomer import base_mm
 
@@ -175,7 +176,6 @@ def gel_maps(bench: EvaluationProtocol, untouched: Frame, response: Array) -> Ge
     mix = bench.exposure * untouched.weights
     signal = light @ mix.T
     stray = np.zeros_like(light) if untouched.stray is None else np.moveaxis(untouched.stray, 0, -1)[thin]
-    dark = camera.black_level
     binned = max(untouched.rays.binned, 1.0)
     return GelMaps(
         x_mm=untouched.rays.x_mm[thin],
@@ -186,7 +186,7 @@ def gel_maps(bench: EvaluationProtocol, untouched: Frame, response: Array) -> Ge
         light=light / light[area & visible].mean(axis=0),
         signal=signal,
         stray=stray @ mix.T,
-        sigma=camera.noise_sigma(signal + dark, binned=binned) / camera.response.slope(signal + dark),
+        sigma=noise_sigma(signal, Capture(camera, binned=binned)),
         response=np.einsum("cg,rkgi->rkci", mix, response),
     )
 

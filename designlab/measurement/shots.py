@@ -14,6 +14,7 @@ from designlab.measurement.quality.sizes import check_leds
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press
+from designlab.simulation.imaging import Capture, noise_sigma
 from geometries.probes import Probe
 
 Use = Literal["background", "light_probe", "train", "select", "final", "dark"]
@@ -270,9 +271,7 @@ def _noise(
     view = measurement.view(first, design)
     binned = view.width_px / view.columns * view.height_px / view.rows
     camera = design.camera
-    dark_signal = np.full(1, camera.black_level)
-    noise = camera.noise_sigma(dark_signal, binned=binned) / camera.response.slope(dark_signal)
-    stated = float(noise[0]) ** 2
+    stated = float(noise_sigma(np.zeros(1), Capture(camera, binned=binned))[0]) ** 2
     read = np.full(3, stated)
     black = np.full(3, camera.black_level)
     if dark:

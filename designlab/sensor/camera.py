@@ -350,22 +350,6 @@ class Camera(Spec):
         """The whole sensor at its own resolution."""
         return View(0.0, 0.0, float(self.width_px), float(self.height_px), self.width_px, self.height_px)
 
-    def noise_sigma(self, signal: NDArray[np.floating], *, binned: float = 1.0) -> NDArray[np.float64]:
-        """Standard deviation of the noise of what the camera reports, see `simulation.imaging`.
-
-        Parameters
-        ----------
-        signal : array
-            Linear signal as a share of full scale, black level included, before the response curve.
-        binned : float
-            Sensor pixels averaged into one output pixel.
-        """
-        quantisation = 1.0 / (2**self.bit_depth - 1) / np.sqrt(12.0 * binned)
-        if not self.response.is_linear:
-            _, sigma = self.behind_curve(np.asarray(signal, dtype=float))
-            return np.asarray(np.hypot(sigma / np.sqrt(binned), quantisation))
-        return np.asarray(np.hypot(self.pixel_noise(np.asarray(signal, dtype=float), binned), quantisation))
-
     def pixel_noise(self, signal: Array, binned: float) -> Array:
         """Standard deviation of photon and read noise of a linear signal, black level included.
 

@@ -275,9 +275,13 @@ class Response(ImagingStep):
         )
 
     def moments(self, mean: Image, variance: Image, capture: Capture) -> tuple[Image, Image]:
-        """Multiply the variance by the square of the curve's slope."""
-        response = capture.camera.response
-        return response.encode(mean), variance * response.slope(mean) ** 2
+        """Multiply the variance by what the curve makes of that of one pixel's noise, clipping included."""
+        camera = capture.camera
+        if camera.response.is_linear:
+            return mean, variance
+        single = np.asarray(mean, dtype=float)
+        share = camera.behind_curve(single)[1] / camera.pixel_noise(single, 1.0)
+        return camera.response.encode(mean), variance * share**2
 
 
 class Quantisation(ImagingStep):
@@ -383,6 +387,20 @@ def moments(radiance: Image, variance: Image, capture: Capture) -> tuple[Image, 
     for step in CHAIN[_mixing() + 1 :]:
         radiance, variance = step.moments(radiance, variance, capture)
     return radiance, variance
+
+
+def noise_sigma(signal: Image, capture: Capture) -> Array:
+    """Standard deviation of the noise of the picture that is reported, its known curve undone.
+
+    Parameters
+    ----------
+    signal : array
+        Mean of what pixels collect, as a share of full scale, without the black level; any shape.
+    capture : Capture
+        How the picture is taken, its exposure at 1.
+    """
+    signal = np.asarray(signal, dtype=float)
+    return np.asarray(np.sqrt(moments(signal, np.zeros_like(signal), capture)[1]))
 
 
 def _mixing() -> int:

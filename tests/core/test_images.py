@@ -3,7 +3,6 @@ import pytest
 from PIL import Image as Pillow
 
 from designlab.core.images import (
-    Image,
     ImageError,
     from_srgb,
     read_image,
@@ -212,49 +211,6 @@ def test_area_binning_splits_pixels_exactly():
     assert binned.mean() == pytest.approx(image.mean(), rel=1e-6)
     with pytest.raises(ImageError, match="at least 1, got 0 x 5"):
         resize_area(image, 0, 5)
-
-
-def test_image_keeps_a_read_only_copy():
-    radiance = np.full((4, 5, 3), 0.5)
-    image = Image(radiance, variance=radiance * 0.01, provenance={"seed": 3})
-    radiance[:] = 9
-    assert image.radiance.dtype == np.float32
-    assert (image.radiance == 0.5).all()
-    assert image.variance is not None
-    assert image.variance[0, 0, 0] == pytest.approx(0.005)
-    assert image.provenance == {"seed": 3}
-    with pytest.raises(ValueError, match="read-only"):
-        image.radiance[0, 0, 0] = 1.0
-
-
-def test_image_says_why_it_refuses():
-    good = np.full((4, 5, 3), 0.5)
-
-    def with_value(value):
-        array = good.copy()
-        array[2, 3, 1] = value
-        return array
-
-    with pytest.raises(
-        ImageError, match="radiance: values must be finite, 1 are not, the first is nan at row 2, column 3"
-    ):
-        Image(with_value(np.nan))
-    with pytest.raises(ImageError, match="the first is inf"):
-        Image(with_value(np.inf))
-    with pytest.raises(
-        ImageError, match=r"must not be negative, the lowest value is -0\.1 at row 2, column 3, channel 1"
-    ):
-        Image(with_value(-0.1))
-    with pytest.raises(ImageError, match="must have light somewhere, got 4 x 5 pixels of zeros"):
-        Image(good * 0)
-    with pytest.raises(ImageError, match=r"1 or 3 channels, got shape \(4, 5, 2\)"):
-        Image(good[..., :2])
-    with pytest.raises(
-        ImageError, match=r"variance: must have the shape of radiance \(4, 5, 3\), got \(3, 5, 3\)"
-    ):
-        Image(good, variance=good[:3])
-    with pytest.raises(ImageError, match="variance: must not be negative"):
-        Image(good, variance=-good)
 
 
 @pytest.mark.measured

@@ -13,7 +13,7 @@ from designlab.measurement.quality.invariants import invariants
 from designlab.measurement.shots import observe
 from designlab.sensor.camera import Camera
 from designlab.sensor.design import preset
-from designlab.simulation.imaging import Capture, reported
+from designlab.simulation.imaging import Capture, noise_sigma, reported
 
 DESIGN = preset("gelsight-2020-flat")
 ROWS, COLUMNS, BINNED = 90, 120, 81.0
@@ -62,14 +62,19 @@ def test_noise_from_repeats_is_that_of_the_camera(tmp_path) -> None:
     background = next(shot for shot in seen.shots if shot.press is None)
     assert seen.noise_source == "repeated frames"
     assert len(background.files) == 3
-    stated = DESIGN.camera.noise_sigma(background.signal, binned=BINNED) ** 2 / 3
+    stated = (
+        noise_sigma(background.signal - DESIGN.camera.black_level, Capture(DESIGN.camera, binned=BINNED)) ** 2
+        / 3
+    )
     np.testing.assert_allclose(np.median(background.variance / stated), 1.0, rtol=0.05)
 
 
 def test_noise_without_repeats_is_the_stated_one_and_said_to_be_assumed(tmp_path) -> None:
     seen = observe(measured(tmp_path / "m", repeats=1), DESIGN, columns=128)
     background = next(shot for shot in seen.shots if shot.press is None)
-    stated = DESIGN.camera.noise_sigma(background.signal, binned=BINNED) ** 2
+    stated = (
+        noise_sigma(background.signal - DESIGN.camera.black_level, Capture(DESIGN.camera, binned=BINNED)) ** 2
+    )
     np.testing.assert_allclose(np.median(background.variance / stated), 1.0, rtol=0.05)
     assert any("floor is assumed" in note for note in seen.notes)
     assert not seen.repeats
@@ -121,7 +126,10 @@ def test_drift_between_repeats_is_not_taken_for_noise(tmp_path) -> None:
     drifted = [("background-9.exr", 0.21, {"kind": "background", "repeat": 9})]
     seen = observe(measured(tmp_path / "m", extra=drifted), DESIGN, columns=128)
     background = next(shot for shot in seen.shots if shot.press is None)
-    stated = DESIGN.camera.noise_sigma(background.signal, binned=BINNED) ** 2 / 4
+    stated = (
+        noise_sigma(background.signal - DESIGN.camera.black_level, Capture(DESIGN.camera, binned=BINNED)) ** 2
+        / 4
+    )
     np.testing.assert_allclose(np.median(background.variance / stated), 1.0, rtol=0.06)
 
 

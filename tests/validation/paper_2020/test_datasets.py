@@ -6,6 +6,7 @@ import pytest
 from designlab.inference.compare import compare_model
 from designlab.measurement import Measurement, load_measurement, write_measurement
 from designlab.sensor.design import preset
+from designlab.simulation.imaging import Capture, noise_sigma
 from designlab.simulation.optics.viewing_rays import rays
 from designlab.validation.paper_2020.accuracy import error_shares
 from designlab.validation.paper_2020.datasets import SIGMA, around, crop_around, dataset_1, dataset_2, stated
@@ -94,7 +95,7 @@ class TestPhotograph:
         true, _, pictures = taken
         dark = np.stack([pictures["dark-0.exr"], pictures["dark-1.exr"]])
         camera, floor = true.design.camera, np.array(list(true.effects[0].values.values()))
-        sigma = camera.noise_sigma(floor + camera.black_level, binned=225.0)
+        sigma = noise_sigma(np.zeros(3), Capture(camera, binned=225.0))
         count = dark[..., 0].size
         assert (
             np.abs(dark.mean(axis=(0, 1, 2)) - floor - camera.black_level).max()

@@ -10,6 +10,7 @@ from scipy.ndimage import gaussian_filter
 from designlab.measurement import load_measurement
 from designlab.sensor.camera import View
 from designlab.sensor.design import preset
+from designlab.simulation.imaging import Capture, noise_sigma
 from designlab.validation.synthetic import (
     capture_plan,
     effects,
@@ -402,7 +403,8 @@ class TestCamera:
             light, np.random.default_rng(0), correlated=True
         )
         noise = found - 0.3
-        assert noise.std() == pytest.approx(float(camera.noise_sigma(np.array(0.3), binned=16.0)), rel=0.01)
+        stated = float(noise_sigma(np.array(0.3) - camera.black_level, Capture(camera, binned=16.0)))
+        assert noise.std() == pytest.approx(stated, rel=0.01)
         scaled = noise / noise.std()
         for shift, expected in (((1, 0), 0.3), ((0, 1), 0.3), ((2, 0), 0.0), ((1, 1), 0.09)):
             other = np.roll(scaled, shift, (0, 1))

@@ -14,6 +14,7 @@ from designlab.core.images import read_image
 from designlab.measurement import MeasurementError, load_measurement
 from designlab.sensor.camera import View
 from designlab.sensor.design import preset
+from designlab.simulation.imaging import Capture, noise_sigma
 from designlab.validation.synthetic import (
     answer_path,
     capture_plan,
@@ -503,7 +504,9 @@ def test_noise_has_the_spread_that_the_camera_states(tmp_path):
     frame = next(frame for frame in found.frames if frame.file == "background-0.exr")
     difference = picture(found, "background-0.exr") - picture(found, "background-1.exr")
     binned = frame.crop_px[2] / difference.shape[1] * frame.crop_px[3] / difference.shape[0]
-    sigma = np.sqrt(2) * design.camera.noise_sigma(picture(found, "background-2.exr"), binned=binned)
+    sigma = np.sqrt(2) * noise_sigma(
+        picture(found, "background-2.exr") - design.camera.black_level, Capture(design.camera, binned=binned)
+    )
     assert np.std(difference / sigma) == pytest.approx(1.0, abs=0.05)
 
 

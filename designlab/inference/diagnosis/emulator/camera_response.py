@@ -12,7 +12,7 @@ from designlab.sensor.camera import Camera
 from designlab.sensor.design import Design
 from designlab.simulation.effects import CATALOGUE, Effect, SensorModel, Sight
 from designlab.simulation.effects.base import Light, Signal
-from designlab.simulation.imaging import Capture, expected
+from designlab.simulation.imaging import Capture, expected, noise_sigma
 
 DEVIATES = np.linspace(-5.0, 5.0, 101)  # of the noise of one pixel
 LEVELS = 400  # of a sampled curve
@@ -114,7 +114,7 @@ def mean_answers(answered: Callable[[Array], Array], camera: Camera, brightest: 
     # Even steps of the root: a curve may be steep at zero.
     levels = brightest * np.linspace(0.0, 1.0, LEVELS) ** 2
     weights = np.exp(-(DEVIATES**2) / 2)
-    signals = levels[:, None] + camera.noise_sigma(levels)[:, None] * DEVIATES
+    signals = levels[:, None] + noise_sigma(levels - camera.black_level, Capture(camera))[:, None] * DEVIATES
     # The converter cuts at zero what its black level does not lift.
     answers = np.maximum(answered(np.repeat(signals[..., None], 3, axis=-1)), 0.0)
     return levels, np.tensordot(weights / weights.sum(), answers, axes=(0, 1))
