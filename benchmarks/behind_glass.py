@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter
 from designlab.sensor.design import Design, preset
 from designlab.simulation.simulator import Simulator
 from designlab.validation.synthetic.generator_sensor import Rig
-from designlab.validation.synthetic.immersed import Immersed
+from designlab.validation.synthetic.immersed import ImmersedLighting
 
 COLUMNS, BLUR_PX = 96, 3.0
 SEEDS = (1, 2)
@@ -26,7 +26,7 @@ def generated(design: Design, seed: int) -> NDArray[np.float64]:
     """Radiance of a matte membrane by the generator, (groups, rows, columns)."""
     rig, simulator = Rig.of(design), Simulator(design, columns=COLUMNS, samples=1, seed=1)
     x_mm, y_mm = simulator.rays.hit(simulator.surface(None))
-    light = Immersed(rig, seed=seed)
+    light = ImmersedLighting(rig, seed=seed)
     arriving = light.arriving(light.untouched.surface, x_mm.ravel(), y_mm.ravel())
     return np.asarray((np.reshape(rig.albedo, (-1, 1)) * arriving / np.pi).reshape(-1, *x_mm.shape))
 

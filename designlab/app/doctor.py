@@ -1,4 +1,4 @@
-"""Report on what this machine offers designlab, what is missing, and how to get it."""
+"""The machine check reports what this machine offers designlab, what is missing, and how to get it."""
 
 import contextlib
 import importlib.metadata

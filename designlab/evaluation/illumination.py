@@ -1,4 +1,4 @@
-"""How a sensor lights its untouched gel: figures of pictures and of their response to slope, as arrays.
+"""Illumination figures say how a sensor lights its untouched gel and how its picture responds to slope.
 
 The *slant* of a group's light is that of the distant light with the same effect. A Lambertian membrane of
 unit normal n under light of vector irradiance E sends I = E . n: untouched I = E_z, and to first order in the

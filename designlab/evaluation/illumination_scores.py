@@ -1,4 +1,4 @@
-"""Scores of the untouched gel, each with its standard error."""
+"""Illumination scores are those of the untouched gel; each has its standard error."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""How well a picture could tell slopes at best: camera noise against the picture's response to slope.
+"""The noise limit (Cramer-Rao bound) is the least tilt that a picture could tell from the camera's noise.
 
 For a known background the only unknowns of a pixel are the two slopes. With J the response of its channels
 to them and S the covariance of the camera's noise, no unbiased estimate scatters less than (J' S^-1 J)^-1

@@ -1,4 +1,4 @@
-"""Whether two designs differ: scores of the same presses, seeds and noise held against each other."""
+"""A paired comparison tells from scores with the same presses, seeds and noise whether designs differ."""
 
 from typing import NamedTuple
 

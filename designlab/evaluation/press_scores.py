@@ -1,4 +1,4 @@
-"""Scores of the test presses: how well their shape comes back, each with its standard error."""
+"""Press scores say how well the shape of test presses is reconstructed; each has its standard error."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""Maps of the untouched gel and of test presses in which an evaluation looks for the worst place."""
+"""Response maps hold, for each pixel, signal, noise and response to slope of the gel and of test presses."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

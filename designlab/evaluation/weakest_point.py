@@ -1,4 +1,4 @@
-"""The worst place of a sensor and why it is bad, told from maps by stated rules.
+"""The weakest point is the worst place of a sensor; stated rules tell from maps why it is bad.
 
 On the untouched gel the worst place is, in this order,
 

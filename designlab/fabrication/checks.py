@@ -1,4 +1,4 @@
-"""Proof that what was written can be made: every file is read again and compared with the CAD solid."""
+"""File checks read every exported file again and compare it with the CAD solid."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The parts of a design as CAD solids in the sensor frame, the mould of the gel among them."""
+"""The parts of a design are built as CAD solids in the sensor frame, the mould of the gel among them."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""What a workshop reads: LED coordinates, bill of materials, and the text that explains the folder."""
+"""Workshop tables hold LED coordinates and the bill of materials; a text explains the folder."""
 
 import csv
 import math

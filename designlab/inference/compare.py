@@ -1,4 +1,4 @@
-"""A simulation beside the real thing: two image files, or a sensor model against a measurement folder."""
+"""A comparison holds a simulation against two image files, or a sensor model against a measurement folder."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,1 +1,1 @@
-"""Proof of the tool: an independent generator, blind benchmarks, the experiments of 2020."""
+"""Proof of the tool stands here: an independent generator, blind benchmarks, the experiments of 2020."""

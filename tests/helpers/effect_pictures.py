@@ -18,7 +18,7 @@ from designlab.simulation.contact.press import Press
 from designlab.simulation.effects import AppliedEffect, SensorModel, effect
 from designlab.simulation.simulator import Simulator, exposure
 from designlab.validation.synthetic import capture_plan, effects, generate
-from designlab.validation.synthetic.capture import Shooting
+from designlab.validation.synthetic.capture import CaptureSession
 from designlab.validation.synthetic.generator_sensor import Rig
 from geometries.probes import parse
 
@@ -138,10 +138,10 @@ class Sensor:
         press = capture_plan.true_press(rig, PRESS, Nothing())
         taken = capture_plan.shots(rig, "small", [PRESS], [press], flat_field=False)
         random = np.random.default_rng(GENERATOR_SEED)
-        shooting = Shooting(rig, self.view, gain=np.ones(len(rig.flux_mw)), random=random)
+        session = CaptureSession(rig, self.view, gain=np.ones(len(rig.flux_mw)), random=random)
         by_file = {shot.file: shot for shot in taken}
-        signals = [shooting.take(by_file[file], None, correlated=False) for file in FILES]
-        hidden = shooting.hidden()
+        signals = [session.take(by_file[file], None, correlated=False) for file in FILES]
+        hidden = session.hidden()
         own = []
         for file in FILES:
             drawn = hidden["frames"][file]

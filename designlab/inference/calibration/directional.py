@@ -1,4 +1,4 @@
-"""Directional light as a model of pictures, fitted in the same way as light transport."""
+"""Directional light predicts pictures without light transport; it is fitted in the same way."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Fields of a design that a calibration may free: where they lie, their bounds, how far to step."""
+"""Shared fields are numbers of a design that a calibration fits, with bounds and difference steps."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""What a calibration found."""
+"""A calibration result holds the calibrated model, fitted parameters with errors, and its frames."""
 
 import math
 from collections.abc import Mapping

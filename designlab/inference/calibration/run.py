@@ -1,4 +1,4 @@
-"""`calibrate`: from a measurement and a model to the sensor that its pictures show."""
+"""`calibrate` fits the design of a sensor to its pictures."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Variable projection: Gauss-Newton steps of what is not linear, the rest in closed form after each.
+"""Variable projection takes Gauss-Newton steps of nonlinear unknowns; the linear ones follow in closed form.
 
 Golub and Pereyra 1973 (doi:10.1137/0710036), with the Jacobian that Kaufman 1975 (doi:10.1007/BF01932995)
 showed to be enough: linear and other unknowns are put into one set of normal equations.

@@ -1,4 +1,4 @@
-"""Pictures that a model explains clearly better once a usual fault is undone: mirrored, swapped, encoded.
+"""A suspicion names a usual fault of pictures that a model explains clearly better once it is undone.
 
 Light powers are free in all comparisons, and so are the factors of channels: they say nothing about a fault.
 """

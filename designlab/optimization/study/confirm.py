@@ -1,4 +1,4 @@
-"""Confirmation: the best designs of a search are evaluated again, with more effort and other random numbers.
+"""Confirmation evaluates the best designs of a search again, with more effort and other random numbers.
 
 The best of many noisy scores is too good on average (winner's curse), since its noise was chosen with it.
 Fresh seeds have no part in that choice. Of a robust study they draw fresh copies too: those that the search

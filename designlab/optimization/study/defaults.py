@@ -1,4 +1,4 @@
-"""What a study varies when it does not say: the light of a sensor, as far as its drawing leaves room.
+"""Default parameters of a study vary the light of a sensor, as far as its drawing leaves room.
 
 What is pressed (the gel and its shape), the camera, and what comes with an LED (its beam, its colour) stay.
 """

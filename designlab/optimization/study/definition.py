@@ -1,4 +1,4 @@
-"""What a study varies and what it seeks: parameters, objectives, effort; its TOML format."""
+"""A study definition holds parameters, objectives, constraints and effort; it is read from TOML."""
 
 from collections.abc import Collection, Mapping
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Which designs are best: the Pareto front of a table of trials, and how it came about."""
+"""The Pareto front of a table of trials holds the best designs; its history tells how it came about."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any

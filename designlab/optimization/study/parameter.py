@@ -1,4 +1,4 @@
-"""What one field of the design may become in a study: a range or choices, and fields that move along."""
+"""A parameter is a field of the design with a range or choices, and with fields that move along."""
 
 from typing import Any, Self
 

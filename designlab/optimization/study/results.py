@@ -1,4 +1,4 @@
-"""Results of a study: a table of trials, its Pareto front, a shortlist, importances."""
+"""Results of a study are a table of trials, its Pareto front, a shortlist and importances."""
 
 import itertools
 import math

@@ -1,4 +1,4 @@
-"""Robust scores: a design counts as its copies would score when they are built, not as its drawing does."""
+"""A robust score counts a design as its built copies would score, not as its drawing does."""
 
 import math
 from collections.abc import Mapping

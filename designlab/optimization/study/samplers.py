@@ -1,4 +1,4 @@
-"""What Optuna is told of a study: the range of each parameter, and the sampler of each draw."""
+"""Samplers of Optuna draw the parameters of a study from its search ranges."""
 
 import math
 import warnings

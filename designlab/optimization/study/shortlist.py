@@ -1,4 +1,4 @@
-"""The few designs of a front to look at first: truly different ones, and what each trades."""
+"""The shortlist names the few designs of a front to look at first, and what each trades."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any

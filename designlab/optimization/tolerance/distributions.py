@@ -1,4 +1,4 @@
-"""What differs from one built copy of a design to the next: fields and effects, by how much, who says so."""
+"""Spreads say which fields and effects differ between built copies of a design, and by how much."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The terms of a tolerance run as a TOML file: what a copy must score, and what differs between copies."""
+"""The terms of a tolerance run say what a copy must score and what differs between copies."""
 
 from pathlib import Path
 from typing import Literal

@@ -1,4 +1,4 @@
-"""Trials of the gap workflow: measurement sets with known answers, diagnosed blind, and the score of that."""
+"""The blind benchmark diagnoses measurement sets with known answers, and scores the diagnoses."""
 
 from designlab.validation.blind.pool import Trial, development, power, quick
 from designlab.validation.blind.runner import Crew, Outcome, run

@@ -1,4 +1,4 @@
-"""How large an effect must be to be named: curves of the share of sets named right over strength."""
+"""The detection limit of an effect is the strength at which half of the sets are named right."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Which code ran trials: for the test pool, that of the commit that froze the thresholds."""
+"""The frozen code is that which ran a pool: for the test pool, the commit that froze the thresholds."""
 
 import re
 import subprocess

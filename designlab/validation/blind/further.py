@@ -1,4 +1,4 @@
-"""Whether the frames that a report asks for tell apart what the measurement did not."""
+"""Further frames, which a report asks for, are taken to see whether they tell apart what was ambiguous."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What a pool with known answers teaches: what the unlisted does to values, and how often names are right."""
+"""Learning from a pool gives what the unlisted does to values, and how often names are right."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any

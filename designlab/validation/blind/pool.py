@@ -1,4 +1,4 @@
-"""Which sets a pool holds: designs, what is hidden in each, seeds."""
+"""A pool is a list of measurement sets: designs, what is hidden in each, and seeds."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Records of sets that were run before, perhaps elsewhere: one line of JSON each, see `score.record`."""
+"""Records of sets that were run before hold one line of JSON each, see `score.record`."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence

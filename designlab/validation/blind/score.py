@@ -1,4 +1,4 @@
-"""What a pool of trials shows: names right and wrong, sets, gap removed, values and their intervals."""
+"""The score of a pool counts names right and wrong, the gap removed, and intervals that hold."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict

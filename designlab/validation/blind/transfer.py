@@ -1,4 +1,4 @@
-"""Trials of the corrected model on another design: what was learnt on one sensor predicts the next."""
+"""Transfer trials see whether a model corrected on one sensor predicts another design."""
 
 import os
 from collections.abc import Iterable, Sequence

@@ -1,4 +1,4 @@
-"""Light transport and directional light, calibrated in the same way, on the paper's two sets of presses."""
+"""Accuracy compares light transport and directional light on the paper's two sets of presses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

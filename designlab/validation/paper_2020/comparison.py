@@ -1,4 +1,4 @@
-"""The paper's figures, ours beside them, and why they differ."""
+"""The comparison sets our figures beside those of the paper, and says why they differ."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple

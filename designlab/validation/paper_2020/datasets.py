@@ -1,4 +1,4 @@
-"""What is photographed: the paper's two sets of presses, and the frames a calibration needs."""
+"""The data sets are the paper's two sets of presses, and the frames that a calibration needs."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""The true sensor that a fit never sees: other light, reflectance, colours, kernel and floor than stated."""
+"""A hidden sensor departs from its design in light, reflectance, colours, kernel and floor."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""How well a calibration finds hidden sensors, and whether its intervals hold."""
+"""Recovery tells how well a calibration finds hidden sensors, and whether its intervals hold."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""How much is run: the whole of the paper's layout, or a small part of it that shows that it works."""
+"""The size of a reproduction is the whole of the paper's layout, or a small part that shows that it works."""
 
 from dataclasses import dataclass
 from typing import Literal

@@ -1,4 +1,4 @@
-"""Rows of the tables of a reproduction, and sentences that read them."""
+"""The tables of a reproduction are rows and columns of its results, and sentences that read them."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any

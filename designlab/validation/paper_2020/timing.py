@@ -1,4 +1,4 @@
-"""Time and quality of pictures by the number of samples and of pixels, as in the paper's appendix."""
+"""Timing measures time and quality of pictures by samples and pixels, as in the paper's appendix."""
 
 import os
 import platform

@@ -1,4 +1,4 @@
-"""Independent generator of measurements: its own surface, light, camera rays and effects.
+"""The generator makes measurements with its own surface, light, camera rays and effects.
 
 Nothing of the renderer, of the effects that analysis fits, or of the contact model is shared with it, so that
 a mistake there cannot cancel against the same mistake here.

@@ -1,4 +1,4 @@
-"""Light field within the gel: what every LED group sends, by place and direction, nothing pressed."""
+"""The light field within the gel holds what every LED group sends, by place and direction."""
 
 import hashlib
 from collections import OrderedDict

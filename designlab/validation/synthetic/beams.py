@@ -1,4 +1,4 @@
-"""Emitting faces for the rendering engine, Lambertian or narrower, their beam perhaps off their normal."""
+"""Emitting faces of the engine are Lambertian or narrower; their beam may lean off their normal."""
 
 from functools import cache
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""Light at clear boundaries: Fresnel's and Snell's laws, for arrays of NumPy and of the rendering engine."""
+"""Clear boundaries follow Fresnel's and Snell's laws, for arrays of NumPy and of the rendering engine."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""Taking the frames of a set: what is cast once, and what changes from frame to frame."""
+"""A capture session takes the frames of a set; only what changes from frame to frame is computed anew."""
 
 from typing import Any
 
@@ -18,7 +18,7 @@ FLAT_FIELD = 0.5  # signal of the flat field in the middle of the picture
 DIGITS = 3  # of the fixed pattern, so that the answer holds it as it was used
 
 
-class Shooting:
+class CaptureSession:
     """A sensor on the bench.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Which frames a kit takes, what is stated of them, and what is really there."""
+"""The capture plan lists the frames of a kit, what is stated of them, and what is really there."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple

@@ -1,4 +1,4 @@
-"""What the membrane makes of light: reflectance from place to place, shining, what touches from behind."""
+"""The coat of the membrane reflects light: diffusely, in a lobe, in a pattern, from what touches it."""
 
 from dataclasses import dataclass
 

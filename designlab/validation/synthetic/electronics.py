@@ -1,4 +1,4 @@
-"""From light on the pixels to what the camera reports: noise, black level, response curve, converter."""
+"""The electronics turn light on the pixels into what the camera reports."""
 
 import numpy as np
 from scipy.fft import dctn, idctn

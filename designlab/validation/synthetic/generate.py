@@ -1,4 +1,4 @@
-"""Measurement sets of a sensor that hides an effect; the answer is kept apart and sealed."""
+"""`plant` generates measurement sets of a sensor that hides an effect; the answer is sealed apart."""
 
 import hashlib
 import json
@@ -16,7 +16,7 @@ from designlab.core.store import atomic_folder, write_atomic
 from designlab.core.types import Progress
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design, dumps, preset, preset_names
-from designlab.validation.synthetic.capture import Shooting
+from designlab.validation.synthetic.capture import CaptureSession
 from designlab.validation.synthetic.capture_plan import (
     PLACES,
     further_shot,
@@ -105,20 +105,8 @@ def plant(
     OSError
         If the folder exists and is not empty, or cannot be written.
     """
-    if not isinstance(design, Design):
-        raise TypeError(
-            f"design: must be a Design, got {type(design).__name__}: effects to plant are given by `effects`"
-        )
     out = Path(out)
-    if columns < 8:
-        raise ValueError(f"columns: at least 8, got {columns}")
-    if kit not in PLACES:
-        raise ValueError(f"kit: one of {', '.join(PLACES)}, got {kit!r}")
-    if design.camera.defocus is not None:
-        raise ValueError(
-            "camera.focus_mm: measurements are generated for a lens that is sharp everywhere, "
-            f"got {design.camera.focus_mm:g} mm"
-        )
+    _require_usable(design, columns, kit)
     _, random_pose, random_gain, random_noise, random_frames, random_outside, random_unlisted = _streams(seed)
     rig, truth = apply(Rig.of(design), effects)
     rig, beyond = add_outside(rig, outside or {}, random=random_outside)
@@ -131,17 +119,18 @@ def plant(
     random_place = _streams(seed if kit_seed is None else kit_seed)[0]
     stated = stated_presses(design, kit, random_place) if presses is None else [dict(p) for p in presses]
     true = [true_press(rig, press, random_pose) for press in stated]
-    taken = shots(rig, kit, stated, true, flat_field=flat_field)
+    planned = shots(rig, kit, stated, true, flat_field=flat_field)
     later = [further_shot(rig, frame, number, random_pose) for number, frame in enumerate(further, start=1)]
-    taken += later
-    shooting = Shooting(rig, view, gain=gain, random=random_frames)
+    planned += later
+    session = CaptureSession(rig, view, gain=gain, random=random_frames)
     frames, images = [], {}
-    for number, shot in enumerate(taken):
+    for number, shot in enumerate(planned):
         frame_noise = np.random.default_rng(int(random_noise.integers(2**63)))
-        values = shooting.take(shot, frame_noise if noise else None, correlated=correlated_noise)
+        values = session.take(shot, frame_noise if noise else None, correlated=correlated_noise)
         images[shot.file] = values.astype(np.float32)
         frames.append(shot.metadata | {"exposure": shot.exposure, "crop_px": crop})
-        progress("planting", number + 1, len(taken))
+        progress("planting", number + 1, len(planned))
+    pressed = [*true, *(shot.indenter for shot in later if shot.indenter is not None)]
     answer = {
         "effects": truth,
         "outside": beyond,
@@ -150,16 +139,32 @@ def plant(
         "seed": seed,
         "kit_seed": kit_seed,
         "gain": dict(zip(rig.group_names, gain.tolist(), strict=True)),
-        "exposure": shooting.exposure,
+        "exposure": session.exposure,
         "presses": [
-            {"depth_mm": p.depth_mm, "centre_mm": list(p.centre_mm), "yaw_deg": p.yaw_deg}
-            for p in [*true, *(shot.indenter for shot in later if shot.indenter is not None)]
+            {"depth_mm": p.depth_mm, "centre_mm": list(p.centre_mm), "yaw_deg": p.yaw_deg} for p in pressed
         ],
-        **shooting.hidden(),
+        **session.hidden(),
         "salt": secrets.token_hex(16),
     }
     _write(out, design, frames, images, json.dumps(answer, indent=1) + "\n")
     return out
+
+
+def _require_usable(design: Design, columns: int, kit: str) -> None:
+    """Refuse what no measurement can be generated of."""
+    if not isinstance(design, Design):
+        raise TypeError(
+            f"design: must be a Design, got {type(design).__name__}: effects to plant are given by `effects`"
+        )
+    if columns < 8:
+        raise ValueError(f"columns: at least 8, got {columns}")
+    if kit not in PLACES:
+        raise ValueError(f"kit: one of {', '.join(PLACES)}, got {kit!r}")
+    if design.camera.defocus is not None:
+        raise ValueError(
+            "camera.focus_mm: measurements are generated for a lens that is sharp everywhere, "
+            f"got {design.camera.focus_mm:g} mm"
+        )
 
 
 def answer_path(out: str | Path) -> Path:

@@ -1,4 +1,4 @@
-"""A design as the generator sees it: rectangles that shine or reflect, reflectances, smoothing, camera."""
+"""A rig is a design as the generator sees it: rectangles that shine or reflect, smoothing, camera."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

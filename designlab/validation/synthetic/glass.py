@@ -1,4 +1,4 @@
-"""Clear core and gel: what they are made of, and how the camera looks through them."""
+"""Immersed parts are clear core and gel; the camera looks through them."""
 
 from dataclasses import dataclass
 from typing import NamedTuple

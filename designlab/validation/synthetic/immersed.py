@@ -35,7 +35,7 @@ NEAR_MM = 1.0  # around the indentation every point has its own horizon
 ORDERS = 4  # of light between parts of the membrane
 
 
-class Immersed:
+class ImmersedLighting:
     """Light of every LED group at unit flux on a membrane behind glass, in mW/mm2 per mW.
 
     The light field of the untouched membrane says what arrives from every direction at every place in the
@@ -61,14 +61,20 @@ class Immersed:
         # Blocks of 2 x 2 cells: fine enough for the lobe of a shining coat.
         blocks = towards.reshape(COLATITUDES // 2, 2, AZIMUTHS // 2, 2, 3).mean(axis=(1, 3)).reshape(-1, 3)
         self._far = FAR_AWAY_MM * blocks / np.linalg.norm(blocks, axis=1, keepdims=True)
-        self.untouched = Bathed(self, HeightField(rig.elastomer.radius_mm, waves=rig.waves))
+        self.untouched = ImmersedMembraneLight(self, HeightField(rig.elastomer.radius_mm, waves=rig.waves))
 
-    def pressed(self, surface: HeightField) -> "Bathed":
+    def pressed(self, surface: HeightField) -> "ImmersedMembraneLight":
         """Light on a membrane with an indentation."""
-        return Bathed(self, surface)
+        return ImmersedMembraneLight(self, surface)
 
     def arriving(
-        self, surface: HeightField, x: Array, y: Array, sky: "Sky | None" = None, *, eye: Array | None = None
+        self,
+        surface: HeightField,
+        x: Array,
+        y: Array,
+        sky: "HorizonMaps | None" = None,
+        *,
+        eye: Array | None = None,
     ) -> Array:
         """Irradiance straight from the light field, shape (groups, points); where the sky is hidden, less.
 
@@ -105,18 +111,18 @@ class Immersed:
         return found
 
 
-class Bathed:
+class ImmersedMembraneLight:
     """Light on one shape of the membrane."""
 
-    def __init__(self, light: Immersed, surface: HeightField) -> None:
+    def __init__(self, light: ImmersedLighting, surface: HeightField) -> None:
         self._light, self.surface = light, surface
         self._groups = len(light.rig.flux_mw)
         self._between: tuple[PatchGrid, Array, PatchGrid, Array] | None = None
-        self.sky: Sky | None = None
+        self.sky: HorizonMaps | None = None
         if surface.height_mm is None:
             self._table = self._tabulated()
             return
-        self.sky = Sky(surface)
+        self.sky = HorizonMaps(surface)
         self._shade = self._far_shade()
         self._between = self._between_membrane()
 
@@ -128,7 +134,7 @@ class Bathed:
     def irradiance(self, x: Array, y: Array, *, eye: Array | None = None) -> Array:
         """Total irradiance at membrane points given by x and y (mm), shape (groups, points).
 
-        `eye` as in `Immersed.arriving`; light from membrane to membrane is wide, so that it counts as it is.
+        `eye` is as in `ImmersedLighting.arriving`. Light between parts of the membrane counts as it is.
         """
         return self.arriving(x, y, eye=eye) + self.from_membrane(x, y)
 
@@ -210,7 +216,7 @@ class Bathed:
         )
 
 
-class Sky:
+class HorizonMaps:
     """Horizon that an indentation makes, seen from points around it, in the azimuths of the cells."""
 
     def __init__(self, surface: HeightField) -> None:

@@ -1,4 +1,4 @@
-"""Between the membrane and the pixels: where a pixel looks, blur, fall-off, stray light, drops and ghosts."""
+"""The lens acts between membrane and pixels: distortion, blur, fall-off, stray light, drops and ghosts."""
 
 import numpy as np
 from scipy.fft import dctn, fft2, fftfreq, idctn, ifft2

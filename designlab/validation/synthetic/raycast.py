@@ -15,7 +15,7 @@ from designlab.validation.synthetic.surface import HeightField, Indenter, base_z
 from geometries import elastomer, probes
 
 if TYPE_CHECKING:
-    from designlab.validation.synthetic.immersed import Bathed, Immersed
+    from designlab.validation.synthetic.immersed import ImmersedLighting, ImmersedMembraneLight
 
 Place = float | Array
 SUPERSAMPLES = 2  # rays along each side of an output pixel
@@ -54,7 +54,7 @@ class Caster:
     def __init__(self, rig: Rig, view: View) -> None:
         self._rig, self._view = rig, view
         self._wide, self._place = view.grown(lens.margin(rig.camera, rig.lens, view), rig.camera)
-        self._lighting: Lighting | Immersed
+        self._lighting: Lighting | ImmersedLighting
         self._rays = pixel_rays(rig.camera, self._wide, bent=rig.lens, turn=rig.turn)
         self._passed: Array | float = 1.0
         self._veil: Array | float = 0.0
@@ -64,7 +64,7 @@ class Caster:
             # The rendering engine is loaded for light behind glass alone.
             from designlab.validation.synthetic import immersed, veil
 
-            self._lighting = immersed.Immersed(rig)
+            self._lighting = immersed.ImmersedLighting(rig)
             self._veil = veil.veil(rig, self._lighting.field, self._rays.tan_x, self._rays.tan_y)
             sight = look(rig.glass, rig.camera.position_mm, self._rays.tan_x, self._rays.tan_y)
             self._rays, self._passed = CameraRays(*sight[:3]), sight.passed
@@ -145,7 +145,7 @@ class Caster:
         radiance = reflectances(self._rig, surface, x, y) / np.pi * np.where(membrane, irradiance, 0.0)
         return radiance * self._grain * passed + self._veil
 
-    def _near(self, pressed: "Pressed | Bathed", x: Array, y: Array) -> NDArray[np.bool_]:
+    def _near(self, pressed: "Pressed | ImmersedMembraneLight", x: Array, y: Array) -> NDArray[np.bool_]:
         """Rays whose own point, or the light on it, an indentation changes."""
         if pressed.window is None:
             return np.zeros(len(x), dtype=bool)

@@ -1,4 +1,4 @@
-"""Cast shadows on a height field: how steep a light must stand to be seen, for every point and azimuth."""
+"""Cast shadows follow from the horizon of a height field, for every point and azimuth."""
 
 import numpy as np
 from numpy.typing import NDArray

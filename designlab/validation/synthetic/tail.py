@@ -1,4 +1,4 @@
-"""How far points lie outside a contact: the gel's bulge decays with that distance."""
+"""The tail of a contact is the gel's bulge, which decays with the distance outside the contact."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""What no catalogue holds: small departures that every set has, and large ones that should not be named."""
+"""Unmodelled departures are in no catalogue: small ones that every set has, large ones not to be named."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Light that reaches the camera not straight from the membrane: through haze, or mirrored in glass."""
+"""The veil is light that does not reach the camera straight from the membrane: off haze or glass."""
 
 import numpy as np
 

@@ -24,7 +24,7 @@ from designlab.validation.synthetic import (
     unmodelled,
     unseal,
 )
-from designlab.validation.synthetic.capture import Shooting
+from designlab.validation.synthetic.capture import CaptureSession
 from designlab.validation.synthetic.coat import Coat
 from designlab.validation.synthetic.electronics import Converter, flicker
 from designlab.validation.synthetic.generator_sensor import Rig, Sensor, TrueLens, cells
@@ -48,9 +48,9 @@ def frames(rig, *, columns=24, design=FLAT, which="small", flat_field=False, onl
     """Pictures of one press and the frames around it, without noise or errors, by file."""
     _, view = generate._crop(design, columns)
     taken = capture_plan.shots(rig, which, [PRESS], [exact(rig)], flat_field=flat_field)
-    shooting = Shooting(rig, view, gain=np.ones(3), random=np.random.default_rng(5))
+    session = CaptureSession(rig, view, gain=np.ones(3), random=np.random.default_rng(5))
     wanted = [shot for shot in taken if only is None or shot.file in only]
-    return {shot.file: shooting.take(shot, None, correlated=False) for shot in wanted}, shooting
+    return {shot.file: session.take(shot, None, correlated=False) for shot in wanted}, session
 
 
 def exact(rig, press=PRESS):
@@ -177,9 +177,9 @@ class TestMaterial:
     def test_albedo_field_is_the_polynomial_and_turns_with_the_gel(self):
         design = FLAT.replace({"optics.path_length": 2})
         values = {"x": 0.2, "y": -0.1, "xx": 0.3, "xy": 0.15, "yy": -0.2}
-        plain, shooting = frames(Rig.of(design), which="hour")
+        plain, session = frames(Rig.of(design), which="hour")
         found, _ = frames(changed("albedo_field", design, **values), which="hour")
-        column, row = shooting._view.centres()
+        column, row = session._view.centres()
         right, up, forward = design.camera.unproject(column, row)
         x_c, y_c, z_c = design.camera.position_mm
         u, v = (x_c + z_c * right / forward) / 8, (y_c + z_c * up / forward) / 6
@@ -213,13 +213,13 @@ class TestMaterial:
         assert (2 * lobe * cosine).mean() < 1 / 1.09
 
     def test_what_touches_shines_through_by_kubelkas_formula(self, plain):
-        found, shooting = frames(changed("translucency", transmittance=0.3, object=0.6))
+        found, session = frames(changed("translucency", transmittance=0.3, object=0.6))
         a = np.array(FLAT.per_group("membrane_albedo"))
         exact = 1 + 0.3**2 * 0.6 / (1 - 0.6 * a) / a
         np.testing.assert_allclose(found["background-0.exr"], plain["background-0.exr"], rtol=1e-12)
         ratio = found["press-01.exr"] / plain["press-01.exr"]
         column, row = FLAT.project_px(1.0, 0.5)
-        view = shooting._view
+        view = session._view
         here = (
             int((row - view.y_px) / view.height_px * view.rows),
             int((column - view.x_px) / view.width_px * view.columns),
@@ -372,12 +372,12 @@ class TestCamera:
             "banding": {"amplitude": 0.1},
             "fixed_pattern": {"rms": 0.03},
         }
-        found, shooting = frames(effects.apply(rig, asked)[0])
-        hidden = json.loads(json.dumps(shooting.hidden()))
+        found, session = frames(effects.apply(rig, asked)[0])
+        hidden = json.loads(json.dumps(session.hidden()))
         pattern = np.array(hidden["fixed_pattern_map"])
         assert pattern.std() == pytest.approx(1.0, abs=2e-3)
         assert abs(np.corrcoef(pattern[:, 1:].ravel(), pattern[:, :-1].ravel())[0, 1]) < 0.1
-        view = shooting._view
+        view = session._view
         rows = view.y_px + (np.arange(view.rows) + 0.5) * view.height_px / view.rows
         loss = np.sinc(view.height_px / view.rows / 400)
         seen = set()
@@ -429,12 +429,12 @@ class TestCamera:
 class TestKit:
     def test_exposures_are_proportional_and_the_flat_field_shows_the_lens_only(self, plain):
         rig = effects.apply(Rig.of(FLAT), {"vignetting": {"corner_loss": 0.4}, "albedo_field": {"x": 0.3}})[0]
-        found, shooting = frames(rig, which="hour", flat_field=True)
+        found, session = frames(rig, which="hour", flat_field=True)
         for share in (0.25, 0.5):
             np.testing.assert_allclose(
                 found[f"background-exposure-{share:g}.exr"], share * found["background-0.exr"], rtol=1e-12
             )
-        factor = lens.falloff(FLAT.camera, rig.lens, shooting._view)
+        factor = lens.falloff(FLAT.camera, rig.lens, session._view)
         np.testing.assert_allclose(
             found["flat-field.exr"], 0.5 * np.repeat(factor[..., None], 3, axis=2), rtol=1e-12
         )

@@ -14,7 +14,7 @@ from designlab.validation.synthetic.backlight import ImmersedLightField, _clear,
 from designlab.validation.synthetic.boundaries import gap_transmission, reflectance
 from designlab.validation.synthetic.generator_sensor import Rig
 from designlab.validation.synthetic.glass import Disc, look
-from designlab.validation.synthetic.immersed import Immersed
+from designlab.validation.synthetic.immersed import ImmersedLighting
 from designlab.validation.synthetic.light import Lighting
 from designlab.validation.synthetic.meshes import JOINED_MM, joining_mm
 from designlab.validation.synthetic.raycast import Caster, pixel_rays
@@ -277,7 +277,7 @@ def test_indices_of_one_are_light_in_air(monkeypatch):
     rig = Rig.of(design)
     x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-3, 3, 5), np.linspace(-2, 2, 3)))
     expected = Lighting(replace(rig, glass=None)).untouched.irradiance(x, y)
-    found = Immersed(rig).untouched.irradiance(x, y)
+    found = ImmersedLighting(rig).untouched.irradiance(x, y)
     assert (found / expected - 1).std(axis=1) == pytest.approx(0.0, abs=0.012)
     assert (found / expected).mean(axis=1) == pytest.approx(1.0, abs=0.004)
 
@@ -291,7 +291,7 @@ def test_even_sky_lights_a_flank_by_its_slope(monkeypatch):
         axis, axis, np.array([0.0, 1.0]), np.ones((3, 2, 7, 7, cells), np.float32), axis
     )
     monkeypatch.setattr(immersed, "light_field", lambda rig, seed: even)
-    light = Immersed(rig)
+    light = ImmersedLighting(rig)
     ball = Indenter(probes.parse("sphere:6"), 0.8, (0.0, 0.0))
     surface = indented(rig.elastomer, ball, kernel_length_mm=0.0, kernel_m=200.0)
     x = np.linspace(-1.5, 1.5, 13)

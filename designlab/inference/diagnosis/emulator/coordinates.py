@@ -1,4 +1,4 @@
-"""Coordinates of parameters: priors have unit variance in them, and pictures are nearly linear."""
+"""Coordinates of parameters have priors of unit variance, and pictures are nearly linear in them."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Which other values of effects must be rendered, so that all between can be combined."""
+"""A difference stencil lists the values of effects to render, so that all between can be combined."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

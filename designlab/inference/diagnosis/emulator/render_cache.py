@@ -1,4 +1,4 @@
-"""Rendered pictures of models under presses: each is computed once, kept in memory and on disk."""
+"""The render cache computes each picture of a model under a press once, and keeps it."""
 
 import importlib.metadata
 from dataclasses import dataclass, field

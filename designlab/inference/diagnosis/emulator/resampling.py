@@ -1,4 +1,4 @@
-"""What a camera of another pose or lens shows, by moving what the nominal one does.
+"""Resampling gives the picture of a camera of another pose or lens by moving that of the nominal camera.
 
 A membrane looks much the same from a place a fraction of a millimetre away. So a picture is not traced anew
 but resampled: every pixel takes the light of the membrane point it sees from where the nominal picture has

@@ -1,4 +1,4 @@
-"""Pictures of a model, and how they change with poses and with effects that need light traced anew.
+"""Snapshots are rendered pictures of a model with their derivatives by poses and effects of light.
 
 Every picture is rendered once, for the stated presses and the model as given. What a fit needs in between is
 combined from these: a quadratic through three pictures for each pose coordinate and each effect parameter.

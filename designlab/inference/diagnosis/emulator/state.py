@@ -1,4 +1,4 @@
-"""Values of all that is fitted, and the columns of a fit that move them."""
+"""A state holds the values of all that is fitted; an unknown is one column of a linear fit."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

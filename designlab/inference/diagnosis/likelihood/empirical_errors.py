@@ -1,4 +1,4 @@
-"""What generated sets with known answers have taught about diagnoses: how far to trust values and names.
+"""Empirical errors, learnt from generated sets with known answers, say how far to trust values and names.
 
 A fit knows noise and the errors that are granted to the simulation. What no catalogue lists pulls values too,
 in the same way in all frames, and by how much only sets with known answers tell.

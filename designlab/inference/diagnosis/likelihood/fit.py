@@ -1,4 +1,4 @@
-"""Fits: the unknowns of a measurement, and Gauss-Newton steps that move them."""
+"""A fit moves the unknowns of a measurement by damped Gauss-Newton steps."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""A fine pattern that all shots carry: how strong it is, and what speaks for it."""
+"""The fixed pattern is a fine relative pattern that all shots carry; its strength has a Bayes factor."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Random error of the simulation's pictures where light is counted in photons, known from repeated pictures.
+"""Monte Carlo noise of simulated pictures is known from repeated pictures where light is counted in photons.
 
 In air it is below the error that every simulation is granted. Behind a core it is not, but photons that are
 lost in one picture are lost in nearly all: a fit that knows so can still tell a per cent from nothing.

@@ -1,4 +1,4 @@
-"""How far a perfect model may miss: noise of the camera, and the error the simulation is granted.
+"""The noise model says how far a perfect model may miss: camera noise, and the error granted to simulation.
 
 The granted error has four parts. Three are white, shares of the signal, of its curvature and of what a press
 changes: they belong to the standard deviation of every value. The fourth is smooth over the picture and the

@@ -1,4 +1,4 @@
-"""Normal equations of all unknowns over many shots, and what they say for and against sets of effects."""
+"""Normal equations of all unknowns over many shots give steps, reduced information and evidence."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""How much light moves from frame to frame, told by repeated pictures of the untouched gel."""
+"""Repeated pictures of the untouched gel tell how much light moves from frame to frame."""
 
 from collections.abc import Sequence
 

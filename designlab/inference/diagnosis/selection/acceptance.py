@@ -1,4 +1,4 @@
-"""One candidate, fitted and judged, and what it must show to be accepted."""
+"""The acceptance rules say what a fitted and judged candidate must show to join the model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Which effects can stand for which: the share of one's signature that another can bring about."""
+"""Confounding of effects is the share of the signature of one that another can bring about."""
 
 from collections.abc import Mapping, Sequence
 

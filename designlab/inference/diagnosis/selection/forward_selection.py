@@ -1,4 +1,4 @@
-"""The race: effects are fitted on some shots and judged on others; the best joins the model."""
+"""Forward selection fits effects to some shots and judges them on others; the best joins the model."""
 
 import time
 from collections.abc import Callable, Mapping, Sequence

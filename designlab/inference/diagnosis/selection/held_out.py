@@ -1,4 +1,4 @@
-"""How well a state explains shots it was not fitted to, and whether better than another does."""
+"""Held-out shots judge how well a state explains what it was not fitted to."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The control of a diagnosis: what a wrong effect of the same size takes away of the gap."""
+"""The negative control is the share of the gap that a wrong effect of the same size takes away."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace

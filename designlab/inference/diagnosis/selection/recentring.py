@@ -1,4 +1,4 @@
-"""Pictures rendered where a fit stands, instead of combined from those about the model and poses as given."""
+"""Recentring renders pictures where a fit stands, instead of combining those about the model as given."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Last fit of the effects that a search has found, which need no longer be told from others."""
+"""The last fit refines the effects that forward selection has found."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Which effects are worth fitting: evidence by linear approximation, without a fit."""
+"""Screening ranks effects by their evidence in a linear approximation, without a fit."""
 
 from collections.abc import Sequence
 

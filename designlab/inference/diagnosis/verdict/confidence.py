@@ -1,4 +1,4 @@
-"""How often names that look like one are right: learnt from generated sets with known answers.
+"""The confidence of a name is the share of right names among generated sets that looked alike.
 
 A name is judged by signs that its report shows; the more speak for it, the larger the share of right names
 among those alike. Weights and shares are learnt by `validation.blind.learn` and kept with the rest that is.

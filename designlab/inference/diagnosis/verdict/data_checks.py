@@ -1,4 +1,4 @@
-"""What is checked before anything is fitted, and what missing frames take from the verdict."""
+"""Data checks come before any fit; they also say what missing frames take from the verdict."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Frames that tell apart what a measurement does not: what each would tell, which are worth their time."""
+"""Experiment design chooses the frames that tell apart, in least time, what a measurement does not."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Values of a fitted effect with 95 % intervals, also of what is drawn anew for every picture.
+"""Intervals of 95 % belong to the values of a fitted effect, also to what differs from picture to picture.
 
 What the fit itself says of the error is joined by what no catalogue lists, see `empirical_errors`.
 """

@@ -1,4 +1,4 @@
-"""Where model and measurement differ: regions known from geometry, and their share of the excess.
+"""Localisation shares the excess between model and measurement among regions known from geometry.
 
 Regions are named as someone at the bench would: by the imprint, by the LEDs that a camera channel answers to,
 and by the edge of the picture.

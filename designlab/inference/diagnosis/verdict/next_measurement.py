@@ -1,4 +1,4 @@
-"""What to measure next."""
+"""The advice names the measurement that would help a diagnosis most."""
 
 from collections.abc import Sequence
 

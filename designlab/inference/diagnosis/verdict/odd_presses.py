@@ -1,4 +1,4 @@
-"""Presses that do not show what is stated of them: another probe, another place, something else."""
+"""An odd press does not show what is stated of it: another probe, another place, something else."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""How a diagnosis becomes a new version of the model."""
+"""The updated model holds the effects of a diagnosis, with their covariance, domain and provenance."""
 
 import datetime
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""What an effect is to the generator."""
+"""A planted effect has parameters on a sensor and a change of the sensor that their values make."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
