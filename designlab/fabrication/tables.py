@@ -1,9 +1,10 @@
-"""Workshop tables hold LED coordinates and the bill of materials; a text explains the folder."""
+"""Workshop tables hold LED coordinates and the bill of materials; ``readme.txt`` explains the folder."""
 
 import csv
 import math
 import textwrap
 from collections.abc import Mapping, Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -39,15 +40,11 @@ PRINTED = Stock(
 )
 SMOOTH = Stock("SLA resin, or machined acrylic, polished", 1.15, "mid of 1.10 to 1.20 in makers' data sheets")
 
-COUPLING_NOTES: dict[str, tuple[str, ...]] = {
-    "bonded": (
-        "bonding: join each emitting face to the gelcore's side with clear glue of the core's index, without "
-        "bubbles; an air gap would bend all light to within the critical angle.",
-    ),
-    "embedded": (
-        "embedding: the LEDs are cast into the gelcore. Its files show the cavities they fill; hold them in "
-        "the mould by leds.csv, and lead the wires out through a side or the window's rim.",
-    ),
+COUPLING_NOTES = {
+    "bonded": "- bonding: join each emitting face to the gelcore's side with clear glue of the core's index, "
+    "without bubbles; an air gap would bend all light to within the critical angle.\n",
+    "embedded": "- embedding: the LEDs are cast into the gelcore. Its files show the cavities they fill; "
+    "hold them in the mould by leds.csv, and lead the wires out through a side or the window's rim.\n",
 }
 
 CASTING_SURPLUS = 1.3
@@ -159,51 +156,18 @@ def write_csv(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
 def readme(design: Design, manifest: Mapping[str, Any]) -> str:
     """Text of README.txt: what lies in the folder, how the parts are made, and every warning."""
     gel = next(row for row in manifest["bom"] if row["item"] == "elastomer")
-    walls = manifest["walls"]
-    core = CLEAR_STOCK[design.optics.gelcore_material].material
-    notes = [
-        "housing: print it in black with the camera plate down; paint the inside matt black. Its thinnest "
-        f"wall is {walls['thinnest_mm']:g} mm, common printers close {walls['least_mm']:g} mm.",
-        f"gelcore: {core}. Polish the window, the gel side and the faces the LEDs shine through; the other "
-        f"sides are {design.gelcore.side_finish}. Machine it from the STEP file: light sees facets.",
-        "mould: the floor of mould_cavity shapes the membrane; its layers and facets show in every picture. "
-        "Machine it from the STEP file, or print it in SLA resin, then sand and lacquer it. Fresh SLA resin "
-        "inhibits the cure of addition silicone: post-cure, bake and seal it.",
-        f"gel: {gel['volume_ml']:.3g} ml; mix {CASTING_SURPLUS * gel['mass_g']:.2g} g, degas, pour, close "
-        "with mould_lid; surplus leaves through the four grooves. Cure shrinkage is not compensated.",
-        "membrane: coat the gel's outer side, then bond the gel to the core with the same gel, no bubbles.",
-        *COUPLING_NOTES.get(design.leds.coupling, ()),
-        "LEDs: place them by leds.csv. Seats for LED boards, gelcore and camera are not part of the design, "
-        "as they depend on what you buy: add them to housing.step.",
-    ]
-    lines = [
-        design.name,
-        *textwrap.wrap(design.description, 100),
-        f"design digest {design.digest}",
-        "",
-        "All lengths are mm. Sensor frame: origin at the centre of the untouched membrane, +z to the camera.",
-        "",
-        "design.toml    the design; load it to simulate it or to export it again",
-        "assembly.step  the sensor's parts in place, named and coloured",
-        "step/ stl/     each part, in the sensor frame (probes in their own)",
-        "3mf/           the parts to print",
-        "leds.csv       centre, direction, wavelength and flux of every emitting face",
-        "bom.csv        parts and materials",
-        "checks.json    every file read again and compared with its solid",
-        "manifest.json  all figures for programs, with the SHA-256 of every file",
-        "",
-        "Making it",
-        *_bullets(notes),
-        "",
-        "Warnings",
-        *_bullets(manifest["warnings"] or ["none"]),
-    ]
+    text = files(__package__).joinpath("readme.txt").read_text(encoding="utf-8")
+    text = text.format(
+        thinnest=manifest["walls"]["thinnest_mm"],
+        least=manifest["walls"]["least_mm"],
+        core=CLEAR_STOCK[design.optics.gelcore_material].material,
+        finish=design.gelcore.side_finish,
+        gel_ml=gel["volume_ml"],
+        mix_g=CASTING_SURPLUS * gel["mass_g"],
+        coupling=COUPLING_NOTES.get(design.leds.coupling, ""),
+        warnings="\n".join(f"- {warning}" for warning in manifest["warnings"] or ["none"]),
+    )
+    lines = [design.name, *textwrap.wrap(design.description, 100), f"design digest {design.digest}", ""]
+    for line in text.splitlines():
+        lines += textwrap.wrap(line, 100, subsequent_indent="  ") if line.startswith("- ") else [line]
     return "\n".join(lines) + "\n"
-
-
-def _bullets(texts: Sequence[str]) -> list[str]:
-    return [
-        line
-        for text in texts
-        for line in textwrap.wrap(text, 100, initial_indent="- ", subsequent_indent="  ")
-    ]

@@ -1,6 +1,5 @@
 """The light field within the gel holds what every LED group sends, by place and direction."""
 
-import hashlib
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from designlab.core.store import digest
 from designlab.core.types import Array
 from designlab.validation.synthetic.boundaries import gap_transmission, reflectance
 from designlab.validation.synthetic.generator_sensor import Rig
@@ -101,7 +101,7 @@ def light_field(rig: Rig, *, seed: int = 1) -> ImmersedLightField:
     Paths are traced backwards from the nodes, stratified in direction. After a pilot, further paths go where
     the pilot scattered most, in proportion to the standard deviation of the irradiance (Neyman 1934).
     """
-    key = hashlib.sha256(repr((_content(rig), seed)).encode()).hexdigest()
+    key = digest(*_content(rig), seed)
     if key not in _fields:
         _fields[key] = _baked(rig, seed)
         while len(_fields) > KEPT:
@@ -125,13 +125,10 @@ def _content(rig: Rig) -> list[object]:
     arrays += [glass.core_absorption_per_mm, glass.gel_absorption_per_mm, glass.outline]
     for wall in glass.walls:
         arrays += [wall.vertices, wall.faces]
-    digest = hashlib.sha256()
-    for array in arrays:
-        digest.update(repr(np.shape(array)).encode() + np.ascontiguousarray(array).tobytes())
     clear = glass.core_index, glass.gel_index, glass.scattering_per_mm, glass.anisotropy, glass.gap
     sizes = glass.thickness_mm, glass.window_mm, glass.interface_radius_mm, glass.package_mm, glass.bonded
     walls = [(wall.name, wall.material) for wall in glass.walls]
-    return [digest.hexdigest(), clear, sizes, walls, rig.elastomer, rig.path_length, rig.sensing_area_mm]
+    return [arrays, repr((clear, sizes, walls)), rig.elastomer, rig.path_length, rig.sensing_area_mm]
 
 
 def _baked(rig: Rig, seed: int) -> ImmersedLightField:
