@@ -8,17 +8,23 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from designlab.evaluation.evaluate import Score
-    from designlab.measurement.light_probe.ball import LightProbe
-    from designlab.measurement.light_probe.picture import light_probe
-    from designlab.optimization.study.sweep import optimise, sweep
-    from designlab.optimization.tolerance import tolerance
-    from designlab.report.evaluation_folder import evaluate
-    from designlab.sensor.design import Design, load, preset
-    from designlab.simulation.contact.press import Press
-    from designlab.simulation.contact.surface import Surface
-    from designlab.simulation.simulator import render
-    from geometries.probes import Probe, sphere, star, triangle
+    from designlab.evaluation.evaluate import Score as Score
+    from designlab.measurement.light_probe.ball import LightProbe as LightProbe
+    from designlab.measurement.light_probe.picture import light_probe as light_probe
+    from designlab.optimization.study.sweep import optimise as optimise
+    from designlab.optimization.study.sweep import sweep as sweep
+    from designlab.optimization.tolerance import tolerance as tolerance
+    from designlab.report.evaluation_folder import evaluate as evaluate
+    from designlab.sensor.design import Design as Design
+    from designlab.sensor.design import load as load
+    from designlab.sensor.design import preset as preset
+    from designlab.simulation.contact.press import Press as Press
+    from designlab.simulation.contact.surface import Surface as Surface
+    from designlab.simulation.simulator import render as render
+    from geometries.probes import Probe as Probe
+    from geometries.probes import sphere as sphere
+    from geometries.probes import star as star
+    from geometries.probes import triangle as triangle
 
 __version__ = "0.1.0"
 
@@ -42,25 +48,7 @@ _HOMES = {
     "triangle": "geometries.probes",
 }
 
-__all__ = [
-    "Design",
-    "LightProbe",
-    "Press",
-    "Probe",
-    "Score",
-    "Surface",
-    "evaluate",
-    "light_probe",
-    "load",
-    "optimise",
-    "preset",
-    "render",
-    "sphere",
-    "star",
-    "sweep",
-    "tolerance",
-    "triangle",
-]
+__all__ = sorted(_HOMES)
 
 
 def __getattr__(name: str) -> Any:

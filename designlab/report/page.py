@@ -6,51 +6,24 @@ import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     import plotly.graph_objects
 
+
+def _text(name: str) -> str:
+    """Text of a file beside this module."""
+    return files(__package__).joinpath(name).read_text(encoding="utf-8")
+
+
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 COLOURS = ("#1f5fa8", "#d1541e", "#2f855a", "#7b4ea3", "#b7791f", "#4a5568")
 """Colours of figures, in order: blue, orange, green, purple, ochre, grey."""
 
-_STYLE = """
-:root { --ink: #1c2330; --soft: #5b6575; --line: #dde1e7; --accent: #1f5fa8; --panel: #f7f8fa; }
-* { box-sizing: border-box; }
-body { margin: 0; background: #fff; color: var(--ink); font: 16px/1.55 FONT; }
-main { max-width: 68rem; margin: 0 auto; padding: 2.5rem 1.5rem 5rem; }
-h1 { font-size: 1.9rem; line-height: 1.2; margin: 0 0 .3rem; letter-spacing: -.01em; }
-h2 { font-size: 1.25rem; margin: 3rem 0 .8rem; padding-top: 1rem; border-top: 1px solid var(--line); }
-h3 { font-size: 1rem; margin: 1.5rem 0 .5rem; }
-p { max-width: 46rem; margin: .5rem 0; }
-.subtitle, figcaption, .note { color: var(--soft); }
-figcaption, .note { font-size: .875rem; max-width: 46rem; }
-code { font: .9em ui-monospace, 'SF Mono', Menlo, Consolas, monospace; background: var(--panel);
-  padding: .05em .3em; border-radius: 3px; overflow-wrap: anywhere; }
-.scroll { overflow-x: auto; margin: 1rem 0; }
-table { border-collapse: collapse; font-size: .9rem; }
-caption { text-align: left; color: var(--soft); font-size: .875rem; padding-bottom: .4rem; }
-th, td { padding: .35rem .9rem .35rem 0; text-align: left; vertical-align: baseline;
-  border-bottom: 1px solid var(--line); }
-th { font-weight: 600; vertical-align: bottom; line-height: 1.25; }
-th .unit { display: block; font-weight: 400; color: var(--soft); }
-td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-td .se { color: var(--soft); }
-dl { display: grid; grid-template-columns: max-content 1fr; gap: .2rem 1.5rem; margin: 1rem 0; }
-dt { color: var(--soft); } dd { margin: 0; }
-figure { margin: 1.2rem 0; }
-figure img { max-width: 100%; height: auto; display: block; border: 1px solid var(--line); }
-figure.plotly { position: relative; }
-figure img.pointed { position: absolute; right: 1rem; top: 3rem; width: 13rem; z-index: 5;
-  pointer-events: none; }
-figure img.pointed[hidden] { display: none; }
-.gallery { display: grid; grid-template-columns: repeat(auto-fill, minmax(20rem, 1fr)); gap: 1.2rem; }
-.gallery figure { margin: 0; }
-footer { margin-top: 4rem; color: var(--soft); font-size: .8rem; }
-@media print { main { max-width: none; padding: 0; } h2 { break-after: avoid; } }
-""".replace("FONT", FONT)
+_STYLE = "\n" + _text("page.css").replace("FONT", FONT)
 
 
 class Html(str):
@@ -234,16 +207,7 @@ def plotly_figure(
     return Html(f'<figure class="plotly">{beside}{drawn}{_caption(caption)}</figure>')
 
 
-_SHOW_PICTURES = """
-const plot = document.getElementById("{plot_id}"), figure = plot.closest("figure");
-const image = figure.querySelector("img.pointed");
-const pictures = JSON.parse(figure.querySelector('script[type="application/json"]').textContent);
-plot.on("plotly_hover", (event) => {
-  const found = pictures[event.points[0].customdata];
-  if (found) { image.src = found; image.hidden = false; }
-});
-plot.on("plotly_unhover", () => { image.hidden = true; });
-"""
+_SHOW_PICTURES = "\n" + _text("show_pictures.js")
 
 
 def label(name: str, unit: str = "") -> str:
