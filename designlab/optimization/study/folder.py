@@ -5,9 +5,8 @@ The record may lie in a database instead, which runs on several machines share.
 
 import contextlib
 import sqlite3
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,12 +22,6 @@ DEFINITION_FILE = "study.toml"
 TRIALS_FOLDER = "trials"
 SCORE_FILE = "score.json"
 CONFIRMED_FOLDER = "confirmed"
-HEARTBEAT_S = 30
-"""How often a run says that it is alive, where others share its record."""
-
-SILENT_S = 150
-"""How long a run must be silent before another takes its trials over."""
-
 CREATING_TRIES, CREATING_S = 5, 1.0
 
 METHOD = "method"
@@ -37,7 +30,6 @@ METHOD = "method"
 SCORE = "score"
 """Attribute of a trial in a shared record with all that is otherwise kept in the folder."""
 
-OnStale = Callable[["optuna.Study", "optuna.trial.FrozenTrial"], None]
 _RECORD_NAME = "study"
 _PARTS = ("", "-wal", "-shm")  # endings of the files of one SQLite database
 REBUILD = "`study run --rebuild` makes a new one of all that was finished"
@@ -54,7 +46,6 @@ def opened(
     study: Study,
     *,
     storage: str | None = None,
-    on_stale: OnStale | None = None,
     rebuild: bool = False,
 ) -> Iterator["optuna.Study"]:
     """Open the record of a study for writing; start it if there is none.
@@ -63,8 +54,6 @@ def opened(
     ----------
     storage : str, optional
         URL of a database that holds the record; without it, it lies in the folder, for one run alone.
-    on_stale : callable, optional
-        Called with record and trial when a run that shares the database has not been heard of for long.
     rebuild : bool
         Whether to set the record in the folder aside and start a new one.
 
@@ -90,7 +79,7 @@ def opened(
         else:
             _one_record(folder, storage)
         stack.enter_context(_quiet())
-        record = stack.enter_context(_storage(folder, storage, on_stale))
+        record = stack.enter_context(_storage(folder, storage))
         remove_partial(folder / TRIALS_FOLDER)
         try:
             yield optuna.create_study(
@@ -140,10 +129,8 @@ def _record_name(study: Study, storage: str | None) -> str:
 
 
 @contextlib.contextmanager
-def _storage(
-    folder: Path, url: str | None = None, on_stale: OnStale | None = None
-) -> Iterator["optuna.storages.RDBStorage"]:
-    storage = _own_storage(folder) if url is None else _database(url, on_stale)
+def _storage(folder: Path, url: str | None = None) -> Iterator["optuna.storages.RDBStorage"]:
+    storage = _own_storage(folder) if url is None else _database(url)
     try:
         yield storage
     finally:
@@ -151,11 +138,9 @@ def _storage(
         storage.engine.dispose()
 
 
-def _database(url: str, on_stale: OnStale | None) -> "optuna.storages.RDBStorage":
+def _database(url: str) -> "optuna.storages.RDBStorage":
     """Open a database that several runs share."""
-    import warnings
-
-    import optuna
+    from optuna.storages import RDBStorage
     from sqlalchemy.exc import (
         ArgumentError,
         IntegrityError,
@@ -164,24 +149,13 @@ def _database(url: str, on_stale: OnStale | None) -> "optuna.storages.RDBStorage
         SQLAlchemyError,
     )
 
-    def connect() -> optuna.storages.RDBStorage:
-        return optuna.storages.RDBStorage(
-            url,
-            heartbeat_interval=HEARTBEAT_S,
-            grace_period=SILENT_S,
-            heartbeat_stale_trial_callback=on_stale,
-        )
-
     try:
-        with warnings.catch_warnings():
-            # Optuna calls heartbeats experimental; its version is pinned.
-            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-            for _ in range(CREATING_TRIES):
-                # Runs that begin at once in an empty database all create its tables; one of them does.
-                with contextlib.suppress(IntegrityError, ProgrammingError):
-                    return connect()
-                time.sleep(CREATING_S)
-            return connect()
+        for _ in range(CREATING_TRIES):
+            # Runs that begin at once in an empty database all create its tables; one of them does.
+            with contextlib.suppress(IntegrityError, ProgrammingError):
+                return RDBStorage(url)
+            time.sleep(CREATING_S)
+        return RDBStorage(url)
     except (ArgumentError, NoSuchModuleError) as error:
         raise StudyError(f"storage: must be the URL of a database: {_first_line(error)}") from None
     except ImportError as error:
@@ -215,45 +189,6 @@ def _shown(url: str) -> str:
 
 def _first_line(error: object) -> str:
     return str(error).strip().partition("\n")[0]
-
-
-def beat(record: "optuna.Study", trial_id: int) -> None:
-    """Write in a shared record that the run of a trial is alive."""
-    from optuna.storages._heartbeat import BaseHeartbeat
-
-    storage = record._storage
-    assert isinstance(storage, BaseHeartbeat)
-    storage.record_heartbeat(trial_id)
-
-
-@contextlib.contextmanager
-def heartbeats(record: "optuna.Study", own: Mapping[int, int]) -> Iterator[None]:
-    """Tell the other runs of a shared record that this one is alive.
-
-    Parameters
-    ----------
-    record : optuna.Study
-        The record.
-    own : mapping of int to int
-        Number of each trial that this run holds, and its key in the database; may change meanwhile.
-    """
-    from optuna.exceptions import StorageInternalError
-
-    ended = threading.Event()
-
-    def live() -> None:
-        while not ended.wait(HEARTBEAT_S):
-            for key in list(own.values()):
-                with contextlib.suppress(StorageInternalError):  # which the search itself will meet
-                    beat(record, key)
-
-    thread = threading.Thread(target=live, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()
 
 
 def _own_storage(folder: Path) -> "optuna.storages.RDBStorage":

@@ -1,7 +1,6 @@
 """Run a study: in this process or several, with progress, interruptible and resumable."""
 
 from concurrent.futures.process import BrokenProcessPool
-from functools import partial
 from pathlib import Path
 
 from designlab.core.interrupts import Interrupts
@@ -15,7 +14,7 @@ from designlab.optimization.study.definition import Study
 from designlab.optimization.study.folder import opened
 from designlab.optimization.study.results import Results, load_results
 from designlab.optimization.study.robust import RobustEvaluator
-from designlab.optimization.study.search import StudyRun, retry
+from designlab.optimization.study.search import StudyRun
 
 _DEATHS = 5  # deaths in a row, no design being finished between, after which more than designs is at fault
 
@@ -86,8 +85,7 @@ def run_study(
     if evaluator is None:
         study.require_scores(SCORES)
     folder = Path(out)
-    stale = partial(retry, study)
-    with opened(folder, study, storage=storage, on_stale=stale, rebuild=rebuild) as record:
+    with opened(folder, study, storage=storage, rebuild=rebuild) as record:
         scored = evaluator or default_evaluator
         if study.robust is not None:
             scored = RobustEvaluator(evaluator or built_evaluator, study.robust, study.objectives)

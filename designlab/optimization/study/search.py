@@ -1,12 +1,12 @@
 """The search: draw designs, set aside what cannot be built, evaluate the rest, and record all of it."""
 
 import contextlib
+import itertools
 import secrets
+import threading
 import time
-import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -23,10 +23,7 @@ from designlab.optimization.study.folder import (
     REBUILD,
     SCORE,
     SCORE_FILE,
-    SILENT_S,
-    beat,
     finished_trials,
-    heartbeats,
     kept_numbers,
     read_trial,
     trial_folder,
@@ -42,11 +39,20 @@ if TYPE_CHECKING:
 REFUSED_MM = 1000.0
 """Violation of a design that is refused before its rules can be measured: worse than any that can."""
 
+HEARTBEAT_S = 30.0
+"""How often a run says that it is alive, where others share its record."""
+
+SILENT_S = 150.0
+"""How long a run must be silent before another takes its trials over."""
+
 POLL_S = 5.0
 """How often a run that has nothing to do asks what the others of a shared record do."""
 
 RUN = "run"
-"""Attribute of a trial in a shared record that tells which run has it; set once that gives signs of life."""
+"""Attribute of a trial in a shared record that tells which run has it."""
+
+ALIVE = "alive"
+"""Attribute of a shared record, before the name of a run: a count that goes up while that run lives."""
 
 REPEAT = "reuse_of"
 """What a trial with the score of an equal design before names that one by."""
@@ -92,8 +98,8 @@ class StudyRun:
         self.distributions = distributions(study)
         self._known: dict[str, int] = {}  # design digest -> number of the trial that evaluated it
         self._followers: dict[str, list[Task]] = {}  # trials that wait for an equal design under evaluation
-        self._own: dict[int, int] = {}  # number of each trial that this run holds -> its key in the database
-        self._unsigned: dict[int, float] = {}  # number of each trial that no run has signed -> since when
+        self._own: set[int] = set()  # numbers of the trials that this run holds
+        self._signs: dict[int, tuple[Any, float]] = {}  # of each other trial: last sign of life, since when
         # Runs that share a record draw at the same time: each has luck of its own.
         self._luck = [secrets.randbits(32)] if shared else []
         self._rejected = 0  # in a row: before a picture is made, or by the evaluation itself
@@ -180,7 +186,7 @@ class StudyRun:
         Ends as well where one design after another is drawn that is known.
         """
         running: dict[Future[dict[str, Any]], Task] = {}
-        with heartbeats(self.record, self._own) if self.shared else contextlib.nullcontext():
+        with self._living() if self.shared else contextlib.nullcontext():
             while True:
                 while self._has_room(running, workers) and self._started(running) < total:
                     interrupts.check()
@@ -220,26 +226,58 @@ class StudyRun:
 
     def _others(self) -> int:
         """How many designs other runs of a shared record have under evaluation; what they did is counted."""
-        from optuna.storages import fail_stale_trials
         from optuna.trial import TrialState
 
         if not self.shared:
             return 0
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Optuna calls this experimental; its version is pinned
-            fail_stale_trials(self.record)
         self._count()
         running = self.record.get_trials(deepcopy=False, states=(TrialState.RUNNING,))
         others = [trial for trial in running if trial.number not in self._own]
-        # A run may die before its first sign, of which the database cannot tell; clocks of machines differ.
-        now = time.monotonic()
-        unsigned = [trial for trial in others if RUN not in trial.user_attrs]
-        self._unsigned = {trial.number: self._unsigned.get(trial.number, now) for trial in unsigned}
-        for trial in unsigned:
-            if now - self._unsigned[trial.number] > SILENT_S:
-                retry(self.study, self.record, trial)
-                self.record.tell(trial.number, state=TrialState.FAIL, skip_if_finished=True)
-        return len(others)
+        # Clocks of machines differ: by its own, this run tells how long the same sign has stood.
+        alive, now, before = self.record.user_attrs, time.monotonic(), self._signs
+        self._signs = {}
+        for trial in others:
+            run = trial.user_attrs.get(RUN)
+            sign = run, alive.get(f"{ALIVE} {run}")
+            known = before.get(trial.number, (None, now))
+            self._signs[trial.number] = known if known[0] == sign else (sign, now)
+        silent = [trial for trial in others if now - self._signs[trial.number][1] > SILENT_S]
+        for trial in silent:
+            self._take_over(trial)
+        return len(others) - len(silent)
+
+    def _take_over(self, trial: "optuna.trial.FrozenTrial") -> None:
+        """Give up a trial whose run has died, and try its design again."""
+        from optuna.exceptions import UpdateFinishedTrialError
+        from optuna.trial import TrialState
+
+        try:
+            self.record.tell(trial.number, state=TrialState.FAIL)
+        except (UpdateFinishedTrialError, ValueError):
+            return  # another run was first, or it has ended after all
+        retry(self.study, self.record, trial)
+
+    @contextlib.contextmanager
+    def _living(self) -> Iterator[None]:
+        """Tell the other runs of a shared record that this one is alive."""
+        from optuna.exceptions import StorageInternalError
+
+        ended = threading.Event()
+
+        def live() -> None:
+            for count in itertools.count():
+                with contextlib.suppress(StorageInternalError):  # which the search itself will meet
+                    self.record.set_user_attr(f"{ALIVE} {self._luck[0]}", count)
+                if ended.wait(HEARTBEAT_S):
+                    return
+
+        thread = threading.Thread(target=live, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            thread.join()
 
     def _propose(self) -> Task | None:
         """Draw one design; None if it is settled without an evaluation: infeasible, or known already."""
@@ -273,12 +311,9 @@ class StudyRun:
         entropy = np.random.SeedSequence([self.study.seed, slot, attempt, *self._luck])
         seed, name = int(entropy.generate_state(1)[0]), self._method()
         self.record.sampler = sampler(self.study, name, seed, infeasible=self.infeasible)
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "Heartbeat of storage")  # which `_heartbeats` sees to
-            trial = self.record.ask(self.distributions)
+        trial = self.record.ask(self.distributions)
         if self.shared:
-            self._own[trial.number] = trial._trial_id
-            beat(self.record, trial._trial_id)
+            self._own.add(trial.number)
             trial.set_user_attr(RUN, self._luck[0])
         if "slot" not in trial.user_attrs:
             trial.set_user_attr("slot", slot)
@@ -401,7 +436,7 @@ class StudyRun:
         from optuna.exceptions import UpdateFinishedTrialError
         from optuna.trial import TrialState
 
-        self._own.pop(trial.number, None)
+        self._own.discard(trial.number)
         try:
             for name, note in notes.items():
                 trial.set_user_attr(name, note)
@@ -442,7 +477,8 @@ class StudyRun:
 def _rejected_last(trials: Sequence["optuna.trial.FrozenTrial"]) -> int:
     """How many designs in a row, up to the last that was settled, could not be built."""
     settled = [trial for trial in trials if trial.state.name in ("COMPLETE", "PRUNED")]
-    return sum(1 for _ in takewhile(lambda trial: "rejected" in trial.user_attrs, reversed(settled)))
+    last = itertools.takewhile(lambda trial: "rejected" in trial.user_attrs, reversed(settled))
+    return sum(1 for _ in last)
 
 
 def _repeat(outcome: Mapping[str, Any]) -> dict[str, Any]:

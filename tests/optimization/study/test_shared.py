@@ -25,11 +25,10 @@ TRIALS = 16
 PROGRAM = """
 import os, sys, time
 from types import SimpleNamespace
-import designlab.optimization.study.folder, designlab.optimization.study.search as search
+import designlab.optimization.study.search as search
 from designlab.optimization.study import load_study, run_study
 
-designlab.optimization.study.folder.HEARTBEAT_S, designlab.optimization.study.folder.SILENT_S = 1, 3
-search.POLL_S = 0.2
+search.HEARTBEAT_S, search.SILENT_S, search.POLL_S = 1, 3, 0.2
 
 def evaluator(design, *, fidelity, seed):
     log(design, "start")

@@ -367,7 +367,6 @@ def test_the_folder_states_the_study_as_it_was_last_run(tmp_path):
     assert load_results(tmp_path).study == kept
 
 
-@pytest.mark.filterwarnings("ignore:Heartbeat of storage")
 def test_the_clocks_of_machines_that_share_a_study_may_differ(tmp_path, monkeypatch):
     """What another run has just drawn is its own, whatever time it is there; unsigned for long, it died."""
     study, url = make(), f"sqlite:///{tmp_path}/shared.db"
@@ -384,14 +383,15 @@ def test_the_clocks_of_machines_that_share_a_study_may_differ(tmp_path, monkeypa
 
 
 def test_a_run_that_is_taken_for_dead_while_it_draws_draws_anew(tmp_path, monkeypatch):
-    taken = []
+    taken, ask = [], optuna.Study.ask
 
-    def take(record, trial_id):
+    def taken_over(record, *given):
+        trial = ask(record, *given)
         if not taken:
-            taken.append(trial_id)
-            record._storage.set_trial_state_values(trial_id, optuna.trial.TrialState.FAIL)
+            taken.append(record.tell(trial.number, state=optuna.trial.TrialState.FAIL))
+        return trial
 
-    monkeypatch.setattr("designlab.optimization.study.search.beat", take)
+    monkeypatch.setattr(optuna.Study, "ask", taken_over)
     results = run(make(trials=3), tmp_path / "out", storage=f"sqlite:///{tmp_path}/shared.db")
     assert results.counts() == counts(complete=3, interrupted=1)
 
