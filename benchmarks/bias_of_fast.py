@@ -32,7 +32,7 @@ from designlab.evaluation.evaluate import FIDELITIES
 from designlab.evaluation.protocol import sub_seed
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press
-from designlab.simulation.render import PHOTONS_PER_SAMPLE
+from designlab.simulation.render.estimators import PHOTONS_PER_SAMPLE
 from designlab.simulation.simulator import Simulator
 from geometries.probes import parse
 

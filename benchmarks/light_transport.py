@@ -34,7 +34,8 @@ from designlab.core.store import CACHE_VARIABLE
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design, preset
 from designlab.simulation.contact.press import Press
-from designlab.simulation.render import Estimator, bridge, sensors
+from designlab.simulation.render import bridge, sensors
+from designlab.simulation.render.estimators import Estimator
 from designlab.simulation.scene.scene import Dielectric, Scene
 from designlab.simulation.simulator import Simulator
 from geometries.probes import parse

@@ -8,6 +8,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 """Array of floating-point numbers."""
 
+Single = NDArray[np.float32]
+"""Array of floating-point numbers in single precision: pictures, light."""
+
 Mask = NDArray[np.bool_]
 """Array of truth values."""
 

@@ -21,7 +21,7 @@ from designlab.reconstruction import KernelCalibration
 from designlab.sensor.design import Design
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.effects.model import SensorModel
-from designlab.simulation.render import Estimator
+from designlab.simulation.render.estimators import Estimator
 from designlab.simulation.simulator import Frame, Simulator, exposure
 
 SCALAR_COLUMNS = 160  # of pictures that ``scalar_rgb`` has to path-trace, four times as fast

@@ -95,7 +95,7 @@ class TransportError(NamedTuple):
     noise : float
         Standard error of blocks of 1 mm x 1 mm of the untouched gel.
     bias_mean, bias_block : float
-        Systematic error of the mean and of small blocks, the largest seen, see `simulation.render.Bias`.
+        Systematic error of the mean and of small blocks, the largest seen, see `render.estimators.Bias`.
     """
 
     noise: float

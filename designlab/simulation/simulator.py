@@ -18,8 +18,9 @@ from designlab.simulation.effects import SensorModel, Sight
 from designlab.simulation.imaging import WHOLE, Capture, mixed, through_optics
 from designlab.simulation.optics.defocus import radius_px
 from designlab.simulation.optics.viewing_rays import Rays, rays
-from designlab.simulation.render import UNBIASED, Bias, Estimator, bias, chosen, shader, trace, traces_lens
+from designlab.simulation.render.estimators import UNBIASED, Bias, Estimator, bias, chosen, trace, traces_lens
 from designlab.simulation.render.lightfield import CELL_MM
+from designlab.simulation.render.session import SESSION
 from designlab.simulation.scene.scene import Scene, build
 
 if TYPE_CHECKING:
@@ -113,7 +114,7 @@ class Simulator:
     seed : int
         Seed of the light transport.
     estimator : str
-        "fast", "corrected", "reference" or "path", see `designlab.simulation.render.Estimator`.
+        "fast", "corrected", "reference" or "path", see `render.estimators.Estimator`.
     traced_samples : int
         Effort of the unbiased part of the estimator "corrected".
     pitch_mm : float, optional
@@ -297,7 +298,7 @@ class Simulator:
         return np.stack(slopes, axis=-1)
 
     def _shader(self, half: int | None) -> "Shader":
-        return shader(
+        return SESSION.shader(
             self._undeformed,
             self._untouched,
             area_mm=self.design.sensing_area_mm,

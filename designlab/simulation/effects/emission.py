@@ -7,15 +7,14 @@ from itertools import groupby, islice
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.sensor.design import Design, DesignError
 from designlab.sensor.led_mounting import FACING
 from designlab.simulation.effects.base import Effect, EffectParameter, Stage, Values
 from designlab.simulation.scene.scene import Light, Scene, Shape
 from geometries.leds import emitters
 
-FloatArray = NDArray[np.float64]
 FACES_OF_A_FRONT = 2  # triangles of a board; a package cast into the core is a closed box
 
 
@@ -146,7 +145,7 @@ class LedTilt(Effect):
         return replace(scene, lights=tuple(lights), shapes=shapes)
 
 
-def _turn(light: Light, tilt: float, turn: float) -> FloatArray:
+def _turn(light: Light, tilt: float, turn: float) -> Array:
     """Rotation by tilt, from the normal to `down`, then by turn, from `across` to the normal (radians)."""
     axes = np.array([light.across, light.down, light.normal])
     sin, cos = np.sin(tilt), np.cos(tilt)
@@ -156,7 +155,7 @@ def _turn(light: Light, tilt: float, turn: float) -> FloatArray:
     return np.asarray(axes.T @ turned @ tilted @ axes)
 
 
-def _turned(light: Light, turn: FloatArray, middle: FloatArray) -> Light:
+def _turned(light: Light, turn: Array, middle: Array) -> Light:
     return replace(
         light,
         centre_mm=_vector(middle + turn @ (np.asarray(light.centre_mm) - middle)),
@@ -166,7 +165,7 @@ def _turned(light: Light, turn: FloatArray, middle: FloatArray) -> Light:
     )
 
 
-def _vector(axis: FloatArray) -> tuple[float, float, float]:
+def _vector(axis: Array) -> tuple[float, float, float]:
     x, y, z = (float(c) for c in axis)
     return x, y, z
 
@@ -215,7 +214,7 @@ class LedPosition(Effect):
         return replace(scene, lights=tuple(lights), shapes=shapes)
 
 
-def _way_back_mm(scene: Scene, corners: FloatArray, shift: FloatArray, facing: FloatArray) -> float:
+def _way_back_mm(scene: Scene, corners: Array, shift: Array, facing: Array) -> float:
     """Way along its normal that puts a shifted board as deep into the core's side as it was."""
     ways: list[tuple[float, float]] = []
     for side in (shape for shape in scene.shapes if shape.name.startswith("core-side")):
@@ -229,7 +228,7 @@ def _way_back_mm(scene: Scene, corners: FloatArray, shift: FloatArray, facing: F
     return max(after for _, after in ways) - max(before for before, _ in ways) if ways else 0.0
 
 
-def _shift(facing: FloatArray, values: Values) -> FloatArray:
+def _shift(facing: Array, values: Values) -> Array:
     """Displacement of a row whose emitting side faces `facing`, the axis; outwards is its reverse."""
     outward = -facing[:2] / np.hypot(*facing[:2])
     radial, tangential = values.get("radial_mm", 0.0), values["tangential_mm"]

@@ -5,12 +5,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 from scipy.ndimage import binary_erosion
 from scipy.signal import savgol_filter
 
-from designlab.core.types import Array
+from designlab.core.types import Array, Mask, Single
 from designlab.simulation.render import gather
 from designlab.simulation.render import photons as tracing
 from designlab.simulation.render.lightfield import (
@@ -26,7 +25,6 @@ from designlab.simulation.render.lightfield import (
 from designlab.simulation.render.tables import held
 from designlab.simulation.scene.scene import Scene
 
-Single = NDArray[np.float32]
 STEEPEST_COSINE = 0.02  # light more grazing than this weighs as if it came at this angle
 PILOT_SHARE = 0.2  # of the photons, traced beforehand to learn where on the LEDs others are best started
 AGAIN_SHARE = 0.25  # of the photons, traced on for light that returns to the membrane, dim and smooth
@@ -257,7 +255,7 @@ def _with_gathered(field: Field, gathered: Sequence[Array | None]) -> Field:
     return replace(field, irradiance=(field.irradiance + np.array(added)).astype(np.float32))
 
 
-def _smooth(field: Field, filled: NDArray[np.bool_]) -> Field:
+def _smooth(field: Field, filled: Mask) -> Field:
     """Take noise out of light that was reflected on its way, which varies over millimetres only.
 
     Each cell gets the value of the quadratic polynomial fitted to the cells around it (Savitzky and Golay

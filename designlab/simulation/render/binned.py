@@ -4,17 +4,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from designlab.core.types import Array
+from designlab.core.types import Array, Mask, Single
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.render.lightfield import AZIMUTHS, CELL_MM, NODES_PER_CELL, Bins, Field
 from designlab.simulation.render.nodes import Nodes, Response, base_normals, facing, nodes_of
 from designlab.simulation.render.tables import bilinear, held
 from designlab.simulation.render.walls import FURTHEST_MM
-
-Single = NDArray[np.float32]
 
 
 class Binned:
@@ -74,7 +71,7 @@ class Binned:
         """Irradiance (1/mm2) of the undeformed membrane on a grid (mm), shape (y, x)."""
         return np.asarray(np.maximum(self._field.irradiance_at(self._group, x, y), 0.0), dtype=np.float32)
 
-    def at_rest(self, chosen: NDArray[np.bool_]) -> Single:
+    def at_rest(self, chosen: Mask) -> Single:
         """Irradiance of chosen grid nodes without a press, by the same sum as `light`."""
         if not self._curved:  # nothing is cut off at the tangent: the sum is that of vectors
             return np.asarray(self._summed[chosen])

@@ -4,10 +4,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from designlab.core.types import Array
+from designlab.core.types import Array, Mask, Single
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.render import bridge
 from designlab.simulation.render.emitters import Directions
@@ -16,7 +15,6 @@ from designlab.simulation.render.nodes import Nodes, Response, facing, nodes_of
 from designlab.simulation.render.tables import held
 from designlab.simulation.scene.scene import Light, Scene
 
-Single = NDArray[np.float32]
 PATCH_MM = 0.5  # an LED's face is divided into patches no larger than this
 MOST_PATCHES = 24  # along each side of a face
 LIFTED_MM = 0.02  # starts of shadow rays off the membrane, so that it does not shadow itself
@@ -67,7 +65,7 @@ class Direct:
         at = [(y - self._corner[1]) / NODE_MM, (x - self._corner[0]) / NODE_MM]
         return np.array([map_coordinates(v, at, order=3, mode="nearest") for v in self._vectors])
 
-    def at_rest(self, chosen: NDArray[np.bool_]) -> Single:
+    def at_rest(self, chosen: Mask) -> Single:
         """Irradiance of chosen grid nodes without a press, by the same sum as `light`."""
         nodes = nodes_of(self._untouched, chosen)
         return np.asarray(self.light(nodes, None, facing(nodes)))

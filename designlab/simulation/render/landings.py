@@ -9,13 +9,12 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Mask, Single
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.render.nodes import RAISED_MM, NodeTables, base_normals
-from designlab.simulation.render.tables import held
+from designlab.simulation.render.tables import within
 
-Single = NDArray[np.float32]
 STEP_MM = 0.06  # along a photon's way through the indentation
 
 
@@ -68,7 +67,7 @@ class FirstLight:
         none = np.zeros(raised.shape, dtype=np.float32)
         if not raised.any() or not dr.width(self._photons):
             return IrradianceChange(none, none)
-        enters, leaves = _within(surface, raised, *self._photons[:6])
+        enters, leaves = _box(surface, raised, *self._photons[:6])
         near = dr.compress(enters < leaves)
         if not dr.width(near):
             return IrradianceChange(none, none)
@@ -98,26 +97,19 @@ class FirstLight:
         return IrradianceChange(*(np.where(on_gel, one, 0.0).astype(np.float32) for one in (light, varies)))
 
 
-def _within(
-    surface: Surface, raised: NDArray[np.bool_], x: Any, y: Any, z: Any, dx: Any, dy: Any, dz: Any
+def _box(
+    surface: Surface, raised: Mask, x: Any, y: Any, z: Any, dx: Any, dy: Any, dz: Any
 ) -> tuple[Any, Any]:
     """Distances from the membrane at which a photon's way enters and leaves the box around an indentation."""
-    import drjit as dr
-
     at_x, at_y = surface.x_mm[raised.any(axis=0)], surface.y_mm[raised.any(axis=1)]
     margin = surface.pitch_mm
-    bounds = (
-        (x, dx, at_x.min() - margin, at_x.max() + margin),
-        (y, dy, at_y.min() - margin, at_y.max() + margin),
-        (z, dz, -np.inf, surface.z_mm[raised].max()),
+    return within(
+        (
+            (x, dx, at_x.min() - margin, at_x.max() + margin),
+            (y, dy, at_y.min() - margin, at_y.max() + margin),
+            (z, dz, -np.inf, surface.z_mm[raised].max()),
+        )
     )
-    enters, leaves = 0.0, np.inf
-    for place, way, low, high in bounds:
-        safe = dr.select(dr.abs(way) < 1e-6, 1e-6, way)
-        a, b = (held(float(low)) - place) / safe, (held(float(high)) - place) / safe
-        enters = dr.maximum(enters, dr.minimum(a, b))
-        leaves = dr.minimum(leaves, dr.maximum(a, b))
-    return enters, leaves
 
 
 def _last_crossing(grid: NodeTables, place: Any, way: Any, enters: Any, leaves: Any) -> Any:

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
-from designlab.core.types import Array
+from designlab.core.types import Array, Mask, Single
 from designlab.simulation.scene.scene import Scene
 
-Single = NDArray[np.float32]
 AZIMUTHS, SLANTS, CELL_MM = 48, 33, 1.0
 FINE_CELL_MM = 0.35  # of the irradiance: where light ends sharply, as at the edge of a refracted beam
 WIDEST_SLANT_DEG = 99.0  # on a dome light can come from slightly below the apex plane
@@ -221,7 +220,7 @@ def _at_nodes(means: Single, axis: int) -> Single:
     return np.moveaxis(found, 0, axis)
 
 
-def on_membrane(scene: Scene, x: Array, y: Array) -> NDArray[np.bool_]:
+def on_membrane(scene: Scene, x: Array, y: Array) -> Mask:
     """Points within the outline of the membrane."""
     from scipy.spatial import ConvexHull
 

@@ -3,15 +3,13 @@
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from designlab.core.types import Array
+from designlab.core.types import Array, Single
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.optics.viewing_rays import Rays
 from designlab.simulation.render.nodes import NodeTables
 from designlab.simulation.render.tables import bilinear
 
-Single = NDArray[np.float32]
 SUBPIXELS = 2  # look-ups along each side of a pixel
 
 

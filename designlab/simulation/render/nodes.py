@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, distance_transform_edt
 
-from designlab.core.types import Array
+from designlab.core.types import Array, Mask, Single
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.render.tables import bilinear, held
 
-Single = NDArray[np.float32]
 RAISED_MM = 1e-3  # lower indentations cast no shadow worth counting
 FINE_MM = 0.2  # around the indentation every grid node is shaded
 STRIDE = 3  # further out one node in this many, along each axis
@@ -33,7 +32,7 @@ class Nodes:
     base_q: Any
 
 
-def nodes_of(surface: Surface, chosen: NDArray[np.bool_]) -> Nodes:
+def nodes_of(surface: Surface, chosen: Mask) -> Nodes:
     """Chosen nodes of a surface's grid."""
     import mitsuba as mi
 
@@ -76,11 +75,11 @@ class Choice:
         Nodes of either kind; the coarse ones lie `STRIDE` apart.
     """
 
-    fine: NDArray[np.bool_]
-    coarse: NDArray[np.bool_]
+    fine: Mask
+    coarse: Mask
 
     @property
-    def nodes(self) -> NDArray[np.bool_]:
+    def nodes(self) -> Mask:
         """Nodes of both kinds."""
         return self.fine | self.coarse
 

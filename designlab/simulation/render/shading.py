@@ -20,9 +20,9 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
+from designlab.core.types import Mask, Single
 from designlab.sensor.camera import View
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.optics.viewing_rays import Rays
@@ -39,7 +39,6 @@ from designlab.simulation.render.window import transmission
 from designlab.simulation.scene.coating import coating_brdf
 from designlab.simulation.scene.scene import Coating, Dielectric, Scene
 
-Single = NDArray[np.float32]
 LONGEST_SHADOW_MM = 12.0
 SHADOW_REACH = 4.0  # shadows reach at least this many times the height of what casts them: light at 14 deg
 LOWEST_SHARE = 0.02  # of a point's light, the most grazing, whose shadows may be cut short
@@ -363,7 +362,7 @@ def _mean(image: Single, sigma_px: float) -> Single:
     return np.asarray(gaussian_filter(image, sigma_px, truncate=KERNEL_REACH))
 
 
-def _window(mask: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
+def _window(mask: Mask, margin: int) -> tuple[slice, slice]:
     """Rows and columns that hold the mask and a margin around it."""
     filled = [np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0)]
     rows, columns = (

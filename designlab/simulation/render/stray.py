@@ -7,9 +7,9 @@ gel and added to every picture.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
+from designlab.core.types import Single
 from designlab.sensor.camera import View
 from designlab.sensor.refraction import crossing_mm
 from designlab.simulation.optics.viewing_rays import Rays
@@ -18,7 +18,6 @@ from designlab.simulation.render.eye import Eye, ProjectedPoints
 from designlab.simulation.scene.materials import Dielectric, Diffuse
 from designlab.simulation.scene.scene import Scene, Shape
 
-Single = NDArray[np.float32]
 COLUMNS = 16  # of the picture of stray light; strongly forward scattering haze makes finer ones grainy
 SHARE = 0.25  # of the photons of the picture: stray light is dim and smooth
 BLUR = 1.0  # of its pixels, standard deviation: takes off what grain is left

@@ -1,5 +1,6 @@
 """Numbers and tables on the device."""
 
+from collections.abc import Iterable
 from typing import Any
 
 
@@ -9,6 +10,39 @@ def held(value: int | float) -> Any:
     import mitsuba as mi
 
     return dr.opaque(mi.UInt32 if isinstance(value, int) else mi.Float, value)
+
+
+def within(bounds: Iterable[tuple[Any, Any, float, float]]) -> tuple[Any, Any]:
+    """Distances at which rays enter and leave a box; where they miss it they leave before they enter.
+
+    Parameters
+    ----------
+    bounds : iterable of tuple
+        For each axis, start and direction of the rays, and the lower and upper side of the box.
+    """
+    import drjit as dr
+
+    enters, leaves = 0.0, float("inf")
+    for start, direction, low, high in bounds:
+        safe = dr.select(dr.abs(direction) < 1e-6, 1e-6, direction)
+        a, b = ((held(float(side)) - start) / safe for side in (low, high))
+        enters = dr.maximum(enters, dr.minimum(a, b))
+        leaves = dr.minimum(leaves, dr.maximum(a, b))
+    return enters, leaves
+
+
+def cell(u: Any, v: Any, rows: Any, columns: Any) -> tuple[Any, Any]:
+    """Index of the entry of a table (rows, columns) next to column u and row v, and whether there is one.
+
+    Counts are numbers or `held`.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    column, row = mi.Int32(dr.floor(u + 0.5)), mi.Int32(dr.floor(v + 0.5))
+    rows, columns = mi.Int32(rows), mi.Int32(columns)
+    inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+    return mi.UInt32(dr.maximum(row * columns + column, 0)), inside
 
 
 def bilinear(table: Any, u: Any, v: Any, rows: Any, columns: Any, first: Any = 0) -> Any:

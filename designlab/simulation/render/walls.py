@@ -4,14 +4,13 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.types import Single
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.render.lightfield import AZIMUTHS
 from designlab.simulation.render.nodes import RAISED_MM, Nodes, NodeTables
-from designlab.simulation.render.tables import held
+from designlab.simulation.render.tables import cell, held, within
 
-Single = NDArray[np.float32]
 FURTHEST_MM = 4.0  # reach of parallax
 BEYOND_MM = 20.0  # reach of light that the gel around throws on a wall
 GATHER_AZIMUTHS = 16  # directions in which light from other walls is looked for
@@ -65,14 +64,9 @@ def _leaves(surface: Surface, x: Any, y: Any, dx: Any, dy: Any) -> Any:
     import drjit as dr
 
     raised = surface.height_mm > RAISED_MM
-    enters, leaves = 0.0, np.inf
     sides = (x, dx, surface.x_mm[raised.any(axis=0)]), (y, dy, surface.y_mm[raised.any(axis=1)])
-    for place, way, at in sides:
-        low, high = (held(float(side)) for side in (at.min() - surface.pitch_mm, at.max() + surface.pitch_mm))
-        safe = dr.select(dr.abs(way) < 1e-6, 1e-6, way)
-        a, b = (low - place) / safe, (high - place) / safe
-        enters = dr.maximum(enters, dr.minimum(a, b))
-        leaves = dr.minimum(leaves, dr.maximum(a, b))
+    margin = surface.pitch_mm
+    enters, leaves = within((place, way, at.min() - margin, at.max() + margin) for place, way, at in sides)
     return dr.select(enters < leaves, leaves, 0.0)
 
 
@@ -102,12 +96,7 @@ class Around(NamedTuple):
         x_mm, y_mm, pitch_mm = (held(float(v)) for v in self[1:])
 
         def at(x: Any, y: Any) -> list[Any]:
-            u, v = (
-                mi.Int32(dr.floor((x - x_mm) / pitch_mm + 0.5)),
-                mi.Int32(dr.floor((y - y_mm) / pitch_mm + 0.5)),
-            )
-            inside = (u >= 0) & (u < mi.Int32(columns)) & (v >= 0) & (v < mi.Int32(rows))
-            index = mi.UInt32(dr.maximum(v * mi.Int32(columns) + u, 0))
+            index, inside = cell((x - x_mm) / pitch_mm, (y - y_mm) / pitch_mm, rows, columns)
             return [dr.gather(mi.Float, table, index, inside) for table in tables]
 
         return at
@@ -143,10 +132,7 @@ def between_walls(surface: Surface, nodes: Nodes, radiance: Single, around: Arou
         raised = grid.sample(grid.raised, px, py) > RAISED_MM
         top = dr.select(raised, slope, dr.minimum(slope, undeformed))
         seen = _strip(dr.maximum(rim, top), ahead, normal.z) - below
-        u, v = grid.place(px, py)
-        column, row = mi.Int32(dr.floor(u + 0.5)), mi.Int32(dr.floor(v + 0.5))
-        inside = (column >= 0) & (column < mi.Int32(grid.columns)) & (row >= 0) & (row < mi.Int32(grid.rows))
-        index = mi.UInt32(dr.maximum(row * mi.Int32(grid.columns) + column, 0))
+        index, inside = cell(*grid.place(px, py), grid.rows, grid.columns)
         added = tuple(
             s + seen * dr.select(inside, dr.gather(mi.Float, table, index, inside), far)
             for s, table, far in zip(sums, tables, beyond(px, py), strict=True)

@@ -5,10 +5,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.sensor.design import Design
 from designlab.sensor.optical_properties import AlbedoImage
 from designlab.simulation.contact.surface import Surface
-from designlab.simulation.scene.materials import Coating, FloatArray, Texture
+from designlab.simulation.scene.materials import Coating, Texture
 from geometries import elastomer
 
 CELL_MM = 0.05  # of a texture; coarser where it would get more than `MOST_CELLS` a side
@@ -104,7 +105,7 @@ def coating(design: Design, surface: Surface) -> Coating:
     )
 
 
-def _cells(design: Design) -> tuple[FloatArray, FloatArray, float, float]:
+def _cells(design: Design) -> tuple[Array, Array, float, float]:
     """Centres (x, y) of square cells over the whole gel, shape (rows, columns), and its size in mm."""
     outline = np.abs(elastomer.polygon(design.elastomer)).max(axis=0)
     cell_mm = max(CELL_MM, 2 * float(outline.max()) / MOST_CELLS)
@@ -115,7 +116,7 @@ def _cells(design: Design) -> tuple[FloatArray, FloatArray, float, float]:
     return x, y, columns * cell_mm, rows * cell_mm
 
 
-def _dots(x: FloatArray, y: FloatArray, cell_mm: float, *, pitch_mm: float, diameter_mm: float) -> FloatArray:
+def _dots(x: Array, y: Array, cell_mm: float, *, pitch_mm: float, diameter_mm: float) -> Array:
     """Share of each cell that lies in a marker dot; the dots stand on a square grid, one at the origin."""
     offsets = ((np.arange(SPLIT) + 0.5) / SPLIT - 0.5) * cell_mm
     covered = np.zeros_like(x)
@@ -127,7 +128,7 @@ def _dots(x: FloatArray, y: FloatArray, cell_mm: float, *, pitch_mm: float, diam
     return covered / SPLIT**2
 
 
-def _image(image: AlbedoImage, x: FloatArray, y: FloatArray) -> FloatArray:
+def _image(image: AlbedoImage, x: Array, y: Array) -> Array:
     """Image at points (mm), interpolated between its pixels, its edge continued."""
     from scipy.ndimage import map_coordinates
 
@@ -136,7 +137,7 @@ def _image(image: AlbedoImage, x: FloatArray, y: FloatArray) -> FloatArray:
     return np.asarray(map_coordinates(image.values, [rows, columns], order=1, mode="nearest"))
 
 
-def _as_one_layer(factor: FloatArray) -> NDArray[np.float32]:
+def _as_one_layer(factor: Array) -> NDArray[np.float32]:
     """One layer where all are the same."""
     layers = factor.astype(np.float32)
     return layers[:1] if (layers == layers[:1]).all() else layers

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from designlab.core.types import Array
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ class Shape:
     """Triangle mesh with a material: vertices (n, 3) mm, faces (m, 3), optional vertex normals (n, 3)."""
 
     name: str
-    vertices: FloatArray
+    vertices: Array
     faces: NDArray[np.uint32]
     material: Diffuse | Coating | Dielectric
-    normals: FloatArray | None = None
+    normals: Array | None = None

@@ -3,10 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.types import Array
 from designlab.sensor.design import Design
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.scene.coating import coating
-from designlab.simulation.scene.materials import FloatArray, Shape
+from designlab.simulation.scene.materials import Shape
 from geometries import elastomer
 
 FLAT_MM = 1e-6  # lower indentations are rounding of the smoothing, not gel
@@ -60,10 +61,10 @@ def _worth_keeping(pressed: NDArray[np.bool_], first: int, count: int) -> NDArra
     return kept
 
 
-def _extended(axis: FloatArray, low: float, high: float) -> FloatArray:
+def _extended(axis: Array, low: float, high: float) -> Array:
     """Continue an ascending axis to [low, high] in at most 24 even steps a side, no finer than its own."""
 
-    def beyond(edge: float, end: float) -> FloatArray:
+    def beyond(edge: float, end: float) -> Array:
         pitch = float(axis[1] - axis[0])
         steps = int(np.clip(np.ceil(abs(end - edge) / pitch), 1, 24))
         return np.linspace(edge, end, steps + 1)[1:]

@@ -3,10 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.simulation.scene.materials import Coating, Dielectric, Diffuse, FloatArray, Shape
+from designlab.core.types import Array
+from designlab.simulation.scene.materials import Coating, Dielectric, Diffuse, Shape
 
 
-def rectangle(name: str, front: FloatArray, across: FloatArray, down: FloatArray, surface: Diffuse) -> Shape:
+def rectangle(name: str, front: Array, across: Array, down: Array, surface: Diffuse) -> Shape:
     """Rectangle about `front` that spans `across` and `down` to either side and faces across x down."""
     vertices = np.array(
         [front - across - down, front + across - down, front + across + down, front - across + down]
@@ -16,7 +17,7 @@ def rectangle(name: str, front: FloatArray, across: FloatArray, down: FloatArray
     )
 
 
-def oriented(vertices: FloatArray, faces: NDArray[np.int64], outward: FloatArray) -> NDArray[np.uint32]:
+def oriented(vertices: Array, faces: NDArray[np.int64], outward: Array) -> NDArray[np.uint32]:
     """Wind faces so that their normals point along `outward` (one direction, or one for each face)."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     flipped = (np.cross(b - a, c - a) * outward).sum(-1) < 0
@@ -25,8 +26,8 @@ def oriented(vertices: FloatArray, faces: NDArray[np.int64], outward: FloatArray
 
 def sheet(
     name: str,
-    rings: list[FloatArray],
-    heights: list[FloatArray],
+    rings: list[Array],
+    heights: list[Array],
     surface: Diffuse | Coating | Dielectric,
     *,
     up: float = 1.0,

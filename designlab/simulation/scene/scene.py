@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from designlab.sensor.camera import Camera, View
 from designlab.sensor.design import Design
@@ -31,7 +30,6 @@ __all__ = [
     "build", "without_gel",
 ]  # fmt: skip
 
-FloatArray = NDArray[np.float64]
 LED_FACE_GAP_MM = 1e-3  # strips shine just above their board, so that the two never fight for a ray
 
 

@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from designlab.core.types import Array
 from designlab.sensor.design import Design
 from designlab.sensor.led_mounting import front_corners, seated
 from designlab.sensor.optical_constants import AIR
-from designlab.simulation.scene.materials import Dielectric, Diffuse, FloatArray, Medium, Shape
+from designlab.simulation.scene.materials import Dielectric, Diffuse, Medium, Shape
 from designlab.simulation.scene.meshes import band_faces, oriented, rectangle, sheet
 from geometries import elastomer, gelcore
 from geometries.leds import Body
@@ -80,7 +81,7 @@ def core_and_gel(design: Design) -> Iterator[Shape]:
     yield from _interface(design, outline)
 
 
-def _window(design: Design, top: FloatArray, matter: Dielectric) -> Iterator[Shape]:
+def _window(design: Design, top: Array, matter: Dielectric) -> Iterator[Shape]:
     """Camera side of the core: a plane, or a hollow with a plane rim around it."""
     core, window_mm = design.gelcore, design.elastomer.thickness_mm + design.gelcore.height_mm
     if core.cavity is None:
@@ -102,7 +103,7 @@ def _window(design: Design, top: FloatArray, matter: Dielectric) -> Iterator[Sha
     yield replace(hollow, normals=normals / np.linalg.norm(normals, axis=1)[:, None])
 
 
-def _interface(design: Design, outline: FloatArray) -> Iterator[Shape]:
+def _interface(design: Design, outline: Array) -> Iterator[Shape]:
     """Boundary of gel and core; where they have come apart, that of each with the air between them."""
     radius_mm = design.elastomer.radius_mm
     for shape in _interface_faces(design, outline):
@@ -113,7 +114,7 @@ def _interface(design: Design, outline: FloatArray) -> Iterator[Shape]:
         yield replace(shape, normals=normals / np.linalg.norm(normals, axis=1)[:, None])
 
 
-def _interface_faces(design: Design, outline: FloatArray) -> Iterator[Shape]:
+def _interface_faces(design: Design, outline: Array) -> Iterator[Shape]:
     """Their faces, flat ones."""
     inner, soft, air = _media(design)
     centre, radius = np.asarray(design.optics.gap_centre_mm), design.optics.gap_radius_mm
@@ -141,12 +142,12 @@ def degelled(design: Design) -> Design:
     return design.replace({"optics.elastomer_index": AIR.index, "optics.elastomer_absorption_per_mm": (0.0,)})
 
 
-def _interface_z(design: Design, xy: FloatArray) -> FloatArray:
+def _interface_z(design: Design, xy: Array) -> Array:
     """Height of the boundary between elastomer and gelcore at points (n, 2)."""
     return elastomer.interface_mm(design.elastomer, xy[:, 0], xy[:, 1])
 
 
-def _sides_with_light(design: Design, outline: FloatArray) -> list[bool]:
+def _sides_with_light(design: Design, outline: Array) -> list[bool]:
     """Which side faces look at a row of LEDs; none where the LEDs are inside."""
     if design.leds.coupling == "embedded":
         return [False] * len(outline)
@@ -204,7 +205,7 @@ def housing_inside(design: Design) -> Iterator[Shape]:
     yield sheet("housing-floor", [edge, tube], [bottom, bottom], walls)
 
 
-def _reach_mm(polygon: FloatArray, directions: FloatArray) -> FloatArray:
+def _reach_mm(polygon: Array, directions: Array) -> Array:
     """Distance from the axis to a convex polygon around it along unit vectors (n, 2)."""
     edge = np.roll(polygon, -1, axis=0) - polygon
     outward = np.column_stack([edge[:, 1], -edge[:, 0]])

@@ -205,7 +205,7 @@ def test_vignetting_darkens_the_finished_picture(design, estimator):
 @pytest.mark.llvm
 def test_a_defocused_light_field_is_the_average_over_the_opening():
     # the same field shaded along the rays of many points of the opening
-    from designlab.simulation.render import shader
+    from designlab.simulation.render.session import SESSION
 
     distance = apparent_distance_mm(CORE.layers_to_camera(0.0))
     design = CORE.replace({"camera.focus_mm": 0.6 * distance, "camera.aperture_mm": 1.5})
@@ -213,7 +213,7 @@ def test_a_defocused_light_field_is_the_average_over_the_opening():
     surface = sim.surface(BALL)
     scene = sim.scene(surface)
     area_mm = CORE.sensing_area_mm
-    shade = shader(sim._undeformed, sim.surface(None), area_mm=area_mm, samples=16, seed=1).radiance
+    shade = SESSION.shader(sim._undeformed, sim.surface(None), area_mm=area_mm, samples=16, seed=1).radiance
     # rings of equal area, whose mean square radius is that of the disc
     radius, turn = np.meshgrid(np.sqrt((np.arange(2) + 0.5) / 2), np.arange(8) * np.pi / 4)
     points = np.column_stack([(radius * np.cos(turn)).ravel(), (radius * np.sin(turn)).ravel()])

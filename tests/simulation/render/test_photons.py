@@ -1,7 +1,6 @@
 """Photons and light field against closed forms, energy balance and Mitsuba's path tracer."""
 
 from dataclasses import replace
-from importlib import import_module
 
 import numpy as np
 import pytest
@@ -14,6 +13,7 @@ from designlab.simulation.contact.kernel import indent
 from designlab.simulation.contact.press import Press
 from designlab.simulation.optics.viewing_rays import rays
 from designlab.simulation.render import baking, bridge, gather, path, photons
+from designlab.simulation.render.session import SESSION
 from designlab.simulation.render.window import transmission
 from designlab.simulation.scene.scene import Dielectric, Diffuse, Light, Medium, Scene, build
 from designlab.simulation.simulator import Simulator
@@ -46,9 +46,9 @@ def own_cache(tmp_path, monkeypatch):
 
 
 def forget(monkeypatch):
-    """Empty the memory of recent light fields; the package's own `render` is a function, hence the import."""
+    """Empty the memory of recent light fields."""
     for kept in ("_fields", "_shaders"):
-        monkeypatch.setattr(import_module("designlab.simulation.render"), kept, {})
+        monkeypatch.setattr(SESSION, kept, {})
 
 
 def view_of(design, columns, rows):

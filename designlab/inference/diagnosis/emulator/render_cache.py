@@ -16,7 +16,7 @@ from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects.base import Effect
 from designlab.simulation.effects.model import SensorModel, effect
-from designlab.simulation.render import LIGHTFIELD_VERSION
+from designlab.simulation.render.session import LIGHTFIELD_VERSION
 from designlab.simulation.simulator import Simulator
 
 Basis = NDArray[np.float32]
