@@ -35,7 +35,7 @@ from designlab.inference.diagnosis.verdict.comparison import compared
 from designlab.inference.diagnosis.verdict.confidence import confidence
 from designlab.inference.diagnosis.verdict.data_checks import check_frames, examine, looking_alike, weakened
 from designlab.inference.diagnosis.verdict.intervals import values
-from designlab.inference.diagnosis.verdict.localise import where
+from designlab.inference.diagnosis.verdict.localise import localise
 from designlab.inference.diagnosis.verdict.next_measurement import advise
 from designlab.inference.diagnosis.verdict.update import updated
 from designlab.measurement import Measurement
@@ -146,7 +146,9 @@ def diagnose(
     )
     wrong = _control(found, seen, seed=int(measurement.content_digest()[:8], 16))
     at_floor = found.verdict == "at_floor"
-    excess = () if at_floor else where(given.fitter, source, given.judged.state, [*train, *seen.of("select")])
+    excess = (
+        () if at_floor else localise(given.fitter, source, given.judged.state, [*train, *seen.of("select")])
+    )
     report = GapReport(
         verdict=found.verdict,
         effects=effects,

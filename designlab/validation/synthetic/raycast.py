@@ -245,13 +245,3 @@ def meet(rays: CameraRays, surface: HeightField, *, steps: int = 16) -> Array:
         below = z <= surface.z(x, y)
         lower, upper = np.where(below, middle, lower), np.where(below, upper, middle)
     return np.asarray((upper + lower) / 2)
-
-
-def render(rig: Rig, view: View, indenters: list[Indenter | None]) -> list[Array]:
-    """Radiance of every LED group at unit flux for a list of presses; equal presses are computed once."""
-    caster = Caster(rig, view)
-    done: dict[Indenter | None, Array] = {}
-    for indenter in indenters:
-        if indenter not in done:
-            done[indenter] = caster.radiance(indenter)
-    return [done[indenter] for indenter in indenters]

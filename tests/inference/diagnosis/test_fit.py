@@ -21,7 +21,7 @@ from designlab.inference.diagnosis.selection.recentring import (
     placed,
     standing,
 )
-from designlab.inference.diagnosis.verdict.localise import geometry, regions, where
+from designlab.inference.diagnosis.verdict.localise import geometry, localise, regions
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects import AppliedEffect, SensorModel
 from designlab.simulation.simulator import Simulator
@@ -357,7 +357,7 @@ def test_a_change_of_the_contact_is_found_at_the_contact(bank, renders) -> None:
     fitter = seeing(bank, applied("contact_kernel"))
     start = fitter.fit(fitter.start([0, 1, 2]), (), [0, 1, 2]).state
     fitter.measure(start)
-    found = where(fitter, renders, start, [0, 1, 2])
+    found = localise(fitter, renders, start, [0, 1, 2])
     assert sum(place.share for place in found if "imprint" in place.region) > 0.8
     assert all(place.frames == "press" for place in found[:3])
 

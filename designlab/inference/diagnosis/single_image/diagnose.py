@@ -36,7 +36,7 @@ from designlab.inference.diagnosis.single_image.search import FittedModel, Frame
 from designlab.inference.diagnosis.single_image.structure import rendered, structure
 from designlab.inference.diagnosis.verdict.data_checks import Examined, looking_alike, weakened
 from designlab.inference.diagnosis.verdict.intervals import values
-from designlab.inference.diagnosis.verdict.localise import where
+from designlab.inference.diagnosis.verdict.localise import localise
 from designlab.inference.diagnosis.verdict.update import updated
 from designlab.measurement import Measurement
 from designlab.measurement.shots import POSE, Observations
@@ -119,7 +119,7 @@ def diagnose_single(
     report = GapReport(
         verdict=verdict,
         effects=effects,
-        where=where(given.fitter, source, given.state, range(len(USES))) if verdict != "at_floor" else (),
+        where=localise(given.fitter, source, given.state, range(len(USES))) if verdict != "at_floor" else (),
         gap={
             use: Level(
                 float(search.blocks(given, number).mean()),

@@ -27,7 +27,7 @@ FACING = 0.5  # cosine between a wall's downhill direction and the way to the LE
 CORNER = 0.8  # of the way from the middle of the picture to its corner
 
 
-def where(fitter: Fitter, renders: Renders, state: State, shots: Sequence[int]) -> tuple[Where, ...]:
+def localise(fitter: Fitter, renders: Renders, state: State, shots: Sequence[int]) -> tuple[Where, ...]:
     """Share of the excess over noise and granted errors in each region and channel, largest first.
 
     Parameters
