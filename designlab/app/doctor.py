@@ -59,7 +59,7 @@ def doctor() -> dict[str, Any]:
     with ThreadPoolExecutor() as pool:
         offscreen = pool.submit(_offscreen_problem)
         libraries = pool.submit(lambda: [llvm.examine(path) for path in llvm.candidate_paths()])
-        versions = {name: _version(name) for name in PACKAGES}
+        versions = {name: installed_version(name) for name in PACKAGES}
         chosen, backend_problem = _chosen_backend()
         offscreen_problem = offscreen.result()
         found = libraries.result()
@@ -68,7 +68,7 @@ def doctor() -> dict[str, Any]:
     absent = [name for name, version in versions.items() if version is None]
     report: dict[str, Any] = {
         "ok": backend_problem is None and set(absent) <= set(_OPTIONAL),
-        "designlab": _version("designlab"),
+        "designlab": installed_version("designlab"),
         "python": {"version": platform.python_version(), "executable": sys.executable},
         "platform": platform.platform(),
         "packages": versions,
@@ -155,7 +155,7 @@ def render_text(report: dict[str, Any]) -> str:
 
 def _chosen_backend() -> tuple[backend.Backend | None, str | None]:
     """Return the back end, or why there is none."""
-    if _version("mitsuba") is None:
+    if installed_version("mitsuba") is None:
         return None, "Mitsuba is not installed"
     try:
         return backend.choose(), None
@@ -163,7 +163,7 @@ def _chosen_backend() -> tuple[backend.Backend | None, str | None]:
         return None, str(error)
 
 
-def _version(distribution: str) -> str | None:
+def installed_version(distribution: str) -> str | None:
     """Return the installed version of a distribution, if any."""
     try:
         return importlib.metadata.version(distribution)

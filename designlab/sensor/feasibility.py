@@ -189,7 +189,7 @@ def _intrusion_into_view(design: "Design", boxes: Sequence[_Convex]) -> float:
     for box in boxes:
         below = box.corners[box.corners[:, 2] < position[2] - 1e-6]
         if len(below):
-            seen = _tangents(design, below) * distance_mm
+            seen = tangents(design, below) * distance_mm
             between = (seen[:, None] - seen[None]).reshape(-1, 2)
             length = np.linalg.norm(between, axis=1)
             # Normals of all lines between corners; those of the outline, which decide, are among them.
@@ -199,7 +199,7 @@ def _intrusion_into_view(design: "Design", boxes: Sequence[_Convex]) -> float:
     return worst
 
 
-def _tangents(design: "Design", points: Array) -> Array:
+def tangents(design: "Design", points: Array) -> Array:
     """Tangents of the directions in which the camera sees points below it, shape (n, 2).
 
     Points beside the core are seen straight, those of embedded LEDs through the window.

@@ -172,7 +172,7 @@ class Simulator:
         return self.model.on_scene(build(self.design, surface, self.view))
 
     @cached_property
-    def _undeformed(self) -> Scene:
+    def undeformed(self) -> Scene:
         """Lay out the scene that light fields are traced in: one for every view of the sensor."""
         return self._flat(self.model)
 
@@ -223,8 +223,8 @@ class Simulator:
             If the picture is black or not finite; the text says which LED group and why it may be.
         """
         surface = surface or (self._untouched if press is None else self.surface(press))
-        estimator = chosen(self.estimator, self._undeformed)
-        scene = self._undeformed if estimator == "fast" and self._same_coating else self.scene(surface)
+        estimator = chosen(self.estimator, self.undeformed)
+        scene = self.undeformed if estimator == "fast" and self._same_coating else self.scene(surface)
         seen, place = self.rays, WHOLE
         sharp = scene.camera.defocus is not None and not traces_lens(estimator)
         if sharp:
@@ -268,7 +268,7 @@ class Simulator:
     @property
     def has_light_field(self) -> bool:
         """Whether pictures are shaded from a light field: not on ``scalar_rgb``, nor where all is traced."""
-        return chosen(self.estimator, self._undeformed) in ("fast", "corrected")
+        return chosen(self.estimator, self.undeformed) in ("fast", "corrected")
 
     def slope_response(self, *, half: int | None = None) -> NDArray[np.float32]:
         """Change of the untouched gel's picture per unit slope, a sum over the light field's directions.
@@ -292,14 +292,14 @@ class Simulator:
         """
         if not self.has_light_field:
             raise ValueError("slope_response: this estimator or back end has no light field")
-        response = self._shader(half).response(self._undeformed, self.rays)
+        response = self._shader(half).response(self.undeformed, self.rays)
         capture = self._capture(self._untouched)
         slopes = [through_optics(response[..., axis], capture) for axis in (0, 1)]
         return np.stack(slopes, axis=-1)
 
     def _shader(self, half: int | None) -> "Shader":
         return SESSION.shader(
-            self._undeformed,
+            self.undeformed,
             self._untouched,
             area_mm=self.design.sensing_area_mm,
             samples=self.samples,

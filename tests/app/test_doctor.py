@@ -24,7 +24,7 @@ def test_everything_missing_is_reported_not_raised(monkeypatch: pytest.MonkeyPat
     def no_process(*_: object, **__: object) -> None:
         raise OSError("no process can be started")
 
-    monkeypatch.setattr(doctor, "_version", lambda _: None)
+    monkeypatch.setattr(doctor, "installed_version", lambda _: None)
     monkeypatch.setattr(backend, "run_apart", no_process)
     monkeypatch.setattr(doctor.llvm, "candidate_paths", list)
     report = doctor.doctor()
@@ -38,8 +38,10 @@ def test_everything_missing_is_reported_not_raised(monkeypatch: pytest.MonkeyPat
 
 
 def test_missing_optional_package_is_not_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
-    installed = doctor._version
-    monkeypatch.setattr(doctor, "_version", lambda name: None if name == "pymeshlab" else installed(name))
+    known = doctor.installed_version
+    monkeypatch.setattr(
+        doctor, "installed_version", lambda name: None if name == "pymeshlab" else known(name)
+    )
     report = doctor.doctor()
     assert report["ok"] is True
     assert "package pymeshlab" in {entry["what"] for entry in report["missing"]}

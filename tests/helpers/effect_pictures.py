@@ -65,7 +65,7 @@ class Sensor:
     @cached_property
     def view(self):
         """Whole pixels of the camera's sensor, as the generator takes them."""
-        return generate._crop(preset(self.name), self.columns)[1]
+        return generate.cropped_view(preset(self.name), self.columns)[1]
 
     @property
     def presses(self):

@@ -277,15 +277,15 @@ def test_a_board_between_ball_and_panel_hides_it():
     """Two rows at one azimuth, one group's boards before the other's: the nearer ones are seen alone."""
     groups = [{"name": n, "azimuth_deg": [0.0], "flux_mw": 1.0} for n in ("a", "b", "c")]
     three = FLAT.replace({"leds.groups": groups, "leds.tilt_deg": 0.0, "leds.height_mm": 5.0})
-    from designlab.measurement.light_probe.panels import _blocked
+    from designlab.measurement.light_probe.panels import blocked
     from designlab.sensor.led_mounting import front_corners, seated
 
     board = front_corners(seated(three)[0][0])
     start = np.zeros((1, 3))
     middle = board.mean(axis=0)
-    assert _blocked(start, np.array([2 * middle]), board[None])[0]
-    assert not _blocked(start, np.array([0.9 * middle]), board[None])[0]
-    assert not _blocked(start, np.array([2 * middle * (1, 1, 3)]), board[None])[0]
+    assert blocked(start, np.array([2 * middle]), board[None])[0]
+    assert not blocked(start, np.array([0.9 * middle]), board[None])[0]
+    assert not blocked(start, np.array([2 * middle * (1, 1, 3)]), board[None])[0]
 
 
 def test_the_figure_shows_light_where_it_comes_from(tmp_path):

@@ -10,7 +10,7 @@ from PIL import Image
 
 from designlab.fabrication import led_colour
 from designlab.report.view3d import render_view
-from designlab.report.view3d.labels import _spread, labels
+from designlab.report.view3d.labels import labels, spread_rows
 from designlab.sensor.design import preset
 from designlab.simulation.contact.kernel import indent
 from designlab.simulation.contact.press import Press
@@ -75,9 +75,9 @@ def test_labels_name_every_part(name: str) -> None:
 
 
 def test_rows_keep_their_distance() -> None:
-    rows = _spread([100.0, 110.0, 120.0, 900.0], low=50, high=950)
+    rows = spread_rows([100.0, 110.0, 120.0, 900.0], low=50, high=950)
     assert np.diff(rows).min() >= 100
     assert rows[0] == 100
     assert rows[-1] == 900
-    low = _spread([930.0, 940.0, 949.0], low=50, high=950)
+    low = spread_rows([930.0, 940.0, 949.0], low=50, high=950)
     assert low == [750, 850, 950]

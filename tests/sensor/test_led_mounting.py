@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from designlab.sensor.design import DesignError, InfeasibleDesign, preset
-from designlab.sensor.feasibility import _tangents
+from designlab.sensor.feasibility import tangents
 from designlab.sensor.led_mounting import front_corners, seated, sides
 from designlab.simulation.contact.kernel import indent
 from designlab.simulation.scene.scene import build
@@ -84,7 +84,7 @@ def test_an_embedded_led_is_seen_through_the_window():
     assert closer[-1] > 0
     # Snell forwards, from the camera at 24 mm through the window at 10 mm
     points = np.array([(9.0, 0.0, 5.0), (0.0, -4.0, 3.0), (15.0, 0.0, 12.0)])
-    tangent = np.linalg.norm(_tangents(lying, points), axis=1)
+    tangent = np.linalg.norm(tangents(lying, points), axis=1)
     in_core = np.tan(np.arcsin(np.sin(np.arctan(tangent[:2])) / 1.49))
     np.testing.assert_allclose(14.0 * tangent[:2] + (10.0 - points[:2, 2]) * in_core, [9.0, 4.0])
     assert tangent[2] == pytest.approx(15.0 / 12.0)  # above the window

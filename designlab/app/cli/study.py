@@ -41,7 +41,7 @@ def run(args: Namespace) -> Result:
     except StudyInterrupted as interrupt:
         text = str(interrupt).partition(";")[0]
         raise StudyInterrupted(f"{text}; to resume: {_again(args)}") from None
-    return Result(results.to_json(), _summary(results, study.trials if args.trials is None else args.trials))
+    return Result(results.to_json(), summary(results, study.trials if args.trials is None else args.trials))
 
 
 def _again(args: Namespace) -> str:
@@ -61,7 +61,7 @@ def status(args: Namespace) -> Result:
 
     results = load_results(_folder(Path(args.study), args.out), storage=args.storage)
     data = {**results.to_json(), "wanted": results.study.trials}
-    return Result(data, _summary(results, results.study.trials))
+    return Result(data, summary(results, results.study.trials))
 
 
 def report(args: Namespace) -> Result:
@@ -83,7 +83,8 @@ def _folder(given: Path, out: str | None) -> Path:
     return given if given.is_dir() else given.with_name(f"{given.stem}-out")
 
 
-def _summary(results: "Results", wanted: int) -> str:
+def summary(results: "Results", wanted: int) -> str:
+    """Tell in lines what a study has found, of the number of designs that it is to evaluate."""
     counts = results.counts()
     lines = [
         f"{results.study.name}: {results.evaluated} of {wanted} designs evaluated, "

@@ -117,7 +117,7 @@ def _panel(
     hidden = {
         "ball": ~(mirrored & whole),
         "back": facing <= 0,
-        "board": _blocked(at, middles, boards) | _blocked(at, np.broadcast_to(eye, at.shape), boards),
+        "board": blocked(at, middles, boards) | blocked(at, np.broadcast_to(eye, at.shape), boards),
         "picture": ~_in_picture(at, design, view),
     }
     shown = ~np.any(list(hidden.values()), axis=0)
@@ -178,7 +178,7 @@ def _triangle_sr(a: Array, b: Array, c: Array) -> Array:
     return np.asarray(2 * np.arctan2(volume, rest))
 
 
-def _blocked(start: Array, end: Array, boards: Array) -> NDArray[np.bool_]:
+def blocked(start: Array, end: Array, boards: Array) -> NDArray[np.bool_]:
     """Whether a board stands between two points; one that carries the end does not."""
     found = np.zeros(start.shape[:-1], dtype=bool)
     way = end - start

@@ -121,7 +121,7 @@ def compose(name: str, image: NDArray[Any], found: Sequence[Label], camera: Any,
     half = len(found) // 2
     for side, members in (("left", by_column[:half]), ("right", by_column[half:])):
         members = sorted(members, key=lambda i: pixels[i][1])
-        rows = _spread([pixels[i][1] for i in members], low=0.11 * HEIGHT_PX, high=0.84 * HEIGHT_PX)
+        rows = spread_rows([pixels[i][1] for i in members], low=0.11 * HEIGHT_PX, high=0.84 * HEIGHT_PX)
         for row, index in zip(rows, members, strict=True):
             column = _MARGIN_PX if side == "left" else WIDTH_PX - _MARGIN_PX
             _annotate(axes, found[index], pixels[index], (column, row), side)
@@ -185,7 +185,7 @@ def _projection(camera: Any) -> tuple[Callable[[Point], tuple[float, float]], fl
     return project, scale
 
 
-def _spread(wanted: Sequence[float], *, low: float, high: float) -> list[float]:
+def spread_rows(wanted: Sequence[float], *, low: float, high: float) -> list[float]:
     """Rows near the wanted ones (ascending) that keep their distance and stay within bounds."""
     rows = list(wanted)
     for index in range(len(rows)):

@@ -76,8 +76,8 @@ def bake(
     groups = [_baked(scene, group, area_mm, photons, seeds, like) for group in range(scene.groups)]
     tables = groups[0][0][1]
     filled = (
-        _filled(scene, tables.low, CELL_MM, tables.coarse),
-        _filled(scene, tables.low, FINE_CELL_MM, tables.fine),
+        share_filled(scene, tables.low, CELL_MM, tables.coarse),
+        share_filled(scene, tables.low, FINE_CELL_MM, tables.fine),
     )
     return [
         LightField(
@@ -323,7 +323,7 @@ def _cell(position: Any, low: Array, cell_mm: float, shape: tuple[int, int]) -> 
     return row * columns + column, inside
 
 
-def _filled(scene: Scene, low: Array, cell_mm: float, shape: tuple[int, int]) -> Single:
+def share_filled(scene: Scene, low: Array, cell_mm: float, shape: tuple[int, int]) -> Single:
     """Share of each cell that the membrane fills, at least half: the others hold too little light."""
     fine = 8  # an even number: the first cells are centred on the edge
     rows, columns = shape

@@ -93,7 +93,7 @@ def reproduce(
     for name, stage in STAGES.items():
         cost = stage.seconds(extent) if name in left else 0.0
         if name in left:
-            within = _share_of(progress, stage, extent, done, total)
+            within = stage_progress(progress, stage, extent, done, total)
             found[name] = _run(out / name, stage, extent, seed, within)
         else:
             found[name] = read_json(out / name / KEPT)
@@ -113,9 +113,9 @@ def _run(folder: Path, stage: Experiment, size: Size, seed: int, within: Progres
     return found
 
 
-def _share_of(progress: Progress, stage: Experiment, size: Size, done: float, total: float) -> Progress:
+def stage_progress(progress: Progress, stage: Experiment, size: Size, done: float, total: float) -> Progress:
     """Turn the steps of an experiment into a share of everything, which only grows."""
-    share_of = _Growing(stage.parts(size))
+    share_of = Growing(stage.parts(size))
     part = part_of(progress, stage.title, begun=done, cost=stage.seconds(size), total=total)
 
     def within(what: str, count: int, of: int) -> None:
@@ -125,7 +125,7 @@ def _share_of(progress: Progress, stage: Experiment, size: Size, done: float, to
     return within
 
 
-class _Growing:
+class Growing:
     """Share of an experiment that is done, from parts that each count their steps anew, several times."""
 
     def __init__(self, parts: Mapping[str, float]) -> None:
@@ -133,6 +133,7 @@ class _Growing:
         self.what, self.begun, self.level, self.share = "", "", 0.0, 0.0
 
     def __call__(self, what: str, done: int, of: int) -> float:
+        """Return the share after a step of what is being done; it never falls."""
         inside = min(done / max(of, 1), 1.0)
         part = next((name for name in self.parts if what.startswith(name)), None)
         if part is not None:

@@ -181,7 +181,7 @@ def _field(
     ends = height[[0, -1]]
     nodes = _nodes(rig, slow_x, slow_y, ends)
     slow = len(ends), len(slow_y), len(slow_x)
-    spread = _where_worth(_spread(whole, groups, leds), nodes, slow, SPREAD_PATHS, CHANCE, seed + 11)
+    spread = _where_worth(spread_trace(whole, groups, leds), nodes, slow, SPREAD_PATHS, CHANCE, seed + 11)
     glows = glowing(np.sum(arriving, axis=0)).cells
     spread += _where_worth(glows, nodes, slow, GLOW_PATHS, CHANCE, seed + 12)
     onto = _polynomials(x, y) @ np.linalg.pinv(_polynomials(slow_x, slow_y))
@@ -194,18 +194,18 @@ def _field(
     nodes, grid = _nodes(rig, x, y, height), (len(height), len(y), len(x))
     if rig.glass is not None and rig.glass.gap is not None:
         _part(found, rig, groups, nodes)
-    clear = _clear(rig, groups)
+    clear = clear_trace(rig, groups)
     found += _where_worth(clear, nodes, grid, CLEAR_PATHS, EVEN, seed + 13).reshape(found.shape)
     return found, glow(np.sum(arriving, axis=0))
 
 
-def _clear(rig: Rig, groups: tuple[int, ...]) -> Trace:
+def clear_trace(rig: Rig, groups: tuple[int, ...]) -> Trace:
     """Trace light of LEDs that nothing has spread, dimmed by what haze takes from it."""
     leds = Tracer(rig, groups)
     return leds.clear if leds.far else Tracer(rig, groups, spreading=False).clear
 
 
-def _spread(rig: Rig, groups: tuple[int, ...], leds: Tracer) -> Trace:
+def spread_trace(rig: Rig, groups: tuple[int, ...], leds: Tracer) -> Trace:
     """Trace light of LEDs that something has spread."""
     if leds.far:
         return leds.spread

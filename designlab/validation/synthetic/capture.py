@@ -34,7 +34,7 @@ class CaptureSession:
     """
 
     def __init__(self, rig: Rig, view: View, *, gain: Array, random: np.random.Generator) -> None:
-        self._rig, self._view, self._gain, self._random = rig, view, gain, random
+        self._rig, self.view, self._gain, self._random = rig, view, gain, random
         self._casters = {0.0: Caster(rig, view)}
         self._cast: dict[tuple[float, Indenter | None], Array] = {}
         binned = view.width_px / view.columns * view.height_px / view.rows
@@ -50,7 +50,7 @@ class CaptureSession:
 
     def take(self, shot: PlannedShot, random: np.random.Generator | None, *, correlated: bool) -> Array:
         """Values of a frame (rows, columns, 3), share of full scale; without noise where `random` is None."""
-        rig, sensor, view = self._rig, self._rig.sensor, self._view
+        rig, sensor, view = self._rig, self._rig.sensor, self.view
         if shot.is_flat_field:
             light = FLAT_FIELD * np.repeat(self._flat_field()[..., None], 3, axis=2)
         else:
@@ -82,14 +82,14 @@ class CaptureSession:
     def _flat_field(self) -> Array:
         """What uniform light looks like through the lens."""
         camera = self._rig.camera
-        return camera.vignette(self._view) * lens.falloff(camera, self._rig.lens, self._view)
+        return camera.vignette(self.view) * lens.falloff(camera, self._rig.lens, self.view)
 
     def _mixed(self, indenter: Indenter | None, gel_deg: float, lit: Array) -> Array:
         """Mixed linear radiance, shape (rows, columns, channels)."""
         rig = self._rig
         gel = gel_deg if rig.gel_is_patterned else 0.0
         if gel not in self._casters:
-            self._casters[gel] = Caster(rig.turned(gel), self._view)
+            self._casters[gel] = Caster(rig.turned(gel), self.view)
         if (gel, indenter) not in self._cast:
             self._cast[gel, indenter] = self._casters[gel].radiance(indenter)
         sag = 1 - rig.sensor.sag * (lit.sum() - 1) / max(len(lit) - 1, 1) if lit.any() else 1.0

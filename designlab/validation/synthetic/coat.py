@@ -103,9 +103,9 @@ class Coat:
         cos_half_2 = np.clip((cos_in + cos_out) ** 2 / (2 + 2 * between + 1e-12), 1e-6, 1.0)
         alpha_2 = self.roughness**2
         facets = 1 / (alpha_2 * (cos_half_2 + (1 - cos_half_2) / alpha_2) ** 2)
-        return np.asarray(facets * self._seen(cos_in) * self._seen(cos_out) / (4 * cos_in * cos_out))
+        return np.asarray(facets * self.seen(cos_in) * self.seen(cos_out) / (4 * cos_in * cos_out))
 
-    def _seen(self, cosine: Array) -> Array:
+    def seen(self, cosine: Array) -> Array:
         """Share of the facets that is not hidden by others in a direction."""
         tangent_2 = 1 / cosine**2 - 1
         return np.asarray(2 / (1 + np.sqrt(1 + self.roughness**2 * tangent_2)))

@@ -107,16 +107,16 @@ def plant(
     """
     out = Path(out)
     _require_usable(design, columns, kit)
-    _, random_pose, random_gain, random_noise, random_frames, random_outside, random_unlisted = _streams(seed)
+    _, random_pose, random_gain, random_noise, random_frames, random_outside, random_unlisted = streams(seed)
     rig, truth = apply(Rig.of(design), effects)
     rig, beyond = add_outside(rig, outside or {}, random=random_outside)
     small: dict[str, Any] = {}
     if unlisted is not False:
         asked = None if unlisted is True else unlisted
         rig, small = add_unlisted(rig, asked, random=random_unlisted)
-    crop, view = _crop(design, columns)
+    crop, view = cropped_view(design, columns)
     gain = 1 + GAIN_ERROR * random_gain.uniform(-1, 1, len(rig.flux_mw))
-    random_place = _streams(seed if kit_seed is None else kit_seed)[0]
+    random_place = streams(seed if kit_seed is None else kit_seed)[0]
     stated = stated_presses(design, kit, random_place) if presses is None else [dict(p) for p in presses]
     true = [true_press(rig, press, random_pose) for press in stated]
     planned = shots(rig, kit, stated, true, flat_field=flat_field)
@@ -192,12 +192,12 @@ def unseal(out: str | Path) -> dict[str, Any]:
     return content
 
 
-def _streams(seed: int) -> list[np.random.Generator]:
+def streams(seed: int) -> list[np.random.Generator]:
     """Sources of stated places, poses, gains, noise, what varies by frame, what is outside, unlisted."""
     return [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(7)]
 
 
-def _crop(design: Design, columns: int) -> tuple[list[int], View]:
+def cropped_view(design: Design, columns: int) -> tuple[list[int], View]:
     """Rectangle of whole sensor pixels in the sensing area, and its view, binned by a whole number."""
     wanted, camera = design.view(columns), design.camera
     factor = max(1, int(wanted.width_px / columns))

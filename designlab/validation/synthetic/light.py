@@ -86,7 +86,7 @@ class Lighting:
         self.cells = Cells(
             *(np.concatenate(parts) for parts in zip(self._emitters, self._boards, strict=True))
         )
-        self._coarse = coarse_grid(rig)
+        self.coarse = coarse_grid(rig)
         self._board_patches = Patches(self._boards.centre, self._boards.normal, self._boards.area)
         self._bounces = rig.path_length - 2
         # Radiosity of the boards by light that met a surface 1, 2, ... times, (groups, boards) each.
@@ -99,7 +99,7 @@ class Lighting:
         """Light on a membrane with an indentation."""
         return Pressed(self, surface)
 
-    def _power(self, orders: int) -> Array:
+    def power(self, orders: int) -> Array:
         """Radiance times area of every cell, (groups, cells); of boards, light of up to `orders` bounces."""
         groups = np.arange(self._groups)[:, None]
         own = self._emitters.group[None, :] == groups
@@ -111,18 +111,18 @@ class Lighting:
         return np.concatenate([emitted, returned], axis=1)
 
     def _order_power(self, order: int) -> Array:
-        """As `_power`, but only light that met exactly `order` surfaces (0: straight from emitters)."""
+        """As `power`, but only light that met exactly `order` surfaces (0: straight from emitters)."""
         if order == 0:
-            return self._power(0)
-        return self._power(order) - self._power(order - 1)
+            return self.power(0)
+        return self.power(order) - self.power(order - 1)
 
     def _settle_boards(self, surface: HeightField) -> list[Array]:
         """Radiosity of the boards for 1, 2, ... met surfaces, on the untouched membrane."""
-        membrane = coarse_patches(self._rig, surface, self._coarse, without=None)
+        membrane = coarse_patches(self._rig, surface, self.coarse, without=None)
         boards = self._board_patches
         albedo = reflectances(self._rig, surface, membrane.centre[:, 0], membrane.centre[:, 1])
         reflectance = self._rig.board_reflectance[:, None]
-        lit, power = self._emitters, self._power(0)[:, : len(self._emitters.area)]
+        lit, power = self._emitters, self.power(0)[:, : len(self._emitters.area)]
         on_membrane = albedo * irradiance(membrane.centre, membrane.normal, lit, power)
         on_boards = reflectance * irradiance(boards.centre, boards.normal, lit, power)
         orders = [on_boards]
@@ -160,7 +160,7 @@ class Pressed:
         would need to look as bright. Light from membrane to membrane is wide, so that it counts as it is.
         """
         lighting = self._lighting
-        power = lighting._power(lighting._bounces)
+        power = lighting.power(lighting._bounces)
         return self.from_cells(x, y, power, eye=eye) + self.from_membrane(x, y)
 
     def from_cells(self, x: Array, y: Array, power: Array, *, eye: Array | None = None) -> Array:
@@ -186,7 +186,7 @@ class Pressed:
 
     def from_membrane(self, x: Array, y: Array) -> Array:
         """Irradiance by other parts of the membrane, shape (groups, points), interpolated between patches."""
-        total = np.stack([_interpolate(self._lighting._coarse, field, x, y) for field in self._coarse_field])
+        total = np.stack([_interpolate(self._lighting.coarse, field, x, y) for field in self._coarse_field])
         if self._fine is not None and self._fine_field is not None:
             near = self._fine.box.contains(x, y)
             for group, field in enumerate(self._fine_field):
@@ -197,7 +197,7 @@ class Pressed:
         """Irradiance that patches of the membrane send each other, all orders that count, on both grids."""
         rig, lighting = self._rig, self._lighting
         fine_box = None if self.surface.height_mm is None else self.surface.bump.grown(FINE_MARGIN_MM)
-        patches = coarse_patches(rig, self.surface, lighting._coarse, without=fine_box)
+        patches = coarse_patches(rig, self.surface, lighting.coarse, without=fine_box)
         coarse_count, grid = len(patches.area), None
         if fine_box is not None:
             fine, grid = fine_patches(rig, self.surface, fine_box)
@@ -218,7 +218,7 @@ class Pressed:
             for arriving in self.from_cells(x, y, power).reshape(lighting._bounces, *total.shape):
                 between = albedo * (arriving + between) @ exchange.T
                 total += between
-        shape = lighting._coarse.rows, lighting._coarse.columns
+        shape = lighting.coarse.rows, lighting.coarse.columns
         coarse_field = total[:, :coarse_count].reshape(-1, *shape)
         if grid is None:
             return coarse_field, None, None

@@ -173,13 +173,13 @@ def indented(
     """
     reach = reach_mm(tail_share, tail_mm, indenter.depth_mm)
     x, y, (x0, y0) = _grid(elastomer, indenter, kernel_length_mm, pitch_mm, reach)
-    height, contact = _penetration(elastomer, indenter, x, y, pitch_mm)
+    height, contact = penetration(elastomer, indenter, x, y, pitch_mm)
     if tail_share:
         away = outside_mm(elastomer, indenter, contact, x, y)
         # Without its last half micrometre the tail ends smoothly.
         height = np.maximum(height, tail_share * indenter.depth_mm * np.exp(-away / tail_mm) - LEAST_MM)
     if indenter.beside is not None:
-        other, touched = _penetration(elastomer, indenter.beside, x, y, pitch_mm)
+        other, touched = penetration(elastomer, indenter.beside, x, y, pitch_mm)
         height, contact = np.maximum(height, other), np.maximum(contact, touched)
     if kernel_length_mm > 0:
         height = _smoothed(height, pitch_mm, kernel_length_mm, kernel_m)
@@ -212,7 +212,7 @@ def _grid(
     return x, y, (box.left, box.bottom)
 
 
-def _penetration(
+def penetration(
     elastomer: Elastomer, indenter: Indenter, x: Array, y: Array, pitch_mm: float
 ) -> tuple[Array, Array]:
     """Depth to which a probe stands in the undeformed gel, and share of each cell that it touches."""

@@ -50,7 +50,7 @@ def outside_mm(elastomer: Elastomer, indenter: "Indenter", contact: Array, x: Ar
                 indenter.probe.size_mm / np.sqrt(3) * np.exp(1j * np.pi * (0.5 + 2 / 3 * np.arange(CORNERS)))
             )
             return _outside_polygon_mm(local, corners)
-    return _outside_cells_mm(contact, x, y)
+    return outside_cells_mm(contact, x, y)
 
 
 def _cap_radius_mm(probe: Probe, depth_mm: float) -> float:
@@ -72,7 +72,7 @@ def _outside_polygon_mm(point: NDArray[np.complex128], corners: NDArray[np.compl
     return np.where(inside, 0.0, nearest)
 
 
-def _outside_cells_mm(contact: Array, x: Array, y: Array) -> Array:
+def outside_cells_mm(contact: Array, x: Array, y: Array) -> Array:
     """Distance from the line along which half of a cell is touched, found between the cells' centres."""
     from scipy.spatial import cKDTree
 

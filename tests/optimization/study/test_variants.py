@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from designlab.app import cli
-from designlab.app.cli.study import _summary
+from designlab.app.cli.study import summary
 from designlab.optimization.constraint import Bound
 from designlab.optimization.study import Plan, Robust, Study, StudyError, load_results, load_study, run_study
 from designlab.optimization.study.definition import BASE
@@ -163,7 +163,7 @@ def test_where_every_design_breaks_a_bound_it_is_said_by_how_much_the_nearest_do
     results = run(study, tmp_path)
     assert results.pareto.empty
     assert results.nearest["violated"] == ["coverage"]
-    (said,) = (line for line in _summary(results, study.trials).splitlines() if line.startswith("no design"))
+    (said,) = (line for line in summary(results, study.trials).splitlines() if line.startswith("no design"))
     assert f"trial {results.nearest['trial']} breaks fewest: coverage " in said
     assert "must be" in said
     page = study_report(results, tmp_path / "report.html", pictures=False).read_text(encoding="utf-8")
@@ -187,7 +187,7 @@ def test_a_design_that_breaks_a_bound_when_confirmed_is_marked(tmp_path):
     assert set(again[again["fidelity"] == "reference"]["violated"].map(tuple)) == {("coverage",)}
     assert again[again["fidelity"] == "standard"]["violated"].isna().all()
     assert list(results.gains()["violated"]) == [["coverage"]]
-    shown = _summary(results, 30).partition("confirmed at reference")[2].splitlines()
+    shown = summary(results, 30).partition("confirmed at reference")[2].splitlines()
     (line,) = (line for line in shown if line.split()[:1] == [f"{results.gains()['trial'].iloc[0]}"])
     assert line.split()[-1] == "coverage"
 

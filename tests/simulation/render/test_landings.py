@@ -86,7 +86,7 @@ BEHIND_GLASS = preset("default").replace({"optics.path_length": 8})
 def baked(seed=4, photons=200_000):
     simulator = Simulator(BEHIND_GLASS, columns=16, samples=1, seed=1)
     area_mm = BEHIND_GLASS.sensing_area_mm
-    return baking.bake(simulator._undeformed, area_mm=area_mm, photons=photons, seeds=(seed, seed + 1))
+    return baking.bake(simulator.undeformed, area_mm=area_mm, photons=photons, seeds=(seed, seed + 1))
 
 
 def test_landings_are_the_light_of_the_field():
@@ -123,7 +123,7 @@ def test_a_field_survives_the_cache():
 def test_a_cell_is_filled_as_far_as_the_gel_reaches():
     design = FLAT.replace({"elastomer.outline": "rectangle", "elastomer.width_mm": 31.0})
     design = design.replace({"elastomer.length_mm": 24.6})
-    scene = Simulator(design, columns=16, samples=1, seed=1)._undeformed
+    scene = Simulator(design, columns=16, samples=1, seed=1).undeformed
     low, high = scene.membrane.vertices.min(axis=0), scene.membrane.vertices.max(axis=0)
     cell_mm = lightfield.FINE_CELL_MM
     shares = []
@@ -131,7 +131,7 @@ def test_a_cell_is_filled_as_far_as_the_gel_reaches():
         centre = low[k] + cell_mm * np.arange(int(np.ceil((high[k] - low[k]) / cell_mm)) + 1)
         ends = np.clip([centre - cell_mm / 2, centre + cell_mm / 2], low[k], high[k])
         shares.append((ends[1] - ends[0]) / cell_mm)
-    found = baking._filled(scene, low, cell_mm, (shares[0].size, shares[1].size))
+    found = baking.share_filled(scene, low, cell_mm, (shares[0].size, shares[1].size))
     np.testing.assert_allclose(found, np.maximum(np.outer(*shares), 0.5), atol=1 / 8)
     assert found[shares[0].size // 2, 0] == 0.5
 

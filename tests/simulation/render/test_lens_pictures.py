@@ -213,7 +213,7 @@ def test_a_defocused_light_field_is_the_average_over_the_opening():
     surface = sim.surface(BALL)
     scene = sim.scene(surface)
     area_mm = CORE.sensing_area_mm
-    shade = SESSION.shader(sim._undeformed, sim.surface(None), area_mm=area_mm, samples=16, seed=1).radiance
+    shade = SESSION.shader(sim.undeformed, sim.surface(None), area_mm=area_mm, samples=16, seed=1).radiance
     # rings of equal area, whose mean square radius is that of the disc
     radius, turn = np.meshgrid(np.sqrt((np.arange(2) + 0.5) / 2), np.arange(8) * np.pi / 4)
     points = np.column_stack([(radius * np.cos(turn)).ravel(), (radius * np.sin(turn)).ravel()])

@@ -8,7 +8,7 @@ import pytest
 from designlab.app import cli
 from designlab.validation.paper_2020 import run
 from designlab.validation.paper_2020.probe import probe
-from designlab.validation.paper_2020.run import STAGES, Experiment, _Growing, reproduce
+from designlab.validation.paper_2020.run import STAGES, Experiment, Growing, reproduce
 from designlab.validation.paper_2020.sizes import SIZES
 from designlab.validation.paper_2020.timing import PAPER_MS, timing
 
@@ -140,7 +140,7 @@ def test_the_command_prints_what_was_found_or_one_line(quick, tmp_path, monkeypa
 
 
 def test_shares_of_parts_that_count_anew_only_grow():
-    share = _Growing({"a": 3.0, "b": 1.0})
+    share = Growing({"a": 3.0, "b": 1.0})
     told = [("a: one", 0, 4), ("a: one", 4, 4), ("a: two", 0, 2), ("a: two", 2, 2), ("b", 0, 1), ("b", 1, 1)]
     found = [share(*each) for each in told]
     assert found == sorted(found)
@@ -173,7 +173,7 @@ def test_progress_tells_of_a_hidden_sensor_that_is_being_fitted(monkeypatch, tmp
 
     monkeypatch.setattr(recovery, "repeat", repeat)
     size, told = replace(TINY, repeats=12), []
-    within = run._share_of(
+    within = run.stage_progress(
         lambda what, done, of: told.append((what, done / of)), STAGES["recovery"], size, 0.0, 900.0
     )
     assert STAGES["recovery"].run(tmp_path, size, 1, within)["covered"]["share"] == 1.0

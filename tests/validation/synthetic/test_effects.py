@@ -46,7 +46,7 @@ def changed(name, design=FLAT, **values):
 
 def frames(rig, *, columns=24, design=FLAT, which="small", flat_field=False, only=None):
     """Pictures of one press and the frames around it, without noise or errors, by file."""
-    _, view = generate._crop(design, columns)
+    _, view = generate.cropped_view(design, columns)
     taken = capture_plan.shots(rig, which, [PRESS], [exact(rig)], flat_field=flat_field)
     session = CaptureSession(rig, view, gain=np.ones(3), random=np.random.default_rng(5))
     wanted = [shot for shot in taken if only is None or shot.file in only]
@@ -179,7 +179,7 @@ class TestMaterial:
         values = {"x": 0.2, "y": -0.1, "xx": 0.3, "xy": 0.15, "yy": -0.2}
         plain, session = frames(Rig.of(design), which="hour")
         found, _ = frames(changed("albedo_field", design, **values), which="hour")
-        column, row = session._view.centres()
+        column, row = session.view.centres()
         right, up, forward = design.camera.unproject(column, row)
         x_c, y_c, z_c = design.camera.position_mm
         u, v = (x_c + z_c * right / forward) / 8, (y_c + z_c * up / forward) / 6
@@ -209,7 +209,7 @@ class TestMaterial:
         cosine = (np.arange(2000) + 0.5) / 2000
         ways = np.stack([np.sqrt(1 - cosine**2), 0 * cosine, cosine], axis=1)
         lobe = coat.lobe(point, up, ways, np.array([0.0, 0.0, 2.0]))[0]
-        assert (2 * lobe * cosine / coat._seen(cosine)).mean() == pytest.approx(1 / 1.09, rel=1e-4)
+        assert (2 * lobe * cosine / coat.seen(cosine)).mean() == pytest.approx(1 / 1.09, rel=1e-4)
         assert (2 * lobe * cosine).mean() < 1 / 1.09
 
     def test_what_touches_shines_through_by_kubelkas_formula(self, plain):
@@ -219,7 +219,7 @@ class TestMaterial:
         np.testing.assert_allclose(found["background-0.exr"], plain["background-0.exr"], rtol=1e-12)
         ratio = found["press-01.exr"] / plain["press-01.exr"]
         column, row = FLAT.project_px(1.0, 0.5)
-        view = session._view
+        view = session.view
         here = (
             int((row - view.y_px) / view.height_px * view.rows),
             int((column - view.x_px) / view.width_px * view.columns),
@@ -266,9 +266,9 @@ class TestContact:
         x, y = np.meshgrid(axis, axis)
         for text in ("sphere:4", "triangle:4"):
             press = Indenter(probes.parse(text), 0.6, (0.1, 0.2), 15.0)
-            _, contact = surface._penetration(self.GEL, press, x, y, 0.02)
+            _, contact = surface.penetration(self.GEL, press, x, y, 0.02)
             known = tail.outside_mm(self.GEL, press, contact, x, y)
-            found = tail._outside_cells_mm(contact, x, y)
+            found = tail.outside_cells_mm(contact, x, y)
             assert np.abs(found - known).max() < 0.02
 
     def test_tail_on_a_dome_starts_at_the_contact(self):
@@ -339,7 +339,7 @@ class TestCamera:
 
     def test_vignetting_loses_what_is_stated_and_is_nearly_a_parabola(self):
         camera = FLAT.camera
-        for view in (camera.full_view()._replace(columns=40, rows=30), generate._crop(FLAT, 40)[1]):
+        for view in (camera.full_view()._replace(columns=40, rows=30), generate.cropped_view(FLAT, 40)[1]):
             factor = lens.falloff(camera, TrueLens(corner_loss=0.3), view)
             column, row = view.centres()
             x, y = camera.centre_px
@@ -377,7 +377,7 @@ class TestCamera:
         pattern = np.array(hidden["fixed_pattern_map"])
         assert pattern.std() == pytest.approx(1.0, abs=2e-3)
         assert abs(np.corrcoef(pattern[:, 1:].ravel(), pattern[:, :-1].ravel())[0, 1]) < 0.1
-        view = session._view
+        view = session.view
         rows = view.y_px + (np.arange(view.rows) + 0.5) * view.height_px / view.rows
         loss = np.sinc(view.height_px / view.rows / 400)
         seen = set()
@@ -434,7 +434,7 @@ class TestKit:
             np.testing.assert_allclose(
                 found[f"background-exposure-{share:g}.exr"], share * found["background-0.exr"], rtol=1e-12
             )
-        factor = lens.falloff(FLAT.camera, rig.lens, session._view)
+        factor = lens.falloff(FLAT.camera, rig.lens, session.view)
         np.testing.assert_allclose(
             found["flat-field.exr"], 0.5 * np.repeat(factor[..., None], 3, axis=2), rtol=1e-12
         )
@@ -455,7 +455,7 @@ class TestKit:
             presses = [f for f in load_measurement(out).frames if f.kind == "press"]
             stated.append([f.centre_mm for f in presses])
             truth.append(unseal(out))
-        own = capture_plan.stated_presses(FLAT, "small", generate._streams(9)[0])
+        own = capture_plan.stated_presses(FLAT, "small", generate.streams(9)[0])
         assert stated[0] == stated[1] == [tuple(press["centre_mm"]) for press in own]
         assert truth[0]["gain"] != truth[1]["gain"]
         off = [
@@ -499,7 +499,7 @@ class TestBeyond:
 
     def test_a_grain_is_dark_and_throws_a_shadow_away_from_each_lamp(self):
         rig = Rig.of(FLAT)
-        _, view = generate._crop(FLAT, 80)
+        _, view = generate.cropped_view(FLAT, 80)
         from dataclasses import replace
 
         speck = replace(rig, grain=(0.0, 0.0, 0.6, 0.5))

@@ -67,7 +67,7 @@ def test_irradiance_by_a_panel_is_lamberts_closed_form(place):
     normal = np.array([0.1, -0.2, 1.0]) / np.sqrt(1.05)
     point = np.array([*place, 0.0])
     lit = cells(rig.emitters, spacing_mm=light.EMITTER_SPACING_MM)
-    power = lighting._power(0)[:, : len(lit.area)]
+    power = lighting.power(0)[:, : len(lit.area)]
     found = light.irradiance(point[None], normal[None], lit, power)[:, 0]
     for group in range(3):
         strips = np.nonzero(rig.emitters.group == group)[0]
@@ -156,7 +156,7 @@ def test_patches_of_a_dome_see_each_other_where_nothing_rises_above_the_way_betw
     )
     lighting = light.Lighting(rig)
     box = pressed.bump.grown(light.FINE_MARGIN_MM)
-    coarse = light.coarse_patches(rig, pressed, lighting._coarse, without=box)
+    coarse = light.coarse_patches(rig, pressed, lighting.coarse, without=box)
     patches = light.Patches(
         *map(np.concatenate, zip(coarse, light.fine_patches(rig, pressed, box)[0], strict=True))
     )

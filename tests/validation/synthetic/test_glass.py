@@ -10,7 +10,7 @@ from designlab.simulation.contact.press import Press
 from designlab.simulation.render.window import transmission
 from designlab.simulation.simulator import Simulator
 from designlab.validation.synthetic import backlight, effects, immersed
-from designlab.validation.synthetic.backlight import ImmersedLightField, _clear, _spread, directions
+from designlab.validation.synthetic.backlight import ImmersedLightField, clear_trace, directions, spread_trace
 from designlab.validation.synthetic.boundaries import gap_transmission, reflectance
 from designlab.validation.synthetic.generator_sensor import Rig
 from designlab.validation.synthetic.glass import Disc, look
@@ -226,7 +226,7 @@ def test_clear_and_spread_light_are_all_that_the_engine_finds_by_chance(design, 
         found = trace(nodes, index, paths=paths, seed=1).reshape(3, len(nodes), -1)
         return (found * towards[:, 2]).sum(axis=(1, 2))
 
-    parts = received(_spread(rig, (0, 1, 2), tracer), 64) + received(_clear(rig, (0, 1, 2)), 64)
+    parts = received(spread_trace(rig, (0, 1, 2), tracer), 64) + received(clear_trace(rig, (0, 1, 2)), 64)
     assert parts == pytest.approx(received(tracer.cells, 1024), rel=tolerance)
 
 
