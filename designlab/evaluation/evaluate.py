@@ -12,6 +12,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from designlab.core.backend import activate
+from designlab.core.progress import silent
 from designlab.core.types import Progress
 from designlab.evaluation import illumination_scores, press_scores, response_maps
 from designlab.evaluation.illumination_scores import Estimate, TransportError
@@ -164,7 +165,7 @@ def evaluate(
     *,
     fidelity: str = "fast",
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: Progress = silent,
     calibration: KernelCalibration | None = None,
     as_built: bool = False,
 ) -> Evaluation:
@@ -254,7 +255,7 @@ def calibration_of(
     untouched, again = _untouched(simulator)
     surfaces = (simulator.surface(press) for press in presses.calibration)
     alone = Presses(presses.calibration, ())
-    balls = list(_pressed(simulator, alone, surfaces, _Steps(None, len(presses.calibration))))
+    balls = list(_pressed(simulator, alone, surfaces, _Steps(silent, len(presses.calibration))))
     bench = EvaluationProtocol(
         simulator.design, exposure(simulator.design, untouched, again), seed, model=simulator.model
     )
@@ -313,7 +314,7 @@ class _Frames(NamedTuple):
 
 
 def _rendered(
-    simulator: Simulator, presses: Presses, beside: Executor, clock: "_Clock", progress: Progress | None
+    simulator: Simulator, presses: Presses, beside: Executor, clock: "_Clock", progress: Progress
 ) -> _Frames:
     """Render; surfaces are laid out, and what pictures show of them is found, while light is traced."""
     halved = press_scores.noisier_presses(len(presses.test))
@@ -446,12 +447,11 @@ def _find_truth(frames: Sequence[Frame]) -> None:
 class _Steps:
     """Counts the steps of an evaluation for a progress display."""
 
-    def __init__(self, progress: Progress | None, total: int) -> None:
+    def __init__(self, progress: Progress, total: int) -> None:
         self._progress, self._total, self._done = progress, total, 0
 
     def __call__(self, what: str) -> None:
-        if self._progress is not None:
-            self._progress(what, self._done, self._total)
+        self._progress(what, self._done, self._total)
         self._done += 1
 
 

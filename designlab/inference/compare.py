@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from designlab.core import metrics
 from designlab.core.images import ImageError, read_image
+from designlab.core.progress import silent
 from designlab.core.types import Progress
 from designlab.measurement import MeasuredFrame, Measurement, MeasurementError
 from designlab.measurement.quality.sizes import check_leds, check_size
@@ -72,7 +73,7 @@ def compare_model(
     *,
     samples: int = 64,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Comparison:
     """Predict every press of a measurement at its stated pose, and compare in linear radiance.
 
@@ -112,8 +113,7 @@ def compare_model(
         predict = _rendered(sensor, design, measurement, samples=samples, seed=seed)
     pairs = []
     for number, frame in enumerate(known):
-        if progress is not None:
-            progress(frame.file, number, len(known))
+        progress(frame.file, number, len(known))
         check_size(measurement, frame, design)
         check_leds(measurement, frame, design)
         real = measurement.linear(frame)

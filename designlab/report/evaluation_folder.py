@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from designlab.core.progress import silent
 from designlab.core.run_folder import require_writable
 from designlab.core.store import atomic_folder, write_atomic
 from designlab.core.types import Array, Progress
@@ -31,7 +32,7 @@ def evaluate(
     fidelity: str = "fast",
     seed: int = 0,
     out: str | Path | None = None,
-    progress: Progress | None = None,
+    progress: Progress = silent,
     calibration: KernelCalibration | None = None,
     as_built: bool = False,
 ) -> Score:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.progress import silent
 from designlab.core.types import Array, Progress
 from designlab.inference.calibration.fields import SharedField
 from designlab.inference.calibration.imaging import How, Imaging, Touched
@@ -57,7 +58,7 @@ class Problem:
         fields: tuple[SharedField, ...],
         *,
         seed: int,
-        progress: Progress | None = None,
+        progress: Progress = silent,
     ) -> None:
         self.imaging, self.shots, self.fields = imaging, shots, fields
         self.seed, self.progress = seed, progress
@@ -137,8 +138,7 @@ class Problem:
         found = self.imaging.basis(changes, touched, shot.view, seed=self.seed + other_seed, how=how)
         self.done += 1
         self.expected = max(self.expected, self.done)
-        if self.progress is not None:
-            self.progress(self.stage, self.done, self.expected)
+        self.progress(self.stage, self.done, self.expected)
         return found
 
     def bases(self, state: CalibrationState, numbers: Sequence[int]) -> dict[int, Array]:

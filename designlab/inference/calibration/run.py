@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from designlab.core import metrics
+from designlab.core.progress import silent
 from designlab.core.types import Array, Progress
 from designlab.inference.calibration.directional import Directional
 from designlab.inference.calibration.fields import WITHIN, SharedField, shared_fields
@@ -40,7 +41,7 @@ def calibrate(
     seed: int = 0,
     free: Sequence[str] | None = None,
     trust: Sequence[str] = (),
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Calibration:
     """Fit the light, some fields of the design and the pose of every press to the pictures of one sensor.
 

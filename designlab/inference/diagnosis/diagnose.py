@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from designlab.core.progress import silent
 from designlab.core.run_folder import claim
 from designlab.core.store import remove_partial
 from designlab.core.types import Progress
@@ -63,7 +64,7 @@ def diagnose(
     *,
     out: str | Path,
     seed: int,
-    progress: Progress | None = None,
+    progress: Progress = silent,
     resume: bool = True,
     catalogue: Sequence[str] | None = None,
     samples: int = SAMPLES,
@@ -198,7 +199,7 @@ class _Explanation:
 
 
 def _explained(
-    seen: Observations, model: SensorModel, names: Sequence[str], source: Renders, progress: Progress | None
+    seen: Observations, model: SensorModel, names: Sequence[str], source: Renders, progress: Progress
 ) -> _Explanation:
     """Search for effects, fit those found exactly, and judge by presses that had no say in it."""
     train, select, final = seen.of("dark", "background", "train"), seen.of("select"), seen.of("final")

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.progress import silent
 from designlab.core.store import digest, read_cache, write_cache
 from designlab.core.types import Progress
 from designlab.sensor.camera import View
@@ -48,7 +49,7 @@ class Renders:
     folder: Path
     samples: int
     seed: int
-    progress: Progress | None = None
+    progress: Progress = silent
     stage: str = ""
     expected: int = 0
     rendered: int = 0
@@ -134,9 +135,8 @@ class Renders:
         return self.seed + NEXT_SEED * repeat
 
     def _tell(self) -> None:
-        if self.progress is not None:
-            self.expected = max(self.expected, self._asked)
-            self.progress(self.stage, self._asked, self.expected)
+        self.expected = max(self.expected, self._asked)
+        self.progress(self.stage, self._asked, self.expected)
 
 
 def _transport(model: SensorModel, press: Press | None) -> list[object]:

@@ -1,12 +1,13 @@
 """Forward selection fits effects to some shots and judges them on others; the best joins the model."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from designlab.core.types import Array
+from designlab.core.progress import silent
+from designlab.core.types import Array, Progress
 from designlab.inference.diagnosis.emulator.coordinates import coordinate
 from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State
@@ -90,7 +91,7 @@ class ForwardSelection:
     winners: list[Winner] = field(default_factory=list)
     overlaps: Overlaps = field(default_factory=dict)
     gap: float = 0.0
-    progress: Callable[[str, int, int], None] | None = None
+    progress: Progress = silent
     screened: list[dict[str, float]] = field(default_factory=list)
     _steps: int = 0
     _reached: dict[str, State] = field(default_factory=dict)
@@ -450,8 +451,7 @@ class ForwardSelection:
 
     def _tell(self, what: str, left: int) -> None:
         """Report that a step begins, after which `left` - 1 are known to follow."""
-        if self.progress is not None:
-            self.progress(f"effects: {what}", self._steps, self._steps + left)
+        self.progress(f"effects: {what}", self._steps, self._steps + left)
         self._steps += 1
 
     def _note(
