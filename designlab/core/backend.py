@@ -8,13 +8,13 @@ Environment variables: ``DESIGNLAB_VARIANT`` demands one of `VARIANTS`, ``DRJIT_
 library to try first.
 """
 
+import contextlib
 import hashlib
 import importlib.metadata
 import os
 import re
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
@@ -310,10 +310,5 @@ def _recall(record: Path) -> str:
 
 def _remember(record: Path, text: str) -> None:
     """Write a record whole or not at all; without a writable cache the next start proves again."""
-    try:
-        record.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", dir=record.parent, delete=False, encoding="utf-8") as file:
-            file.write(text)
-        os.replace(file.name, record)
-    except OSError:
-        return
+    with contextlib.suppress(OSError):
+        store.write_atomic(record, text)

@@ -164,6 +164,13 @@ def resize_area(image: NDArray[Any], rows: int, columns: int) -> NDArray[Any]:
     return np.asarray(np.swapaxes(across, 0, 1), dtype=np.result_type(image.dtype, np.float32))
 
 
+def narrowed(image: NDArray[np.float64], columns: int) -> NDArray[np.float64]:
+    """Average an image, shape (rows, columns, ...), down to at most so many columns, its proportion kept."""
+    columns = min(columns, image.shape[1])
+    rows = max(1, round(image.shape[0] * columns / image.shape[1]))
+    return np.asarray(resize_area(image, rows, columns), dtype=float)
+
+
 def _overlap(old: int, new: int) -> NDArray[np.float64]:
     """Share of each old pixel in each new one, shape (new, old), rows summing to one."""
     edges = np.arange(new + 1)[:, None] * (old / new)

@@ -1,7 +1,6 @@
 """The folder of a measurement: reading with all checks, and writing whole or not at all."""
 
 import shutil
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from designlab.core.images import write_image
-from designlab.core.store import atomic_folder
+from designlab.core.store import atomic_folder, read_toml
 from designlab.measurement.frames import FILE_NAME, MeasuredFrame, Measurement, MeasurementError, mesh_file
 from designlab.measurement.quality.sizes import check_size, size
 from designlab.sensor.design import explain, preset_names
@@ -37,14 +36,29 @@ def load_measurement(path: str | Path) -> Measurement:
     file = Path(path)
     if file.is_dir():
         file = file / FILE_NAME
+    if not file.exists():
+        raise MeasurementError(f"{path}: no measurement there, {FILE_NAME} is missing")
+    frames, content = read_description(file)
+    for reserved in ("frames", "folder"):
+        if reserved in content:
+            raise MeasurementError(f"{file}: field {reserved}: unknown field")
     try:
-        content = tomllib.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise MeasurementError(f"{path}: no measurement there, {FILE_NAME} is missing") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise MeasurementError(f"{file}: cannot be read as text: {error}") from None
-    except tomllib.TOMLDecodeError as error:
-        raise MeasurementError(f"{file}: not valid TOML: {error}") from None
+        measurement = Measurement.model_validate({**content, "frames": frames, "folder": file.parent})
+    except ValidationError as error:
+        raise MeasurementError(f"{file}: {explain(error)}") from None
+    _check(measurement)
+    return measurement
+
+
+def read_description(file: Path) -> tuple[list[MeasuredFrame], dict[str, Any]]:
+    """Read a ``measurement.toml``: its frames, each by itself, and the fields about the whole set.
+
+    Raises
+    ------
+    MeasurementError
+        Naming file, frame, field, rule and value.
+    """
+    content = read_toml(file, error=MeasurementError)
     raw = content.pop("frame", None)
     if not isinstance(raw, list) or not raw:
         raise MeasurementError(f"{file}: field frame: at least one [[frame]] is needed")
@@ -55,15 +69,7 @@ def load_measurement(path: str | Path) -> Measurement:
         except ValidationError as error:
             name = entry.get("file", "no file") if isinstance(entry, dict) else "not a table"
             raise MeasurementError(f"{file}: frame {number} ({name}): {explain(error)}") from None
-    for reserved in ("frames", "folder"):
-        if reserved in content:
-            raise MeasurementError(f"{file}: field {reserved}: unknown field")
-    try:
-        measurement = Measurement.model_validate({**content, "frames": frames, "folder": file.parent})
-    except ValidationError as error:
-        raise MeasurementError(f"{file}: {explain(error)}") from None
-    _check(measurement)
-    return measurement
+    return frames, content
 
 
 def write_measurement(

@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -320,6 +321,15 @@ class Measurement(Spec):
         where = FILE_NAME if self.folder is None else self.folder / FILE_NAME
         number = self.frames.index(frame) + 1
         return MeasurementError(f"{where}: frame {number} ({frame.file}): field {rule}{got}")
+
+
+def alike(frames: Iterable[MeasuredFrame], *, but: Sequence[str] = ()) -> list[list[MeasuredFrame]]:
+    """Groups of frames that differ in their file, the number of the repeat and the fields named alone."""
+    differ = {"file": "-", "repeat": None, **dict.fromkeys(but)}
+    groups: dict[str, list[MeasuredFrame]] = {}
+    for frame in frames:
+        groups.setdefault(frame.model_copy(update=differ).model_dump_json(), []).append(frame)
+    return list(groups.values())
 
 
 def mesh_file(probe: str) -> str | None:

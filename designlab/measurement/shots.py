@@ -1,13 +1,12 @@
 """From a measurement to what a model can be compared with: linear signals, their noise, poses and splits."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from designlab.core.types import Array, Mask
-from designlab.measurement.frames import MeasuredFrame, Measurement, MeasurementError
+from designlab.measurement.frames import MeasuredFrame, Measurement, MeasurementError, alike
 from designlab.measurement.light import ball_of
 from designlab.measurement.light_probe.ball import LightProbe
 from designlab.measurement.quality.sizes import check_leds
@@ -154,7 +153,7 @@ def observe(
     noise, source, repeats = _noise(measurement, usable, design, notes)
     uses = {frame.file: use for use, frames in measurement.split().items() for frame in frames}
     shots = []
-    together = [[f] for f in usable] if apart else _groups(f for f in usable if f.lit)
+    together = [[f] for f in usable] if apart else alike(f for f in usable if f.lit)
     for same in together:
         use: Use = uses.get(same[0].file, "background" if same[0].lit else "dark")
         if same[0].kind == "light_probe":
@@ -210,15 +209,6 @@ def _usable(
     return True
 
 
-def _groups(frames: Iterable[MeasuredFrame]) -> list[list[MeasuredFrame]]:
-    """Frames that differ in their file and repeat number only."""
-    groups: dict[str, list[MeasuredFrame]] = {}
-    for frame in frames:
-        key = frame.model_copy(update={"file": "-", "repeat": None}).model_dump_json()
-        groups.setdefault(key, []).append(frame)
-    return list(groups.values())
-
-
 def _black_level(
     measurement: Measurement, frames: list[MeasuredFrame], design: Design, notes: list[str]
 ) -> tuple[Array, bool]:
@@ -265,7 +255,7 @@ def _noise(
     """Variance as read plus photon noise: from repeats, or from the camera's description without any."""
     # A probe that was put there again stands elsewhere by a little, which is no noise of the pixels.
     still = (frame for frame in frames if frame.lit and frame.kind != "press")
-    pairs = [group for group in _groups(still) if len(group) > 1]
+    pairs = [group for group in alike(still) if len(group) > 1]
     dark = [measurement.linear(frame).astype(float) for frame in frames if not frame.lit]
     first = next(frame for frame in frames if frame.lit)
     view = measurement.view(first, design)

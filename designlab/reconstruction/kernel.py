@@ -11,7 +11,7 @@ from designlab.core.metrics import normal_error_deg
 from designlab.core.types import Array, Mask
 from designlab.reconstruction.height import integrate, normals
 from designlab.reconstruction.methods import Kernel, Samples, log_errors, slope_gradients
-from designlab.reconstruction.pictures import centred, checked_image, colour_change, thinned
+from designlab.reconstruction.pictures import centred, check_mask, checked_image, colour_change, thinned
 
 _RIDGES = (1e-3, 1e-4, 3e-5)
 _FEATURES_PER_PRESS, _MOST_FEATURES = 34, 500  # more presses show more detail
@@ -96,8 +96,7 @@ class KernelCalibration:
         """
         image = checked_image(image, self.background.shape, "image")
         rows, columns, channels = self.background.shape
-        if mask is not None and (mask.shape != (rows, columns) or mask.dtype != bool or not mask.any()):
-            raise ValueError(f"mask: must be bool of shape {(rows, columns)} with a pixel to use")
+        check_mask(mask, (rows, columns))
         signal = colour_change(image, self.background).reshape(-1, channels) / self.spread
         found = _sums(self.kernel, self._weights, signal, self.position) - self._at_rest
         p, q = slope_gradients(found[:, :2]).T.reshape(2, rows, columns)

@@ -23,6 +23,7 @@ from designlab.reconstruction.methods import (
     expected_error_without_each,
     slope_gradients,
 )
+from designlab.reconstruction.pictures import check_mask
 
 _TOLERANCE = 1e-4  # of a weighted integration: far below a micrometre
 
@@ -148,8 +149,7 @@ class LabCalibration:
             raise ValueError(
                 f"image: must have the shape of the background {self.background.shape}, got {image.shape}"
             )
-        if mask is not None and (mask.shape != image.shape[:2] or mask.dtype != bool or not mask.any()):
-            raise ValueError(f"mask: must be bool of shape {image.shape[:2]} with a pixel to use")
+        check_mask(mask, image.shape[:2])
         change = relative_change(image, self.background, self.setup.smoothing_px, mask) / self.spread
         return change.reshape(-1, self.background.shape[-1])
 

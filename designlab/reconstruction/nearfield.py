@@ -30,7 +30,7 @@ from scipy.ndimage import map_coordinates
 
 from designlab.core.types import Array, Mask
 from designlab.reconstruction.kernel import GradientEstimate
-from designlab.reconstruction.pictures import checked_image
+from designlab.reconstruction.pictures import check_mask, checked_image
 from designlab.reconstruction.pixelwise import Pixels, solved, weights_of
 
 # Elevations over which a group's light is spread, see docs/decisions.md.
@@ -204,8 +204,7 @@ class NearField:
         """
         image = checked_image(image, self.offset.shape, "image")
         rows, columns, channels = image.shape
-        if mask is not None and (mask.shape != (rows, columns) or mask.dtype != bool or not mask.any()):
-            raise ValueError(f"mask: must be bool of shape {(rows, columns)} with a pixel to use")
+        check_mask(mask, (rows, columns))
         uncertain = np.hypot(self.model_error, _SHADOW_ERROR * (1 - self.visible)) * self.light
         sigma = np.hypot(self.noise_sigma(image), uncertain @ self.mix.T)
         certainty = np.where((image < self.full_scale) & (sigma > 0), 1 / np.maximum(sigma, 1e-300), 0.0)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from designlab.core.types import Array
+from designlab.core.types import Array, Mask
 
 # A ratio to a background darker than this share of its mean would be noise.
 _DARKEST = 0.1
@@ -30,6 +30,12 @@ def checked_image(image: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
     if not np.isfinite(image).all():
         raise ValueError(f"{name}: values must be finite, {int((~np.isfinite(image)).sum())} are not")
     return image
+
+
+def check_mask(mask: Mask | None, shape: tuple[int, ...]) -> None:
+    """Refuse a mask of pixels to use that is not bool of a given shape (rows, columns), or is empty."""
+    if mask is not None and (mask.shape != shape or mask.dtype != bool or not mask.any()):
+        raise ValueError(f"mask: must be bool of shape {shape} with a pixel to use")
 
 
 def centred(position_mm: ArrayLike, name: str, shape: tuple[int, ...]) -> Array:

@@ -162,7 +162,7 @@ def test_missing_folder_and_bad_toml_are_named(tmp_path):
     with pytest.raises(MeasurementError, match="not valid TOML"):
         load_measurement(tmp_path)
     (tmp_path / "measurement.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(MeasurementError, match="cannot be read as text"):
+    with pytest.raises(MeasurementError, match="cannot be read"):
         load_measurement(tmp_path)
 
 

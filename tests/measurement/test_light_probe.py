@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 import designlab as dl
-from designlab.measurement.light_probe.ball import LightProbe, chromium, fresnel_metal
+from designlab.measurement.light_probe.ball import LightProbe, chromium, fresnel_reflectance
 from designlab.measurement.light_probe.comparison import compare_light
 from designlab.measurement.light_probe.lobes import Lobes, lobes
 from designlab.measurement.light_probe.outline import Outline, find_outline, locate
@@ -113,7 +113,7 @@ def test_even_light_gives_an_even_map_whatever_the_ball_reflects():
     cosine = np.where(light.on_ball, light.cosine, 1.0)
     dimmed = np.zeros((view.rows, view.columns, 3))
     place = np.s_[: light.on_ball.shape[0], : light.on_ball.shape[1]]
-    dimmed[place] = np.stack([fresnel_metal(cosine, chromium(w)) for w in wavelengths], axis=-1)
+    dimmed[place] = np.stack([fresnel_reflectance(cosine, chromium(w)) for w in wavelengths], axis=-1)
     even = polar_map(unwrapped(dimmed, probe=probe, view=view), step_deg=5)
     assert np.nanmax(np.abs(even.radiance - 1)) < 1e-3
     assert np.isfinite(even.radiance).mean() > 0.99
@@ -122,10 +122,10 @@ def test_even_light_gives_an_even_map_whatever_the_ball_reflects():
 def test_chromium_reflects_as_published():
     """At normal incidence ((n - 1)^2 + k^2) / ((n + 1)^2 + k^2); all at grazing incidence."""
     n, k = 2.94, 3.33
-    assert fresnel_metal(np.ones(1), chromium(521.0))[0] == pytest.approx(
+    assert fresnel_reflectance(np.ones(1), chromium(521.0))[0] == pytest.approx(
         ((n - 1) ** 2 + k**2) / ((n + 1) ** 2 + k**2)
     )
-    assert fresnel_metal(np.full(1, 1e-9), chromium(521.0))[0] == pytest.approx(1.0)
+    assert fresnel_reflectance(np.full(1, 1e-9), chromium(521.0))[0] == pytest.approx(1.0)
 
 
 def painted(light, view, spots):

@@ -2,7 +2,6 @@
 
 import shutil
 import tempfile
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from designlab.core.types import Array, Mask
-from designlab.measurement.folder import load_measurement, write_measurement
+from designlab.measurement.folder import load_measurement, read_description, write_measurement
 from designlab.measurement.frames import FILE_NAME, MeasuredFrame, Measurement, MeasurementError, mesh_file
 from designlab.measurement.importing.camera_files import SUFFIXES
 from designlab.measurement.importing.conversion import Conversion, linear_picture, read, uncoloured
@@ -89,20 +88,9 @@ def described(folder: str | Path) -> tuple[list[Item], dict[str, Any]]:
         The files, and the fields about the whole set.
     """
     file = Path(folder) / FILE_NAME
-    try:
-        content = tomllib.loads(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise MeasurementError(f"{file}: cannot be read: {error}") from None
-    raw = content.pop("frame", None)
-    if not isinstance(raw, list) or not raw:
-        raise MeasurementError(f"{file}: field frame: at least one [[frame]] is needed")
+    frames, content = read_description(file)
     made = []
-    for number, entry in enumerate(raw, start=1):
-        try:
-            frame = MeasuredFrame.model_validate(entry)
-        except ValidationError as error:
-            name = entry.get("file", "no file") if isinstance(entry, dict) else "not a table"
-            raise MeasurementError(f"{file}: frame {number} ({name}): {explain(error)}") from None
+    for number, frame in enumerate(frames, start=1):
         path = file.parent / frame.file
         if not path.is_file():
             raise MeasurementError(f"{file}: frame {number} ({frame.file}): field file: no such file")

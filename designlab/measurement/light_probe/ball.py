@@ -21,8 +21,11 @@ def chromium(wavelength_nm: float) -> complex:
     return complex(np.interp(wavelength_nm, wavelength, n), np.interp(wavelength_nm, wavelength, k))
 
 
-def fresnel_metal(cosine: Array, index: complex) -> Array:
-    """Reflectance of a metal for unpolarised light, by the cosine of incidence and the relative index."""
+def fresnel_reflectance(cosine: Array, index: complex) -> Array:
+    """Fresnel's reflectance for unpolarised light, by the cosine of incidence and the relative index.
+
+    The index is complex for a metal and real for a clear medium.
+    """
     inside = np.sqrt(1 - (1 - cosine**2) / index**2 + 0j)
     across = (cosine - index * inside) / (cosine + index * inside)
     along = (index * cosine - inside) / (index * cosine + inside)
@@ -101,7 +104,7 @@ class LightProbe(Spec):
         """
         if self.reflectance is not None:
             return np.full_like(cosine, self.reflectance)
-        return fresnel_metal(cosine, self._indices(design)[group])
+        return fresnel_reflectance(cosine, self._indices(design)[group])
 
     def ball(self, design: Design) -> Ball:
         """Return the ball as plain data for a scene."""

@@ -3,6 +3,7 @@
 import numpy as np
 
 from designlab.core.types import Array
+from designlab.measurement.light_probe.ball import fresnel_reflectance
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.optics.viewing_rays import Rays
@@ -46,13 +47,5 @@ def passed(design: Design, view: View, rays: Rays, group: int) -> Array:
     around = design.optics.gel_index
     slant = np.sqrt(1 - (1 - at_window**2) / index**2)
     lost = design.absorption_per_mm("gelcore")[group] + design.optics.gelcore_scattering_per_mm
-    faces = _through(at_window, index) * _through(at_face, index / around)
+    faces = (1 - fresnel_reflectance(at_window, index)) * (1 - fresnel_reflectance(at_face, index / around))
     return np.asarray(faces * np.exp(-lost * (top - height) / slant) / around**2)
-
-
-def _through(cosine: Array, index: float) -> Array:
-    """Fresnel's transmittance for unpolarised light, by the cosine on this side and the relative index."""
-    inside = np.sqrt(np.maximum(1 - (1 - cosine**2) / index**2, 0.0))
-    across = (cosine - index * inside) / (cosine + index * inside)
-    along = (index * cosine - inside) / (index * cosine + inside)
-    return np.asarray(1 - (across**2 + along**2) / 2)

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from designlab.core.images import resize_area
+from designlab.core.images import narrowed
 from designlab.core.types import Array
-from designlab.measurement.frames import MeasuredFrame, Measurement
+from designlab.measurement.frames import MeasuredFrame, Measurement, alike
 from designlab.measurement.quality.suspicion import Suspicion
 from designlab.sensor.design import Design
 from designlab.sensor.response_curve import Response
@@ -185,13 +185,9 @@ def _sums(measurement: Measurement, design: Design | None) -> list[_Comparison]:
 
 def _ladders(measurement: Measurement) -> list[_Comparison]:
     """Pairs of frames that differ in their exposure only, the longest against the shortest."""
-    groups: dict[str, list[MeasuredFrame]] = {}
-    for frame in measurement.frames:
-        if frame.lit and frame.exposure is not None and _unsaturated(measurement, frame):
-            key = frame.model_copy(update={"file": "-", "repeat": None, "exposure": None}).model_dump_json()
-            groups.setdefault(key, []).append(frame)
+    timed = (f for f in measurement.frames if f.lit and f.exposure is not None)
     found: list[_Comparison] = []
-    for frames in groups.values():
+    for frames in alike((f for f in timed if _unsaturated(measurement, f)), but=["exposure"]):
         frames.sort(key=lambda frame: frame.exposure or 0.0)
         short, long = frames[0], frames[-1]
         ratio = (long.exposure or 1.0) / (short.exposure or 1.0)
@@ -209,12 +205,10 @@ def _term(measurement: Measurement, frame: MeasuredFrame, weight: float) -> _Ter
     dark = None
     if darks:
         dark = np.mean([measurement.linear(f).mean(axis=(0, 1), dtype=float) for f in darks], axis=0)
-    columns = min(COLUMNS, image.shape[1])
-    rows = max(1, round(image.shape[0] * columns / image.shape[1]))
+    values = narrowed(image, COLUMNS)
     # Neighbours differ by noise; what the scene adds to that only makes the comparison more lenient.
     noise = (np.diff(image, axis=1) ** 2).mean(axis=(0, 1)) / 2
-    averaged = image.shape[0] * image.shape[1] / (rows * columns)
-    values = np.asarray(resize_area(image, rows, columns), dtype=float)
+    averaged = image.size / values.size
     return _Term(values, dark, noise / averaged, weight)
 
 

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from designlab.core.images import resize_area
+from designlab.core.images import narrowed
 from designlab.core.types import Array, Mask
-from designlab.measurement.frames import MeasuredFrame, Measurement
+from designlab.measurement.frames import MeasuredFrame, Measurement, alike
 from designlab.measurement.quality.suspicion import Suspicion
 
 FULL_SCALE = 0.999  # values above are saturated
@@ -99,20 +99,13 @@ def _repeats(measurement: Measurement, frames: Sequence[MeasuredFrame]) -> list[
 
 
 def repeated(frames: Sequence[MeasuredFrame]) -> list[list[MeasuredFrame]]:
-    """Frames that differ in file and number of the repeat only, where there are two or more."""
-    groups: dict[str, list[MeasuredFrame]] = {}
-    for frame in frames:
-        key = frame.model_copy(update={"file": "-", "repeat": None}).model_dump_json()
-        groups.setdefault(key, []).append(frame)
-    return [group for group in groups.values() if len(group) > 1]
+    """Groups of frames that are repeats of each other, where there are two or more."""
+    return [group for group in alike(frames) if len(group) > 1]
 
 
 def _levelled(measurement: Measurement, frame: MeasuredFrame) -> Array:
     """Picture at few columns over the mean of each channel."""
-    image = np.asarray(measurement.image(frame), dtype=float)
-    columns = min(COLUMNS, image.shape[1])
-    rows = max(1, round(image.shape[0] * columns / image.shape[1]))
-    small = np.asarray(resize_area(image, rows, columns), dtype=float)
+    small = narrowed(np.asarray(measurement.image(frame), dtype=float), COLUMNS)
     return np.asarray(small / np.maximum(small.mean(axis=(0, 1)), 1e-6))
 
 

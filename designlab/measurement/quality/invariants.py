@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from designlab.core.images import resize_area
+from designlab.core.images import narrowed
 from designlab.core.types import Array
 from designlab.measurement.frames import MeasuredFrame, Measurement
 from designlab.measurement.quality.additivity import LEAST_MISFIT, added_light_misfits
@@ -219,9 +219,7 @@ def _small(measurement: Measurement, frame: MeasuredFrame) -> Array:
     darks = [f for f in measurement.frames if not f.lit and f.crop_px == frame.crop_px]
     if darks:
         image = image - np.mean([measurement.linear(f).mean(axis=(0, 1), dtype=float) for f in darks], axis=0)
-    columns = min(COLUMNS, image.shape[1])
-    rows = max(1, round(image.shape[0] * columns / image.shape[1]))
-    return np.asarray(resize_area(image, rows, columns), dtype=float)
+    return narrowed(image, COLUMNS)
 
 
 def _shapes(measurement: Measurement, frames: Sequence[MeasuredFrame]) -> Array:
