@@ -29,8 +29,9 @@ from designlab.evaluation.illumination_scores import Estimate, uniformity
 from designlab.inference.diagnosis import diagnose
 from designlab.measurement import load_measurement
 from designlab.optimization.study import sweep
-from designlab.report import gap_report
 from designlab.report.diagnosis_folder import write_diagnosis
+from designlab.report.figures import new_figure, write_figure
+from designlab.report.gap import gap_report
 from designlab.sensor.design import Design, preset
 from designlab.simulation.effects import AppliedEffect, SensorModel, load_model
 from designlab.simulation.simulator import Simulator
@@ -154,13 +155,9 @@ def least_height_mm(table: pd.DataFrame) -> float:
 
 def picture(table: pd.DataFrame, least_mm: dict[str, float], path: Path) -> None:
     """Draw evenness over height by each model, and where it suffices."""
-    import matplotlib
-
-    matplotlib.use("agg")
-    from matplotlib import pyplot
-
     colours = {DRAWN: "tab:gray", CORRECTED: "tab:blue", TRUE: "black"}
-    figure, axis = pyplot.subplots(figsize=(6.4, 4), layout="constrained")
+    figure = new_figure(6.4, 4.0, dots_per_inch=120)
+    axis = figure.subplots()
     for name, rows in table.groupby("model", sort=False):
         colour = colours.get(str(name), "tab:blue")
         shown = str(name) in colours
@@ -176,8 +173,7 @@ def picture(table: pd.DataFrame, least_mm: dict[str, float], path: Path) -> None
     axis.axhline(NEEDED_U0, color="tab:red", linewidth=1)
     axis.set(xlabel="height of the LED panels (mm)", ylabel="U0 of the worst LED group")
     axis.legend(title="least height, by the")
-    figure.savefig(path, dpi=120)
-    pyplot.close(figure)
+    write_figure(figure, path)
 
 
 def main() -> None:

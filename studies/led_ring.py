@@ -13,7 +13,7 @@ import argparse
 from pathlib import Path
 
 from designlab.optimization.study import Parameter, Plan, Results, Study, run_study
-from designlab.report import study_report
+from designlab.report.study import study_report
 from designlab.sensor.design import preset
 
 BASE = "gelsight-2020-flat"

@@ -10,10 +10,9 @@ import numpy as np
 from designlab.core.progress import silent
 from designlab.core.run_folder import require_writable
 from designlab.core.store import atomic_folder, write_atomic
-from designlab.core.types import Array, Progress
+from designlab.core.types import Progress
 from designlab.evaluation import evaluate as evaluation
 from designlab.evaluation.evaluate import Evaluation, Score
-from designlab.evaluation.protocol import Reconstruction
 from designlab.reconstruction import KernelCalibration
 from designlab.report import plots
 from designlab.report.figures import write_figure
@@ -93,34 +92,9 @@ def _figures(found: Evaluation) -> Iterator[tuple[str, "Figure"]]:
     yield "uniformity.png", plots.uniformity(groups, extent)
     limit_deg = np.where(gel.seen & ~gel.saturated, gel.limit_deg, np.nan)
     yield "information.png", plots.information(limit_deg, extent, worst["gel"])
-    yield (
-        "errors.png",
-        plots.errors(
-            [_counted(r, r.error_deg) for r in found.presses],
-            [_counted(r, 1000 * np.abs(r.height_mm - r.frame.height_mm)) for r in found.presses],
-            extent,
-            worst["press"],
-        ),
-    )
-    for number, result in enumerate(found.presses):
-        press = result.frame.press
-        assert press is not None  # every test frame has one
-        yield (
-            f"press-{number + 1:02d}-{press.probe.kind}.png",
-            plots.press(
-                title=f"{press.probe.text} mm pressed {press.depth_mm:.2f} mm deep",
-                image=result.image,
-                normals=result.normals,
-                true_normals=result.true_normals,
-                height_mm=result.height_mm,
-                true_height_mm=result.frame.height_mm,
-                error_deg=_counted(result, result.error_deg),
-                extent=extent,
-                mark=worst["press"] if worst["press"].press == number else None,
-            ),
-        )
-
-
-def _counted(result: Reconstruction, values: Array) -> Array:
-    """Values of a press, NaN where they do not count."""
-    return np.where(result.region, values, np.nan)
+    yield "errors.png", plots.errors(found.presses, extent, worst["press"])
+    for number, one in enumerate(found.presses):
+        assert one.frame.press is not None  # every test frame has one
+        mark = worst["press"] if worst["press"].press == number else None
+        name = f"press-{number + 1:02d}-{one.frame.press.probe.kind}.png"
+        yield name, plots.press(one, extent, mark)

@@ -25,13 +25,6 @@ STANDS_OUT = 1.5  # times the mean of its channel and frames
 
 _COLOURS = {"named": "#2f855a", "at_floor": "#2f855a", "unexplained": "#c53030"}
 _OTHER_COLOUR = "#b7791f"
-_VERDICTS = {
-    "named": "The gap is explained by the effects below.",
-    "ambiguous": "Several effects explain the gap equally well on these frames.",
-    "partial": "The effects below explain part of the gap; the rest is above the noise.",
-    "unexplained": "No known effect explains the gap.",
-    "at_floor": "Simulation and measurement agree to within the noise.",
-}
 _FRAMES = {"background": "untouched gel", "press": "presses", "dark": "LEDs off"}
 _SPLITS = {"train": "fitted to", "select": "chosen by", "final": "final"}
 _GAP = (
@@ -58,61 +51,47 @@ _CANDIDATES = (
 )
 
 
-def gap_report(
-    report: Mapping[str, Any],
-    target: str | Path,
-    *,
-    title: str = "Gap between simulation and measurement",
-    sections: Sequence[Section] = (),
-) -> Path:
+def gap_report(report: Mapping[str, Any], target: str | Path) -> Path:
     """Write the page about a diagnosis.
 
     Parameters
     ----------
     report : mapping
-        What ``gap diagnose --json`` prints, see ``docs/gap.md``; what is absent is left out. The pictures
-        that it names must be there.
+        What ``gap diagnose --json`` prints, see ``docs/gap.md``. The pictures that it names must be there.
     target : path
         HTML file to write.
-    title : str
-        Heading.
-    sections : sequence of Section
-        Further sections, placed last.
     """
-    files = {Path(path): caption for path, caption in report.get("pictures", {}).items()}
+    files = {Path(path): caption for path, caption in report["pictures"].items()}
     shown = {path.name: picture(path, caption) for path, caption in files.items()}
     places = shown.pop("where.png", None)
-    made = report.get("provenance", {})
+    made = report["provenance"]
     content = [
         Section("Verdict", _verdict(report)),
-        Section("Where the gap is", (*([places] if places else []), *_where(report.get("where", ())))),
-        Section("Gap before and after", _gap(report.get("gap", {}), report.get("control"))),
-        Section("What was found", _effects(report.get("effects", ()))),
+        Section("Where the gap is", (*([places] if places else []), *_where(report["where"]))),
+        Section("Gap before and after", _gap(report["gap"], report["control"])),
+        Section("What was found", _effects(report["effects"])),
         Section("Measured, simulated, left over", tuple(shown.values())),
         Section("What to measure next", _next(report)),
-        Section("What this cannot know", _limits(report.get("limits", ()), report.get("overlaps", ()))),
+        Section("What this cannot know", _limits(report["limits"], report["overlaps"])),
         Section("Every candidate tried", _candidates(report)),
-        Section("Checks of the measurement", _checks(report.get("checks", ()))),
-        Section("Notes", tuple(paragraph(note) for note in report.get("notes", ()))),
-        Section("How it was made", (_made(made),) if made else ()),
-        *sections,
+        Section("Checks of the measurement", _checks(report["checks"])),
+        Section("Notes", tuple(paragraph(note) for note in report["notes"])),
+        Section("How it was made", (_made(made),)),
     ]
-    subtitle = f"measurement {made['measurement']}" if made.get("measurement") else ""
+    title, subtitle = "Gap between simulation and measurement", f"measurement {made['measurement']}"
     return write_atomic(target, page(title, content, subtitle=subtitle))
 
 
 def _verdict(report: Mapping[str, Any]) -> tuple[Html, ...]:
     word = report["verdict"]
     colour = _COLOURS.get(word, _OTHER_COLOUR)
-    first, *others = report.get("statement") or [_VERDICTS.get(word, word)]
+    first, *others = report["statement"]
     lead = (
         f'<p style="font-size:1.15rem;border-left:4px solid {colour};padding-left:.8rem">'
         f'<strong style="color:{colour}">{html.escape(word.replace("_", " "))}</strong><br>'
         f"{html.escape(first)}</p>"
     )
-    model = (
-        {"updated model": Html(f"<code>{html.escape(report['model'])}</code>")} if report.get("model") else {}
-    )
+    model = {"updated model": Html(f"<code>{html.escape(report['model'])}</code>")}
     return (Html(lead), *(paragraph(text.replace(" %", "\u00a0%")) for text in others), facts(model))
 
 

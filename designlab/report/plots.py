@@ -9,6 +9,7 @@ from scipy.ndimage import gaussian_filter
 
 from designlab.core.images import tone_map
 from designlab.core.types import Array
+from designlab.evaluation.protocol import Reconstruction
 from designlab.evaluation.weakest_point import Place
 from designlab.measurement.light_probe.lobes import Lobe, Lobes
 from designlab.measurement.light_probe.panels import Panel, Panels
@@ -92,20 +93,20 @@ def information(limit_deg: Array, extent: Extent, worst: Place) -> "Figure":
     return figure
 
 
-def errors(
-    error_deg: Sequence[Array], height_error_um: Sequence[Array], extent: Extent, worst: Place
-) -> "Figure":
+def errors(presses: Sequence[Reconstruction], extent: Extent, worst: Place) -> "Figure":
     """Errors over all test presses: their mean at each place, and where the normals err most.
 
     Parameters
     ----------
-    error_deg, height_error_um : sequence of arrays, shape (rows, columns)
-        Normal error and size of the height error of each press; NaN where they do not count.
+    presses : sequence of Reconstruction
+        The test presses.
     extent : tuple of float
         See `extent_mm`.
     worst : Place
         Where the normals err most.
     """
+    error_deg = [_counted(one, one.error_deg) for one in presses]
+    height_error_um = [_counted(one, 1000 * np.abs(one.height_mm - one.frame.height_mm)) for one in presses]
     figure = new_figure(10.4, 4.0)
     panels = figure.subplots(1, 2)
     for axes, maps, name, unit, least in (
@@ -123,45 +124,42 @@ def errors(
     return figure
 
 
-def press(
-    *,
-    title: str,
-    image: NDArray[Any],
-    normals: Array,
-    true_normals: Array,
-    height_mm: Array,
-    true_height_mm: Array,
-    error_deg: Array,
-    extent: Extent,
-    mark: Place | None = None,
-) -> "Figure":
+def press(shown: Reconstruction, extent: Extent, mark: Place | None = None) -> "Figure":
     """One press: picture, normals and heights beside the truth, and where the normals err."""
+    pressed, true_height_mm = shown.frame.press, shown.frame.height_mm
+    assert pressed is not None  # every test frame has one
     figure = new_figure(12.6, 6.4)
-    figure.suptitle(title)
+    figure.suptitle(f"{pressed.probe.text} mm pressed {pressed.depth_mm:.2f} mm deep")
     panels = figure.subplots(2, 3)
-    panels[0, 0].imshow(tone_map(image), extent=extent)
+    panels[0, 0].imshow(tone_map(shown.image), extent=extent)
     _label(panels[0, 0], "Camera picture")
     for axes, field, name in (
-        (panels[0, 1], normals, "Normals, reconstructed"),
-        (panels[0, 2], true_normals, "Normals, truth"),
+        (panels[0, 1], shown.normals, "Normals, reconstructed"),
+        (panels[0, 2], shown.true_normals, "Normals, truth"),
     ):
         axes.imshow(np.clip(field * 0.5 + 0.5, 0, 1), extent=extent)
         _label(axes, name)
-    shown = panels[1, 0].imshow(error_deg, extent=extent, cmap="magma_r", vmin=0, vmax=15)
+    error_deg = _counted(shown, shown.error_deg)
+    drawn = panels[1, 0].imshow(error_deg, extent=extent, cmap="magma_r", vmin=0, vmax=15)
     panels[1, 0].set_facecolor(NOT_COUNTED)
-    figure.colorbar(shown, ax=panels[1, 0], label="normal error (deg)", extend="max")
+    figure.colorbar(drawn, ax=panels[1, 0], label="normal error (deg)", extend="max")
     _label(panels[1, 0], "Error over the grown contact")
     if mark is not None:
         _mark(panels[1, 0], mark, extent)
     top = float(true_height_mm.max())
     for axes, field, name in (
-        (panels[1, 1], height_mm, "Height, reconstructed"),
+        (panels[1, 1], shown.height_mm, "Height, reconstructed"),
         (panels[1, 2], true_height_mm, "Height, truth"),
     ):
-        shown = axes.imshow(field, extent=extent, cmap="viridis", vmin=min(0.0, -0.1 * top), vmax=1.1 * top)
-        figure.colorbar(shown, ax=axes, label="height (mm)")
+        drawn = axes.imshow(field, extent=extent, cmap="viridis", vmin=min(0.0, -0.1 * top), vmax=1.1 * top)
+        figure.colorbar(drawn, ax=axes, label="height (mm)")
         _label(axes, name)
     return figure
+
+
+def _counted(press: Reconstruction, values: Array) -> Array:
+    """Values of a press, NaN where they do not count."""
+    return np.where(press.region, values, np.nan)
 
 
 def light_map(
@@ -280,26 +278,8 @@ def _mark(axes: "Axes", place: Place, extent: Extent) -> None:
     left, right, bottom, top = extent
     x, y = place.x_mm, place.y_mm
     width, height = right - left, top - bottom
-    axes.plot(
-        x,
-        y,
-        "o",
-        markersize=13,
-        markerfacecolor="none",
-        markeredgecolor="k",
-        markeredgewidth=2.6,
-        clip_on=False,
-    )
-    axes.plot(
-        x,
-        y,
-        "o",
-        markersize=13,
-        markerfacecolor="none",
-        markeredgecolor="w",
-        markeredgewidth=1.2,
-        clip_on=False,
-    )
+    for colour, line_pt in (("k", 2.6), ("w", 1.2)):
+        axes.plot(x, y, "o", ms=13, mfc="none", mec=colour, mew=line_pt, clip_on=False)
     beside_x = x + (0.06 if x < (left + right) / 2 else -0.06) * width
     beside_y = y + (0.08 if y < (bottom + top) / 2 else -0.08) * height
     axes.text(

@@ -11,10 +11,10 @@ import pytest
 
 from designlab.evaluation.illumination_scores import SCORES
 from designlab.optimization.study import Parameter, Study, run_study
-from designlab.report import (
+from designlab.report.evaluation import evaluation_report
+from designlab.report.page import (
     Column,
     Section,
-    evaluation_report,
     facts,
     gallery,
     label,
@@ -22,10 +22,10 @@ from designlab.report import (
     paragraph,
     picture,
     plotly_figure,
-    study_report,
+    rounded,
     table,
 )
-from designlab.report.page import rounded
+from designlab.report.study import study_report
 from designlab.report.yardsticks import ALARMS, HEADLINES, YARDSTICKS
 from designlab.sensor.design import preset
 from tests.helpers.studies import BARE

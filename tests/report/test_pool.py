@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.image import imread
 
-from designlab.report import pool_report
 from designlab.report.figures import write_figure
+from designlab.report.pool import pool_report
 from designlab.report.pool_plots import limits_plot, reliability_plot
 from designlab.validation.blind import Outcome, Trial, score
 from designlab.validation.blind.pool import AIR

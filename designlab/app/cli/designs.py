@@ -88,7 +88,7 @@ def evaluate(args: Namespace) -> Result:
         text.append(str(score.light))
         text.append(table(("part", "seconds"), [(part, f"{s:.1f}") for part, s in score.seconds.items()]))
     if args.out is not None:
-        from designlab.report import evaluation_report
+        from designlab.report.evaluation import evaluation_report
 
         report = evaluation_report(data, Path(args.out) / "report.html")
         pictures = sorted(path.name for path in Path(args.out).glob("*.png"))
@@ -142,7 +142,7 @@ def _against(args: Namespace) -> Result:
         *(f"warning: {place}: {w}" for place, score in scores.items() for w in score.warnings),
     ]
     if args.out is not None:
-        from designlab.report import evaluation_report
+        from designlab.report.evaluation import evaluation_report
 
         for place, score in scores.items():
             report = evaluation_report(score.to_json(), Path(args.out) / place / "report.html")

@@ -112,7 +112,7 @@ def diagnose(args: Namespace) -> Result:
 def benchmark(args: Namespace) -> Result:
     """Diagnose a pool of generated sets and score the diagnoses."""
     from designlab.core.store import write_json
-    from designlab.report import pool_report
+    from designlab.report.pool import pool_report
     from designlab.validation.blind import Crew, record, run, scored
     from designlab.validation.blind.learn import learnt
     from designlab.validation.blind.records import key, missing, read_records, write_records

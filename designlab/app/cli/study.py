@@ -67,7 +67,7 @@ def status(args: Namespace) -> Result:
 def report(args: Namespace) -> Result:
     """Write the page about a study."""
     from designlab.optimization.study import load_results
-    from designlab.report import study_report
+    from designlab.report.study import study_report
 
     folder = _folder(Path(args.study), args.results)
     results = load_results(folder, storage=args.storage)

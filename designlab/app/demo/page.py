@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from designlab.report import Column, Html, Section, facts, label, page, paragraph, picture, table
+from designlab.report.page import Column, Html, Section, facts, label, page, paragraph, picture, table
 from designlab.sensor.design import Design
 
 

@@ -127,7 +127,7 @@ def demo(out: str | Path, *, seed: int = 0, progress: Progress = silent) -> Demo
 
 
 def _evaluation(state: Demo, within: Progress) -> dict[str, Any]:
-    from designlab.report import evaluation_report
+    from designlab.report.evaluation import evaluation_report
     from designlab.report.evaluation_folder import evaluate
 
     folder = state.out / "evaluation"
@@ -161,8 +161,8 @@ def _parts(state: Demo, within: Progress) -> dict[str, Any]:
 
 def _study(state: Demo, within: Progress) -> dict[str, Any]:
     from designlab.optimization.study import Parameter, Plan, Study, StudyInterrupted, load_results, run_study
-    from designlab.report import study_report
     from designlab.report.evaluation_folder import evaluate
+    from designlab.report.study import study_report
 
     folder = state.out / "study"
     study = Study(
@@ -199,8 +199,8 @@ def _study(state: Demo, within: Progress) -> dict[str, Any]:
 def _gap(state: Demo, within: Progress) -> dict[str, Any]:
     from designlab.inference.diagnosis import diagnose
     from designlab.measurement import load_measurement
-    from designlab.report import gap_report
     from designlab.report.diagnosis_folder import write_diagnosis
+    from designlab.report.gap import gap_report
     from designlab.simulation.effects.model import SensorModel
     from designlab.validation.synthetic import plant, seal_path, unseal
 

@@ -134,17 +134,7 @@ def diagnose(
     given, last = found.given, found.last
     train = seen.of("dark", "background", "train")
     intervals = {name: values(last.fitter, last.fit, name, train) for name in last.fit.state.values}
-    effects = tuple(
-        Found(
-            winner.name,
-            intervals[winner.name],
-            0.0,
-            winner.coherence_set,
-            effect(winner.name).summary,
-            effect(winner.name).transferable,
-        )
-        for winner in found.winners
-    )
+    effects = tuple(Found.of(w.name, intervals[w.name], 0.0, w.coherence_set) for w in found.winners)
     wrong = _control(found, seen, seed=int(measurement.content_digest()[:8], 16))
     at_floor = found.verdict == "at_floor"
     excess = (

@@ -3,14 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Self
 
 from designlab.core.types import Array, Mask
 from designlab.measurement import Measurement
 from designlab.measurement.quality.invariants import FrameCheck
 from designlab.measurement.shots import Observations, Shot
 from designlab.sensor.design import Design
-from designlab.simulation.effects.model import SensorModel
+from designlab.simulation.effects import SensorModel, effect
 
 FORMAT = 1
 """Version of the report's fields; a number means the same fields in every release."""
@@ -60,6 +60,14 @@ class Found:
     coherence_set: tuple[str, ...]
     summary: str = ""
     transferable: bool = True
+
+    @classmethod
+    def of(
+        cls, name: str, parameters: Mapping[str, Value], confidence: float, coherence_set: tuple[str, ...]
+    ) -> Self:
+        """Name an effect of the catalogue, which says what it is."""
+        known = effect(name)
+        return cls(name, parameters, confidence, coherence_set, known.summary, known.transferable)
 
 
 @dataclass(frozen=True)

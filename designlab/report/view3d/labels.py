@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.fabrication import led_colour
+from designlab.report.figures import write_figure
 from designlab.report.view3d.space import (
     CUT_HALF_ANGLE_DEG,
     HEIGHT_PX,
@@ -105,11 +106,9 @@ def compose(name: str, image: NDArray[Any], found: Sequence[Label], camera: Any,
     path : Path
         PNG file.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(WIDTH_PX / _DPI, HEIGHT_PX / _DPI), dpi=_DPI)
-    FigureCanvasAgg(figure)
     axes = figure.add_axes((0, 0, 1, 1))
     axes.imshow(image)
     axes.set_axis_off()
@@ -131,7 +130,7 @@ def compose(name: str, image: NDArray[Any], found: Sequence[Label], camera: Any,
     axes.plot([right - bar, right], [HEIGHT_PX - 36] * 2, color=_INK, lw=3, solid_capstyle="butt")
     axes.text(right - bar / 2, HEIGHT_PX - 60, "10 mm", ha="center", va="center", fontsize=10, color=_INK)
     _draw_axes(axes, project, px_per_mm)
-    figure.savefig(path, dpi=_DPI)
+    write_figure(figure, path)
 
 
 def _annotate(axes: Any, label: Label, pixel: Sequence[float], place: Sequence[float], side: str) -> None:

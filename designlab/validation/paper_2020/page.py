@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from designlab.report import Html, Section, page, paragraph, picture, table
+from designlab.report.page import Html, Section, page, paragraph, picture, table
 from designlab.validation.paper_2020.content import Chapter, Illustration, Table, Text
 
 TITLE = "The 2020 experiments, reproduced"

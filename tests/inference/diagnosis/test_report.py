@@ -34,8 +34,8 @@ from designlab.inference.diagnosis.verdict.confidence import SIGNS, confidence
 from designlab.inference.diagnosis.verdict.intervals import of_amplitudes, of_deviation
 from designlab.measurement.quality.invariants import FrameCheck
 from designlab.measurement.shots import Observations
-from designlab.report import gap_report
 from designlab.report.diagnosis_folder import report_content
+from designlab.report.gap import gap_report
 from designlab.report.gap_plots import gap_bars, interval_bar
 from designlab.report.gap_text import places, statement
 from designlab.sensor.design import preset

@@ -14,7 +14,7 @@ from designlab.optimization.study import Plan, Robust, Study, StudyError, load_r
 from designlab.optimization.study.definition import BASE
 from designlab.optimization.study.front import history
 from designlab.optimization.tolerance import Spread, tolerance
-from designlab.report import study_report
+from designlab.report.study import study_report
 from designlab.simulation.effects import SensorModel
 from tests.helpers.scores import Estimate, Score
 from tests.helpers.studies import BARE

@@ -106,15 +106,7 @@ def diagnose_single(
     given.fitter.noises = best.fitter.noises
     found = {name: values(best.fitter, best.fit, name, (TRAIN,)) for name in best.state.values}
     effects = tuple(
-        Found(
-            member.name,
-            found[member.name],
-            MOST_CONFIDENCE / len(member.equals),
-            member.equals,
-            effect(member.name).summary,
-            effect(member.name).transferable,
-        )
-        for member in search.members
+        Found.of(m.name, found[m.name], MOST_CONFIDENCE / len(m.equals), m.equals) for m in search.members
     )
     report = GapReport(
         verdict=verdict,
