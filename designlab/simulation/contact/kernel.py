@@ -27,6 +27,24 @@ def indent(
     by the kernel (m + 1) / (m + exp(r / length)), cut at r = 6 lengths and normalised (arXiv 2012.13184).
     A contact with a tail raises the gel around the probe before.
 
+    Parameters
+    ----------
+    elastomer : Elastomer
+        The gel.
+    contact : Contact
+        How the gel smooths an indentation.
+    press : Press or None
+        The indentation; None leaves the gel untouched.
+    area_mm : (float, float)
+        Width and height of the area (mm).
+    pitch_mm : float
+        Distance of neighbouring grid points (mm).
+
+    Returns
+    -------
+    Surface
+        The membrane over the area.
+
     Raises
     ------
     ValueError
@@ -82,7 +100,7 @@ def _penetration(
 
 
 def _reach_mm(press: Press) -> float:
-    """Largest distance from the probe's axis to its outline."""
+    """Return the largest distance from the probe's axis to its outline."""
     return REACH[press.probe.kind] * press.probe.size_mm
 
 

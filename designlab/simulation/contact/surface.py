@@ -24,8 +24,10 @@ class Surface:
         Height of the undeformed membrane in mm; NaN where there is none.
     base_p, base_q : array, shape (rows, columns)
         Slopes dz/dx and dz/dy of the undeformed membrane.
+    base_p, base_q : array, shape (rows, columns)
+        Slopes dz/dx and dz/dy of the undeformed membrane.
     contact : bool array, shape (rows, columns)
-        Where the probe touches.
+        Whether the probe touches the membrane.
     """
 
     x_mm: Array
@@ -38,12 +40,12 @@ class Surface:
 
     @property
     def pitch_mm(self) -> float:
-        """Distance of grid points."""
+        """Distance of neighbouring grid points (mm)."""
         return float(self.x_mm[1] - self.x_mm[0])
 
     @cached_property
     def z_mm(self) -> Array:
-        """Membrane height in the sensor frame."""
+        """Height of the membrane in the sensor frame (mm), shape (rows, columns)."""
         return self.base_mm + self.height_mm
 
     @cached_property

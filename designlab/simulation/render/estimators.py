@@ -23,9 +23,9 @@ class Bias(NamedTuple):
     Parameters
     ----------
     mean : float
-        Of the mean of a picture.
+        Error of the mean of a picture.
     block : float
-        Of the mean of any 8 x 8 pixels of a picture of 160 columns.
+        Error of the mean of any block of 8 x 8 pixels of a picture of 160 columns.
     """
 
     mean: float
@@ -40,14 +40,14 @@ PHOTONS_PER_SAMPLE = 24_000  # lets one effort setting rule photons and the path
 
 
 def chosen(estimator: Estimator, scene: Scene) -> Estimator:
-    """Estimator that is used: ``scalar_rgb`` has the path tracer alone."""
+    """Return the estimator that is used for the one asked for: ``scalar_rgb`` has the path tracer alone."""
     if not activate().is_jit or (estimator == "reference" and not scene.refracts):
         return "path"
     return estimator
 
 
 def bias(estimator: Estimator) -> Bias:
-    """Bias of a picture made with an estimator that `chosen` gave."""
+    """Return the bias of a picture made with an estimator that `chosen` gave."""
     if estimator == "corrected":  # what is finer than the correction is that of fast
         return Bias(0.0, FAST_BIAS.block)
     return FAST_BIAS if estimator == "fast" else UNBIASED

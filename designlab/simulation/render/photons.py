@@ -31,15 +31,15 @@ class Arrival:
     towards
         Unit vector back along the ray.
     power
-        In mW, of the 1 mW that the LED group emits.
+        Power in mW, of the 1 mW that the LED group emits.
     bounces
-        Surfaces met before.
+        Number of surfaces met before.
     start
         Cell of the guide that the photon started in.
     returned
         Whether the photon was at the membrane before, or haze has scattered it.
     number
-        Of the photon among all that are traced.
+        Number of the photon among all that are traced.
     matte
         Whether the surface met last sent it on as a Lambertian one does.
     """
@@ -58,8 +58,18 @@ class Arrival:
 class Reflection:
     """Photons on the point of leaving a surface for another that counts.
 
-    Mitsuba's surface interaction, power (mW) as of an `Arrival`, surfaces met before, number of the photon,
-    and whether the surface sends them on as a Lambertian one does.
+    Attributes
+    ----------
+    at
+        Mitsuba's surface interaction.
+    power
+        Power in mW, as of an `Arrival`.
+    bounces
+        Number of surfaces met before.
+    number
+        Number of the photon among all that are traced.
+    matte
+        Whether the surface sends photons on as a Lambertian one does.
     """
 
     at: Any
@@ -170,7 +180,7 @@ class Starts:
     weight : Dr.Jit array
         How much more power each photon carries than an unguided one.
     number : Dr.Jit array
-        Of each start in the whole sequence.
+        Number of each start in the whole sequence.
     """
 
     def __init__(self, first: int, size: int, seeds: Any, lights: int, guide: Guide | None) -> None:

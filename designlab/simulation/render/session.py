@@ -49,7 +49,9 @@ class RenderSession:
         half: int | None = None,
         like: Scene | None = None,
     ) -> Shader:
-        """What shades every press of a design, from its light field: baked, or taken from memory or the disk.
+        """Return what shades every press of a design from its light field.
+
+        The light field is baked, or taken from memory or from the disk.
 
         Parameters
         ----------
@@ -64,7 +66,8 @@ class RenderSession:
         seed : int
             Same seeds, same numbers, on one back end.
         half : int, optional
-            Of the two independent halves of a light field, use this one only; shows its random error.
+            Number of the half of the light field that is used alone. The two halves are independent: their
+            difference shows the random error.
         like : Scene, optional
             Undeformed scene with as many LEDs whose light field shares its random numbers, see `baking.bake`.
         """
