@@ -1,16 +1,17 @@
 # make demo    the main job end to end on a small budget, results in demo-out/
-# make test    every check: style, types, layers, tests
-# Both first create .venv (Python 3.11 or newer; PYTHON=... chooses one) and need the network for that only.
+# make check   what every change should pass within two minutes: style, types, layers, tests that render nothing
+# make test    every check: the same with all tests
+# All first create .venv (Python 3.11 or newer; PYTHON=... chooses one) and need the network for that only.
 
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: demo test test-full
+.PHONY: demo check test test-full style
 
 demo: $(INSTALLED)
 	$(BIN)/designlab demo --out demo-out
 
-test: $(INSTALLED)
+style: $(INSTALLED)
 	@echo "== ruff check"
 	@$(BIN)/ruff check .
 	@echo "== ruff format --check"
@@ -19,6 +20,12 @@ test: $(INSTALLED)
 	@$(BIN)/mypy
 	@echo "== lint-imports"
 	@$(BIN)/lint-imports --no-logo
+
+check: style
+	@echo "== pytest"
+	@$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not renders and not slow and not full"
+
+test: style
 	@echo "== pytest"
 	@$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 

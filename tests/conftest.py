@@ -1,7 +1,7 @@
 """Fixtures shared by all tests."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import pytest
@@ -17,6 +17,7 @@ settings.register_profile("designlab", deadline=None, derandomize=True)
 settings.load_profile("designlab")
 
 MEASURED_VARIABLE = "DESIGNLAB_MEASURED"
+CALLS_BEFORE = pytest.StashKey[int]()
 NO_MEASURED = f"{MEASURED_VARIABLE} does not name a folder of real images"
 
 
@@ -27,12 +28,26 @@ def pytest_configure(config: pytest.Config) -> None:
         threadpool_limits(usable_cores())
 
 
+def calls_of_the_renderer() -> int:
+    """How often this process has asked for the renderer: `activate` is the only door to Mitsuba."""
+    return sum(activate.cache_info()[:2])
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Skip what this machine cannot run, with the reason."""
+    item.stash[CALLS_BEFORE] = calls_of_the_renderer()
     if item.get_closest_marker("llvm") and not choose().is_jit:
         pytest.skip(f"needs a just-in-time back end: {choose().reason}")
     if item.get_closest_marker("measured") and not os.environ.get(MEASURED_VARIABLE):
         pytest.skip(NO_MEASURED)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, None, None]:
+    """Fail a test that renders and is not marked so: `make check` leaves those out by their marker."""
+    yield
+    if not item.get_closest_marker("renders") and calls_of_the_renderer() > item.stash[CALLS_BEFORE]:
+        pytest.fail("renders: mark it with pytest.mark.renders")
 
 
 @pytest.fixture(scope="session")

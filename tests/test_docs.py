@@ -315,6 +315,7 @@ def test_every_panel_of_the_gallery_is_a_design_of_its_own():
         assert len({panel.digest for panel in panels}) == len(panels) > 1
 
 
+@pytest.mark.renders
 @pytest.mark.slow
 def test_the_script_runs(tmp_path):
     (script,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)

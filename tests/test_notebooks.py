@@ -52,6 +52,7 @@ def executed(path: Path, changes: dict[str, str], folder: Path) -> list:
     return [output for cell in notebook.cells for output in cell.get("outputs", [])]
 
 
+@pytest.mark.renders
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "path", [*(pytest.param(path, marks=pytest.mark.full) for path in SWEEPS), TEMPLATE], ids=NAMES
@@ -72,6 +73,7 @@ def test_a_notebook_runs_to_its_end(path, tmp_path, monkeypatch):
     assert all(len(picture) > 5000 for picture in pictures)
 
 
+@pytest.mark.renders
 @pytest.mark.full
 @pytest.mark.slow
 def test_the_story_of_a_corrected_model_runs_to_its_end(tmp_path, monkeypatch):

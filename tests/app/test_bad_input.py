@@ -346,6 +346,7 @@ class TestPlacesThatCannotBeWritten:
     def study(self, tmp_path):
         return written(tmp_path / "study.toml", TestStudies.STUDY)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("number", range(7))
     def test_a_path_below_a_file(self, refused, study, tmp_path, number):
         place = written(tmp_path / "file", "kept")
@@ -378,6 +379,7 @@ class TestPlacesThatCannotBeWritten:
         assert "No space left on device" in line
         assert list(tmp_path.iterdir()) == []
 
+    @pytest.mark.renders
     def test_a_disk_that_is_full_when_the_pictures_are_written(self, refused, tmp_path, monkeypatch):
         from designlab.core import images
 
@@ -392,6 +394,7 @@ class TestPlacesThatCannotBeWritten:
         assert "No space left on device" in line
         assert list(tmp_path.iterdir()) == []
 
+    @pytest.mark.slow
     def test_a_folder_with_something_else_is_left_alone(self, refused, tmp_path):
         note = written(tmp_path / "note.txt", "mine")
         for words in (

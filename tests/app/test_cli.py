@@ -127,6 +127,7 @@ class TestOutput:
     def test_json_may_stand_before_the_command(self, run):
         assert "presets" in json.loads(run("--json", "presets")[1])
 
+    @pytest.mark.slow
     def test_doctor(self, run_json):
         status, found = run_json("doctor")
         assert status == (0 if found["ok"] else 1)
@@ -201,6 +202,7 @@ class TestFailures:
         assert status == 1
         assert "a defect of designlab: LinAlgError" in err
 
+    @pytest.mark.slow
     def test_a_users_error_met_by_a_worker_is_no_defect(self, run, monkeypatch):
         """Its traceback stays behind in the worker; a library's error there is a defect as anywhere."""
 
@@ -228,6 +230,7 @@ class TestFailures:
         monkeypatch.setenv(console.DEBUG_VARIABLE, "1")
         assert "Traceback" in run("presets")[2]
 
+    @pytest.mark.slow
     def test_ctrl_c_leaves_nothing_behind_and_says_how_to_go_on(self, tmp_path):
         out = tmp_path / "evaluation"
         command = [PROGRAM, "evaluate", "gelsight-2020-flat", "--out", str(out), "--json"]
@@ -306,6 +309,7 @@ class TestInit:
         assert status == 2
 
 
+@pytest.mark.renders
 class TestRender:
     def test_files_agree_with_the_library(self, run_json, tmp_path):
         import designlab as dl
@@ -353,6 +357,7 @@ class TestCompare:
         assert (status, found["snr_db"], found["mse"], found["ssim"]) == (0, None, 0.0, 1.0)
         assert "inf" in run("compare", tmp_path / "a.exr", tmp_path / "a.exr")[1]
 
+    @pytest.mark.renders
     def test_a_model_against_frames_it_made_itself(self, run_json, tmp_path):
         """Frames rendered with another seed differ by noise alone; gain, pose and crop errors would show."""
         import tomli_w
@@ -398,6 +403,7 @@ class TestCompare:
         saved = read_image(tmp_path / "pictures" / "all-simulated.exr")
         np.testing.assert_allclose(np.mean(saved), exposure * np.mean(picture.mixed), rtol=0.02)
 
+    @pytest.mark.renders
     def test_automatic_exposure_brings_the_bright_parts_to_half_of_full_scale(self, tmp_path):
         from designlab.inference.compare import compare_model
         from designlab.measurement import MeasuredFrame, Measurement
@@ -412,6 +418,7 @@ class TestCompare:
         inside = pair.simulated[top : top + high, left : left + wide]
         assert np.percentile(inside, 99.5) == pytest.approx(0.5, rel=0.05)
 
+    @pytest.mark.renders
     @pytest.mark.slow
     @pytest.mark.measured
     def test_published_values_against_the_real_triangle(self, run_json, measured_dir):
@@ -452,6 +459,7 @@ class TestStudy:
         run_study(load_study(path), out=tmp_path / "mine" / "study-out", progress=False, evaluator=evaluator)
         return path
 
+    @pytest.mark.slow
     def test_a_file_or_its_folder_name_the_same_study(self, run_json, study_file):
         status, found = run_json("study", "status", study_file)
         assert status == 0
@@ -461,6 +469,7 @@ class TestStudy:
         study_file.with_name("study-out").rename(moved)
         assert run_json("study", "status", study_file, "--out", moved)[1]["trials"] == found["trials"]
 
+    @pytest.mark.slow
     def test_a_study_that_is_done_is_not_run_again(self, run, run_json, study_file):
         status, found = run_json("study", "run", study_file)
         assert status == 0
@@ -483,6 +492,7 @@ class TestStudy:
         assert f"designlab study run {study_file} --workers 2 --trials 9" in err
         assert "3 of 9 designs" in err
 
+    @pytest.mark.renders
     @pytest.mark.slow
     def test_the_report_is_one_page(self, run_json, study_file, tmp_path):
         page = tmp_path / "page.html"
@@ -491,6 +501,7 @@ class TestStudy:
         assert page.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
 
 
+@pytest.mark.renders
 @pytest.mark.slow
 def test_evaluate_prints_the_scores_and_shows_the_pictures(run_json, tmp_path):
     out = tmp_path / "evaluation"
@@ -505,6 +516,7 @@ def test_evaluate_prints_the_scores_and_shows_the_pictures(run_json, tmp_path):
     assert (out / "report.html").is_file()
 
 
+@pytest.mark.renders
 @pytest.mark.slow
 def test_a_design_differs_from_a_copy_with_a_darker_membrane_in_colour_alone(run_json, tmp_path):
     dimmer = tmp_path / "dimmer.toml"

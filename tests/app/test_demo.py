@@ -86,6 +86,7 @@ def test_folders_of_others_are_left_alone(quick, tmp_path):
 MIXING = {"colour_mixing": {"R_from_green": 0.15, "G_from_blue": 0.2, "B_from_red": 0.1}}
 
 
+@pytest.mark.renders
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "tolerance"),

@@ -9,6 +9,7 @@ from designlab.app import doctor
 from designlab.core import backend
 
 
+@pytest.mark.slow
 def test_report_is_json_and_text() -> None:
     report = json.loads(json.dumps(doctor.doctor()))
     assert report["packages"]["numpy"] == np.__version__
@@ -37,6 +38,7 @@ def test_everything_missing_is_reported_not_raised(monkeypatch: pytest.MonkeyPat
     assert "back end     none" in doctor.render_text(report)
 
 
+@pytest.mark.slow
 def test_missing_optional_package_is_not_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     known = doctor.installed_version
     monkeypatch.setattr(
@@ -47,6 +49,7 @@ def test_missing_optional_package_is_not_a_fault(monkeypatch: pytest.MonkeyPatch
     assert "package pymeshlab" in {entry["what"] for entry in report["missing"]}
 
 
+@pytest.mark.slow
 def test_impossible_variant_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(backend.VARIANT_VARIABLE, "fast")
     monkeypatch.setattr(backend, "choose", backend.choose.__wrapped__)

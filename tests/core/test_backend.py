@@ -17,6 +17,8 @@ from designlab.core import llvm
 from designlab.core.backend import VARIANTS, Backend
 from tests import ROOT
 
+pytestmark = pytest.mark.renders
+
 # Chooses with the libraries found in sys.argv[1] only, renders, and tells the result.
 PROGRAM = """
 import dataclasses, json, sys

@@ -53,6 +53,7 @@ def _die_after(seconds: float) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+@pytest.mark.slow
 def test_a_death_costs_no_result_and_a_call_that_kills_again_is_the_end(monkeypatch) -> None:
     """In place of processes, threads whose calls may break all that run beside them."""
     started: list[int] = []
@@ -88,6 +89,7 @@ def test_results_before_a_failure_are_given() -> None:
             next(found)
 
 
+@pytest.mark.slow
 def test_a_dask_cluster_runs_calls() -> None:
     distributed = pytest.importorskip("distributed", reason="Dask is an extra")
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
@@ -96,6 +98,7 @@ def test_a_dask_cluster_runs_calls() -> None:
             results(7, [*CALLS, (math.factorial, -1)], dask=cluster.scheduler_address)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("allowed", [3, 0])
 def test_dask_gives_the_call_of_a_dead_worker_to_another_but_not_for_ever(tmp_path, allowed) -> None:
     distributed = pytest.importorskip("distributed", reason="Dask is an extra")

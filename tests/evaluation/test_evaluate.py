@@ -16,6 +16,8 @@ from designlab.sensor.design import InfeasibleDesign, load, preset
 from designlab.simulation.effects import AppliedEffect, SensorModel
 from designlab.simulation.simulator import Simulator
 
+pytestmark = pytest.mark.renders
+
 FLAT = preset("gelsight-2020-flat")
 BEHIND_GLASS = preset("default")
 EXACT = {"coverage", "saturation_share", "stray_share", "press_saturation_share"}  # of this design

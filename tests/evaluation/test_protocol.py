@@ -55,6 +55,7 @@ def frames(random, *, sigma, correlation_px, shape=(3, 90, 120)):
     return [SimpleNamespace(basis=light * (1 + noise()), rays=rays, grain_mm=grain_mm) for _ in range(2)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("design", "sigma", "correlation_px"), [(FLAT, 0.1, 0.0), (CORE, 0.03, 4.0)])
 def test_evenness_is_unbiased_and_scatters_as_stated(design, sigma, correlation_px):
     random = np.random.default_rng(8)

@@ -73,6 +73,7 @@ def signed_volume(triangles: np.ndarray) -> float:
     return float(np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])).sum() / 6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", PRESETS, indirect=True)
 def test_every_stl_is_closed_and_has_the_volume_of_its_step(folder: Path) -> None:
     names = sorted(path.stem for path in (folder / "stl").iterdir())
@@ -90,6 +91,7 @@ def test_every_stl_is_closed_and_has_the_volume_of_its_step(folder: Path) -> Non
         assert triangles.max(axis=(0, 1)) == pytest.approx([box.xmax, box.ymax, box.zmax], abs=0.05), name
 
 
+@pytest.mark.slow
 def test_volumes_are_those_of_closed_forms(exports: dict[str, Path]) -> None:
     design = preset("default")
     volumes = {
@@ -109,6 +111,7 @@ def test_volumes_are_those_of_closed_forms(exports: dict[str, Path]) -> None:
     assert volumes["probe_cone_4mm"] > np.pi * 2**2 * 2 / 3
 
 
+@pytest.mark.slow
 def test_thinned_dome_stays_on_its_sphere(exports: dict[str, Path]) -> None:
     """Corners and edge middles of the gel's outer side lie within both tolerances of the sphere."""
     gel = preset("gelsight-2020-dome").elastomer
@@ -127,6 +130,7 @@ def test_thinned_dome_stays_on_its_sphere(exports: dict[str, Path]) -> None:
     assert base_mm(gel, 10.0, 0.0) == pytest.approx(35 - np.sqrt(35**2 - 10**2))
 
 
+@pytest.mark.slow
 def test_thinned_meshes_keep_their_bound_by_another_measure(exports: dict[str, Path]) -> None:
     """Distances from points of the STL to the CAD surface, by the CAD kernel instead of the mesh library."""
     folder = exports["gelsight-2020-dome"]
@@ -170,6 +174,7 @@ def test_closed_mould_leaves_the_gel(name: str) -> None:
         assert cavity.isInside(point) or lid.isInside(point)
 
 
+@pytest.mark.slow
 def test_assembly_names_and_colours_every_part(exports: dict[str, Path]) -> None:
     path = exports["default"] / "assembly.step"
     text = path.read_text()
@@ -182,6 +187,7 @@ def test_assembly_names_and_colours_every_part(exports: dict[str, Path]) -> None
     assert total == pytest.approx(sum(parts(design)[name].Volume() for name in SENSOR), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_3mf_holds_the_triangles_of_the_stl(exports: dict[str, Path]) -> None:
     """Read the package with nothing but zip and XML; the object must be closed by vertex numbers alone."""
     folder = exports["default"]
@@ -205,6 +211,7 @@ def test_3mf_holds_the_triangles_of_the_stl(exports: dict[str, Path]) -> None:
     assert edges == {(b, a) for a, b in edges}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", PRESETS, indirect=True)
 def test_led_table_follows_from_the_angles(folder: Path) -> None:
     design = load(folder / "design.toml")
@@ -239,6 +246,7 @@ def test_strips_share_flux_by_area() -> None:
     assert first["flux_mw"] + second["flux_mw"] == pytest.approx(10.0, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_bill_of_materials(exports: dict[str, Path]) -> None:
     with (exports["default"] / "bom.csv").open(encoding="utf-8") as file:
         rows = {row["item"]: row for row in csv.DictReader(file)}
@@ -251,6 +259,7 @@ def test_bill_of_materials(exports: dict[str, Path]) -> None:
     assert set(CLEAR_STOCK) == set(MATERIALS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", PRESETS, indirect=True)
 def test_manifest_lists_every_file_with_its_hash(folder: Path) -> None:
     manifest = json.loads((folder / "manifest.json").read_text())
@@ -263,6 +272,7 @@ def test_manifest_lists_every_file_with_its_hash(folder: Path) -> None:
     assert manifest["walls"]["thinnest_mm"] >= manifest["walls"]["least_mm"]
 
 
+@pytest.mark.slow
 def test_overlap_of_panels_and_core_is_said_aloud(exports: dict[str, Path]) -> None:
     """The released scenes leave the core out, and their panels stand in the room of the core."""
     for name in PRESETS[1:]:
@@ -293,6 +303,7 @@ def test_overlap_fails_where_light_crosses_the_core() -> None:
     assert "light_path is air" in in_air.note
 
 
+@pytest.mark.slow
 def test_infeasible_design_is_refused_unless_allowed(tmp_path: Path, cheap: None) -> None:
     design = preset("default").replace({"leds.radius_mm": 15.5})
     with pytest.raises(InfeasibleDesign, match="leds_inside_housing"):
@@ -303,6 +314,7 @@ def test_infeasible_design_is_refused_unless_allowed(tmp_path: Path, cheap: None
     assert any("housing" in warning and "overlap" in warning for warning in manifest["warnings"])
 
 
+@pytest.mark.slow
 def test_export_replaces_only_an_export(tmp_path: Path, cheap: None) -> None:
     design, out = preset("default"), tmp_path / "deep" / "out"
     export(design, out, probes=["cone:3"])
@@ -363,6 +375,7 @@ def test_read_only_folders(tmp_path: Path, cheap: None, request: pytest.FixtureR
         export(preset("default"), tmp_path / "new")
 
 
+@pytest.mark.slow
 def test_failed_check_leaves_the_earlier_export(
     tmp_path: Path, cheap: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -402,6 +415,7 @@ def test_without_pymeshlab_the_fine_mesh_is_written(monkeypatch: pytest.MonkeyPa
     assert mesh.volume == pytest.approx(shape.Volume(), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_mesh_probe_is_written_as_it_is(tmp_path: Path, cheap: None) -> None:
     source = tmp_path / "my probe.stl"
     from_solid(cadquery.Workplane("XY").box(3, 2, 1)).export(source)

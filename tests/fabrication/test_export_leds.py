@@ -22,6 +22,7 @@ def test_the_core_has_the_cavities_of_leds_cast_into_it():
     assert plain - cast == pytest.approx(9 * 3.0 * 2.8 * 1.0, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_core_with_cavities_exports_and_passes_every_check(exported):
     manifest, folder = exported
     assert all(check["ok"] for check in manifest["checks"])

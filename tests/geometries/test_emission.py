@@ -63,6 +63,7 @@ def test_half_the_axial_intensity_lies_at_half_the_beam(beam_deg):
     assert profile.is_lambertian == (beam_deg == 120.0)
 
 
+@pytest.mark.slow
 def test_a_table_is_normalised_and_linear_between_its_angles():
     profile = AngularProfile(**ies.parse(SAMPLE, name="sample.ies")._asdict())
     assert integral(profile) == pytest.approx(1.0, rel=1e-9)

@@ -49,6 +49,7 @@ def test_polygon_has_the_textbook_area_and_runs_counter_clockwise(outline: Outli
     assert shoelace(corners) == pytest.approx(AREAS[outline], rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("outline", ["rectangle", "hexagon", "round"])
 def test_inside_agrees_with_the_polygon(outline: OutlineName) -> None:
     corners = outline_polygon(outline, width_mm=24.0, length_mm=18.0, segments=2000)

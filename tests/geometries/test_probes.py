@@ -17,6 +17,7 @@ def grid(probe: Probe, samples: int = 241) -> tuple[np.ndarray, np.ndarray]:
     return np.meshgrid(x, x[::-1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", LIBRARY)
 @pytest.mark.parametrize("size_mm", [0.8, 5.0])
 def test_profile_is_the_upper_surface_of_the_mesh(kind: str, size_mm: float) -> None:

@@ -162,6 +162,7 @@ def test_a_lobe_at_the_outline_is_said_to_be_cut():
     assert lobe.cut
 
 
+@pytest.mark.slow
 def test_two_probes_differ_by_what_was_changed():
     light, view = directions(columns=300)
     spots = [(0, 60.0, 90.0, 7.0, 1.0), (1, 60.0, 210.0, 7.0, 1.0), (2, 60.0, 330.0, 7.0, 1.0)]

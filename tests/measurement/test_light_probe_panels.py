@@ -16,7 +16,7 @@ from designlab.sensor.design import preset
 from designlab.simulation.simulator import RenderFailed
 from geometries.leds import emitters
 
-pytestmark = pytest.mark.physics
+pytestmark = [pytest.mark.physics, pytest.mark.renders]
 
 CENTRE_DEG, SOLID_ANGLE = 0.5, 0.02  # what is asked for
 BALLS = {

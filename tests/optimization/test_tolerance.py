@@ -48,6 +48,7 @@ def run(out, design=FLAT, spreads=(TILT, HEIGHT), **options):
     )
 
 
+@pytest.mark.slow
 def test_yield_and_blame_are_those_of_the_closed_form(tmp_path):
     limit = 3.0
     found = run(tmp_path / "out", spec={"blur": Bound(most=limit)})

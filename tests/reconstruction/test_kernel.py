@@ -46,6 +46,7 @@ def calibration():
     return fit_kernel(images, BACKGROUND, [p for _, p, _ in CAPS], [q for *_, q in CAPS], X_MM, Y_MM)
 
 
+@pytest.mark.slow
 def test_a_cap_at_a_new_place_is_recovered(calibration):
     height, p, q = cap((45, 60), 13.0)
     found = calibration.estimate(picture(p, q, seed=50))

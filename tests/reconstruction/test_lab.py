@@ -50,6 +50,7 @@ CENTRES = [(c, r) for c in (30, 70, 110) for r in (26, 60, 94)]
 BALLS = [press(centre) for centre in CENTRES]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "worst_deg"),
     [
@@ -69,6 +70,7 @@ def test_each_method_recovers_a_press_it_has_not_seen(method, worst_deg):
     assert left_out_errors(BALLS, BACKGROUND, SETUP, method=method).trusted_deg < 2 * worst_deg
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [Polynomial(), Kernel(features=100), LookupTable()])
 def test_the_untouched_gel_is_flat(method):
     shape = calibrate(BALLS, BACKGROUND, SETUP, method=method).reconstruct(BACKGROUND)
@@ -111,6 +113,7 @@ def test_a_rounded_rim_is_restored_and_the_height_kept():
     assert max(inner_mm, both_mm) < 0.6 * whole_mm
 
 
+@pytest.mark.slow
 def test_centres_that_were_read_off_wrong_are_put_right():
     random = np.random.default_rng(4)
     wrong = random.normal(scale=1.0, size=(9, 2))
@@ -135,6 +138,7 @@ def test_no_contact_is_found_where_there_is_none():
         find_contact_circle(picture(FLAT, FLAT, noise=0.01), BACKGROUND)
 
 
+@pytest.mark.slow
 def test_printed_markers_can_be_masked():
     markers = (ROWS % 12 < 3) & (COLUMNS % 12 < 3)
     calibration = calibrate(
@@ -174,6 +178,7 @@ def test_slopes_on_a_dome_are_relative_to_it():
     assert error_deg[r_px < 12].mean() < 1.0
 
 
+@pytest.mark.slow
 def test_the_method_is_chosen_on_balls_left_out():
     methods = [LookupTable(nodes=3), Polynomial(ridge=1e-6)]
     chosen, table = choose_method(BALLS, BACKGROUND, SETUP, methods)
@@ -196,6 +201,7 @@ def test_the_choice_weighs_height_against_normals(monkeypatch):
     assert dict(table) == errors
 
 
+@pytest.mark.slow
 def test_bad_input_is_refused():
     with pytest.raises(ValueError, match="at least 2 are needed, got 1"):
         calibrate(BALLS[:1], BACKGROUND, SETUP)

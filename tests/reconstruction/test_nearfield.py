@@ -203,6 +203,7 @@ def test_a_bad_picture_is_refused():
         known.shadowed(np.ones((2, 2)), pitch_mm=(0.1, 0.1))
 
 
+@pytest.mark.renders
 def test_a_ball_is_reconstructed_without_calibration():
     design = preset("gelsight-2020-flat")
     simulator = Simulator(design, columns=160, seed=0)

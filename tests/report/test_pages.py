@@ -168,6 +168,7 @@ def make(**changes):
     return Study.model_validate(content | changes)
 
 
+@pytest.mark.slow
 def test_the_page_of_a_study_shows_its_front_its_start_and_its_rejections(tmp_path):
     results = run_study(make(), out=tmp_path, progress=False, evaluator=closed_form)
     number = int(results.picks.iloc[0]["trial"])
@@ -190,6 +191,7 @@ def test_the_page_of_a_study_shows_its_front_its_start_and_its_rejections(tmp_pa
     assert rounded(best, 0.01).partition(" ")[0] in shown
 
 
+@pytest.mark.slow
 def test_a_study_with_one_objective_or_none_evaluated_has_a_page(tmp_path):
     study = make(objectives={"uniformity_u0": "maximise"}, trials=3)
     results = run_study(study, out=tmp_path / "one", progress=False, evaluator=closed_form)

@@ -26,6 +26,7 @@ def false_python(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return script
 
 
+@pytest.mark.slow
 def test_picture_shows_every_led_colour(tmp_path: Path) -> None:
     design = preset("gelsight-2020-dome")
     press = Press(probe=parse("sphere:8"), depth_mm=1.0)

@@ -7,6 +7,8 @@ from random_designs import RANGES, random_design
 from geometries.elastomer import base_mm
 from geometries.leds import emitters
 
+pytestmark = pytest.mark.slow
+
 SEEDS = range(40)
 
 

@@ -120,6 +120,7 @@ class TestShading:
             assert light.azimuth_deg == pytest.approx(group.azimuth_deg[0])
             assert np.tan(np.radians(light.elevation_deg)) == pytest.approx(leds.height_mm / leds.radius_mm)
 
+    @pytest.mark.renders
     def test_bright_sides_are_those_of_the_simulation(self):
         """Relative to the untouched gel; the rest is near-field light and shadow."""
         simulator = Simulator(DESIGN, view=VIEW, samples=64, seed=3)
@@ -309,6 +310,7 @@ def scores(found, light):
     return {name: (values[name].value - true[name]) / values[name].se for name in true.keys() - at_zero}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("reflection", "switched", "places"),
     [("diffuse", tuple((name,) for name in ALL), PLACES[:1]), ("phong", (ALL,), PLACES)],
@@ -359,6 +361,7 @@ def test_what_mixed_light_does_not_tell_has_no_error_and_a_note(tmp_path):
     assert all(frame.after["snr_db"] > 40 for frame in found.frames)
 
 
+@pytest.mark.renders
 @pytest.mark.slow
 def test_a_rendered_picture_is_told_better_by_light_transport(tmp_path):
     """Near light falls off and casts shadows; a lobe towards the camera stands for some of it."""

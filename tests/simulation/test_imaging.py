@@ -171,6 +171,7 @@ def predictions(measurement: Measurement, folder) -> list[np.ndarray]:
     return [Forward(bank).predict(State(gains), number) for number in range(len(seen.shots))]
 
 
+@pytest.mark.renders
 class TestAStepAddedInOnePlace:
     def test_is_seen_in_a_rendered_picture(self, add) -> None:
         plain = dl.render(DESIGN, columns=SIDE, samples=16, seed=7)

@@ -127,6 +127,7 @@ class TestSolver:
         light = np.column_stack([state.transfer, state.floor]).ravel()
         return np.concatenate([state.shared, pose, light]), np.sqrt(np.diag(spread))
 
+    @pytest.mark.slow
     def test_values_scatter_about_the_truth_by_their_standard_errors(self):
         """40 draws of the noise: the spread is known to 11 %, the mean to 0.16 of a standard error."""
         found = [self.solved(seed) for seed in range(40)]
@@ -220,6 +221,7 @@ def found(made_set):
     return calibrate(made_set, DESIGN, columns=SIDE, samples=96, seed=5)
 
 
+@pytest.mark.renders
 @pytest.mark.slow
 class TestMadeSensor:
     def test_fields_and_pose_within_three_standard_errors(self, found):
@@ -266,6 +268,7 @@ class TestMadeSensor:
         assert any("product" in note for note in data["notes"])
 
 
+@pytest.mark.renders
 @pytest.mark.slow
 def test_of_a_held_out_press_the_pose_alone_is_found(tmp_path):
     true = DESIGN.replace(TRUE_FIELDS)
@@ -279,6 +282,7 @@ def test_of_a_held_out_press_the_pose_alone_is_found(tmp_path):
     assert press.after["snr_db"] > 40
 
 
+@pytest.mark.renders
 class TestInput:
     def test_one_press_without_background_is_observed(self, tmp_path):
         seen = observe(made(tmp_path / "m", with_background=False), DESIGN, columns=SIDE)

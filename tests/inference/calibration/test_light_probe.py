@@ -45,6 +45,7 @@ class TestRendered:
         assert imaging.alone(f"{ALBEDO}.2") == 2
         assert imaging.alone("leds.height_mm") is None
 
+    @pytest.mark.renders
     @pytest.mark.llvm
     def test_a_reflectance_between_two_is_what_simulating_it_gives(self):
         """No further off than two simulations are from each other, whose random numbers differ."""

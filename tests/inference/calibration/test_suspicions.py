@@ -90,6 +90,7 @@ def examined(planted):
 NAMES = ("gelsight-2020-flat", "gelsight-2020-dome")
 
 
+@pytest.mark.renders
 @pytest.mark.parametrize("name", NAMES)
 class TestFaults:
     def test_a_correct_set_is_not_accused(self, planted, examined, name):
@@ -118,6 +119,7 @@ class TestFaults:
         assert (found.name, 'response = "linear"' in found.remedy) == ("nonlinear", True)
 
 
+@pytest.mark.renders
 def test_a_wrong_model_is_no_fault_of_the_pictures(planted):
     """Lens 20 % off, kernel five times as long, lights moved: no fault explains what is left."""
     measurement, design = planted(NAMES[0]), preset(NAMES[0])
@@ -134,6 +136,7 @@ def test_a_wrong_model_is_no_fault_of_the_pictures(planted):
         assert Examined(measurement, design.replace(changes)).faults(measurement) == ()
 
 
+@pytest.mark.renders
 def test_the_order_of_channels_is_not_told_by_dim_ones(planted, examined, tmp_path):
     """One LED group lights one channel; the others hold what any small effect puts there."""
     measurement = planted(NAMES[0])
@@ -151,6 +154,7 @@ def test_the_order_of_channels_is_not_told_by_dim_ones(planted, examined, tmp_pa
     assert (found.name, found.files) == ("channels", (file,))
 
 
+@pytest.mark.renders
 @pytest.mark.parametrize("green", [1.0, 1.6])
 def test_a_swapped_press_is_found_whichever_channel_is_brightest(planted, examined, tmp_path, green):
     """OpenCV's order leaves green in its place."""
@@ -162,6 +166,7 @@ def test_a_swapped_press_is_found_whichever_channel_is_brightest(planted, examin
     assert (found.name, found.files) == ("channels", (file,))
 
 
+@pytest.mark.renders
 def test_noise_and_other_light_powers_are_no_fault(planted, examined, tmp_path):
     """Channels 30 % brighter and dimmer, noise of 2 % of full scale."""
     rng = np.random.default_rng(5)
@@ -319,6 +324,7 @@ class TestWithoutModel:
         assert (found.name, found.strong) == ("not_additive", False)
         assert "colour matrix" in found.cause
 
+    @pytest.mark.slow
     @pytest.mark.parametrize(
         ("shape", "cause"),
         [
@@ -342,6 +348,7 @@ class TestWithoutModel:
 
 
 class TestCalibrate:
+    @pytest.mark.renders
     def test_swapped_channels_stop_the_command_with_two(self, planted, tmp_path, capsys):
         wrong = spoilt(planted(NAMES[0]), tmp_path / "m", FAULTS["bgr"][1])
         words = ["calibrate", str(wrong.folder), "--model", NAMES[0], "--out", str(tmp_path / "out")]
@@ -362,6 +369,7 @@ class TestCalibrate:
         assert cli.main(words) == 2
         assert f"saturated: {correct.frames[5].file}: " in capsys.readouterr().err
 
+    @pytest.mark.renders
     def test_what_is_trusted_is_noted(self, planted, tmp_path):
         wrong = spoilt(planted(NAMES[0]), tmp_path / "m", FAULTS["bgr"][1])
         kept = [f for f in wrong.frames if f.kind == "background" and f.leds is None][:1]

@@ -106,6 +106,7 @@ class TestFrames:
     def test_what_an_effect_of_the_catalogue_does_is_no_fault(self, hour, effect):
         assert all(note.startswith("not_additive") for note in check_frames(hour(effect), MODEL))
 
+    @pytest.mark.slow
     def test_a_blank_picture_and_half_a_picture_are_named(self, whole, tmp_path):
         for number, spoil in enumerate(
             (lambda image: np.full_like(image, 0.3), lambda image: np.where(half(image), 0.5, image))
@@ -203,6 +204,7 @@ class TestInvariants:
         assert any(each.name == "flat field" for each in invariants(measurement, DESIGN))
 
 
+@pytest.mark.renders
 class TestPresses:
     """What shows against the model as given."""
 

@@ -24,6 +24,8 @@ from designlab.measurement.shots import Observations
 from designlab.simulation.effects import SensorModel
 from tests.helpers.small_sensor import DESIGN, VALUES, shots
 
+pytestmark = pytest.mark.renders
+
 NAMES = ("albedo_field", "vignetting")
 TRAIN = [0, 1, 2]
 

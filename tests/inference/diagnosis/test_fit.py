@@ -45,6 +45,8 @@ from tests.helpers.small_sensor import (
     taken,
 )
 
+pytestmark = pytest.mark.renders
+
 NAMES = ("led_position", "albedo_field", "translucency", "contact_kernel", "depth_offset")
 NAMES += ("vignetting", "colour_mixing")
 

@@ -20,6 +20,8 @@ from designlab.inference.diagnosis.verdict.intervals import values
 from designlab.simulation.effects import SensorModel
 from tests.helpers.small_sensor import DESIGN, GAINS, VIEW, applied, seeing, shots
 
+pytestmark = pytest.mark.renders
+
 
 @pytest.fixture(scope="module")
 def bank(renders) -> Bank:

@@ -36,6 +36,8 @@ from tests.helpers.small_sensor import (
     shots,
 )
 
+pytestmark = pytest.mark.renders
+
 SELECTION = "designlab.inference.diagnosis.selection.forward_selection"
 NAMES = ("albedo_field", "translucency", "contact_kernel", "depth_offset", "vignetting", "colour_mixing")
 

@@ -15,7 +15,7 @@ from designlab.sensor.design import preset
 from designlab.validation.synthetic import plant
 from tests.helpers.processes import until
 
-pytestmark = pytest.mark.faults
+pytestmark = [pytest.mark.faults, pytest.mark.renders]
 
 DESIGN = preset("gelsight-2020-flat")
 SEED = 3

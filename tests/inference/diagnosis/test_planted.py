@@ -29,7 +29,7 @@ CASES = {
     "response_curve": ({"exponent": 1.1}, 0.02),
 }
 
-pytestmark = [pytest.mark.recovery, pytest.mark.slow]
+pytestmark = [pytest.mark.recovery, pytest.mark.slow, pytest.mark.renders]
 
 
 @pytest.fixture(scope="module")

@@ -70,6 +70,7 @@ def reports(tmp_path_factory):
     return found
 
 
+@pytest.mark.renders
 @pytest.mark.llvm
 class TestPlanted:
     def test_mixed_colours_are_found_from_other_blocks(self, reports):
@@ -154,6 +155,7 @@ class TestStructure:
         assert structure(simulated, real, mask)["structure_corr"] > 0.5
 
 
+@pytest.mark.renders
 @pytest.mark.full
 @pytest.mark.llvm
 @pytest.mark.measured

@@ -105,6 +105,7 @@ def test_the_hypervolume_of_a_staircase_is_its_area():
     assert hypervolume(loss, np.array([3.0, 3.0])) == pytest.approx(6.0)  # 1 + 2 + 3 unit cells
 
 
+@pytest.mark.slow
 def test_the_history_never_gets_worse(tmp_path):
     results = run(make(trials=12, sampler="random"), tmp_path)
     progress = history(results.frame, results.study.objectives)
@@ -114,6 +115,7 @@ def test_the_history_never_gets_worse(tmp_path):
     assert progress["hypervolume"].iloc[-1] == 1
 
 
+@pytest.mark.slow
 def test_importance_finds_the_parameter_that_matters(tmp_path):
     study = make(trials=30, sampler="qmc")
     run(study, tmp_path, trials=4)
@@ -182,6 +184,7 @@ def test_a_sweep_keeps_what_is_finished_and_goes_on(tmp_path):
         sweep(base, grid, evaluator=counting, seed=1, **common)
 
 
+@pytest.mark.slow
 def test_a_sweep_on_a_cluster_has_the_same_rows():
     distributed = pytest.importorskip("distributed", reason="Dask is an extra")
     grid = {"leds.tilt_deg": range(0, 60, 20), "leds.height_mm": [1.0, 8.0]}

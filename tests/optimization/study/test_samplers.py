@@ -58,6 +58,7 @@ def before(frame, states):
     return set(frame["method"][states_before & drawn]), set(frame["method"][~states_before & drawn])
 
 
+@pytest.mark.slow
 def test_tpe_draws_after_designs_that_cannot_be_built(tmp_path, torch):
     for sampler in ("auto", "gp"):
         frame = run(make(parameters=NARROW, sampler=sampler, trials=12), tmp_path / sampler).frame
@@ -74,6 +75,7 @@ def test_tpe_draws_after_designs_that_have_no_score(tmp_path, torch):
     assert before(frame, ["failed"]) == ({"tpe"}, {"gp"})
 
 
+@pytest.mark.slow
 def test_a_run_that_is_stopped_after_a_rejected_design_goes_on_as_it_would_have(tmp_path, torch, monkeypatch):
     study = make(parameters=NARROW, trials=12)
     whole = run(study, tmp_path / "whole").frame
@@ -96,6 +98,7 @@ def test_a_run_that_is_stopped_after_a_rejected_design_goes_on_as_it_would_have(
     assert parts["leds.height_mm"].to_list() == whole["leds.height_mm"].to_list()
 
 
+@pytest.mark.slow
 def test_a_new_record_and_a_second_try_keep_which_sampler_drew(tmp_path, monkeypatch):
     study = make(trials=4, sampler="qmc")
     drawn = run(study, tmp_path).frame["method"]

@@ -146,6 +146,7 @@ def check(results, tmp_path, *, kills):
     assert sum(begun.values()) <= len(begun) + kills
 
 
+@pytest.mark.slow
 def test_a_study_is_confirmed_by_the_run_that_ends_it(tmp_path, url):
     study = make(name="confirmed", trials=6, plan=Plan(promoted=2, confirmed=1, seeds=2))
     results = run_study(study, out=tmp_path / "out", storage=url, progress=False, evaluator=quick)

@@ -102,6 +102,7 @@ def test_every_evaluation_gets_the_fidelity_and_the_seed_of_the_study(tmp_path):
     assert asked == [("standard", 7)] * 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sampler", ["tpe", "nsga2", "nsga3", "cmaes", "random", "qmc", "gp"])
 def test_a_run_in_two_parts_gives_the_trials_of_one_run(tmp_path, sampler):
     if sampler == "gp":
@@ -124,6 +125,7 @@ def test_another_seed_gives_other_designs(tmp_path):
     assert shared == {study.base.leds.tilt_deg}
 
 
+@pytest.mark.slow
 def test_the_search_finds_the_optimum_of_a_closed_form(tmp_path):
     study = make(objectives={"normal_error_median_deg": "minimise"}, trials=40)
     best = run(study, tmp_path).picks.iloc[0]
@@ -131,6 +133,7 @@ def test_the_search_finds_the_optimum_of_a_closed_form(tmp_path):
     assert best["normal_error_median_deg"] < 1.2
 
 
+@pytest.mark.slow
 def test_infeasible_designs_are_recorded_and_never_evaluated(tmp_path):
     # Panels of 6.34 mm at 19 deg reach 3 mm below their centre: below about 3 mm they hit the membrane.
     study = make(
@@ -172,6 +175,7 @@ def test_infeasibility_found_while_evaluating_does_not_count(tmp_path):
     assert (results.frame.loc[results.frame["state"] == "complete", "leds.tilt_deg"] >= 10).all()
 
 
+@pytest.mark.slow
 def test_the_sampler_learns_from_infeasible_designs(tmp_path):
     ranges = RANGES | {"leds.height_mm": Parameter(low=-20, high=14)}  # two thirds lie below the membrane
     shares = {}
@@ -183,6 +187,7 @@ def test_the_sampler_learns_from_infeasible_designs(tmp_path):
     assert shares["tpe"] < 0.5 * shares["random"]
 
 
+@pytest.mark.slow
 def test_a_search_without_any_feasible_design_ends_and_says_why(tmp_path, monkeypatch):
     monkeypatch.setattr("designlab.optimization.study.search._GIVE_UP", 30)
     study = make(parameters={"leds.height_mm": Parameter(low=-20, high=-10)})
@@ -194,6 +199,7 @@ def test_a_search_without_any_feasible_design_ends_and_says_why(tmp_path, monkey
     assert counting.digests == []
 
 
+@pytest.mark.slow
 def test_a_search_that_only_evaluations_find_infeasible_ends_too(tmp_path, monkeypatch):
     def refuse(design, *, fidelity, seed):
         assert len(counting.digests) <= 30
@@ -206,6 +212,7 @@ def test_a_search_that_only_evaluations_find_infeasible_ends_too(tmp_path, monke
     assert len(counting.digests) == 30
 
 
+@pytest.mark.slow
 def test_equal_designs_are_evaluated_once(tmp_path):
     choices = tuple(10.0 + k for k in range(8))
     study = make(parameters={"leds.tilt_deg": Parameter(choices=choices)}, sampler="random", trials=6)
@@ -221,6 +228,7 @@ def test_equal_designs_are_evaluated_once(tmp_path):
         assert source["leds.tilt_deg"] == row["leds.tilt_deg"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_search_ends_where_the_ranges_hold_no_more_designs(tmp_path, monkeypatch, workers):
     monkeypatch.setattr("designlab.optimization.study.search._REPEATS", 20)
@@ -247,6 +255,7 @@ def test_whole_numbers_and_steps_are_kept(tmp_path):
     assert frame["optics.path_length"].between(3, 9).all()
 
 
+@pytest.mark.slow
 def test_workers_reach_the_same_number_of_designs(tmp_path):
     results = run(make(trials=8, sampler="random"), tmp_path, workers=2)
     assert results.counts() == counts(complete=8)
@@ -303,6 +312,7 @@ def test_a_defect_stops_the_study_and_the_design_is_tried_again(tmp_path):
     assert len(set(counting.digests)) == 6
 
 
+@pytest.mark.slow
 def test_a_render_that_fails_costs_one_trial_and_ten_in_a_row_end_the_study(tmp_path):
     def failing(design, *, fidelity, seed):
         if len(counting.digests) in failures:
@@ -327,6 +337,7 @@ def test_a_render_that_fails_costs_one_trial_and_ten_in_a_row_end_the_study(tmp_
     assert len(counting.digests) == 11
 
 
+@pytest.mark.slow
 def test_a_score_that_is_no_number_is_a_failure(tmp_path):
     def blind(design, *, fidelity, seed):
         score = closed_form(design, fidelity=fidelity, seed=seed)
@@ -396,6 +407,7 @@ def test_a_run_that_is_taken_for_dead_while_it_draws_draws_anew(tmp_path, monkey
     assert results.counts() == counts(complete=3, interrupted=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_ctrl_c_says_how_to_resume_and_loses_nothing(tmp_path, workers):
     study = make(trials=8, sampler="random")
@@ -486,6 +498,7 @@ def test_a_damaged_record_is_named(tmp_path):
             use(tmp_path)
 
 
+@pytest.mark.slow
 def test_damage_inside_a_record_is_named(tmp_path):
     run(make(trials=2), tmp_path)
     record = tmp_path / "study.db"
@@ -515,6 +528,7 @@ def test_a_database_that_drops_is_named(tmp_path):
         read()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lost", [False, True])
 def test_a_record_is_rebuilt_of_what_was_finished(tmp_path, lost):
     study = make(

@@ -69,6 +69,7 @@ def run(study, out, evaluator=closed_form, **options):
     return run_study(study, out=out, progress=False, evaluator=evaluator, **options)
 
 
+@pytest.mark.slow
 def test_a_variant_has_parameters_of_its_own(tmp_path):
     results = run(make(), tmp_path / "out")
     frame = results.frame[results.frame["state"] == "complete"]
@@ -148,6 +149,7 @@ def test_variants_and_bounds_are_read_from_toml(tmp_path):
     assert study.plan == Plan(promoted=4, confirmed=2)
 
 
+@pytest.mark.slow
 def test_designs_that_break_a_bound_are_not_recommended(tmp_path):
     free = run(make(), tmp_path / "free")
     bound = run(make(constraints={"coverage": {"least": 0.7}}), tmp_path / "bound")
@@ -158,6 +160,7 @@ def test_designs_that_break_a_bound_are_not_recommended(tmp_path):
     assert len(broken) < 30  # the sampler learns where the bound is
 
 
+@pytest.mark.slow
 def test_where_every_design_breaks_a_bound_it_is_said_by_how_much_the_nearest_does(tmp_path):
     study = make(constraints={"coverage": {"least": 2}, "uniformity_u0": {"least": 0.0}})
     results = run(study, tmp_path)
@@ -171,6 +174,7 @@ def test_where_every_design_breaks_a_bound_it_is_said_by_how_much_the_nearest_do
     assert run(make(), tmp_path / "free").nearest is None
 
 
+@pytest.mark.slow
 def test_a_design_that_breaks_a_bound_when_confirmed_is_marked(tmp_path):
     def brighter(design, *, fidelity, seed):
         score = noisy(design, fidelity=fidelity, seed=seed)
@@ -197,6 +201,7 @@ def test_a_bound_on_what_is_no_score_is_named(tmp_path):
         run(make(constraints={"brightness": {"least": 1}}), tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_confirmation_shows_that_gains_were_chance(tmp_path):
     study = make(variants={}, parameters={"leds.tilt_deg": {"low": 0, "high": 40}}, plan=Plan(seeds=3))
     results = run(study, tmp_path / "out", noisy)
@@ -214,6 +219,7 @@ def test_confirmation_shows_that_gains_were_chance(tmp_path):
     assert row["uniformity_u0_se"] == pytest.approx(0.005 / math.sqrt(3))
 
 
+@pytest.mark.slow
 def test_confirmation_is_not_repeated_and_goes_on(tmp_path):
     study = make(variants={}, parameters={"leds.tilt_deg": {"low": 0, "high": 40}}, plan=Plan())
     asked = []
@@ -257,6 +263,7 @@ def fragile(model, *, fidelity, seed):
     return Score({"uniformity_u0": Estimate(max(sharp, broad)), "tilt": Estimate(tilt, unit="deg")})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("aim", ["mean_minus_sigma", "worst"])
 def test_a_robust_study_gives_up_a_peak_that_cannot_be_built(aim, tmp_path):
     spread = Spread(field="leds.tilt_deg", sd=2.0)
@@ -314,6 +321,7 @@ def test_a_robust_study_is_confirmed_with_other_copies_and_knows_its_error(tmp_p
     assert row["uniformity_u0_se"] == pytest.approx(2.0 * math.sqrt(1 / 16 + 1 / 32), rel=0.3)
 
 
+@pytest.mark.slow
 def test_values_of_a_robust_study_say_what_they_are(tmp_path, capsys):
     spread = Spread(field="leds.tilt_deg", sd=2.0)
     study = make(
@@ -335,6 +343,7 @@ def test_values_of_a_robust_study_say_what_they_are(tmp_path, capsys):
     assert (worst.called("uniformity_u0"), worst.called("x")) == ("worst of uniformity_u0", "mean of x")
 
 
+@pytest.mark.slow
 def test_a_design_of_which_a_copy_cannot_be_built_is_infeasible(tmp_path):
     spread = Spread(field="leds.height_mm", sd=2.0)
     study = make(
@@ -366,6 +375,7 @@ def test_a_spread_is_for_the_variants_that_have_it(tmp_path):
     assert len(asked) - len(flat) == 4 * (done["variant"] == "dome").sum()
 
 
+@pytest.mark.slow
 def test_the_page_shows_variants_bounds_and_what_was_confirmed(tmp_path):
     study = make(constraints={"coverage": {"least": 0.6}}, plan=Plan(seeds=2))
     results = run(study, tmp_path / "out")

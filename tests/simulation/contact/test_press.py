@@ -192,6 +192,7 @@ def test_nothing_is_raised_beyond_the_reach_of_a_probe(text, monkeypatch):
     np.testing.assert_array_equal(near.height_mm, indented(one).height_mm)
 
 
+@pytest.mark.slow
 def test_a_mesh_presses_like_the_shape_it_was_made_of(tmp_path):
     import trimesh
 

@@ -16,7 +16,7 @@ from designlab.simulation.effects.material import albedo_field
 from designlab.simulation.simulator import Simulator
 from tests.helpers.effect_pictures import Sensor, rms, values_at
 
-pytestmark = pytest.mark.physics
+pytestmark = [pytest.mark.physics, pytest.mark.renders]
 
 FLAT = "gelsight-2020-flat"
 DOME = "gelsight-2020-dome"

@@ -206,6 +206,7 @@ def applied(name: str) -> SensorModel:
     return SensorModel(design=DESIGN, effects=(AppliedEffect(name=name, values=values),))
 
 
+@pytest.mark.renders
 def test_pictures_carry_the_warnings() -> None:
     simulator = Simulator(model(), columns=24, samples=4, seed=1)
     assert simulator.frame(None).warnings == ()
@@ -213,6 +214,7 @@ def test_pictures_carry_the_warnings() -> None:
     assert "mm deep" in simulator.frame(deep).warnings[0]
 
 
+@pytest.mark.renders
 def test_what_the_camera_does_to_the_signal_is_in_the_pictures_of_an_evaluation() -> None:
     frame = Simulator(DESIGN, columns=24, samples=4, seed=1).frame(None)
     pictures = {}
@@ -231,6 +233,7 @@ def test_what_the_camera_does_to_the_signal_is_in_the_pictures_of_an_evaluation(
     assert pictures["response_curve"].max() > 0.01
 
 
+@pytest.mark.renders
 def test_a_light_probe_sees_the_lens() -> None:
     plain = light_probe(DESIGN, columns=24, samples=4, seed=1)
     dim = light_probe(applied("vignetting"), columns=24, samples=4, seed=1)
@@ -280,6 +283,7 @@ def test_a_study_inherits_what_is_known(tmp_path) -> None:
     assert own.subject(changed) == changed
 
 
+@pytest.mark.slow
 def test_warnings_reach_a_sweep() -> None:
     answer = SimpleNamespace(scores={}, warnings=("beyond what was fitted",))
     table = sweep(model(), {"leds.tilt_deg": [20.0, 30.0]}, progress=False, evaluator=lambda *_, **__: answer)

@@ -20,6 +20,7 @@ def surface_of(design):
     return indent(design.elastomer, design.contact, None, area_mm=(18.0, 14.0), pitch_mm=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("depth", [None, 5.0, 11.0])
 def test_a_hollow_takes_half_a_spheroid_out_of_the_core(depth):
     hollow = HOLLOW.replace({"gelcore.cavity_depth_mm": depth}).gelcore
@@ -62,6 +63,7 @@ def test_a_shallow_wide_hollow_is_a_weak_lens():
     assert bent[0, 0] / -bent[2, 0] == pytest.approx(expected, rel=1e-4)
 
 
+@pytest.mark.renders
 @pytest.mark.parametrize(
     ("shape", "depth"), [("dome", None), ("dome", 6.0), ("hexagonal", 3.0), ("slab", 3.0)]
 )

@@ -17,7 +17,7 @@ from designlab.simulation.simulator import Simulator
 from geometries.emission import AngularProfile
 from tests.helpers.scenes import box
 
-pytestmark = [pytest.mark.physics, pytest.mark.llvm, pytest.mark.usefixtures("backend")]
+pytestmark = [pytest.mark.physics, pytest.mark.llvm, pytest.mark.usefixtures("backend"), pytest.mark.renders]
 
 DISTANCE_MM, HALF_MM = 10.0, 0.02
 FOV_DEG = 2 * np.degrees(np.arctan(16.0 / 60.0))  # focal length of 60 px

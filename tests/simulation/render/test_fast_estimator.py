@@ -8,7 +8,7 @@ from designlab.simulation.contact.press import Press
 from designlab.simulation.simulator import Simulator
 from geometries.probes import parse
 
-pytestmark = [pytest.mark.physics, pytest.mark.usefixtures("backend"), pytest.mark.llvm]
+pytestmark = [pytest.mark.physics, pytest.mark.usefixtures("backend"), pytest.mark.llvm, pytest.mark.renders]
 BLOCK = 4
 
 

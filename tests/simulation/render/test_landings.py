@@ -12,7 +12,7 @@ from designlab.simulation.simulator import RenderFailed, Simulator
 from geometries.probes import parse
 from tests.helpers.closed_forms import block_means
 
-pytestmark = [pytest.mark.physics, pytest.mark.llvm, pytest.mark.usefixtures("backend")]
+pytestmark = [pytest.mark.physics, pytest.mark.llvm, pytest.mark.usefixtures("backend"), pytest.mark.renders]
 
 FLAT, DOME = preset("gelsight-2020-flat"), preset("gelsight-2020-dome")
 AREA_MM, PITCH_MM, BLOCK = (12.0, 9.0), 0.05, 5  # blocks of 0.25 mm

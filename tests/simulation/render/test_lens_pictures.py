@@ -20,7 +20,7 @@ from geometries.elastomer import inside
 from geometries.probes import parse
 from tests.helpers.closed_forms import block_means, direct_radiance
 
-pytestmark = [pytest.mark.physics, pytest.mark.usefixtures("backend")]
+pytestmark = [pytest.mark.physics, pytest.mark.usefixtures("backend"), pytest.mark.renders]
 
 CORE, FLAT, DOME = preset("default"), preset("gelsight-2020-flat"), preset("gelsight-2020-dome")
 # Black boards and light that meets the membrane once: direct light in closed form.

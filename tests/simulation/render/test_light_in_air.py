@@ -15,7 +15,7 @@ from designlab.simulation.simulator import Simulator
 from geometries.probes import parse
 from tests.helpers.closed_forms import block_means, direct_radiance
 
-pytestmark = [pytest.mark.physics, pytest.mark.usefixtures("backend")]
+pytestmark = [pytest.mark.physics, pytest.mark.usefixtures("backend"), pytest.mark.renders]
 
 # One panel alone, black boards, light that meets the membrane once: direct light in closed form.
 DIRECT = preset("gelsight-2020-flat").replace(

@@ -13,7 +13,7 @@ from designlab.simulation.scene.static_parts import core_and_gel
 from designlab.simulation.simulator import Simulator
 from tests.helpers.scenes import box, far_camera, rectangle_light, sheet_at, view_of
 
-pytestmark = [pytest.mark.physics, pytest.mark.usefixtures("backend")]
+pytestmark = [pytest.mark.physics, pytest.mark.usefixtures("backend"), pytest.mark.renders]
 
 AIR = Medium(1.0, (0.0,))
 

@@ -21,7 +21,7 @@ from geometries.probes import parse
 from tests.helpers.closed_forms import block_means, direct_radiance
 from tests.helpers.scenes import box
 
-pytestmark = [pytest.mark.physics, pytest.mark.llvm, pytest.mark.usefixtures("backend")]
+pytestmark = [pytest.mark.physics, pytest.mark.llvm, pytest.mark.usefixtures("backend"), pytest.mark.renders]
 
 AIR = preset("gelsight-2020-flat").replace(
     {"optics.board_reflectance": (0.0,), "optics.path_length": 2, "mixing": None, "elastomer.width_mm": 31.0}

@@ -9,7 +9,7 @@ from designlab.sensor.design import preset
 from designlab.simulation.simulator import Simulator
 
 # scalar_rgb has no light field
-pytestmark = [pytest.mark.physics, pytest.mark.llvm, pytest.mark.usefixtures("backend")]
+pytestmark = [pytest.mark.physics, pytest.mark.llvm, pytest.mark.usefixtures("backend"), pytest.mark.renders]
 SLOPE, MIDDLE_MM, FADES_MM = 0.03, 1.5, 4.0
 
 

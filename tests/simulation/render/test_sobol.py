@@ -6,7 +6,7 @@ from scipy.stats import qmc
 
 from designlab.simulation.render import sobol
 
-pytestmark = [pytest.mark.physics, pytest.mark.llvm, pytest.mark.usefixtures("backend")]
+pytestmark = [pytest.mark.physics, pytest.mark.llvm, pytest.mark.usefixtures("backend"), pytest.mark.renders]
 
 
 def drawn(count, *, seed, first=0):

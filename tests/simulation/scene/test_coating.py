@@ -63,6 +63,7 @@ def directional_albedo(cos_out, *, specular, roughness):
     return float((np.where(good, f * cos_in, 0.0) * element).sum())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("roughness", [0.05, 0.3, 1.0])
 @pytest.mark.parametrize("specular", [0.0, 0.5, 1.0])
 def test_a_coating_never_returns_more_than_it_gets(specular, roughness):

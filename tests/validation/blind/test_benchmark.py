@@ -7,7 +7,7 @@ import pytest
 
 from designlab.app import cli
 
-pytestmark = [pytest.mark.recovery, pytest.mark.slow]
+pytestmark = [pytest.mark.recovery, pytest.mark.slow, pytest.mark.renders]
 
 
 @pytest.fixture(scope="module")

@@ -145,6 +145,7 @@ def test_sets_of_the_power_curves_can_be_planted() -> None:
     assert not {t.seed for t in pool} & {t.seed for t in development()}
 
 
+@pytest.mark.slow
 def test_detection_limits_are_those_that_sets_were_drawn_with() -> None:
     random = np.random.default_rng(3)
     truth = {f"kind-{k}": s for k, s in enumerate(np.geomspace(0.2, 1.4, 12))}

@@ -253,6 +253,7 @@ def test_wrong_settings_of_a_benchmark_are_one_line(words, rule, tmp_path, capsy
     assert "defect" not in error
 
 
+@pytest.mark.slow
 def test_a_finished_pool_is_scored_from_its_records(tmp_path, capsys) -> None:
     for trial in power():
         if trial.name.startswith("power-vignetting"):

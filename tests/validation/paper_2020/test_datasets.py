@@ -55,6 +55,7 @@ class TestLayout:
         assert depth == pytest.approx(SIGMA.depth_mm, rel=0.15)
 
 
+@pytest.mark.renders
 class TestHidden:
     def test_it_differs_from_its_design_where_a_fit_must_find_it(self):
         true = hidden(FLAT, seed=3)
@@ -90,6 +91,7 @@ def taken():
     return true, *photograph(true, frames, samples=16, seed=2, binned=15)
 
 
+@pytest.mark.renders
 class TestPhotograph:
     def test_dark_frames_hold_the_floor_and_the_noise_of_the_camera(self, taken):
         true, _, pictures = taken

@@ -12,7 +12,7 @@ from designlab.validation.paper_2020.accuracy import DIFFUSE, PHONG, TRANSPORT
 from designlab.validation.paper_2020.real import real
 from designlab.validation.paper_2020.sizes import SIZES
 
-pytestmark = pytest.mark.recovery
+pytestmark = [pytest.mark.recovery, pytest.mark.renders]
 
 
 @pytest.fixture(scope="module")

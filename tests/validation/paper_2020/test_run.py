@@ -197,6 +197,7 @@ def test_pictures_of_accuracy_are_named_relative_to_its_folder(result, tmp_path)
     assert pictures == ["flat/comparison.png", "dome/comparison.png"]
 
 
+@pytest.mark.renders
 def test_more_samples_are_nearer_to_the_reference_and_the_fast_estimator_nearest(backend, tmp_path):
     steps = []
     found = timing(tmp_path, size=TINY, progress=lambda what, done, of: steps.append((done, of)))
@@ -217,6 +218,7 @@ def test_more_samples_are_nearer_to_the_reference_and_the_fast_estimator_nearest
     assert PAPER_MS[600, 8] == 95.0
 
 
+@pytest.mark.renders
 def test_strips_of_the_light_probe_are_where_they_must_appear(backend, tmp_path):
     found = probe(tmp_path, size=TINY)
     assert [strip["channel"] for strip in found["strips"]] == ["red", "red", "green", "green", "blue", "blue"]

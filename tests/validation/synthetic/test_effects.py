@@ -440,6 +440,7 @@ class TestKit:
         )
         assert (np.abs(found["background-turned-180.exr"] / found["background-0.exr"] - 1) > 0.01).any()
 
+    @pytest.mark.slow
     def test_sets_share_the_stated_places_of_a_kit_seed_and_nothing_hidden(self, tmp_path):
         stated, truth = [], []
         for seed, kit_seed in ((1, 9), (2, 9)):

@@ -146,6 +146,7 @@ def test_ball_shades_itself_and_the_floor_as_tangents_tell():
     assert share[0] == 1.0
 
 
+@pytest.mark.slow
 def test_patches_of_a_dome_see_each_other_where_nothing_rises_above_the_way_between_them():
     rig, random = Rig.of(DOME), np.random.default_rng(0)
     pressed = surface.indented(
@@ -483,6 +484,7 @@ def test_contact_kernel_changes_presses_only_and_blurs_them(null, tmp_path):
     assert contrast[0] < contrast[1]
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_sets_and_others_differ(tmp_path):
     first, again, other = (
         made(tmp_path / name, {}, seed=seed, noise=True, columns=16, presses=None, kit="small")
@@ -510,6 +512,7 @@ def test_noise_has_the_spread_that_the_camera_states(tmp_path):
     assert np.std(difference / sigma) == pytest.approx(1.0, abs=0.05)
 
 
+@pytest.mark.slow
 def test_hour_kit_holds_what_a_bench_hour_gives_and_the_metadata_are_a_little_wrong(tmp_path):
     out = plant(FLAT, effects={}, out=tmp_path / "set", seed=3, columns=8, noise=False, unlisted=False)
     found = load_measurement(out)

@@ -109,6 +109,7 @@ def test_viewing_rays_take_the_shortest_optical_path(design):
         assert (optical_mm(window, on_interface(crossing[:, 0] + dx, crossing[:, 1] + dy)) > best).all()
 
 
+@pytest.mark.renders
 @pytest.mark.llvm
 def test_radiance_of_bonded_leds_crosses_a_matched_core_undimmed():
     rig = Rig.of(FLAT.replace(BLACK | MATCHED))
@@ -120,6 +121,7 @@ def test_radiance_of_bonded_leds_crosses_a_matched_core_undimmed():
         assert np.delete(found, group, axis=0) == pytest.approx(0.0)
 
 
+@pytest.mark.renders
 @pytest.mark.llvm
 def test_refraction_into_the_gel_widens_the_beam():
     rig = Rig.of(FLAT.replace(BLACK))
@@ -144,6 +146,7 @@ def test_refraction_into_the_gel_widens_the_beam():
     assert found == pytest.approx(lambertian(rig, 0) * ratio * passed, rel=5e-3)
 
 
+@pytest.mark.renders
 @pytest.mark.llvm
 def test_light_fades_along_its_way_by_beer_and_lambert():
     rig = Rig.of(FLAT.replace(BLACK | MATCHED))
@@ -159,6 +162,7 @@ def test_light_fades_along_its_way_by_beer_and_lambert():
         assert tracer.radiance(*rays, seed=3)[group].mean() == pytest.approx(expected, rel=0.02)
 
 
+@pytest.mark.renders
 @pytest.mark.llvm
 def test_haze_keeps_unscattered_light_to_its_law():
     rig, _ = effects.apply(Rig.of(FLAT.replace(BLACK | MATCHED)), {"core_scatter": {"per_mm": 0.05}})
@@ -170,6 +174,7 @@ def test_haze_keeps_unscattered_light_to_its_law():
     assert tracer.radiance(*rays, seed=4)[0].mean() == pytest.approx(expected, rel=0.02)
 
 
+@pytest.mark.renders
 @pytest.mark.llvm
 def test_light_across_an_air_gap_comes_no_flatter_than_total_reflection_lets_it():
     """In a core with upright sides, light from outside keeps within the critical angle of their normals."""
@@ -186,6 +191,7 @@ def test_light_across_an_air_gap_comes_no_flatter_than_total_reflection_lets_it(
     assert not found[~lit].any()
 
 
+@pytest.mark.renders
 @pytest.mark.parametrize("exponent", [0.7, 4.0])
 @pytest.mark.llvm
 def test_narrow_and_tilted_beams_have_their_intensity(exponent):
@@ -204,6 +210,7 @@ def test_narrow_and_tilted_beams_have_their_intensity(exponent):
     assert found == pytest.approx(expected, rel=1e-3)
 
 
+@pytest.mark.renders
 @pytest.mark.parametrize(
     ("design", "effect", "tolerance"),
     [
@@ -230,6 +237,7 @@ def test_clear_and_spread_light_are_all_that_the_engine_finds_by_chance(design, 
     assert parts == pytest.approx(received(tracer.cells, 1024), rel=tolerance)
 
 
+@pytest.mark.renders
 @pytest.mark.llvm
 def test_clear_light_leaves_nothing_to_chance_but_directions():
     tracer, towards = Tracer(Rig.of(FLAT), (0, 1, 2)), directions()[0]
@@ -255,6 +263,7 @@ def test_moved_bonded_leds_stay_joined_to_the_core():
         assert max(out) == pytest.approx(-JOINED_MM, abs=1e-9)
 
 
+@pytest.mark.renders
 @pytest.mark.llvm
 def test_gap_between_gel_and_core_reflects_flat_light_totally():
     rig = Rig.of(FLAT.replace(BLACK | MATCHED))
@@ -268,6 +277,7 @@ def test_gap_between_gel_and_core_reflects_flat_light_totally():
     assert not Tracer(apart, (0, 1, 2)).radiance(origin, direction, seed=7)[0].any()
 
 
+@pytest.mark.renders
 @pytest.mark.llvm
 def test_indices_of_one_are_light_in_air(monkeypatch):
     quick(monkeypatch, CLEAR_PATHS=12, SPREAD_PATHS=1, GLOW_PATHS=1, PITCH_MM=2.0, LEVELS=(0.0, 0.5))
@@ -282,6 +292,7 @@ def test_indices_of_one_are_light_in_air(monkeypatch):
     assert (found / expected).mean(axis=1) == pytest.approx(1.0, abs=0.004)
 
 
+@pytest.mark.slow
 def test_even_sky_lights_a_flank_by_its_slope(monkeypatch):
     """Under a sky of unit radiance a convex flank of slope b receives pi (1 + cos b) / 2."""
     rig = Rig.of(FLAT)
@@ -309,6 +320,7 @@ def test_transport_effects_have_no_parameters_in_air():
         assert effects.parameters(name, Rig.of(FLAT))
 
 
+@pytest.mark.renders
 @pytest.mark.full
 @pytest.mark.llvm
 def test_untouched_and_pressed_gel_look_as_the_renderer_shows_them():
@@ -341,6 +353,7 @@ def test_a_design_that_states_a_gap_has_it():
     assert Rig.of(FLAT).glass.gap is None
 
 
+@pytest.mark.renders
 @pytest.mark.llvm
 def test_what_lies_behind_a_gap_is_seen_through_a_slab_of_air():
     """Share that passes gel, air and core over that through gel and core, by the closed form of a slab."""
