@@ -20,13 +20,14 @@ from unittest import mock
 
 import tomli_w
 
-from designlab.cli import main
-from designlab.effects.model import load_model
-from designlab.evaluate import FIDELITIES
-from designlab.gap import diagnose
-from designlab.images import read_image
+from designlab.app.cli import main
+from designlab.core.images import read_image
+from designlab.evaluation.evaluate import FIDELITIES
+from designlab.inference.diagnosis import diagnose
 from designlab.measurement import load_measurement
-from designlab.study import load_study, run_study
+from designlab.optimization.study import load_study, run_study
+from designlab.report.diagnosis_folder import write_diagnosis
+from designlab.simulation.effects.model import load_model
 
 HERE = Path(__file__).parent
 RECORDED = HERE / "recorded"
@@ -162,9 +163,8 @@ def diagnosis(folder: Path, design: str) -> dict[str, Any]:
         catalogue=EFFECTS,
         samples=8,
         columns=24,
-        pictures=False,
     )
-    return report.to_json()
+    return write_diagnosis(report, pictures=False)
 
 
 def closed_form(design: Any, *, fidelity: str, seed: int) -> SimpleNamespace:

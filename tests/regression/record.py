@@ -1,8 +1,8 @@
 """Record the figures that `test_recorded.py` compares with, or files that `test_written_before.py` reads.
 
-    python tests/regression/record.py                 all cases, into recorded/
-    python tests/regression/record.py study plant     these alone
-    python tests/regression/record.py --files         planted/ and written_before/ instead
+    python -m tests.regression.record                 all cases, into recorded/
+    python -m tests.regression.record study plant     these alone
+    python -m tests.regression.record --files         planted/ and written_before/ instead
 
 What lies there now was written by the code at commit 3016e41. Record again only where figures are meant to
 change, and say in the commit which and why. Files written before are never replaced by those of later code:
@@ -19,7 +19,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-import cases
+from tests.regression import cases
 
 WRITTEN = cases.HERE / "written_before"
 

@@ -26,8 +26,9 @@ never passed, compare with the code at that commit there.
 
 import json
 
-import cases
 import pytest
+
+from tests.regression import cases
 
 EXACT = {"": 1e-9}  # where nothing is summed in changing order
 # Relative differences allowed of figures whose path begins like that.

@@ -8,15 +8,15 @@ import gzip
 import json
 import shutil
 
-import cases
 import pytest
 
 import designlab as dl
-from designlab.cli import main
-from designlab.effects.model import load_model
-from designlab.gap import diagnose
+from designlab.app.cli import main
+from designlab.inference.diagnosis import diagnose
 from designlab.measurement import load_measurement
-from designlab.study import load_results, load_study
+from designlab.optimization.study import load_results, load_study
+from designlab.simulation.effects.model import load_model
+from tests.regression import cases
 
 WRITTEN = cases.HERE / "written_before"
 STUDY_OUT = WRITTEN / "finished_study"
