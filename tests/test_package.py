@@ -48,6 +48,8 @@ def call(name):
             words.append("*")
             keyword = True
         default = "..." if "factory" in repr(parameter.default) else repr(parameter.default)
+        if inspect.isfunction(parameter.default):
+            default = parameter.default.__name__
         words.append(parameter.name + (f"={default}" if parameter.default is not parameter.empty else ""))
     back = signature.return_annotation
     back = f" -> {getattr(back, '__name__', back)}" if inspect.isfunction(getattr(designlab, name)) else ""

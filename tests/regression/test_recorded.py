@@ -46,6 +46,7 @@ SLOW = ("diagnosis", "calibrate", "plant", "evaluate-default", "evaluate-dome", 
 
 
 @pytest.mark.llvm
+@pytest.mark.renders
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in cases.CASES]
 )
