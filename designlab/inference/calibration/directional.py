@@ -24,6 +24,9 @@ class Directional:
 
     light: DirectionalLight
 
+    unit = "1"  # shares of full scale
+    step_share = 0.2  # small: nothing is drawn, and directions, depth and view nearly make up for each other
+
     @property
     def design(self) -> Design:
         """The sensor."""
@@ -43,16 +46,6 @@ class Directional:
     def names(self) -> tuple[str, ...]:
         """Names of LED groups, and of their lobes."""
         return self.light.names
-
-    @property
-    def unit(self) -> str:
-        """Shares of full scale."""
-        return "1"
-
-    @property
-    def step_share(self) -> float:
-        """Small, for nothing is drawn, and directions, depth and view nearly make up for each other."""
-        return 0.2
 
     def lit(self, shot: Shot) -> Array:
         """Exposure of the groups that are on, for each of their components."""

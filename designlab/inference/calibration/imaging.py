@@ -42,70 +42,55 @@ class Imaging(Protocol):
     @property
     def design(self) -> Design:
         """The sensor: its camera, its LED groups."""
-        ...
 
     @property
     def model(self) -> BaseModel:
         """Whose numbers can be freed, by their dotted paths."""
-        ...
 
     @property
     def kind(self) -> str:
         """What model it is, in a few words."""
-        ...
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the components."""
-        ...
 
     @property
     def unit(self) -> str:
         """Unit of the factors."""
-        ...
 
     @property
     def step_share(self) -> float:
         """Steps of finite differences over those that suit pictures with random errors."""
-        ...
 
     def lit(self, shot: Shot) -> Array:
         """Relative exposure of every component in a shot, (components,)."""
-        ...
 
     def usual(self, shots: Sequence[Shot]) -> tuple[str, ...]:
         """Return paths of the numbers that are free where nothing else is said."""
-        ...
 
     def sees(self, path: str, shot: Shot) -> bool:
         """Whether a shot can depend on a number of the model."""
-        ...
 
     def alone(self, path: str) -> int | None:
         """Return the only component that depends on a number of the model; None where several do."""
-        ...
 
     def basis(
         self, changes: Mapping[str, float], touched: Touched, view: View, *, seed: int, how: How = "usual"
     ) -> Array:
         """Return pictures of the components, (components, rows, columns), after changes of the model."""
-        ...
 
     def at(self, changes: Mapping[str, float]) -> "Imaging":
         """Return the model with changed numbers."""
-        ...
 
     def factors(self) -> Array:
         """Return factors of the model as given, (3, components)."""
-        ...
 
     def level(self) -> Array:
         """Return signal of the channels without light, (3,)."""
-        ...
 
     def finished(self, changes: Mapping[str, float], factors: Array, level: Array, source: str) -> Any:
         """Return the calibrated model, with the name of the measurement it was found in."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -132,30 +117,19 @@ class Rendered:
     beyond: Array = field(default_factory=lambda: np.zeros(3))
     known: dict[object, Array] = field(default_factory=dict, repr=False, compare=False)
 
+    kind = "rendered"
+    unit = "mm2 sr"  # of one over radiance at unit flux
+    step_share = 1.0  # light transport draws random numbers
+
     @property
     def model(self) -> BaseModel:
         """The design."""
         return self.design
 
     @property
-    def kind(self) -> str:
-        """Light transport."""
-        return "rendered"
-
-    @property
     def names(self) -> tuple[str, ...]:
         """Names of the LED groups."""
         return self.design.group_names
-
-    @property
-    def unit(self) -> str:
-        """Of one over radiance at unit flux."""
-        return "mm2 sr"
-
-    @property
-    def step_share(self) -> float:
-        """Light transport draws random numbers."""
-        return 1.0
 
     def lit(self, shot: Shot) -> Array:
         """Exposure of the groups that are on."""

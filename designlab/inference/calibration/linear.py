@@ -3,7 +3,7 @@
 signal[channel] = sum over groups of transfer[channel, group] x lit[group] x basis[group] + floor[channel]
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -18,37 +18,36 @@ def predicted(transfer: Array, floor: Array, lit: Array, basis: Array) -> Array:
     return np.asarray(mixed(basis, transfer * lit) + floor)
 
 
-def transfer_and_floor(
-    bases: Sequence[Array],
-    lits: Sequence[Array],
-    signals: Sequence[Array],
-    sigmas: Sequence[Array],
-    valids: Sequence[Mask],
-) -> tuple[Array, Array]:
+def transfer_and_floor(equations: Iterable[tuple[Array, Array]]) -> tuple[Array, Array]:
     """Weighted least squares over all shots, without negative values (Lawson and Hanson 1974, NNLS).
 
     Parameters
     ----------
-    bases : sequence of array, shape (groups, rows, columns)
-        Pictures of each shot at unit power.
-    lits : sequence of array, shape (groups,)
-        Relative exposure times whether a group is on.
-    signals, sigmas, valids : sequence of array, shape (rows, columns, 3)
-        Measured values, their standard deviations, and which count.
+    equations : iterable of (array, array)
+        The `normal_equations` of each shot.
 
     Returns
     -------
     transfer, floor : array, shapes (3, groups) and (3,)
         A group that was never on gets zero.
     """
-    shots = zip(bases, lits, signals, sigmas, valids, strict=True)
-    return solved(*_added([normal_equations(*shot) for shot in shots]))
+    return solved(*(np.sum(parts, axis=0) for parts in zip(*equations, strict=True)))
 
 
 def normal_equations(
     basis: Array, lit: Array, signal: Array, sigma: Array, valid: Mask
 ) -> tuple[Array, Array]:
-    """Matrices (3, groups + 1, groups + 1) and right sides (3, groups + 1) of one shot, which add up."""
+    """Matrices (3, groups + 1, groups + 1) and right sides (3, groups + 1) of one shot, which add up.
+
+    Parameters
+    ----------
+    basis : array, shape (groups, rows, columns)
+        Pictures at unit power.
+    lit : array, shape (groups,)
+        Relative exposure times whether a group is on.
+    signal, sigma, valid : array, shape (rows, columns, 3)
+        Measured values, their standard deviations, and which count.
+    """
     groups = len(lit)
     matrix, right = np.zeros((3, groups + 1, groups + 1)), np.zeros((3, groups + 1))
     for channel in range(3):
@@ -64,12 +63,6 @@ def solved(matrix: Array, right: Array) -> tuple[Array, Array]:
     """Transfer and floor from summed normal equations."""
     found = np.stack([_nonnegative(*each) for each in zip(matrix, right, strict=True)])
     return found[:, :-1], found[:, -1]
-
-
-def _added(equations: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Sums over shots, in their order."""
-    matrices, rights = zip(*equations, strict=True)
-    return np.sum(matrices, axis=0), np.sum(rights, axis=0)
 
 
 def _nonnegative(matrix: Array, right: Array) -> Array:

@@ -4,13 +4,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from designlab.core.progress import silent
 from designlab.core.types import Array, Progress
 from designlab.inference.calibration.fields import SharedField
 from designlab.inference.calibration.imaging import How, Imaging, Touched
-from designlab.inference.calibration.linear import predicted, transfer_and_floor
+from designlab.inference.calibration.linear import normal_equations, predicted, transfer_and_floor
 from designlab.measurement.shots import Shot
 from designlab.simulation.contact.press import Press
 
@@ -89,12 +88,7 @@ class Problem:
         for number, basis in bases.items():
             shot, sigma = self.shots[number], self.sigmas[number]
             left = np.where(shot.valid, (shot.signal - self.predict(state, number, basis)) / sigma, 0.0)
-            sums, counts = (
-                np.add.reduceat(
-                    np.add.reduceat(values, _edges(len(left)), axis=0), _edges(left.shape[1]), axis=1
-                )
-                for values in (left, shot.valid.astype(float))
-            )
+            sums, counts = _block_sums(left), _block_sums(shot.valid.astype(float))
             spread = (sums**2).sum(axis=(0, 1)) / np.maximum(counts.sum(axis=(0, 1)), 1.0)
             self.sigmas[number] = np.maximum(sigma * np.sqrt(spread), np.sqrt(shot.variance))
         self.weighed = True
@@ -151,13 +145,9 @@ class Problem:
 
     def lit_best(self, state: CalibrationState, bases: Mapping[int, Array]) -> CalibrationState:
         """State with the transfer and floor that fit the shots best."""
-        shots = [self.shots[number] for number in bases]
         transfer, floor = transfer_and_floor(
-            list(bases.values()),
-            [self.lits[number] for number in bases],
-            [shot.signal for shot in shots],
-            [self.sigmas[number] for number in bases],
-            [shot.valid for shot in shots],
+            normal_equations(basis, self.lits[n], self.shots[n].signal, self.sigmas[n], self.shots[n].valid)
+            for n, basis in bases.items()
         )
         return replace(state, transfer=transfer, floor=floor)
 
@@ -181,8 +171,10 @@ class Problem:
         return total
 
 
-def _edges(count: int) -> NDArray[np.intp]:
-    return np.arange(0, count, BLOCK_PX)
+def _block_sums(values: Array) -> Array:
+    """Sums over blocks of `BLOCK_PX` squared pixels, of each channel."""
+    rows, columns = (np.arange(0, count, BLOCK_PX) for count in values.shape[:2])
+    return np.asarray(np.add.reduceat(np.add.reduceat(values, rows, axis=0), columns, axis=1))
 
 
 def _level(shot: Shot) -> Array:

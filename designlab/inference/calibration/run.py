@@ -10,7 +10,7 @@ from designlab.core import metrics
 from designlab.core.progress import silent
 from designlab.core.types import Array, Progress
 from designlab.inference.calibration.directional import Directional
-from designlab.inference.calibration.fields import WITHIN, SharedField, shared_fields
+from designlab.inference.calibration.fields import WITHIN, shared_fields
 from designlab.inference.calibration.imaging import ALBEDO, SCALE, Imaging, Rendered
 from designlab.inference.calibration.problem import MODEL_ERROR, CalibrationState, Problem
 from designlab.inference.calibration.result import Calibration, FittedParameter, FrameResult
@@ -397,7 +397,7 @@ def _notes(
         kept = "; the flux stays and its mixing is zero" if isinstance(problem.imaging, Rendered) else ""
         notes.append(f"no light of {', '.join(dark)} was found{kept}")
     for field, value in zip(problem.fields, state.shared, strict=True):
-        if _at_bound(field, float(value)):
+        if not field.low < value < field.high:
             notes.append(f"{field.path} stands at its bound, {value:g} {field.unit}")
     return (*dict.fromkeys(seen.notes), *notes)
 
@@ -429,7 +429,3 @@ def _entangled(parameters: Sequence[FittedParameter], correlation: Array) -> lis
         f"(their errors correlate {correlation[a, b]:+.2f})"
         for a, b in pairs
     ]
-
-
-def _at_bound(field: SharedField, value: float) -> bool:
-    return value <= field.low or value >= field.high

@@ -4,12 +4,12 @@ Light powers are free in all comparisons, and so are the factors of channels: th
 """
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, TypeVar
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from designlab.core.types import Array, Mask
 from designlab.inference.calibration.linear import normal_equations, predicted, solved, transfer_and_floor
@@ -19,8 +19,6 @@ from designlab.measurement.quality.additivity import Curve, nonlinear, other_cur
 from designlab.measurement.quality.suspicion import Suspicion, refuse
 from designlab.measurement.shots import Observations, Shot, binned
 from designlab.sensor.design import CHANNELS
-
-Value = TypeVar("Value", bound=np.generic)
 
 COLUMNS = 48  # faults are as large as the picture
 # Misfits are root mean squares in units of the noise and 1 % of the mean signal together.
@@ -49,15 +47,25 @@ class Fault(NamedTuple):
         return (self.turn != "") + (self.curve is not None) + (self.order != ORDER)
 
 
+class Turn(NamedTuple):
+    """How pictures may lie against the sensor frame, in words, and how that is undone."""
+
+    text: str
+    undone: Callable[[Any], Any]
+
+
 TURNS = {
-    "": "as they are",
-    "left-right": "mirrored left to right",
-    "up-down": "mirrored top to bottom",
-    "half": "turned by 180 deg",
-    "left": "turned by 90 deg",
-    "right": "turned by 270 deg",
-    "diagonal": "mirrored along a diagonal",
-    "other diagonal": "mirrored along the other diagonal",
+    "": Turn("as they are", lambda image: image),
+    "left-right": Turn("mirrored left to right", np.fliplr),
+    "up-down": Turn("mirrored top to bottom", np.flipud),
+    "half": Turn("turned by 180 deg", partial(np.rot90, k=2)),
+    # Of square pictures also:
+    "left": Turn("turned by 90 deg", partial(np.rot90, k=-1)),
+    "right": Turn("turned by 270 deg", np.rot90),
+    "diagonal": Turn("mirrored along a diagonal", lambda image: image.swapaxes(0, 1)),
+    "other diagonal": Turn(
+        "mirrored along the other diagonal", lambda image: np.rot90(image, 2).swapaxes(0, 1)
+    ),
 }
 
 
@@ -79,10 +87,10 @@ class CoarseShot:
 
     def without(self, fault: Fault, black: Array) -> "CoarseShot":
         """Undo a fault."""
-        order = list(fault.order)
-        signal = _turned(self.signal, fault.turn)[..., order]
-        variance = _turned(self.variance, fault.turn)[..., order]
-        valid = _turned(self.valid, fault.turn)[..., order]
+        order, undone = list(fault.order), TURNS[fault.turn].undone
+        signal, variance, valid = (
+            undone(values)[..., order] for values in (self.signal, self.variance, self.valid)
+        )
         if fault.curve is not None:
             level = black[order]
             step = 1e-4
@@ -90,6 +98,11 @@ class CoarseShot:
             signal = fault.curve(signal + level) - fault.curve(level)
             variance = variance * slope**2
         return replace(self, signal=signal, variance=variance, valid=valid)
+
+    @property
+    def equations(self) -> tuple[Array, Array]:
+        """Normal equations of the light."""
+        return normal_equations(self.basis, self.lit, self.signal, self.sigma, self.valid)
 
     @property
     def sigma(self) -> Array:
@@ -172,7 +185,7 @@ def _of_all(
                 if fault.turn not in ("", chosen.turn)
                 and fault.curve == chosen.curve
                 and fit.misfit <= ALIKE * tried[chosen].misfit
-                and _near(fit.transfer, transfer)
+                and _distance(fit.transfer, transfer) < NEAR
             ]
             mirror = min(mirrors, key=lambda fault: tried[fault].misfit, default=None)
             if mirror is not None and BETTER * tried[mirror].misfit < tried[chosen].misfit:
@@ -224,14 +237,7 @@ def _orders(picture: CoarseShot) -> Iterator[Fault]:
 def fitted_light(pictures: Sequence[CoarseShot], fault: Fault, black: Array) -> FittedLight:
     """Fit the light to pictures with a fault undone."""
     undone = [picture.without(fault, black) for picture in pictures]
-    transfer, floor = transfer_and_floor(
-        [p.basis for p in undone],
-        [p.lit for p in undone],
-        [p.signal for p in undone],
-        [p.sigma for p in undone],
-        [p.valid for p in undone],
-    )
-    fit = FittedLight(0.0, transfer, floor)
+    fit = FittedLight(0.0, *transfer_and_floor(p.equations for p in undone))
     return fit._replace(misfit=_of_several(undone, fit))
 
 
@@ -243,8 +249,8 @@ def _of_several(pictures: Sequence[CoarseShot], light: FittedLight) -> float:
 
 def lights_of_others(pictures: Sequence[CoarseShot]) -> list[FittedLight | None]:
     """For every picture the light that all others tell; None where they do not show one of its groups."""
-    equations = [normal_equations(p.basis, p.lit, p.signal, p.sigma, p.valid) for p in pictures]
-    matrix, right = (np.sum([each[part] for each in equations], axis=0) for part in (0, 1))
+    equations = [p.equations for p in pictures]
+    matrix, right = (np.sum(parts, axis=0) for parts in zip(*equations, strict=True))
     shown = np.sum([p.lit > 0 for p in pictures], axis=0)
     found: list[FittedLight | None] = []
     for number, picture in enumerate(pictures):
@@ -270,10 +276,6 @@ def _order(found: Array, expected: Array) -> tuple[int, ...]:
     if distance[ORDER] > FAR and distance[best] < NEAR and BETTER * distance[best] < distance[ORDER]:
         return best
     return ORDER
-
-
-def _near(found: Array, expected: Array) -> bool:
-    return _distance(found, expected) < NEAR
 
 
 def _distance(found: Array, expected: Array) -> float:
@@ -310,7 +312,7 @@ def _named(
                 "mirrored",
                 files,
                 evidence,
-                f"the pictures are {TURNS[fault.turn]} against the sensor frame (x right, y up) "
+                f"the pictures are {TURNS[fault.turn].text} against the sensor frame (x right, y up) "
                 "by a setting of camera or program, or the sensor's top was taken for its bottom",
                 "undo it in the files, or turn the stated poses and the design's LED azimuths the same way",
             )
@@ -320,7 +322,7 @@ def _named(
         also = (
             ""
             if mirror is None
-            else f"; or they are {TURNS[mirror.turn]}, which off-centre presses would tell"
+            else f"; or they are {TURNS[mirror.turn].text}, which off-centre presses would tell"
         )
         if len(pictures) > 1:
             evidence = (
@@ -348,22 +350,3 @@ def picture(shot: Shot, lit: Array, basis: Array) -> CoarseShot:
     valid = binned(shot.valid.astype(float), factor) == 1.0
     unit = np.moveaxis(binned(np.moveaxis(basis, 0, -1), factor), -1, 0)
     return CoarseShot(shot.files, unit, lit, signal, variance, valid)
-
-
-def _turned(values: NDArray[Value], turn: str) -> NDArray[Value]:
-    """Mirror or turn rows and columns; the turns of a square picture are in `TURNS` too."""
-    if turn == "left-right":
-        return values[:, ::-1]
-    if turn == "up-down":
-        return values[::-1]
-    if turn == "half":
-        return values[::-1, ::-1]
-    if turn == "left":
-        return np.rot90(values, -1)
-    if turn == "right":
-        return np.rot90(values, 1)
-    if turn == "diagonal":
-        return np.swapaxes(values, 0, 1)
-    if turn == "other diagonal":
-        return np.swapaxes(values[::-1, ::-1], 0, 1)
-    return values

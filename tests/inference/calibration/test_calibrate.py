@@ -8,7 +8,7 @@ from designlab.app import cli
 from designlab.inference.calibration import calibrate
 from designlab.inference.calibration.fields import SharedField, shared_fields
 from designlab.inference.calibration.imaging import Rendered
-from designlab.inference.calibration.linear import predicted, transfer_and_floor
+from designlab.inference.calibration.linear import normal_equations, predicted, transfer_and_floor
 from designlab.inference.calibration.problem import Problem
 from designlab.inference.calibration.solve import Layout, covariance, fit
 from designlab.measurement import (
@@ -31,6 +31,10 @@ TRANSFER = np.array([[900.0, 40.0, 0.0], [150.0, 1400.0, 90.0], [0.0, 60.0, 2000
 FLOOR = np.array([0.01, 0.02, 0.0])
 
 
+def light_of(*shots):
+    return transfer_and_floor(normal_equations(*shot) for shot in zip(*shots, strict=True))
+
+
 class TestLinear:
     @pytest.fixture
     def pictures(self):
@@ -45,7 +49,7 @@ class TestLinear:
     def test_exact_pictures_give_exact_values_whatever_is_not_valid(self, pictures):
         bases, lits, signals, sigmas, valids = pictures
         spoilt = [np.where(valid, signal, 9.0) for signal, valid in zip(signals, valids, strict=True)]
-        transfer, floor = transfer_and_floor(bases, lits, spoilt, sigmas, valids)
+        transfer, floor = light_of(bases, lits, spoilt, sigmas, valids)
         np.testing.assert_allclose(transfer, TRANSFER, rtol=1e-6, atol=1e-4)
         np.testing.assert_allclose(floor, FLOOR, rtol=1e-6, atol=1e-9)
 
@@ -53,7 +57,7 @@ class TestLinear:
         bases, lits, signals, sigmas, valids = pictures
         rng = np.random.default_rng(4)
         noisy = [s + e * rng.standard_normal(s.shape) for s, e in zip(signals, sigmas, strict=True)]
-        transfer, floor = transfer_and_floor(bases, lits, noisy, sigmas, valids)
+        transfer, floor = light_of(bases, lits, noisy, sigmas, valids)
         scale = 1e4  # of the columns, for the other solver's tolerances
         for channel in range(3):
             rows, right = [], []
@@ -70,7 +74,7 @@ class TestLinear:
         bases, lits, signals, sigmas, valids = pictures
         lits = [lit * (1, 1, 0) for lit in lits]
         signals = [predicted(TRANSFER, FLOOR, lit, basis) for lit, basis in zip(lits, bases, strict=True)]
-        transfer, _ = transfer_and_floor(bases, lits, signals, sigmas, valids)
+        transfer, _ = light_of(bases, lits, signals, sigmas, valids)
         assert not transfer[:, 2].any()
         np.testing.assert_allclose(transfer[:, :2], TRANSFER[:, :2], rtol=1e-6, atol=1e-4)
 
