@@ -1,5 +1,6 @@
 """Accuracy compares light transport and directional light on the paper's two sets of presses."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,9 +28,8 @@ from designlab.validation.paper_2020.datasets import around, dataset_1, dataset_
 from designlab.validation.paper_2020.hidden import hidden
 from designlab.validation.paper_2020.photograph import photograph
 from designlab.validation.paper_2020.pictures import models_plot
-from designlab.validation.paper_2020.sizes import Size
+from designlab.validation.paper_2020.sizes import SENSORS, Size
 
-SENSORS = {"flat": "gelsight-2020-flat", "dome": "gelsight-2020-dome"}
 TRANSPORT, DIFFUSE, PHONG = MODELS = ("light transport", "directional, diffuse", "directional, Phong")
 SAMPLES = 48
 AVERAGED = 4  # exposures of each picture, as a lab takes them that wants to see the press and not the noise
@@ -39,7 +39,7 @@ STEEP = 0.15  # slope of the membrane above which a pixel belongs to the edges o
 SHOWN = ("triangle", "star", "sphere")  # which press is drawn, the first of these
 
 
-def accuracy(folder: str | Path, *, size: Size, seed: int = 1, progress: Progress = silent) -> dict[str, Any]:
+def accuracy(folder: str | Path, size: Size, seed: int = 1, progress: Progress = silent) -> dict[str, Any]:
     """Photograph hidden sensors, calibrate each model on two presses, and compare on all others.
 
     Every picture, calibration and comparison is kept in the folder and not made again.
@@ -67,6 +67,8 @@ def accuracy(folder: str | Path, *, size: Size, seed: int = 1, progress: Progres
         place = Path(folder) / shape
         hidden_sensor = _HiddenSensor(place, preset(sensor), size, seed + number, progress)
         found[sensor] = resumed(place / "accuracy.json", hidden_sensor.compared)
+        pictures = found[sensor]["pictures"]  # named relative to the folder, which may be moved
+        found[sensor]["pictures"] = {name: os.path.relpath(path, folder) for name, path in pictures.items()}
     return {"sensors": found}
 
 
@@ -84,15 +86,12 @@ class _HiddenSensor:
         """Figures of every model, and what is told of the sensor beside them."""
         nominal, place, seed = self.nominal, self.place, self.seed
         # The second set of presses is on the flat gel; of the dome it gives the two that are fitted to.
-        flat = nominal.name == SENSORS["flat"]
-        more = (
-            {"balls": self.size.balls, "triangles": self.size.triangles}
-            if flat
-            else {"balls": 1, "triangles": 1}
-        )
+        balls, triangles = 1, 1
+        if nominal.name == SENSORS["flat"]:
+            balls, triangles = self.size.balls, self.size.triangles
         sets = {
             1: dataset_1(nominal, seed=seed, shapes=self.size.shapes, places=self.size.places),
-            2: dataset_2(nominal, seed=seed, **more),
+            2: dataset_2(nominal, seed=seed, balls=balls, triangles=triangles),
         }
         measurement = self._photographed([*around(nominal, light_probe=True), *sets[1], *sets[2]])
         dataset = {frame.file: number for number, own in sets.items() for frame in own}

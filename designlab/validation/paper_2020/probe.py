@@ -25,7 +25,7 @@ SAMPLES = 16
 STEP_DEG = 1.0  # of the map that is drawn
 
 
-def probe(folder: str | Path, *, size: Size, seed: int = 1, progress: Progress = silent) -> dict[str, Any]:
+def probe(folder: str | Path, size: Size, seed: int = 1, progress: Progress = silent) -> dict[str, Any]:
     """Render a chrome ball in the sensor, unwrap it, and hold its lobes against the LED strips.
 
     Strips are mirrored in the ball point by point, in closed form; the lobes come from the picture.

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from designlab.core import metrics
-from designlab.core.progress import silent
+from designlab.core.progress import named, silent
 from designlab.core.types import Progress
 from designlab.inference.compare import FIGURES, compare_model
 from designlab.sensor.design import CHANNELS, preset
@@ -24,7 +24,7 @@ PICTURE = "residual.png"
 ROUNDING = 1e-12  # figures below are zero: the structure of a constant picture
 
 
-def real(folder: str | Path, *, size: Size, seed: int = 1, progress: Progress = silent) -> dict[str, Any]:
+def real(folder: str | Path, size: Size, seed: int = 1, progress: Progress = silent) -> dict[str, Any]:
     """Calibrate the preset on the real picture.
 
     Parameters
@@ -44,10 +44,10 @@ def real(folder: str | Path, *, size: Size, seed: int = 1, progress: Progress = 
         ``frames`` with figures in full resolution before and after and of a constant picture, ``parameters``,
         ``notes`` and the ``picture`` relative to the folder; or ``left_out`` with the reason.
     """
-    named = os.environ.get(MEASURED_VARIABLE)
-    if not named:
+    measured = os.environ.get(MEASURED_VARIABLE)
+    if not measured:
         return {"left_out": f"left out: {MEASURED_VARIABLE} names no folder of real pictures"}
-    place = Path(named) / SET
+    place = Path(measured) / SET
     if not place.is_dir():
         return {"left_out": f"left out: the folder that {MEASURED_VARIABLE} names has no {SET}"}
 
@@ -56,6 +56,7 @@ def real(folder: str | Path, *, size: Size, seed: int = 1, progress: Progress = 
     from designlab.report.calibration_pictures import residual_plot
     from designlab.report.figures import write_figure
 
+    progress = named(progress, "fit, ")
     measurement, columns = load_measurement(place), COLUMNS[size.name]
     found = calibrate(measurement, preset(SENSOR), columns=columns, seed=seed, progress=progress)
     folder = Path(folder)

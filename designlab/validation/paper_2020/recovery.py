@@ -19,8 +19,8 @@ from designlab.simulation.effects.model import SensorModel
 from designlab.validation.paper_2020.datasets import around, dataset_2, stated
 from designlab.validation.paper_2020.hidden import hidden
 from designlab.validation.paper_2020.photograph import photograph
+from designlab.validation.paper_2020.sizes import SENSORS
 
-SENSORS = ("gelsight-2020-flat", "gelsight-2020-dome")
 BINNED, PROBE_BINNED = 8, 2  # of pixels: 75 columns are enough for light and poses, mirrored LEDs need more
 COLUMNS = 75
 TRUE_SAMPLES, SAMPLES = 64, 48
@@ -102,7 +102,7 @@ def repeat(number: int, folder: str | Path, *, progress: Progress = silent) -> d
     folder = Path(folder)
 
     def made() -> dict[str, Any]:
-        sensor = SENSORS[number // 2 % 2]
+        sensor = list(SENSORS.values())[number // 2 % 2]
         nominal = preset(sensor)
         true = hidden(nominal, seed=100 + number)
         press = dataset_2(nominal, seed=100 + number, balls=1, triangles=1)[number % 2]
@@ -147,21 +147,20 @@ def told(number: int) -> str:
 
 def summary(repeats: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Pool repeats."""
-    rows = [Recovered(**value) for one in repeats for value in one["values"]]
-    strongest: dict[int, dict[str, float]] = {}
+    rows: list[Recovered] = []
     errors: dict[str, list[float]] = {}
-    for number, one in enumerate(repeats):
+    for one in repeats:
         own = [Recovered(**value) for value in one["values"]]
-        strongest[number] = {}
+        strongest: dict[str, float] = {}
         for value in own:
             kind, _, group = value.name.rpartition(".")
             if kind.startswith(("transfer", "product")):
                 key = f"{kind[:8]}.{group}"
-                strongest[number][key] = max(strongest[number].get(key, 0.0), value.true)
+                strongest[key] = max(strongest.get(key, 0.0), value.true)
         for value in own:
-            name, size = _error(value, strongest[number])
-            if name:
-                errors.setdefault(name, []).append(size)
+            name, size = _error(value, strongest)
+            errors.setdefault(name, []).append(size)
+        rows += own
     stated = [value for value in rows if value.se is not None and value.se > 0]
     kinds: dict[str, list[bool]] = {}
     for value in stated:
@@ -173,14 +172,14 @@ def summary(repeats: Sequence[dict[str, Any]]) -> dict[str, Any]:
             for name, sizes in sorted(errors.items())
         },
         "covered": {
-            "share": float(np.mean([value.covered for value in stated])),
-            "count": len(stated),
-            "by_kind": {
-                kind: {"share": float(np.mean(held)), "count": len(held)}
-                for kind, held in sorted(kinds.items())
-            },
+            **_share([value.covered for value in stated]),
+            "by_kind": {kind: _share(held) for kind, held in sorted(kinds.items())},
         },
     }
+
+
+def _share(held: list[bool]) -> dict[str, float]:
+    return {"share": float(np.mean(held)), "count": len(held)}
 
 
 def _error(value: Recovered, strongest: dict[str, float]) -> tuple[str, float]:
@@ -190,9 +189,7 @@ def _error(value: Recovered, strongest: dict[str, float]) -> tuple[str, float]:
         name, _, group = value.name.rpartition(".")
         top = strongest[f"{name[:8]}.{group}"]
         return (kind, size / value.true) if value.true > STRONG * top else (f"{kind}, crosstalk", size / top)
-    if kind in ("reflectance", "kernel"):
-        return kind, size / value.true
-    return kind, size
+    return kind, size / value.true if kind in ("reflectance", "kernel") else size
 
 
 def _kind(name: str) -> str:

@@ -4,7 +4,6 @@ Every experiment keeps its result in a folder of its own; one whose result is th
 """
 
 import dataclasses
-import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,13 +13,17 @@ from designlab.core.run_folder import claim
 from designlab.core.store import read_json, remove_partial, write_atomic, write_json
 from designlab.core.types import Progress
 from designlab.sensor.design import preset
+from designlab.validation.paper_2020.accuracy import MODELS, accuracy
 from designlab.validation.paper_2020.content import sections
 from designlab.validation.paper_2020.markdown import markdown_page
 from designlab.validation.paper_2020.page import html_page
-from designlab.validation.paper_2020.sizes import SIZES, Size
+from designlab.validation.paper_2020.probe import probe
+from designlab.validation.paper_2020.real import real
+from designlab.validation.paper_2020.recovery import recovery, told
+from designlab.validation.paper_2020.sizes import SENSORS, SIZES, Size
+from designlab.validation.paper_2020.timing import timing
 
 RESULTS = 1  # raise when a change makes results of earlier runs wrong
-SENSORS = ("gelsight-2020-flat", "gelsight-2020-dome")
 MARKER, KEPT = "reproduce.json", "result.json"
 REPORT, MARKDOWN = "report.html", "reproduction.md"
 _DECIDED_BY = {
@@ -84,20 +87,19 @@ def reproduce(
     if size not in SIZES:
         raise ValueError(f"size: must be one of {', '.join(SIZES)}, got {size!r}")
     out, extent = Path(out), SIZES[size]
-    designs = {name: preset(name).digest for name in SENSORS}
+    designs = {name: preset(name).digest for name in SENSORS.values()}
     asked = {"results": RESULTS, "seed": seed, "designs": designs, "size": dataclasses.asdict(extent)}
     claim(out, MARKER, asked, kind="a reproduction", decided_by=_DECIDED_BY)
     left = {name: stage for name, stage in STAGES.items() if not (out / name / KEPT).is_file()}
     total, done = sum(stage.seconds(extent) for stage in left.values()), 0.0
     found: dict[str, dict[str, Any]] = {}
     for name, stage in STAGES.items():
-        cost = stage.seconds(extent) if name in left else 0.0
         if name in left:
             within = stage_progress(progress, stage, extent, done, total)
             found[name] = _run(out / name, stage, extent, seed, within)
+            done += stage.seconds(extent)
         else:
             found[name] = read_json(out / name / KEPT)
-        done += cost
     return _written(out, extent, seed, found, progress)
 
 
@@ -165,70 +167,28 @@ def _written(
     return {**{name: str(path) for name, path in files.items()}, **result}
 
 
-def _probe(folder: Path, size: Size, seed: int, within: Progress) -> dict[str, Any]:
-    from designlab.validation.paper_2020.probe import probe
-
-    return probe(folder, size=size, seed=seed, progress=within)
-
-
-def _recovery(folder: Path, size: Size, seed: int, within: Progress) -> dict[str, Any]:
-    from designlab.validation.paper_2020.recovery import recovery
-
-    return recovery(size.repeats, folder, progress=within)
-
-
-def _recovery_parts(size: Size) -> dict[str, float]:
-    from designlab.validation.paper_2020.recovery import told
-
-    return {told(number): 1.0 for number in range(size.repeats)}
-
-
-def _accuracy(folder: Path, size: Size, seed: int, within: Progress) -> dict[str, Any]:
-    from designlab.validation.paper_2020.accuracy import accuracy
-
-    found = accuracy(folder, size=size, seed=seed, progress=within)
-    for sensor in found["sensors"].values():  # the folder may be moved
-        sensor["pictures"] = {
-            name: os.path.relpath(path, folder) for name, path in sensor["pictures"].items()
-        }
-    return found
-
-
 def _accuracy_parts(size: Size) -> dict[str, float]:
-    from designlab.validation.paper_2020.accuracy import MODELS
-    from designlab.validation.paper_2020.accuracy import SENSORS as BY_SHAPE
-
     photographing = 10.0 if size.name == "full" else 1.0
     parts: dict[str, float] = {}
-    for sensor in (BY_SHAPE[shape] for shape in BY_SHAPE if shape in size.shapes_of_gel):
+    for sensor in (SENSORS[shape] for shape in SENSORS if shape in size.shapes_of_gel):
         parts[f"{sensor}: photographing"] = photographing
         parts |= dict.fromkeys((f"{sensor}: {model}" for model in MODELS), 1.0)
     return parts
 
 
-def _timing(folder: Path, size: Size, seed: int, within: Progress) -> dict[str, Any]:
-    from designlab.validation.paper_2020.timing import timing
-
-    return timing(folder, size=size, seed=seed, progress=within)
-
-
-def _real(folder: Path, size: Size, seed: int, within: Progress) -> dict[str, Any]:
-    from designlab.validation.paper_2020.real import real
-
-    return real(folder, size=size, seed=seed, progress=lambda what, n, of: within(f"fit, {what}", n, of))
-
-
 STAGES: dict[str, Experiment] = {
-    "probe": Experiment("light probe", _probe, lambda size: 15 if size.name == "full" else 8),
-    "recovery": Experiment("hidden sensors", _recovery, lambda size: 75 * size.repeats, _recovery_parts),
-    "accuracy": Experiment(
-        "accuracy",
-        _accuracy,
-        lambda size: 4000 if size.name == "full" else 150,
-        _accuracy_parts,
+    "probe": Experiment("light probe", probe, lambda size: 15 if size.name == "full" else 8),
+    "recovery": Experiment(
+        "hidden sensors",
+        lambda folder, size, seed, progress: recovery(size.repeats, folder, progress=progress),
+        lambda size: 75 * size.repeats,
+        lambda size: {told(number): 1.0 for number in range(size.repeats)},
     ),
-    "timing": Experiment("time of pictures", _timing, lambda size: 900 if size.name == "full" else 30),
+    "accuracy": Experiment(
+        "accuracy", accuracy, lambda size: 4000 if size.name == "full" else 150, _accuracy_parts
+    ),
+    "timing": Experiment("time of pictures", timing, lambda size: 900 if size.name == "full" else 30),
     "real": Experiment(
-        "real picture", _real, lambda size: 60 if size.name == "full" else 35, lambda size: {"fit": 1.0}
+        "real picture", real, lambda size: 60 if size.name == "full" else 35, lambda size: {"fit": 1.0}
     ),
 }

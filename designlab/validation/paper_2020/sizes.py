@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 CROP_PX = 600  # side of the square of sensor pixels around a contact that the paper compares
+SENSORS = {"flat": "gelsight-2020-flat", "dome": "gelsight-2020-dome"}
+"""Presets of the paper's sensors, by the shape of their gel."""
 SizeName = Literal["full", "reduced"]
 
 

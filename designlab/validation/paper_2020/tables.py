@@ -59,16 +59,8 @@ def accuracy(found: Mapping[str, Any], *, channels: bool) -> Rows:
             for model, results in held["models"].items():
                 means = _means(results, dataset)
                 for channel in CHANNELS if channels else ("",):
-                    own = means["channels"][channel] if channel else means
-                    rows.append(
-                        {
-                            "sensor": short(sensor),
-                            "dataset": dataset,
-                            "model": model,
-                            "channel": channel,
-                            **{name: own[name] for name in FIGURES},
-                        }
-                    )
+                    place = {"sensor": short(sensor), "dataset": dataset, "model": model, "channel": channel}
+                    rows.append({**place, **_of_channel(means, channel)})
     return rows
 
 
@@ -103,9 +95,7 @@ def headline(sensor: str, held: Mapping[str, Any]) -> str:
     """One sentence on the accuracy of a sensor's models."""
     means = held["models"][TRANSPORT]["held_out"]
     worst = []
-    for baseline in BASELINES:
-        if baseline not in held["models"]:
-            continue
+    for baseline in _baselines(held):
         other = held["models"][baseline]["held_out"]
         least = {
             channel: means["channels"][channel]["snr_db"] - other["channels"][channel]["snr_db"]
@@ -143,9 +133,7 @@ def failures(found: Mapping[str, Any]) -> list[str]:
     texts = []
     for sensor, held in found["sensors"].items():
         ours = held["models"][TRANSPORT]["held_out"]
-        for baseline in BASELINES:
-            if baseline not in held["models"]:
-                continue
+        for baseline in _baselines(held):
             theirs = held["models"][baseline]["held_out"]
             shares = theirs["error_shares"]
             most = max(shares, key=lambda part: shares[part])
@@ -222,21 +210,24 @@ def _datasets(held: Mapping[str, Any]) -> list[str]:
     return [*own, BOTH] if len(own) > 1 else own
 
 
+def _baselines(held: Mapping[str, Any]) -> list[str]:
+    return [baseline for baseline in BASELINES if baseline in held["models"]]
+
+
 def _means(results: Mapping[str, Any], dataset: str) -> Mapping[str, Any]:
     held: Mapping[str, Any] = results["held_out"]
     return held if dataset == BOTH else held["datasets"][dataset]
 
 
 def _of_channel(means: Mapping[str, Any], channel: str) -> Mapping[str, Any]:
-    own: Mapping[str, Any] = means if channel == "all" else means["channels"][channel]
+    own: Mapping[str, Any] = means["channels"].get(channel, means)
     return {name: own[name] for name in FIGURES}
 
 
 def _margin_keys(held: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
     for figure in ("snr_db", "structure_snr_db"):
-        for baseline in BASELINES:
-            if baseline in held["models"]:
-                yield f"{figure} {baseline}", baseline, figure
+        for baseline in _baselines(held):
+            yield f"{figure} {baseline}", baseline, figure
 
 
 def kind(baseline: str) -> str:

@@ -48,7 +48,7 @@ PAPER_MS = {
 Pixels = NDArray[np.float32]
 
 
-def timing(folder: str | Path, *, size: Size, seed: int = 1, progress: Progress = silent) -> dict[str, Any]:
+def timing(folder: str | Path, size: Size, seed: int = 1, progress: Progress = silent) -> dict[str, Any]:
     """Time pictures of a pressed ball, and compare each with a long reference of the same view.
 
     A path-traced picture is timed from the membrane's shape to radiance of every LED group in memory, the
