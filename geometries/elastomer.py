@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, field_validator, model_validator
+from pydantic import field_validator, model_validator
 
 from geometries.outline import inside_outline, outline_polygon
 from geometries.spec import Spec, quantity
@@ -27,40 +27,22 @@ class Elastomer(Spec):
     core, which is a stock part, so that only the mould of the gel has to be turned.
     """
 
-    shape: Literal["flat", "dome", "freeform"] = Field(
-        "flat",
-        description="flat: a plane membrane; dome: part of a sphere; freeform: a profile turned about z, on "
-        "a plane core.",
-    )
-    outline: Literal["rectangle", "hexagon", "round"] = Field(
-        "hexagon", description="Outline seen by the camera; a dome or freeform gel is always round."
-    )
-    width_mm: float = quantity(
-        24.0,
-        unit="mm",
-        gt=1,
-        le=200,
-        description="Size along x; across flats of a hexagon; diameter of a round outline.",
-    )
-    length_mm: float = quantity(
-        20.0, unit="mm", gt=1, le=200, description="Size along y of a rectangle; others ignore it."
-    )
-    thickness_mm: float = quantity(
-        2.0,
-        unit="mm",
-        gt=0.1,
-        le=20,
-        description="Gel thickness, membrane to core; on the axis, for a freeform gel.",
-    )
-    radius_mm: float | None = quantity(
-        None, unit="mm", gt=1, le=1e7, description="Radius of the spherical membrane; a dome only."
-    )
-    profile_mm: Profile | None = Field(
-        None,
-        description="Points (distance from the axis, height) in mm of a freeform membrane, from (0, 0) to "
-        "the rim or beyond. A smooth curve that is level on the axis runs through them and stays between "
-        "them: where they rise, it rises.",
-    )
+    shape: Literal["flat", "dome", "freeform"] = "flat"
+    """flat: a plane membrane; dome: part of a sphere; freeform: a profile turned about z, on a plane core."""
+    outline: Literal["rectangle", "hexagon", "round"] = "hexagon"
+    """Outline seen by the camera; a dome or freeform gel is always round."""
+    width_mm: float = quantity(24.0, unit="mm", gt=1, le=200)
+    """Size along x; across flats of a hexagon; diameter of a round outline."""
+    length_mm: float = quantity(20.0, unit="mm", gt=1, le=200)
+    """Size along y of a rectangle; others ignore it."""
+    thickness_mm: float = quantity(2.0, unit="mm", gt=0.1, le=20)
+    """Gel thickness, membrane to core; on the axis, for a freeform gel."""
+    radius_mm: float | None = quantity(None, unit="mm", gt=1, le=1e7)
+    """Radius of the spherical membrane; a dome only."""
+    profile_mm: Profile | None = None
+    """Points (distance from the axis, height) in mm of a freeform membrane, from (0, 0) to the rim or beyond.
+    A smooth curve that is level on the axis runs through them and stays between them: where they rise, it
+    rises."""
 
     @field_validator("profile_mm")
     @classmethod

@@ -23,44 +23,21 @@ class AngularProfile(Spec):
     round, `azimuth_deg`); `ies`. Nothing at all is Lambert's cosine, exponent 1.
     """
 
-    exponent: float | None = quantity(
-        None,
-        unit="1",
-        ge=0,
-        le=2e4,
-        description="m of an intensity proportional to cos(polar angle)^m; 1 is a Lambertian face.",
-    )
-    beam_deg: float | None = quantity(
-        None,
-        unit="deg",
-        ge=1,
-        lt=180,
-        description="Full angle between the directions of half the axial intensity; sets the exponent.",
-    )
-    polar_deg: tuple[float, ...] = Field(
-        (),
-        max_length=2000,
-        description="Angles from the face's normal at which `intensity` is given, rising from 0 (deg); "
-        "linear between them, dark beyond the last.",
-    )
-    azimuth_deg: tuple[float, ...] = Field(
-        (),
-        max_length=400,
-        description="Planes in which `intensity` is given, around the normal from the row's direction "
-        "towards the membrane, rising from 0 to 90 (two mirror planes), 180 (one) or 360 (none); "
-        "absent where the beam is round (deg).",
-    )
-    intensity: tuple[tuple[float, ...], ...] = Field(
-        (),
-        max_length=400,
-        description="Relative intensity: one row for each azimuth, one value for each polar angle.",
-    )
-    ies: str | None = Field(
-        None,
-        max_length=400,
-        description="IES LM-63 file, relative to the design's own file; it is read once and its table then "
-        "kept in the design.",
-    )
+    exponent: float | None = quantity(None, unit="1", ge=0, le=2e4)
+    """m of an intensity proportional to cos(polar angle)^m; 1 is a Lambertian face."""
+    beam_deg: float | None = quantity(None, unit="deg", ge=1, lt=180)
+    """Full angle between the directions of half the axial intensity; sets the exponent."""
+    polar_deg: tuple[float, ...] = Field((), max_length=2000)
+    """Angles from the face's normal at which `intensity` is given, rising from 0 (deg); linear between them,
+    dark beyond the last."""
+    azimuth_deg: tuple[float, ...] = Field((), max_length=400)
+    """Planes in which `intensity` is given, around the normal from the row's direction towards the membrane,
+    rising from 0 to 90 (two mirror planes), 180 (one) or 360 (none); absent where the beam is round (deg)."""
+    intensity: tuple[tuple[float, ...], ...] = Field((), max_length=400)
+    """Relative intensity: one row for each azimuth, one value for each polar angle."""
+    ies: str | None = Field(None, max_length=400)
+    """IES LM-63 file, relative to the design's own file; it is read once and its table then kept in the
+    design."""
 
     @model_validator(mode="before")
     @classmethod

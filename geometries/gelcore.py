@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from geometries.outline import OutlineName, outline_polygon
 from geometries.spec import Spec, quantity
@@ -20,65 +20,34 @@ class Gelcore(Spec):
     Local frame: the gel side touches z = 0 (the apex, for a dome), the camera window is at z = height_mm.
     """
 
-    shape: Literal["slab", "hexagonal", "dome"] = Field(
-        "hexagonal",
-        description="slab: rectangular block; hexagonal: prism with flats at azimuth 90, 150, 210... deg; "
-        "dome: round block whose gel side is a spherical cap.",
-    )
-    width_mm: float = quantity(
-        24.0,
-        unit="mm",
-        gt=1,
-        le=200,
-        description="Size along x; distance across flats of a hexagon; diameter of a dome.",
-    )
-    length_mm: float = quantity(
-        20.0, unit="mm", gt=1, le=200, description="Size along y of a slab; others ignore it."
-    )
-    height_mm: float = quantity(8.0, unit="mm", gt=0.2, le=100, description="Thickness along z.")
-    radius_mm: float | None = quantity(
-        None, unit="mm", gt=1, le=1000, description="Radius of the spherical gel side; a dome only."
-    )
-    draft_deg: float = quantity(
-        0.0,
-        unit="deg",
-        ge=0,
-        le=30,
-        description="Inclination of the side faces of a slab or hexagon, which narrows towards the camera.",
-    )
-    window_diameter_mm: float = quantity(
-        12.0, unit="mm", gt=0, le=200, description="Diameter of the clear area the camera looks through."
-    )
-    cavity_radius_mm: float | None = quantity(
-        None,
-        unit="mm",
-        gt=0.5,
-        le=100,
-        description="Radius, at the window, of a hollow behind it, half a spheroid around the axis: the core "
-        "is a shell then. Solid when absent.",
-    )
-    cavity_depth_mm: float | None = quantity(
-        None, unit="mm", gt=0.1, le=100, description="How deep the hollow reaches; its radius when absent."
-    )
-    side_finish: Literal["polished", "ground", "painted"] = Field(
-        "painted", description="Finish of the side faces away from the LEDs."
-    )
-    ground_roughness: float = quantity(
-        0.3,
-        unit="1",
-        ge=0.01,
-        le=1,
-        description="GGX alpha of ground side faces; 0.3 is what the public scene of the 2020 prototype "
-        "gives its core (arXiv 2012.13184).",
-    )
-    paint_reflectance: float = quantity(
-        0.0,
-        unit="1",
-        ge=0,
-        le=0.99,
-        description="Diffuse reflectance of painted side faces, seen from inside the core: paint wets the "
-        "face, so that no air gap reflects. 0 is black, 0.9 a good white.",
-    )
+    shape: Literal["slab", "hexagonal", "dome"] = "hexagonal"
+    """slab: rectangular block; hexagonal: prism with flats at azimuth 90, 150, 210... deg; dome: round block
+    whose gel side is a spherical cap."""
+    width_mm: float = quantity(24.0, unit="mm", gt=1, le=200)
+    """Size along x; distance across flats of a hexagon; diameter of a dome."""
+    length_mm: float = quantity(20.0, unit="mm", gt=1, le=200)
+    """Size along y of a slab; others ignore it."""
+    height_mm: float = quantity(8.0, unit="mm", gt=0.2, le=100)
+    """Thickness along z."""
+    radius_mm: float | None = quantity(None, unit="mm", gt=1, le=1000)
+    """Radius of the spherical gel side; a dome only."""
+    draft_deg: float = quantity(0.0, unit="deg", ge=0, le=30)
+    """Inclination of the side faces of a slab or hexagon, which narrows towards the camera."""
+    window_diameter_mm: float = quantity(12.0, unit="mm", gt=0, le=200)
+    """Diameter of the clear area the camera looks through."""
+    cavity_radius_mm: float | None = quantity(None, unit="mm", gt=0.5, le=100)
+    """Radius, at the window, of a hollow behind it, half a spheroid around the axis: the core is a shell
+    then. Solid when absent."""
+    cavity_depth_mm: float | None = quantity(None, unit="mm", gt=0.1, le=100)
+    """How deep the hollow reaches; its radius when absent."""
+    side_finish: Literal["polished", "ground", "painted"] = "painted"
+    """Finish of the side faces away from the LEDs."""
+    ground_roughness: float = quantity(0.3, unit="1", ge=0.01, le=1)
+    """GGX alpha of ground side faces; 0.3 is what the public scene of the 2020 prototype gives its core
+    (arXiv 2012.13184)."""
+    paint_reflectance: float = quantity(0.0, unit="1", ge=0, le=0.99)
+    """Diffuse reflectance of painted side faces, seen from inside the core: paint wets the face, so that no
+    air gap reflects. 0 is black, 0.9 a good white."""
 
     @model_validator(mode="after")
     def _goes_with_its_shape(self) -> Self:

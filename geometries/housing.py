@@ -13,22 +13,18 @@ if TYPE_CHECKING:
 class Housing(Spec):
     """Round tube from the membrane's edge up to the camera plate. Sensor frame."""
 
-    inner_radius_mm: float = quantity(17.0, unit="mm", gt=1, le=200, description="Inner radius of the tube.")
-    wall_mm: float = quantity(2.0, unit="mm", gt=0, le=50, description="Thickness of the tube's wall.")
-    bottom_mm: float = quantity(
-        1.0,
-        unit="mm",
-        ge=-50,
-        le=100,
-        description="Height of the lower rim above the membrane plane; the gel stands proud of it.",
-    )
-    top_mm: float = quantity(
-        30.0, unit="mm", gt=0, le=300, description="Height of the camera plate's underside."
-    )
-    plate_mm: float = quantity(2.0, unit="mm", gt=0, le=50, description="Thickness of the camera plate.")
-    camera_hole_mm: float = quantity(
-        8.0, unit="mm", gt=0, le=100, description="Diameter of the hole in the camera plate."
-    )
+    inner_radius_mm: float = quantity(17.0, unit="mm", gt=1, le=200)
+    """Inner radius of the tube."""
+    wall_mm: float = quantity(2.0, unit="mm", gt=0, le=50)
+    """Thickness of the tube's wall."""
+    bottom_mm: float = quantity(1.0, unit="mm", ge=-50, le=100)
+    """Height of the lower rim above the membrane plane; the gel stands proud of it."""
+    top_mm: float = quantity(30.0, unit="mm", gt=0, le=300)
+    """Height of the camera plate's underside."""
+    plate_mm: float = quantity(2.0, unit="mm", gt=0, le=50)
+    """Thickness of the camera plate."""
+    camera_hole_mm: float = quantity(8.0, unit="mm", gt=0, le=100)
+    """Diameter of the hole in the camera plate."""
 
     @model_validator(mode="after")
     def _tube_has_length_and_plate(self) -> Self:

@@ -19,123 +19,64 @@ Vector = tuple[float, float, float]
 class LedGroup(Spec):
     """LEDs of one colour, switched together, standing side by side around one azimuth (or several)."""
 
-    name: str = Field(
-        min_length=1, pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", description="Name of the group, for example red."
-    )
-    azimuth_deg: tuple[float, ...] = Field(
-        min_length=1,
-        description="Directions, counter-clockwise from +x, at which rows of this group stand (deg).",
-    )
-    count: int = Field(1, ge=1, le=200, description="LEDs in each row.")
-    flux_mw: float = quantity(
-        10.0,
-        unit="mW",
-        gt=0,
-        le=1e6,
-        description="Total radiant flux of the group, shared equally by its LEDs.",
-    )
-    wavelength_nm: float = quantity(530.0, unit="nm", ge=350, le=1100, description="Peak wavelength.")
-    width_nm: float | None = quantity(
-        None,
-        unit="nm",
-        gt=0.1,
-        le=300,
-        description="Full width of the spectrum at half maximum; typical of the colour when absent.",
-    )
-    profile: AngularProfile | None = Field(
-        None, description="Angular profile of this group's LEDs; the array's when absent."
-    )
-    part: str | None = Field(
-        None,
-        min_length=1,
-        max_length=80,
-        description="Part of the LED library that fills wavelength, width, flux and profile where not given.",
-    )
+    name: str = Field(min_length=1, pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")
+    """Name of the group, for example red."""
+    azimuth_deg: tuple[float, ...] = Field(min_length=1)
+    """Directions, counter-clockwise from +x, at which rows of this group stand (deg)."""
+    count: int = Field(1, ge=1, le=200)
+    """LEDs in each row."""
+    flux_mw: float = quantity(10.0, unit="mW", gt=0, le=1e6)
+    """Total radiant flux of the group, shared equally by its LEDs."""
+    wavelength_nm: float = quantity(530.0, unit="nm", ge=350, le=1100)
+    """Peak wavelength."""
+    width_nm: float | None = quantity(None, unit="nm", gt=0.1, le=300)
+    """Full width of the spectrum at half maximum; typical of the colour when absent."""
+    profile: AngularProfile | None = None
+    """Angular profile of this group's LEDs; the array's when absent."""
+    part: str | None = Field(None, min_length=1, max_length=80)
+    """Part of the LED library that fills wavelength, width, flux and profile where not given."""
 
 
 class LedArray(Spec):
     """Where the LEDs stand, what they look like, and which belong together."""
 
-    package: Literal["panel", "smd", "spot"] = Field(
-        "smd",
-        description="panel: a flat board whose strips emit; smd: a small package with one emitting face; "
-        "spot: a small source with a narrow beam, see profile.beam_deg.",
-    )
-    part: str | None = Field(
-        None,
-        min_length=1,
-        max_length=80,
-        description="Part of the LED library that fills package, sizes, profile and, by group name, "
-        "wavelength, width and flux where not given.",
-    )
-    profile: AngularProfile = Field(
-        default_factory=lambda: AngularProfile(),
-        description="Angular profile of the light that leaves each emitting face: in air, or within the core "
-        "where the LEDs are bonded or embedded.",
-    )
-    coupling: Literal["air_gap", "bonded", "embedded"] = Field(
-        "air_gap",
-        description="air_gap: the LEDs stand apart and light refracts into the core; bonded: clear glue of "
-        "the core's index joins emitting face and core side; embedded: the LEDs are cast into the core.",
-    )
-    glue_mm: float = quantity(
-        0.1, unit="mm", gt=0, le=2, description="Thickest layer of glue under a bonded LED."
-    )
-    layout: Literal["edge", "ring"] = Field(
-        "edge",
-        description="edge: the LEDs of a row stand on a straight line perpendicular to the azimuth; "
-        "ring: they stand on the circle, each facing the axis.",
-    )
-    groups: tuple[LedGroup, ...] = Field(min_length=1, description="Colour groups.")
-    radius_mm: float = quantity(
-        14.0,
-        unit="mm",
-        gt=0,
-        le=200,
-        description="Distance of the emitting faces from the axis, at the row's middle.",
-    )
-    height_mm: float = quantity(
-        4.0,
-        unit="mm",
-        ge=-50,
-        le=200,
-        description="Height of the emitting faces' centre above the membrane plane z = 0.",
-    )
-    tilt_deg: float = quantity(
-        0.0,
-        unit="deg",
-        ge=-90,
-        le=90,
-        description="Inclination of the emitting direction from horizontal towards the membrane.",
-    )
-    pitch_mm: float = quantity(
-        4.0,
-        unit="mm",
-        gt=0,
-        le=100,
-        description="Distance between neighbouring LEDs of a row (along the arc on a ring).",
-    )
-    emitting_width_mm: float = quantity(
-        3.0, unit="mm", gt=0, le=200, description="Width of the emitting face, along the row."
-    )
-    emitting_spans_mm: tuple[tuple[float, float], ...] = Field(
-        ((-1.0, 1.0),),
-        min_length=1,
-        description="Emitting strips of an LED, (from, to) along its height, positive to the membrane (mm).",
-    )
-    body_width_mm: float = quantity(
-        3.5, unit="mm", gt=0, le=200, description="Width of the package or board."
-    )
-    body_height_mm: float = quantity(
-        2.8, unit="mm", gt=0, le=200, description="Height of the package or board."
-    )
-    body_thickness_mm: float = quantity(
-        1.0,
-        unit="mm",
-        gt=0,
-        le=50,
-        description="Thickness of the package or board, behind the emitting face.",
-    )
+    package: Literal["panel", "smd", "spot"] = "smd"
+    """panel: a flat board whose strips emit; smd: a small package with one emitting face; spot: a small
+    source with a narrow beam, see profile.beam_deg."""
+    part: str | None = Field(None, min_length=1, max_length=80)
+    """Part of the LED library that fills package, sizes, profile and, by group name, wavelength, width and
+    flux where not given."""
+    profile: AngularProfile = Field(default_factory=lambda: AngularProfile())
+    """Angular profile of the light that leaves each emitting face: in air, or within the core where the LEDs
+    are bonded or embedded."""
+    coupling: Literal["air_gap", "bonded", "embedded"] = "air_gap"
+    """air_gap: the LEDs stand apart and light refracts into the core; bonded: clear glue of the core's index
+    joins emitting face and core side; embedded: the LEDs are cast into the core."""
+    glue_mm: float = quantity(0.1, unit="mm", gt=0, le=2)
+    """Thickest layer of glue under a bonded LED."""
+    layout: Literal["edge", "ring"] = "edge"
+    """edge: the LEDs of a row stand on a straight line perpendicular to the azimuth; ring: they stand on the
+    circle, each facing the axis."""
+    groups: tuple[LedGroup, ...] = Field(min_length=1)
+    """Colour groups."""
+    radius_mm: float = quantity(14.0, unit="mm", gt=0, le=200)
+    """Distance of the emitting faces from the axis, at the row's middle."""
+    height_mm: float = quantity(4.0, unit="mm", ge=-50, le=200)
+    """Height of the emitting faces' centre above the membrane plane z = 0."""
+    tilt_deg: float = quantity(0.0, unit="deg", ge=-90, le=90)
+    """Inclination of the emitting direction from horizontal towards the membrane."""
+    pitch_mm: float = quantity(4.0, unit="mm", gt=0, le=100)
+    """Distance between neighbouring LEDs of a row (along the arc on a ring)."""
+    emitting_width_mm: float = quantity(3.0, unit="mm", gt=0, le=200)
+    """Width of the emitting face, along the row."""
+    emitting_spans_mm: tuple[tuple[float, float], ...] = Field(((-1.0, 1.0),), min_length=1)
+    """Emitting strips of an LED, (from, to) along its height, positive to the membrane (mm)."""
+    body_width_mm: float = quantity(3.5, unit="mm", gt=0, le=200)
+    """Width of the package or board."""
+    body_height_mm: float = quantity(2.8, unit="mm", gt=0, le=200)
+    """Height of the package or board."""
+    body_thickness_mm: float = quantity(1.0, unit="mm", gt=0, le=50)
+    """Thickness of the package or board, behind the emitting face."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

@@ -9,22 +9,16 @@ FOLDER = "folder"
 
 
 class Spec(BaseModel):
-    """A frozen value object: equal by content, hashable, refusing unknown fields and non-finite numbers."""
+    """A frozen value object: equal by content, hashable, refusing unknown fields and non-finite numbers.
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    The text below a field, or the `description` given to it, says what it means.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
 
 
-def quantity(
-    default: Any = ...,
-    *,
-    unit: str,
-    description: str,
-    ge: float | None = None,
-    gt: float | None = None,
-    le: float | None = None,
-    lt: float | None = None,
-) -> Any:
-    """Declare a field with its unit, its bounds and its meaning, once.
+def quantity(default: Any = ..., *, unit: str, description: str | None = None, **bounds: Any) -> Any:
+    """Declare a field with its unit and its bounds, once.
 
     Parameters
     ----------
@@ -32,17 +26,9 @@ def quantity(
         Value used when the field is absent; required when omitted.
     unit : str
         Unit of the field (``"mm"``, ``"deg"``, ``"nm"``, ``"1"`` for a pure number).
-    description : str
-        What the field means, in one sentence.
-    ge, gt, le, lt : float, optional
-        Bounds in the unit of the field.
+    description : str, optional
+        What the field means, in one sentence; the text below the field when absent.
+    **bounds : float
+        Bounds ``ge``, ``gt``, ``le`` and ``lt`` in the unit of the field.
     """
-    return Field(
-        default,
-        description=description,
-        ge=ge,
-        gt=gt,
-        le=le,
-        lt=lt,
-        json_schema_extra={"unit": unit},
-    )
+    return Field(default, description=description, json_schema_extra={"unit": unit}, **bounds)
