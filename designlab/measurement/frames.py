@@ -36,56 +36,51 @@ class MeasurementError(ValueError):
 class PoseSigma(Spec):
     """How well the pose of a press is known: one standard deviation each."""
 
-    depth_mm: float | None = quantity(None, unit="mm", ge=0, le=20, description="Of the depth.")
-    centre_mm: float | None = quantity(None, unit="mm", ge=0, le=100, description="Of each coordinate.")
-    yaw_deg: float | None = quantity(None, unit="deg", ge=0, le=360, description="Of the yaw.")
+    depth_mm: float | None = quantity(None, unit="mm", ge=0, le=20)
+    """Of the depth."""
+    centre_mm: float | None = quantity(None, unit="mm", ge=0, le=100)
+    """Of each coordinate."""
+    yaw_deg: float | None = quantity(None, unit="deg", ge=0, le=360)
+    """Of the yaw."""
 
 
 class MeasuredFrame(Spec):
     """One image and what is known about it; a field that is None is unknown, never zero."""
 
-    file: str = Field(min_length=1, description="Image file, relative to the folder.")
-    kind: Literal["background", "press", "light_probe", "dark", "flat_field"] = Field(
-        description="What it shows."
-    )
-    probe: str | None = Field(None, description="Probe as kind[:size_mm] or mesh file[:size_mm].")
-    depth_mm: float | None = quantity(
-        None, unit="mm", gt=0, le=20, description="Largest penetration of the probe."
-    )
-    centre_mm: tuple[float, float] | None = Field(None, description="Where the probe's axis meets the gel.")
-    yaw_deg: float | None = quantity(
-        None, unit="deg", ge=-360, le=360, description="Rotation of the probe, counter-clockwise."
-    )
-    sigma: PoseSigma | None = Field(None, description="How well the pose is known.")
-    leds: tuple[str, ...] | None = Field(None, description="LED groups switched on; all when absent.")
-    exposure: float | None = quantity(None, unit="1", gt=0, description="Relative exposure of the frame.")
-    gel_rotation_deg: float | None = quantity(
-        None, unit="deg", ge=-360, le=360, description="Rotation of the gel about the camera's axis."
-    )
-    crop_px: tuple[int, int, int, int] | None = Field(
-        None, description="Rectangle of the full sensor image: x, y, width, height; a smaller file is binned."
-    )
-    repeat: int | None = Field(
-        None, ge=0, description="Number of the repeat; repeats share all other fields."
-    )
-    split: Split | None = Field(None, description="Use of the frame; by press position when absent.")
-    centre_px: tuple[float, float] | None = Field(None, description="Centre read off the image: column, row.")
-    contact_radius_px: float | None = quantity(
-        None,
-        unit="px",
-        gt=0,
-        description="Radius of the contact read off the image; of a light probe, that of the ball's outline.",
-    )
-    lowest_mm: float | None = quantity(
-        None,
-        unit="mm",
-        ge=-100,
-        le=200,
-        description="Of a light probe: height of the ball's lowest point above the plane z = 0.",
-    )
-    immersed: bool | None = Field(
-        None, description="Of a light probe: whether a liquid of the gel's index joins ball and gelcore."
-    )
+    file: str = Field(min_length=1)
+    """Image file, relative to the folder."""
+    kind: Literal["background", "press", "light_probe", "dark", "flat_field"]
+    """What it shows."""
+    probe: str | None = None
+    """Probe as kind[:size_mm] or mesh file[:size_mm]."""
+    depth_mm: float | None = quantity(None, unit="mm", gt=0, le=20)
+    """Largest penetration of the probe."""
+    centre_mm: tuple[float, float] | None = None
+    """Where the probe's axis meets the gel."""
+    yaw_deg: float | None = quantity(None, unit="deg", ge=-360, le=360)
+    """Rotation of the probe, counter-clockwise."""
+    sigma: PoseSigma | None = None
+    """How well the pose is known."""
+    leds: tuple[str, ...] | None = None
+    """LED groups switched on; all when absent."""
+    exposure: float | None = quantity(None, unit="1", gt=0)
+    """Relative exposure of the frame."""
+    gel_rotation_deg: float | None = quantity(None, unit="deg", ge=-360, le=360)
+    """Rotation of the gel about the camera's axis."""
+    crop_px: tuple[int, int, int, int] | None = None
+    """Rectangle of the full sensor image: x, y, width, height; a smaller file is binned."""
+    repeat: int | None = Field(None, ge=0)
+    """Number of the repeat; repeats share all other fields."""
+    split: Split | None = None
+    """Use of the frame; by press position when absent."""
+    centre_px: tuple[float, float] | None = None
+    """Centre read off the image: column, row."""
+    contact_radius_px: float | None = quantity(None, unit="px", gt=0)
+    """Radius of the contact read off the image; of a light probe, that of the ball's outline."""
+    lowest_mm: float | None = quantity(None, unit="mm", ge=-100, le=200)
+    """Of a light probe: height of the ball's lowest point above the plane z = 0."""
+    immersed: bool | None = None
+    """Of a light probe: whether a liquid of the gel's index joins ball and gelcore."""
 
     @field_validator("probe")
     @classmethod
@@ -127,15 +122,20 @@ class MeasuredFrame(Spec):
 class Measurement(Spec):
     """A set of frames of one sensor, in the order of its file."""
 
-    name: str = Field("", description="Short name of the set.")
-    sensor: str = Field("unknown", description="Preset, path of a design or model TOML, or unknown.")
-    response: str = Field("unknown", description="linear, srgb, gamma:2.2 or unknown.")
-    source: str = Field("", description="Where the set comes from.")
-    mm_per_px: float | None = quantity(
-        None, unit="mm/px", gt=0, le=10, description="Size of a pixel of the files on the membrane."
-    )
-    frames: tuple[MeasuredFrame, ...] = Field(min_length=1, description="The frames.")
-    folder: Path | None = Field(None, description="Folder of the files.", exclude=True)
+    name: str = ""
+    """Short name of the set."""
+    sensor: str = "unknown"
+    """Preset, path of a design or model TOML, or unknown."""
+    response: str = "unknown"
+    """linear, srgb, gamma:2.2 or unknown."""
+    source: str = ""
+    """Where the set comes from."""
+    mm_per_px: float | None = quantity(None, unit="mm/px", gt=0, le=10)
+    """Size of a pixel of the files on the membrane."""
+    frames: tuple[MeasuredFrame, ...] = Field(min_length=1)
+    """The frames."""
+    folder: Path | None = Field(None, exclude=True)
+    """Folder of the files."""
 
     @field_validator("response")
     @classmethod

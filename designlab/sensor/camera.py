@@ -85,12 +85,14 @@ class Vignetting(Spec):
     the picture over half the diagonal of the full sensor.
     """
 
-    cosine_power: float = quantity(
-        0.0, unit="1", ge=0, le=20, description="Power of the cosine; 4 is natural vignetting."
-    )
-    a1: float = quantity(0.0, unit="1", ge=-100, le=100, description="Coefficient of r^2.")
-    a2: float = quantity(0.0, unit="1", ge=-100, le=100, description="Coefficient of r^4.")
-    a3: float = quantity(0.0, unit="1", ge=-100, le=100, description="Coefficient of r^6.")
+    cosine_power: float = quantity(0.0, unit="1", ge=0, le=20)
+    """Power of the cosine; 4 is natural vignetting."""
+    a1: float = quantity(0.0, unit="1", ge=-100, le=100)
+    """Coefficient of r^2."""
+    a2: float = quantity(0.0, unit="1", ge=-100, le=100)
+    """Coefficient of r^4."""
+    a3: float = quantity(0.0, unit="1", ge=-100, le=100)
+    """Coefficient of r^6."""
 
     def factor(self, cosine: Array, radius: Array) -> Array:
         """Brightness over that at the centre, from the cosine of t and from r."""
@@ -102,81 +104,53 @@ class Vignetting(Spec):
 class Camera(Spec):
     """Camera with a lens and a noise model. Untilted it looks along -z, image up is +y, image right is +x."""
 
-    position_mm: tuple[Coordinate, Coordinate, Coordinate] = Field(
-        (0.0, 0.0, 30.0), description="Centre of projection in the sensor frame (mm)."
-    )
-    tilt_deg: tuple[Tilt, Tilt] = Field(
-        (0.0, 0.0),
-        description="Turned about its x axis, so that it looks towards +y, then about its y axis, so that it "
-        "looks towards +x (deg).",
-    )
-    width_px: int = Field(1640, ge=16, le=20000, description="Columns of the full sensor.")
-    height_px: int = Field(1232, ge=16, le=20000, description="Rows of the full sensor.")
-    horizontal_fov_deg: float = quantity(
-        62.2,
-        unit="deg",
-        gt=1,
-        lt=300,
-        description="Full horizontal field of view of the full sensor, in air: for a fisheye the true one, "
-        "distortion included; for a pinhole (below 170 deg) that of its focal length, before distortion.",
-    )
-    lens: Literal["pinhole", "fisheye"] = Field(
-        "pinhole", description="Projection: perspective, or equidistant as of a fisheye lens."
-    )
-    distortion: Distortion = Field(
-        default_factory=lambda: Distortion(),
-        description="OpenCV's coefficients: k1 k2 p1 p2 k3 of a pinhole, k1 to k4 of a fisheye.",
-    )
-    principal_point_px: tuple[float, float] | None = Field(
-        None,
-        description="Column and row of the full sensor that the axis meets, 0.5 more than OpenCV's cx and "
-        "cy; the middle when absent.",
-    )
-    vignetting: Vignetting = Field(
-        default_factory=lambda: Vignetting(), description="Fall of brightness towards the corners."
-    )
-    focus_mm: float | None = quantity(
-        None,
-        unit="mm",
-        gt=0,
-        le=1e5,
-        description="Distance of the sharp plane below the lens, in air; all is sharp when absent.",
-    )
-    aperture_mm: float | None = quantity(
-        None, unit="mm", gt=0, le=100, description="Diameter of the lens opening (entrance pupil)."
-    )
-    f_number: float | None = quantity(
-        None, unit="1", gt=0.3, le=100, description="Focal length over opening; instead of aperture_mm."
-    )
-    focal_length_mm: float | None = quantity(
-        None, unit="mm", gt=0, le=1000, description="Focal length that f_number refers to."
-    )
-    body_radius_mm: float = quantity(4.0, unit="mm", gt=0, le=100, description="Radius of the lens barrel.")
-    sensitivity: Sensitivity | None = Field(
-        None,
-        description="Spectral sensitivity of the channels, from which the design's mixing follows when it is "
-        "absent: the name of a published set, or a table.",
-    )
-    exposure: float | None = quantity(
-        None,
-        unit="1",
-        gt=0,
-        description="Signal as a share of full scale per unit of mixed radiance; "
-        "chosen automatically from the untouched gel when absent.",
-    )
-    full_well_e: float = quantity(
-        4700.0, unit="e-", gt=10, le=1e7, description="Photo-electrons at full scale; sets the photon noise."
-    )
-    read_noise_e: float = quantity(
-        5.0, unit="e-", ge=0, le=1e5, description="Standard deviation of the read noise."
-    )
-    black_level: float = quantity(
-        0.0, unit="1", ge=0, lt=1, description="Signal without light, as a share of full scale."
-    )
-    bit_depth: int = Field(10, ge=1, le=16, description="Bits of the analogue-digital converter.")
-    response: Response = Field(
-        default_factory=lambda: Response(), description="Curve between the signal and its quantisation."
-    )
+    position_mm: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 30.0)
+    """Centre of projection in the sensor frame (mm)."""
+    tilt_deg: tuple[Tilt, Tilt] = (0.0, 0.0)
+    """Turned about its x axis, so that it looks towards +y, then about its y axis, so that it looks towards
+    +x (deg)."""
+    width_px: int = Field(1640, ge=16, le=20000)
+    """Columns of the full sensor."""
+    height_px: int = Field(1232, ge=16, le=20000)
+    """Rows of the full sensor."""
+    horizontal_fov_deg: float = quantity(62.2, unit="deg", gt=1, lt=300)
+    """Full horizontal field of view of the full sensor, in air: for a fisheye the true one, distortion
+    included; for a pinhole (below 170 deg) that of its focal length, before distortion."""
+    lens: Literal["pinhole", "fisheye"] = "pinhole"
+    """Projection: perspective, or equidistant as of a fisheye lens."""
+    distortion: Distortion = Field(default_factory=lambda: Distortion())
+    """OpenCV's coefficients: k1 k2 p1 p2 k3 of a pinhole, k1 to k4 of a fisheye."""
+    principal_point_px: tuple[float, float] | None = None
+    """Column and row of the full sensor that the axis meets, 0.5 more than OpenCV's cx and cy; the middle
+    when absent."""
+    vignetting: Vignetting = Field(default_factory=lambda: Vignetting())
+    """Fall of brightness towards the corners."""
+    focus_mm: float | None = quantity(None, unit="mm", gt=0, le=1e5)
+    """Distance of the sharp plane below the lens, in air; all is sharp when absent."""
+    aperture_mm: float | None = quantity(None, unit="mm", gt=0, le=100)
+    """Diameter of the lens opening (entrance pupil)."""
+    f_number: float | None = quantity(None, unit="1", gt=0.3, le=100)
+    """Focal length over opening; instead of aperture_mm."""
+    focal_length_mm: float | None = quantity(None, unit="mm", gt=0, le=1000)
+    """Focal length that f_number refers to."""
+    body_radius_mm: float = quantity(4.0, unit="mm", gt=0, le=100)
+    """Radius of the lens barrel."""
+    sensitivity: Sensitivity | None = None
+    """Spectral sensitivity of the channels, from which the design's mixing follows when it is absent: the
+    name of a published set, or a table."""
+    exposure: float | None = quantity(None, unit="1", gt=0)
+    """Signal as a share of full scale per unit of mixed radiance; chosen automatically from the untouched gel
+    when absent."""
+    full_well_e: float = quantity(4700.0, unit="e-", gt=10, le=1e7)
+    """Photo-electrons at full scale; sets the photon noise."""
+    read_noise_e: float = quantity(5.0, unit="e-", ge=0, le=1e5)
+    """Standard deviation of the read noise."""
+    black_level: float = quantity(0.0, unit="1", ge=0, lt=1)
+    """Signal without light, as a share of full scale."""
+    bit_depth: int = Field(10, ge=1, le=16)
+    """Bits of the analogue-digital converter."""
+    response: Response = Field(default_factory=lambda: Response())
+    """Curve between the signal and its quantisation."""
 
     @model_validator(mode="after")
     def _lens_can_be_used(self) -> Self:

@@ -24,14 +24,18 @@ class AlbedoImage(Spec):
     files move. The image is centred on the sensor's axis, its first row at +y.
     """
 
-    file: str = Field("", description="Image file, relative to the design's own file.")
-    width_mm: float = quantity(unit="mm", gt=0, le=400, description="Width of the image on the membrane.")
-    height_mm: float = quantity(unit="mm", gt=0, le=400, description="Height of the image on the membrane.")
-    rows: int = Field(0, ge=0, le=LARGEST_IMAGE_PX, description="Rows of the pixels kept in the design.")
-    columns: int = Field(
-        0, ge=0, le=LARGEST_IMAGE_PX, description="Columns of the pixels kept in the design."
-    )
-    pixels: str = Field("", description="Pixels kept in the design; written by the program.", repr=False)
+    file: str = ""
+    """Image file, relative to the design's own file."""
+    width_mm: float = quantity(unit="mm", gt=0, le=400)
+    """Width of the image on the membrane."""
+    height_mm: float = quantity(unit="mm", gt=0, le=400)
+    """Height of the image on the membrane."""
+    rows: int = Field(0, ge=0, le=LARGEST_IMAGE_PX)
+    """Rows of the pixels kept in the design."""
+    columns: int = Field(0, ge=0, le=LARGEST_IMAGE_PX)
+    """Columns of the pixels kept in the design."""
+    pixels: str = Field("", repr=False)
+    """Pixels kept in the design; written by the program."""
 
     @model_validator(mode="before")
     @classmethod
@@ -79,107 +83,56 @@ class AlbedoImage(Spec):
 class Optics(Spec):
     """What light meets between the LEDs, the membrane and the camera."""
 
-    light_path: Literal["air", "core"] = Field(
-        "core",
-        description="core: light refracts in gelcore and elastomer; "
-        "air: both are built and exported, but light does not see them.",
-    )
-    gelcore_material: str = Field("acrylic", description="Material of the gelcore.")
-    elastomer_material: str = Field("silicone", description="Material of the clear gel.")
-    gelcore_index: float | None = quantity(
-        None, unit="1", ge=1, le=4, description="Refractive index of the gelcore; its material's when absent."
-    )
-    elastomer_index: float | None = quantity(
-        None, unit="1", ge=1, le=4, description="Refractive index of the gel; its material's when absent."
-    )
-    gelcore_absorption_per_mm: tuple[float, ...] | None = Field(
-        None,
-        min_length=1,
-        description="Absorption coefficient of the gelcore (per mm): one for all LED groups, or one for "
-        "each; its material's when absent.",
-    )
-    elastomer_absorption_per_mm: tuple[float, ...] | None = Field(
-        None,
-        min_length=1,
-        description="Absorption coefficient of the gel (per mm): one for all LED groups, or one for "
-        "each; its material's when absent.",
-    )
-    gelcore_scattering_per_mm: float = quantity(
-        0.0, unit="1/mm", ge=0, le=10, description="Scattering coefficient of the gelcore: haze, 0 is clear."
-    )
-    gelcore_anisotropy: float = quantity(
-        0.9,
-        unit="1",
-        gt=-1,
-        lt=1,
-        description="Mean cosine of the angle by which haze scatters; 0.9 is strongly forward (assumption).",
-    )
-    membrane_albedo: tuple[float, ...] = Field(
-        (0.5,),
-        min_length=1,
-        description="Diffuse reflectance of the membrane's inner side: "
-        "one for all LED groups, or one for each.",
-    )
-    coating_specular: float = quantity(
-        0.0,
-        unit="1",
-        ge=0,
-        le=1,
-        description="Share of the light reflected by the membrane that leaves in a glossy lobe instead of "
-        "diffusely: metallic paint.",
-    )
-    coating_roughness: float = quantity(
-        0.3, unit="1", ge=0.05, le=1, description="GGX alpha of the membrane's glossy lobe."
-    )
-    coating_transmittance: float = quantity(
-        0.0, unit="1", ge=0, le=1, description="Share of light that leaks through the membrane's coating."
-    )
-    object_reflectance: float = quantity(
-        0.0,
-        unit="1",
-        ge=0,
-        le=1,
-        description="Diffuse reflectance of what is pressed, seen where it touches a coating that leaks.",
-    )
-    marker_pitch_mm: float = quantity(
-        0.0,
-        unit="mm",
-        ge=0,
-        le=50,
-        description="Distance of the printed marker dots, a square grid with a dot at the centre; 0 is none.",
-    )
-    marker_diameter_mm: float = quantity(
-        0.5, unit="mm", gt=0, le=20, description="Diameter of the marker dots."
-    )
-    marker_reflectance: float = quantity(
-        0.05, unit="1", ge=0, le=1, description="Diffuse reflectance of the marker dots."
-    )
-    albedo_image: AlbedoImage | None = Field(
-        None, description="Factor on the membrane's albedo by place, from an image file."
-    )
-    board_reflectance: tuple[float, ...] = Field(
-        (0.0,),
-        min_length=1,
-        description="Diffuse reflectance of the LED boards around the emitters: one, or one for each group.",
-    )
-    housing_reflectance: tuple[float, ...] = Field(
-        (0.0,),
-        min_length=1,
-        description="Diffuse reflectance of the housing's inside: one, or one for each group; 0 is black.",
-    )
-    gap_centre_mm: tuple[float, float] = Field(
-        (0.0, 0.0), description="Middle (x, y) of a patch where gel and core have come apart (mm)."
-    )
-    gap_radius_mm: float = quantity(
-        0.0, unit="mm", ge=0, le=50, description="Radius of that patch, which holds air; 0 is none."
-    )
-    path_length: int = Field(
-        4,
-        ge=2,
-        le=64,
-        description="Longest light path counted, in segments from emitter to camera; "
-        "refraction counts as well.",
-    )
+    light_path: Literal["air", "core"] = "core"
+    """core: light refracts in gelcore and elastomer; air: both are built and exported, but light does not see
+    them."""
+    gelcore_material: str = "acrylic"
+    """Material of the gelcore."""
+    elastomer_material: str = "silicone"
+    """Material of the clear gel."""
+    gelcore_index: float | None = quantity(None, unit="1", ge=1, le=4)
+    """Refractive index of the gelcore; its material's when absent."""
+    elastomer_index: float | None = quantity(None, unit="1", ge=1, le=4)
+    """Refractive index of the gel; its material's when absent."""
+    gelcore_absorption_per_mm: tuple[float, ...] | None = Field(None, min_length=1)
+    """Absorption coefficient of the gelcore (per mm): one for all LED groups, or one for each; its material's
+    when absent."""
+    elastomer_absorption_per_mm: tuple[float, ...] | None = Field(None, min_length=1)
+    """Absorption coefficient of the gel (per mm): one for all LED groups, or one for each; its material's
+    when absent."""
+    gelcore_scattering_per_mm: float = quantity(0.0, unit="1/mm", ge=0, le=10)
+    """Scattering coefficient of the gelcore: haze, 0 is clear."""
+    gelcore_anisotropy: float = quantity(0.9, unit="1", gt=-1, lt=1)
+    """Mean cosine of the angle by which haze scatters; 0.9 is strongly forward (assumption)."""
+    membrane_albedo: tuple[float, ...] = Field((0.5,), min_length=1)
+    """Diffuse reflectance of the membrane's inner side: one for all LED groups, or one for each."""
+    coating_specular: float = quantity(0.0, unit="1", ge=0, le=1)
+    """Share of the light reflected by the membrane that leaves in a glossy lobe instead of diffusely:
+    metallic paint."""
+    coating_roughness: float = quantity(0.3, unit="1", ge=0.05, le=1)
+    """GGX alpha of the membrane's glossy lobe."""
+    coating_transmittance: float = quantity(0.0, unit="1", ge=0, le=1)
+    """Share of light that leaks through the membrane's coating."""
+    object_reflectance: float = quantity(0.0, unit="1", ge=0, le=1)
+    """Diffuse reflectance of what is pressed, seen where it touches a coating that leaks."""
+    marker_pitch_mm: float = quantity(0.0, unit="mm", ge=0, le=50)
+    """Distance of the printed marker dots, a square grid with a dot at the centre; 0 is none."""
+    marker_diameter_mm: float = quantity(0.5, unit="mm", gt=0, le=20)
+    """Diameter of the marker dots."""
+    marker_reflectance: float = quantity(0.05, unit="1", ge=0, le=1)
+    """Diffuse reflectance of the marker dots."""
+    albedo_image: AlbedoImage | None = None
+    """Factor on the membrane's albedo by place, from an image file."""
+    board_reflectance: tuple[float, ...] = Field((0.0,), min_length=1)
+    """Diffuse reflectance of the LED boards around the emitters: one, or one for each group."""
+    housing_reflectance: tuple[float, ...] = Field((0.0,), min_length=1)
+    """Diffuse reflectance of the housing's inside: one, or one for each group; 0 is black."""
+    gap_centre_mm: tuple[float, float] = (0.0, 0.0)
+    """Middle (x, y) of a patch where gel and core have come apart (mm)."""
+    gap_radius_mm: float = quantity(0.0, unit="mm", ge=0, le=50)
+    """Radius of that patch, which holds air; 0 is none."""
+    path_length: int = Field(4, ge=2, le=64)
+    """Longest light path counted, in segments from emitter to camera; refraction counts as well."""
 
     @field_validator("gelcore_material", "elastomer_material")
     @classmethod

@@ -1,7 +1,6 @@
 """The ball of a light probe: where it lies, how it reflects, and whether it fits into a sensor."""
 
 import numpy as np
-from pydantic import Field
 
 from designlab.core.types import Array
 from designlab.sensor.design import Design
@@ -60,28 +59,20 @@ class LightProbe(Spec):
         If a value is out of its bounds.
     """
 
-    diameter_mm: float = quantity(4.0, unit="mm", gt=0, le=50, description="Diameter of the ball.")
-    centre_mm: tuple[float, float] = Field((0.0, 0.0), description="Place of the ball's centre (x, y) (mm).")
-    lowest_mm: float = quantity(
-        0.0,
-        unit="mm",
-        ge=-100,
-        le=200,
-        description="Height of the ball's lowest point above the plane z = 0: 0 stands on the plane "
-        "(assumption), minus the diameter touches it from below.",
-    )
-    roughness: float = quantity(
-        0.0, unit="1", ge=0, le=1, description="GGX alpha of the ball's surface; 0 is a mirror."
-    )
-    reflectance: float | None = quantity(
-        None, unit="1", gt=0, le=1, description="Reflectance at all angles; chromium's when absent."
-    )
-
-    immersed: bool = Field(
-        False,
-        description="Whether a clear liquid of the gel's index joins ball and gelcore: without it a plane "
-        "core keeps light that entered by its sides.",
-    )
+    diameter_mm: float = quantity(4.0, unit="mm", gt=0, le=50)
+    """Diameter of the ball."""
+    centre_mm: tuple[float, float] = (0.0, 0.0)
+    """Place of the ball's centre (x, y) (mm)."""
+    lowest_mm: float = quantity(0.0, unit="mm", ge=-100, le=200)
+    """Height of the ball's lowest point above the plane z = 0: 0 stands on the plane (assumption), minus the
+    diameter touches it from below."""
+    roughness: float = quantity(0.0, unit="1", ge=0, le=1)
+    """GGX alpha of the ball's surface; 0 is a mirror."""
+    reflectance: float | None = quantity(None, unit="1", gt=0, le=1)
+    """Reflectance at all angles; chromium's when absent."""
+    immersed: bool = False
+    """Whether a clear liquid of the gel's index joins ball and gelcore: without it a plane core keeps light
+    that entered by its sides."""
 
     @property
     def radius_mm(self) -> float:
