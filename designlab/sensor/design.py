@@ -52,23 +52,15 @@ class Contact(Spec):
     The kernel is (m + 1) / (m + exp(r / length)), cut at 6 lengths (arXiv 2012.13184).
     """
 
-    kernel_length_mm: float = quantity(
-        0.05, unit="mm", ge=0, le=1.0, description="Length of the smoothing kernel; 0 switches smoothing off."
-    )
-    kernel_m: float = quantity(
-        200.0, unit="1", ge=1, le=1e5, description="Plateau parameter of the smoothing kernel."
-    )
-    tail_share: float = quantity(
-        0.0,
-        unit="1",
-        ge=0,
-        lt=1,
-        description="Height of the gel at the probe's outline, raised there because the gel clings together, "
-        "as a share of the depth; 0 is none.",
-    )
-    tail_mm: float = quantity(
-        0.7, unit="mm", gt=0, le=10, description="Distance over which that height falls by e."
-    )
+    kernel_length_mm: float = quantity(0.05, unit="mm", ge=0, le=1.0)
+    """Length of the smoothing kernel; 0 switches smoothing off."""
+    kernel_m: float = quantity(200.0, unit="1", ge=1, le=1e5)
+    """Plateau parameter of the smoothing kernel."""
+    tail_share: float = quantity(0.0, unit="1", ge=0, lt=1)
+    """Height of the gel at the probe's outline, raised there because the gel clings together, as a share of
+    the depth; 0 is none."""
+    tail_mm: float = quantity(0.7, unit="mm", gt=0, le=10)
+    """Distance over which that height falls by e."""
 
 
 class Design(Spec):
@@ -108,26 +100,29 @@ class Design(Spec):
         If a field is unknown or out of its bounds, or fields contradict each other.
     """
 
-    name: str = Field("unnamed", description="Short name.")
-    description: str = Field("", description="What it is and where its figures come from.")
-    gelcore: Gelcore = Field(default_factory=lambda: Gelcore(), description="The rigid clear body.")
-    elastomer: Elastomer = Field(default_factory=lambda: Elastomer(), description="The soft clear gel.")
-    leds: LedArray = Field(description="The light sources.")
-    housing: Housing = Field(default_factory=lambda: Housing(), description="The opaque tube.")
-    optics: Optics = Field(default_factory=lambda: Optics(), description="Materials and light path.")
-    contact: Contact = Field(
-        default_factory=lambda: Contact(), description="Smoothing of indentations by the gel."
-    )
-    camera: Camera = Field(default_factory=lambda: Camera(), description="The camera.")
-    sensing_area_mm: tuple[float, float] = Field(
-        (14.0, 10.5),
-        description="Width and height of the area where scores count, centred on the membrane (mm).",
-    )
-    mixing: tuple[tuple[float, ...], ...] | None = Field(
-        None,
-        description="Response of each camera channel (rows R, G, B) to each LED group (columns); when "
-        "absent, it follows from LED spectra and camera.sensitivity, and without that it is the unit matrix.",
-    )
+    name: str = "unnamed"
+    """Short name."""
+    description: str = ""
+    """What it is and where its figures come from."""
+    gelcore: Gelcore = Field(default_factory=lambda: Gelcore())
+    """The rigid clear body."""
+    elastomer: Elastomer = Field(default_factory=lambda: Elastomer())
+    """The soft clear gel."""
+    leds: LedArray
+    """The light sources."""
+    housing: Housing = Field(default_factory=lambda: Housing())
+    """The opaque tube."""
+    optics: Optics = Field(default_factory=lambda: Optics())
+    """Materials and light path."""
+    contact: Contact = Field(default_factory=lambda: Contact())
+    """Smoothing of indentations by the gel."""
+    camera: Camera = Field(default_factory=lambda: Camera())
+    """The camera."""
+    sensing_area_mm: tuple[float, float] = (14.0, 10.5)
+    """Width and height of the area where scores count, centred on the membrane (mm)."""
+    mixing: tuple[tuple[float, ...], ...] | None = None
+    """Response of each camera channel (rows R, G, B) to each LED group (columns); when absent, it follows
+    from LED spectra and camera.sensitivity, and without that it is the unit matrix."""
 
     @model_validator(mode="before")
     @classmethod

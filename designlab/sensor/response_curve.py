@@ -4,7 +4,7 @@ from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from designlab.core.types import Array
 from geometries.spec import Spec, quantity
@@ -15,14 +15,12 @@ SLOPE_STEP = 1e-6
 class Response(Spec):
     """A growing curve from 0..1 to 0..1; signals are shares of full scale, the black level included."""
 
-    curve: Literal["linear", "gamma", "srgb", "table"] = Field(
-        "linear",
-        description="linear; gamma: signal^(1/gamma); srgb: IEC 61966-2-1; table: linear between `table`.",
-    )
-    gamma: float = quantity(2.2, unit="1", ge=0.2, le=5, description="Exponent of the gamma curve.")
-    table: tuple[float, ...] = Field(
-        (), description="Values of the curve at evenly spaced signals from 0 to 1; growing from 0 to 1."
-    )
+    curve: Literal["linear", "gamma", "srgb", "table"] = "linear"
+    """linear; gamma: signal^(1/gamma); srgb: IEC 61966-2-1; table: linear between `table`."""
+    gamma: float = quantity(2.2, unit="1", ge=0.2, le=5)
+    """Exponent of the gamma curve."""
+    table: tuple[float, ...] = ()
+    """Values of the curve at evenly spaced signals from 0 to 1; growing from 0 to 1."""
 
     @model_validator(mode="after")
     def _table_is_a_curve(self) -> Self:

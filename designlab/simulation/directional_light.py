@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import ValidationError, field_validator, model_validator
 
 from designlab.core.store import read_toml
 from designlab.core.types import Array
@@ -38,13 +38,10 @@ INSIDE = "design."  # prefix of the paths of the design's own fields
 class Direction(Spec):
     """Where a distant light stands, as seen from the membrane."""
 
-    azimuth_deg: float = quantity(unit="deg", description="Counter-clockwise from +x.")
-    elevation_deg: float = quantity(
-        unit="deg",
-        ge=LOWEST_DEG,
-        le=HIGHEST_DEG,
-        description="Above the plane of the undeformed membrane.",
-    )
+    azimuth_deg: float = quantity(unit="deg")
+    """Counter-clockwise from +x."""
+    elevation_deg: float = quantity(unit="deg", ge=LOWEST_DEG, le=HIGHEST_DEG)
+    """Above the plane of the undeformed membrane."""
 
     @property
     def vector(self) -> tuple[float, float, float]:
@@ -62,20 +59,21 @@ class DirectionalLight(Spec):
     is factors x components + floor.
     """
 
-    reflection: Reflection = Field(description="diffuse, or phong: a specular lobe for each light besides.")
-    exponent: float | None = quantity(
-        None, unit="1", ge=1, le=200, description="Exponent of the specular lobes, of phong only."
-    )
-    lights: tuple[Direction, ...] = Field(description="Direction to the light of each LED group.")
-    factors: tuple[tuple[float, ...], ...] = Field(
-        description="Signal (share of full scale) of each channel (rows R, G, B) at 1 of each component "
-        "(columns: diffuse of each LED group, then specular of each)."
-    )
-    floor: tuple[float, float, float] = Field(
-        (0.0, 0.0, 0.0), description="Signal of each channel without light, above the camera's black level."
-    )
-    design: Design = Field(description="The sensor: its membrane, camera and LED groups.")
-    found_in: str = Field("", description="Measurement the values were fitted to.")
+    reflection: Reflection
+    """diffuse, or phong: a specular lobe for each light besides."""
+    exponent: float | None = quantity(None, unit="1", ge=1, le=200)
+    """Exponent of the specular lobes, of phong only."""
+    lights: tuple[Direction, ...]
+    """Direction to the light of each LED group."""
+    factors: tuple[tuple[float, ...], ...]
+    """Signal (share of full scale) of each channel (rows R, G, B) at 1 of each component (columns: diffuse of
+    each LED group, then specular of each)."""
+    floor: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Signal of each channel without light, above the camera's black level."""
+    design: Design
+    """The sensor: its membrane, camera and LED groups."""
+    found_in: str = ""
+    """Measurement the values were fitted to."""
 
     @field_validator("factors")
     @classmethod

@@ -45,56 +45,51 @@ class StudyError(ValueError):
 class Plan(Spec):
     """How the best designs of a search are confirmed: evaluated again, with more effort and fresh seeds."""
 
-    promoted: int = Field(
-        8, ge=0, le=100, description="Designs of the search that go on to standard fidelity; 0: none."
-    )
-    confirmed: int = Field(3, ge=1, le=100, description="Designs of those that go to reference fidelity.")
-    seeds: int = Field(2, ge=1, le=50, description="Seeds at reference fidelity.")
+    promoted: int = Field(8, ge=0, le=100)
+    """Designs of the search that go on to standard fidelity; 0: none."""
+    confirmed: int = Field(3, ge=1, le=100)
+    """Designs of those that go to reference fidelity."""
+    seeds: int = Field(2, ge=1, le=50)
+    """Seeds at reference fidelity."""
 
 
 class Study(Spec):
     """One optimisation: a base design, the fields to vary, the scores to improve, and the effort."""
 
-    version: Literal[1] = Field(1, description="Version of this format.")
-    name: str = Field("study", min_length=1, description="Short name.")
-    base: Design = Field(
-        description="The design to start from: a preset, a design or model file, or a table."
-    )
-    effects: tuple[dict[str, Any], ...] = Field(
-        (),
-        description="Effects that every design has; of a model file, those that hold for other designs too.",
-    )
-    model: dict[str, Any] = Field(
-        {}, description="What else is known of these effects: covariance, domain, provenance, parent."
-    )
-    variants: dict[str, dict[str, Any]] = Field(
-        {},
-        description="Alternatives of the base design, each design being one: name to fields and values.",
-    )
+    version: Literal[1] = 1
+    """Version of this format."""
+    name: str = Field("study", min_length=1)
+    """Short name."""
+    base: Design
+    """The design to start from: a preset, a design or model file, or a table."""
+    effects: tuple[dict[str, Any], ...] = ()
+    """Effects that every design has; of a model file, those that hold for other designs too."""
+    model: dict[str, Any] = Field({})
+    """What else is known of these effects: covariance, domain, provenance, parent."""
+    variants: dict[str, dict[str, Any]] = Field({})
+    """Alternatives of the base design, each design being one: name to fields and values."""
     parameters: dict[str, Parameter] = Field(
-        default_factory=lambda given: _usual(given),
-        validate_default=True,
-        description="Fields of the design by dotted path, and the values they may take; if absent, where the "
-        "LEDs stand, their size or spacing, the core's sides, boards and coating, as far as the rules allow.",
+        default_factory=lambda given: _usual(given), validate_default=True
     )
-    objectives: dict[str, Literal["maximise", "minimise"]] = Field(
-        DEFAULT_OBJECTIVES, min_length=1, description="Scores, and which way each is better."
-    )
-    constraints: dict[str, Bound] = Field(
-        DEFAULT_CONSTRAINTS, description="Scores, and what each must at least or at most be."
-    )
-    trials: int = Field(40, ge=1, le=100_000, description="Designs to evaluate, infeasible ones not counted.")
-    fidelity: Literal["fast", "standard", "reference"] = Field("fast", description="Effort of an evaluation.")
-    robust: Robust | None = Field(
-        None, description="How copies as they would be built decide; the drawing alone does if absent."
-    )
-    plan: Plan = Field(Plan(), description="How the best are confirmed after the search.")
-    seed: int = Field(0, ge=0, lt=2**31, description="Seed of the search and of every evaluation.")
-    sampler: Sampler = Field(
-        "auto",
-        description="Search method, by its name in Optuna; cmaes takes a single objective. auto is gp where "
-        "PyTorch is installed, else tpe.",
-    )
+    """Fields of the design by dotted path, and the values they may take; if absent, where the LEDs stand,
+    their size or spacing, the core's sides, boards and coating, as far as the rules allow."""
+    objectives: dict[str, Literal["maximise", "minimise"]] = Field(DEFAULT_OBJECTIVES, min_length=1)
+    """Scores, and which way each is better."""
+    constraints: dict[str, Bound] = DEFAULT_CONSTRAINTS
+    """Scores, and what each must at least or at most be."""
+    trials: int = Field(40, ge=1, le=100_000)
+    """Designs to evaluate, infeasible ones not counted."""
+    fidelity: Literal["fast", "standard", "reference"] = "fast"
+    """Effort of an evaluation."""
+    robust: Robust | None = None
+    """How copies as they would be built decide; the drawing alone does if absent."""
+    plan: Plan = Plan()
+    """How the best are confirmed after the search."""
+    seed: int = Field(0, ge=0, lt=2**31)
+    """Seed of the search and of every evaluation."""
+    sampler: Sampler = "auto"
+    """Search method, by its name in Optuna; cmaes takes a single objective. auto is gp where PyTorch is
+    installed, else tpe."""
 
     @model_validator(mode="before")
     @classmethod

@@ -31,19 +31,16 @@ if TYPE_CHECKING:
 class Robust(Spec):
     """How a design is scored by copies of it as they would be built."""
 
-    copies: int = Field(8, ge=3, le=1000, description="Copies of every design.")
-    aim: Literal["mean_minus_sigma", "worst"] = Field(
-        "mean_minus_sigma",
-        description="mean_minus_sigma: the mean of the copies, on the worse side by `sigmas` of their "
-        "standard deviations; worst: the worst copy.",
-    )
-    sigmas: float = Field(1.0, ge=0, le=6, description="Standard deviations taken from the mean.")
-    spread: tuple[Spread, ...] | None = Field(
-        None,
-        min_length=1,
-        description="What differs between copies, each for the designs that have it; the usual spreads of "
-        "each design when absent.",
-    )
+    copies: int = Field(8, ge=3, le=1000)
+    """Copies of every design."""
+    aim: Literal["mean_minus_sigma", "worst"] = "mean_minus_sigma"
+    """mean_minus_sigma: the mean of the copies, on the worse side by `sigmas` of their standard deviations;
+    worst: the worst copy."""
+    sigmas: float = Field(1.0, ge=0, le=6)
+    """Standard deviations taken from the mean."""
+    spread: tuple[Spread, ...] | None = Field(None, min_length=1)
+    """What differs between copies, each for the designs that have it; the usual spreads of each design when
+    absent."""
 
 
 @dataclass(frozen=True)
