@@ -12,6 +12,7 @@ from scipy.signal import savgol_filter
 from designlab.core.types import Array, Mask, Single
 from designlab.simulation.render import gather
 from designlab.simulation.render import photons as tracing
+from designlab.simulation.render.engine import dr, mi
 from designlab.simulation.render.lightfield import (
     AZIMUTHS,
     CELL_MM,
@@ -104,8 +105,6 @@ def _baked(
 
     In air the irradiance by matte reflections is gathered and comes last; what arrives later lacks it then.
     """
-    import drjit as dr
-
     corners = scene.membrane.vertices.min(axis=0), scene.membrane.vertices.max(axis=0)
     tables = [(_Tables(*corners), _Tables(*corners), _Lot()) for _ in seeds]
     # Behind glass the first light comes after two surfaces; in air it is integrated, not traced.
@@ -202,9 +201,6 @@ class _Tables:
     """Where light is added up by place and direction."""
 
     def __init__(self, low: Array, high: Array) -> None:
-        import drjit as dr
-        import mitsuba as mi
-
         self.low = low
         self.coarse, self.fine = (_cells(low, high, cell_mm) for cell_mm in (CELL_MM, FINE_CELL_MM))
         self._power = dr.zeros(mi.Float, self.coarse[0] * self.coarse[1] * SLANTS * AZIMUTHS)
@@ -212,9 +208,6 @@ class _Tables:
 
     def add(self, arrival: tracing.Arrival, active: Any, *, lands: Any = True) -> None:
         """Add photons that arrive; to the irradiance only those that count as landing."""
-        import drjit as dr
-        import mitsuba as mi
-
         position, normal, towards = arrival.at.p, arrival.at.n, arrival.towards
         cell, inside = _cell(position, self.low, CELL_MM, self.coarse)
         slant = mi.Int32(dr.rad2deg(dr.safe_acos(towards.z)) / WIDEST_SLANT_DEG * SLANTS)
@@ -282,17 +275,12 @@ class _Lot:
 
     def prepare(self, photons: int) -> None:
         """Make room."""
-        import drjit as dr
-        import mitsuba as mi
-
         room = min(photons, MOST_LANDINGS)
         self._room, self._share = held(room), held(photons / room)
         self._columns = [dr.zeros(mi.Float, room) for _ in range(7)]
 
     def add(self, arrival: tracing.Arrival, active: Any) -> None:
         """Keep photons that arrive."""
-        import drjit as dr
-
         kept = active & (arrival.number < self._room)
         place, way = arrival.at.p, arrival.towards
         values = (*place, way.x, way.y, way.z, arrival.power * self._share)
@@ -313,9 +301,6 @@ def _cells(low: Array, high: Array, cell_mm: float) -> tuple[int, int]:
 
 def _cell(position: Any, low: Array, cell_mm: float, shape: tuple[int, int]) -> tuple[Any, Any]:
     """Number of the cell that a point lies in, and whether there is one."""
-    import drjit as dr
-    import mitsuba as mi
-
     column = mi.Int32(dr.floor((position.x - held(float(low[0]))) / cell_mm + 0.5))
     row = mi.Int32(dr.floor((position.y - held(float(low[1]))) / cell_mm + 0.5))
     rows, columns = (mi.Int32(held(count)) for count in shape)

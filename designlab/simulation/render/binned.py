@@ -8,6 +8,7 @@ from scipy.ndimage import map_coordinates
 
 from designlab.core.types import Array, Mask, Single
 from designlab.simulation.contact.surface import Surface
+from designlab.simulation.render.engine import dr, mi
 from designlab.simulation.render.lightfield import AZIMUTHS, CELL_MM, NODES_PER_CELL, Bins, Field
 from designlab.simulation.render.nodes import Nodes, Response, base_normals, facing, nodes_of
 from designlab.simulation.render.tables import bilinear, held
@@ -91,9 +92,6 @@ class Binned:
 
         One kernel with a loop over the bins that hold light.
         """
-        import drjit as dr
-        import mitsuba as mi
-
         bins, count = self._bins, dr.width(nodes.x)
         if not len(bins.azimuth):
             return dr.zeros(mi.Float, count)

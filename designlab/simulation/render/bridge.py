@@ -7,6 +7,7 @@ import numpy as np
 
 from designlab.core.backend import activate
 from designlab.simulation.render.emitters import emitter
+from designlab.simulation.render.engine import mi
 from designlab.simulation.render.sensors import sensor
 from designlab.simulation.render.surfaces import bsdf, media, metal, texture_coordinates
 from designlab.simulation.scene.scene import Scene, Shape
@@ -21,8 +22,6 @@ def load(scene: Scene, *, group: int, integrator: dict[str, Any], samples: int) 
     Only that group's light sources are there, so that every next-event sample goes to a light that is on.
     """
     activate()
-    import mitsuba as mi
-
     content: dict[str, Any] = {"type": "scene", "integrator": integrator, "sensor": sensor(scene, samples)}
     for shape in scene.shapes:
         content[shape.name] = _mesh(shape, group)
@@ -41,14 +40,10 @@ def load(scene: Scene, *, group: int, integrator: dict[str, Any], samples: int) 
 def load_shapes(shapes: Iterable[Shape]) -> "mitsuba.Scene":
     """Load shapes alone, without light or camera, to be hit by rays."""
     activate()
-    import mitsuba as mi
-
     return mi.load_dict({"type": "scene", **{shape.name: _mesh(shape, 0) for shape in shapes}})
 
 
 def _mesh(shape: Shape, group: int) -> "mitsuba.Mesh":
-    import mitsuba as mi
-
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(bsdf(shape.material, group))
     for side, medium in media(shape.material, group).items():

@@ -10,6 +10,7 @@ from designlab.core.types import Array, Mask, Single
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.render import bridge
 from designlab.simulation.render.emitters import Directions
+from designlab.simulation.render.engine import dr, mi
 from designlab.simulation.render.lightfield import AZIMUTHS, CELL_MM
 from designlab.simulation.render.nodes import Nodes, Response, facing, nodes_of
 from designlab.simulation.render.tables import held
@@ -83,9 +84,6 @@ class Direct:
 
         Nothing but the indentation's horizon is in the way, if one is given.
         """
-        import drjit as dr
-        import mitsuba as mi
-
         tables = [mi.Float(np.ascontiguousarray(c, dtype=np.float32)) for c in self._patches.T]
         count = dr.width(nodes.x)
         node = dr.arange(mi.UInt32, count)
@@ -113,9 +111,6 @@ class Direct:
 
         Its product with a normal is the irradiance. What stands between an LED and the membrane shadows it.
         """
-        import drjit as dr
-        import mitsuba as mi
-
         loaded = bridge.load(scene, group=group, integrator={"type": "path"}, samples=4)
         low, high = self._corner, scene.membrane.vertices.max(axis=0)
         columns, rows = (2 * int(np.ceil((high[k] - low[k]) / (2 * NODE_MM))) + 1 for k in (0, 1))
@@ -156,17 +151,11 @@ class Direct:
 
 def _local(axes: Any, direction: Any) -> Any:
     """Components along the face, down the face and away from it."""
-    import drjit as dr
-    import mitsuba as mi
-
     return mi.Vector3f(*(dr.dot(mi.Vector3f(*axes[3 * k : 3 * k + 3]), direction) for k in range(3)))
 
 
 def _visible(horizon: Any, node: Any, way: Any, half_mm: Any) -> Any:
     """Share of a patch above the horizon, which is linear between the azimuths it is known at."""
-    import drjit as dr
-    import mitsuba as mi
-
     across = dr.maximum(dr.sqrt(way.x * way.x + way.y * way.y), 1e-3)
     turn = dr.atan2(way.y, way.x) / (2 * dr.pi)
     place = (turn - dr.floor(turn)) * AZIMUTHS + (AZIMUTHS - 0.5)

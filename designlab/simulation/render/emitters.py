@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from designlab.core.backend import activate
+from designlab.simulation.render.engine import dr, mi
 from designlab.simulation.render.surfaces import bsdf, diffuse
 from designlab.simulation.scene.scene import Light, Scene
 from geometries.emission import AngularProfile
@@ -24,9 +25,6 @@ def photons(lights: list[Light], sampler: Any, size: int) -> "mitsuba.Ray3f":
     They start uniformly on each face, which gets its share of them; their directions follow the lights'
     angular profile exactly, so that the power of the group does not depend on it.
     """
-    import drjit as dr
-    import mitsuba as mi
-
     profile = _common_profile(lights)
     flux = np.array([light.flux_mw for light in lights])
     bounds = np.cumsum(flux / flux.sum())
@@ -69,8 +67,6 @@ class Directions:
     """
 
     def __init__(self, profile: AngularProfile) -> None:
-        import mitsuba as mi
-
         self.power = profile.power
         if self.power is None:
             v = np.linspace(0.0, 1.0, NODES + 1)
@@ -81,9 +77,6 @@ class Directions:
 
     def sample(self, uniform: Any) -> Any:
         """Local unit vectors, z along the normal."""
-        import drjit as dr
-        import mitsuba as mi
-
         if self.power is None:
             drawn, _ = self.table.sample(uniform)
             cosine, turn = 1.0 - drawn.x * drawn.x, drawn.y * dr.two_pi
@@ -95,9 +88,6 @@ class Directions:
 
     def density(self, local: Any) -> Any:
         """Share of the flux by solid angle (1/sr) in local directions; zero behind the face."""
-        import drjit as dr
-        import mitsuba as mi
-
         front = local.z > 0
         if self.power is not None:
             scale = (self.power + 1.0) / (2.0 * np.pi)
@@ -116,8 +106,6 @@ def emitter(light: Light, scene: Scene, group: int) -> dict[str, Any]:
     RuntimeError
         If its profile is not Lambertian and the back end is ``scalar_rgb``, which calls no Python code.
     """
-    import mitsuba as mi
-
     # The rectangle plug-in spans [-1, 1]^2 and emits along +z: its columns are the half axes and the normal.
     across, normal = np.asarray(light.across), np.asarray(light.normal)
     up = np.cross(normal, across)
@@ -147,8 +135,6 @@ def emitter(light: Light, scene: Scene, group: int) -> dict[str, Any]:
 @cache
 def _profiled_area(variant: str) -> Any:
     """Class of an area emitter with an angular profile, for one variant of Mitsuba, which must be set."""
-    import drjit as dr
-    import mitsuba as mi
 
     class ProfiledArea(mi.Emitter):  # type: ignore[misc]
         """Rectangle whose radiance depends on direction; next-event samples are uniform over its area."""

@@ -9,6 +9,7 @@ from scipy.ndimage import map_coordinates
 
 from designlab.core.types import Array
 from designlab.simulation.optics.viewing_rays import Rays
+from designlab.simulation.render.engine import mi
 from designlab.simulation.render.tables import bilinear
 
 TABLE_MM = 0.25  # pitch of the table of where the camera sees a point
@@ -40,14 +41,10 @@ class Eye:
 
     @cached_property
     def _loaded(self) -> list[Any]:
-        import mitsuba as mi
-
         return [mi.Float(np.ascontiguousarray(t, dtype=np.float32).ravel()) for t in self.tables]
 
     def look(self, x: Any, y: Any, z: Any) -> "ProjectedPoints":
         """How the camera sees points (mm, Dr.Jit arrays)."""
-        import mitsuba as mi
-
         rows, columns = self.tables.shape[1:]
 
         def at(table: int, x: Any, y: Any) -> Any:

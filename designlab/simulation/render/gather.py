@@ -10,6 +10,7 @@ import numpy as np
 
 from designlab.core.types import Array
 from designlab.simulation.render import bridge, photons
+from designlab.simulation.render.engine import dr, mi
 from designlab.simulation.render.tables import held
 from designlab.simulation.scene.scene import Scene
 
@@ -46,9 +47,6 @@ def irradiance(
     guide : Guide, optional
         Starts photons where they are worth most.
     """
-    import drjit as dr
-    import mitsuba as mi
-
     place, normal, power = _sources(scene, group, photons_traced, seed, loaded, guide)
     points, facing = _on_membrane(scene, x, y)
     total, count = np.where(np.isnan(points[:, 0]), np.nan, 0.0), power.size
@@ -82,9 +80,6 @@ def _sources(
     scene: Scene, group: int, count: int, seed: int, loaded: Any, guide: photons.Guide | None
 ) -> tuple[Array, Array, Array]:
     """Places and normals (n, 3) of matte reflections, and the power (n,) that leaves there."""
-    import drjit as dr
-    import mitsuba as mi
-
     bounces = max(scene.path_length - 2, 0)
     kept = [dr.zeros(mi.Float, max(count * bounces, 1)) for _ in range(7)]
 
@@ -112,8 +107,6 @@ def _sources(
 
 def _on_membrane(scene: Scene, x: Array, y: Array) -> tuple[Array, Array]:
     """Points just above the membrane at x and y (mm), and its normals there, (n, 3) each; NaN where none."""
-    import mitsuba as mi
-
     above = float(scene.membrane.vertices[:, 2].max()) + 1.0
     origin = mi.Point3f(x.astype(np.float32), y.astype(np.float32), above)
     hit = bridge.load_shapes([scene.membrane]).ray_intersect(mi.Ray3f(origin, mi.Vector3f(0, 0, -1)))

@@ -12,6 +12,7 @@ import numpy as np
 
 from designlab.core.types import Mask, Single
 from designlab.simulation.contact.surface import Surface
+from designlab.simulation.render.engine import dr, mi
 from designlab.simulation.render.nodes import RAISED_MM, NodeTables, base_normals
 from designlab.simulation.render.tables import within
 
@@ -46,8 +47,6 @@ class FirstLight:
     """
 
     def __init__(self, landings: Single, untouched: Surface) -> None:
-        import mitsuba as mi
-
         self._photons = [mi.Float(np.ascontiguousarray(column)) for column in landings]
         self._untouched = untouched
 
@@ -60,9 +59,6 @@ class FirstLight:
 
     def change(self, surface: Surface) -> IrradianceChange:
         """Change of irradiance by a press."""
-        import drjit as dr
-        import mitsuba as mi
-
         raised = surface.height_mm > RAISED_MM
         none = np.zeros(raised.shape, dtype=np.float32)
         if not raised.any() or not dr.width(self._photons):
@@ -114,9 +110,6 @@ def _box(
 
 def _last_crossing(grid: NodeTables, place: Any, way: Any, enters: Any, leaves: Any) -> Any:
     """How far back along its way a photon meets the pressed membrane; zero where it lands as before."""
-    import drjit as dr
-    import mitsuba as mi
-
     (x, y, z), (dx, dy, dz) = place, way
 
     def above(s: Any) -> Any:
@@ -138,9 +131,6 @@ def _last_crossing(grid: NodeTables, place: Any, way: Any, enters: Any, leaves: 
 
 def _density(grid: NodeTables, shape: tuple[int, ...], x: Any, y: Any, amount: Any) -> Single:
     """Amount over projected area (1/mm2), each photon's shared among the four nodes around it."""
-    import drjit as dr
-    import mitsuba as mi
-
     rows, columns = shape
     table = dr.zeros(mi.Float, rows * columns)
     u, v = grid.place(x, y)

@@ -7,6 +7,7 @@ import numpy as np
 from designlab.core.types import Array, Single
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.optics.viewing_rays import Rays
+from designlab.simulation.render.engine import dr, mi
 from designlab.simulation.render.nodes import NodeTables
 from designlab.simulation.render.tables import bilinear
 
@@ -15,9 +16,6 @@ SUBPIXELS = 2  # look-ups along each side of a pixel
 
 def look(grids: Single, surface: Surface, rays: Rays) -> Single:
     """Average radiance of the membrane that each pixel sees, shape (groups, rows, columns)."""
-    import drjit as dr
-    import mitsuba as mi
-
     x0, y0, slope_x, slope_y = (mi.Float(column) for column in _looked(rays))
     grid = NodeTables.of(surface)
     x, y = x0, y0

@@ -10,6 +10,7 @@ from scipy.ndimage import binary_dilation, distance_transform_edt
 
 from designlab.core.types import Array, Mask, Single
 from designlab.simulation.contact.surface import Surface
+from designlab.simulation.render.engine import dr, mi
 from designlab.simulation.render.tables import bilinear, held
 
 RAISED_MM = 1e-3  # lower indentations cast no shadow worth counting
@@ -34,7 +35,6 @@ class Nodes:
 
 def nodes_of(surface: Surface, chosen: Mask) -> Nodes:
     """Chosen nodes of a surface's grid."""
-    import mitsuba as mi
 
     def column(values: Array) -> Any:
         return mi.Float(np.ascontiguousarray(values[chosen], dtype=np.float32))
@@ -54,8 +54,6 @@ def nodes_of(surface: Surface, chosen: Mask) -> Nodes:
 
 def facing(nodes: Nodes) -> Response:
     """Cosine between the membrane's normal and the light: what makes fluence irradiance."""
-    import drjit as dr
-
     return lambda towards: dr.maximum(dr.dot(nodes.normal, towards), 0.0)
 
 
@@ -133,8 +131,6 @@ class NodeTables:
     @staticmethod
     def of(surface: Surface) -> "NodeTables":
         """Take a surface to the device."""
-        import mitsuba as mi
-
         corner = held(float(surface.x_mm[0])), held(float(surface.y_mm[0])), held(surface.pitch_mm)
         z = mi.Float(np.nan_to_num(surface.z_mm).astype(np.float32).ravel())
         raised = mi.Float(surface.height_mm.astype(np.float32).ravel())

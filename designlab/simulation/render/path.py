@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.simulation.render import bridge, sensors
+from designlab.simulation.render.engine import mi
 from designlab.simulation.render.surfaces import needs_media
 from designlab.simulation.scene.scene import Scene
 
@@ -23,8 +24,6 @@ def radiance(scene: Scene, *, samples: int, seed: int) -> NDArray[np.float32]:
     seed : int
         Seed of the sampler; the same seed gives the same numbers on one back end.
     """
-    import mitsuba as mi
-
     if sensors.must_resample(scene.camera):
         flat = sensors.perspective_of(scene)
         fine = radiance(flat, samples=max(4, samples // sensors.FINER**2), seed=seed)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.simulation.render import bridge, emitters, sobol
+from designlab.simulation.render.engine import dr, mi
 from designlab.simulation.render.tables import held
 from designlab.simulation.scene.scene import Dielectric, Light, Medium, Scene
 
@@ -150,8 +151,6 @@ def trace(
         Light on its first way only: photons end at the membrane, and haze dims them all instead of
         scattering some.
     """
-    import drjit as dr
-
     loaded = loaded if loaded is not None else load(scene, group)
     lights = [light for light in scene.lights if light.group == group]
     batches = max(1, round(photons / BATCH))
@@ -184,9 +183,6 @@ class Starts:
     """
 
     def __init__(self, first: int, size: int, seeds: Any, lights: int, guide: Guide | None) -> None:
-        import drjit as dr
-        import mitsuba as mi
-
         self.weight = mi.Float(1.0)
         self.number = dr.arange(mi.UInt32, size) + held(first)
         numbers = sobol.points(first, size, seeds)
@@ -216,8 +212,6 @@ class Starts:
 
     def next_2d(self, active: Any = True) -> Any:
         """Return the next two numbers of every start."""
-        import mitsuba as mi
-
         first = self.next_1d()
         return mi.Point2f(first, self.next_1d())
 
@@ -232,9 +226,6 @@ def learn(
     photons: int = PILOT,
 ) -> list[Guide]:
     """Learn from a pilot run where photons start that are `worth` most, a guide for each kind of worth."""
-    import drjit as dr
-    import mitsuba as mi
-
     lights = sum(light.group == group for light in scene.lights)
     squares, count = [dr.zeros(mi.Float, Guide.cells(lights)) for _ in worth], held(float(photons))
 
@@ -275,9 +266,6 @@ def _batch(
     leaves: Reflected | None,
     once: bool,
 ) -> None:
-    import drjit as dr
-    import mitsuba as mi
-
     flux_mw = sum(light.flux_mw for light in lights)
     cell, weight = starts.cell, starts.weight * held(flux_mw / total)
     size = dr.width(cell)
@@ -366,8 +354,6 @@ class _Matter:
     @staticmethod
     def of(scene: Scene, group: int, loaded: Any) -> "_Matter | None":
         """Tables by shape and side; None where all is clear."""
-        import mitsuba as mi
-
         boundaries = {s.name: s.material for s in scene.shapes if isinstance(s.material, Dielectric)}
         media = [m for b in boundaries.values() for m in (b.inside, b.outside)]
         if all(medium.clear for medium in media):
@@ -388,16 +374,11 @@ class _Matter:
 
     def dim(self, si: Any, ray: Any, power: Any, active: Any) -> Any:
         """Power left at the surface of what has been neither absorbed nor scattered."""
-        import drjit as dr
-
         absorption, scattering, _ = self._at(si, ray, active)
         return dr.select(active, power * dr.exp(-(absorption + scattering) * si.t), power)
 
     def _at(self, si: Any, ray: Any, active: Any) -> Any:
         """Absorption, scattering and anisotropy of what a ray has crossed to a surface."""
-        import drjit as dr
-        import mitsuba as mi
-
         behind = dr.dot(si.n, ray.d) > 0
         index = 2 * dr_index(si.shape) + dr.select(behind, mi.UInt32(1), mi.UInt32(0))
         tables = self.absorption, self.scattering, self.anisotropy
@@ -405,9 +386,6 @@ class _Matter:
 
     def cross(self, si: Any, ray: Any, power: Any, sampler: Any, active: Any) -> Any:
         """Power left at the surface, or a new ray where the photon is scattered before it."""
-        import drjit as dr
-        import mitsuba as mi
-
         absorption, scattering, g = self._at(si, ray, active)
         free = -dr.log(1.0 - sampler.next_1d(active)) / dr.maximum(scattering, 1e-12)
         scattered = active & (scattering > 0) & (free < si.t)
@@ -423,9 +401,6 @@ class _Matter:
 
 def dr_index(pointer: Any) -> Any:
     """Number of a shape in Dr.Jit's registry."""
-    import drjit as dr
-    import mitsuba as mi
-
     return dr.reinterpret_array(mi.UInt32, pointer)
 
 
@@ -443,8 +418,6 @@ def _sides(name: str, boundaries: dict[str, Dielectric], scene: Scene) -> tuple[
 
 def _henyey_greenstein(uniform: Any, g: Any) -> Any:
     """Cosine of the scattering angle (Henyey and Greenstein 1941), inverted in closed form."""
-    import drjit as dr
-
     safe = dr.select(dr.abs(g) < 1e-3, 1e-3, g)
     ratio = (1 - safe * safe) / (1 - safe + 2 * safe * uniform)
     return dr.clip((1 + safe * safe - ratio * ratio) / (2 * safe), -1.0, 1.0)

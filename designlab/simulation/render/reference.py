@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.optics.viewing_rays import Rays
 from designlab.simulation.render import photons
+from designlab.simulation.render.engine import dr, mi
 from designlab.simulation.render.eye import Eye
 from designlab.simulation.render.stray import stray
 from designlab.simulation.render.window import transmission
@@ -37,9 +38,6 @@ def radiance(
     seed : int
         Seed of the random numbers.
     """
-    import drjit as dr
-    import mitsuba as mi
-
     eye, shape = Eye.of(rays), rays.x_mm.shape
     passed = transmission(scene, surface, rays)
     pictures = []
@@ -77,17 +75,12 @@ class _Camera:
     """The camera's side of a photon's way."""
 
     def __init__(self, eye: Eye, shape: tuple[int, int], loaded: Any) -> None:
-        import mitsuba as mi
-
         self.eye, self.shape, self.loaded = eye, shape, loaded
         opaque = ("membrane", "gel-rim", "core-side", "board")
         self.blockers = [mi.ShapePtr(s) for s in loaded.shapes() if s.id().startswith(opaque)]
 
     def sees(self, arrival: photons.Arrival, active: Any) -> tuple[Any, Any, Any]:
         """Radiance (before the window) that a photon adds to a pixel, which one, and whether it does."""
-        import drjit as dr
-        import mitsuba as mi
-
         si = arrival.at
         seen = self.eye.look(si.p.x, si.p.y, si.p.z)
         across, down = mi.Int32(dr.floor(seen.column + 0.5)), mi.Int32(dr.floor(seen.row + 0.5))

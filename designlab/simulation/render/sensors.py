@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from designlab.core.backend import activate
 from designlab.sensor.camera import Camera, View
 from designlab.sensor.lens import Distortion
+from designlab.simulation.render.engine import dr, mi
 from designlab.simulation.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -34,8 +35,6 @@ def sensor(scene: Scene, samples: int) -> "dict[str, Any] | mitsuba.Sensor":
 
 
 def _perspective(scene: Scene, samples: int) -> dict[str, Any]:
-    import mitsuba as mi
-
     view, camera = scene.view, scene.camera
     origin = np.asarray(camera.position_mm)
     x_c, y_c = camera.centre_px
@@ -88,8 +87,6 @@ def directions(camera: Camera, view: View) -> NDArray[np.float64]:
 
 
 def _lens(scene: Scene, samples: int) -> "mitsuba.Sensor":
-    import mitsuba as mi
-
     properties = mi.Properties()
     properties["film"] = mi.load_dict(_film(scene.view))
     properties["sampler"] = mi.load_dict(_sampler(samples))
@@ -100,9 +97,6 @@ def _lens(scene: Scene, samples: int) -> "mitsuba.Sensor":
 
 @cache
 def _lens_class() -> Any:
-    import drjit as dr
-    import mitsuba as mi
-
     class LensRays(mi.Sensor):  # type: ignore[misc]
         """Rays through the points of a lens opening, in directions from a table."""
 

@@ -28,6 +28,7 @@ from designlab.simulation.contact.surface import Surface
 from designlab.simulation.optics.viewing_rays import Rays
 from designlab.simulation.render.binned import Binned
 from designlab.simulation.render.direct import Direct
+from designlab.simulation.render.engine import dr, mi
 from designlab.simulation.render.eye import Eye
 from designlab.simulation.render.landings import FirstLight, IrradianceChange
 from designlab.simulation.render.lightfield import LightField, on_membrane
@@ -213,8 +214,6 @@ class Shader:
 
     def _begun(self, surface: Surface) -> _UnderWay | None:
         """Have the device sum the light at the nodes of a press; None where nothing is pressed."""
-        import drjit as dr
-
         raised_mm = float(surface.height_mm.max())
         reach_mm = min(self._reach * raised_mm, LONGEST_SHADOW_MM) if raised_mm > 0 else 0.0
         choice = Choice.near(surface, reach_mm)
@@ -284,8 +283,6 @@ class Shader:
 
     def _light(self, group: int, nodes: Nodes, horizon: Any | None, response: Response) -> Any:
         """Sum over all light at membrane nodes, each direction weighted with its `response`."""
-        import drjit as dr
-
         total = sum(part[group].light(nodes, horizon, response) for part in (self._straight, self._again))
         dr.eval(total)
         return total
@@ -327,9 +324,6 @@ class Shader:
 
     def _lobe_of(self, scene: Scene, rays: Rays, *, tilted: tuple[int, float] = (0, 0.0)) -> Single:
         """Like `_mirrored`, with one slope (0: along x, 1: along y) increased everywhere."""
-        import drjit as dr
-        import mitsuba as mi
-
         lattice = np.zeros(self._untouched.height_mm.shape, dtype=bool)
         lattice[::LOBE_STRIDE, ::LOBE_STRIDE] = True
         nodes = nodes_of(self._untouched, lattice)
@@ -373,9 +367,6 @@ def _window(mask: Mask, margin: int) -> tuple[slice, slice]:
 
 def _lobe(nodes: Nodes, scene: Scene, rays: Rays) -> Response:
     """BRDF of the coating's lobe towards the camera, for a reflectance of one, times the light's cosine."""
-    import drjit as dr
-    import mitsuba as mi
-
     coating = scene.membrane.material
     assert isinstance(coating, Coating)
     seen = Eye.of(rays).look(nodes.x, nodes.y, nodes.z)

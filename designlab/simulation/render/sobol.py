@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.simulation.render.engine import dr, mi
 from designlab.simulation.render.tables import held
 
 BITS = 32
@@ -52,9 +53,6 @@ def points(first: int, size: int, seeds: NDArray[np.integer[Any]]) -> list[Any]:
     seeds : array of int below 2**32, shape (dimensions,)
         Randomise the sequence.
     """
-    import drjit as dr
-    import mitsuba as mi
-
     index = dr.arange(mi.UInt32, size) + held(first)
     found = []
     for row, seed in zip(directions(), seeds, strict=True):
@@ -67,8 +65,6 @@ def points(first: int, size: int, seeds: NDArray[np.integer[Any]]) -> list[Any]:
 
 
 def _scrambled(bits: Any, seed: int) -> Any:
-    import drjit as dr
-
     x = dr.brev(bits)
     x ^= x * 0x3D20ADEA
     x += held(seed)

@@ -14,6 +14,7 @@ from designlab.sensor.camera import View
 from designlab.sensor.refraction import crossing_mm
 from designlab.simulation.optics.viewing_rays import Rays
 from designlab.simulation.render import photons
+from designlab.simulation.render.engine import dr, mi
 from designlab.simulation.render.eye import Eye, ProjectedPoints
 from designlab.simulation.scene.materials import Dielectric, Diffuse
 from designlab.simulation.scene.scene import Scene, Shape
@@ -81,9 +82,6 @@ class _Picture:
     """Coarse picture in which light is collected."""
 
     def __init__(self, view: View) -> None:
-        import drjit as dr
-        import mitsuba as mi
-
         columns = min(view.columns, COLUMNS)
         self._fine = view.rows, view.columns
         self.view = view._replace(columns=columns, rows=max(1, round(columns * view.rows / view.columns)))
@@ -91,9 +89,6 @@ class _Picture:
 
     def add(self, seen: ProjectedPoints, value: Any, active: Any) -> None:
         """Add a radiance to the pixel that sees it."""
-        import drjit as dr
-        import mitsuba as mi
-
         rows, columns = self.view.rows, self.view.columns
         column, row = mi.Int32(dr.floor(seen.column + 0.5)), mi.Int32(dr.floor(seen.row + 0.5))
         active = active & (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
@@ -136,9 +131,6 @@ class _Haze:
 
     def scattered(self, event: photons.Scattering, active: Any) -> None:
         """See what photons scatter towards the camera."""
-        import drjit as dr
-        import mitsuba as mi
-
         at = event.position
         seen = self._eye.look(at.x, at.y, at.z)
         towards = dr.normalize(mi.Vector3f(seen.slope_x, seen.slope_y, 1.0))
@@ -169,9 +161,6 @@ class _Mirror:
 
     def arrived(self, arrival: photons.Arrival, active: Any) -> None:
         """See the mirror image of what photons light up."""
-        import drjit as dr
-        import mitsuba as mi
-
         at, normal = arrival.at.p, arrival.at.n
         height = 2 * self._window_mm - at.z
         seen = self._eye.look(at.x, at.y, height)

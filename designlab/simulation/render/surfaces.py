@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.simulation.render.engine import mi
 from designlab.simulation.scene.scene import Coating, Dielectric, Diffuse, Medium, Metal, Shape, Texture
 
 
@@ -84,8 +85,6 @@ def _coating(coating: Coating, group: int) -> dict[str, Any]:
 
 
 def _texture(texture: Texture, group: int, reflectance: float) -> dict[str, Any]:
-    import mitsuba as mi
-
     values = np.ascontiguousarray(reflectance * texture.layer(group)[:, :, None], dtype=np.float32)
     return {
         "type": "bitmap",

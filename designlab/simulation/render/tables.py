@@ -3,12 +3,11 @@
 from collections.abc import Iterable
 from typing import Any
 
+from designlab.simulation.render.engine import dr, mi
+
 
 def held(value: int | float) -> Any:
     """Return a number that kernels read from memory, so that another value needs no other kernel."""
-    import drjit as dr
-    import mitsuba as mi
-
     return dr.opaque(mi.UInt32 if isinstance(value, int) else mi.Float, value)
 
 
@@ -20,8 +19,6 @@ def within(bounds: Iterable[tuple[Any, Any, float, float]]) -> tuple[Any, Any]:
     bounds : iterable of tuple
         For each axis, start and direction of the rays, and the lower and upper side of the box.
     """
-    import drjit as dr
-
     enters, leaves = 0.0, float("inf")
     for start, direction, low, high in bounds:
         safe = dr.select(dr.abs(direction) < 1e-6, 1e-6, direction)
@@ -36,9 +33,6 @@ def cell(u: Any, v: Any, rows: Any, columns: Any) -> tuple[Any, Any]:
 
     Counts are numbers or `held`.
     """
-    import drjit as dr
-    import mitsuba as mi
-
     column, row = mi.Int32(dr.floor(u + 0.5)), mi.Int32(dr.floor(v + 0.5))
     rows, columns = mi.Int32(rows), mi.Int32(columns)
     inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
@@ -51,9 +45,6 @@ def bilinear(table: Any, u: Any, v: Any, rows: Any, columns: Any, first: Any = 0
     Beyond the table its nearest edge value holds. `first` is the index of its first value. Counts are numbers
     or `held`.
     """
-    import drjit as dr
-    import mitsuba as mi
-
     u, v = dr.clip(u, 0.0, mi.Float(columns) - 1.001), dr.clip(v, 0.0, mi.Float(rows) - 1.001)
     column, row = mi.UInt32(u), mi.UInt32(v)
     a, b = u - mi.Float(column), v - mi.Float(row)

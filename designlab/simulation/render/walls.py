@@ -7,6 +7,7 @@ import numpy as np
 
 from designlab.core.types import Single
 from designlab.simulation.contact.surface import Surface
+from designlab.simulation.render.engine import dr, mi
 from designlab.simulation.render.lightfield import AZIMUTHS
 from designlab.simulation.render.nodes import RAISED_MM, Nodes, NodeTables
 from designlab.simulation.render.tables import cell, held, within
@@ -18,9 +19,6 @@ GATHER_AZIMUTHS = 16  # directions in which light from other walls is looked for
 
 def _turns(nodes: Nodes, azimuths: int) -> tuple[Any, Any, Any, Any, Any]:
     """Return (node, x, y, dx, dy) for every node and azimuth, azimuth last."""
-    import drjit as dr
-    import mitsuba as mi
-
     index = dr.arange(mi.UInt32, dr.width(nodes.x) * azimuths)
     node = index // azimuths
     angle = (mi.Float(index % azimuths) + 0.5) * (2 * dr.pi / azimuths)
@@ -30,9 +28,6 @@ def _turns(nodes: Nodes, azimuths: int) -> tuple[Any, Any, Any, Any, Any]:
 
 def horizon_of(surface: Surface, nodes: Nodes, reach_mm: float) -> Any:
     """Tangent of the indentation's horizon at every node and azimuth, flattened with azimuth last."""
-    import drjit as dr
-    import mitsuba as mi
-
     grid = NodeTables.of(surface)
     _, x, y, dx, dy = _turns(nodes, AZIMUTHS)
     here = grid.sample(grid.z, x, y)
@@ -61,8 +56,6 @@ def horizon_of(surface: Surface, nodes: Nodes, reach_mm: float) -> Any:
 
 def _leaves(surface: Surface, x: Any, y: Any, dx: Any, dy: Any) -> Any:
     """Distance at which a way across leaves the rectangle around all that is raised; none where it misses."""
-    import drjit as dr
-
     raised = surface.height_mm > RAISED_MM
     sides = (x, dx, surface.x_mm[raised.any(axis=0)]), (y, dy, surface.y_mm[raised.any(axis=1)])
     margin = surface.pitch_mm
@@ -88,9 +81,6 @@ class Around(NamedTuple):
 
     def tables(self) -> Callable[[Any, Any], list[Any]]:
         """Look-up on the device: radiance of every group at points (mm), nothing beside the membrane."""
-        import drjit as dr
-        import mitsuba as mi
-
         tables = [mi.Float(np.ascontiguousarray(image).ravel()) for image in self.radiance]
         rows, columns = (held(n) for n in self.radiance.shape[1:])
         x_mm, y_mm, pitch_mm = (held(float(v)) for v in self[1:])
@@ -109,9 +99,6 @@ def between_walls(surface: Surface, nodes: Nodes, radiance: Single, around: Arou
     two elevations; its cosine-weighted solid angle is closed. Strips of undeformed membrane count only where
     the undeformed node would not see them: that light is part of the light field.
     """
-    import drjit as dr
-    import mitsuba as mi
-
     grid = NodeTables.of(surface)
     node, x, y, dx, dy = _turns(nodes, GATHER_AZIMUTHS)
     count = dr.width(x)
@@ -152,7 +139,5 @@ def between_walls(surface: Surface, nodes: Nodes, radiance: Single, around: Arou
 
 def _strip(tangent: Any, ahead: Any, up: Any) -> Any:
     """Integral of the cosine over elevation, up to the one of the given tangent."""
-    import drjit as dr
-
     square = tangent * tangent
     return ahead * 0.5 * (dr.atan(tangent) + tangent / (1 + square)) + up * 0.5 * square / (1 + square)

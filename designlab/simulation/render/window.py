@@ -10,6 +10,7 @@ from designlab.sensor.optical_constants import AIR
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.optics.viewing_rays import Rays
 from designlab.simulation.render import bridge
+from designlab.simulation.render.engine import dr, mi
 from designlab.simulation.scene.scene import Dielectric, Scene
 
 ON_THE_WAY = ("interface", "window")  # boundaries between membrane and camera
@@ -30,9 +31,6 @@ def transmission(scene: Scene, surface: Surface, rays: Rays) -> Array:
     passed = np.ones((scene.groups, *rays.x_mm.shape))
     if not boundaries:
         return passed
-    import drjit as dr
-    import mitsuba as mi
-
     loaded = bridge.load_shapes(boundaries.values())
     at_x, at_y = rays.hit(surface)
     at_z = surface.sample(np.nan_to_num(surface.z_mm), at_x, at_y)
@@ -69,9 +67,6 @@ def transmission(scene: Scene, surface: Surface, rays: Rays) -> Array:
 
 def _off_gap(cosine: Any, boundary: Dielectric) -> Any:
     """Share of light that a gap of air in a boundary reflects; thick against the wave, so without phases."""
-    import drjit as dr
-    import mitsuba as mi
-
     inner, outer = boundary.inside.index / AIR.index, boundary.outside.index / AIR.index
     first, *_ = mi.fresnel(cosine, 1 / inner)
     between = dr.safe_sqrt(1 - inner**2 * (1 - cosine * cosine))
