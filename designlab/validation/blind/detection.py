@@ -73,12 +73,8 @@ def limits(named: Mapping[str, Iterable[tuple[float, bool, str]]]) -> dict[str, 
     middle, away, (slope,) = np.split(best, [len(kinds), len(kinds) + len(places)])
     found = {}
     for k, kind in enumerate(kinds):
-        own = {p: away[n] for n, p in enumerate(places) if p[0] == kind}
-        found[kind] = _limit(
-            {design: (sets[kind, design], float(shift)) for (_, design), shift in own.items()},
-            float(middle[k]),
-            float(np.exp(slope)),
-        )
+        own = {p[1]: (sets[p], float(shift)) for p, shift in zip(places, away, strict=True) if p[0] == kind}
+        found[kind] = _limit(own, float(middle[k]), float(np.exp(slope)))
     return found
 
 
@@ -129,7 +125,7 @@ def _limit(designs: Mapping[str, tuple[Array, float]], best: float, slope: float
         return likelihood(middle) - top + fall
 
     low, high = (
-        float(np.exp(brentq(below, end, best))) if below(end) < 0 else None
+        _settled(float(np.exp(brentq(below, end, best)))) if below(end) < 0 else None
         for end in (np.log(LOW), np.log(HIGH))
     )
     tried = np.concatenate([sets[:, 0] for sets, _ in designs.values()])
@@ -137,12 +133,7 @@ def _limit(designs: Mapping[str, tuple[Array, float]], best: float, slope: float
     def within(value: float) -> float:
         return _settled(float(np.clip(np.exp(value), tried.min(), tried.max())))
 
-    return Limit(
-        within(best),
-        None if low is None else _settled(low),
-        None if high is None else _settled(high),
-        {design: within(best + away) for design, (_, away) in designs.items()},
-    )
+    return Limit(within(best), low, high, {name: within(best + away) for name, (_, away) in designs.items()})
 
 
 def _settled(value: float) -> float:

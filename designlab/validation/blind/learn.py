@@ -36,23 +36,19 @@ def unlisted_sd(outcomes: Iterable[Outcome]) -> dict[str, float]:
     One for each effect, and for each parameter that only shapes one; see `spread`. A set counts if all that
     it hides was named: otherwise a value may stand for what was not.
     """
-    found: dict[str, list[list[tuple[float, float]]]] = {}
-    for o in (o for o in outcomes if all_named(record(o))):
+    found: dict[str, dict[int, list[tuple[float, float]]]] = {}  # by parameter and set
+    for number, o in enumerate(o for o in outcomes if all_named(record(o))):
         for name, truth in o.truth["effects"].items():
             values = o.parameters.get(name, {})
-            own: dict[str, list[tuple[float, float]]] = {}
             for p in effect(name).parameters(preset(o.trial["design"])):
                 v = values.get(p.name)
                 if v is None or v["fit_sd"] is None or p.name not in truth:
                     continue
                 error = (v["value"] - truth[p.name]) / p.sd
-                own.setdefault(f"{name}.{p.name}" if p.shape else name, []).append(
-                    (error, v["fit_sd"] / p.sd)
-                )
-            for key, errors in own.items():
-                found.setdefault(key, []).append(errors)
+                sets = found.setdefault(f"{name}.{p.name}" if p.shape else name, {})
+                sets.setdefault(number, []).append((error, v["fit_sd"] / p.sd))
     return {
-        key: round(spread([error for errors in sets for error in errors]), 4)
+        key: round(spread([error for errors in sets.values() for error in errors]), 4)
         for key, sets in sorted(found.items())
         if len(sets) >= FEWEST
     }

@@ -1,5 +1,6 @@
 """The score of a pool counts names right and wrong, the gap removed, and intervals that hold."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -22,6 +23,7 @@ CLASSES: tuple[frozenset[str], ...] = (frozenset({"lens_distortion", "camera_pos
 A camera brought nearer magnifies: on both presets it brings about 99.5 % of what a wrong lens does.
 """
 WITHOUT_RESERVE = ("named", "ambiguous")
+ABSTAINED = ("unexplained", "partial", "refused")  # verdicts that say that not all is known
 BINS = 5  # of equal mass, for the error of the confidence
 
 
@@ -44,14 +46,11 @@ def scored(rows: Iterable[Row]) -> dict[str, Any]:
         `rows`: the records.
     """
     rows = list(rows)
-    by_family: dict[str, list[Row]] = {}
-    for row in rows:
-        by_family.setdefault(row["family"], []).append(row)
-    found = {name: _FAMILIES[name](by_family.get(name, [])) for name in _FAMILIES}
-    return found | {
+    families = {name: [row for row in rows if row["family"] == name] for name in _FAMILIES}
+    return {name: _FAMILIES[name](sets) for name, sets in families.items()} | {
         "confidence": reliability(sure(rows)),
         "confusion": _confusion(rows),
-        "limits": _limits(by_family.get("single", [])),
+        "limits": _limits(families["single"]),
         "codes": sorted({row["code"] for row in rows}),
         "rows": rows,
     }
@@ -72,7 +71,7 @@ def record(o: Outcome) -> Row:
         "named": o.named,
         "sets": o.sets,
         "confidence": o.confidence,
-        "gap_removed": gap_removed(o),
+        "gap_removed": (o.gap.get("final") or {}).get("removed"),  # share, on the final presses
         "control_removed": o.control,
         "value_errors": [round(error, 4) for error in value_errors(o)],
         "intervals": [sum(inside), len(inside)],
@@ -120,13 +119,8 @@ def _foreign(sets: Sequence[Row]) -> dict[str, Any]:
         "sets": len(sets),
         "named": rate(row["verdict"] == "named" for row in sets),
         "named_or_ambiguous": rate(row["verdict"] in WITHOUT_RESERVE for row in sets),
-        "abstained": rate(_abstained(row) for row in sets),
+        "abstained": rate(row["verdict"].split(":")[0] in ABSTAINED for row in sets),
     }
-
-
-def _abstained(row: Row) -> bool:
-    """Whether a report says that it does not know all: unexplained, partial, or refused by name."""
-    return row["verdict"].split(":")[0] in ("unexplained", "partial", "refused")
 
 
 _FAMILIES: dict[str, Callable[[Sequence[Row]], dict[str, Any]]] = {
@@ -209,26 +203,21 @@ def rate(events: Iterable[bool]) -> dict[str, float] | None:
     counted = list(events)
     if not counted:
         return None
-    interval = binomtest(sum(counted), len(counted)).proportion_ci(0.95, method="exact")
-    return {
-        "share": sum(counted) / len(counted),
-        "low": float(interval.low),
-        "high": float(interval.high),
-        "sets": len(counted),
-    }
+    held, sets = sum(counted), len(counted)
+    low, high = binomtest(held, sets).proportion_ci(0.95, method="exact")
+    return {"share": held / sets, "low": float(low), "high": float(high), "sets": sets}
 
 
 def _confusion(rows: Iterable[Row]) -> dict[str, dict[str, int]]:
     """How often each first name, or verdict without one, came of what was hidden."""
-    found: dict[str, dict[str, int]] = {}
+    found: dict[str, Counter[str]] = {}
     for row in rows:
         hidden = "+".join(row["hidden"]) or "nothing"
         if row["without"]:
             hidden += ", not in the catalogue"
         said = row["named"][0] if row["named"] else row["verdict"].split(":")[0]
-        counts = found.setdefault(hidden, {})
-        counts[said] = counts.get(said, 0) + 1
-    return found
+        found.setdefault(hidden, Counter())[said] += 1
+    return {hidden: dict(counts) for hidden, counts in found.items()}
 
 
 def same(one: str, other: str) -> bool:
@@ -248,12 +237,6 @@ def all_named(row: Row) -> bool:
 def _in_set(row: Row) -> bool:
     """Whether each hidden effect is in one of the reported sets."""
     return all(any(same(name, truth) for names in row["sets"] for name in names) for truth in row["hidden"])
-
-
-def gap_removed(o: Outcome) -> float | None:
-    """Share of the gap that is gone on the final presses."""
-    level = o.gap.get("final")
-    return None if level is None else level["removed"]
 
 
 def value_errors(o: Outcome) -> list[float]:
