@@ -6,7 +6,8 @@ was made with suited its best by chance.
 """
 
 from contextlib import closing
-from typing import TYPE_CHECKING, NamedTuple
+from functools import partial
+from typing import TYPE_CHECKING
 
 from designlab.core.store import write_json
 from designlab.core.types import Progress
@@ -23,14 +24,6 @@ if TYPE_CHECKING:
     from designlab.core.interrupts import Interrupts
 
 FRESH = 1_000_003  # between the seed of a search and those of its confirmation
-
-
-class ConfirmationRound(NamedTuple):
-    """A round of confirmation: designs, effort, seeds."""
-
-    trials: tuple[int, ...]
-    fidelity: str
-    seeds: tuple[int, ...]
 
 
 def confirm(
@@ -51,17 +44,16 @@ def confirm(
         return
     best = picks(results.frame, study.objectives, most=study.plan.promoted, parameters=study.varied)
     promoted = tuple(int(trial) for trial in best["trial"])
+    again = partial(_run, results, evaluator, workers, interrupts, progress)
     *first, last = dict.fromkeys((*CONFIRMING[CONFIRMING.index(study.fidelity) :], CONFIRMING[-1]))
     for fidelity in first or [last]:
-        stage = ConfirmationRound((BASE, *promoted), fidelity, fresh(study, fidelity, 1))
-        _run(stage, results, evaluator, workers, interrupts, progress)
-        again = results.confirmed
-        rows = _as_trials(again[again["fidelity"] == fidelity], results)
+        again((BASE, *promoted), fidelity, fresh(study, fidelity, 1))
+        confirmed = results.confirmed
+        rows = _as_trials(confirmed[confirmed["fidelity"] == fidelity], results)
         best = picks(rows, study.objectives, most=study.plan.confirmed, parameters=study.varied)
     trials = tuple(int(trial) for trial in best["trial"])
     if trials:
-        stage = ConfirmationRound((BASE, *trials), last, fresh(study, last, study.plan.seeds))
-        _run(stage, results, evaluator, workers, interrupts, progress)
+        again((BASE, *trials), last, fresh(study, last, study.plan.seeds))
 
 
 def fresh(study: Study, fidelity: str, count: int) -> tuple[int, ...]:
@@ -71,31 +63,34 @@ def fresh(study: Study, fidelity: str, count: int) -> tuple[int, ...]:
 
 
 def _run(
-    stage: ConfirmationRound,
     results: Results,
     evaluator: Evaluator,
     workers: int,
     interrupts: "Interrupts",
     progress: Progress,
+    trials: tuple[int, ...],
+    fidelity: str,
+    seeds: tuple[int, ...],
 ) -> None:
-    wanted = [(trial, seed) for trial in stage.trials for seed in stage.seeds]
-    subjects = {trial: results.subject(trial) for trial in stage.trials}
+    """Evaluate designs with every seed at a fidelity."""
+    wanted = [(trial, seed) for trial in trials for seed in seeds]
+    subjects = {trial: results.subject(trial) for trial in trials}
     paths = {
-        (trial, seed): confirmation_path(results.folder, trial, subjects[trial].digest, stage.fidelity, seed)
+        (trial, seed): confirmation_path(results.folder, trial, subjects[trial].digest, fidelity, seed)
         for trial, seed in wanted
     }
     missing = [call for call in wanted if not paths[call].is_file()]
     done = len(wanted) - len(missing)
-    progress(f"confirming, {stage.fidelity}", done, len(wanted))
-    calls = [(evaluate_design, evaluator, subjects[trial], stage.fidelity, seed) for trial, seed in missing]
+    progress(f"confirming, {fidelity}", done, len(wanted))
+    calls = [(evaluate_design, evaluator, subjects[trial], fidelity, seed) for trial, seed in missing]
     with closing(finished(calls, workers=workers, interrupts=interrupts)) as outcomes:
         for place, outcome in outcomes:
             trial, seed = missing[place]
             digest = subjects[trial].digest
-            about = {"trial": trial, "design": digest, "fidelity": stage.fidelity, "seed": seed}
+            about = {"trial": trial, "design": digest, "fidelity": fidelity, "seed": seed}
             write_json(paths[trial, seed], about | outcome)
             done += 1
-            progress(f"confirming, {stage.fidelity}", done, len(wanted))
+            progress(f"confirming, {fidelity}", done, len(wanted))
 
 
 def _as_trials(again: "pd.DataFrame", results: Results) -> "pd.DataFrame":

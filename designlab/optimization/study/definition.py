@@ -11,7 +11,7 @@ from designlab.optimization.constraint import Bound
 from designlab.optimization.study.defaults import default_parameters
 from designlab.optimization.study.parameter import Parameter
 from designlab.optimization.study.robust import Robust
-from designlab.optimization.tolerance.distributions import require_applicable
+from designlab.optimization.tolerance.distributions import require_applicable, value_at
 from designlab.sensor.design import Design, DesignError, explain, preset, preset_names
 from geometries.spec import Spec
 
@@ -233,7 +233,7 @@ class Study(Spec):
         if self.variants and not own:
             return None
         variant = own[0] if own else None
-        values = {path: _value(self.base, path) for path in self.active(variant)}
+        values = {path: value_at(self.base, path) for path in self.active(variant)}
         if not all(self.parameters[path].holds(value) for path, value in values.items()):
             return None
         if self.design({VARIANT: variant, **values}) != self.base:
@@ -328,15 +328,8 @@ def _flattened(
     return flat
 
 
-def _value(design: Design, path: str) -> Any:
-    node: Any = design
-    for key in path.split("."):
-        node = node[int(key)] if key.isdigit() else getattr(node, key)
-    return node
-
-
 def _is_integer(design: Design, path: str) -> bool:
-    value = _value(design, path)
+    value = value_at(design, path)
     return isinstance(value, int) and not isinstance(value, bool)
 
 

@@ -8,7 +8,7 @@ import sqlite3
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from designlab.core.run_folder import locked
 from designlab.core.store import read_json, remove_partial, write_atomic
@@ -67,10 +67,8 @@ def opened(
         If folder or database cannot be written.
     """
     import optuna
-    from optuna.study import StudyDirection
 
-    sense = {"maximise": StudyDirection.MAXIMIZE, "minimise": StudyDirection.MINIMIZE}
-    directions = [sense[way] for way in study.objectives.values()]
+    spelt: dict[str, Literal["maximize", "minimize"]] = {"maximise": "maximize", "minimise": "minimize"}
     with contextlib.ExitStack() as stack:
         stack.enter_context(locked(folder, kind="study"))
         _claim(folder, study)
@@ -85,7 +83,7 @@ def opened(
             yield optuna.create_study(
                 study_name=_record_name(study, storage),
                 storage=record,
-                directions=directions,
+                directions=[spelt[way] for way in study.objectives.values()],
                 load_if_exists=True,
             )
         except optuna.exceptions.StorageInternalError as error:
@@ -278,9 +276,7 @@ def read_trial(folder: Path, trial: "optuna.trial.FrozenTrial") -> dict[str, Any
     if SCORE in trial.user_attrs:
         return dict(trial.user_attrs[SCORE])
     path = trial_folder(folder, trial.number) / SCORE_FILE
-    if not path.is_file():
-        return None
-    return read_json(path)
+    return read_json(path) if path.is_file() else None
 
 
 def confirmation_path(folder: Path, trial: int, design: str, fidelity: str, seed: int) -> Path:

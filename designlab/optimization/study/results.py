@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -207,12 +208,9 @@ class Results:
 
     def rejections(self) -> dict[str, int]:
         """How many infeasible designs each rule rejected, most frequent first; a design may break several."""
-        counts: dict[str, int] = {}
         infeasible = self.frame[self.frame["state"] == "infeasible"]
-        for reason, rules in zip(infeasible["reason"], infeasible["broken"], strict=True):
-            for rule in rules or [reason]:
-                counts[rule] = counts.get(rule, 0) + 1
-        return dict(sorted(counts.items(), key=lambda item: -item[1]))
+        reasons = zip(infeasible["reason"], infeasible["broken"], strict=True)
+        return dict(Counter(rule for reason, rules in reasons for rule in rules or [reason]).most_common())
 
     def failures(self) -> dict[str, int]:
         """Why no score could be had of feasible designs, and of how many, most frequent first."""
@@ -419,8 +417,7 @@ def importance(out: str | Path, *, storage: str | None = None) -> dict[str, dict
             return None
         shares: dict[str, dict[str, float]] = {}
         for index, name in enumerate(study.objectives):
-            values = np.array([trial.values[index] for trial in done])
-            if np.ptp(values) == 0:
+            if np.ptp([trial.values[index] for trial in done]) == 0:
                 continue
 
             def target(trial: "optuna.trial.FrozenTrial", index: int = index) -> float:

@@ -309,7 +309,9 @@ class StudyRun:
         """Draw the parameters of a trial and sign it."""
         slot, attempt = self._free_slot()
         entropy = np.random.SeedSequence([self.study.seed, slot, attempt, *self._luck])
-        seed, name = int(entropy.generate_state(1)[0]), self._method()
+        seed = int(entropy.generate_state(1)[0])
+        # designs without a score count as what cannot be built
+        name = method(self.study, rejected=self._rejected + self._failed)
         self.record.sampler = sampler(self.study, name, seed, infeasible=self.infeasible)
         trial = self.record.ask(self.distributions)
         if self.shared:
@@ -319,10 +321,6 @@ class StudyRun:
             trial.set_user_attr("slot", slot)
             trial.set_user_attr(METHOD, name)
         return trial
-
-    def _method(self) -> str:
-        """Name of the sampler of the next draw; designs without a score count as what cannot be built."""
-        return method(self.study, rejected=self._rejected + self._failed)
 
     def _free_slot(self) -> tuple[int, int]:
         """Smallest slot that no trial holds, and how many designs drawn for it were abandoned."""
@@ -417,7 +415,8 @@ class StudyRun:
             name: bound.broken_by(float(scores[name]["value"]))
             for name, bound in self.study.constraints.items()
         }
-        return self._settle(trial, self._values(scores), notes or {}, broken)
+        values = [float(scores[name]["value"]) for name in self.study.objectives]
+        return self._settle(trial, values, notes or {}, broken)
 
     def _settle(
         self,
@@ -461,9 +460,6 @@ class StudyRun:
             raise StudyError(f"{trial_folder(self.folder, number)}: the score of a complete trial is missing")
         score = {name: saved[name] for name in ("scores", "seconds", "warnings") if name in saved}
         self._complete(task, score | {REPEAT: number})
-
-    def _values(self, scores: Mapping[str, Mapping[str, Any]]) -> list[float]:
-        return [float(scores[name]["value"]) for name in self.study.objectives]
 
     def _unusable(self, scores: Mapping[str, Mapping[str, Any]]) -> str | None:
         """Why scores cannot serve the study, if so; an objective or bound that is no score is an error."""

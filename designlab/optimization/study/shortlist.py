@@ -58,17 +58,14 @@ def picks(
     alike = _alike(front, loss, objectives, steps)
     reasons: dict[int, list[str]] = {}
 
-    def choose(row: int, reason: str) -> None:
-        same = next((other for other in reasons if alike[row, other]), row)
-        reasons.setdefault(same, []).append(reason)
-
     named = [(int(loss[:, column].argmin()), f"best {name}") for column, name in enumerate(objectives)]
     if len(front) > 1 and len(objectives) > 1:
         knee = int(np.linalg.norm(scaled, axis=1).argmin()), "knee"
         # Where not all are asked for, the one that gives up least of anything comes first.
         named.insert(0 if most <= len(objectives) else len(named), knee)
     for row, reason in named:
-        choose(row, reason)
+        same = next((other for other in reasons if alike[row, other]), row)
+        reasons.setdefault(same, []).append(reason)
     apart = np.linalg.norm(scaled[:, None] - scaled[None], axis=-1)
     if parameters:
         apart = np.hypot(apart, np.sqrt((steps**2).mean(axis=-1)))
@@ -161,20 +158,15 @@ def trades(
         both = pd.concat([row.to_frame().T, reference.to_frame().T])
         steps = differences(frame, both, parameters)[0, 1]
         largest = [int(k) for k in np.argsort(-steps, kind="stable")[:NAMED] if steps[k] > 0]
-        changed = [
-            words
-            for name in (parameters[k] for k in largest)
-            if (words := _change(name, row[name], reference[name]))
-        ]
+        own = [name for name in (parameters[k] for k in largest) if not _absent(row[name])]
+        changed = [_change(name, row[name], reference[name]) for name in own]
         scores = "; ".join(f"{side} in {', '.join(names)}" for side, names in sides.items() if names)
         found[int(row["trial"])] = scores + (f"; changed most: {'; '.join(changed)}" if changed else "")
     return found
 
 
 def _change(name: str, value: Any, before: Any) -> str:
-    """What became of a parameter, in words; empty of one that the design's variant does not have."""
-    if _absent(value):
-        return ""
+    """What became of a parameter that the design's variant has, in words."""
     return f"{name} {_said(value)}" + ("" if _absent(before) else f", not {_said(before)}")
 
 

@@ -229,16 +229,12 @@ def optimise(
         If the user pressed Ctrl-C; nothing that was finished is lost.
     """
     base = design if isinstance(design, Design) else design.design
-    stated = {"objectives": objectives, "constraints": constraints, "plan": plan}
+    varied = None if parameters is None else {p: _parameter(p, its) for p, its in parameters.items()}
+    stated = {"parameters": varied, "objectives": objectives, "constraints": constraints, "plan": plan}
     content = {
         "name": f"{base.name} search",
         "base": base,
         **({} if isinstance(design, Design) else carried(design)),
-        **(
-            {}
-            if parameters is None
-            else {"parameters": {p: _parameter(p, its) for p, its in parameters.items()}}
-        ),
         **{name: given for name, given in stated.items() if given is not None},
         "variants": dict(variants or {}),
         "robust": robust,

@@ -170,16 +170,22 @@ def _number(design: Design, path: str) -> float | tuple[float, ...]:
     """Value of a field that can be moved: a number, or one for each LED group."""
     if path in ("optics.gelcore_index", "optics.elastomer_index"):  # by default their material's
         return design.optics.core_index if "gelcore" in path else design.optics.gel_index
-    node: Any = design
     try:
-        for key in path.split("."):
-            node = node[int(key)] if key.isdigit() else getattr(node, key)
+        node = value_at(design, path)
     except (AttributeError, IndexError, TypeError):
         raise ValueError(f"spreads: no field {path!r} in a design") from None
     numbers = node if isinstance(node, tuple) else (node,)
     if not numbers or any(isinstance(v, bool) or not isinstance(v, int | float) for v in numbers):
         raise ValueError(f"spreads: {path} is no number in this design, it is {node!r}")
     return node if isinstance(node, tuple) else float(node)
+
+
+def value_at(design: Design, path: str) -> Any:
+    """Value of a field of a design, by dotted path."""
+    node: Any = design
+    for key in path.split("."):
+        node = node[int(key)] if key.isdigit() else getattr(node, key)
+    return node
 
 
 def deviates(count: int, names: Sequence[str], seed: int) -> Array:

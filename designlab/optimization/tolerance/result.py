@@ -231,11 +231,8 @@ def load_tolerance(folder: str | Path) -> Tolerance:
     if not path.is_file():
         raise ValueError(f"{folder}: holds no tolerance run ({RUN_FILE} is expected)")
     run = read_json(path)
-    records = []
-    for number in range(NOMINAL, run["copies"]):
-        own = copy_path(folder, number)
-        if own.is_file():
-            records.append(read_json(own))
+    paths = (copy_path(folder, number) for number in range(NOMINAL, run["copies"]))
+    records = [read_json(own) for own in paths if own.is_file()]
     inputs = tuple(next((r["deviates"] for r in records if r["deviates"]), {}))
     units = {name: estimate["unit"] for r in records for name, estimate in r.get("scores", {}).items()}
     if not inputs or not units:

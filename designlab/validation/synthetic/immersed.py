@@ -223,27 +223,16 @@ class HorizonMaps:
         bump = surface.above(HIDING_MM)
         self.near = surface.bump.grown(NEAR_MM)
         self.window = self.near.joined(bump.grown(min(surface.peak_mm / SHADOW_SLOPE, LONGEST_MM)))
-        self._centre = complex(bump.left + bump.right, bump.bottom + bump.top) / 2
-        half = complex(bump.right - bump.left, bump.top - bump.bottom) / 2
         reach = max(self.window.right - bump.right, bump.left - self.window.left)
-        self._turns = np.exp(2j * np.pi * (np.arange(AZIMUTHS) + 0.5) / AZIMUTHS)
-        self._maps = [
-            horizon_map(surface, turn, centre=self._centre, half=half, reach_mm=reach, pitch_mm=PITCH_MM)
-            for turn in self._turns
-        ]
+        turns = np.exp(2j * np.pi * (np.arange(AZIMUTHS) + 0.5) / AZIMUTHS)
+        self._maps = [horizon_map(surface, turn, bump, reach_mm=reach, pitch_mm=PITCH_MM) for turn in turns]
 
     def slopes(self, x: Array, y: Array) -> NDArray[np.float32]:
         """Slope of the horizon at points, shape (points, azimuths)."""
         slope = np.full((len(x), AZIMUTHS), NONE, dtype=np.float32)
-        offset = x + 1j * y - self._centre
-        for number, (turn, (along_mm, across_mm, pitch_mm, horizon)) in enumerate(
-            zip(self._turns, self._maps, strict=True)
-        ):
-            turned = np.conj(turn) * offset
-            row, step = (turned.imag - across_mm) / pitch_mm, (turned.real - along_mm) / pitch_mm
-            rows, steps = horizon.shape
-            near = (row >= 0) & (row <= rows - 1) & (step >= 0) & (step <= steps - 1)
-            slope[near, number] = map_coordinates(horizon, [row[near], step[near]], order=1)
+        for number, horizon in enumerate(self._maps):
+            near, row, column = horizon.place(x, y)
+            slope[near, number] = map_coordinates(horizon.slope, [row, column], order=1)
         return slope
 
 

@@ -1,9 +1,11 @@
 """Cast shadows follow from the horizon of a height field, for every point and azimuth."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.core.types import Array
+from designlab.core.types import Array, Mask
 from designlab.validation.synthetic import kernels
 from designlab.validation.synthetic.generator_sensor import Cells
 from designlab.validation.synthetic.surface import Box, HeightField
@@ -24,13 +26,12 @@ class Horizon:
     """
 
     def __init__(self, surface: HeightField, cells: Cells, *, pitch_mm: float = PITCH_MM) -> None:
-        self._pitch_mm = pitch_mm
-        bump = surface.above(LOWEST_MM)
-        self._centre = complex(bump.left + bump.right, bump.bottom + bump.top) / 2
-        self._half = complex(bump.right - bump.left, bump.top - bump.bottom) / 2
-        self._reach_mm = shadow_length_mm(surface, cells)
-        self.window = bump.grown(self._reach_mm)
-        self._maps = {number: self._map(surface, number) for number in self._azimuths(cells)}
+        bump, reach_mm = surface.above(LOWEST_MM), shadow_length_mm(surface, cells)
+        self.window = bump.grown(reach_mm)
+        self._maps = {}
+        for number in self._azimuths(bump.centre, cells):
+            turn = np.exp(1j * np.radians(number * STEP_DEG))
+            self._maps[number] = horizon_map(surface, turn, bump, reach_mm=reach_mm, pitch_mm=pitch_mm)
 
     def visible_share(self, x: Array, y: Array, z: Array, cells: Cells) -> Array:
         """Share of every cell that stands above the horizon, shape (points, cells), for points in the window.
@@ -53,30 +54,14 @@ class Horizon:
         """Horizon at points for every azimuth that was prepared, and the column of each azimuth's number."""
         table = np.full((len(x), len(self._maps)), NONE)
         column = np.zeros(int(360 / STEP_DEG) + 2, dtype=int)
-        offset = x + 1j * y - self._centre
-        for place, (number, (along_mm, across_mm, horizon)) in enumerate(self._maps.items()):
+        for place, (number, horizon) in enumerate(self._maps.items()):
             column[number] = place
-            turned = np.exp(-1j * np.radians(number * STEP_DEG)) * offset
-            row, step = (turned.imag - across_mm) / self._pitch_mm, (turned.real - along_mm) / self._pitch_mm
-            rows, steps = horizon.shape
-            near = (row >= 0) & (row <= rows - 1) & (step >= 0) & (step <= steps - 1)
-            table[near, place] = kernels.bilinear(horizon, row[near], step[near], False)
+            near, row, step = horizon.place(x, y)
+            table[near, place] = kernels.bilinear(horizon.slope, row, step, False)
         column[-2:] = column[:2]  # 360 deg and beyond are 0 deg and beyond
         return table, column
 
-    def _map(self, surface: HeightField, number: int) -> tuple[float, float, Array]:
-        """Slope of the horizon towards one azimuth: first place along and across the light (mm), grid."""
-        along_mm, across_mm, _, horizon = horizon_map(
-            surface,
-            np.exp(1j * np.radians(number * STEP_DEG)),
-            centre=self._centre,
-            half=self._half,
-            reach_mm=self._reach_mm,
-            pitch_mm=self._pitch_mm,
-        )
-        return along_mm, across_mm, horizon
-
-    def _azimuths(self, cells: Cells) -> list[int]:
+    def _azimuths(self, centre: complex, cells: Cells) -> list[int]:
         """Numbers of the azimuths at which cells are seen from the window, and their neighbours."""
         left, right, bottom, top = self.window
         found: set[int] = set()
@@ -84,7 +69,7 @@ class Horizon:
         for x, y, _ in cells.centre:
             if left <= x <= right and bottom <= y <= top:
                 return list(range(count))
-            middle = np.arctan2(y - self._centre.imag, x - self._centre.real)
+            middle = np.arctan2(y - centre.imag, x - centre.real)
             corners = np.array([np.arctan2(y - b, x - a) for a in (left, right) for b in (bottom, top)])
             apart = (corners - middle + np.pi) % (2 * np.pi) - np.pi
             first = int(np.floor(np.degrees(middle + apart.min()) / STEP_DEG))
@@ -93,41 +78,62 @@ class Horizon:
         return sorted(found)
 
 
+class HorizonMap(NamedTuple):
+    """Slope of the horizon towards one azimuth, on a grid turned so that light comes along its rows.
+
+    Attributes
+    ----------
+    centre, turn : complex
+        Origin of the grid (mm), and unit vector x + i y towards the light.
+    along_mm, across_mm, pitch_mm : float
+        First place along and across the light, from `centre`, and distance of grid points.
+    slope : array (across, along)
+        Slope to the highest point towards the light; `NONE` at the last one.
+    """
+
+    centre: complex
+    turn: complex
+    along_mm: float
+    across_mm: float
+    pitch_mm: float
+    slope: Array
+
+    def place(self, x: Array, y: Array) -> tuple[Mask, Array, Array]:
+        """Tell which points lie on the grid, and the row and the column of these."""
+        turned = np.conj(self.turn) * (x + 1j * y - self.centre)
+        row = (turned.imag - self.across_mm) / self.pitch_mm
+        column = (turned.real - self.along_mm) / self.pitch_mm
+        rows, columns = self.slope.shape
+        near = (row >= 0) & (row <= rows - 1) & (column >= 0) & (column <= columns - 1)
+        return near, row[near], column[near]
+
+
 def horizon_map(
-    surface: HeightField,
-    turn: complex,
-    *,
-    centre: complex,
-    half: complex,
-    reach_mm: float,
-    pitch_mm: float = PITCH_MM,
-) -> tuple[float, float, float, Array]:
+    surface: HeightField, turn: complex, bump: Box, *, reach_mm: float, pitch_mm: float
+) -> HorizonMap:
     """Slope of the horizon towards one azimuth, behind and over an indentation.
 
     Parameters
     ----------
     turn : complex
         Unit vector x + i y towards the light.
-    centre, half : complex
-        Middle and half size of the indentation's bounding box (mm).
+    bump : Box
+        Bounding box of the indentation.
     reach_mm : float
         How far behind it the horizon is looked at.
-
-    Returns
-    -------
-    along_mm, across_mm, pitch_mm : float
-        First place along and across the light, from `centre`, and distance of grid points.
-    horizon : array (across, along)
-        Slope to the highest point towards the light; `NONE` at the last one.
+    pitch_mm : float
+        Distance of grid points.
     """
-    half_along = abs(turn.real) * half.real + abs(turn.imag) * half.imag + 2 * pitch_mm
-    half_across = abs(turn.imag) * half.real + abs(turn.real) * half.imag + 2 * pitch_mm
+    half_x, half_y = (bump.right - bump.left) / 2, (bump.top - bump.bottom) / 2
+    half_along = abs(turn.real) * half_x + abs(turn.imag) * half_y + 2 * pitch_mm
+    half_across = abs(turn.imag) * half_x + abs(turn.real) * half_y + 2 * pitch_mm
     along = np.arange(-half_along - reach_mm, half_along + pitch_mm, pitch_mm)
     across = np.arange(-half_across, half_across + pitch_mm, pitch_mm)
-    points = centre + turn * (along[None, :] + 1j * across[:, None])
+    points = bump.centre + turn * (along[None, :] + 1j * across[:, None])
     z = surface.z(points.real, points.imag).astype(np.float32)
     strides = np.array(_strides(int(np.ceil(reach_mm / pitch_mm)), z.shape[1] - 1), dtype=np.int64)
-    return float(along[0]), float(across[0]), pitch_mm, kernels.steepest(z, strides, pitch_mm, NONE)
+    slope = kernels.steepest(z, strides, pitch_mm, NONE)
+    return HorizonMap(bump.centre, turn, float(along[0]), float(across[0]), pitch_mm, slope)
 
 
 def shadow_length_mm(surface: HeightField, cells: Cells) -> float:

@@ -26,6 +26,11 @@ class Box(NamedTuple):
     bottom: float
     top: float
 
+    @property
+    def centre(self) -> complex:
+        """Its middle, x + i y (mm)."""
+        return complex(self.left + self.right, self.bottom + self.top) / 2
+
     def grown(self, margin_mm: float) -> "Box":
         """Move every side outwards."""
         left, right, bottom, top = self

@@ -30,7 +30,7 @@ class Planted(NamedTuple):
     change: Callable[[Rig, Mapping[str, float]], Rig]
 
 
-def of_fields(part: str, parameters: Mapping[str, tuple[str, PlantedParameter]]) -> Planted:
+def of_fields(part: str, **parameters: tuple[str, PlantedParameter]) -> Planted:
     """Make an effect whose parameters are fields of a part of the rig: name to field and parameter."""
 
     def known(rig: Rig) -> dict[str, PlantedParameter]:

@@ -29,10 +29,6 @@ def _interreflection(rig: Rig, values: Mapping[str, float]) -> Rig:
     )
 
 
-def _field_parameters(rig: Rig) -> dict[str, PlantedParameter]:
-    return {name: PlantedParameter(0.0, 0.05, -0.5, 0.5) for name in FIELD}
-
-
 def _field(rig: Rig, values: Mapping[str, float]) -> Rig:
     x, y, xx, xy, yy = (values[name] for name in FIELD)
     return replace(rig, coat=replace(rig.coat, field=(x, y, xx, xy, yy)))
@@ -64,7 +60,9 @@ def _translucency(rig: Rig, values: Mapping[str, float]) -> Rig:
 
 MATERIAL = {
     "interreflection": Planted(_interreflection_parameters, _interreflection),
-    "albedo_field": Planted(_field_parameters, _field),
+    "albedo_field": Planted(
+        lambda _: {name: PlantedParameter(0.0, 0.05, -0.5, 0.5) for name in FIELD}, _field
+    ),
     "specular_coat": Planted(_specular_parameters, _specular),
     "translucency": Planted(_translucency_parameters, _translucency),
 }

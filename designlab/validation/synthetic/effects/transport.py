@@ -27,10 +27,6 @@ def _of_glass(
     return Planted(lambda rig: {} if rig.glass is None else known(rig), changed)
 
 
-def _index_parameters(rig: Rig) -> dict[str, PlantedParameter]:
-    return {part: PlantedParameter(0.0, 0.02, -0.3, 0.3) for part in ("gelcore", "elastomer")}
-
-
 def _indices(rig: Rig, glass: ImmersedParts, values: Values) -> ImmersedParts:
     """Add to the refractive indices, which stay those of matter."""
     core = max(glass.core_index + values["gelcore"], 1.0)
@@ -60,17 +56,16 @@ def _absorption(rig: Rig, glass: ImmersedParts, values: Values) -> ImmersedParts
     return replace(glass, core_absorption_per_mm=glass.core_absorption_per_mm + more)
 
 
-def _scatter_parameters(rig: Rig) -> dict[str, PlantedParameter]:
-    return {"per_mm": PlantedParameter(0.0, 0.01, 0.0, 0.5, "1/mm")}
-
-
 def _scatter(rig: Rig, glass: ImmersedParts, values: Values) -> ImmersedParts:
     return replace(glass, scattering_per_mm=glass.scattering_per_mm + values["per_mm"])
 
 
 TRANSPORT = {
-    "gelcore_index": _of_glass(_index_parameters, _indices),
+    "gelcore_index": _of_glass(
+        lambda _: {part: PlantedParameter(0.0, 0.02, -0.3, 0.3) for part in ("gelcore", "elastomer")},
+        _indices,
+    ),
     "delamination": _of_glass(_gap_parameters, _gap),
     "absorption": _of_glass(_absorption_parameters, _absorption),
-    "core_scatter": _of_glass(_scatter_parameters, _scatter),
+    "core_scatter": _of_glass(lambda _: {"per_mm": PlantedParameter(0.0, 0.01, 0.0, 0.5, "1/mm")}, _scatter),
 }
