@@ -7,6 +7,8 @@ nothing.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from designlab.core import __version__ as __version__
+
 if TYPE_CHECKING:
     from designlab.evaluation.evaluate import Score as Score
     from designlab.measurement.light_probe.ball import LightProbe as LightProbe
@@ -25,8 +27,6 @@ if TYPE_CHECKING:
     from geometries.probes import sphere as sphere
     from geometries.probes import star as star
     from geometries.probes import triangle as triangle
-
-__version__ = "0.1.0"
 
 _HOMES = {
     "Design": "designlab.sensor.design",

@@ -10,6 +10,8 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from designlab.core import __version__
+
 if TYPE_CHECKING:
     import plotly.graph_objects
 
@@ -63,8 +65,6 @@ def page(title: str, sections: Iterable[Section], *, subtitle: str = "") -> Html
     Html
         A complete document: style, pictures and scripts are inside it.
     """
-    from designlab import __version__
-
     body = "".join(
         f"<section><h2>{html.escape(section.title)}</h2>{''.join(section.blocks)}</section>"
         for section in sections

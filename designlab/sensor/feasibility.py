@@ -3,19 +3,17 @@
 import math
 from collections.abc import Sequence
 from itertools import combinations
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from designlab.core.types import Array
 from designlab.sensor.camera import Camera
 from designlab.sensor.led_mounting import face_corners, sides
+from designlab.sensor.parts import Parts
 from designlab.sensor.refraction import apparent_distance_mm, apparent_tangent
 from geometries import elastomer, gelcore
 from geometries.leds import Body, bodies, emitters
-
-if TYPE_CHECKING:
-    from designlab.sensor.design import Design
 
 MINIMUM_WALL_MM = 0.8  # two lines of a 0.4 mm nozzle: the thinnest wall that common printers close reliably
 MINIMUM_GEL_MM = 0.5  # thinner gels tear when they are taken out of the mould
@@ -52,13 +50,13 @@ much of the sensing area it has lost.
 """
 
 
-def margins(design: "Design") -> dict[str, float]:
+def margins(design: Parts) -> dict[str, float]:
     """Signed distance to every rule in `RULES` that applies to the design, in mm; positive means violated."""
     values = _led_margins(design) | _body_margins(design) | _camera_margins(design)
     return {rule: float(values[rule]) for rule in RULES if math.isfinite(values[rule])}
 
 
-def _led_margins(design: "Design") -> dict[str, float]:
+def _led_margins(design: Parts) -> dict[str, float]:
     boxes = [_Convex.box(body) for body in bodies(design.leds)]
     corners = np.concatenate([box.corners for box in boxes])
     radius = np.hypot(corners[:, 0], corners[:, 1])
@@ -125,7 +123,7 @@ def _least_overlap(a: Array, b: Array) -> float:
     return float(np.minimum(a.max(axis=0) - b.min(axis=0), b.max(axis=0) - a.min(axis=0)).min())
 
 
-def _off_their_seat(design: "Design", boxes: Sequence[_Convex]) -> float:
+def _off_their_seat(design: Parts, boxes: Sequence[_Convex]) -> float:
     """How far LEDs are from where their coupling wants them (light in air: no core, no rule)."""
     if design.optics.light_path == "air":
         return -math.inf
@@ -149,7 +147,7 @@ def _off_their_seat(design: "Design", boxes: Sequence[_Convex]) -> float:
     return max(float(apart.max()), overlap)
 
 
-def _core_body(design: "Design") -> _Convex:
+def _core_body(design: Parts) -> _Convex:
     """Gelcore as a convex body, its drafted sides included."""
     core = design.gelcore
     low = gelcore.polygon(core, segments=72)
@@ -169,11 +167,11 @@ def _core_body(design: "Design") -> _Convex:
     return _Convex(np.concatenate(corners), normals, edges / np.linalg.norm(edges, axis=1, keepdims=True))
 
 
-def _gel_body(design: "Design") -> _Convex:
+def _gel_body(design: Parts) -> _Convex:
     return _Convex.prism(elastomer.polygon(design.elastomer, segments=72), design.elastomer.thickness_mm)
 
 
-def _overlap_with_core(design: "Design", boxes: Sequence[_Convex]) -> float:
+def _overlap_with_core(design: Parts, boxes: Sequence[_Convex]) -> float:
     """How deep LEDs reach into the prism of gelcore and elastomer."""
     # A drafted side recedes towards the camera; its lower edge, which is nearest, stands for all of it.
     height_mm = design.elastomer.thickness_mm + design.gelcore.height_mm
@@ -181,7 +179,7 @@ def _overlap_with_core(design: "Design", boxes: Sequence[_Convex]) -> float:
     return max(_overlap(box, core) for box in boxes)
 
 
-def _intrusion_into_view(design: "Design", boxes: Sequence[_Convex]) -> float:
+def _intrusion_into_view(design: Parts, boxes: Sequence[_Convex]) -> float:
     """How far LEDs reach into the sensing area as the camera sees both; mm at the membrane."""
     area, distance_mm = _sensing_area_seen(design)
     position = np.asarray(design.camera.position_mm)
@@ -199,7 +197,7 @@ def _intrusion_into_view(design: "Design", boxes: Sequence[_Convex]) -> float:
     return worst
 
 
-def tangents(design: "Design", points: Array) -> Array:
+def tangents(design: Parts, points: Array) -> Array:
     """Tangents of the directions in which the camera sees points below it, shape (n, 2).
 
     Points beside the core are seen straight, those of embedded LEDs through the window.
@@ -219,7 +217,7 @@ def tangents(design: "Design", points: Array) -> Array:
     return np.asarray(straight)
 
 
-def _sensing_area_seen(design: "Design") -> tuple[Array, float]:
+def _sensing_area_seen(design: Parts) -> tuple[Array, float]:
     """Corners of the sensing area as the camera sees them, counter-clockwise, in mm at its apparent distance.
 
     A camera below the window is lifted just above it here; it breaks `camera_above_core` anyway.
@@ -234,12 +232,12 @@ def _sensing_area_seen(design: "Design") -> tuple[Array, float]:
     return tangents * distance_mm, distance_mm
 
 
-def _window_mm(design: "Design") -> float:
+def _window_mm(design: Parts) -> float:
     """Height of the gelcore's camera side."""
     return design.elastomer.thickness_mm + design.gelcore.height_mm
 
 
-def _body_margins(design: "Design") -> dict[str, float]:
+def _body_margins(design: Parts) -> dict[str, float]:
     core, gel, housing = design.gelcore, design.elastomer, design.housing
     core_polygon = gelcore.polygon(core)
     gel_polygon = elastomer.polygon(gel)
@@ -264,7 +262,7 @@ def _body_margins(design: "Design") -> dict[str, float]:
     }
 
 
-def _thinnest_beside_cavity(design: "Design") -> float:
+def _thinnest_beside_cavity(design: Parts) -> float:
     """How far the core around its hollow is short of the least wall; -inf of a solid one."""
     core, cavity = design.gelcore, design.gelcore.cavity
     if cavity is None:
@@ -304,7 +302,7 @@ def _beyond_picture(camera: Camera, tangents: Array) -> float:
     return float(beyond.max()) / camera.focal_px
 
 
-def _camera_margins(design: "Design") -> dict[str, float]:
+def _camera_margins(design: Parts) -> dict[str, float]:
     camera, housing, core = design.camera, design.housing, design.gelcore
     x_c, y_c, z_c = camera.position_mm
     half_w, half_h = design.sensing_area_mm[0] / 2, design.sensing_area_mm[1] / 2

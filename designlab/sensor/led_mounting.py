@@ -1,15 +1,13 @@
 """Where LEDs sit on or in the gelcore: its side planes, and the way of a bonded LED onto its side."""
 
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from designlab.core.types import Array
+from designlab.sensor.parts import Parts
 from geometries import elastomer, gelcore
 from geometries.leds import Body, Emitter, bodies, emitters
-
-if TYPE_CHECKING:
-    from designlab.sensor.design import Design
 
 Part = TypeVar("Part", Body, Emitter)
 JOINED_MM = (
@@ -62,7 +60,7 @@ def _corners(middle: Array, across: Array, down: Array) -> Array:
     return np.array([middle + i * across + j * down for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
 
 
-def sides(design: "Design") -> Sides:
+def sides(design: Parts) -> Sides:
     """Side planes of the gelcore; a drafted one leans to the axis towards the camera."""
     core = design.gelcore
     outline = gelcore.polygon(core, segments=72)
@@ -76,7 +74,7 @@ def sides(design: "Design") -> Sides:
     )
 
 
-def seated(design: "Design") -> tuple[list[Body], list[Emitter]]:
+def seated(design: Parts) -> tuple[list[Body], list[Emitter]]:
     """Bodies and emitters of the LEDs where light finds them: bonded ones moved onto the core's side.
 
     Glue of the core's index carries light as the core does: a bonded face shines from just inside the side.

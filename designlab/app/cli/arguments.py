@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from designlab import __version__
+from designlab.core import __version__
 
 STORAGE_VARIABLE = "DESIGNLAB_STORAGE"
 """Environment variable with the URL of the database that records of studies lie in."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Self
 
+from designlab.core import __version__
 from designlab.core.types import Array, Mask
 from designlab.measurement import Measurement
 from designlab.measurement.quality.invariants import FrameCheck
@@ -308,8 +309,6 @@ def provenance(
     measurement: Measurement, seen: Observations, model: SensorModel, *, seed: int, samples: int
 ) -> dict[str, Any]:
     """What every report says of how it was made; frames, pictures rendered and seconds come on top."""
-    from designlab import __version__
-
     return {
         "measurement": measurement.name,
         "model": model.digest,

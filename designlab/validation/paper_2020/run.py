@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from designlab.core import __version__
 from designlab.core.progress import THOUSANDTHS, part_of, silent
 from designlab.core.run_folder import claim
 from designlab.core.store import read_json, remove_partial, write_atomic, write_json
@@ -155,8 +156,6 @@ def _written(
     out: Path, size: Size, seed: int, found: dict[str, dict[str, Any]], progress: Progress
 ) -> dict[str, Any]:
     """Write result and pages, anew at every call."""
-    from designlab import __version__
-
     result = {"designlab": __version__, "size": size.name, "seed": seed, "stages": found}
     write_json(out / KEPT, result)
     content = sections(result, out)

@@ -10,8 +10,8 @@ from designlab.validation.synthetic import lens
 from designlab.validation.synthetic.capture_plan import PlannedShot
 from designlab.validation.synthetic.electronics import Converter, flicker, fringes
 from designlab.validation.synthetic.generator_sensor import Rig
+from designlab.validation.synthetic.indenter import Indenter
 from designlab.validation.synthetic.raycast import Caster
-from designlab.validation.synthetic.surface import Indenter
 
 BRIGHT = 0.7  # share of full scale that the bright parts of the untouched gel reach
 FLAT_FIELD = 0.5  # signal of the flat field in the middle of the picture

@@ -8,7 +8,7 @@ import numpy as np
 from designlab.core.types import Array
 from designlab.sensor.design import Design
 from designlab.validation.synthetic.generator_sensor import Rig
-from designlab.validation.synthetic.surface import Indenter
+from designlab.validation.synthetic.indenter import Indenter
 from geometries import elastomer, probes
 from geometries.probes import Probe
 

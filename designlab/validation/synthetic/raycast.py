@@ -10,8 +10,9 @@ from designlab.sensor.camera import Camera, View
 from designlab.validation.synthetic import lens
 from designlab.validation.synthetic.generator_sensor import Rig, TrueLens
 from designlab.validation.synthetic.glass import look
+from designlab.validation.synthetic.indenter import Indenter
 from designlab.validation.synthetic.light import Lighting, Pressed, reflectances
-from designlab.validation.synthetic.surface import HeightField, Indenter, base_z, indented
+from designlab.validation.synthetic.surface import HeightField, base_z, indented
 from geometries import elastomer, probes
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ from scipy.special import j0
 
 from designlab.core.types import Array
 from designlab.validation.synthetic import kernels
+from designlab.validation.synthetic.indenter import Indenter
 from designlab.validation.synthetic.tail import LEAST_MM, outside_mm, reach_mm
 from geometries.elastomer import Elastomer
 from geometries.probes import Probe, profile_mm
@@ -45,21 +46,6 @@ class Box(NamedTuple):
     def contains(self, x: Array, y: Array) -> NDArray[np.bool_]:
         """Which points lie within the box."""
         return (x >= self.left) & (x <= self.right) & (y >= self.bottom) & (y <= self.top)
-
-
-class Indenter(NamedTuple):
-    """What is pressed, how deep and where; yaw counter-clockwise.
-
-    `other` is a probe that the indentation is like to the share `wrong`; `beside` is pressed together.
-    """
-
-    probe: Probe
-    depth_mm: float
-    centre_mm: tuple[float, float]
-    yaw_deg: float = 0.0
-    other: Probe | None = None
-    wrong: float = 0.0
-    beside: "Indenter | None" = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,16 +1,12 @@
 """The tail of a contact is the gel's bulge, which decays with the distance outside the contact."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.typing import NDArray
 
 from designlab.core.types import Array
+from designlab.validation.synthetic.indenter import Indenter
 from geometries.elastomer import Elastomer
 from geometries.probes import Probe
-
-if TYPE_CHECKING:
-    from designlab.validation.synthetic.surface import Indenter
 
 LEAST_MM = 5e-4  # height below which the tail ends
 CORNERS = 3  # of a triangle
@@ -21,7 +17,7 @@ def reach_mm(tail_share: float, tail_mm: float, depth_mm: float) -> float:
     return tail_mm * max(float(np.log(max(tail_share * depth_mm, 1e-12) / LEAST_MM)), 0.0)
 
 
-def outside_mm(elastomer: Elastomer, indenter: "Indenter", contact: Array, x: Array, y: Array) -> Array:
+def outside_mm(elastomer: Elastomer, indenter: Indenter, contact: Array, x: Array, y: Array) -> Array:
     """Distance of points from a contact, in the plane z = 0, zero within it.
 
     On a flat gel a ball touches within a circle and a triangle within its own outline, of which the distance

@@ -28,7 +28,8 @@ from designlab.validation.synthetic.capture import CaptureSession
 from designlab.validation.synthetic.coat import Coat
 from designlab.validation.synthetic.electronics import Converter, flicker
 from designlab.validation.synthetic.generator_sensor import Rig, Sensor, TrueLens, cells
-from designlab.validation.synthetic.surface import HeightField, Indenter
+from designlab.validation.synthetic.indenter import Indenter
+from designlab.validation.synthetic.surface import HeightField
 from geometries import probes
 from geometries.elastomer import Elastomer
 

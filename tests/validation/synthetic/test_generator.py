@@ -29,7 +29,8 @@ from designlab.validation.synthetic import (
 )
 from designlab.validation.synthetic.effects import colour
 from designlab.validation.synthetic.generator_sensor import Cells, Rig, cells
-from designlab.validation.synthetic.surface import HeightField, Indenter
+from designlab.validation.synthetic.indenter import Indenter
+from designlab.validation.synthetic.surface import HeightField
 from geometries import probes
 from geometries.elastomer import Elastomer
 

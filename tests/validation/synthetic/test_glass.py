@@ -15,10 +15,11 @@ from designlab.validation.synthetic.boundaries import gap_transmission, reflecta
 from designlab.validation.synthetic.generator_sensor import Rig
 from designlab.validation.synthetic.glass import Disc, look
 from designlab.validation.synthetic.immersed import ImmersedLighting
+from designlab.validation.synthetic.indenter import Indenter
 from designlab.validation.synthetic.light import Lighting
 from designlab.validation.synthetic.meshes import JOINED_MM, joining_mm
 from designlab.validation.synthetic.raycast import Caster, pixel_rays
-from designlab.validation.synthetic.surface import Indenter, indented
+from designlab.validation.synthetic.surface import indented
 from designlab.validation.synthetic.tracing import Tracer
 from geometries import probes
 

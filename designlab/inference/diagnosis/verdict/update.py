@@ -5,6 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from designlab.core import __version__
 from designlab.inference.diagnosis.likelihood.empirical_errors import unlisted_sd
 from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter
 from designlab.inference.diagnosis.result import GapReport, Value
@@ -42,8 +43,6 @@ def updated(
     seed, samples : int
         Of its renders.
     """
-    from designlab import __version__
-
     given = model = fitter.bank.model
     if not best.state.values:
         return given
