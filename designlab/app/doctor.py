@@ -1,7 +1,6 @@
 """The machine check reports what this machine offers designlab, what is missing, and how to get it."""
 
 import contextlib
-import importlib.metadata
 import os
 import platform
 import subprocess
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from designlab.core import backend, llvm
+from designlab.core.backend import installed_version
 
 PACKAGES = (
     "mitsuba",
@@ -161,14 +161,6 @@ def _chosen_backend() -> tuple[backend.Backend | None, str | None]:
         return backend.choose(), None
     except ValueError as error:
         return None, str(error)
-
-
-def installed_version(distribution: str) -> str | None:
-    """Return the installed version of a distribution, if any."""
-    try:
-        return importlib.metadata.version(distribution)
-    except importlib.metadata.PackageNotFoundError:
-        return None
 
 
 def _offscreen_problem() -> str | None:

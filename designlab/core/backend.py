@@ -312,3 +312,11 @@ def _remember(record: Path, text: str) -> None:
     """Write a record whole or not at all; without a writable cache the next start proves again."""
     with contextlib.suppress(OSError):
         store.write_atomic(record, text)
+
+
+def installed_version(distribution: str) -> str | None:
+    """Return the installed version of a distribution, if any."""
+    try:
+        return importlib.metadata.version(distribution)
+    except importlib.metadata.PackageNotFoundError:
+        return None

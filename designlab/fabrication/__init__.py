@@ -4,11 +4,13 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
-from importlib.metadata import PackageNotFoundError, version
-from itertools import combinations, pairwise
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from designlab.core.backend import installed_version
 from designlab.core.progress import silent
 from designlab.core.store import atomic_folder
 from designlab.core.types import Progress
@@ -41,9 +43,11 @@ from geometries.probes import Probe
 
 if TYPE_CHECKING:
     import cadquery
-    import trimesh
 
 __all__ = ["FileCheck", "export", "led_colour", "parts"]
+
+PROGRAMS = ("designlab", "cadquery", "cadquery-ocp", "trimesh", "pymeshlab")
+"""Distributions that make the files, whose versions the manifest states."""
 
 PART_COLOURS: dict[str, tuple[float, float, float, float]] = {
     "gelcore": (0.75, 0.87, 0.95, 0.4),
@@ -158,7 +162,7 @@ def _write(
         "format": 1,
         "design": design.name,
         "digest": design.digest,
-        "versions": _versions(),
+        "versions": {package: installed_version(package) for package in PROGRAMS},
         "parts": described,
         "bom": bill(design, shapes),
         "led_count": len(bodies(design.leds)),
@@ -199,7 +203,7 @@ def _write_part(
     cadquery.exporters.export(cadquery.Workplane(shape), str(step))
     optical = name in ("gelcore", "elastomer") or name.startswith(("mould", "probe"))
     mesh, report = printable(shape, bound_mm=OPTICAL_THINNING_MM if optical else THINNING_MM)
-    _write_stl(mesh, stl)
+    mesh.export(stl, file_type="stl")
     checks = [*check_step(name, step, shape), *check_mesh(name, stl, shape)]
     if report["hausdorff_mm"] > 0:
         distance, bound = report["hausdorff_mm"], report["hausdorff_bound_mm"]
@@ -224,13 +228,9 @@ def _write_mesh_probe(folder: Path, probe: Probe) -> tuple[dict[str, Any], list[
     """Write a user's mesh, scaled and placed, as STL, and compare the file with it."""
     name, mesh = probe_name(probe), probe_library.mesh(probe)
     path = _path(folder, "stl", f"{name}.stl")
-    _write_stl(mesh, path)
+    mesh.export(path, file_type="stl")
     checks = mesh_checks(name, path.name, read(path), volume_mm3=float(mesh.volume))
     return {"volume_mm3": float(mesh.volume), "size_mm": mesh.extents.tolist(), "source": probe.file}, checks
-
-
-def _write_stl(mesh: "trimesh.Trimesh", path: Path) -> None:
-    mesh.export(path, file_type="stl")
 
 
 def _write_assembly(design: Design, folder: Path, shapes: Mapping[str, "cadquery.Shape"]) -> list[FileCheck]:
@@ -269,13 +269,9 @@ def led_colour(wavelength_nm: float) -> tuple[float, float, float]:
         (620.0, (1.0, 0.12, 0.08)),
         (780.0, (0.55, 0.0, 0.0)),
     )
-    wavelength_nm = min(max(wavelength_nm, stops[0][0]), stops[-1][0])
-    for (low, below), (high, above) in pairwise(stops):
-        if wavelength_nm <= high:
-            share = (wavelength_nm - low) / (high - low)
-            r, g, b = (start + share * (end - start) for start, end in zip(below, above, strict=True))
-            return r, g, b
-    return stops[-1][1]
+    wavelengths, colours = zip(*stops, strict=True)
+    r, g, b = (float(np.interp(wavelength_nm, wavelengths, part)) for part in zip(*colours, strict=True))
+    return r, g, b
 
 
 def _printed(design: Design, name: str) -> bool:
@@ -292,14 +288,3 @@ def _path(folder: Path, kind: str, name: str) -> Path:
 
 def _write_json(content: Any, path: Path) -> None:
     path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-
-
-def _versions() -> dict[str, str | None]:
-    """Versions of the programs that made the files; None for what is not installed."""
-    found: dict[str, str | None] = {}
-    for package in ("designlab", "cadquery", "cadquery-ocp", "trimesh", "pymeshlab"):
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = None
-    return found

@@ -94,15 +94,9 @@ def overlap_mm3(first: "cadquery.Shape", second: "cadquery.Shape") -> float:
     """Volume (mm3) that two shapes share, solid by solid."""
     total = 0.0
     for a in first.Solids():
-        box_a = a.BoundingBox()
+        box = a.BoundingBox()
         for b in second.Solids():
-            box_b = b.BoundingBox()
-            apart = (
-                (getattr(one, f"{axis}min") > getattr(other, f"{axis}max"))
-                for one, other in ((box_a, box_b), (box_b, box_a))
-                for axis in "xyz"
-            )
-            if not any(apart):
+            if not box.wrapped.IsOut(b.BoundingBox().wrapped):
                 total += sum(solid.Volume() for solid in a.intersect(b).Solids())
     return total
 

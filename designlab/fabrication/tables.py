@@ -3,6 +3,7 @@
 import csv
 import math
 import textwrap
+import tomllib
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -24,28 +25,10 @@ class Stock(NamedTuple):
     source: str
 
 
-CLEAR_STOCK: dict[str, Stock] = {
-    "silicone": Stock(
-        "clear silicone gel", 1.03, "SYLGARD 184 data sheet, cured; clear gels lie between 0.97 and 1.04"
-    ),
-    "acrylic": Stock("acrylic (PMMA), optical grade", 1.19, "optical PMMA data sheets, 1.17 to 1.19"),
-    "resin-2020": Stock("clear SLA resin, cured", 1.15, "mid of 1.10 to 1.20 in makers' data sheets"),
-    "resin-clear": Stock("clear SLA resin, cured", 1.15, "mid of 1.10 to 1.20 in makers' data sheets"),
-    "epoxy": Stock("clear casting epoxy", 1.15, "assumption: as other cured unfilled resins, 1.1 to 1.2"),
-    "glass": Stock("N-BK7 glass", 2.51, "SCHOTT N-BK7 data sheet"),
-    "air": Stock("nothing (air)", 0.0, "the part is left out"),
-}
-PRINTED = Stock(
-    "black PLA, or black SLA resin", 1.24, "PLA filament data sheets, solid print; SLA resin is about 1.15"
-)
-SMOOTH = Stock("SLA resin, or machined acrylic, polished", 1.15, "mid of 1.10 to 1.20 in makers' data sheets")
-
-COUPLING_NOTES = {
-    "bonded": "- bonding: join each emitting face to the gelcore's side with clear glue of the core's index, "
-    "without bubbles; an air gap would bend all light to within the critical angle.\n",
-    "embedded": "- embedding: the LEDs are cast into the gelcore. Its files show the cavities they fill; "
-    "hold them in the mould by leds.csv, and lead the wires out through a side or the window's rim.\n",
-}
+_STOCK = tomllib.loads(files(__package__).joinpath("stock.toml").read_text(encoding="utf-8"))
+CLEAR_STOCK = {name: Stock(**entry) for name, entry in _STOCK["clear"].items()}
+"""What clear parts are made of, by the name of their optical material."""
+PRINTED, SMOOTH = Stock(**_STOCK["printed"]), Stock(**_STOCK["smooth"])
 
 CASTING_SURPLUS = 1.3
 """Gel to mix over the gel's volume: overflow, cup and nozzle keep some."""
@@ -164,7 +147,7 @@ def readme(design: Design, manifest: Mapping[str, Any]) -> str:
         finish=design.gelcore.side_finish,
         gel_ml=gel["volume_ml"],
         mix_g=CASTING_SURPLUS * gel["mass_g"],
-        coupling=COUPLING_NOTES.get(design.leds.coupling, ""),
+        coupling=_STOCK["coupling"].get(design.leds.coupling, ""),
         warnings="\n".join(f"- {warning}" for warning in manifest["warnings"] or ["none"]),
     )
     lines = [design.name, *textwrap.wrap(design.description, 100), f"design digest {design.digest}", ""]

@@ -1,6 +1,7 @@
 """Triangle meshes for the printer: repaired, thinned with a known error, and written as STL and 3MF."""
 
 import zipfile
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
@@ -24,19 +25,8 @@ _KEPT_SHARES = (0.1, 0.2, 0.4, 0.7)
 _SMALLEST_TO_THIN = 1000
 _SAMPLES = 20_000
 _NAMESPACE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
-_CONTENT_TYPES = (
-    '<?xml version="1.0" encoding="UTF-8"?>\n'
-    '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
-    '<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
-    '<Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/>'
-    "</Types>"
-)
-_RELATIONSHIPS = (
-    '<?xml version="1.0" encoding="UTF-8"?>\n'
-    '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
-    '<Relationship Target="/3D/3dmodel.model" Id="rel0" '
-    'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>'
-)
+_PARTS = {"[Content_Types].xml": "content_types.xml", "_rels/.rels": "relationships.xml"}
+"""Parts of every 3MF package, and the files beside this module that hold them."""
 
 
 def printable(shape: "cadquery.Shape", *, bound_mm: float) -> tuple["trimesh.Trimesh", dict[str, Any]]:
@@ -108,12 +98,9 @@ def write_3mf(mesh: "trimesh.Trimesh", path: Path, *, name: str) -> None:
         f"<triangles>{triangles}</triangles></mesh></object></resources>"
         '<build><item objectid="1"/></build></model>'
     )
+    texts = {part: files(__package__).joinpath(file).read_text("utf-8") for part, file in _PARTS.items()}
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as package:
-        for entry, text in (
-            ("[Content_Types].xml", _CONTENT_TYPES),
-            ("_rels/.rels", _RELATIONSHIPS),
-            ("3D/3dmodel.model", model),
-        ):
+        for entry, text in (texts | {"3D/3dmodel.model": model}).items():
             # A fixed date keeps equal parts equal, byte for byte.
             package.writestr(zipfile.ZipInfo(entry), text, compress_type=zipfile.ZIP_DEFLATED)
 
