@@ -200,6 +200,7 @@ def solid(array: LedArray) -> "cadquery.Workplane":
 
 def _faces(array: LedArray) -> Iterator[tuple[int, Vector, Vector, Vector, Vector]]:
     """Yield group index, centre of the front face (mm), normal, across and down of every LED."""
+    c, s = cos(radians(array.tilt_deg)), sin(radians(array.tilt_deg))
     for index, group in enumerate(array.groups):
         for azimuth_deg in group.azimuth_deg:
             for place in range(group.count):
@@ -209,15 +210,9 @@ def _faces(array: LedArray) -> Iterator[tuple[int, Vector, Vector, Vector, Vecto
                     azimuth += along_mm / array.radius_mm
                     along_mm = 0.0
                 radial, across = (cos(azimuth), sin(azimuth), 0.0), (-sin(azimuth), cos(azimuth), 0.0)
-                normal, down = _tilted(radial, tilt_deg=array.tilt_deg)
+                normal, down = (-c * radial[0], -c * radial[1], -s), (s * radial[0], s * radial[1], -c)
                 face = (array.radius_mm * radial[0], array.radius_mm * radial[1], array.height_mm)
                 yield index, _shifted(face, across, along_mm), normal, across, down
-
-
-def _tilted(radial: Vector, *, tilt_deg: float) -> tuple[Vector, Vector]:
-    """Return normal and down of a face at azimuth `radial` that looks at the axis, tilted to the membrane."""
-    c, s = cos(radians(tilt_deg)), sin(radians(tilt_deg))
-    return (-c * radial[0], -c * radial[1], -s), (s * radial[0], s * radial[1], -c)
 
 
 def _shifted(point: Vector, direction: Vector, distance_mm: float) -> Vector:

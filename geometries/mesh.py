@@ -59,19 +59,13 @@ def from_solid(
         if not value > 0:
             raise ValueError(f"{name}: must be positive, is {value:g}")
     shapes: Any = solid.vals() if hasattr(solid, "vals") else [solid]
-    parts = []
+    meshes = []
     for shape in shapes:
         # A copy carries no triangulation; OpenCASCADE would keep an older, finer one.
         points, triangles = shape.copy().tessellate(tolerance_mm, np.deg2rad(angular_tolerance_deg))
-        parts.append(_merged(np.array([p.toTuple() for p in points]), np.array(triangles)))
-    offsets = np.cumsum([0, *(len(points) for points, _ in parts)])
-    mesh = trimesh.Trimesh(
-        vertices=np.concatenate([points for points, _ in parts]),
-        faces=np.concatenate(
-            [triangles + offset for (_, triangles), offset in zip(parts, offsets, strict=False)]
-        ),
-        process=False,
-    )
+        vertices, faces = _merged(np.array([p.toTuple() for p in points]), np.array(triangles))
+        meshes.append(trimesh.Trimesh(vertices, faces, process=False))
+    mesh = trimesh.util.concatenate(meshes)
     if not (mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0):
         raise ValueError(
             f"solid: does not give a closed mesh with outward normals at tolerance_mm {tolerance_mm:g} "

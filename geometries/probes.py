@@ -46,6 +46,9 @@ DOT_SHARE = 0.6
 WAVE_AMPLITUDE = 1 / 8
 """Amplitude (half the height from trough to crest) of the wave as a share of its wavelength."""
 
+MESH_TEXT = re.compile(rf"(.+(?:{'|'.join(map(re.escape, MESH_SUFFIXES))}))(?::([^:]*))?", re.IGNORECASE)
+"""Form of a probe given as a mesh: its file and, after a colon, its size."""
+
 REACH: dict[ProbeKind, float] = {
     "sphere": 1 / 2,
     "triangle": 3**-0.5,
@@ -118,9 +121,7 @@ def parse(text: str) -> Probe:
     ValueError
         If the kind is unknown, the size is no number or out of bounds, or the mesh file is not usable.
     """
-    suffixes = "|".join(re.escape(suffix) for suffix in MESH_SUFFIXES)
-    match = re.fullmatch(rf"(.+(?:{suffixes}))(?::([^:]*))?", text.strip(), re.IGNORECASE)
-    if match:
+    if match := MESH_TEXT.fullmatch(text.strip()):
         return from_file(match[1], size_mm=None if match[2] is None else _size_mm(match[2], text))
     name, colon, size = text.strip().partition(":")
     library = {kind: kind for kind in SIZES if kind != "mesh"}

@@ -17,7 +17,6 @@ from designlab.sensor.camera import View
 from designlab.sensor.design import Design, DesignError, explain, load, loads, preset_names
 from designlab.simulation.contact.press import Press
 from geometries import probes
-from geometries.mesh import MESH_SUFFIXES
 from geometries.spec import Spec, quantity
 
 FILE_NAME = "measurement.toml"
@@ -334,8 +333,7 @@ def alike(frames: Iterable[MeasuredFrame], *, but: Sequence[str] = ()) -> list[l
 
 def mesh_file(probe: str) -> str | None:
     """File of a probe given as mesh, without its size."""
-    suffixes = "|".join(re.escape(suffix) for suffix in MESH_SUFFIXES)
-    match = re.fullmatch(rf"(.+(?:{suffixes}))(?::[^:]*)?", probe.strip(), re.IGNORECASE)
+    match = probes.MESH_TEXT.fullmatch(probe.strip())
     return match[1] if match else None
 
 
