@@ -4,7 +4,7 @@ import warnings
 from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +65,7 @@ def from_solid(
         points, triangles = shape.copy().tessellate(tolerance_mm, np.deg2rad(angular_tolerance_deg))
         vertices, faces = _merged(np.array([p.toTuple() for p in points]), np.array(triangles))
         meshes.append(trimesh.Trimesh(vertices, faces, process=False))
-    mesh = trimesh.util.concatenate(meshes)
+    mesh = cast("trimesh.Trimesh", trimesh.util.concatenate(meshes))
     if not (mesh.is_watertight and mesh.is_winding_consistent and mesh.volume > 0):
         raise ValueError(
             f"solid: does not give a closed mesh with outward normals at tolerance_mm {tolerance_mm:g} "

@@ -21,6 +21,7 @@ from geometries.spec import Spec, quantity
 
 FILE_NAME = "measurement.toml"
 SPLITS = ("train", "select", "final")
+FULL_SCALE = 0.999  # values above are saturated
 SAME_PLACE_MM = 0.25  # presses nearer than this share most of their light field, so they share a split
 SAME_PLACE_PX = 5.0
 
@@ -320,6 +321,13 @@ class Measurement(Spec):
         where = FILE_NAME if self.folder is None else self.folder / FILE_NAME
         number = self.frames.index(frame) + 1
         return MeasurementError(f"{where}: frame {number} ({frame.file}): field {rule}{got}")
+
+
+def dark_level(measurement: Measurement, frame: MeasuredFrame) -> NDArray[np.float64] | None:
+    """Mean of each channel over the dark frames of a frame's crop; None where there are none."""
+    darks = [f for f in measurement.frames if not f.lit and f.crop_px == frame.crop_px]
+    levels = [measurement.linear(f).mean(axis=(0, 1), dtype=float) for f in darks]
+    return np.asarray(np.mean(levels, axis=0)) if levels else None
 
 
 def alike(frames: Iterable[MeasuredFrame], *, but: Sequence[str] = ()) -> list[list[MeasuredFrame]]:

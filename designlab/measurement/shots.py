@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from designlab.core.types import Array, Mask
-from designlab.measurement.frames import MeasuredFrame, Measurement, MeasurementError, alike
+from designlab.measurement.frames import FULL_SCALE, MeasuredFrame, Measurement, MeasurementError, alike
 from designlab.measurement.light import ball_of
 from designlab.measurement.light_probe.ball import LightProbe
 from designlab.measurement.quality.sizes import check_leds
@@ -24,7 +24,6 @@ ROUND = ("sphere", "cone")  # probes of revolution look the same at every yaw
 PROBE_COLUMNS = 160  # of a light probe
 BURIED = 0.02  # of the stated variance of dark values: less is no noise but a cut
 APART_PX = 4
-FULL_SCALE = 0.999  # signals above are saturated
 LEFT_OUT = {
     "flat_field": "a flat_field frame shows lens and camera alone, not the sensor's light",
     "light_probe": "a light_probe frame shows the light without the gel: it is for calibrate",
@@ -159,7 +158,8 @@ def observe(
         if same[0].kind == "light_probe":
             use = "light_probe"
         shot = _shot(measurement, same, design, use, black, noise, columns, notes)
-        shots.append(_lifted(shot, black) if apart else shot)
+        # The black level is put back under the signal where all light is wanted.
+        shots.append(replace(shot, signal=shot.signal + black) if apart else shot)
     notes += _saturated(shots)
     return Observations(tuple(shots), black, source, repeats, has_dark, tuple(dict.fromkeys(notes)))
 
@@ -172,11 +172,6 @@ def _saturated(shots: list[Shot]) -> list[str]:
     worst = max(shares, key=lambda file: shares[file])
     others = f", less of {len(shares) - 1} other frames" if len(shares) > 1 else ""
     return [f"{worst}: {shares[worst]:.1%} of the values are saturated and left out{others}"]
-
-
-def _lifted(shot: Shot, black: Array) -> Shot:
-    """Put the black level back under a signal."""
-    return replace(shot, signal=shot.signal + black)
 
 
 def _usable(
@@ -198,7 +193,7 @@ def _usable(
     if measurement.image(frame).shape[-1] != 3:
         notes.append(f"{frame.file}: left out, it has no three colour channels")
         return False
-    if frame.crop_px is None and design is not None:
+    if frame.crop_px is None:
         notes.append("frames without crop_px are taken to show the whole sensor")
     if frame.kind == "press":
         try:

@@ -45,11 +45,8 @@ def calibrate(args: Namespace) -> Result:
         write_atomic(folder / DESIGN, found.model.dumps())
         write_json(folder / RESULT, data)
         write_figure(residual_plot(found), folder / PICTURE)
-    data["files"] = {
-        "design": str(out / DESIGN),
-        "result": str(out / RESULT),
-        "picture": str(out / PICTURE),
-    }
+    files = {"design": DESIGN, "result": RESULT, "picture": PICTURE}
+    data["files"] = {what: str(out / name) for what, name in files.items()}
     return Result(data, f"{_summary(found)}\ndesign: {out / DESIGN}\nresidual: {out / PICTURE}")
 
 

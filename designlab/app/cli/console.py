@@ -11,7 +11,6 @@ import traceback
 from collections.abc import Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NamedTuple
 
 from designlab.app.cli.arguments import UsageError, parse
@@ -82,10 +81,10 @@ def _run(arguments: list[str], as_json: bool) -> int:
         else:
             status, reason = _judge(error)
     else:
-        _say(_encoded(result.data) if as_json else result.text)
+        print(_encoded(result.data) if as_json else result.text, flush=True)
         return result.status
     if as_json:
-        _say(_encoded({"error": reason, "exit_status": status}))
+        print(_encoded({"error": reason, "exit_status": status}), flush=True)
     return _complain(reason, status)
 
 
@@ -135,14 +134,8 @@ def _raised_in(error: Exception) -> str:
             return ".".join(Path(files[-1]).with_suffix("").relative_to(_ROOT).parts)
     if files:
         return Path(files[-1]).stem
-    return _innermost(error.__traceback__)
-
-
-def _innermost(trace: TracebackType | None) -> str:
-    """Name of the module of the last frame of a traceback."""
-    while trace is not None and trace.tb_next is not None:
-        trace = trace.tb_next
-    return str(trace.tb_frame.f_globals.get("__name__", "?")) if trace is not None else "?"
+    frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
+    return str(frames[-1].f_globals.get("__name__", "?")) if frames else "?"
 
 
 def _of_system(error: OSError) -> str:
@@ -163,10 +156,6 @@ def _complain(reason: str, status: int = FAILED) -> int:
     with contextlib.suppress(OSError):
         print(f"designlab: {reason}", file=sys.stderr, flush=True)
     return status
-
-
-def _say(text: str) -> None:
-    print(text, flush=True)
 
 
 def _encoded(data: dict[str, Any]) -> str:

@@ -227,10 +227,8 @@ def compare(args: Namespace) -> Result:
     """Compare two images, or a model with a measurement."""
     real = Path(args.real)
     measured = real.is_dir() or real.name == "measurement.toml"
-    skipped: list[dict[str, str]] = []
     if measured:
         data = _compare_model(args)
-        skipped = data["skipped"]
     else:
         from designlab.inference.compare import compare_files
 
@@ -241,7 +239,7 @@ def compare(args: Namespace) -> Result:
     lines = [table(("figure", "all", *channels), rows)]
     if measured:
         lines.insert(0, f"compared: {', '.join(frame['file'] for frame in data['frames'])}")
-    lines += [f"skipped {entry['file']}: {entry['reason']}" for entry in skipped]
+    lines += [f"skipped {entry['file']}: {entry['reason']}" for entry in data.get("skipped", ())]
     lines += [f"pictures in {args.out}"] if args.out and measured else []
     return Result(data, "\n".join(lines))
 

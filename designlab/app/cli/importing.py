@@ -69,15 +69,8 @@ def _items(args: Namespace) -> tuple[list["Item"], dict[str, Any] | None]:
     if args.sources and args.kind is None:
         raise ValueError("--kind: required, what the pictures show")
     leds = None if args.leds is None else tuple(name.strip() for name in args.leds.split(",") if name.strip())
-    known = {
-        "kind": args.kind,
-        "leds": leds,
-        "exposure": args.exposure,
-        "probe": args.probe,
-        "depth_mm": args.depth_mm,
-        "centre_mm": args.at,
-        "yaw_deg": args.yaw_deg,
-    }
+    known = {name: getattr(args, name) for name in SHOWN if name not in ("leds", "at")}
+    known |= {"leds": leds, "centre_mm": args.at}
     made = items(listed(args.sources), **{name: value for name, value in known.items() if value is not None})
     return [*made, *darks], None
 

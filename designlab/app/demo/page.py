@@ -1,6 +1,7 @@
 """The page that a demo ends with."""
 
 from collections.abc import Mapping
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,7 @@ def index_page(out: Path, design: Design, seed: int, found: Mapping[str, Mapping
     scores = [{"score": label(name, e["unit"]), **e} for name, e in score["scores"].items()]
     start: dict[str, Any] = {"trial": None, "pick": "the design as it is"}
     for path in ("leds.height_mm", "leds.tilt_deg"):
-        start[path] = _value(design, path)
+        start[path] = attrgetter(path)(design)
     for name in ("uniformity_u0", "normal_error_median_deg"):
         start |= {name: score["scores"][name]["value"], f"{name}_se": score["scores"][name]["se"]}
     chosen = [
@@ -108,14 +109,6 @@ def _examples(folder: Path) -> dict[Path, str]:
         "press-03-star.png": "A press the calibration has not seen: picture, normals, height, and the truth",
     }
     return {folder / name: text for name, text in captions.items() if (folder / name).is_file()}
-
-
-def _value(design: Design, path: str) -> Any:
-    """Look up a field by its dotted path."""
-    value: Any = design
-    for name in path.split("."):
-        value = getattr(value, name)
-    return value
 
 
 def _hidden(gap: Mapping[str, Any]) -> tuple[Any, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from designlab.core.images import ImageError
 from designlab.core.types import Array, Mask
-from designlab.measurement.frames import MeasurementError
+from designlab.measurement.frames import FULL_SCALE, MeasurementError
 from designlab.measurement.importing.camera_files import (
     PATTERNS,
     CameraFile,
@@ -23,8 +23,6 @@ from designlab.measurement.importing.ladder import (
     read_table,
 )
 from designlab.sensor.response_curve import Response
-
-FULL_SCALE = 0.999  # of full scale, above which a value is saturated
 
 
 @dataclass(frozen=True, eq=False)

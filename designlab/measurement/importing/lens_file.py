@@ -96,26 +96,18 @@ def lens_fields(
             half_angle = float(np.arctan2(right[0], forward[0]))
         else:
             half_angle = float(np.arctan(half))
-        changes = {
-            "camera.lens": "fisheye" if fish else "pinhole",
-            "camera.horizontal_fov_deg": float(np.degrees(2 * half_angle)),
-            "camera.principal_point_px": centre,
-            **{f"camera.distortion.{name}": distortion.get(name, 0.0) for name in Distortion.model_fields},
+        fields = {
+            "lens": "fisheye" if fish else "pinhole",
+            "horizontal_fov_deg": float(np.degrees(2 * half_angle)),
+            "principal_point_px": centre,
         }
-        Camera.model_validate(
-            {
-                **camera.model_dump(),
-                "lens": changes["camera.lens"],
-                "horizontal_fov_deg": changes["camera.horizontal_fov_deg"],
-                "principal_point_px": centre,
-                "distortion": distortion,
-            }
-        )
+        Camera.model_validate({**camera.model_dump(), **fields, "distortion": distortion})
     except ValidationError as error:
         raise LensError(f"{path}: is no lens a design can have: {explain(error)}") from None
     except ValueError as error:
         raise LensError(f"{path}: is no lens a design can have: {error}") from None
-    return changes, tuple(notes)
+    coefficients = {f"distortion.{name}": distortion.get(name, 0.0) for name in Distortion.model_fields}
+    return {f"camera.{name}": value for name, value in (fields | coefficients).items()}, tuple(notes)
 
 
 def read_calibration(path: str | Path) -> LensCalibration:
@@ -129,17 +121,7 @@ def read_calibration(path: str | Path) -> LensCalibration:
     path = Path(path)
     try:
         entries = dict(_entries(path))
-    except LensError:
-        raise
-    except (
-        OSError,
-        EOFError,
-        ValueError,
-        KeyError,
-        AttributeError,
-        ElementTree.ParseError,
-        UnicodeDecodeError,
-    ) as error:
+    except (OSError, EOFError, ValueError, KeyError, AttributeError, ElementTree.ParseError) as error:
         raise LensError(f"{path}: cannot be read as a calibration: {error}") from None
     matrix = _one(entries, MATRIX_NAMES)
     distortion = _one(entries, DISTORTION_NAMES)

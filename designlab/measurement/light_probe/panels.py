@@ -6,6 +6,7 @@ the path of light.
 
 import json
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,13 +105,8 @@ def _panel(
     towards = towards / distance[..., None]
     to_corner = corners - at_corner
     to_corner = to_corner / np.linalg.norm(to_corner, axis=-1, keepdims=True)
-    a, b, c, d = to_corner[:-1, :-1], to_corner[1:, :-1], to_corner[1:, 1:], to_corner[:-1, 1:]
-    whole = (
-        corner_mirrored[:-1, :-1]
-        & corner_mirrored[1:, :-1]
-        & corner_mirrored[1:, 1:]
-        & corner_mirrored[:-1, 1:]
-    )
+    a, b, c, d = _around_cells(to_corner)
+    whole = np.all(_around_cells(corner_mirrored), axis=0)
     cells = np.where(whole, _triangle_sr(a, b, c) + _triangle_sr(a, c, d), 0.0)
     facing = -(towards @ np.array(face.normal))
     seen = np.maximum(facing, 0.0) * face.area_mm2 / PARTS**2 / distance**2
@@ -148,6 +144,11 @@ def _points(face: Emitter, steps: Array) -> Array:
         for half, axis in ((face.half_width_mm, face.across), (face.half_height_mm, face.down))
     )
     return np.asarray(np.asarray(face.centre_mm) + across[:, None] + down[None])
+
+
+def _around_cells(corners: NDArray[Any]) -> tuple[NDArray[Any], ...]:
+    """Values at the four corners of every cell of a grid, in order around the cell."""
+    return corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:]
 
 
 def mirror_points(points: Array, eye: Array, probe: LightProbe) -> tuple[Array, NDArray[np.bool_]]:

@@ -7,12 +7,11 @@ import numpy as np
 
 from designlab.core.images import narrowed
 from designlab.core.types import Array
-from designlab.measurement.frames import MeasuredFrame, Measurement, alike
+from designlab.measurement.frames import FULL_SCALE, MeasuredFrame, Measurement, alike, dark_level
 from designlab.measurement.quality.suspicion import Suspicion
 from designlab.sensor.design import Design
 from designlab.sensor.response_curve import Response
 
-FULL_SCALE = 0.999  # values above are saturated
 FEW_SATURATED = 0.005  # of the values of a picture that is compared
 COLUMNS = 16  # to which pictures are averaged before sums are compared: light is smooth
 LEAST_MISFIT = 0.05  # of the mean signal: less is explained by lamps that heat up, stray light, noise
@@ -201,15 +200,11 @@ def _ladders(measurement: Measurement) -> list[_Comparison]:
 def _term(measurement: Measurement, frame: MeasuredFrame, weight: float) -> _Term:
     """Picture of a frame averaged to few columns, and the level without light."""
     image = np.asarray(measurement.linear(frame), dtype=float)
-    darks = [f for f in measurement.frames if not f.lit and f.crop_px == frame.crop_px]
-    dark = None
-    if darks:
-        dark = np.mean([measurement.linear(f).mean(axis=(0, 1), dtype=float) for f in darks], axis=0)
     values = narrowed(image, COLUMNS)
     # Neighbours differ by noise; what the scene adds to that only makes the comparison more lenient.
     noise = (np.diff(image, axis=1) ** 2).mean(axis=(0, 1)) / 2
     averaged = image.size / values.size
-    return _Term(values, dark, noise / averaged, weight)
+    return _Term(values, dark_level(measurement, frame), noise / averaged, weight)
 
 
 def _unsaturated(measurement: Measurement, frame: MeasuredFrame) -> bool:

@@ -3,14 +3,13 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.measurement.frames import Measurement
+from designlab.measurement.frames import FULL_SCALE, Measurement
 from designlab.measurement.quality.additivity import added_light
 from designlab.measurement.quality.damage import damage
 from designlab.measurement.quality.sizes import check_size
 from designlab.measurement.quality.suspicion import Suspicion
 from designlab.sensor.design import Design
 
-FULL_SCALE = 0.999  # values above are saturated
 BEYOND_SCALE = 1.01  # what only files of floating-point numbers hold
 MOST_SATURATED = 0.05  # of the pixels of a channel, above which a frame is refused
 PLATEAU_SHARE = 0.01  # of the pixels at the one highest value of a channel that is cut below full scale
@@ -37,13 +36,8 @@ def check(measurement: Measurement, design: Design | None = None) -> tuple[Suspi
     design = design or measurement.design()
     for frame in measurement.frames:
         check_size(measurement, frame, design)
-    damaged = damage(measurement)
-    return (
-        *_poses(measurement),
-        *damaged,
-        *_saturation(measurement),
-        *added_light(measurement, design),
-    )
+    light = added_light(measurement, design)
+    return (*_poses(measurement), *damage(measurement), *_saturation(measurement), *light)
 
 
 def _poses(measurement: Measurement) -> list[Suspicion]:

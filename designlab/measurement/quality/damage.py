@@ -6,10 +6,9 @@ import numpy as np
 
 from designlab.core.images import narrowed
 from designlab.core.types import Array, Mask
-from designlab.measurement.frames import MeasuredFrame, Measurement, alike
+from designlab.measurement.frames import FULL_SCALE, MeasuredFrame, Measurement, alike
 from designlab.measurement.quality.suspicion import Suspicion
 
-FULL_SCALE = 0.999  # values above are saturated
 MOST_DEAD = 0.05  # of the rows of a picture that hold one value
 COLUMNS = 16  # to which repeats are averaged before they are compared
 MOST_UNLIKE = 0.1  # rms difference of a repeat from the others once their levels agree, over their mean

@@ -7,9 +7,9 @@ import numpy as np
 
 from designlab.core.images import narrowed
 from designlab.core.types import Array
-from designlab.measurement.frames import MeasuredFrame, Measurement
+from designlab.measurement.frames import FULL_SCALE, MeasuredFrame, Measurement, dark_level
 from designlab.measurement.quality.additivity import LEAST_MISFIT, added_light_misfits
-from designlab.measurement.quality.damage import FULL_SCALE, repeated
+from designlab.measurement.quality.damage import repeated
 from designlab.sensor.design import Design
 from designlab.simulation.optics.viewing_rays import rays
 
@@ -216,10 +216,8 @@ def _plain(measurement: Measurement) -> Sequence[MeasuredFrame]:
 def _small(measurement: Measurement, frame: MeasuredFrame) -> Array:
     """Linear picture at few columns, without the level of dark frames."""
     image = np.asarray(measurement.linear(frame), dtype=float)
-    darks = [f for f in measurement.frames if not f.lit and f.crop_px == frame.crop_px]
-    if darks:
-        image = image - np.mean([measurement.linear(f).mean(axis=(0, 1), dtype=float) for f in darks], axis=0)
-    return narrowed(image, COLUMNS)
+    dark = dark_level(measurement, frame)
+    return narrowed(image if dark is None else image - dark, COLUMNS)
 
 
 def _shapes(measurement: Measurement, frames: Sequence[MeasuredFrame]) -> Array:

@@ -11,7 +11,7 @@ from designlab.inference.diagnosis.likelihood.usable_frames import end_at_zero
 from designlab.inference.diagnosis.result import Found, GapReport
 from designlab.inference.diagnosis.verdict.odd_presses import odd_presses
 from designlab.measurement import Measurement, MeasurementError, check, refuse
-from designlab.measurement.quality.damage import FULL_SCALE
+from designlab.measurement.frames import FULL_SCALE
 from designlab.measurement.quality.invariants import FrameCheck, invariants
 from designlab.measurement.quality.suspicion import Suspicion
 from designlab.measurement.shots import LEFT_OUT, Observations, Shot
