@@ -66,9 +66,9 @@ class AngularProfile(Spec):
         if len(given) + table > 1 or (given and self.ies is not None):
             raise ValueError("give one of exponent, beam_deg, a table (polar_deg, intensity) and ies")
         if table:
-            _require_angles("polar_deg", self.polar_deg, (0.0, 90.0))
+            _require_angles("polar_deg", self.polar_deg, highest=90.0)
             if self.azimuth_deg:
-                _require_angles("azimuth_deg", self.azimuth_deg, (0.0, 360.0))
+                _require_angles("azimuth_deg", self.azimuth_deg, highest=360.0)
                 if self.azimuth_deg[-1] not in SYMMETRIES_DEG:
                     raise ValueError(
                         f"azimuth_deg: must end at 90, 180 or 360 deg, ends at {self.azimuth_deg[-1]:g} deg"
@@ -150,13 +150,12 @@ class AngularProfile(Spec):
         return np.asarray(shape / self.flux)
 
 
-def _require_angles(name: str, angles: tuple[float, ...], bounds: tuple[float, float]) -> None:
-    low, high = bounds
+def _require_angles(name: str, angles: tuple[float, ...], *, highest: float) -> None:
     if len(angles) < 2:
         raise ValueError(f"{name}: needs at least two angles, has {len(angles)}")
-    if angles[0] != low or angles[-1] > high:
+    if angles[0] != 0.0 or angles[-1] > highest:
         raise ValueError(
-            f"{name}: must run from {low:g} to at most {high:g} deg, runs {angles[0]:g} to {angles[-1]:g} deg"
+            f"{name}: must run from 0 to at most {highest:g} deg, runs {angles[0]:g} to {angles[-1]:g} deg"
         )
     for before, after in pairwise(angles):
         if after <= before:

@@ -312,10 +312,8 @@ def solid(probe: Probe) -> "cadquery.Workplane":
     if probe.kind == "mesh":
         raise ValueError(f"kind: a mesh probe ({probe.file}) has no CAD solid, use its mesh")
     size, back = probe.size_mm, -max(MIN_SHANK_MM, probe.size_mm)
-    if probe.kind == "sphere":
-        return _turned(size / 2, back - size / 2, round_tip=True)
-    if probe.kind == "cone":
-        return _turned(size / 2, back - size / 2, round_tip=False)
+    if probe.kind in ("sphere", "cone"):
+        return _turned(size / 2, back - size / 2, round_tip=probe.kind == "sphere")
     if probe.kind == "triangle":
         return _prismatic(regular_polygon(corners=3, radius_mm=size / np.sqrt(3), azimuth_deg=90.0), back)
     if probe.kind == "star":

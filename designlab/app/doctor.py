@@ -125,7 +125,7 @@ def render_text(report: dict[str, Any]) -> str:
         Several lines without a trailing newline.
     """
     chosen = report["backend"]
-    memory = report["memory_gib"]
+    memory, cache = report["memory_gib"], report["cache"]
     rows = [
         ("designlab", report["designlab"] or "not installed, used from its source folder"),
         ("python", f"{report['python']['version']} ({report['python']['executable']})"),
@@ -139,10 +139,7 @@ def render_text(report: dict[str, Any]) -> str:
         ("cores", str(report["threads"])),
         ("memory", f"{memory:.1f} GiB" if memory is not None else "unknown"),
         ("3D pictures", "work" if report["offscreen"]["works"] else "do not work"),
-        (
-            "cache",
-            f"{report['cache']['folder']}" + ("" if report["cache"]["writable"] else " (not writable)"),
-        ),
+        ("cache", cache["folder"] + ("" if cache["writable"] else " (not writable)")),
         ("packages", ", ".join(f"{name} {version or '-'}" for name, version in report["packages"].items())),
     ]
     lines = [f"{name:<12} {text}" for name, text in rows]

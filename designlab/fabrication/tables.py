@@ -80,17 +80,8 @@ def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[st
         rows.append(_row(name, 1, stock.material, volume, volume * stock.density_g_ml, note))
     gel = next(row for row in rows if row["item"] == "elastomer")
     gel["note"] += f"; mix {CASTING_SURPLUS * gel['mass_g']:.2g} g"
-    membrane_mm2 = _membrane_area_mm2(shapes["elastomer"])
-    rows.append(
-        _row(
-            "membrane",
-            1,
-            f"reflective coating, {membrane_mm2:.0f} mm2",
-            None,
-            None,
-            "see optics.membrane_albedo",
-        )
-    )
+    coating = f"reflective coating, {_membrane_area_mm2(shapes['elastomer']):.0f} mm2"
+    rows.append(_row("membrane", 1, coating, None, None, "see optics.membrane_albedo"))
     leds = design.leds
     board = f"{leds.body_width_mm:g} x {leds.body_height_mm:g} x {leds.body_thickness_mm:g} mm"
     for group in leds.groups:

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from designlab.core.images import write_image
 from designlab.core.store import atomic_folder, read_toml
 from designlab.measurement.frames import FILE_NAME, MeasuredFrame, Measurement, MeasurementError, mesh_file
-from designlab.measurement.quality.sizes import check_size, size
+from designlab.measurement.quality.sizes import check_leds, check_size, size
 from designlab.sensor.design import explain, preset_names
 
 
@@ -152,7 +152,6 @@ def _check(measurement: Measurement) -> None:
         if mesh is not None and not measurement.path(mesh).is_file():
             raise measurement.error(frame, "probe: no such mesh file", mesh)
         check_size(measurement, frame, design)
-        if design is not None and frame.leds is not None and not set(frame.leds) <= set(design.group_names):
-            rule = f"leds: groups of {measurement.sensor} are {', '.join(design.group_names)}"
-            raise measurement.error(frame, rule, list(frame.leds))
+        if design is not None:
+            check_leds(measurement, frame, design, of=measurement.sensor)
     measurement.split()

@@ -10,8 +10,11 @@ from designlab.core.progress import bar
 from designlab.core.run_folder import require_writable
 
 if TYPE_CHECKING:
+    from designlab.evaluation.evaluate import Score
     from designlab.simulation.contact.press import Press
+    from designlab.simulation.effects.model import SensorModel
 
+PAGE = "report.html"
 GRAINY = 0.05  # noise of a square millimetre above which pictures are worth a warning
 
 
@@ -66,16 +69,14 @@ def parts(args: Namespace) -> Result:
 
 def evaluate(args: Namespace) -> Result:
     """Score a design, or two against each other."""
-    from designlab.report.evaluation_folder import evaluate as score_of
     from designlab.simulation.effects.model import load_model
 
     if args.compare != (args.other is not None):
         raise ValueError("--compare: takes two designs: designlab evaluate DESIGN OTHER --compare")
     if args.compare:
         return _against(args)
-    design = load_model(args.design)
-    with bar() as progress, source_named(args.design):
-        score = score_of(design, fidelity=args.fidelity, seed=args.seed, out=args.out, progress=progress)
+    out = None if args.out is None else Path(args.out)
+    score = _scored(args, load_model(args.design), args.design, out)
     data: dict[str, Any] = score.to_json()
     text = [
         f"{score.design}, fidelity {score.fidelity}, seed {score.seed}, {sum(score.seconds.values()):.0f} s",
@@ -87,13 +88,10 @@ def evaluate(args: Namespace) -> Result:
     if args.profile:
         text.append(str(score.light))
         text.append(table(("part", "seconds"), [(part, f"{s:.1f}") for part, s in score.seconds.items()]))
-    if args.out is not None:
-        from designlab.report.evaluation import evaluation_report
-
-        report = evaluation_report(data, Path(args.out) / "report.html")
-        pictures = sorted(path.name for path in Path(args.out).glob("*.png"))
-        data |= {"out": args.out, "pictures": pictures, "report": str(report)}
-        text.append(f"report: {report}")
+    if out is not None:
+        pictures = sorted(path.name for path in out.glob("*.png"))
+        data |= {"out": args.out, "pictures": pictures, "report": str(out / PAGE)}
+        text.append(f"report: {out / PAGE}")
     else:
         text.append(
             f"{len(score.scores)} scores with --json, maps and all of them as a page with --out FOLDER"
@@ -104,20 +102,14 @@ def evaluate(args: Namespace) -> Result:
 def _against(args: Namespace) -> Result:
     """Score two designs with the same presses and random numbers, and tell where they differ."""
     from designlab.evaluation.paired_comparison import differences
-    from designlab.report.evaluation_folder import evaluate as score_of
     from designlab.report.page import rounded
     from designlab.report.yardsticks import YARDSTICKS, row
     from designlab.simulation.effects.model import load_model
 
     sources = {"first": args.design, "second": args.other}
     models = {place: load_model(source) for place, source in sources.items()}
-    scores = {}
-    for place, source in sources.items():
-        out = None if args.out is None else Path(args.out) / place
-        with bar() as progress, source_named(source):
-            scores[place] = score_of(
-                models[place], fidelity=args.fidelity, seed=args.seed, out=out, progress=progress
-            )
+    folders = {place: None if args.out is None else Path(args.out) / place for place in sources}
+    scores = {place: _scored(args, models[place], sources[place], folders[place]) for place in sources}
     found = differences(scores["first"], scores["second"])
     rows = []
     for name, difference in found.items():
@@ -140,14 +132,21 @@ def _against(args: Namespace) -> Result:
         table(("score", "DESIGN", "OTHER", "OTHER - DESIGN", "verdict"), rows),
         "chance alone makes one in twenty of the scores that do not differ look different",
         *(f"warning: {place}: {w}" for place, score in scores.items() for w in score.warnings),
+        *(f"report: {folder / PAGE}" for folder in folders.values() if folder is not None),
     ]
-    if args.out is not None:
-        from designlab.report.evaluation import evaluation_report
-
-        for place, score in scores.items():
-            report = evaluation_report(score.to_json(), Path(args.out) / place / "report.html")
-            text.append(f"report: {report}")
     return Result(data, "\n".join(text))
+
+
+def _scored(args: Namespace, model: "SensorModel", source: str, out: Path | None) -> "Score":
+    """Score a design, and write the page about it where there is a folder for it."""
+    from designlab.report.evaluation import evaluation_report
+    from designlab.report.evaluation_folder import evaluate as score_of
+
+    with bar() as progress, source_named(source):
+        score = score_of(model, fidelity=args.fidelity, seed=args.seed, out=out, progress=progress)
+    if out is not None:
+        evaluation_report(score.to_json(), out / PAGE)
+    return score
 
 
 def _verdict(score: dict[str, Any]) -> list[str]:

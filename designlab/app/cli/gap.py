@@ -38,7 +38,7 @@ def plant(args: Namespace) -> Result:
         name: values or draw(name, Rig.of(design), strength=args.strength, seed=args.seed)
         for name, values in wanted
     }
-    outside = [_outside(text) for text in args.outside]
+    outside = dict(_outside(text) for text in args.outside)
     with bar("frame") as progress:
         folder = generate(
             design,
@@ -49,7 +49,7 @@ def plant(args: Namespace) -> Result:
             kit_seed=args.kit_seed,
             columns=args.columns,
             flat_field=args.flat_field,
-            outside=dict(outside),
+            outside=outside,
             progress=progress,
         )
     data = {"measurement": str(folder), "answer": str(answer_path(folder)), "seal": str(seal_path(folder))}
@@ -225,11 +225,7 @@ def _rates(found: dict[str, Any]) -> list[str]:
         "left out of the catalogue, ambiguous or another named": found["left_out"]["named_or_ambiguous"],
         "intervals that hold the truth": single["intervals_hold"],
     }
-    lines = [
-        f"{what}: {r['share']:.0%} of {r['sets']} ({r['low']:.0%} to {r['high']:.0%})"
-        for what, r in said.items()
-        if r is not None
-    ]
+    lines = [f"{what}: {_share(of)}" for what, of in said.items() if of is not None]
     medians = {
         "gap removed on presses used for nothing else": "gap_removed_median",
         "the same by a wrong effect of that size": "control_removed_median",
@@ -246,6 +242,10 @@ def _rates(found: dict[str, Any]) -> list[str]:
             f"confidence of {found['confidence']['names']} names off by {found['confidence']['error']:.2f}"
         )
     return lines
+
+
+def _share(of: dict[str, Any]) -> str:
+    return f"{of['share']:.0%} of {of['sets']} ({of['low']:.0%} to {of['high']:.0%})"
 
 
 def _limits(limits: dict[str, Any]) -> str:
@@ -318,14 +318,11 @@ def _further(trials: "list[Trial]", folder: Path, crew: "Crew") -> Result:
         for row in found["rows"]
     ]
     lines = [table(("set", "hidden", "told apart no further", "with the frames asked for", "names"), rows)]
-    r = found["resolved"]
-    if r is None:
+    if found["resolved"] is None:
         lines.append(f"none of {len(trials)} sets is ambiguous")
     else:
-        lines.append(
-            f"ambiguous sets of which the right name alone is left: {r['share']:.0%} of {r['sets']} "
-            f"({r['low']:.0%} to {r['high']:.0%})"
-        )
+        left = _share(found["resolved"])
+        lines.append(f"ambiguous sets of which the right name alone is left: {left}")
     return Result(found, "\n".join(lines))
 
 

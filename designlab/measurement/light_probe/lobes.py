@@ -184,11 +184,8 @@ class _Part:
         """Share of each pixel that exceeds the level, linear in between: contours run through pixels."""
         rows, columns = self.radiance.shape
         steps = (np.arange(SPLIT) + 0.5) / SPLIT - 0.5
-        places = np.meshgrid(
-            (np.arange(rows)[:, None] + steps).ravel(),
-            (np.arange(columns)[:, None] + steps).ravel(),
-            indexing="ij",
-        )
+        finer = [(np.arange(pixels)[:, None] + steps).ravel() for pixels in (rows, columns)]
+        places = np.meshgrid(*finer, indexing="ij")
         above = map_coordinates(self.radiance, places, order=1, mode="nearest") > level
         share = above.reshape(rows, SPLIT, columns, SPLIT).mean(axis=(1, 3))
         return np.asarray(share * (binary_dilation(self.inside) & self.own & self.found.on_ball[self.near]))

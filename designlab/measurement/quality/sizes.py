@@ -4,8 +4,8 @@ from designlab.measurement.frames import MeasuredFrame, Measurement
 from designlab.sensor.design import Design
 
 
-def check_leds(measurement: Measurement, frame: MeasuredFrame, design: Design) -> None:
-    """Check that the LED groups that were on are those of a design.
+def check_leds(measurement: Measurement, frame: MeasuredFrame, design: Design, of: str = "the model") -> None:
+    """Check that the LED groups that were on are those of a design, which errors call as `of` says.
 
     Raises
     ------
@@ -13,7 +13,7 @@ def check_leds(measurement: Measurement, frame: MeasuredFrame, design: Design) -
         Naming file, frame, field, rule and value.
     """
     if frame.leds is not None and not set(frame.leds) <= set(design.group_names):
-        rule = f"leds: groups of the model are {', '.join(design.group_names)}"
+        rule = f"leds: groups of {of} are {', '.join(design.group_names)}"
         raise measurement.error(frame, rule, list(frame.leds))
 
 
