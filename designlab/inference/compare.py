@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from designlab.core import metrics
 from designlab.core.images import ImageError, read_image
 from designlab.core.progress import silent
-from designlab.core.types import Progress
+from designlab.core.types import Progress, Single
 from designlab.measurement import MeasuredFrame, Measurement, MeasurementError
 from designlab.measurement.quality.sizes import check_leds, check_size
 from designlab.sensor.camera import View
@@ -19,7 +19,6 @@ from designlab.sensor.design import Design
 from designlab.simulation.directional_light import DirectionalLight
 from designlab.simulation.effects.model import SensorModel
 
-Pixels = NDArray[np.float32]
 Predict = Callable[[MeasuredFrame, View], NDArray[np.floating]]
 
 FIGURES = ("mse", "snr_db", "smape", "ssim", "structure_corr", "structure_snr_db")
@@ -30,8 +29,8 @@ class Pair:
     """One measured frame, what the model predicts for it, and how alike they are (see `metrics.compare`)."""
 
     file: str
-    simulated: Pixels
-    real: Pixels
+    simulated: Single
+    real: Single
     figures: dict[str, Any]
 
 

@@ -1,12 +1,17 @@
-"""What a calibration needs of a model of pictures, and the one that simulates light."""
+"""A model of one sensor's pictures is a sum of components, each with a factor for every channel.
+
+A component is the picture of one LED group at unit flux, say. `Rendered` simulates light; what a calibration
+asks of it, `directional.Directional` answers as well.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from pydantic import BaseModel
 
+from designlab.core.memory import remembered
 from designlab.core.types import Array
 from designlab.measurement.light_probe.ball import LightProbe
 from designlab.measurement.light_probe.picture import light_probe
@@ -31,66 +36,6 @@ Touched = Press | LightProbe | None
 
 How = Literal["usual", "rough", "fine"]
 """As usual; less exactly, which is good enough for derivatives; on a mesh of half the pitch."""
-
-
-class Imaging(Protocol):
-    """A model of one sensor's pictures: a sum of components, each with a factor for every channel.
-
-    A component is the picture of one LED group at unit flux, say.
-    """
-
-    @property
-    def design(self) -> Design:
-        """The sensor: its camera, its LED groups."""
-
-    @property
-    def model(self) -> BaseModel:
-        """Whose numbers can be freed, by their dotted paths."""
-
-    @property
-    def kind(self) -> str:
-        """What model it is, in a few words."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the components."""
-
-    @property
-    def unit(self) -> str:
-        """Unit of the factors."""
-
-    @property
-    def step_share(self) -> float:
-        """Steps of finite differences over those that suit pictures with random errors."""
-
-    def lit(self, shot: Shot) -> Array:
-        """Relative exposure of every component in a shot, (components,)."""
-
-    def usual(self, shots: Sequence[Shot]) -> tuple[str, ...]:
-        """Return paths of the numbers that are free where nothing else is said."""
-
-    def sees(self, path: str, shot: Shot) -> bool:
-        """Whether a shot can depend on a number of the model."""
-
-    def alone(self, path: str) -> int | None:
-        """Return the only component that depends on a number of the model; None where several do."""
-
-    def basis(
-        self, changes: Mapping[str, float], touched: Touched, view: View, *, seed: int, how: How = "usual"
-    ) -> Array:
-        """Return pictures of the components, (components, rows, columns), after changes of the model."""
-
-    def at(self, changes: Mapping[str, float]) -> "Imaging":
-        """Return the model with changed numbers."""
-
-    def factors(self) -> Array:
-        """Return factors of the model as given, (3, components)."""
-
-    def level(self) -> Array:
-        """Return signal of the channels without light, (3,)."""
-
-    def finished(self, changes: Mapping[str, float], factors: Array, level: Array, source: str) -> Any:
-        """Return the calibrated model, with the name of the measurement it was found in."""
 
 
 @dataclass(frozen=True)
@@ -119,37 +64,46 @@ class Rendered:
 
     kind = "rendered"
     unit = "mm2 sr"  # of one over radiance at unit flux
-    step_share = 1.0  # light transport draws random numbers
+    step_share = 1.0  # steps of finite differences over those that suit pictures with random errors
 
     @property
     def model(self) -> BaseModel:
-        """The design."""
+        """Whose numbers can be freed, by their dotted paths: the design."""
         return self.design
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the LED groups."""
+        """Names of the components: the LED groups."""
         return self.design.group_names
 
     def lit(self, shot: Shot) -> Array:
-        """Exposure of the groups that are on."""
+        """Relative exposure of every component in a shot, (components,): of the groups that are on."""
         return shot.lit
 
     def usual(self, shots: Sequence[Shot]) -> tuple[str, ...]:
-        """Kernel and field of view; with a light probe, which tells light from reflectance, that too."""
+        """Return paths of the numbers that are free where nothing else is said.
+
+        Kernel and field of view; with a light probe, which tells light from reflectance, that too.
+        """
         found = (KERNEL, SCALE) if any(shot.press is not None for shot in shots) else ()
         albedo = self.design.optics.membrane_albedo
         probed = any(shot.ball is not None for shot in shots) and len(albedo) == len(self.names)
         return (*found, *(f"{ALBEDO}.{group}" for group in range(len(albedo)) if probed))
 
     def sees(self, path: str, shot: Shot) -> bool:
-        """Light probes see no gel; an untouched gel does not know how it smooths an indentation."""
+        """Whether a shot can depend on a number of the model.
+
+        Light probes see no gel; an untouched gel does not know how it smooths an indentation.
+        """
         if shot.ball is not None:
             return not path.startswith(("contact.", "elastomer.", "optics.membrane", "optics.coating"))
         return shot.press is not None or not path.startswith("contact.")
 
     def alone(self, path: str) -> int | None:
-        """Group whose reflectance or LEDs the path names."""
+        """Return the only component that depends on a number; None where several do.
+
+        It is the group whose reflectance or LEDs the path names.
+        """
         parts = path.split(".")
         groups = len(self.names)
         own = parts[:2] == ["optics", "membrane_albedo"] and len(self.design.optics.membrane_albedo) == groups
@@ -158,8 +112,9 @@ class Rendered:
     def basis(
         self, changes: Mapping[str, float], touched: Touched, view: View, *, seed: int, how: How = "usual"
     ) -> Array:
-        """Simulate; where reflectances are free, from pictures at two of them.
+        """Return pictures of the components, (components, rows, columns), after changes of the model.
 
+        Where reflectances are free, they are made from pictures at two of them.
         Light that reaches the camera after n reflections by the membrane goes with the n-th power of its
         reflectance, so a picture over reflectance is a constant plus little that is almost linear in it. A
         line through two keeps the fit free of the noise that tracing the light anew for each would bring.
@@ -185,32 +140,28 @@ class Rendered:
     def _picture(
         self, changes: Mapping[str, float], touched: Touched, view: View, seed: int, how: How
     ) -> Array:
-        key = (tuple(sorted(changes.items())), touched, view, seed, how == "fine")
-        if key not in self.known:
-            if len(self.known) >= MOST_KNOWN:
-                self.known.pop(next(iter(self.known)))
-            self.known[key] = self._simulated(changes, touched, view, seed, fine=how == "fine")
-        return self.known[key]
+        def simulated() -> Array:
+            design = self.design.replace(changes)
+            if isinstance(touched, LightProbe):
+                seen = light_probe(design, touched, view=view, samples=self.probe_samples, seed=seed)
+                return seen.basis.astype(float)
+            simulator = Simulator(design, view=view, samples=self.samples, seed=seed)
+            if how == "fine":
+                simulator.pitch_mm /= 2
+            return simulator.frame(touched).basis.astype(float)
 
-    def _simulated(
-        self, changes: Mapping[str, float], touched: Touched, view: View, seed: int, *, fine: bool
-    ) -> Array:
-        design = self.design.replace(changes)
-        if isinstance(touched, LightProbe):
-            seen = light_probe(design, touched, view=view, samples=self.probe_samples, seed=seed)
-            return seen.basis.astype(float)
-        simulator = Simulator(design, view=view, samples=self.samples, seed=seed)
-        if fine:
-            finer_mm = simulator.pitch_mm / 2
-            simulator = Simulator(design, view=view, samples=self.samples, seed=seed, pitch_mm=finer_mm)
-        return simulator.frame(touched).basis.astype(float)
+        key = (tuple(sorted(changes.items())), touched, view, seed, how == "fine")
+        return remembered(self.known, key, simulated, most=MOST_KNOWN)
 
     def at(self, changes: Mapping[str, float]) -> "Rendered":
-        """Return the changed design."""
+        """Return the model with changed numbers."""
         return Rendered(self.design.replace(changes), self.samples, self.probe_samples, self.beyond)
 
     def factors(self) -> Array:
-        """Return exposure x mixing x flux; without a stated exposure that which the camera would choose."""
+        """Return factors of the model as given, (3, components): exposure x mixing x flux.
+
+        Without a stated exposure that holds which the camera would choose.
+        """
         exposure = self.design.camera.exposure
         transfer = self.design.mixing_matrix * [group.flux_mw for group in self.design.leds.groups]
         if exposure is None:
@@ -219,14 +170,15 @@ class Rendered:
         return np.asarray(transfer * exposure)
 
     def level(self) -> Array:
-        """Return black level of the camera and what channels have beyond it."""
+        """Return signal of the channels without light, (3,): the black level and what they have beyond it."""
         return self.beyond + self.design.camera.black_level
 
     def finished(
         self, changes: Mapping[str, float], factors: Array, level: Array, source: str
     ) -> SensorModel:
-        """Put products into fields: exposure stays as given, else total flux; columns of mixing reach 1.
+        """Return the calibrated model, with the name of the measurement it was found in.
 
+        Products are put into fields: exposure stays as given, else total flux; columns of mixing reach 1.
         The camera has one black level, the mean; what channels have beyond it is the effect ``black_level``.
         """
         design = self.design.replace(changes)

@@ -7,8 +7,9 @@ import numpy as np
 
 from designlab.core.progress import silent
 from designlab.core.types import Array, Progress
+from designlab.inference.calibration.directional import Directional
 from designlab.inference.calibration.fields import SharedField
-from designlab.inference.calibration.imaging import How, Imaging, Touched
+from designlab.inference.calibration.imaging import How, Rendered, Touched
 from designlab.inference.calibration.linear import normal_equations, predicted, transfer_and_floor
 from designlab.measurement.shots import Shot
 from designlab.simulation.contact.press import Press
@@ -17,6 +18,9 @@ MODEL_ERROR = 0.01  # of a channel's mean signal in a shot: what the simulation 
 LEAST_DEPTH_MM = 0.01
 BRIGHT = 99.0  # percentile
 BLOCK_PX = 8  # within which errors may go together
+
+Imaging = Rendered | Directional
+"""A model of pictures that can be calibrated."""
 
 
 @dataclass(frozen=True, eq=False)

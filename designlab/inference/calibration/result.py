@@ -9,6 +9,8 @@ from designlab.core.types import Array
 from designlab.simulation.directional_light import DirectionalLight
 from designlab.simulation.effects.model import SensorModel
 
+FRAME_KEYS = ("file", "use", "held_out", "pose", "before", "after")  # of a frame, in plain data
+
 
 @dataclass(frozen=True)
 class FittedParameter:
@@ -96,17 +98,7 @@ class Calibration:
             "products": [vars(parameter) for parameter in self.products],
             "transfer": self.transfer.tolist(),
             "floor": self.floor.tolist(),
-            "frames": [
-                {
-                    "file": frame.file,
-                    "use": frame.use,
-                    "held_out": frame.held_out,
-                    "pose": None if frame.pose is None else dict(frame.pose),
-                    "before": dict(frame.before),
-                    "after": dict(frame.after),
-                }
-                for frame in self.frames
-            ],
+            "frames": [{name: getattr(frame, name) for name in FRAME_KEYS} for frame in self.frames],
             "notes": list(self.notes),
             "model_digest": self.model.digest,
             "provenance": dict(self.provenance),

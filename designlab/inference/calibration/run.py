@@ -11,8 +11,8 @@ from designlab.core.progress import silent
 from designlab.core.types import Array, Progress
 from designlab.inference.calibration.directional import Directional
 from designlab.inference.calibration.fields import WITHIN, shared_fields
-from designlab.inference.calibration.imaging import ALBEDO, SCALE, Imaging, Rendered
-from designlab.inference.calibration.problem import MODEL_ERROR, CalibrationState, Problem
+from designlab.inference.calibration.imaging import ALBEDO, SCALE, Rendered
+from designlab.inference.calibration.problem import MODEL_ERROR, CalibrationState, Imaging, Problem
 from designlab.inference.calibration.result import Calibration, FittedParameter, FrameResult
 from designlab.inference.calibration.solve import Layout, covariance, fit
 from designlab.inference.calibration.suspicions import suspicious
@@ -98,12 +98,15 @@ def calibrate(
     balls = seen.of("light_probe")
     state = _reflecting(problem, _placed(problem, problem.start(), balls), fitted)
     problem.hold(balls)
-    coarse = problem
     if columns // 2 >= LEAST_COLUMNS:
         shots = observe(measurement, design, columns=columns // 2, light_probes=probes).shots
         coarse = Problem(imaging, shots, fields, seed=seed, progress=progress)
         coarse.hold(balls)
-    state = _started(coarse, state, fitted, fit_coarsely=coarse is not problem)
+        state = _scaled(coarse, state, fitted)
+        coarse.begin("fitting coarsely", len(fitted) * (1 + COARSE_STEPS * _moves(coarse)))
+        state, _ = fit(coarse, state, fitted, steps=COARSE_STEPS, rough=True)
+    else:
+        state = _scaled(problem, state, fitted)
     state, bases = _fitted(problem, state, fitted)
     layout = Layout(problem, fitted, held_out=False)
     spread, simulated = covariance(problem, layout, state, bases)
@@ -133,17 +136,6 @@ def calibrate(
             "noise": seen.noise_source,
         },
     )
-
-
-def _started(
-    problem: Problem, state: CalibrationState, fitted: Sequence[int], *, fit_coarsely: bool
-) -> CalibrationState:
-    """Find where a fit starts: at the best scale of the picture and, on coarse pictures, by a first fit."""
-    state = _scaled(problem, state, fitted)
-    if fit_coarsely:
-        problem.begin("fitting coarsely", len(fitted) * (1 + COARSE_STEPS * _moves(problem)))
-        state, _ = fit(problem, state, fitted, steps=COARSE_STEPS, rough=True)
-    return state
 
 
 def _fitted(

@@ -165,10 +165,9 @@ def linearise(
     parts = {}
     for number, basis in bases.items():
         shot, sigma, lit = problem.shots[number], problem.sigmas[number], problem.lits[number]
-        places, columns = [], []
-        for place, slope in slopes[number].items():
-            places.append(place)
-            columns.append((predicted(state.transfer, np.zeros(3), lit, slope) / sigma)[shot.valid])
+        places, dark = [*slopes[number]], np.zeros(3)
+        changes = (predicted(state.transfer, dark, lit, slope) for slope in slopes[number].values())
+        columns = [(change / sigma)[shot.valid] for change in changes]
         for channel in range(3 if layout.linear else 0):
             for column in range(layout.groups + 1):
                 light = np.zeros_like(sigma)
@@ -255,10 +254,8 @@ def moved(problem: Problem, layout: Layout, state: CalibrationState, step: Array
     shared = state.shared.copy()
     for place in range(layout.shared):
         field = problem.fields[place]
-        longest = LONGEST * field.step
-        shared[place] = np.clip(
-            shared[place] + np.clip(step[place], -longest, longest), field.low, field.high
-        )
+        change = np.clip(step[place], -LONGEST * field.step, LONGEST * field.step)
+        shared[place] = np.clip(shared[place] + change, field.low, field.high)
     poses = dict(state.poses)
     for number, free in layout.pose.items():
         pose = state.pose(number).copy()

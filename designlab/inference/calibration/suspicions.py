@@ -80,11 +80,6 @@ class CoarseShot:
     variance: Array
     valid: Mask
 
-    @property
-    def square(self) -> bool:
-        """Whether it may be turned by 90 deg."""
-        return bool(self.signal.shape[0] == self.signal.shape[1])
-
     def without(self, fault: Fault, black: Array) -> "CoarseShot":
         """Undo a fault."""
         order, undone = list(fault.order), TURNS[fault.turn].undone
@@ -175,25 +170,26 @@ def _of_all(
     )
     if not _explains(tried[chosen].misfit, declared.misfit):
         chosen = Fault()
+    order: tuple[int, ...] = ORDER
+    mirror = None
     if tried[chosen].misfit <= MOST_MISFIT:
         order = _order(tried[chosen].transfer, transfer)
-        if order != ORDER:
-            # Where the lamps stand symmetrically, a mirrored picture looks like one with swapped channels.
-            mirrors = [
-                fault
-                for fault, fit in tried.items()
-                if fault.turn not in ("", chosen.turn)
-                and fault.curve == chosen.curve
-                and fit.misfit <= ALIKE * tried[chosen].misfit
-                and _distance(fit.transfer, transfer) < NEAR
-            ]
-            mirror = min(mirrors, key=lambda fault: tried[fault].misfit, default=None)
-            if mirror is not None and BETTER * tried[mirror].misfit < tried[chosen].misfit:
-                chosen = mirror
-            else:
-                chosen = chosen._replace(order=order)
-            return _named(chosen, pictures, declared.misfit, tried, response, mirror)
-    return _named(chosen, pictures, declared.misfit, tried, response, None)
+    if order != ORDER:
+        # Where the lamps stand symmetrically, a mirrored picture looks like one with swapped channels.
+        mirrors = [
+            fault
+            for fault, fit in tried.items()
+            if fault.turn not in ("", chosen.turn)
+            and fault.curve == chosen.curve
+            and fit.misfit <= ALIKE * tried[chosen].misfit
+            and _distance(fit.transfer, transfer) < NEAR
+        ]
+        mirror = min(mirrors, key=lambda fault: tried[fault].misfit, default=None)
+        if mirror is not None and BETTER * tried[mirror].misfit < tried[chosen].misfit:
+            chosen = mirror
+        else:
+            chosen = chosen._replace(order=order)
+    return _named(chosen, pictures, declared.misfit, tried, response, mirror)
 
 
 def _of_single(pictures: Sequence[CoarseShot], black: Array, response: str) -> tuple[Suspicion, ...]:
@@ -220,7 +216,8 @@ def _explains(misfit: float, declared: float) -> bool:
 
 def _shared(pictures: Sequence[CoarseShot], response: str) -> Iterator[Fault]:
     """Faults to try: what turns and curves there are; the order of channels follows from the fit."""
-    turns = list(TURNS) if all(picture.square for picture in pictures) else list(TURNS)[:4]
+    square = all(picture.signal.shape[0] == picture.signal.shape[1] for picture in pictures)
+    turns = list(TURNS) if square else list(TURNS)[:4]
     for turn, curve in itertools.product(turns, (None, *other_curves(response))):
         yield Fault(turn, curve)
 
@@ -319,11 +316,9 @@ def _named(
         )
     if fault.order != ORDER:
         held = "".join(CHANNELS[fault.order.index(channel)] for channel in ORDER)
-        also = (
-            ""
-            if mirror is None
-            else f"; or they are {TURNS[mirror.turn].text}, which off-centre presses would tell"
-        )
+        also = ""
+        if mirror is not None:
+            also = f"; or they are {TURNS[mirror.turn].text}, which off-centre presses would tell"
         if len(pictures) > 1:
             evidence = (
                 "the fitted light of the LED groups has the model's colours once the channels are reordered, "

@@ -117,7 +117,7 @@ def test_columns_are_the_derivatives_of_what_is_predicted(bank) -> None:
     fitter = Fitter(bank)
     state = State(GAINS, {name: VALUES[name] for name in VALUES}, {1: ERRORS[0]})
     unknowns = fitter.unknowns(state, NAMES, [1])
-    columns = fitter.forward.columns(state, 1, unknowns)
+    _, columns = fitter.forward.linear(state, 1, unknowns)
     for place, unknown in enumerate(unknowns):
         step = np.zeros(len(unknowns))
         step[place] = 1e-2

@@ -77,11 +77,12 @@ def test_a_wavy_gel_is_no_fine_pattern(bank) -> None:
 def test_strength_and_period_of_bands_lie_in_their_intervals(bank) -> None:
     period, amplitude, train = PERIODS[60], 0.015, [0, 1, 2]
     phases = (0.3, 2.0, 4.1)
+    waves = bands(bank.shots[0].view, period)
     shots = [
         replace(
             shot,
             signal=shot.signal
-            * (1 + amplitude * np.tensordot([np.cos(p), np.sin(p)], bands(shot, period), axes=1))[..., None],
+            * (1 + amplitude * np.tensordot([np.cos(p), np.sin(p)], waves, axes=1))[..., None],
         )
         for shot, p in zip(bank.shots, phases, strict=False)
     ]

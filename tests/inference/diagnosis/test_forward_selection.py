@@ -155,15 +155,15 @@ def test_all_that_may_win_have_pictures_of_one_quality(bank, renders) -> None:
     fitter = seeing(bank, far)
     search, start, now = begun(fitter, renders)
     rendered, combined = (search._attempt(name, start, now) for name in ("contact_kernel", "albedo_field"))
-    given = [(rendered, 0.0), (replace(combined, evidence=rendered.evidence), 0.0)]
+    given = [rendered, replace(combined, evidence=rendered.evidence)]
     found, own, base, judged = search._contended(given, start, now)
     assert base is not start
-    for attempt, _ in found:
+    for attempt in found:
         assert all(attempt.fitter.bank.of(n).exact_at is not None for n in (1, 2, 3)), attempt.name
         less = 0.5 * (base.objective - attempt.fit.objective) - search._occam(attempt.fit, attempt.name)
         less += 0.5 * float((judged.objective - attempt.judged.objective).sum())
         assert attempt.evidence == pytest.approx(less)
-    assert found[1][0].fitter is own
+    assert found[1].fitter is own
     # Where none is far, nothing is rendered.
     same, kept, *_ = search._contended([given[1]], start, now)
     assert same == [given[1]]
@@ -189,10 +189,10 @@ def test_what_no_longer_contends_is_not_rendered_a_second_time(bank, renders, mo
     monkeypatch.setattr(ForwardSelection, "_judged", judged)
     monkeypatch.setattr(ForwardSelection, "_near", near)
     monkeypatch.setattr(ForwardSelection, "_standing", lambda self, base, now: (fitter, base, now))
-    found = search._contended([(attempt, 0.0) for attempt in given.values()], start, now)[0]
+    found = search._contended(list(given.values()), start, now)[0]
     assert judged_anew == ["contact_kernel", "albedo_field", "contact_kernel"]
     assert len(rendered) == len(judged_anew)
-    assert [attempt.evidence for attempt, _ in found] == [240.0, 100.0, 490.0]
+    assert [attempt.evidence for attempt in found] == [240.0, 100.0, 490.0]
 
 
 def test_the_last_fit_is_closer_than_that_of_the_search(bank, renders) -> None:
@@ -444,7 +444,7 @@ def test_what_differs_between_presses_contends_only_beside_what_is_sure(bank) ->
     faint = replace(differing, name="vignetting", evidence=15.0)
 
     def passed(*attempts: JudgedCandidate) -> list[str]:
-        return [a.name for a in search._passed(1, [(a, 0.1) for a in attempts], State(GAINS), fitter)]
+        return [a.name for a in search._passed(1, attempts, State(GAINS), fitter)]
 
     assert passed(differing, faint) == []
     assert search.tried[0].outcome.endswith("not sure")

@@ -33,9 +33,8 @@ class Known:
         self.derivatives[1, 2] = 0.0  # the pose of the first shot
         self.signals = random.standard_normal((2, *SHAPE))
         self.valid = random.random((2, *SHAPE)) > 0.1
-
-    def shot(self, number: int) -> SimpleNamespace:
-        return SimpleNamespace(signal=self.signals[number], valid=self.valid[number])
+        shots = [SimpleNamespace(signal=s, valid=v) for s, v in zip(self.signals, self.valid, strict=True)]
+        self.bank = SimpleNamespace(shots=shots)
 
     def linear(self, state: object, number: int, unknowns: list[Unknown]) -> tuple[np.ndarray, np.ndarray]:
         columns = self.derivatives[number][[UNKNOWNS.index(u) for u in unknowns]]

@@ -5,7 +5,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtr
 
+from designlab.core.memory import remembered
 from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.state import Key, Values, key
 from designlab.sensor.camera import Camera
@@ -60,13 +62,11 @@ class Answers:
         All pictures of a fit have the same curves but for how far these must reach.
         """
         octaves = math.ceil(math.log2(max(brightest, LEAST_BRIGHTEST)) * REACHES)
+        answered, reach = _Effects(self.model, values).on_signal, 2.0 ** (octaves / REACHES)
         place = octaves, key(values, ANSWERING)
-        if place not in self._kept:
-            if len(self._kept) >= CURVES_KEPT:
-                self._kept.clear()
-            reach = 2.0 ** (octaves / REACHES)
-            self._kept[place] = mean_answers(_Effects(self.model, values).on_signal, self.camera, reach)
-        return self._kept[place]
+        return remembered(
+            self._kept, place, lambda: mean_answers(answered, self.camera, reach), most=CURVES_KEPT
+        )
 
 
 @dataclass(frozen=True)
@@ -122,8 +122,6 @@ def mean_answers(answered: Callable[[Array], Array], camera: Camera, brightest: 
 
 def uncut(signal: Array, sigma: Array) -> Array:
     """Derivative of `clipped`: the share of the counts about a signal that are not cut."""
-    from scipy.special import ndtr
-
     share = np.ones(signal.shape)
     for channel in np.flatnonzero(sigma):
         share[..., channel] = ndtr(signal[..., channel] / sigma[channel])
@@ -135,8 +133,6 @@ def clipped(signal: Array, sigma: Array) -> Array:
 
     For Gaussian counts it is s Phi(s / sigma) + sigma phi(s / sigma), which tends to s well above the noise.
     """
-    from scipy.special import ndtr
-
     if not sigma.any():
         return signal
     found = signal.copy()

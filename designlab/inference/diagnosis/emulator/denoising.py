@@ -6,9 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dctn, idctn
 
-from designlab.core.types import Array
-
-Single = NDArray[np.float32]
+from designlab.core.types import Array, Single
 
 BANDS = 24  # of frequency, in which powers are averaged
 LEAST_LIGHT = 1e-3  # of the brightest: what is darker counts as this
@@ -66,8 +64,8 @@ def fit_denoiser(repeated: Single) -> Denoiser:
     band = bands((shape[0], shape[1]))
     factor, removed = np.empty_like(mean), np.empty_like(repeated)
     for group in range(groups):
-        broad = _broad(mean[group])
         light = np.maximum(mean[group], LEAST_LIGHT * mean[group].max())
+        broad = np.exp(_polynomial(np.log(light), DEGREE))  # light without its structure
         structure = coefficients(light / broad - 1.0)
         spread = coefficients((repeated[:, group] - mean[group]) / broad)
         noise = by_band((spread**2).sum(axis=0)) / (repeats * (repeats - 1))
@@ -78,11 +76,6 @@ def fit_denoiser(repeated: Single) -> Denoiser:
         lost = idctn((1.0 - np.sqrt(kept[band])) * spread, axes=(-2, -1), norm="ortho")
         removed[:, group] = broad / light * lost
     return Denoiser(factor, removed)
-
-
-def _broad(image: Single) -> Array:
-    """Light without its structure: a polynomial in both coordinates through its logarithm."""
-    return np.exp(_polynomial(np.log(np.maximum(image, LEAST_LIGHT * image.max())), DEGREE))
 
 
 def _polynomial(image: NDArray[np.floating], degree: int) -> Array:

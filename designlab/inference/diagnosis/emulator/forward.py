@@ -1,11 +1,13 @@
 """What a state of the model predicts for a shot, and by how much each unknown changes it."""
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.core.types import Array
+from designlab.core.memory import remembered
+from designlab.core.types import Array, Single
 from designlab.inference.diagnosis.emulator.camera_response import ANSWERING, Answers, clipped, uncut
 from designlab.inference.diagnosis.emulator.coordinates import coordinate, value_at
 from designlab.inference.diagnosis.emulator.resampling import TURNING, Warps, turning
@@ -14,19 +16,17 @@ from designlab.inference.diagnosis.emulator.snapshots import (
     SHARPER,
     SIZE_STEP,
     Bank,
-    LightDerivative,
     Snapshot,
     binned,
 )
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, Key, State, Unknown
-from designlab.measurement.shots import POSE, Shot
+from designlab.measurement.shots import POSE
 from designlab.sensor.camera import View
 from designlab.sensor.design import DesignError
 from designlab.simulation.effects import CATALOGUE, Effect, EffectParameter, Sight, effect
 from designlab.simulation.effects.camera import mixing_with
 from designlab.simulation.imaging import mixed
 
-Single = NDArray[np.float32]
 Light = NDArray[np.floating]
 
 HALF_STEP = 0.25  # of a prior standard deviation: differences of effects that are not rendered
@@ -51,7 +51,6 @@ class Forward:
         self._warps = Warps(self.design)
         self.answers = Answers(bank.model, self.design)
         self._edged: dict[tuple[int, Key], tuple[Light, Light] | None] = {}
-        self._bands: dict[tuple[View, float], Array] = {}
         self.flux = np.array([group.flux_mw for group in self.design.leds.groups])
         self.parameters: dict[str, tuple[EffectParameter, ...]] = {
             e.name: e.parameters(bank.model.design) for e in CATALOGUE
@@ -62,10 +61,6 @@ class Forward:
         """Signal of the three channels without light, by the model as given."""
         return np.asarray(self.bank.model.on_signal(np.full(3, self.design.camera.black_level)), dtype=float)
 
-    def shot(self, number: int) -> Shot:
-        """One of the shots."""
-        return self.bank.shots[number]
-
     def predict(self, state: State, number: int) -> Array:
         """Signal of a shot, (rows, columns, 3)."""
         seen, _ = self._seen(state, number, self.light(state, number))
@@ -73,7 +68,7 @@ class Forward:
 
     def untouched(self, state: State, number: int) -> Array:
         """Signal that a shot would have without a press, effects on light transport left aside."""
-        view = self.shot(number).view
+        view = self.bank.shots[number].view
         bare = (n for n, shot in enumerate(self.bank.shots) if shot.press is None and shot.view == view)
         warped = self._warped(state, number, self.bank.of(next(bare, number)).light)
         return self._of_optics(state, number, self._after_warp(state, number, warped))
@@ -86,8 +81,12 @@ class Forward:
         picture = self.bank.of(number)
         light = picture.light + np.float32(state.numerical) * picture.numerical
         for name, values in state.values.items():
-            for change, t, times in self._changes(picture, name, values):
-                change.added(light, t, times)
+            at = self.coordinates(name, values)
+            main = next((at[p.name] for p in self.parameters[name] if not p.shape), 0.0)
+            for p in self.parameters[name]:
+                change = picture.changes.get((name, p.name))
+                if change is not None and at[p.name]:
+                    change.added(light, at[p.name], main if change.product else 1.0)
         pose = self.pose(state, number) / POSE_STEP
         for change, t in zip(picture.pose, pose, strict=False):
             if t:
@@ -97,19 +96,6 @@ class Forward:
         if picture.stand is not None:
             light += np.float32(picture.stand.share(pose)) * picture.stand.error
         return light
-
-    def _changes(
-        self, picture: Snapshot, name: str, values: Mapping[str, float]
-    ) -> list[tuple[LightDerivative, float, float]]:
-        """Changes of a picture by an effect that was rendered, with coordinates and how often each acts."""
-        found = []
-        coordinates = self.coordinates(name, values)
-        main = next(iter(coordinates[p.name] for p in self.parameters[name] if not p.shape), 0.0)
-        for p in self.parameters[name]:
-            change, t = picture.changes.get((name, p.name)), coordinates[p.name]
-            if change is not None and t:
-                found.append((change, t, main if change.product else 1.0))
-        return found
 
     def coordinates(self, name: str, values: Mapping[str, float]) -> dict[str, float]:
         """Coordinates of values from where the bank stands."""
@@ -128,12 +114,12 @@ class Forward:
 
     def _probe(self, number: int) -> str:
         """Text of the probe of a shot; empty without a press."""
-        press = self.shot(number).press
+        press = self.bank.shots[number].press
         return "" if press is None else press.probe.text
 
     def sight(self, state: State, number: int, *, wide: bool = False) -> Sight:
         """What effects on the light of a shot, or of its picture's wider view, need to know."""
-        shot, picture = self.shot(number), self.bank.of(number)
+        shot, picture = self.bank.shots[number], self.bank.of(number)
         view, (x, y) = shot.view, picture.seen_mm
         if wide:
             view = picture.view
@@ -173,17 +159,14 @@ class Forward:
 
         The light of a fit changes at every step, edges where its camera does alone.
         """
-        key = self.bank.place[number], turning(state.values)
-        if key not in self._edged:
-            if len(self._edged) >= EDGES_KEPT:
-                self._edged.clear()
-            blunt, sharp = self.bank.of(number).blunt, self._sharp(state, number)
-            warp = self._warps.between((), key[1], self.bank.of(number).view)
-            if warp is None or sharp is None or blunt is None:
-                self._edged[key] = None
-            else:
-                self._edged[key] = sharp, warp(blunt)
-        return self._edged[key]
+        picture, looks = self.bank.of(number), turning(state.values)
+
+        def edged() -> tuple[Light, Light] | None:
+            blunt, sharp = picture.blunt, self._sharp(state, number)
+            warp = self._warps.between((), looks, picture.view)
+            return None if warp is None or sharp is None or blunt is None else (sharp, warp(blunt))
+
+        return remembered(self._edged, (self.bank.place[number], looks), edged, most=EDGES_KEPT)
 
     def _sharp(self, state: State, number: int, *, straight: bool = False) -> Light | None:
         """Nominal light as the camera of a state sees it, by a sharper picture; None where none is needed."""
@@ -214,37 +197,30 @@ class Forward:
             waves = state.drawn.get("banding", {}).get(number)
             if waves is not None:
                 period = state.values["banding"]["period_rows"]
-                factor = factor * (1.0 + np.tensordot(waves, self._waves(number, period), axes=1))
+                both = bands(self.bank.shots[number].view, period)
+                factor = factor * (1.0 + np.tensordot(waves, both, axes=1))
         return factor
-
-    def _waves(self, number: int, period_rows: float) -> Array:
-        key = self.shot(number).view, period_rows
-        if key not in self._bands:
-            if len(self._bands) >= BANDS_KEPT:
-                self._bands.clear()
-            self._bands[key] = bands(self.shot(number), period_rows)
-        return self._bands[key]
 
     def weights(self, state: State, number: int) -> Array:
         """Signal of each channel per unit of each group's radiance at unit flux, (3, groups)."""
         mixing = self.design.mixing_matrix
         if "colour_mixing" in state.values:
             mixing = mixing_with(self.design, state.values["colour_mixing"])
-        return np.asarray(mixing * self.flux * state.gains * self.shot(number).lit)
+        return np.asarray(mixing * self.flux * state.gains * self.bank.shots[number].lit)
 
     def _of_optics(self, state: State, number: int, optics: NDArray[np.floating]) -> Array:
         channels = mixed(optics, self.weights(state, number))
         if state.fringes:
             channels = channels + state.fringes * self._fringes(number, channels)
         reported = self.answers.reported(state.values, channels * _pattern(state))
-        return clipped(reported, self.shot(number).clip_sigma)
+        return clipped(reported, self.bank.shots[number].clip_sigma)
 
     def _fringes(self, number: int, channels: NDArray[np.floating]) -> Array:
         """Change of a picture, (rows, columns, 3), per share by which red is magnified more and blue less.
 
         Lateral colour moves light by less than a pixel, so that the picture's slope tells it.
         """
-        view = self.shot(number).view
+        view = self.bank.shots[number].view
         column, row = view.centres()
         x_c, y_c = self.design.camera.centre_px
         across = (column - x_c) * view.columns / view.width_px
@@ -253,13 +229,9 @@ class Forward:
         outwards = across[..., None] * slope_across + down[..., None] * slope_down
         return np.asarray(outwards * np.array([-1.0, 0.0, 1.0]))
 
-    def columns(self, state: State, number: int, unknowns: Sequence[Unknown]) -> Single:
-        """Derivative of a shot's signal by unknowns, per prior standard deviation: (n, rows, columns, 3)."""
-        return self.linear(state, number, unknowns)[1]
-
     def linear(self, state: State, number: int, unknowns: Sequence[Unknown]) -> tuple[Array, Single]:
-        """Signal of a shot and its derivatives, see `predict` and `columns`."""
-        picture, shot = self.bank.of(number), self.shot(number)
+        """Signal of a shot, and its derivatives per prior standard deviation, (n, rows, columns, 3)."""
+        picture, shot = self.bank.of(number), self.bank.shots[number]
         rows, width = shot.view.rows, shot.view.columns
         found = np.zeros((len(unknowns), rows, width, 3), dtype=np.float32)
         light = self.light(state, number)
@@ -268,10 +240,8 @@ class Forward:
         here = self._of_optics(state, number, optics)
         if not unknowns or not (shot.lit.any() or any(u.effect in ANSWERING for u in unknowns)):
             return here, found
-        slopes: list[Single] = []
-        places: list[int] = []
-        looks: list[Single] = []
-        looking: list[int] = []
+        slopes: dict[int, Single] = {}  # of the light, by the place of the unknown
+        looks: dict[int, Single] = {}
         mixing = self.weights(state, number)
         gain = self._slope(state, mixing, optics, shot.clip_sigma)
         for place, unknown in enumerate(unknowns):
@@ -281,8 +251,7 @@ class Forward:
                 continue
             slope = self._light_slope(state, number, unknown, picture)
             if slope is not None:
-                slopes.append(slope * np.float32(unknown.sd))
-                places.append(place)
+                slopes[place] = slope * np.float32(unknown.sd)
             elif unknown.effect == "gain":
                 group = self.design.group_names.index(unknown.name)
                 part = mixing[:, group, None, None] * optics[group] / state.gains[group]
@@ -294,26 +263,26 @@ class Forward:
                 wave: Array | float = 1.0
                 if unknown.effect == "banding":
                     period = state.values["banding"]["period_rows"]
-                    wave = self._waves(number, period)[int(unknown.name)]
+                    wave = bands(shot.view, period)[int(unknown.name)]
                 part = np.tensordot(mixing, optics * wave, axes=1)
                 found[place] = unknown.sd * np.moveaxis(part, 0, -1) * gain
             elif unknown.effect in TURNING:
-                looks.append(self._look_slope(state, number, unknown, warped, sharp))
-                looking.append(place)
+                looks[place] = self._look_slope(state, number, unknown, warped, sharp)
             else:
                 found[place] = self._difference(state, number, unknown, (light, warped, optics))
+        changes: list[Light] = [*looks.values()]
         if slopes:
-            looks.append(np.asarray(self._warped(state, number, np.concatenate(slopes), straight=True)))
-        if looks:
-            pushed = self._after_warp(state, number, np.concatenate(looks))
+            changes.append(self._warped(state, number, np.concatenate([*slopes.values()]), straight=True))
+        if changes:
+            pushed = self._after_warp(state, number, np.concatenate(changes))
             pushed = pushed.reshape(-1, len(mixing[0]), rows, width)
             channels = np.tensordot(mixing, pushed, axes=([1], [1]))  # (3, n, rows, columns)
-            found[[*looking, *places]] = channels.transpose(1, 2, 3, 0) * gain
+            found[[*looks, *slopes]] = channels.transpose(1, 2, 3, 0) * gain
         return here, found
 
     def _look_slope(
         self, state: State, number: int, unknown: Unknown, warped: Light, sharp: Light | None
-    ) -> NDArray[np.floating]:
+    ) -> Single:
         """Change of the light by a parameter that turns where pixels look, of the wider view.
 
         Every pixel takes the light a little beside its own. The steps are as wide as the errors that are
@@ -434,8 +403,9 @@ def _pattern(state: State) -> Array | float:
     return 1.0 + state.values["fixed_pattern"]["rms"] * state.pattern
 
 
-def bands(shot: Shot, period_rows: float) -> Array:
+@lru_cache(BANDS_KEPT)
+def bands(view: View, period_rows: float) -> Array:
     """Sine and cosine of bands across the rows of the full sensor, shape (2, rows, columns)."""
-    _, row = shot.view.centres()
+    _, row = view.centres()
     turn = 2 * np.pi * row / period_rows
     return np.stack([np.sin(turn), np.cos(turn)])

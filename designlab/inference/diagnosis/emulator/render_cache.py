@@ -4,14 +4,11 @@ import importlib.metadata
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
+from designlab.core.memory import remembered
 from designlab.core.progress import silent
 from designlab.core.store import digest, read_cache, write_cache
-from designlab.core.types import Progress
+from designlab.core.types import Progress, Single
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press
@@ -20,12 +17,8 @@ from designlab.simulation.effects.model import SensorModel, effect
 from designlab.simulation.render.session import LIGHTFIELD_VERSION
 from designlab.simulation.simulator import Simulator
 
-Basis = NDArray[np.float32]
-Variant = Literal["value", "fine"]
-"""The picture itself; another with a finer membrane mesh."""
-
 SIMULATORS_KEPT = 4
-FINER = 2.0  # pitch of the membrane mesh over that of the fine variant
+FINER = 2.0  # pitch of the membrane mesh over that of fine pictures
 NEXT_SEED = 1000  # between the seeds of repeated pictures: light transport counts on from a seed
 
 
@@ -53,7 +46,7 @@ class Renders:
     stage: str = ""
     expected: int = 0
     rendered: int = 0
-    _kept: dict[str, Basis] = field(default_factory=dict)
+    _kept: dict[str, Single] = field(default_factory=dict)
     _simulators: dict[str, Simulator] = field(default_factory=dict)
     _asked: int = 0
 
@@ -68,10 +61,10 @@ class Renders:
         press: Press | None,
         view: View,
         *,
-        variant: Variant = "value",
+        fine: bool = False,
         repeat: int = 0,
         like: SensorModel | None = None,
-    ) -> Basis:
+    ) -> Single:
         """Radiance of every LED group at unit flux, shape (groups, rows, columns).
 
         All pictures of one `repeat` share their random numbers, so that differences have little noise.
@@ -84,23 +77,23 @@ class Renders:
             The indentation.
         view : View
             The part of the camera's sensor.
-        variant : str
-            Which picture, see `Variant`.
+        fine : bool
+            Whether the membrane has a finer mesh.
         repeat : int
             The same picture with other random numbers for every number.
         like : SensorModel, optional
             Whose photons it shares, see `designlab.simulation.simulator.Simulator`.
         """
         like = None if like is None or like.digest == model.digest else like
-        finer = FINER if variant == "fine" else 1.0
-        settings = (list(view), self.samples, self._seed(repeat), finer)
+        settings = (list(view), self.samples, self._seed(repeat), FINER if fine else 1.0)
         shared = [] if like is None else [_transport(like, None)]
-        key = digest(_transport(model, press), press, _mesh_content(press), *settings, _versions(), *shared)
+        mesh = None if press is None or press.probe.file is None else Path(press.probe.file).read_bytes()
+        key = digest(_transport(model, press), press, mesh, *settings, _versions(), *shared)
         if key not in self._kept:
             stored = read_cache(key, folder=self.folder)
             if not stored:
                 self.rendered += 1
-                simulator = self.simulator(model, view, variant=variant, repeat=repeat, like=like)
+                simulator = self.simulator(model, view, fine=fine, repeat=repeat, like=like)
                 stored = {"basis": simulator.frame(press).basis}
                 write_cache(key, stored, folder=self.folder)
             self._kept[key] = stored["basis"]
@@ -113,23 +106,23 @@ class Renders:
         model: SensorModel,
         view: View,
         *,
-        variant: Variant = "value",
+        fine: bool = False,
         repeat: int = 0,
         like: SensorModel | None = None,
     ) -> Simulator:
         """Simulator of a model."""
         shared = [] if like is None else [_transport(like, None)]
         contact = model.effective_design().contact
-        key = digest(_transport(model, None), contact, list(view), variant, repeat, *shared)
-        if key not in self._simulators:
-            if len(self._simulators) >= SIMULATORS_KEPT:
-                self._simulators.clear()
+        key = digest(_transport(model, None), contact, list(view), fine, repeat, *shared)
+
+        def made() -> Simulator:
             seed = self._seed(repeat)
             simulator = Simulator(model, view=view, samples=self.samples, seed=seed, like=like)
-            if variant == "fine":
+            if fine:
                 simulator.pitch_mm /= FINER
-            self._simulators[key] = simulator
-        return self._simulators[key]
+            return simulator
+
+        return remembered(self._simulators, key, made, most=SIMULATORS_KEPT)
 
     def _seed(self, repeat: int) -> int:
         return self.seed + NEXT_SEED * repeat
@@ -164,10 +157,6 @@ def _changes_light(applied: Effect) -> bool:
     kind = type(applied)
     hooks = ("on_press", "on_scene", "on_light")
     return any(getattr(kind, hook) is not getattr(Effect, hook) for hook in hooks)
-
-
-def _mesh_content(press: Press | None) -> bytes | None:
-    return None if press is None or press.probe.file is None else Path(press.probe.file).read_bytes()
 
 
 @cache

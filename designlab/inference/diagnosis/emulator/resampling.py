@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.memory import remembered
 from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.splines import coefficients, look_up
 from designlab.inference.diagnosis.emulator.state import Key, Values, key
@@ -139,26 +140,25 @@ class Warps:
 
     def between(self, nominal: Key, changed: Key, view: View) -> Warp | None:
         """Resampling of what a camera sees into what another does; None where they are the same."""
-        both = nominal, changed, view
+
+        def warp() -> Warp | None:
+            before, after = self._looks(nominal, view), self._looks(changed, view)
+            return None if before.design is after.design else Warp(before, after)
+
         if nominal == changed:
             return None
-        if both not in self._kept:
-            if len(self._kept) >= KEPT:
-                self._kept.clear()
-            before, after = self._looks(nominal, view), self._looks(changed, view)
-            self._kept[both] = None if before.design is after.design else Warp(before, after)
-        return self._kept[both]
+        return remembered(self._kept, (nominal, changed, view), warp, most=KEPT)
 
     def _looks(self, values: Key, view: View) -> SeenPoints:
         """What pixels see where effects turn them."""
-        if (values, view) not in self._seen:
-            if len(self._seen) >= KEPT:
-                self._seen.clear()
+
+        def seen() -> SeenPoints:
             design = self.design
             for name, own in values:
                 design = effect(name).on_design(design, dict(own))
-            self._seen[values, view] = SeenPoints(design, view)
-        return self._seen[values, view]
+            return SeenPoints(design, view)
+
+        return remembered(self._seen, (values, view), seen, most=KEPT)
 
 
 def turning(values: Values) -> Key:

@@ -10,19 +10,17 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from designlab.core.memory import remembered
 from designlab.core.store import digest
-from designlab.core.types import Array
+from designlab.core.types import Array, Single
 from designlab.inference.diagnosis.emulator.denoising import Denoiser, denoised_change, fit_denoiser, share_of
 from designlab.inference.diagnosis.emulator.difference_stencil import StencilStep, Values, steps
-from designlab.inference.diagnosis.emulator.render_cache import Renders, Variant
+from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.measurement.shots import POSE, Shot
 from designlab.sensor.camera import View
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects import AppliedEffect, SensorModel, effect
-
-Single = NDArray[np.float32]
 
 MARGIN_PX = 4  # rendered around what shots show
 POSE_STEP = (0.05, 0.05, 0.06, 1.0)  # x, y, depth (mm) and yaw (deg): steps of the differences
@@ -187,6 +185,10 @@ class Bank:
         """Picture of a shot."""
         return self.pictures[self.place[number]]
 
+    def with_own(self, pictures: Sequence[Snapshot]) -> "Bank":
+        """Bank in which every shot has a picture of its own."""
+        return replace(self, pictures=tuple(pictures), place=tuple(range(len(pictures))))
+
 
 def fill(
     renders: Renders,
@@ -215,12 +217,11 @@ def fill(
     presses = list(dict.fromkeys(keys))
     settings = list(effects), origin, str(renders.folder), renders.samples, renders.seed, finer
     key = digest(model.digest, presses, *settings)
-    if key not in _filled:
-        # Measurements of one sensor by one plan share their pictures.
-        if len(_filled) >= FILLED_KEPT:
-            _filled.pop(next(iter(_filled)))
-        _filled[key] = _fill(renders, model, presses, effects, origin, finer)
-    return Bank(model, shots, _filled[key], tuple(presses.index(k) for k in keys), origin)
+    # Measurements of one sensor by one plan share their pictures.
+    pictures = remembered(
+        _filled, key, lambda: _fill(renders, model, presses, effects, origin, finer), most=FILLED_KEPT
+    )
+    return Bank(model, shots, pictures, tuple(presses.index(k) for k in keys), origin)
 
 
 _filled: dict[str, tuple["Snapshot", ...]] = {}
@@ -248,9 +249,7 @@ def rendered_at(
     times : int
         As many pixels along each side.
     """
-    model = bank.model
-    for name, its in values.items():
-        model = _with(model, name, its)
+    model = _with(bank.model, values)
     lamp = _Lamp(renders, bank.model)
     renders.begin("pictures", len(poses))
     for number, pose in poses.items():
@@ -277,9 +276,7 @@ def _fill(
         for name in effects
         for step in steps(effect(name), effect(name).parameters(given.design), origin.get(name))
     ]
-    model = given
-    for name, values in origin.items():
-        model = _with(model, name, values)
+    model = _with(given, origin)
     camera = given.effective_design().camera
     wider = [view.grown(MARGIN_PX, camera) for _, view in shown]
     presses = [(press, view) for (press, _), (view, _) in zip(shown, wider, strict=True)]
@@ -289,21 +286,21 @@ def _fill(
     renders.begin("pictures", len(presses) * each + touched * 2 * (len(POSE) + 1))
     # One model after the other: what its light is shaded from is large and not kept for long.
     lamp = _Lamp(renders, given)
-    variants: tuple[Variant, ...] = ("value", "fine") if finer else ("value",)
-    for variant in variants:
-        for press, view in presses:
-            lamp.light(model, press, view, variant=variant)
-            if variant == "value" and not repeats:
-                lamp.light(model, press, view.finer(SHARPER))
-            if press is not None and variant == "value":
-                for _, there in _around(press):
-                    lamp.light(model, there, view)
+    for press, view in presses:
+        lamp.light(model, press, view)
+        if not repeats:
+            lamp.light(model, press, view.finer(SHARPER))
+        if press is not None:
+            for _, there in _around(press):
+                lamp.light(model, there, view)
+    for press, view in presses if finer else ():
+        lamp.light(model, press, view, fine=True)
     for repeat in range(1, 1 + repeats):
         for press, view in presses:
             renders.basis(given, press, view, repeat=repeat)
     for step in chosen:
         for end in step.ends:
-            varied = _with(model, step.effect, end)
+            varied = _with(model, {step.effect: end})
             for press, view in presses:
                 if press is not None or _acts_untouched(step.effect):
                     lamp.light(varied, press, view)
@@ -321,12 +318,10 @@ class _Lamp:
     given: SensorModel
     _denoisers: dict[View, Denoiser] = field(default_factory=dict)
 
-    def light(
-        self, model: SensorModel, press: Press | None, view: View, *, variant: Variant = "value"
-    ) -> Single:
+    def light(self, model: SensorModel, press: Press | None, view: View, *, fine: bool = False) -> Single:
         """Light per unit flux of the model as given, (groups, rows, columns)."""
         like = self.given if _repeats(self.given) else None
-        found = self.renders.basis(model, press, view, variant=variant, like=like)
+        found = self.renders.basis(model, press, view, fine=fine, like=like)
         ours, theirs = (
             np.array([group.flux_mw for group in m.effective_design().leds.groups])
             for m in (model, self.given)
@@ -349,8 +344,10 @@ class _Lamp:
         return self._denoisers[view]
 
 
-def _with(model: SensorModel, name: str, values: Values) -> SensorModel:
-    return model.with_effect(AppliedEffect(name=name, values=dict(values)))
+def _with(model: SensorModel, effects: Mapping[str, Values]) -> SensorModel:
+    for name, values in effects.items():
+        model = model.with_effect(AppliedEffect(name=name, values=dict(values)))
+    return model
 
 
 def _picture(
@@ -365,18 +362,18 @@ def _picture(
     here = lamp.light(model, press, view)
     simulator = lamp.renders.simulator(model, view)
     seen = simulator.rays.hit(simulator.surface(press))
-    numerical = lamp.light(model, press, view, variant="fine") - here if finer else np.zeros_like(here)
+    numerical = lamp.light(model, press, view, fine=True) - here if finer else np.zeros_like(here)
     changes: dict[tuple[str, str], LightDerivative] = {}
     for step in chosen:
         sees = press is not None or _acts_untouched(step.effect)
         low, high = (
-            lamp.light(_with(model, step.effect, end), press, view) if sees else here for end in step.ends
+            lamp.light(_with(model, {step.effect: end}), press, view) if sees else here for end in step.ends
         )
         for number, p in enumerate(step.parameters):
             group = model.design.group_names.index(p.group) if p.group else None
             ends = [(low, step.reached[0][number]), (high, step.reached[1][number])]
             if step.product:
-                usual = lamp.light(_with(model, step.effect, step.usual), press, view) if sees else here
+                usual = lamp.light(_with(model, {step.effect: step.usual}), press, view) if sees else here
                 changes[step.effect, p.name] = replace(_quadratic(usual, ends, group), product=True)
             else:
                 changes[step.effect, p.name] = _quadratic(here, ends, group)

@@ -68,6 +68,11 @@ class State:
         """Departure of a shot's pose."""
         return self.poses.get(number, np.zeros(len(POSE)))
 
+    @property
+    def rendered(self) -> Values:
+        """Values of the effects that are rendered."""
+        return {name: own for name, own in self.values.items() if effect(name).rendered}
+
     def with_values(self, name: str, values: Mapping[str, float]) -> "State":
         """Give an effect other values."""
         return replace(self, values={**self.values, name: dict(values)})

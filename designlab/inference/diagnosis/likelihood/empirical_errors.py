@@ -26,12 +26,8 @@ def unlisted_sd(effect: str, parameter: str, *, shape: bool) -> float:
         effect share one.
     """
     spreads: dict[str, float] = known()["unlisted_sd"]
-    if shape and f"{effect}.{parameter}" in spreads:
-        return spreads[f"{effect}.{parameter}"]
-    if effect in spreads:
-        return spreads[effect]
-    ordered = sorted(spreads.values())
-    return ordered[len(ordered) // 2]
+    shared = spreads.get(effect, sorted(spreads.values())[len(spreads) // 2])
+    return spreads.get(f"{effect}.{parameter}", shared) if shape else shared
 
 
 def left_of_nothing() -> float:

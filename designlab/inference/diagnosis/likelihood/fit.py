@@ -1,7 +1,7 @@
 """A fit moves the unknowns of a measurement by damped Gauss-Newton steps."""
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,10 +19,8 @@ from designlab.sensor.design import DesignError
 from designlab.simulation.effects import EffectParameter, effect
 
 GAIN_SD = 0.3  # of LED groups: what their products with the albedo are off by before anything is fitted
-DRAWN_SD = {
-    "exposure_drift": 0.02,
-    "banding": 0.015,
-}  # of one shot's own gain, and of its bands' sine and cosine
+# Of one shot's own gain, and of its bands' sine and cosine.
+DRAWN_SD = {"exposure_drift": 0.02, "banding": 0.015}
 SIZE_SD = 0.01  # of a probe, relative: 0.05 mm of 5 mm, as printed and machined ones are off by
 FRINGES_SD = 0.002  # of lateral colour, relative: a fifth of a pixel at the edge of 200 columns (estimate)
 BOUND_SD = 5.0  # of poses, sizes of probes and lateral colour
@@ -84,15 +82,13 @@ class Fitter:
         """
         design = self.forward.design
         groups = len(design.leds.groups)
-        unit = State(np.ones(groups))
+        unit, dark = State(np.ones(groups)), State(np.zeros(groups))
+        unknowns = [Unknown("gain", name, 1.0) for name in design.group_names]
         matrix, right = np.zeros((groups, groups)), np.zeros(groups)
         for number in shots:
             shot = self.bank.shots[number]
-            unknowns = [Unknown("gain", name, 1.0) for name in design.group_names]
-            columns = self.forward.columns(unit, number, unknowns)[:, shot.valid].astype(float)
-            signal = (shot.signal - self.forward.predict(replace(unit, gains=0 * unit.gains), number))[
-                shot.valid
-            ]
+            columns = self.forward.linear(unit, number, unknowns)[1][:, shot.valid].astype(float)
+            signal = (shot.signal - self.forward.predict(dark, number))[shot.valid]
             matrix += columns @ columns.T
             right += columns @ signal
         for name, light in zip(design.group_names, np.diag(matrix), strict=True):

@@ -31,7 +31,7 @@ def monte_carlo_noise(forward: Forward, state: State) -> list[MonteCarloNoise | 
         relative = {
             n: away / np.hypot(_light(forward, state, n), DARK_LIGHT)
             for n, away in ours.items()
-            if forward.shot(n).lit.all()
+            if forward.bank.shots[n].lit.all()
         }
         if not relative:
             continue
@@ -73,7 +73,7 @@ def _power(relative: Iterable[Array]) -> Array:
 
 def _shared(forward: Forward, relative: Mapping[int, Array]) -> Array:
     """Relative variance that shots have in common, (3,)."""
-    pressed = [n for n in relative if forward.shot(n).press is not None]
+    pressed = [n for n in relative if forward.bank.shots[n].press is not None]
     untouched = [away for n, away in relative.items() if n not in pressed]
     if not untouched or not pressed:
         alone = [(away**2).sum(axis=0).mean(axis=(0, 1)) for away in relative.values()]

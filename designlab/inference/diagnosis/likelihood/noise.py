@@ -24,9 +24,8 @@ EDGE_BUDGET = 0.03
 CONTACT_BUDGET = 0.02  # share of what a press changes: neither probe nor contact model are better known
 SMOOTH_BUDGET = 0.005  # smooth error common to all frames, relative: what no catalogue lists, too
 SHOT_BUDGET = 0.001  # smooth error of each frame, relative
-SMOOTH_ALIKE = (
-    2.0  # like `normal_equations.ALIKE`: their covariance has counted already how much values err alike
-)
+# Like `normal_equations.ALIKE`: their covariance has counted already how much values err alike.
+SMOOTH_ALIKE = 2.0
 SMOOTH_LENGTH = 0.15  # of smooth errors, over the picture's width
 EDGE_WIDTH_PX = 0.7
 DARK_LIGHT = 0.03  # of full scale: below, smooth errors are absolute

@@ -48,21 +48,14 @@ class System:
         cross = self.gram[np.ix_(kept_, rest)]
         right = self.right - self.now
         solved = np.linalg.solve(inner, np.column_stack([cross.T, right[rest]]))
-        return (
-            self.gram[np.ix_(kept_, kept_)] - cross @ solved[:, :-1],
-            right[kept_] - cross @ solved[:, -1],
-        )
+        information = self.gram[np.ix_(kept_, kept_)] - cross @ solved[:, :-1]
+        return information, right[kept_] - cross @ solved[:, -1]
 
     def only(self, chosen: Callable[[Unknown], bool]) -> "System":
         """System of some of the unknowns, the others held where they are."""
         kept = [k for k, unknown in enumerate(self.unknowns) if chosen(unknown)]
-        return System(
-            tuple(self.unknowns[k] for k in kept),
-            self.gram[np.ix_(kept, kept)],
-            self.right[kept],
-            self.misfit,
-            self.now[kept],
-        )
+        unknowns = tuple(self.unknowns[k] for k in kept)
+        return System(unknowns, self.gram[np.ix_(kept, kept)], self.right[kept], self.misfit, self.now[kept])
 
     def step(self, low: Array, high: Array, *, damping: float = 0.0) -> tuple[Array, float]:
         """Step of all unknowns under their priors within bounds, and the fall of the penalised misfit.
@@ -115,7 +108,7 @@ def system(
     weight: dict[tuple[int, ...], Array] = {}
     latest: dict[tuple[int, ...], Noise] = {}
     for number in shots:
-        shot, own = forward.shot(number), noises[number]
+        shot, own = forward.bank.shots[number], noises[number]
         used = [k for k, u in enumerate(unknowns) if u.shot in (-1, number)]
         predicted, columns = forward.linear(state, number, [unknowns[k] for k in used])
         scale = np.where(shot.valid, 1.0 / own.sigma, 0.0).astype(np.float32)

@@ -32,7 +32,8 @@ class JudgedCandidate:
     """One candidate, fitted and judged.
 
     `evidence` is the logarithm of the Bayes factor against the model without it, on the shots fitted to and
-    on held-out ones together; `left` is the gap it began from, `fitter` has the pictures it was fitted with.
+    on held-out ones together; `left` is the gap it began from, `fitter` has the pictures it was fitted with;
+    `seconds` is what a first attempt took.
     """
 
     name: str
@@ -42,6 +43,7 @@ class JudgedCandidate:
     judged: Judged
     gain: Gain
     evidence: float
+    seconds: float | None = None
 
 
 def refused(
@@ -95,7 +97,8 @@ def unsure(attempt: JudgedCandidate, gap: float, *, later: bool, surely: bool = 
     least = max(LEAST_SHARE * attempt.left / gap, LEAST_OF_FIRST)
     share, se = attempt.gain.value, attempt.gain.se
     if share < least:
-        return f"{_share_gone(share)} of the gap, less than {least:.1%}"
+        gone = f"closes {share:.1%}" if share >= 0 else f"adds {-share:.1%} instead of closing any"
+        return f"{gone} of the gap, less than {least:.1%}"
     # Draws of shots differ by their nature, and poses are judged together: the spread is no error there.
     joint = attempt.name in DRAWN_SD or attempt.gain.settles_poses
     sure = share - SURE_SE * se >= least
@@ -141,7 +144,3 @@ def as_good(one: JudgedCandidate, most_likely: JudgedCandidate, gap: float) -> b
 def least_lead(evidence: float) -> float:
     """By how much the evidence of an effect must be ahead of another's for the other to count as worse."""
     return max(AS_GOOD, AS_GOOD_SHARE * evidence)
-
-
-def _share_gone(share: float) -> str:
-    return f"closes {share:.1%}" if share >= 0 else f"adds {-share:.1%} instead of closing any"

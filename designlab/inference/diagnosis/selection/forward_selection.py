@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from designlab.core.progress import silent
-from designlab.core.types import Array, Progress
+from designlab.core.types import Progress
 from designlab.inference.diagnosis.emulator.coordinates import coordinate
 from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State
@@ -135,21 +135,21 @@ class ForwardSelection:
         attempts = []
         for place, name in enumerate(promising):
             self._tell(name, len(promising) - place)
-            attempts.append(self._timed(name, base, now))
+            attempts.append(self._attempt(name, base, now))
         # What is screened tells little of what moves edges: that is tried wherever much is left.
         for mover in self._movers:
             if mover in promising or mover not in order:
                 continue
-            if all_leave_much(now, *(a.judged for a, _ in attempts)):
+            if all_leave_much(now, *(a.judged for a in attempts)):
                 self._tell(mover, 1)
-                attempts.append(self._timed(mover, base, now))
-        tried = {attempt.name for attempt, _ in attempts}
+                attempts.append(self._attempt(mover, base, now))
+        tried = {attempt.name for attempt in attempts}
         for name in order:
             if name not in tried:
                 self.tried.append(Candidate(number, name, "screened out", evidence=screened[name]))
         attempts, own, base, now = self._contended(attempts, base, now)
-        most = max((attempt.evidence for attempt, _ in attempts), default=0.0)
-        rivals = {a.name: a.judged.state for a, _ in attempts if self._contends(a, most)}
+        most = max((attempt.evidence for attempt in attempts), default=0.0)
+        rivals = {a.name: a.judged.state for a in attempts if self._contends(a, most)}
         passed = self._passed(number, attempts, base.state, own)
         if not passed:
             return None
@@ -167,13 +167,13 @@ class ForwardSelection:
         return best if near is None else self._judged(best.name, base, now, best.fit.state, near)
 
     def _passed(
-        self, number: int, attempts: Sequence[tuple[JudgedCandidate, float]], base: State, own: Fitter
+        self, number: int, attempts: Sequence[JudgedCandidate], base: State, own: Fitter
     ) -> list[JudgedCandidate]:
         """Attempts that pass; why others do not is noted."""
-        reasons = self._reasons([attempt for attempt, _ in attempts], base, own)
-        for reason, (attempt, seconds) in zip(reasons, attempts, strict=True):
-            self._note(number, attempt, reason or "passed", seconds)
-        return [attempt for reason, (attempt, _) in zip(reasons, attempts, strict=True) if not reason]
+        reasons = self._reasons(attempts, base, own)
+        for reason, attempt in zip(reasons, attempts, strict=True):
+            self._note(number, attempt, reason or "passed")
+        return [attempt for reason, attempt in zip(reasons, attempts, strict=True) if not reason]
 
     def _reasons(self, attempts: Sequence[JudgedCandidate], base: State, own: Fitter) -> list[str]:
         """Why attempts at the same place do not pass; empty for those that do.
@@ -186,8 +186,8 @@ class ForwardSelection:
         return [refused(each, base, own, self.train, self.gap, surely=False) for each in attempts]
 
     def _contended(
-        self, attempts: Sequence[tuple[JudgedCandidate, float]], base: Fit, now: Judged
-    ) -> tuple[list[tuple[JudgedCandidate, float]], Fitter, Fit, Judged]:
+        self, attempts: list[JudgedCandidate], base: Fit, now: Judged
+    ) -> tuple[list[JudgedCandidate], Fitter, Fit, Judged]:
         """Fit those that may win again where they stand, if pictures about null are far from there.
 
         What these lack there grows with an effect, until another one seems to be more likely. Pictures
@@ -196,32 +196,30 @@ class ForwardSelection:
 
         Returns
         -------
-        list of (Attempt, float), Fitter, Fit, Judged
-            The attempts with their seconds, and the model without any with what it was fitted with.
+        list of JudgedCandidate, Fitter, Fit, Judged
+            The attempts, and the model without any with what it was fitted with.
         """
-        most = max((attempt.evidence for attempt, _ in attempts), default=0.0)
-        names = {attempt.name for attempt, _ in attempts if self._contends(attempt, most)}
-        near = {a.name: self._near(a.fitter, a.judged.state) for a, _ in attempts if a.name in names}
+        most = max((attempt.evidence for attempt in attempts), default=0.0)
+        near = {a.name: self._near(a.fitter, a.judged.state) for a in attempts if self._contends(a, most)}
         if not any(near.values()):
-            return list(attempts), self.fitter, base, now
+            return attempts, self.fitter, base, now
         own, base, now = self._standing(base, now)
-        found = {attempt.name: attempt for attempt, _ in attempts}
-        seconds = {attempt.name: spent for attempt, spent in attempts}
+        found = {attempt.name: attempt for attempt in attempts}
         fitters: dict[str, Fitter | None] = {name: fitter or own for name, fitter in near.items()}
         for turn in range(RECENTRINGS):
             if turn:
                 # Only what was judged anew can be compared: what others have is against another model.
-                most = max(found[name].evidence for name in names)
+                most = max(found[name].evidence for name in near)
                 fitters = {name: None for name in fitters if self._contends(found[name], most)}
             for name, fitter in fitters.items():
-                begun = time.perf_counter()
+                begun, before = time.perf_counter(), found[name]
                 if turn:
-                    fitter = self._near(found[name].fitter, found[name].judged.state)
+                    fitter = self._near(before.fitter, before.judged.state)
                 if fitter is not None:
-                    found[name] = self._judged(name, base, now, found[name].fit.state, fitter)
-                seconds[name] += time.perf_counter() - begun
-        again = [(found[attempt.name], seconds[attempt.name]) for attempt, _ in attempts]
-        return again, own, base, now
+                    again = self._judged(name, base, now, before.fit.state, fitter)
+                    seconds = (before.seconds or 0.0) + time.perf_counter() - begun
+                    found[name] = replace(again, seconds=seconds)
+        return list(found.values()), own, base, now
 
     def _standing(self, base: Fit, now: Judged) -> tuple[Fitter, Fit, Judged]:
         """Fit a model with pictures that are rendered where it has the presses."""
@@ -262,8 +260,7 @@ class ForwardSelection:
         shots = [*self.train, *self.select]
         if self.source is None:
             return None
-        rendered = {name for name in state.values if effect(name).rendered}
-        missing = exactly and not fitter.bank.stands.keys() >= rendered
+        missing = exactly and not fitter.bank.stands.keys() >= state.rendered.keys()
         far = missing or is_far(fitter, state) or looks_elsewhere(fitter, state, shots)
         return self._exact(fitter, state) if far or beyond(fitter, state, shots) else None
 
@@ -296,7 +293,10 @@ class ForwardSelection:
         held = [name for name in base.state.values if name != "fixed_pattern"]
         unknowns = self.fitter.unknowns(base.state, [*held, *linear], self.train)
         found = self.fitter.system(base.state, self.train, unknowns)
-        table = overlaps(found, linear, {best.name: self._step(best.fit.state, best.name)})
+        # How far the best one was found to lie from null, in prior standard deviations.
+        values = best.fit.state.values[best.name]
+        step = np.array([coordinate(p, values[p.name]) for p in self.fitter.forward.parameters[best.name]])
+        table = overlaps(found, linear, {best.name: step})
         return {name for name in linear if table.get((best.name, name), 0.0) >= OVERLAP}
 
     def _pruned(self, number: int, best: Fit, now: Judged) -> tuple[Fit, Judged]:
@@ -398,17 +398,10 @@ class ForwardSelection:
         last = replace(own[-1], round=number, gain=newest.gain, evidence=evidence, parameters=values)
         self.tried.append(replace(last, name=newest.name, seconds=None))
 
-    def _step(self, state: State, name: str) -> Array:
-        """How far the parameters of an effect lie from null, in prior standard deviations."""
-        values = state.values[name]
-        return np.array([coordinate(p, values[p.name]) for p in self.fitter.forward.parameters[name]])
-
-    def _timed(self, name: str, base: Fit, now: Judged) -> tuple[JudgedCandidate, float]:
-        begun = time.perf_counter()
-        return self._attempt(name, base, now), time.perf_counter() - begun
-
     def _attempt(self, name: str, base: Fit, now: Judged) -> JudgedCandidate:
-        return self._judged(name, base, now, self._beginning(name, base.state), self.fitter)
+        begun = time.perf_counter()
+        found = self._judged(name, base, now, self._beginning(name, base.state), self.fitter)
+        return replace(found, seconds=time.perf_counter() - begun)
 
     def _judged(self, name: str, base: Fit, now: Judged, begin: State, fitter: Fitter) -> JudgedCandidate:
         """Fit a candidate with the pictures of a fitter, from a state on, and judge it."""
@@ -454,12 +447,10 @@ class ForwardSelection:
         self.progress(f"effects: {what}", self._steps, self._steps + left)
         self._steps += 1
 
-    def _note(
-        self, number: int, attempt: JudgedCandidate, outcome: str, seconds: float | None = None
-    ) -> None:
+    def _note(self, number: int, attempt: JudgedCandidate, outcome: str) -> None:
         values = attempt.fit.state.values.get(attempt.name, {})
         self.tried.append(
-            fitted(number, attempt.name, outcome, attempt.gain, values, attempt.evidence, seconds)
+            fitted(number, attempt.name, outcome, attempt.gain, values, attempt.evidence, attempt.seconds)
         )
 
 
@@ -473,14 +464,7 @@ def fitted(
     seconds: float | None,
 ) -> Candidate:
     """Record of a candidate that was fitted to the end."""
-    return Candidate(
-        number,
-        name,
-        outcome,
-        gain.value,
-        gain.se,
-        gain.improved,
-        {f"{name}.{p}": float(v) for p, v in values.items()},
-        evidence,
-        None if seconds is None else round(seconds, 2),
-    )
+    fall, se, improved = gain.value, gain.se, gain.improved
+    parameters = {f"{name}.{p}": float(v) for p, v in values.items()}
+    seconds = None if seconds is None else round(seconds, 2)
+    return Candidate(number, name, outcome, fall, se, improved, parameters, evidence, seconds)

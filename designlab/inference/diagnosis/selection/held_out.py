@@ -90,27 +90,16 @@ class Gain:
 
 def judge(fitter: Fitter, state: State, shots: Sequence[int]) -> Judged:
     """Register each shot by itself, with what it has alone, and compare."""
-    per_shot, floor, objective, least, noise = [], [], [], [], []
-    for number in shots:
+    rows = np.empty((5, len(shots)))
+    for place, number in enumerate(shots):
         found = fitter.fit(state, (), [number], gains=False, held=tuple(state.values))
         state = found.state
-        objective.append(found.objective)
         squares, granted = squared(fitter, state, number)
-        per_shot.append(squares)
-        floor.append(granted)
         shot, own = fitter.bank.shots[number], fitter.noises[number]
         camera = ((own.camera / own.sigma) ** 2)[shot.valid]
-        noise.append(float(camera.mean()))
-        least.append(float(camera.sum()) / ALIKE)
-    return Judged(
-        state,
-        np.array(per_shot),
-        np.array(noise),
-        np.array(floor),
-        np.array(objective),
-        np.array(least),
-        _departures(fitter, state, shots),
-    )
+        rows[:, place] = squares, camera.mean(), granted, found.objective, camera.sum() / ALIKE
+    per_shot, noise, floor, objective, least = rows
+    return Judged(state, per_shot, noise, floor, objective, least, _departures(fitter, state, shots))
 
 
 def all_leave_much(*judged: Judged) -> bool:

@@ -1,16 +1,16 @@
 """Recentring renders pictures where a fit stands, instead of combining those about the model as given."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from designlab.core.types import Array, Single
 from designlab.inference.diagnosis.emulator.forward import Forward
 from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.snapshots import (
     POSE_STEP,
     SHARPER,
-    Bank,
     LocalCorrection,
     rendered_at,
 )
@@ -25,10 +25,8 @@ NEAR = 0.2  # likewise, about one that was rendered
 FAR_SD = 0.5  # prior standard deviations from null that pictures rendered about it are exact enough for
 
 
-def exact(
-    source: Renders, forward: Forward, state: State, names: Sequence[str], shots: Sequence[int]
-) -> Bank:
-    """Bank whose light of some shots is exact at a state's poses and values of some effects.
+def exact_fitter(source: Renders, fitter: Fitter, state: State, shots: Sequence[int]) -> Fitter:
+    """Fitter whose pictures of some shots are exact at a state's poses and effects, with the same noise.
 
     How light changes about them stays as it was, so that a picture of each shot is enough, instead of two for
     each parameter: Newton's method with a fixed derivative.
@@ -37,36 +35,36 @@ def exact(
     ----------
     source : Renders
         Where pictures come from.
-    forward : Forward
+    fitter : Fitter
         What combines pictures so far.
     state : State
         Where the light is to be exact.
-    names : sequence of str
-        Effects of the state that are rendered.
     shots : sequence of int
         Numbers of the shots; the others keep their pictures.
     """
-    bank = forward.bank
-    values = {name: state.values[name] for name in names}
-    # A common offset of the depth is part of poses; rendered, it would be counted once more.
-    poses = {number: forward.pose(state, number) for number in shots}
-    combined = replace(state, values=values, poses=poses, numerical=0.0)
+    bank = fitter.bank
+    poses = {number: fitter.forward.pose(state, number) for number in shots}
     pictures = [bank.of(number) for number in range(len(bank.shots))]
-    for number, light in rendered_at(source, bank, values, poses, state.sizes):
-        error = light - forward.light(combined, number)
+    for number, error in _lacking(source, fitter.forward, state, poses):
         at = poses[number] / POSE_STEP
         pictures[number] = replace(pictures[number], light=pictures[number].light + error, exact_at=at)
     if any(effect(name).warps for name in state.values):
         edged = {number: pose for number, pose in poses.items() if pictures[number].sharp is not None}
-        for number, sharp in rendered_at(source, bank, values, edged, state.sizes, times=SHARPER):
+        for number, sharp in rendered_at(source, bank, state.rendered, edged, state.sizes, times=SHARPER):
             pictures[number] = replace(pictures[number], sharp=sharp, sharp_at=poses[number] / POSE_STEP)
-    return replace(bank, pictures=tuple(pictures), place=tuple(range(len(pictures))), stands=values)
+    return fitter.of(replace(bank.with_own(pictures), stands=state.rendered), fitter.noises)
 
 
-def exact_fitter(source: Renders, fitter: Fitter, state: State, shots: Sequence[int]) -> Fitter:
-    """Fitter whose pictures of some shots are exact at a state, with the noise of another: see `exact`."""
-    names = [name for name in state.values if effect(name).rendered]
-    return fitter.of(exact(source, fitter.forward, state, names, shots), fitter.noises)
+def _lacking(
+    source: Renders, forward: Forward, state: State, poses: Mapping[int, Array]
+) -> Iterator[tuple[int, Single]]:
+    """What the light of shots lacks of that rendered at their poses and a state's effects, by their numbers.
+
+    A common offset of the depth is part of the poses; rendered, it would be counted once more.
+    """
+    combined = replace(state, values=state.rendered, poses=poses, numerical=0.0)
+    for number, light in rendered_at(source, forward.bank, state.rendered, poses, state.sizes):
+        yield number, light - forward.light(combined, number)
 
 
 def is_exact(fitter: Fitter) -> bool:
@@ -82,12 +80,10 @@ def is_far(fitter: Fitter, state: State, reach: float = FAR_SD) -> bool:
     reach : float
         How far values may be from where pictures were rendered anew, in prior standard deviations.
     """
-    stands = fitter.bank.stands
-    rendered = [name for name in state.values if effect(name).rendered]
-    if len(rendered) > 1 and not stands.keys() >= set(rendered):
+    stands, rendered = fitter.bank.stands, state.rendered
+    if len(rendered) > 1 and not stands.keys() >= rendered.keys():
         return True  # no picture of one effect shows what several do together
-    for name in rendered:
-        values = state.values[name]
+    for name, values in rendered.items():
         for p in fitter.forward.parameters[name]:
             if p.shape:
                 continue  # what only shapes an effect is known least, and cannot be far alone
@@ -155,15 +151,12 @@ def standing(source: Renders, fitter: Fitter, state: State, shots: Sequence[int]
     pictures = [bank.of(number) for number in range(len(bank.shots))]
     for number in shots:
         pictures[number] = replace(pictures[number], stand=None)
-    place = tuple(range(len(pictures)))
-    without = Forward(replace(bank, pictures=tuple(pictures), place=place))
-    values = {name: state.values[name] for name in state.values if effect(name).rendered}
+    without = Forward(bank.with_own(pictures))
     poses = {number: fitter.forward.pose(state, number) for number in shots}
-    combined = replace(state, values=values, poses=poses, numerical=0.0)
-    for number, light in rendered_at(source, bank, values, poses, state.sizes):
-        stand = LocalCorrection(poses[number] / POSE_STEP, light - without.light(combined, number))
+    for number, error in _lacking(source, without, state, poses):
+        stand = LocalCorrection(poses[number] / POSE_STEP, error)
         pictures[number] = replace(pictures[number], stand=stand)
-    return fitter.of(replace(bank, pictures=tuple(pictures), place=place), fitter.noises)
+    return fitter.of(bank.with_own(pictures), fitter.noises)
 
 
 def beyond(fitter: Fitter, state: State, shots: Sequence[int]) -> list[int]:

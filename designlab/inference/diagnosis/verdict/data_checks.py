@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from designlab.inference.calibration.suspicions import CoarseShot, faults, lights_of_others, misfit, picture
+from designlab.inference.calibration.suspicions import faults, lights_of_others, misfit, picture
 from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.likelihood.usable_frames import end_at_zero
 from designlab.inference.diagnosis.result import Found, GapReport
@@ -139,7 +139,11 @@ def examine(
     design = model.effective_design()
     transfer = design.mixing_matrix * np.array([group.flux_mw for group in design.leds.groups])
     found: list[Suspicion] = list(faults(pictures, seen.black_level, transfer, measurement.response))
-    compared = _with_others(pictures)
+    # Misfit of every picture with the light that the others tell.
+    compared = [
+        0.0 if light is None or not one.valid.any() else misfit(one, light)
+        for one, light in zip(pictures, lights_of_others(pictures), strict=True)
+    ]
     if not found:
         found += odd_presses(above, pictures, compared, seen.black_level, model, renders)
     said = refuse(measurement, found, trust)
@@ -160,14 +164,6 @@ def _misfits(shots: Sequence[Shot], compared: Sequence[float]) -> str:
         if (ours := [c for s, c in zip(shots, compared, strict=True) if (s.press is not None) == pressed])
     ]
     return f"misses, in units of noise and 1 % of the mean: {', '.join(parts)}"
-
-
-def _with_others(pictures: Sequence[CoarseShot]) -> list[float]:
-    """Misfit of every picture with the light that the others tell."""
-    return [
-        0.0 if light is None or not one.valid.any() else misfit(one, light)
-        for one, light in zip(pictures, lights_of_others(pictures), strict=True)
-    ]
 
 
 def _reserves(measurement: Measurement, seen: Observations, doubted: Sequence[str]) -> Iterable[Reserve]:

@@ -15,6 +15,7 @@ from designlab.inference.diagnosis.likelihood.usable_frames import end_at_zero, 
 from designlab.inference.diagnosis.result import Advice
 from designlab.inference.diagnosis.selection.acceptance import JudgedCandidate, least_lead
 from designlab.measurement.shots import Shot
+from designlab.simulation.contact.press import Press
 
 MOST_FRAMES = 12
 LEAST_USE = 0.1  # rise of the logarithm of the Bayes factor below which no frame is asked for
@@ -159,29 +160,20 @@ def frames_to_take(fitter: Fitter) -> list[Action]:
         return Action(text, shot, untouched, minutes, {"kind": "background", **fields})
 
     found = _lit_alone("a background", background, untouched, names, 1.0, {"kind": "background"})
-    found.append(bare("a frame with the LEDs off", 0.5, DARK, lit=0 * everything, clips=end_at_zero(shots)))
-    found.append(
-        bare("a background at a quarter of the exposure", 0.5, {"exposure": 0.25}, lit=everything / 4)
-    )
-    found.append(
-        bare(
-            "a background with the gel turned by 180 deg",
-            10.0,
-            {"gel_rotation_deg": 180.0},
-            lit=everything,
-            gel_rotation_deg=180.0,
-        )
-    )
+    turned = {"gel_rotation_deg": 180.0}
+    found += [
+        bare("a frame with the LEDs off", 0.5, DARK, lit=0 * everything, clips=end_at_zero(shots)),
+        bare("a background at a quarter of the exposure", 0.5, {"exposure": 0.25}, lit=everything / 4),
+        bare("a background with the gel turned by 180 deg", 10.0, turned, lit=everything, **turned),
+    ]
     # Places keep their use: a frame at one that judges would decide nothing.
-    deepest: dict[tuple[float, float], int] = {}
+    deepest: dict[tuple[float, float], tuple[Press, int]] = {}
     for n in lit:
         if (press := shots[n].press) is not None and shots[n].use == "train":
-            other = shots[deepest.setdefault(press.centre_mm, n)].press
-            if other is None or press.depth_mm > other.depth_mm:
-                deepest[press.centre_mm] = n
-    for n in deepest.values():
-        press = shots[n].press
-        assert press is not None
+            place = press.centre_mm
+            if place not in deepest or press.depth_mm > deepest[place][0].depth_mm:
+                deepest[place] = press, n
+    for press, n in deepest.values():
         (x_mm, y_mm), probe = press.centre_mm, press.probe.text
         text = f"{probe} pressed {press.depth_mm:g} mm deep at ({x_mm:g}, {y_mm:g}) mm"
         fields = {

@@ -4,7 +4,6 @@ What the fit itself says of the error is joined by what no catalogue lists, see 
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -38,25 +37,20 @@ def values(fitter: Fitter, fit: Fit, name: str, train: Sequence[int]) -> dict[st
     train : sequence of int
         Those shots.
     """
-    ends: dict[str, Ends] = {}
     if name == "fixed_pattern":
-        ends["rms"] = _of_pattern(fitter, fit.state, train)
+        ends = {"rms": _of_pattern(fitter, fit.state, train)}
     elif name in DRAWN_SD:
         ends = _of_draws(fitter, fit, name, train)
     else:
         ends = _of_parameters(fitter, fit, name)
-    found = {}
-    for p in fitter.forward.parameters[name]:
-        value = fit.state.values[name][p.name]
-        if p.name in ends:
-            found[p.name] = _value(name, p, value, *ends[p.name])
-        else:
-            found[p.name] = Value(value, None, None, p.unit, p.null, p.sd, (p.low, p.high), None)
-    return found
+    fitted, parameters = fit.state.values[name], fitter.forward.parameters[name]
+    return {p.name: _value(name, p, fitted[p.name], ends.get(p.name)) for p in parameters}
 
 
-def _value(name: str, p: EffectParameter, value: float, low: float, high: float) -> Value:
-    low, high = min(low, value), max(high, value)
+def _value(name: str, p: EffectParameter, value: float, ends: Ends | None) -> Value:
+    if ends is None:
+        return Value(value, None, None, p.unit, p.null, p.sd, (p.low, p.high), None)
+    low, high = min(ends[0], value), max(ends[1], value)
     fit_sd = (high - low) / (2 * NORMAL)
     away = NORMAL * p.sd * unlisted_sd(name, p.name, shape=p.shape)
     low, high = value - np.hypot(value - low, away), value + np.hypot(high - value, away)
@@ -157,8 +151,7 @@ def _misfit(fitter: Fitter, state: State, period: float, train: Sequence[int]) -
 
 def _of_pattern(fitter: Fitter, state: State, train: Sequence[int]) -> Ends:
     """Ends where the evidence for a strength has fallen as a Gaussian's would."""
-    others = {name: own for name, own in state.values.items() if name != "fixed_pattern"}
-    bare = replace(state, values=others, pattern=None)
+    bare = state.without("fixed_pattern")
     return strengths_as_good(fitter, bare, train, within=ALIKE * NORMAL**2 / 2)
 
 

@@ -37,15 +37,14 @@ def localise(fitter: Fitter, renders: Renders, state: State, shots: Sequence[int
     shots : sequence of int
         Shots to look at.
     """
-    excess: dict[tuple[str, str, str], float] = {}
-    signed: dict[tuple[str, str, str], list[float]] = {}
+    # Of each region, channel and kind of frame: excess, sum of residuals, number of values.
+    sums: dict[tuple[str, str, str], Array] = {}
     for number in shots:
         shot, noise = fitter.bank.shots[number], fitter.noises[number]
         predicted = fitter.forward.predict(state, number)
         residual = np.where(shot.valid, (shot.signal - predicted) / noise.sigma, 0.0)
-        frames = "background" if shot.press is None else "press"
-        if not shot.lit.any():
-            frames = "dark"
+        touched = "background" if shot.press is None else "press"
+        frames = touched if shot.lit.any() else "dark"
         frame = geometry(fitter, renders, state, number)
         for channel, name in enumerate(CHANNELS):
             used = shot.valid[..., channel]
@@ -53,30 +52,20 @@ def localise(fitter: Fitter, renders: Renders, state: State, shots: Sequence[int
                 z = residual[..., channel][place & used]
                 granted = (noise.granted / noise.sigma)[..., channel][place & used]
                 key = (region, name, frames)
-                excess[key] = excess.get(key, 0.0) + float((z**2 - granted**2).sum())
-                sums = signed.setdefault(key, [0.0, 0.0])
-                sums[0] += float(z.sum())
-                sums[1] += z.size
-    total = sum(max(value, 0.0) for value in excess.values())
-    compared = sum(size for _, size in signed.values())
+                here = np.array([(z**2 - granted**2).sum(), z.sum(), z.size])
+                sums[key] = sums.get(key, 0.0) + here
+    totals: dict[tuple[str, str, str], list[float]] = {key: own.tolist() for key, own in sums.items()}
+    total = sum(max(excess, 0.0) for excess, _, _ in totals.values())
+    compared = sum(size for _, _, size in totals.values())
     if total <= 0:
         return ()
     found = []
-    for key, value in excess.items():
-        if value / total < LEAST_SHARE:
+    for key, (excess, signed, size) in totals.items():
+        if excess / total < LEAST_SHARE:
             continue
-        alike = [other for other in excess if other[1:] == key[1:]]
-        mean = sum(max(excess[other], 0.0) for other in alike) / sum(signed[other][1] for other in alike)
-        total_z, size = signed[key]
-        found.append(
-            Where(
-                *key,
-                share=value / total,
-                area=size / compared,
-                times=value / size / mean,
-                mean_z=total_z / size,
-            )
-        )
+        alike = [own for other, own in totals.items() if other[1:] == key[1:]]
+        mean = sum(max(own[0], 0.0) for own in alike) / sum(own[2] for own in alike)
+        found.append(Where(*key, excess / total, size / compared, excess / size / mean, signed / size))
     return tuple(sorted(found, key=lambda place: -place.share))
 
 

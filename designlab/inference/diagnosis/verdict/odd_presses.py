@@ -69,29 +69,25 @@ def odd_presses(
     renders : Renders
         Where other pictures of it come from.
     """
-    pressed = [n for n, shot in enumerate(shots) if shot.press is not None]
+    pressed = {n: shot.press for n, shot in enumerate(shots) if shot.press is not None}
     usual = float(np.median([compared[n] for n in pressed]))
     odd = [n for n in pressed if compared[n] > max(ASKED_FROM, ODD * usual)]
     groups: dict[str, list[int]] = {}
-    for n in pressed:
-        press = shots[n].press
-        assert press is not None
+    for n, press in pressed.items():
         groups.setdefault(shots[n].files[0] if n in odd else press.probe.text, []).append(n)
     found: list[Suspicion] = []
     for numbers in groups.values():
-        deepest = sorted(numbers, key=lambda n: -_depth_mm(shots[n]))[:TRIED]
+        deepest = sorted(numbers, key=lambda n: -pressed[n].depth_mm)[:TRIED]
         if np.mean([compared[n] for n in deepest]) < ASKED_FROM:
             continue
-        light = [p for n, p in enumerate(pictures) if shots[n].press is None] or [
-            p for n, p in enumerate(pictures) if n not in numbers
-        ]
+        untouched = [p for n, p in enumerate(pictures) if n not in pressed]
+        light = untouched or [p for n, p in enumerate(pictures) if n not in numbers]
         alone = numbers[0] in odd
-        theirs = [shots[n].press for n in odd if n not in numbers] if alone else []
+        places = [pressed[n].centre_mm for n in odd if n not in numbers] if alone else []
         files = tuple(shots[n].files[0] for n in numbers)
         if light:
             told = fitted_light(light, Fault(), black)
-            places = [press.centre_mm for press in theirs if press is not None]
-            other = _other_press([shots[n] for n in deepest], told, places, model, renders)
+            other = _other_press([(shots[n], pressed[n]) for n in deepest], told, places, model, renders)
             if other is not None:
                 found.append(replace(other, files=files))
                 continue
@@ -112,33 +108,27 @@ def _odd(files: tuple[str, ...], missed: float, usual: float) -> Suspicion:
     )
 
 
-def _depth_mm(shot: Shot) -> float:
-    return shot.press.depth_mm if shot.press is not None else 0.0
-
-
 def _other_press(
-    shots: Sequence[Shot],
+    presses: Sequence[tuple[Shot, Press]],
     light: FittedLight,
     places: Sequence[tuple[float, float]],
     model: SensorModel,
     renders: Renders,
 ) -> Suspicion | None:
     """Another probe or other places under which the model explains presses clearly better."""
-    first = shots[0].press
-    assert first is not None
-    renders.begin("checks", len(shots) * (len(OTHER_KINDS) + len(OTHER_SIZES) + len(TURNS) + len(places)))
+    stated_probe = presses[0][1].probe
+    renders.begin("checks", len(presses) * (len(OTHER_KINDS) + len(OTHER_SIZES) + len(TURNS) + len(places)))
 
     def left(changed: Callable[[Press], Press]) -> float:
         squares = []
-        for shot in shots:
-            assert shot.press is not None
-            basis = renders.basis(model, changed(shot.press), shot.view).astype(float)
+        for shot, press in presses:
+            basis = renders.basis(model, changed(press), shot.view).astype(float)
             squares.append(misfit(picture(shot, shot.lit, basis), light) ** 2)
         return float(np.sqrt(np.mean(squares)))
 
     stated = left(lambda press: press)
     tried: dict[str, tuple[str, float]] = {}
-    for probe in _other_probes(first.probe):
+    for probe in _other_probes(stated_probe):
         tried[probe.text] = "probe", left(_with(probe=probe))
     for name, signs in TURNS.items():
         tried[name] = "place", left(partial(_placed, turn=signs))
@@ -165,7 +155,7 @@ def _other_press(
         "probe",
         (),
         evidence,
-        f"another probe was pressed than {first.probe.text}, or its size means something else: of spheres "
+        f"another probe was pressed than {stated_probe.text}, or its size means something else: of spheres "
         "and cylinders the diameter, of a triangle its side",
         f'write probe = "{text}" if that is what was pressed, else the right one',
     )

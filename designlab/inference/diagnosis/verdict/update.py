@@ -90,27 +90,21 @@ def covariance(fitter: Fitter, best: Fit) -> Covariance | None:
     `empirical_errors`: that pulls values along what the frames tell least, so correlations stay. The fit
     knows parameters in prior standard deviations, squared ones by their square.
     """
-    known: dict[str, dict[str, EffectParameter]] = {
-        name: {p.name: p for p in fitter.forward.parameters[name]} for name in best.state.values
-    }
+    known = {name: {p.name: p for p in fitter.forward.parameters[name]} for name in best.state.values}
     unknowns = best.system.unknowns
     places = [k for k, u in enumerate(unknowns) if u.shot < 0 and u.name in known.get(u.effect, {})]
     if not places:
         return None
     information, _ = best.system.reduced(places)
     matrix = np.linalg.inv(information + np.eye(len(places)))
-    fitted = [known[unknowns[k].effect][unknowns[k].name] for k in places]
-    unit = np.array([p.sd**2 if p.squared else p.sd for p in fitted])
-    values = [best.state.values[unknowns[k].effect][p.name] for k, p in zip(places, fitted, strict=True)]
+    fitted = [(u.effect, known[u.effect][u.name]) for u in (unknowns[k] for k in places)]
+    unit = np.array([p.sd**2 if p.squared else p.sd for _, p in fitted])
     matrix = (matrix + matrix.T) / 2 * np.outer(unit, unit)
-    unlisted = [
-        _unlisted_variance(unknowns[k].effect, p, value)
-        for k, p, value in zip(places, fitted, values, strict=True)
-    ]
+    unlisted = [_unlisted_variance(name, p, best.state.values[name][p.name]) for name, p in fitted]
     wider = np.sqrt(1 + np.array(unlisted) / np.diag(matrix))
     matrix = matrix * np.outer(wider, wider)
     return Covariance(
-        parameters=tuple(f"{unknowns[k].effect}.{unknowns[k].name}" for k in places),
+        parameters=tuple(f"{name}.{p.name}" for name, p in fitted),
         matrix=tuple(tuple(float(v) for v in row) for row in matrix),
     )
 
