@@ -171,9 +171,10 @@ def evenness_scores(
     return scores, each
 
 
-def _estimates(names: Sequence[str], values: ArrayLike, errors: ArrayLike, unit: str = "1") -> Scores:
-    pairs = zip(names, np.asarray(values), np.asarray(errors), strict=True)
-    return {name: Estimate(float(value), float(error), unit) for name, value, error in pairs}
+def _estimates(names: Sequence[str], values: ArrayLike, errors: ArrayLike) -> Scores:
+    """Scores in their units; figures that are no scores have none."""
+    found = zip(names, np.asarray(values), np.asarray(errors), strict=True)
+    return {name: Estimate(float(value), float(error), SCORES.get(name, "1")) for name, value, error in found}
 
 
 class _Pair(NamedTuple):
@@ -284,16 +285,9 @@ def slant_scores(
         slant = illumination.slant_deg(response[mask], membrane)
         return [np.median(slant, axis=0), illumination.shadow_share(slant, slope_deg=SLOPE_DEG).mean(axis=0)]
 
-    (slants, shadows), (slant_errors, shadow_errors) = responses.figures(of)
-    figures = {
-        "slant_deg": ((slants, slant_errors), "deg"),
-        "shadow_share_30deg": ((shadows, shadow_errors), "1"),
-    }
+    values, errors = responses.figures(of)
     each = {
-        name: {
-            figure: Estimate(float(values[g]), float(errors[g]), unit)
-            for figure, ((values, errors), unit) in figures.items()
-        }
+        name: _estimates(("slant_deg", "shadow_share_30deg"), values[:, g], errors[:, g])
         for g, name in enumerate(design.group_names)
     }
     scores = {
@@ -336,8 +330,7 @@ def information_score(
 
     values, errors = responses.figures(of)
     errors = np.hypot(errors, of(responses.best, 1 + exposure_error) - values)
-    names = ("information_flat_deg", "information_deg")
-    return _estimates(names, values, errors, "deg")
+    return _estimates(("information_flat_deg", "information_deg"), values, errors)
 
 
 def merged(*parts: Mapping[str, Mapping[str, Estimate]]) -> dict[str, dict[str, Estimate]]:

@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import product
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -57,9 +58,7 @@ def plan_presses(design: Design, *, rounds: int, seed: int, grids: int = 1) -> P
     scale = min(1.0, min(width, height) / 12.0)  # small sensors get small probes
     depth = min(0.4 * design.elastomer.thickness_mm, 0.8) * scale
     balls = []
-    for number, (grid, column, row) in enumerate(
-        (g, c, r) for g in range(grids) for r in (-1, 0, 1) for c in (-1, 0, 1)
-    ):
+    for number, (grid, row, column) in enumerate(product(range(grids), (-1, 0, 1), (-1, 0, 1))):
         jitter = random.uniform(-0.04, 0.04, size=2)
         centre = ((0.3 * column + jitter[0]) * width, (0.28 * row + jitter[1]) * height)
         # each row and column of a grid has every size, each grid another at each place
@@ -203,10 +202,8 @@ class EvaluationProtocol:
         true_p, true_q = frame.gradient
         base_p, base_q = base_gradient(self.design.elastomer, *frame.seen_mm)
         pitch = frame.rays.pitch_mm
-        estimated, truth = (
-            normals(found.p + base_p, found.q + base_q),
-            normals(true_p + base_p, true_q + base_q),
-        )
+        estimated = normals(found.p + base_p, found.q + base_q)
+        truth = normals(true_p + base_p, true_q + base_q)
         region = _grown(frame.contact, GROWN_MM / pitch[0])
         return Reconstruction(
             frame=frame,

@@ -21,32 +21,32 @@ class Evaluator(Protocol):
         """Return the score of a feasible design, or of the sensor model it makes with the study's effects."""
 
 
-def default_evaluator(design: "Design | SensorModel", /, *, fidelity: str, seed: int) -> Any:
-    """Score a design by simulation, with `designlab.evaluation.evaluate.evaluate`."""
-    from designlab.evaluation.evaluate import evaluate
-
-    return evaluate(design, fidelity=fidelity, seed=seed).score
-
-
-def built_evaluator(copy: "Design | SensorModel", /, *, fidelity: str, seed: int) -> Any:
-    """Score a sensor as it was built, which may have lost some of its view."""
-    from designlab.evaluation.evaluate import evaluate
-
-    return evaluate(copy, fidelity=fidelity, seed=seed, as_built=True).score
-
-
 @dataclass(frozen=True)
-class CalibratedOnce:
-    """Scores copies as built with the calibration of another sensor of the kind, see `evaluate`."""
+class Simulated:
+    """Scores a design by simulation, with `designlab.evaluation.evaluate.evaluate`.
 
-    calibration: "KernelCalibration"
+    Attributes
+    ----------
+    as_built : bool
+        Whether it is a sensor as it was built, which may have lost some of its view.
+    calibration : KernelCalibration, optional
+        That of another sensor of the kind; each is calibrated on its own without.
+    """
 
-    def __call__(self, copy: "Design | SensorModel", /, *, fidelity: str, seed: int) -> Any:
-        """Return the score of a copy."""
+    as_built: bool = False
+    calibration: "KernelCalibration | None" = None
+
+    def __call__(self, design: "Design | SensorModel", /, *, fidelity: str, seed: int) -> Any:
+        """Return the score of a design."""
         from designlab.evaluation.evaluate import evaluate
 
-        found = evaluate(copy, fidelity=fidelity, seed=seed, calibration=self.calibration, as_built=True)
+        found = evaluate(
+            design, fidelity=fidelity, seed=seed, calibration=self.calibration, as_built=self.as_built
+        )
         return found.score
+
+
+default_evaluator, built_evaluator = Simulated(), Simulated(as_built=True)
 
 
 class Prepared(NamedTuple, Generic[Subject]):
@@ -99,14 +99,10 @@ def evaluate_design(
         for name, estimate in score.scores.items()
     }
     warnings = list(getattr(score, "warnings", ()))
-    found = {"scores": scores, "seconds": _plain(score, "seconds")}
+    seconds = getattr(score, "seconds", None)
+    found = {"scores": scores, "seconds": dict(seconds) if isinstance(seconds, Mapping) else seconds}
     return found | {"warnings": warnings} if warnings else found
 
 
 def _finite(value: Any) -> float | None:
     return float(value) if value is not None and math.isfinite(value) else None
-
-
-def _plain(score: Any, name: str) -> Any:
-    found = getattr(score, name, None)
-    return dict(found) if isinstance(found, Mapping) else found

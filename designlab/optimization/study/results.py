@@ -377,10 +377,8 @@ def _native(value: Any) -> Any:
 
 def _score_columns(frame: "pd.DataFrame", study: Study) -> list[str]:
     names = [column.removesuffix("_se") for column in frame.columns if column.endswith("_se")]
-    names = [name for name in study.objectives if name in names] + [
-        name for name in names if name not in study.objectives
-    ]
-    return [column for name in names for column in (name, f"{name}_se")]
+    ordered = dict.fromkeys([*(name for name in study.objectives if name in names), *names])
+    return [column for name in ordered for column in (name, f"{name}_se")]
 
 
 def _rows(frame: "pd.DataFrame", columns: list[str]) -> list[dict[str, Any]]:

@@ -16,8 +16,8 @@ from designlab.core.workers import finished
 from designlab.evaluation.illumination_scores import SCORES
 from designlab.optimization.constraint import Bound
 from designlab.optimization.outcome import (
-    CalibratedOnce,
     Evaluator,
+    Simulated,
     built_evaluator,
     evaluate_design,
     prepared,
@@ -138,7 +138,8 @@ def tolerance(
     if calibrate == "once" and missing:
         from designlab.evaluation.evaluate import calibration_of
 
-        scored = CalibratedOnce(calibration_of(nominal, fidelity=fidelity, seed=seed))
+        calibration = calibration_of(nominal, fidelity=fidelity, seed=seed)
+        scored = Simulated(as_built=True, calibration=calibration)
     calls = [(evaluate_design, scored, built.model(k), fidelity, seed) for k in missing]
     done, total = copies + 1 - len(missing), copies + 1
     try:

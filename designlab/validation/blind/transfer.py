@@ -1,6 +1,6 @@
 """Transfer trials see whether a model corrected on one sensor predicts another design."""
 
-import os
+import time
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -108,7 +108,7 @@ def run_transfers(
 
 
 def _one(trial: Trial, folder: Path) -> Transferred:
-    begun = os.times()
+    begun = time.process_time()
     design = preset(trial.design)
     (diagnosed,) = run([trial], folder)
     written = model_path(trial, folder)
@@ -128,7 +128,6 @@ def _one(trial: Trial, folder: Path) -> Transferred:
     renders = Renders(folder / "renders" / f"{trial.design}-other", SAMPLES, SEED)
     before, after = predicted(load_measurement(second), [SensorModel.of(changed), corrected], renders)
     gap = level(before, after)
-    ended = os.times()
     carried = [applied.name for applied in corrected.effects]
     named = [applied.name for applied in found.effects]
     return Transferred(
@@ -143,7 +142,7 @@ def _one(trial: Trial, folder: Path) -> Transferred:
         floor=gap.floor,
         removed=removed(gap),
         warnings=list(corrected.warnings()),
-        processor_seconds=ended.user + ended.system - begun.user - begun.system,
+        processor_seconds=time.process_time() - begun,
     )
 
 

@@ -5,17 +5,9 @@ from typing import Any
 
 from designlab.report.page import Column, rounded
 from designlab.sensor.design import CHANNELS
+from designlab.validation.paper_2020 import comparison as paper
 from designlab.validation.paper_2020.accuracy import DIFFUSE, PHONG, TRANSPORT
-from designlab.validation.paper_2020.comparison import (
-    COVERED,
-    POSE_MM,
-    POSES_MM,
-    PRODUCT,
-    YAW_DEG,
-    percent,
-    short,
-    verdict,
-)
+from designlab.validation.paper_2020.comparison import percent, short, verdict
 
 Rows = list[dict[str, Any]]
 BASELINES = (DIFFUSE, PHONG)
@@ -147,7 +139,8 @@ def failures(found: Mapping[str, Any]) -> list[str]:
 
 def recovery(found: Mapping[str, Any]) -> Rows:
     """Errors of what was fitted, with targets where there are some."""
-    targets = {"product": PRODUCT, "yaw_deg": YAW_DEG} | dict.fromkeys(POSES_MM, POSE_MM)
+    targets = {"product": paper.PRODUCT, "yaw_deg": paper.YAW_DEG}
+    targets |= dict.fromkeys(paper.POSES_MM, paper.POSE_MM)
     rows = []
     for kind, (name, unit) in NUMBERS.items():
         if kind not in found["errors"]:
@@ -167,7 +160,7 @@ def recovery(found: Mapping[str, Any]) -> Rows:
 
 def coverage(found: Mapping[str, Any]) -> Rows:
     """How many stated intervals hold the truth: all, and by kind."""
-    low, high = COVERED
+    low, high = paper.COVERED
     kinds = {"all": found["covered"], **found["covered"]["by_kind"]}
     return [
         {

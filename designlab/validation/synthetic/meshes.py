@@ -94,9 +94,7 @@ def package(boards: Rectangles, number: int, way_mm: float, depth_mm: float) -> 
 
 def joining_mm(boards: Rectangles, number: int, glass: ImmersedParts) -> float:
     """Way of a board along its normal until its front lies just inside the core: glue fills the rest."""
-    across = boards.half[number, 0] * boards.across[number]
-    down = boards.half[number, 1] * boards.down[number]
-    corners = [boards.centre[number] + i * across + j * down for i in (-1, 1) for j in (-1, 1)]
+    corners = package(boards, number, 0.0, 0.0).vertices
     ways = []
     for side in (wall for wall in glass.walls if wall.name.startswith("core-side")):
         a, b, c = side.vertices[side.faces[0]]

@@ -15,19 +15,9 @@ from numpy.typing import NDArray
 
 from designlab.core.types import Array
 from designlab.simulation.scene.materials import Dielectric, Diffuse, Shape
+from designlab.validation.synthetic import clear
 from designlab.validation.synthetic.beams import Face
-from designlab.validation.synthetic.clear import (
-    BLACK,
-    CORE,
-    GAP_ABOVE,
-    GAP_BELOW,
-    GEL,
-    INTERFACE,
-    SIDE,
-    SPREADS,
-    Follower,
-    Stuff,
-)
+from designlab.validation.synthetic.clear import Follower, Stuff
 from designlab.validation.synthetic.generator_sensor import Rig
 from designlab.validation.synthetic.glass import Disc, ImmersedParts, interface_z
 from designlab.validation.synthetic.meshes import SEGMENTS, Mesh, joining_mm, membrane, package, sheet
@@ -49,7 +39,8 @@ R2 = (0.7548776662466927, 0.5698402909980532)
 LEAST_PER_MM = 1e-6
 MOST_LOST = 1e-4  # share of paths whose radiance is no number
 LEAST_ALBEDO = 1e-7  # of what only absorbs: the engine divides by a throughput of zero
-BETWEEN = {"interface": INTERFACE, "gap-above": GAP_ABOVE, "gap-below": GAP_BELOW}  # gel and core
+# boundaries between gel and core
+BETWEEN = {"interface": clear.INTERFACE, "gap-above": clear.GAP_ABOVE, "gap-below": clear.GAP_BELOW}
 CAMERA_SEGMENTS = 3  # of a path, from the membrane through interface and window to the camera
 
 
@@ -130,9 +121,10 @@ class Tracer:
         # From the core on: the way through the gel is one segment.
         self._onward = mi.load_dict({"type": kind, "max_depth": max(depth - 1, 1), "rr_depth": 1000})
         self.far = far and not (spreading and glass.scattering_per_mm)
+        kinds = {shape.name: self._kind(shape) for shape in glass.walls} | dict.fromkeys(leds, clear.SPREADS)
         self._follower = Follower(
             self._scene,
-            {shape.name: self._kind(shape) for shape in glass.walls} | BETWEEN | dict.fromkeys(leds, SPREADS),
+            kinds | BETWEEN,
             Stuff(glass.gel_index, glass.core_index, *_extinction(glass, groups)),
             longest=depth,
             far=self.far,
@@ -224,7 +216,7 @@ class Tracer:
         found = self._follower.follow(ray, sampler.next_1d())
         onward, seen = mi.RayDifferential3f(found.ray), dr.max(found.worth) > 0
         total = mi.Color3f(0.0)
-        for name, passed in (("core", CORE), ("gel", GEL)):
+        for name, passed in (("core", clear.CORE), ("gel", clear.GEL)):
             mine = seen & (found.passing == passed)
             medium = {} if self._media[name] is None else {"medium": self._media[name]}
             light, _, _ = self._onward.sample(self._scene, sampler, onward, active=mine, **medium)
@@ -257,9 +249,9 @@ class Tracer:
         """What a wall is to clear light."""
         rough = isinstance(shape.material, Dielectric) and shape.material.roughness
         if isinstance(shape.material, Dielectric) and not rough:
-            return SIDE
+            return clear.SIDE
         bright = rough or (isinstance(shape.material, Diffuse) and any(shape.material.reflectance))
-        return SPREADS if self._spreading and bright else BLACK
+        return clear.SPREADS if self._spreading and bright else clear.BLACK
 
     def _wall(self, shape: Shape, glass: ImmersedParts, groups: tuple[int, ...]) -> "mi.Mesh":
         mesh = Mesh(shape.vertices, shape.faces.astype(np.int64), shape.normals)

@@ -83,11 +83,8 @@ def _added(
 
 def _waviness(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
     """Ripples of a cast membrane, 6 um rms over 3 to 6 mm: 1.0 % of the median signal."""
-    length_mm, direction, phase = (
-        random.uniform(3, 6, 8),
-        random.uniform(0, 2 * np.pi, 8),
-        random.uniform(0, 2 * np.pi, 8),
-    )
+    length_mm = random.uniform(3, 6, 8)
+    direction, phase = random.uniform(0, 2 * np.pi, (2, 8))
     amplitude = np.full(8, strength * 0.006 / np.sqrt(8 / 2))
     number = 2 * np.pi / length_mm * np.exp(1j * direction)
     waves = np.stack([number.real, number.imag, amplitude, phase], axis=1)

@@ -41,13 +41,9 @@ def veil(rig: Rig, field: ImmersedLightField, tan_x: Array, tan_y: Array, *, see
     for first in range(0, groups, CHANNELS):
         part = tuple(range(first, min(first + CHANNELS, groups)))
         glow = Glow(field.glow[list(part)], GLOW_MM)
-        leds, hazy, clear = (
-            Tracer(rig, part),
-            Tracer(rig, part, glow=glow),
-            Tracer(rig, part, glow=glow, spreading=False),
-        )
+        hazy, clear = Tracer(rig, part, glow=glow), Tracer(rig, part, glow=glow, spreading=False)
         # Equal random numbers: what comes straight from the membrane is the same in both, and cancels.
-        found = leds.radiance(origin, direction, seed=seed, within="air")
+        found = Tracer(rig, part).radiance(origin, direction, seed=seed, within="air")
         found += hazy.radiance(origin, direction, seed=seed + 1, within="air")
         found -= clear.radiance(origin, direction, seed=seed + 1, within="air")
         total.append(found.reshape(len(part), COLUMNS * ROWS, PATHS).mean(axis=2))
