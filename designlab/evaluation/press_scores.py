@@ -98,9 +98,6 @@ def _errors(
     for result in results:
         thin = thinned(result.frame)
         angle, height = result.error_deg[result.region], result.height_error_um
-        follows = rgb_to_normal(
-            result.image[thin], background[thin], result.true_normals[thin], base[thin]
-        )  # fmt: skip
         rows.append(
             (
                 np.median(angle),
@@ -109,7 +106,7 @@ def _errors(
                 np.mean(height**2),
                 (angle < WITHIN_DEG).mean(),
                 saturated(signal_of(bench, result.frame, thin))[result.region[thin]].mean(),
-                follows,
+                rgb_to_normal(result.image[thin], background[thin], result.true_normals[thin], base[thin]),
             )
         )
     return np.array(rows)

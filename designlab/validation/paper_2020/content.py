@@ -45,6 +45,7 @@ class Chapter(NamedTuple):
     blocks: Blocks
 
 
+TARGET_COLUMNS = [Column("count", "count"), Column("target", "target"), Column("met", "met")]
 REDUCED = Text(
     "This is the reduced size: few presses and coarse pictures show that everything runs. Quote the figures "
     "of the full size.",
@@ -193,9 +194,7 @@ def _recovery(recovery: dict[str, Any]) -> Blocks:
                 Column("unit", "unit of errors"),
                 Column("median", "median error"),
                 Column("largest", "largest error"),
-                Column("count", "count"),
-                Column("target", "target"),
-                Column("met", "met"),
+                *TARGET_COLUMNS,
             ],
             "Errors of the fit; a target is met where the largest error keeps it, or in the median alone.",
         ),
@@ -204,9 +203,7 @@ def _recovery(recovery: dict[str, Any]) -> Blocks:
             [
                 Column("number", "number"),
                 Column("share", "intervals that hold the truth", "%"),
-                Column("count", "count"),
-                Column("target", "target"),
-                Column("met", "met"),
+                *TARGET_COLUMNS,
             ],
             "Stated 95 % intervals. Those of one sensor are not independent of each other.",
         ),

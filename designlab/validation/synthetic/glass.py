@@ -13,6 +13,7 @@ from designlab.simulation.scene.static_parts import core_and_gel, housing_inside
 from designlab.validation.synthetic.boundaries import gap_transmission, reflectance, refracted
 from geometries import gelcore
 
+Place = float | Array
 INTERFACE = ("interface", "gap-gel", "gap-core")  # laid out anew
 
 
@@ -82,22 +83,25 @@ class ImmersedParts:
         return not any(losses)
 
 
-class ImmersedRays(NamedTuple):
-    """Viewing rays within the gel: x = x_0 + t tan_x, y = y_0 + t tan_y, z = z_0 - t, arrays (n,).
+class CameraRays(NamedTuple):
+    """Rays x = x_c + t tan_x, y = y_c + t tan_y, z = z_c - t from a centre of projection (x_c, y_c, z_c)."""
 
-    `passed` (groups, n) is the share of the membrane's radiance that comes from the interface to the camera,
-    the widening of the beam (1 / index of the gel squared) included.
-    """
-
-    origin_mm: tuple[Array, Array, Array]
+    origin_mm: tuple[Place, Place, Place]
     tan_x: Array
     tan_y: Array
-    passed: Array
+
+    def at(self, t: Array) -> tuple[Array, Array, Array]:
+        """Points of the rays."""
+        x, y, z = self.origin_mm
+        return x + t * self.tan_x, y + t * self.tan_y, z - t
+
+    def only(self, chosen: NDArray[np.bool_]) -> "CameraRays":
+        """Some of the rays."""
+        x, y, z = (np.broadcast_to(place, chosen.shape)[chosen] for place in self.origin_mm)
+        return CameraRays((x, y, z), self.tan_x[chosen], self.tan_y[chosen])
 
 
-def look(
-    glass: ImmersedParts, camera_mm: tuple[float, float, float], tan_x: Array, tan_y: Array
-) -> ImmersedRays:
+def look(glass: ImmersedParts, rays: CameraRays) -> tuple[CameraRays, Array]:
     """Follow the camera's rays through window and core into the gel.
 
     Snell's law in Heckbert's vector form at a plane window and at the plane or sphere under it; Fresnel's
@@ -105,17 +109,22 @@ def look(
 
     Parameters
     ----------
-    camera_mm : tuple
-        Centre of projection.
-    tan_x, tan_y : array (n,)
-        Tangents of the rays against the axis, in air.
+    rays : CameraRays
+        Rays in air, from the centre of projection.
+
+    Returns
+    -------
+    onward : CameraRays
+        Rays within the gel, each from its own place.
+    passed : array (groups, n)
+        Share of the membrane's radiance that comes from the interface to the camera, the widening of the
+        beam (1 / index of the gel squared) included.
     """
+    (x, y, z), tan_x, tan_y = rays
     steep = 1.0 / np.sqrt(1.0 + tan_x**2 + tan_y**2)
     direction = np.stack([tan_x * steep, tan_y * steep, -steep])
-    fall = camera_mm[2] - glass.window_mm
-    point = np.stack(
-        [camera_mm[0] + fall * tan_x, camera_mm[1] + fall * tan_y, np.full(len(tan_x), glass.window_mm)]
-    )
+    fall = z - glass.window_mm
+    point = np.stack([x + fall * tan_x, y + fall * tan_y, np.full(len(tan_x), glass.window_mm)])
     up = np.broadcast_to(np.array([[0.0], [0.0], [1.0]]), direction.shape)
     direction, passed = _entering(direction, up, 1.0, glass.core_index)
     if glass.interface_radius_mm is None:
@@ -139,7 +148,7 @@ def look(
     lost = glass.core_absorption_per_mm + glass.scattering_per_mm
     kept = np.exp(-lost[:, None] * way) * passed * share / glass.gel_index**2
     x, y, z = below
-    return ImmersedRays((x, y, z), onward[0] / -onward[2], onward[1] / -onward[2], kept)
+    return CameraRays((x, y, z), onward[0] / -onward[2], onward[1] / -onward[2]), kept
 
 
 def _entering(direction: Array, normal: Array, index: float, other: float) -> tuple[Array, Array]:

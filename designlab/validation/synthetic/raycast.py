@@ -1,6 +1,6 @@
 """Pictures of a membrane by casting every pixel's own rays onto the height field."""
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,7 @@ from designlab.core.types import Array
 from designlab.sensor.camera import Camera, View
 from designlab.validation.synthetic import lens
 from designlab.validation.synthetic.generator_sensor import Rig, TrueLens
-from designlab.validation.synthetic.glass import look
+from designlab.validation.synthetic.glass import CameraRays, look
 from designlab.validation.synthetic.indenter import Indenter
 from designlab.validation.synthetic.light import Lighting, Pressed, reflectances
 from designlab.validation.synthetic.surface import HeightField, base_z, indented
@@ -18,27 +18,8 @@ from geometries import elastomer, probes
 if TYPE_CHECKING:
     from designlab.validation.synthetic.immersed import ImmersedLighting, ImmersedMembraneLight
 
-Place = float | Array
 SUPERSAMPLES = 2  # rays along each side of an output pixel
 GRAIN_REFLECTANCE = 0.3  # of a grain on the gel, over the membrane's
-
-
-class CameraRays(NamedTuple):
-    """Rays x = x_c + t tan_x, y = y_c + t tan_y, z = z_c - t from a centre of projection (x_c, y_c, z_c)."""
-
-    origin_mm: tuple[Place, Place, Place]
-    tan_x: Array
-    tan_y: Array
-
-    def at(self, t: Array) -> tuple[Array, Array, Array]:
-        """Points of the rays."""
-        x, y, z = self.origin_mm
-        return x + t * self.tan_x, y + t * self.tan_y, z - t
-
-    def only(self, chosen: NDArray[np.bool_]) -> "CameraRays":
-        """Some of the rays."""
-        x, y, z = (np.broadcast_to(place, chosen.shape)[chosen] for place in self.origin_mm)
-        return CameraRays((x, y, z), self.tan_x[chosen], self.tan_y[chosen])
 
 
 class Caster:
@@ -67,8 +48,7 @@ class Caster:
 
             self._lighting = immersed.ImmersedLighting(rig)
             self._veil = veil.veil(rig, self._lighting.field, self._rays.tan_x, self._rays.tan_y)
-            sight = look(rig.glass, rig.camera.position_mm, self._rays.tan_x, self._rays.tan_y)
-            self._rays, self._passed = CameraRays(*sight[:3]), sight.passed
+            self._rays, self._passed = look(rig.glass, self._rays)
         self._t = meet(self._rays, HeightField(rig.elastomer.radius_mm))
         x, y, _ = self._rays.at(self._t)
         self._untouched = self._lighting.untouched.irradiance(x, y, eye=self._eye)

@@ -1,8 +1,8 @@
 """The membrane as a height field, untouched or pressed; smoothed by its transfer function."""
 
 from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import NamedTuple, Self
+from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,27 +61,16 @@ class HeightField:
     y0_mm: float = 0.0
     pitch_mm: float = PITCH_MM
     height_mm: Array | None = None
-    slope_x: Array | None = None
-    slope_y: Array | None = None
     contact: Array | None = None
     waves: Array = field(default_factory=lambda: np.zeros((0, 4)))
 
-    @classmethod
-    def on_grid(
-        cls,
-        radius_mm: float | None,
-        *,
-        x0_mm: float,
-        y0_mm: float,
-        pitch_mm: float,
-        height_mm: Array,
-        contact: Array | None = None,
-        waves: Array | None = None,
-    ) -> Self:
-        """Height field with slopes by central differences."""
-        slope_x, slope_y = np.gradient(height_mm, pitch_mm, axis=1), np.gradient(height_mm, pitch_mm, axis=0)
-        ripples = np.zeros((0, 4)) if waves is None else waves
-        return cls(radius_mm, x0_mm, y0_mm, pitch_mm, height_mm, slope_x, slope_y, contact, ripples)
+    @cached_property
+    def slopes(self) -> tuple[Array | None, Array | None]:
+        """Slopes of the indentation along x and y by central differences, on the grid."""
+        if self.height_mm is None:
+            return None, None
+        along_x, along_y = (np.gradient(self.height_mm, self.pitch_mm, axis=axis) for axis in (1, 0))
+        return along_x, along_y
 
     @property
     def peak_mm(self) -> float:
@@ -116,7 +105,8 @@ class HeightField:
         else:
             rise = np.sqrt(np.maximum(self.radius_mm**2 - x**2 - y**2, 1e-12))
             p, q = x / rise, y / rise
-        p, q = p + self._look_up(self.slope_x, x, y), q + self._look_up(self.slope_y, x, y)
+        along_x, along_y = self.slopes
+        p, q = p + self._look_up(along_x, x, y), q + self._look_up(along_y, x, y)
         for wave_x, wave_y, amplitude_mm, phase in self.waves:
             steep = amplitude_mm * np.cos(wave_x * x + wave_y * y + phase)
             p, q = p + wave_x * steep, q + wave_y * steep
@@ -174,14 +164,14 @@ def indented(
         height, contact = np.maximum(height, other), np.maximum(contact, touched)
     if kernel_length_mm > 0:
         height = _smoothed(height, pitch_mm, kernel_length_mm, kernel_m)
-    return HeightField.on_grid(
+    return HeightField(
         elastomer.radius_mm,
         x0_mm=x0,
         y0_mm=y0,
         pitch_mm=pitch_mm,
         height_mm=height,
         contact=contact,
-        waves=waves,
+        waves=np.zeros((0, 4)) if waves is None else waves,
     )
 
 

@@ -105,7 +105,7 @@ def test_step_casts_a_shadow_of_height_over_slope(azimuth_deg, slope):
     height, half, pitch = 0.4, 2.0, 0.02
     axis = np.arange(-half - 5 * pitch, half + 5 * pitch, pitch)
     box = np.where((abs(axis[:, None]) < half) & (abs(axis[None]) < half), height, 0.0)
-    turned = HeightField.on_grid(None, x0_mm=axis[0], y0_mm=axis[0], pitch_mm=pitch, height_mm=box)
+    turned = HeightField(None, x0_mm=axis[0], y0_mm=axis[0], pitch_mm=pitch, height_mm=box)
     lit = lamp(azimuth_deg=azimuth_deg, slope=slope)
     horizon = shadow.Horizon(turned, lit)
     # Walk away from the box, from the middle of its border that lies opposite to the lamp.

@@ -82,7 +82,7 @@ def test_viewing_rays_take_the_shortest_optical_path(design):
     rig = Rig.of(design)
     glass = rig.glass
     rays = pixel_rays(rig.camera, design.view(6), split=1)
-    sight = look(glass, rig.camera.position_mm, rays.tan_x, rays.tan_y)
+    sight, _ = look(glass, rays)
     crossing = np.stack(sight.origin_mm, axis=1)
     camera = np.array(rig.camera.position_mm)
     fall = camera[2] - glass.window_mm
