@@ -178,7 +178,4 @@ class ResponseCurve(Effect):
 
     def on_signal(self, signal: Signal, values: Values) -> Signal:
         """Raise to the exponent, mirrored about zero for values that noise leaves below."""
-        exponent = values["exponent"]
-        if exponent == 1.0:
-            return signal
-        return np.asarray(np.sign(signal) * np.abs(signal) ** exponent)
+        return np.asarray(np.sign(signal) * np.abs(signal) ** values["exponent"])

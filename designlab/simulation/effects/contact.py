@@ -27,10 +27,8 @@ class ContactKernel(Effect):
 
     def on_design(self, design: Design, values: Values) -> Design:
         """Scale the kernel's length."""
-        ratio = values["length_ratio"]
-        if ratio == 1.0:
-            return design
-        return design.replace({"contact.kernel_length_mm": design.contact.kernel_length_mm * ratio})
+        length_mm = design.contact.kernel_length_mm * values["length_ratio"]
+        return design.replace({"contact.kernel_length_mm": length_mm})
 
 
 class ContactProfile(Effect):

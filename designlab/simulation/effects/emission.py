@@ -1,7 +1,7 @@
 """Effects of the light sources."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import groupby, islice
 from typing import ClassVar
@@ -15,6 +15,7 @@ from designlab.simulation.effects.base import Effect, EffectParameter, Stage, Va
 from designlab.simulation.scene.scene import Light, Scene, Shape
 from geometries.leds import emitters
 
+Way = Callable[[Light], Light]
 FACES_OF_A_FRONT = 2  # triangles of a board; a package cast into the core is a closed box
 
 
@@ -53,8 +54,6 @@ class LedSpread(Effect):
         DesignError
             If nothing is left for the last face of a group.
         """
-        if not any(values.values()):
-            return scene
         factors = [1.0 + excess for group in _excesses(scene, values) for excess in group]
         lights = tuple(
             replace(light, radiance=light.radiance * factor)
@@ -129,20 +128,29 @@ class LedTilt(Effect):
         if not any(values.values()):
             return scene
         angles = np.radians(list(values.values())).reshape(-1, 2)
-        boards = [shape for shape in scene.shapes if shape.name.startswith("board")]
-        each = len(scene.lights) // len(boards)
-        lights: list[Light] = []
-        turned: dict[str, Shape] = {}
-        for number, board in enumerate(boards):
-            own = scene.lights[number * each : (number + 1) * each]
-            if not angles[own[0].group].any():
-                lights += own
-                continue
-            turn, middle = _turn(own[0], *angles[own[0].group]), board.vertices[:4].mean(axis=0)
-            lights += [_turned(light, turn, middle) for light in own]
-            turned[board.name] = replace(board, vertices=middle + (board.vertices - middle) @ turn.T)
-        shapes = tuple(turned.get(shape.name, shape) for shape in scene.shapes)
-        return replace(scene, lights=tuple(lights), shapes=shapes)
+
+        def turned(board: Shape, light: Light) -> tuple[Shape, Way]:
+            if not angles[light.group].any():
+                return board, lambda light: light
+            turn, middle = _turn(light, *angles[light.group]), board.vertices[:4].mean(axis=0)
+            vertices = middle + (board.vertices - middle) @ turn.T
+            return replace(board, vertices=vertices), lambda light: _turned(light, turn, middle)
+
+        return _with_boards(scene, turned)
+
+
+def _with_boards(scene: Scene, mounted: Callable[[Shape, Light], tuple[Shape, Way]]) -> Scene:
+    """Mount every board otherwise, its LEDs with it; asked with the board and the first of its LEDs."""
+    boards = [shape for shape in scene.shapes if shape.name.startswith("board")]
+    each = len(scene.lights) // len(boards)
+    lights: list[Light] = []
+    moved: dict[str, Shape] = {}
+    for number, board in enumerate(boards):
+        own = scene.lights[number * each : (number + 1) * each]
+        moved[board.name], way = mounted(board, own[0])
+        lights += map(way, own)
+    shapes = tuple(moved.get(shape.name, shape) for shape in scene.shapes)
+    return replace(scene, lights=tuple(lights), shapes=shapes)
 
 
 def _turn(light: Light, tilt: float, turn: float) -> Array:
@@ -197,21 +205,18 @@ class LedPosition(Effect):
         """Move every board with its emitters; one that is bonded stays joined to the core's side."""
         if not any(values.values()):
             return scene
-        boards = [shape for shape in scene.shapes if shape.name.startswith("board")]
-        each = len(scene.lights) // len(boards)
-        bonded = scene.lights[0].inside and len(boards[0].faces) == FACES_OF_A_FRONT
-        lights: list[Light] = []
-        moved: dict[str, Shape] = {}
-        for number, board in enumerate(boards):
-            own = scene.lights[number * each : (number + 1) * each]
-            facing = np.asarray(own[0].normal)
+        front = next(shape for shape in scene.shapes if shape.name.startswith("board"))
+        bonded = scene.lights[0].inside and len(front.faces) == FACES_OF_A_FRONT
+
+        def shifted(board: Shape, light: Light) -> tuple[Shape, Way]:
+            facing = np.asarray(light.normal)
             shift = _shift(facing, values)
             if bonded:
                 shift = shift + _way_back_mm(scene, board.vertices, shift, facing) * facing
-            lights += [replace(light, centre_mm=_vector(light.centre_mm + shift)) for light in own]
-            moved[board.name] = replace(board, vertices=board.vertices + shift)
-        shapes = tuple(moved.get(shape.name, shape) for shape in scene.shapes)
-        return replace(scene, lights=tuple(lights), shapes=shapes)
+            moved = replace(board, vertices=board.vertices + shift)
+            return moved, lambda light: replace(light, centre_mm=_vector(light.centre_mm + shift))
+
+        return _with_boards(scene, shifted)
 
 
 def _way_back_mm(scene: Scene, corners: Array, shift: Array, facing: Array) -> float:

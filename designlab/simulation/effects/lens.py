@@ -117,8 +117,6 @@ class VignettingEffect(Effect):
 
     def on_light(self, light: Light, values: Values, sight: Sight) -> Light:
         """Multiply by 1 - loss r^2."""
-        if not values["corner_loss"]:
-            return light
         factor = 1.0 - values["corner_loss"] * _radius(sight.design, sight.view) ** 2
         return np.asarray(light * factor, dtype=light.dtype)
 

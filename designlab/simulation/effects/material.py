@@ -27,8 +27,6 @@ class AlbedoField(Effect):
 
     def on_light(self, light: Light, values: Values, sight: Sight) -> Light:
         """Multiply by the field at the membrane point a pixel sees; light that goes round is not changed."""
-        if not any(values.values()):
-            return light
         return np.asarray(light * (1.0 + albedo_field(values, sight)), dtype=light.dtype)
 
 

@@ -1,5 +1,6 @@
 """The membrane's coating: how it reflects, in closed form, and what it looks like from place to place."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,7 +8,7 @@ from numpy.typing import NDArray
 
 from designlab.core.types import Array
 from designlab.sensor.design import Design
-from designlab.sensor.optical_properties import AlbedoImage
+from designlab.sensor.optical_properties import AlbedoImage, Optics
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.scene.materials import Coating, Texture
 from geometries import elastomer
@@ -68,26 +69,21 @@ def coating(design: Design, surface: Surface) -> Coating:
     """
     optics = design.optics
     albedo = design.per_group("membrane_albedo")
+    plain = Coating(
+        albedo,
+        optics.coating_specular,
+        optics.coating_roughness,
+        transmittance=optics.coating_transmittance,
+    )
     leaks = bool(optics.coating_transmittance and optics.object_reflectance and surface.contact.any())
     if not (leaks or optics.marker_pitch_mm or optics.albedo_image):
-        return Coating(
-            albedo,
-            optics.coating_specular,
-            optics.coating_roughness,
-            transmittance=optics.coating_transmittance,
-        )
+        return plain
     x, y, width_mm, height_mm = _cells(design)
     local = np.array(albedo)[:, None, None] * np.ones_like(x)
     if optics.albedo_image:
         local = local * _image(optics.albedo_image, x, y)
     if optics.marker_pitch_mm:
-        dots = _dots(
-            x,
-            y,
-            width_mm / x.shape[1],
-            pitch_mm=optics.marker_pitch_mm,
-            diameter_mm=optics.marker_diameter_mm,
-        )
+        dots = _dots(x, y, width_mm / x.shape[1], optics)
         local = local * (1.0 - dots) + optics.marker_reflectance * dots
     if leaks:
         touched = surface.sample(surface.contact.astype(float), x, y)
@@ -96,13 +92,8 @@ def coating(design: Design, surface: Surface) -> Coating:
         local = np.where(within, local + touched * (touching - local), local)
     brightest = local.max(axis=(1, 2))
     factor = local / np.where(brightest > 0, brightest, 1.0)[:, None, None]
-    return Coating(
-        tuple(float(value) for value in brightest),
-        optics.coating_specular,
-        optics.coating_roughness,
-        Texture(_as_one_layer(factor), width_mm, height_mm),
-        optics.coating_transmittance,
-    )
+    texture = Texture(_as_one_layer(factor), width_mm, height_mm)
+    return replace(plain, reflectance=tuple(float(value) for value in brightest), texture=texture)
 
 
 def _cells(design: Design) -> tuple[Array, Array, float, float]:
@@ -116,8 +107,9 @@ def _cells(design: Design) -> tuple[Array, Array, float, float]:
     return x, y, columns * cell_mm, rows * cell_mm
 
 
-def _dots(x: Array, y: Array, cell_mm: float, *, pitch_mm: float, diameter_mm: float) -> Array:
+def _dots(x: Array, y: Array, cell_mm: float, optics: Optics) -> Array:
     """Share of each cell that lies in a marker dot; the dots stand on a square grid, one at the origin."""
+    pitch_mm, diameter_mm = optics.marker_pitch_mm, optics.marker_diameter_mm
     offsets = ((np.arange(SPLIT) + 0.5) / SPLIT - 0.5) * cell_mm
     covered = np.zeros_like(x)
     for dx in offsets:

@@ -7,16 +7,6 @@ from designlab.core.types import Array
 from designlab.simulation.scene.materials import Coating, Dielectric, Diffuse, Shape
 
 
-def rectangle(name: str, front: Array, across: Array, down: Array, surface: Diffuse) -> Shape:
-    """Rectangle about `front` that spans `across` and `down` to either side and faces across x down."""
-    vertices = np.array(
-        [front - across - down, front + across - down, front + across + down, front - across + down]
-    )
-    return Shape(
-        name, vertices, oriented(vertices, np.array([[0, 1, 2], [0, 2, 3]]), np.cross(across, down)), surface
-    )
-
-
 def oriented(vertices: Array, faces: NDArray[np.int64], outward: Array) -> NDArray[np.uint32]:
     """Wind faces so that their normals point along `outward` (one direction, or one for each face)."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))

@@ -10,9 +10,8 @@ from designlab.sensor.design import Design
 from designlab.sensor.led_mounting import front_corners, seated
 from designlab.sensor.optical_constants import AIR
 from designlab.simulation.scene.materials import Dielectric, Diffuse, Medium, Shape
-from designlab.simulation.scene.meshes import band_faces, oriented, rectangle, sheet
+from designlab.simulation.scene.meshes import band_faces, oriented, sheet
 from geometries import elastomer, gelcore
-from geometries.leds import Body
 
 CLEARANCE_MM = 1e-3  # between parts that would otherwise touch and fight for a ray
 GAP_MM = 0.02  # of air where gel and core have come apart: thick for light, thin for everything else
@@ -24,21 +23,13 @@ def boards(design: Design) -> Iterator[Shape]:
     """Front faces of the LED packages; packages cast into the core are closed boxes."""
     reflectance = Diffuse(design.per_group("board_reflectance"))
     for number, body in enumerate(seated(design)[0]):
+        vertices, faces = front_corners(body), np.array([[0, 1, 2], [0, 2, 3]])
         if design.leds.coupling == "embedded":
-            yield _box(f"board-{number}", body, reflectance)
-            continue
-        front = np.asarray(body.centre_mm) + body.half_mm[2] * np.asarray(body.normal)
-        across, down = body.half_mm[0] * np.asarray(body.across), body.half_mm[1] * np.asarray(body.down)
-        yield rectangle(f"board-{number}", front, across, down, reflectance)
-
-
-def _box(name: str, body: Body, surface: Diffuse) -> Shape:
-    """All six faces of a package, the emitting one first, outside."""
-    front = front_corners(body)
-    vertices = np.concatenate([front, front - 2 * body.half_mm[2] * np.asarray(body.normal)])
-    faces = np.concatenate([[[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]], band_faces(4, 0, 4)])
-    outward = vertices[faces].mean(axis=1) - np.asarray(body.centre_mm)
-    return Shape(name, vertices, oriented(vertices, faces, outward), surface)
+            back = vertices - 2 * body.half_mm[2] * np.asarray(body.normal)
+            vertices = np.concatenate([vertices, back])
+            faces = np.concatenate([faces, [[4, 5, 6], [4, 6, 7]], band_faces(4, 0, 4)])
+        outward = vertices[faces].mean(axis=1) - np.asarray(body.centre_mm)
+        yield Shape(f"board-{number}", vertices, oriented(vertices, faces, outward), reflectance)
 
 
 def core_and_gel(design: Design) -> Iterator[Shape]:
@@ -74,10 +65,7 @@ def core_and_gel(design: Design) -> Iterator[Shape]:
     # The gel's rim is cut soft silicone against the housing, taken as black.
     rim = elastomer.polygon(gel, segments=72) * 0.999999
     lower = np.column_stack([rim, elastomer.base_mm(gel, rim[:, 0], rim[:, 1])])
-    band = np.concatenate([lower, np.column_stack([rim, _interface_z(design, rim)])])
-    ring = band_faces(len(rim), 0, len(rim))
-    inward = -band[ring].mean(axis=1) * (1.0, 1.0, 0.0)
-    yield Shape("gel-rim", band, oriented(band, ring, inward), black)
+    yield _tube("gel-rim", lower, np.column_stack([rim, _interface_z(design, rim)]), black)
     yield from _interface(design, outline)
 
 
@@ -195,14 +183,18 @@ def housing_inside(design: Design) -> Iterator[Shape]:
     tube, hole = housing.inner_radius_mm * round_, housing.camera_hole_mm / 2 * round_
     edge = round_ * _reach_mm(inner, round_)[:, None] + CLEARANCE_MM * round_
     low, high = (np.column_stack([tube, np.full(count, z)]) for z in (floor_mm, housing.top_mm))
-    wall = np.concatenate([low, high])
-    ring = band_faces(count, 0, count)
-    inward = -wall[ring].mean(axis=1) * (1.0, 1.0, 0.0)
-    yield Shape("housing-tube", wall, oriented(wall, ring, inward), walls)
+    yield _tube("housing-tube", low, high, walls)
     top = np.full(count, housing.top_mm)
     yield sheet("housing-plate", [hole, tube], [top, top], walls, up=-1.0)
     bottom = np.full(count, floor_mm)
     yield sheet("housing-floor", [edge, tube], [bottom, bottom], walls)
+
+
+def _tube(name: str, low: Array, high: Array, surface: Diffuse) -> Shape:
+    """Wall between two rings about the axis that shows its inside."""
+    wall, ring = np.concatenate([low, high]), band_faces(len(low), 0, len(low))
+    inward = -wall[ring].mean(axis=1) * (1.0, 1.0, 0.0)
+    return Shape(name, wall, oriented(wall, ring, inward), surface)
 
 
 def _reach_mm(polygon: Array, directions: Array) -> Array:
