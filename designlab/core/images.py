@@ -12,9 +12,6 @@ from numpy.typing import NDArray
 Pixels = NDArray[np.float32]
 
 _CHANNEL_COUNTS = (1, 3)
-_EXR_MAGIC = b"\x76\x2f\x31\x01"
-_PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
-_TIFF_MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 
 
 class ImageError(ValueError):
@@ -58,7 +55,7 @@ def read_counts(path: str | os.PathLike[str]) -> NDArray[Any]:
         raise ImageError(f"{path}: no such file")
     with path.open("rb") as file:
         magic = file.read(8)
-    decode = _decoder(magic)
+    decode = next((decode for start, decode in _DECODERS.items() if magic.startswith(start)), None)
     if decode is None:
         raise ImageError(
             f"{path}: must be an EXR, PNG or TIFF image, its first bytes are {magic.hex(' ') or 'missing'}"
@@ -179,16 +176,6 @@ def _overlap(old: int, new: int) -> NDArray[np.float64]:
     return np.asarray(np.maximum(covered, 0.0) * (new / old))
 
 
-def _decoder(magic: bytes) -> Callable[[Path], NDArray[Any]] | None:
-    if magic.startswith(_EXR_MAGIC):
-        return _decode_exr
-    if magic.startswith(_PNG_MAGIC):
-        return _decode_png
-    if magic.startswith(_TIFF_MAGICS):
-        return _decode_tiff
-    return None
-
-
 def _decode_exr(path: Path) -> NDArray[Any]:
     import OpenEXR
 
@@ -258,6 +245,13 @@ def _encode_tiff(path: Path, pixels: NDArray[Any]) -> None:
     kind = "rgb" if pixels.shape[-1] == 3 else "minisblack"
     tifffile.imwrite(path, pixels if pixels.shape[-1] == 3 else pixels[..., 0], photometric=kind)
 
+
+_DECODERS: dict[bytes | tuple[bytes, ...], Callable[[Path], NDArray[Any]]] = {
+    b"\x76\x2f\x31\x01": _decode_exr,
+    b"\x89PNG\r\n\x1a\n": _decode_png,
+    (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"): _decode_tiff,
+}
+"""Decoders by the first bytes of a file."""
 
 _ENCODERS: dict[str, Callable[[Path, NDArray[Any]], None]] = {
     ".exr": _encode_exr,

@@ -8,6 +8,7 @@ nothing here loads one into the calling process.
 import glob
 import os
 import re
+import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -131,12 +132,9 @@ def _version_in_name(path: str) -> tuple[int, ...]:
 
 def _paths_known_to_loader() -> list[str]:
     """Return the library paths in the dynamic loader's cache; none where there is no such cache."""
-    for program in ("ldconfig", "/sbin/ldconfig"):
-        try:
-            listing = subprocess.run(
-                [program, "-p"], capture_output=True, text=True, timeout=10, check=False
-            ).stdout
-        except (OSError, subprocess.TimeoutExpired):
-            continue
-        return re.findall(r"=> (\S*/libLLVM\S*)$", listing, flags=re.MULTILINE)
-    return []
+    command = [shutil.which("ldconfig") or "/sbin/ldconfig", "-p"]
+    try:
+        listing = subprocess.run(command, capture_output=True, text=True, timeout=10, check=False).stdout
+    except (OSError, subprocess.TimeoutExpired):
+        return []
+    return re.findall(r"=> (\S*/libLLVM\S*)$", listing, flags=re.MULTILINE)

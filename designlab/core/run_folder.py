@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from designlab.core.store import is_partial, read_json, remove_partial, write_json
+from designlab.core.store import is_partial, read_json, remove_partial, write_json, writing
 
 _SHOWN = 40  # characters up to which a value is worth showing; digests are longer
 
@@ -164,11 +164,9 @@ def locked(folder: Path, *, kind: str) -> Iterator[None]:
     import fcntl
 
     _require_folder(folder)
-    try:
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
-    except OSError as error:
-        raise OSError(error.errno, f"cannot write {folder}: {error.strerror}") from error
     try:
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -137,14 +137,13 @@ def _atomic_file(target: Path) -> Iterator[BinaryIO]:
     """Open a file that appears under its name, on the disk, when the block ends without an error."""
     temporary = _sibling(target)
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with temporary.open("xb") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(target)
-    except OSError as error:
-        raise _cannot_write(target, error) from error
+        with writing(target):
+            target.parent.mkdir(parents=True, exist_ok=True)
+            with temporary.open("xb") as file:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(target)
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
@@ -176,15 +175,11 @@ def atomic_folder(path: str | Path, *, replace: bool = False) -> Iterator[Path]:
         raise FileExistsError(f"{path} exists already and is not empty")
     temporary = _sibling(target)
     try:
-        try:
+        with writing(path):
             temporary.mkdir(parents=True)
-        except OSError as error:
-            raise _cannot_write(path, error) from error
         yield temporary
-        try:
+        with writing(path):
             _take_place(temporary, target)
-        except OSError as error:
-            raise _cannot_write(path, error) from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 
@@ -360,5 +355,10 @@ def _sibling(target: Path) -> Path:
     return target.parent / f".{target.name}.{uuid.uuid4().hex}{_PARTIAL}"
 
 
-def _cannot_write(path: str | Path, error: OSError) -> OSError:
-    return OSError(error.errno, f"cannot write {path}: {error.strerror or error}")
+@contextlib.contextmanager
+def writing(path: str | Path) -> Iterator[None]:
+    """Let an error of the file system name the path that is written."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, f"cannot write {path}: {error.strerror or error}") from error

@@ -22,8 +22,9 @@ def calls_at_once(workers: int, dask: str | None) -> int:
     return workers if dask is None else MOST_CALLS
 
 
-@contextlib.contextmanager
-def submitter(workers: int, interrupts: Interrupts, *, dask: str | None = None) -> Iterator[Submit]:
+def submitter(
+    workers: int, interrupts: Interrupts, *, dask: str | None = None
+) -> contextlib.AbstractContextManager[Submit]:
     """Give the function that starts calls.
 
     Parameters
@@ -44,13 +45,8 @@ def submitter(workers: int, interrupts: Interrupts, *, dask: str | None = None) 
         If no scheduler answers.
     """
     if dask is not None:
-        with _cluster(dask) as submit:
-            yield submit
-    elif workers == 1:
-        yield _here(interrupts)
-    else:
-        with _processes(workers) as submit:
-            yield submit
+        return _cluster(dask)
+    return contextlib.nullcontext(_here(interrupts)) if workers == 1 else _processes(workers)
 
 
 def completed(

@@ -10,6 +10,7 @@ from designlab.core.types import Array, Mask
 from designlab.reconstruction.balls import BallPress, ball_gradients, smoothed
 from designlab.reconstruction.height import Boundary, normals
 from designlab.reconstruction.methods import Samples
+from designlab.reconstruction.pictures import thinned
 
 _FLAT_PIXELS = 500
 # Share of the circle that teaches the rim; beyond it a circle read off too large would teach bare membrane.
@@ -103,8 +104,8 @@ def ball_samples(
     position = positions(background.shape)
 
     def samples(change: Array, p: Array, q: Array, u: Array, share: float) -> Samples:
-        contact, flat = np.flatnonzero(u < share), np.flatnonzero(u > setup.flat_beyond)
-        flat = flat[np.linspace(0, flat.size - 1, min(_FLAT_PIXELS, flat.size)).round().astype(int)]
+        contact = np.flatnonzero(u < share)
+        flat = thinned(np.flatnonzero(u > setup.flat_beyond), _FLAT_PIXELS)
         relative = -normals(p - base_p, q - base_q)[..., :2].reshape(-1, 2)
         pixels = np.concatenate([contact, flat])
         return Samples(

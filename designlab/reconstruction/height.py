@@ -126,20 +126,14 @@ def _poisson_solver(
     shape: tuple[int, int], pitch_x_mm: float, pitch_y_mm: float, boundary: Boundary
 ) -> Callable[[Array], Array]:
     """The solution of the unweighted equation for a divergence over all pixels."""
-    rows, columns = shape
-    if boundary == "dirichlet":
-        eigenvalues = (
-            _eigenvalues(np.arange(1, columns - 1) / (columns - 1), pitch_x_mm)
-            + _eigenvalues(np.arange(1, rows - 1) / (rows - 1), pitch_y_mm)[:, None]
-        )
-        inverse = {dtype: (1 / eigenvalues).astype(dtype) for dtype in (np.float32, np.float64)}
-        return lambda d: np.pad(idstn(dstn(d[1:-1, 1:-1], type=1) * inverse[d.dtype.type], type=1), 1)
-    eigenvalues = (
-        _eigenvalues(np.arange(columns) / columns, pitch_x_mm)
-        + _eigenvalues(np.arange(rows) / rows, pitch_y_mm)[:, None]
-    )
-    eigenvalues[0, 0] = eigenvalues[0, 1]  # of the constant, which is fixed at the end: anything definite
+    fixed = boundary == "dirichlet"
+    down, across = (np.arange(1, n - 1) / (n - 1) if fixed else np.arange(n) / n for n in shape)
+    eigenvalues = _eigenvalues(across, pitch_x_mm) + _eigenvalues(down, pitch_y_mm)[:, None]
+    if not fixed:
+        eigenvalues[0, 0] = eigenvalues[0, 1]  # of the constant, which is fixed at the end: anything definite
     inverse = {dtype: (1 / eigenvalues).astype(dtype) for dtype in (np.float32, np.float64)}
+    if fixed:
+        return lambda d: np.pad(idstn(dstn(d[1:-1, 1:-1], type=1) * inverse[d.dtype.type], type=1), 1)
     return lambda d: np.asarray(idctn(dctn(d) * inverse[d.dtype.type]))
 
 

@@ -8,6 +8,7 @@ linear. No change of colour means no slope.
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations_with_replacement
 from typing import NamedTuple, Protocol
 
@@ -69,8 +70,7 @@ class LinearMethod(ABC):
 
     def fit(self, presses: Sequence[Samples]) -> Predictor:
         """Fit to all presses."""
-        weights = self.weights(presses)
-        return lambda signal, position: self._apply(weights, signal, position)
+        return partial(self._apply, self.weights(presses))
 
     def weights(self, presses: Sequence[Samples]) -> Array:
         """Weights of the terms fitted to all presses."""
@@ -84,17 +84,13 @@ class LinearMethod(ABC):
     def solve_without_each(self, normals: Sequence[tuple[Array, Array]]) -> list[Predictor]:
         """Fits that each know nothing of one press, from the `normal` equations of all."""
         matrix, right = (np.sum(part, axis=0) for part in zip(*normals, strict=True))
-        return [self._predictor(matrix - m, right - r) for m, r in normals]
+        return [partial(self._apply, self._solve(matrix - m, right - r)) for m, r in normals]
 
     def normal(self, press: Samples) -> tuple[Array, Array]:
         """Matrix and right-hand side of a press's normal equations, which do not depend on the ridge."""
         terms = np.asarray(self.terms(press.signal, press.position), dtype=float)
         weighted = terms * press.weight[:, None]
         return weighted.T @ terms, weighted.T @ press.slope
-
-    def _predictor(self, matrix: Array, right: Array) -> Predictor:
-        weights = self._solve(matrix, right)
-        return lambda signal, position: self._apply(weights, signal, position)
 
     def _solve(self, matrix: Array, right: Array) -> Array:
         power = np.diag(matrix)

@@ -128,7 +128,9 @@ def _off_their_seat(design: Parts, boxes: Sequence[_Convex]) -> float:
     if design.optics.light_path == "air":
         return -math.inf
     if design.leds.coupling == "air_gap":
-        return _overlap_with_core(design, boxes)
+        # A drafted side recedes towards the camera; its lower edge, which is nearest, stands for all of it.
+        core = _Convex.prism(gelcore.polygon(design.gelcore, segments=72), _window_mm(design))
+        return max(_overlap(box, core) for box in boxes)
     walls = sides(design)
 
     def outside(points: Array) -> Array:
@@ -142,7 +144,8 @@ def _off_their_seat(design: Parts, boxes: Sequence[_Convex]) -> float:
     faces = np.concatenate([face_corners(strip) for strip in emitters(design.leds)])
     apart = np.maximum(walls.distance_mm(faces) - design.leds.glue_mm, outside(faces))
     # 1 um is forgiven: a bonded body touches the side.
-    core, gel = _core_body(design), _gel_body(design)
+    soft, core = design.elastomer, _core_body(design)
+    gel = _Convex.prism(elastomer.polygon(soft, segments=72), soft.thickness_mm)
     overlap = max(max(_overlap(box, core), _overlap(box, gel)) for box in boxes) - 1e-3
     return max(float(apart.max()), overlap)
 
@@ -165,18 +168,6 @@ def _core_body(design: Parts) -> _Convex:
     edges = np.concatenate([edge, slant])
     normals = np.concatenate([walls.normals, [[0.0, 0.0, 1.0]]])
     return _Convex(np.concatenate(corners), normals, edges / np.linalg.norm(edges, axis=1, keepdims=True))
-
-
-def _gel_body(design: Parts) -> _Convex:
-    return _Convex.prism(elastomer.polygon(design.elastomer, segments=72), design.elastomer.thickness_mm)
-
-
-def _overlap_with_core(design: Parts, boxes: Sequence[_Convex]) -> float:
-    """How deep LEDs reach into the prism of gelcore and elastomer."""
-    # A drafted side recedes towards the camera; its lower edge, which is nearest, stands for all of it.
-    height_mm = design.elastomer.thickness_mm + design.gelcore.height_mm
-    core = _Convex.prism(gelcore.polygon(design.gelcore, segments=72), height_mm)
-    return max(_overlap(box, core) for box in boxes)
 
 
 def _intrusion_into_view(design: Parts, boxes: Sequence[_Convex]) -> float:

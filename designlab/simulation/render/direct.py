@@ -180,17 +180,10 @@ def _patches(lights: list[Light]) -> Array:
             for half in (light.half_width_mm, light.half_height_mm)
         )
         axes = (light.across, light.down, light.normal)
+        across, down = light.half_width_mm * np.asarray(axes[0]), light.half_height_mm * np.asarray(axes[1])
         # Centres of equal patches would be a percent off within a few millimetres of an LED.
         for u, width in zip(*np.polynomial.legendre.leggauss(columns), strict=True):
             for v, height in zip(*np.polynomial.legendre.leggauss(rows), strict=True):
                 patch = [light.half_height_mm * height / 2, light.flux_mw * width * height / 4]
-                patches.append(np.concatenate([_point(light, u, v), *axes, patch]))
+                patches.append(np.concatenate([light.centre_mm + u * across + v * down, *axes, patch]))
     return np.array(patches)
-
-
-def _point(light: Light, u: float, v: float) -> Array:
-    across, down = (
-        light.half_width_mm * np.asarray(light.across),
-        light.half_height_mm * np.asarray(light.down),
-    )
-    return np.asarray(np.asarray(light.centre_mm) + u * across + v * down)
