@@ -168,7 +168,5 @@ def _require_rows(rows: tuple[tuple[float, ...], ...], planes: int, angles: int)
             f"intensity: needs {planes} row(s) of {angles} values, one row for each azimuth and one value "
             f"for each polar angle, has rows of {', '.join(str(len(row)) for row in rows) or 'nothing'}"
         )
-    for row in rows:
-        for value in row:
-            if value < 0:
-                raise ValueError(f"intensity: must not be negative, got {value:g}")
+    if negative := [value for row in rows for value in row if value < 0]:
+        raise ValueError(f"intensity: must not be negative, got {negative[0]:g}")

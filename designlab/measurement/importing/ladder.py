@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -123,12 +124,10 @@ def _pairs(pictures: Sequence[Array], exposures: Sequence[float]) -> tuple[Array
         # Quantiles: a hot pixel must not cost its group.
         low, high = (np.stack([np.quantile(g, q, axis=1) for g in groups], axis=1) for q in QUANTILES)
         used = (low > DARKEST) & (high < BRIGHTEST)
-        for short in range(len(order)):
-            for long in range(short + 1, len(order)):
-                both = used[short] & used[long]
-                step = np.log(exposures[order[short]] / exposures[order[long]])
-                if step == 0:
-                    continue
+        for short, long in combinations(range(len(order)), 2):
+            both = used[short] & used[long]
+            step = np.log(exposures[order[short]] / exposures[order[long]])
+            if step != 0:
                 dim.append(mean[short, both])
                 bright.append(mean[long, both])
                 ratio.append(np.full(int(both.sum()), step))

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,8 +110,7 @@ class Unwrapped:
         return np.where(shown, row, np.nan), np.where(shown, column, np.nan)
 
 
-@dataclass(frozen=True, eq=False)
-class _Places:
+class _Places(NamedTuple):
     """Polynomials from the point (x, y) where a viewing ray crosses the height of the ball's middle."""
 
     centre: Array
@@ -236,8 +236,7 @@ def _dominant_groups(design: Design, channels: int) -> list[int]:
     return [int(group) for group in design.mixing_matrix.argmax(axis=1)]
 
 
-@dataclass(frozen=True, eq=False)
-class _Mirror:
+class _Mirror(NamedTuple):
     on_ball: NDArray[np.bool_]
     origin: Array
     direction: Array
