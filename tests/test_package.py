@@ -99,6 +99,7 @@ def test_docstrings_say_parameters_units_results_and_errors(name):
         assert found["Raises"].strip()
 
 
+@pytest.mark.slow
 def test_functions_are_not_hidden_by_modules_of_the_same_name():
     program = (
         "import designlab, designlab.simulation.simulator, designlab.evaluation.evaluate;"
@@ -117,6 +118,7 @@ def test_importing_the_package_loads_nothing_heavy():
     subprocess.run([sys.executable, "-c", program], check=True)
 
 
+@pytest.mark.slow
 def test_the_product_loads_nothing_of_its_proof():
     """What evaluates, renders, exports, calibrates, searches and diagnoses, as far as it loads at once."""
     modules = [f"designlab.app.cli.{path.stem}" for path in (APP / "cli").glob("[a-z]*.py")]

@@ -518,6 +518,7 @@ def accepted(text):
 
 
 class TestArbitraryDesigns:
+    @pytest.mark.slow
     @settings(max_examples=400, suppress_health_check=[HealthCheck.too_slow])
     @given(text=mutated())
     def test_each_is_usable_or_refused_by_field(self, text):

@@ -478,6 +478,7 @@ class TestStudy:
         assert best["uniformity_u0"] == pytest.approx(1 / (1 + best["leds.tilt_deg"] ** 2))
         assert "3 of 3 designs evaluated" in run("study", "run", study_file.with_name("study-out"))[1]
 
+    @pytest.mark.slow
     def test_an_interrupted_study_says_how_to_go_on(self, run, study_file, monkeypatch):
         import designlab.optimization.study
 

@@ -41,6 +41,7 @@ def test_what_a_call_raises_is_raised(workers) -> None:
         results(workers, [*CALLS, (math.factorial, -1)])
 
 
+@pytest.mark.slow
 def test_the_death_of_any_worker_is_noticed_while_the_others_go_on() -> None:
     begun = time.monotonic()
     with pytest.raises(BrokenProcessPool):
@@ -124,6 +125,7 @@ def _die_once(mark: Path) -> str:
     return "dead"
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_does_not_answer_is_an_error_and_not_a_wait() -> None:
     pytest.importorskip("distributed", reason="Dask is an extra")
     with pytest.raises(OSError, match=r"127\.0\.0\.1:9"):

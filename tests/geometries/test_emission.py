@@ -48,6 +48,7 @@ def integral(profile):
     )
 
 
+@pytest.mark.slow
 @given(exponent=st.floats(0, 500))
 def test_a_power_of_the_cosine_is_normalised(exponent):
     profile = AngularProfile(exponent=exponent)

@@ -123,6 +123,7 @@ def test_a_page_needs_no_other_file_and_escapes_what_it_shows():
     assert image["alt"] == hostile
 
 
+@pytest.mark.slow
 def test_the_script_of_figures_is_in_the_page_once():
     import plotly.graph_objects as go
 

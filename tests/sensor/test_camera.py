@@ -249,6 +249,7 @@ TILTS = [(4.0, 0.0), (0.0, -7.0), (12.0, 5.0)]
 TILTED = {"position_mm": (0.0, 0.0, 30.0), "principal_point_px": (800.0, 630.0)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tilt_deg", TILTS)
 @pytest.mark.parametrize("lens", ["pinhole", "fisheye"])
 def test_a_tilted_camera_sees_where_it_projects(tilt_deg, lens):

@@ -40,6 +40,7 @@ def test_gaussian_processes_draw_where_torch_is_and_tpe_where_designs_cannot_be_
             assert method(make(sampler=sampler), rejected=21) == "random"
 
 
+@pytest.mark.slow
 def test_it_is_kept_which_sampler_drew_a_design(tmp_path):
     drawn = run(make(sampler="qmc", trials=3), tmp_path).frame["method"]
     assert list(drawn) == [None, "qmc", "qmc"]  # the base design is drawn by nobody

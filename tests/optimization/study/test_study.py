@@ -238,6 +238,7 @@ def test_a_search_ends_where_the_ranges_hold_no_more_designs(tmp_path, monkeypat
     assert run(study, tmp_path, evaluator=closed_form).evaluated == 2
 
 
+@pytest.mark.slow
 def test_whole_numbers_and_steps_are_kept(tmp_path):
     study = make(
         parameters={
@@ -393,6 +394,7 @@ def test_the_clocks_of_machines_that_share_a_study_may_differ(tmp_path, monkeypa
         assert record.get_trials()[theirs.number].state.name == "FAIL"
 
 
+@pytest.mark.slow
 def test_a_run_that_is_taken_for_dead_while_it_draws_draws_anew(tmp_path, monkeypatch):
     taken, ask = [], optuna.Study.ask
 
@@ -438,6 +440,7 @@ def slow_closed_form(design, *, fidelity, seed):
     return closed_form(design, fidelity=fidelity, seed=seed)
 
 
+@pytest.mark.slow
 def test_a_design_that_kills_its_worker_is_given_up_and_those_beside_it_are_not(tmp_path, monkeypatch):
     monkeypatch.setattr("designlab.optimization.study.runner.submitter", mortal)
     deadly = preset("gelsight-2020-flat").digest
@@ -558,6 +561,7 @@ def test_a_record_is_rebuilt_of_what_was_finished(tmp_path, lost):
     assert run(study, tmp_path, trials=10).counts()["complete"] == 10
 
 
+@pytest.mark.slow
 def test_a_record_that_lacks_finished_trials_is_refused(tmp_path):
     """An old copy of it, say: new trials would overwrite what is kept under their numbers."""
     study = make(trials=3)

@@ -396,6 +396,7 @@ def test_the_page_shows_variants_bounds_and_what_was_confirmed(tmp_path):
     assert best == results.valid["uniformity_u0"].max() < results.frame["uniformity_u0"].max()
 
 
+@pytest.mark.slow
 def test_of_what_the_base_lacks_nothing_of_there_is_no_share(tmp_path):
     def perfect(design, *, fidelity, seed):
         return Score({"uniformity_u0": Estimate(0.0, 0.0)})

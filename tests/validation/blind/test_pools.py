@@ -279,6 +279,7 @@ def test_a_finished_pool_is_scored_from_its_records(tmp_path, capsys) -> None:
     assert record["family"] == "single"
 
 
+@pytest.mark.slow
 def test_sets_on_record_are_not_run_again_and_count(tmp_path, capsys) -> None:
     """Sets that lie in neither folder would be run, which takes minutes: the other half is on record."""
     there, here = tmp_path / "there", tmp_path / "here"
