@@ -1,6 +1,6 @@
 # make demo    the main job end to end on a small budget, results in demo-out/
 # make check   what every change should pass within two minutes: style, types, layers, tests that render nothing
-# make test    every check: the same with all tests
+# make test    every check but the tests of minutes each, which make test-full runs
 # All first create .venv (Python 3.11 or newer; PYTHON=... chooses one) and need the network for that only.
 
 BIN := .venv/bin

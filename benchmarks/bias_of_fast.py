@@ -47,7 +47,7 @@ PROBES = (("sphere", 4.0), ("triangle", 5.0), ("star", 6.0), ("cylinder", 4.0), 
 def presses(design: Design, seed: int) -> list[Press]:
     """A ball, a triangle or star, and another of the test probes, at random places.
 
-    Chosen here and not by the bench of the scores: unbiased pictures take hours, and stay good when that
+    Chosen here and not by the protocol of the scores: unbiased pictures take hours, and stay good when that
     changes.
     """
     random = np.random.default_rng([seed, 21])

@@ -52,10 +52,10 @@ def main() -> None:
             [simulator.frame(press, seed=sub_seed(seed, stage, k)) for k, press in enumerate(chosen)]
             for stage, chosen in ((1, presses.calibration), (2, presses.test))
         )
-        bench = EvaluationProtocol(simulator.design, exposure(simulator.design, untouched), seed)
-        results = bench.reconstruct(bench.calibrate(untouched, again, balls), tests)
+        protocol = EvaluationProtocol(simulator.design, exposure(simulator.design, untouched), seed)
+        results = protocol.reconstruct(protocol.calibrate(untouched, again, balls), tests)
         found = [([r.error_deg[r.region] for r in results], [r.height_error_um for r in results])]
-        known = bench.near_field(untouched, simulator.slope_response())
+        known = protocol.near_field(untouched, simulator.slope_response())
         passes = ([], []), ([], [])
         for result in results:
             frame, pitch_mm = result.frame, result.frame.rays.pitch_mm

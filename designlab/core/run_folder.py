@@ -86,6 +86,8 @@ def claim(
 
     Parameters
     ----------
+    folder : Path
+        The folder; it is made where it is absent.
     marker : str
         Name of the JSON file that says whose the folder is.
     run : mapping
@@ -111,9 +113,9 @@ def claim(
     if path.is_file():
         try:
             held = read_json(path)
-        except ValueError:
+        except ValueError as error:
             raise ValueError(
-                f"{path}: must be JSON that {kind} wrote, is damaged; choose another folder"
+                f"{path}: must be JSON that {kind} wrote, is damaged; choose another folder ({error})"
             ) from None
         require_same(folder, held, asked, kind=kind, decided_by=decided_by)
     elif alone:

@@ -256,11 +256,11 @@ def calibration_of(
     surfaces = (simulator.surface(press) for press in presses.calibration)
     alone = Presses(presses.calibration, ())
     balls = list(_pressed(simulator, alone, surfaces, _Steps(silent, len(presses.calibration))))
-    bench = EvaluationProtocol(
+    protocol = EvaluationProtocol(
         simulator.design, exposure(simulator.design, untouched, again), seed, model=simulator.model
     )
     with threadpool_limits(limits=1, user_api="blas"):
-        return bench.calibrate(untouched, again, balls)
+        return protocol.calibrate(untouched, again, balls)
 
 
 def _effort(fidelity: str) -> Fidelity:
@@ -350,30 +350,30 @@ def _scored(
 ) -> _Scored:
     """Reconstruct the test presses and score them and the untouched gel."""
     design, (untouched, again) = simulator.design, frames.untouched
-    bench = EvaluationProtocol(
+    protocol = EvaluationProtocol(
         design, exposure(design, untouched, again), simulator.seed, model=simulator.model
     )
-    of_gel = beside.submit(_scores_of_gel, simulator, bench, frames)
+    of_gel = beside.submit(_scores_of_gel, simulator, protocol, frames)
     if calibration is None:
-        own = bench.calibrate(untouched, again, frames.balls)
+        own = protocol.calibrate(untouched, again, frames.balls)
     else:
-        own = calibration.on(bench.background(untouched, again))
-    noisier = beside.submit(_noisier, bench, own, frames)
-    presses = bench.reconstruct(own, frames.tests)
+        own = calibration.on(protocol.background(untouched, again))
+    noisier = beside.submit(_noisier, protocol, own, frames)
+    presses = protocol.reconstruct(own, frames.tests)
     errors, of_presses = press_scores.reconstruction_scores(
-        bench, untouched, own.background, presses, noisier.result()
+        protocol, untouched, own.background, presses, noisier.result()
     )
     gel = of_gel.result()
     worst = {
         "gel": worst_of_gel(gel.maps, design.group_names),
         "press": worst_of_presses(
-            response_maps.press_maps(bench, untouched, presses),
+            response_maps.press_maps(protocol, untouched, presses),
             gel.maps,
             design.group_names,
             steepest=response_maps.steepest_slope(frames.balls),
         ),
     }
-    return _Scored(bench.exposure, gel, presses, errors, of_presses, worst)
+    return _Scored(protocol.exposure, gel, presses, errors, of_presses, worst)
 
 
 class _Gel(NamedTuple):
@@ -384,16 +384,16 @@ class _Gel(NamedTuple):
     maps: GelMaps
 
 
-def _scores_of_gel(simulator: Simulator, bench: EvaluationProtocol, frames: _Frames) -> _Gel:
-    design, (untouched, again) = bench.design, frames.untouched
+def _scores_of_gel(simulator: Simulator, protocol: EvaluationProtocol, frames: _Frames) -> _Gel:
+    design, (untouched, again) = protocol.design, frames.untouched
     responses = response_maps.slope_responses(simulator, untouched, frames.balls)
-    gel = response_maps.gel_maps(bench, untouched, responses.best)
-    evenness, even_groups = illumination_scores.evenness_scores(design, untouched, again, bench.seed)
-    exposed, exposure_error = illumination_scores.exposure_scores(bench, untouched, again)
+    gel = response_maps.gel_maps(protocol, untouched, responses.best)
+    evenness, even_groups = illumination_scores.evenness_scores(design, untouched, again, protocol.seed)
+    exposed, exposure_error = illumination_scores.exposure_scores(protocol, untouched, again)
     slants, slant_groups = illumination_scores.slant_scores(design, untouched, responses)
     return _Gel(
-        scores=illumination_scores.uniformity(design, untouched, again, bench.seed)
-        | illumination_scores.information_score(bench, untouched, gel, responses, exposure_error)
+        scores=illumination_scores.uniformity(design, untouched, again, protocol.seed)
+        | illumination_scores.information_score(protocol, untouched, gel, responses, exposure_error)
         | evenness
         | exposed
         | slants,
@@ -429,11 +429,11 @@ def _by_halves(simulator: Simulator, tests: Sequence[Frame], steps: "_Steps") ->
 
 
 def _noisier(
-    bench: EvaluationProtocol, calibration: KernelCalibration, frames: _Frames
+    protocol: EvaluationProtocol, calibration: KernelCalibration, frames: _Frames
 ) -> list[list[Reconstruction]]:
     """Test presses as either half of the light shows them, each beside its own untouched gel."""
     return [
-        bench.reconstruct(calibration.on(bench.background(alone, alone)), halves, numbers=frames.halved)
+        protocol.reconstruct(calibration.on(protocol.background(alone, alone)), halves, numbers=frames.halved)
         for alone, halves in zip(frames.untouched, frames.halves, strict=True)
     ]
 

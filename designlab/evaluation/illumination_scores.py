@@ -233,12 +233,12 @@ def _binned(basis: NDArray[np.float32], step: int) -> NDArray[np.float32]:
     return np.asarray(blocks.mean(axis=(2, 4)), dtype=np.float32)
 
 
-def exposure_scores(bench: EvaluationProtocol, a: Frame, b: Frame) -> tuple[Scores, float]:
+def exposure_scores(protocol: EvaluationProtocol, a: Frame, b: Frame) -> tuple[Scores, float]:
     """How the untouched gel fills the camera's range, colours balance, light is stray, the area is seen.
 
     With it the relative error that render noise puts into the automatic exposure.
     """
-    design, groups = bench.design, len(a.basis)
+    design, groups = protocol.design, len(a.basis)
     mask, pair, step = _coarse(design, a, b, stray=True)
     names = ["colour_balance", "dynamic_range_use", "saturation_share", "stray_share"]
     automatic = design.camera.exposure is None
@@ -246,8 +246,8 @@ def exposure_scores(bench: EvaluationProtocol, a: Frame, b: Frame) -> tuple[Scor
     def figures(images: NDArray[np.floating]) -> list[float]:
         basis, stray = images[:groups], images[groups:]
         mixed = np.einsum("cg,grk->rkc", a.weights, basis)
-        scale = automatic_exposure(mixed, grain_px=GRAIN_PX / step) if automatic else bench.exposure
-        signal = expected(mixed, replace(bench.capture(), exposure=scale))
+        scale = automatic_exposure(mixed, grain_px=GRAIN_PX / step) if automatic else protocol.exposure
+        signal = expected(mixed, replace(protocol.capture(), exposure=scale))
         found = [
             scale,
             illumination.colour_balance(mixed, mask),
@@ -257,7 +257,7 @@ def exposure_scores(bench: EvaluationProtocol, a: Frame, b: Frame) -> tuple[Scor
         shares = [illumination.stray_share(s, i, mask) for s, i in zip(stray, basis, strict=False)]
         return [*found, max(shares)] if shares else found
 
-    (scale, *values), (scale_error, *errors) = _over_draws(figures, pair, bench.seed, DETAIL_DRAWS)
+    (scale, *values), (scale_error, *errors) = _over_draws(figures, pair, protocol.seed, DETAIL_DRAWS)
     both = _estimates(names[: len(values)], np.maximum(values, 0.0), errors)
     covered = illumination.coverage(a.rays.x_mm, a.rays.y_mm, seen(design, a), design.sensing_area_mm)
     return both | {"coverage": Estimate(covered, 0.0, "1")}, float(scale_error / scale)
@@ -298,18 +298,18 @@ def slant_scores(
 
 
 def information_score(
-    bench: EvaluationProtocol, untouched: Frame, gel: GelMaps, responses: Responses, exposure_error: float
+    protocol: EvaluationProtocol, untouched: Frame, gel: GelMaps, responses: Responses, exposure_error: float
 ) -> Scores:
     """Noise limits of the flat and of the pressed membrane, median over the sensing area.
 
     Parameters
     ----------
-    bench, untouched, gel, responses
+    protocol, untouched, gel, responses
         Camera, untouched gel, its maps, and its responses to slope.
     exposure_error : float
         Relative error of the exposure, which the signals share.
     """
-    camera = bench.design.camera
+    camera = protocol.design.camera
     binned = max(untouched.rays.binned, 1.0)
     some = np.zeros_like(gel.area)
     some[::LIMIT_STEP, ::LIMIT_STEP] = True
@@ -322,7 +322,7 @@ def information_score(
         return np.where(signal + camera.black_level < 1.0, noise, np.inf)
 
     def of(response: Array, brighter: float = 1.0) -> Array:
-        mix = brighter * bench.exposure * untouched.weights
+        mix = brighter * protocol.exposure * untouched.weights
         seen = sigma(light[gel.area] @ mix.T)
         flat = noise_limit_deg(np.tensordot(response[gel.area], mix, axes=(1, 1)).swapaxes(1, 2), seen)
         pressed = pressed_limit_deg(light[some], response[some], mix, sigma, steepest_deg=SLOPE_DEG)

@@ -44,7 +44,7 @@ NOISE_LEFT = 0.5
 
 
 def reconstruction_scores(
-    bench: EvaluationProtocol,
+    protocol: EvaluationProtocol,
     untouched: Frame,
     background: Array,
     results: Sequence[Reconstruction],
@@ -54,8 +54,8 @@ def reconstruction_scores(
 
     Parameters
     ----------
-    bench : EvaluationProtocol
-        The bench that reconstructed them.
+    protocol : EvaluationProtocol
+        The protocol that reconstructed them.
     untouched : Frame
         The untouched gel.
     background : array, shape (rows, columns, channels)
@@ -66,10 +66,10 @@ def reconstruction_scores(
         `noisier_presses` of them with twice the variance of render noise, one or several times. What is added
         to a score then, render noise has added as well: it is taken off.
     """
-    base = normals(*base_gradient(bench.design.elastomer, *untouched.seen_mm))
-    each = _errors(bench, results, background, base)
+    base = normals(*base_gradient(protocol.design.elastomer, *untouched.seen_mm))
+    each = _errors(protocol, results, background, base)
     value, once = pooled(each), pooled(each[noisier_presses(len(each))])
-    again = [pooled(_errors(bench, half, background, base)) for half in noisier]
+    again = [pooled(_errors(protocol, half, background, base)) for half in noisier]
     chances = press_chances(each)
     estimates = {}
     for name in value:
@@ -91,7 +91,7 @@ def noisier_presses(count: int) -> list[int]:
 
 
 def _errors(
-    bench: EvaluationProtocol, results: Sequence[Reconstruction], background: Array, base: Array
+    protocol: EvaluationProtocol, results: Sequence[Reconstruction], background: Array, base: Array
 ) -> Array:
     """`PRESS_FIGURES` of each press, shape (presses, figures)."""
     rows = []
@@ -105,7 +105,7 @@ def _errors(
                 np.abs(height).mean(),
                 np.mean(height**2),
                 (angle < WITHIN_DEG).mean(),
-                saturated(signal_of(bench, result.frame, thin))[result.region[thin]].mean(),
+                saturated(signal_of(protocol, result.frame, thin))[result.region[thin]].mean(),
                 rgb_to_normal(result.image[thin], background[thin], result.true_normals[thin], base[thin]),
             )
         )

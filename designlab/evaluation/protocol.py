@@ -1,4 +1,4 @@
-"""The test bench of a design: which presses, the camera's pictures of them, and what is reconstructed."""
+"""The evaluation protocol says which presses are made, takes pictures of them, and reconstructs them."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -179,7 +179,7 @@ class EvaluationProtocol:
 
         def noise_sigma(signal: Array) -> Array:
             collected = np.clip(signal, camera.black_level, 1.0) - camera.black_level
-            return imaging.noise_sigma(collected, Capture(camera, binned=_binned(untouched)))
+            return imaging.noise_sigma(collected, Capture(camera, self.model, binned=_binned(untouched)))
 
         light = gaussian_filter(untouched.basis - stray, sigma=(0, SMOOTHING_PX, SMOOTHING_PX))
         base_p, base_q = base_gradient(self.design.elastomer, *untouched.seen_mm)
@@ -188,7 +188,7 @@ class EvaluationProtocol:
             response,
             mix,
             noise_sigma=noise_sigma,
-            offset=np.einsum("cg,grk->rkc", mix, stray) + camera.black_level,
+            offset=imaging.expected(imaging.mixed(stray, untouched.weights), self.capture()),
             base=(np.nan_to_num(base_p), np.nan_to_num(base_q)),
             reflectance=self.design.per_group("membrane_albedo"),
             model_error=MODEL_ERROR,

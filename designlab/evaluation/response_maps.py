@@ -14,7 +14,7 @@ from designlab.evaluation.illumination import within
 from designlab.evaluation.protocol import SMOOTHING_PX, EvaluationProtocol, Reconstruction, sub_seed
 from designlab.evaluation.weakest_point import GelMaps, PressMaps
 from designlab.sensor.design import Design
-from designlab.simulation.imaging import Capture, noise_sigma
+from designlab.simulation.imaging import Capture, expected, mixed, noise_sigma
 from designlab.simulation.simulator import Frame, Simulator
 from geometries.elastomer import base_mm
 
@@ -55,10 +55,11 @@ def step_of(frame: Frame) -> int:
     return max(1, int(frame.rays.x_mm.shape[1]) // DETAIL_COLUMNS)
 
 
-def signal_of(bench: EvaluationProtocol, frame: Frame, pixels: Pixels = (slice(None), slice(None))) -> Array:
+def signal_of(
+    protocol: EvaluationProtocol, frame: Frame, pixels: Pixels = (slice(None), slice(None))
+) -> Array:
     """Linear signal as a share of full scale, black level included, shape (rows, columns, channels)."""
-    mixed = np.einsum("cg,grk->rkc", frame.weights, frame.basis[:, *pixels])
-    return np.asarray(bench.exposure * mixed + bench.design.camera.black_level)
+    return expected(mixed(frame.basis[:, *pixels], frame.weights), protocol.capture())
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,25 +156,25 @@ def membrane_light(frame: Frame) -> Array:
     return np.moveaxis(np.asarray(basis, dtype=float), 0, -1)
 
 
-def gel_maps(bench: EvaluationProtocol, untouched: Frame, response: Array) -> GelMaps:
+def gel_maps(protocol: EvaluationProtocol, untouched: Frame, response: Array) -> GelMaps:
     """Maps in which the worst place of the untouched gel is looked for, on the pixels of the response.
 
     Parameters
     ----------
-    bench : EvaluationProtocol
+    protocol : EvaluationProtocol
         Camera and exposure.
     untouched : Frame
         The untouched gel.
     response : array, shape (rows, columns, groups, 2)
         The best of `slope_responses`.
     """
-    design, camera = bench.design, bench.design.camera
+    design, camera = protocol.design, protocol.design.camera
     thin = thinned(untouched)
     smooth = [gaussian_filter(i, SMOOTHING_PX, mode="nearest")[thin] for i in untouched.basis]
     light = np.stack(smooth, axis=-1)
     area = sensing_area(design, untouched)[thin]
     visible = seen(design, untouched)[thin]
-    mix = bench.exposure * untouched.weights
+    mix = protocol.exposure * untouched.weights
     signal = light @ mix.T
     stray = np.zeros_like(light) if untouched.stray is None else np.moveaxis(untouched.stray, 0, -1)[thin]
     binned = max(untouched.rays.binned, 1.0)
@@ -182,7 +183,7 @@ def gel_maps(bench: EvaluationProtocol, untouched: Frame, response: Array) -> Ge
         y_mm=untouched.rays.y_mm[thin],
         area=area,
         seen=visible,
-        saturated=illumination.saturated(signal_of(bench, untouched, thin)),
+        saturated=illumination.saturated(signal_of(protocol, untouched, thin)),
         light=light / light[area & visible].mean(axis=0),
         signal=signal,
         stray=stray @ mix.T,
@@ -192,7 +193,7 @@ def gel_maps(bench: EvaluationProtocol, untouched: Frame, response: Array) -> Ge
 
 
 def press_maps(
-    bench: EvaluationProtocol, untouched: Frame, results: Sequence[Reconstruction]
+    protocol: EvaluationProtocol, untouched: Frame, results: Sequence[Reconstruction]
 ) -> list[PressMaps]:
     """Maps in which the worst place of the test presses is looked for, on the pixels of `gel_maps`."""
     thin = thinned(untouched)
@@ -210,7 +211,7 @@ def press_maps(
             PressMaps(
                 error_deg=result.error_deg[thin],
                 region=result.region[thin],
-                saturated=illumination.saturated(signal_of(bench, frame, thin)),
+                saturated=illumination.saturated(signal_of(protocol, frame, thin)),
                 light=np.moveaxis(relative, 0, -1),
                 slope=np.hypot(p, q)[thin],
                 facing=np.einsum("rki,rki->rk", result.true_normals[thin], away),

@@ -2,8 +2,11 @@
 
 `CHAIN` is the one ordered list of steps. Those before `Mixing` act on the light of every LED group, an array
 of shape (groups, rows, columns). `Mixing` turns it into the channels of the camera, (rows, columns, 3), on
-which the others act. A simulated frame is light behind the optics. Evaluation runs the rest, with noise;
-inference asks for the signal that is expected without noise. So a step that is added here is seen by all.
+which the others act. A simulated frame is light behind the optics. Evaluation runs the rest, with noise.
+Comparison and diagnosis ask for the signal that is expected without noise; calibration mixes frames by a
+transfer and a floor that it fits. So a step on light that is added here is seen by all, one on the signal by
+all but calibration. Pictures that are kept on disk hold the steps on light: a change of these needs a higher
+`render.session.LIGHTFIELD_VERSION`.
 
 Effects on the signal belong to the electronics. They act on what a pixel has collected, its noise included,
 and before the converter cuts and rounds it, as in the linear camera model of the standard EMVA 1288: so a
@@ -11,7 +14,7 @@ pedestal keeps the noise of a dark pixel from being cut at zero.
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar, Protocol
 
@@ -280,7 +283,9 @@ class Response(ImagingStep):
         if camera.response.is_linear:
             return mean, variance
         single = np.asarray(mean, dtype=float)
-        share = camera.behind_curve(single)[1] / camera.pixel_noise(single, 1.0)
+        before, behind = camera.pixel_noise(single, 1.0), camera.behind_curve(single)[1]
+        # A pixel without noise has none behind the curve but what the table of the curve leaves.
+        share = np.divide(behind, before, out=np.zeros_like(single), where=before > 0)
         return camera.response.encode(mean), variance * share**2
 
 
@@ -384,6 +389,7 @@ def expected(radiance: Image, capture: Capture) -> Array:
 
 def moments(radiance: Image, variance: Image, capture: Capture) -> tuple[Image, Image]:
     """Mean and variance of what the camera reports, from those of mixed radiance, (rows, columns, 3)."""
+    capture = replace(capture, seed=None)  # every step gives its own moments
     for step in CHAIN[_mixing() + 1 :]:
         radiance, variance = step.moments(radiance, variance, capture)
     return radiance, variance
@@ -416,7 +422,7 @@ def _behind_curve(signal: Image, capture: Capture) -> tuple[Array, Array]:
 
     def answers(values: Array, channel: int) -> Array:
         three = effects.on_signal(np.repeat(values[..., None], CHANNELS, axis=-1))
-        return camera.response.encode(three)[..., channel]
+        return np.clip(camera.response.encode(three), 0.0, 1.0)[..., channel]  # cut before the average
 
     found = [
         camera.behind_curve(signal[..., channel], partial(answers, channel=channel))

@@ -12,7 +12,7 @@ from designlab.inference.diagnosis.emulator.snapshots import fill
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.measurement import MeasuredFrame, Measurement, load_measurement, write_measurement
 from designlab.measurement.shots import observe
-from designlab.sensor.camera import Camera
+from designlab.sensor.camera import Camera, Vignetting
 from designlab.sensor.design import preset
 from designlab.simulation import imaging
 from designlab.simulation.effects import AppliedEffect, SensorModel
@@ -88,6 +88,40 @@ def test_of_averaged_pixels_each_answers_by_an_effect_s_curve_with_its_own_noise
     averaged = single.reshape(120, 4, 120, 4, 3).mean(axis=(1, 3))
     assert together.mean() == pytest.approx(averaged.mean(), rel=0.002)
     assert together.std() == pytest.approx(averaged.std(), rel=0.03)
+
+
+def test_dark_averaged_pixels_are_cut_at_the_range_one_by_one() -> None:
+    camera = Camera(read_noise_e=100.0, full_well_e=10_000.0, black_level=0.0, bit_depth=16)
+    bent = SensorModel(
+        design=DESIGN, effects=(AppliedEffect(name="response_curve", values={"exponent": 0.5}),)
+    )
+    together = imaging.reported(np.zeros((120, 120, 3)), Capture(camera, bent, seed=5, binned=16.0))
+    single = imaging.reported(np.zeros((480, 480, 3)), Capture(camera, bent, seed=6))
+    assert together.mean() == pytest.approx(single.mean(), rel=0.01)
+
+
+@pytest.mark.parametrize("level", [0.0, 0.05])
+def test_a_camera_without_read_noise_has_rounding_noise_in_the_dark(level) -> None:
+    camera = Camera(read_noise_e=0.0, black_level=level, bit_depth=8, response={"curve": "gamma"})
+    sigma = imaging.noise_sigma(np.zeros(3), Capture(camera, binned=4.0))
+    slope = camera.response.slope(np.array(level))
+    assert sigma == pytest.approx(1 / 255 / np.sqrt(12 * 4) / float(slope), rel=1e-6)
+
+
+def test_steps_that_are_said_to_be_linear_add_up() -> None:
+    rng = np.random.default_rng(4)
+    capture = Capture(
+        DESIGN.camera.model_copy(update={"black_level": 0.1, "vignetting": Vignetting(cosine_power=4)}),
+        view=DESIGN.view(16),
+        defocus_px=np.full((12, 16), 1.5),
+        weights=rng.uniform(0, 1, (3, 3)),
+    )
+    for step in imaging.CHAIN:
+        if step.linear:
+            a, b = rng.uniform(0.1, 0.5, (2, 3, 12, 16))
+            none, both = step.apply(np.zeros_like(a), capture), step.apply(a + b, capture)
+            parts = step.apply(a, capture) + step.apply(b, capture) - none
+            np.testing.assert_allclose(both, parts, rtol=1e-5, err_msg=step.name)
 
 
 def test_defocus_takes_variance_from_a_picture_as_its_weights_say() -> None:

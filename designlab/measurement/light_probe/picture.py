@@ -13,7 +13,7 @@ from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.effects import Sight
 from designlab.simulation.effects.model import SensorModel, effect
-from designlab.simulation.imaging import Capture, through_optics
+from designlab.simulation.imaging import Capture, mixed, through_optics
 from designlab.simulation.optics.viewing_rays import rays
 from designlab.simulation.render import path
 from designlab.simulation.scene.scene import without_gel
@@ -41,7 +41,7 @@ class ProbePicture:
     @property
     def mixed(self) -> NDArray[np.float32]:
         """Linear radiance of the camera channels, shape (rows, columns, 3)."""
-        return np.asarray(np.einsum("cg,grk->rkc", self.weights, self.basis), dtype=np.float32)
+        return np.asarray(mixed(self.basis, self.weights), dtype=np.float32)
 
     def unwrap(self) -> Unwrapped:
         """Light of each LED group at unit flux that arrives at the ball."""

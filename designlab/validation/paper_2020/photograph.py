@@ -13,7 +13,7 @@ from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects.model import SensorModel
-from designlab.simulation.imaging import Capture, reported
+from designlab.simulation.imaging import Capture, mixed, reported
 from designlab.simulation.simulator import Simulator
 from geometries.probes import parse
 
@@ -107,4 +107,4 @@ def _radiance(
     )
     picture = simulator.frame(press)
     lit = [frame.leds is None or name in frame.leds for name in design.group_names]
-    return np.asarray(np.einsum("cg,grk->rkc", picture.weights * lit, picture.basis))
+    return mixed(picture.basis, picture.weights * lit)

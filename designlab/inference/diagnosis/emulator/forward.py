@@ -25,7 +25,7 @@ from designlab.sensor.camera import View
 from designlab.sensor.design import DesignError
 from designlab.simulation.effects import CATALOGUE, Effect, EffectParameter, Sight, effect
 from designlab.simulation.effects.camera import mixing_with
-from designlab.simulation.imaging import mixed
+from designlab.simulation.imaging import Capture, expected, mixed
 
 Light = NDArray[np.floating]
 
@@ -59,7 +59,7 @@ class Forward:
     @property
     def black(self) -> Array:
         """Signal of the three channels without light, by the model as given."""
-        return np.asarray(self.bank.model.on_signal(np.full(3, self.design.camera.black_level)), dtype=float)
+        return expected(np.zeros(3), Capture(self.design.camera, self.bank.model))
 
     def predict(self, state: State, number: int) -> Array:
         """Signal of a shot, (rows, columns, 3)."""
