@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 import cadquery
 import numpy as np
 import pytest
+import trimesh
 
 import designlab.fabrication as fabricate
 from designlab.fabrication import export, led_colour, parts
@@ -383,12 +384,14 @@ def test_failed_check_leaves_the_earlier_export(
     export(preset("default"), out)
     before = (out / "manifest.json").read_bytes()
 
-    def holed(mesh: Any, path: Path) -> None:
+    whole = trimesh.Trimesh.export
+
+    def holed(mesh: trimesh.Trimesh, *args: Any, **options: Any) -> Any:
         mesh = mesh.copy()
         mesh.update_faces(np.arange(len(mesh.faces)) != 3)
-        mesh.export(path, file_type="stl")
+        return whole(mesh, *args, **options)
 
-    monkeypatch.setattr(fabricate, "_write_stl", holed)
+    monkeypatch.setattr(trimesh.Trimesh, "export", holed)
     with pytest.raises(RuntimeError, match=r"gelcore gelcore\.stl: open edges is 3 1, bound 0"):
         export(preset("default"), out)
     assert (out / "manifest.json").read_bytes() == before
