@@ -15,19 +15,39 @@ class Parts(Protocol):
     """What rules and seats of LEDs depend on."""
 
     @property
-    def gelcore(self) -> Gelcore: ...  # noqa: D102  fields of `Design`
+    def gelcore(self) -> Gelcore:
+        """The clear block between camera and gel."""
+        ...
+
     @property
-    def elastomer(self) -> Elastomer: ...  # noqa: D102
+    def elastomer(self) -> Elastomer:
+        """The gel."""
+        ...
+
     @property
-    def leds(self) -> LedArray: ...  # noqa: D102
+    def leds(self) -> LedArray:
+        """The LEDs and how they are mounted."""
+        ...
+
     @property
-    def housing(self) -> Housing: ...  # noqa: D102
+    def housing(self) -> Housing:
+        """The housing around all."""
+        ...
+
     @property
-    def optics(self) -> Optics: ...  # noqa: D102
+    def optics(self) -> Optics:
+        """Materials and the path of light."""
+        ...
+
     @property
-    def camera(self) -> Camera: ...  # noqa: D102
+    def camera(self) -> Camera:
+        """The camera and its lens."""
+        ...
+
     @property
-    def sensing_area_mm(self) -> tuple[float, float]: ...  # noqa: D102
+    def sensing_area_mm(self) -> tuple[float, float]:
+        """Width and height of the area that counts (mm)."""
+        ...
 
     def tangents_to(self, points: Array, *, camera_mm: float | None = None) -> Array:
         """Directions in which the camera sees membrane points."""
