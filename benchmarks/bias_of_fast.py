@@ -78,7 +78,7 @@ def presses(design: Design, seed: int) -> list[Press]:
 
 def shown(plan: list[Press]) -> list[str]:
     """Presses in words."""
-    return [f"{p.probe.text} {p.depth_mm:.2f} mm" for p in plan]
+    return [f"{p.probe.text} {p.stated_depth_mm:.2f} mm" for p in plan]
 
 
 def run(seed: int, *, photons: float, samples: int, folder: Path, unbiased_from: Path) -> dict[str, Any]:

@@ -91,7 +91,7 @@ def _moved_into(press: Press, area_mm: tuple[float, float]) -> Press:
     """The press, moved so that it ends within an area around the origin: heights are zero at its border."""
     reach = 1.6 * press.probe.size_mm
     x, y = np.meshgrid(*2 * [np.linspace(-reach, reach, 161)])
-    touches = profile_mm(press.probe, x, y) > -press.depth_mm
+    touches = profile_mm(press.probe, x, y) > -press.stated_depth_mm
     yaw = np.radians(press.yaw_deg)
     across = np.cos(yaw) * x[touches] - np.sin(yaw) * y[touches]
     along = np.sin(yaw) * x[touches] + np.cos(yaw) * y[touches]

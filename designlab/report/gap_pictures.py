@@ -44,7 +44,11 @@ def plots(found: PressComparison) -> Iterator[tuple[str, "Figure", str]]:
     press = found.press.shot.press
     assert press is not None
     for name, shown, what in (
-        ("press", found.press, f"{press.probe.text} pressed {press.depth_mm:g} mm deep, a final press"),
+        (
+            "press",
+            found.press,
+            f"{press.probe.text} pressed {press.stated_depth_mm:g} mm deep, a final press",
+        ),
         ("background", found.untouched, "Untouched gel"),
     ):
         caption = RESIDUAL.format(what=what, file=shown.shot.files[0])

@@ -4,7 +4,7 @@ import hashlib
 import json
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -15,6 +15,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from designlab.sensor import led_catalogue
 from designlab.sensor.camera import Camera, View
+from designlab.sensor.contact import CONTACT_MODELS, Contact, LayerContact, with_model
 from designlab.sensor.feasibility import RULES, SEEN, margins
 from designlab.sensor.optical_constants import material
 from designlab.sensor.optical_properties import Optics
@@ -24,7 +25,7 @@ from geometries.elastomer import Elastomer, base_mm
 from geometries.gelcore import Gelcore
 from geometries.housing import Housing
 from geometries.leds import LedArray
-from geometries.spec import FOLDER, Spec, quantity
+from geometries.spec import FOLDER, Spec
 
 CHANNELS = ("R", "G", "B")
 EDGE_POINTS = 33  # on each edge of the sensing area, where the lens distorts
@@ -44,23 +45,6 @@ class DesignError(ValueError):
 
 class InfeasibleDesign(ValueError):
     """A well-formed design that breaks at least one of its geometric rules."""
-
-
-class Contact(Spec):
-    """How the gel smooths an indentation.
-
-    The kernel is (m + 1) / (m + exp(r / length)), cut at 6 lengths (arXiv 2012.13184).
-    """
-
-    kernel_length_mm: float = quantity(0.05, unit="mm", ge=0, le=1.0)
-    """Length of the smoothing kernel; 0 switches smoothing off."""
-    kernel_m: float = quantity(200.0, unit="1", ge=1, le=1e5)
-    """Plateau parameter of the smoothing kernel."""
-    tail_share: float = quantity(0.0, unit="1", ge=0, lt=1)
-    """Height of the gel at the probe's outline, raised there because the gel clings together, as a share of
-    the depth; 0 is none."""
-    tail_mm: float = quantity(0.7, unit="mm", gt=0, le=10)
-    """Distance over which that height falls by e."""
 
 
 class Design(Spec):
@@ -84,8 +68,8 @@ class Design(Spec):
         The opaque tube.
     optics : Optics
         Materials and light path.
-    contact : Contact
-        Smoothing of indentations by the gel.
+    contact : KernelContact or LayerContact
+        How the gel answers a press.
     camera : Camera
         The camera.
     sensing_area_mm : tuple of two float
@@ -114,8 +98,8 @@ class Design(Spec):
     """The opaque tube."""
     optics: Optics = Field(default_factory=lambda: Optics())
     """Materials and light path."""
-    contact: Contact = Field(default_factory=lambda: Contact())
-    """Smoothing of indentations by the gel."""
+    contact: Contact = Field(default_factory=lambda: LayerContact(), discriminator="model")
+    """How the gel answers a press."""
     camera: Camera = Field(default_factory=lambda: Camera())
     """The camera."""
     sensing_area_mm: tuple[float, float] = (14.0, 10.5)
@@ -126,10 +110,12 @@ class Design(Spec):
 
     @model_validator(mode="before")
     @classmethod
-    def _with_parts(cls, content: Any) -> Any:
-        """Fill in what the LED library knows of the parts named."""
+    def _completed(cls, content: Any) -> Any:
+        """Fill in what the LED library knows of the parts named, and the model of contact."""
         if isinstance(content, Mapping) and isinstance(content.get("leds"), Mapping):
-            return {**content, "leds": led_catalogue.filled(content["leds"])}
+            content = {**content, "leds": led_catalogue.filled(content["leds"])}
+        if isinstance(content, Mapping) and "contact" in content:
+            content = {**content, "contact": with_model(content["contact"])}
         return content
 
     @field_validator("sensing_area_mm")
@@ -182,6 +168,8 @@ class Design(Spec):
         """SHA-256 of the canonical content, without name and description."""
         # What is absent does not count: fields that a later version adds leave old designs as they are.
         content = self.model_dump(mode="json", exclude={"name", "description"}, exclude_none=True)
+        if self.contact.model == "kernel":
+            del content["contact"]["model"]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     @property
@@ -385,7 +373,7 @@ def explain(error: ValidationError) -> str:
     """Put the first problem of a pydantic error into one line: field, rule, value, how many others."""
     problems = [problem for problem in error.errors() if not _follows_from_another(problem, error)]
     first = problems[0]
-    field = ".".join(str(part) for part in first["loc"]) or "(whole)"
+    field = ".".join(_entries(first["loc"])) or "(whole)"
     rule = first["msg"].removeprefix("Value error, ")
     if first["type"] == "extra_forbidden":
         rule = "unknown field"
@@ -399,6 +387,14 @@ def explain(error: ValidationError) -> str:
     # Our own rules may state the value themselves; pydantic's "got a number with ..." does not.
     stated = first["type"] == "value_error" and "got" in rule
     return f"field {field}: {rule}{'' if stated else value}{more}"
+
+
+def _entries(location: Sequence[str | int]) -> list[str]:
+    """Names of a field and what holds it, as they stand in a file: without the model that was chosen."""
+    entries = [str(part) for part in location]
+    if "contact" in entries[:-1] and entries[entries.index("contact") + 1] in CONTACT_MODELS:
+        del entries[entries.index("contact") + 1]
+    return entries
 
 
 def _follows_from_another(problem: Any, error: ValidationError) -> bool:

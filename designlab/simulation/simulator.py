@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 from designlab.core.types import Array
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
-from designlab.simulation.contact.kernel import indent
+from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.effects import SensorModel, Sight

@@ -10,7 +10,7 @@ from designlab.evaluation.illumination_scores import uniformity, worst_evenness
 from designlab.evaluation.protocol import plan_presses
 from designlab.evaluation.response_maps import sensing_area
 from designlab.sensor.design import preset
-from designlab.simulation.contact.kernel import indent
+from designlab.simulation.contact.indentation import indent
 from designlab.simulation.simulator import Simulator
 
 FLAT, CORE = preset("gelsight-2020-flat"), preset("default")

@@ -7,7 +7,7 @@ from scipy.integrate import quad
 
 from designlab.fabrication import export
 from designlab.sensor.design import DesignError, dumps, loads, preset
-from designlab.simulation.contact.kernel import indent
+from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
 from designlab.simulation.optics.viewing_rays import rays
 from designlab.simulation.scene.scene import build

@@ -12,7 +12,7 @@ from designlab.fabrication import led_colour
 from designlab.report.view3d import render_view
 from designlab.report.view3d.labels import labels, spread_rows
 from designlab.sensor.design import preset
-from designlab.simulation.contact.kernel import indent
+from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
 from geometries.probes import parse
 

@@ -6,7 +6,7 @@ import pytest
 from designlab.sensor.design import DesignError, InfeasibleDesign, preset
 from designlab.sensor.feasibility import tangents
 from designlab.sensor.led_mounting import front_corners, seated, sides
-from designlab.simulation.contact.kernel import indent
+from designlab.simulation.contact.indentation import indent
 from designlab.simulation.scene.scene import build
 from geometries import gelcore
 from geometries.leds import bodies

@@ -120,7 +120,7 @@ class Problem:
             return None
         return Press(
             probe=press.probe,
-            depth_mm=max(press.depth_mm + depth, LEAST_DEPTH_MM),
+            depth_mm=max(press.stated_depth_mm + depth, LEAST_DEPTH_MM),
             centre_mm=(press.centre_mm[0] + x, press.centre_mm[1] + y),
             yaw_deg=press.yaw_deg + yaw,
         )

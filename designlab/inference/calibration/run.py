@@ -340,7 +340,7 @@ def _pose(problem: Problem, state: CalibrationState, number: int) -> dict[str, f
     if isinstance(touched, LightProbe):
         return dict(zip(POSE, (*touched.centre_mm, touched.lowest_mm, 0.0), strict=True))
     assert touched is not None
-    return dict(zip(POSE, (*touched.centre_mm, touched.depth_mm, touched.yaw_deg), strict=True))
+    return dict(zip(POSE, (*touched.centre_mm, touched.stated_depth_mm, touched.yaw_deg), strict=True))
 
 
 def _frame_result(

@@ -1,34 +1,74 @@
-"""A press: which probe, how deep, and where."""
+"""A press: which probe, how deep or with which force, and where."""
+
+from typing import Self
+
+from pydantic import model_validator
 
 from geometries.probes import Probe
 from geometries.spec import Spec, quantity
 
 
 class Press(Spec):
-    """A press is one indentation: which probe, how deep, where, and how it is turned.
+    """A press is one indentation: which probe, how deep or with which force, where, and how it is turned.
 
     Parameters
     ----------
     probe : Probe
         The indenter.
-    depth_mm : float
+    depth_mm : float, optional
         Largest penetration below the undeformed membrane, along z, in mm; at most 20.
+    force_n : float, optional
+        Force along z in N instead of a depth, for gels that are elastic layers.
     centre_mm : tuple of two float
         Where the probe's axis meets the membrane, (x, y) in mm.
     yaw_deg : float
         Rotation about z in degrees, counter-clockwise in the image.
+    shear_mm : tuple of two float
+        How far the probe is then moved sideways, (x, y) in mm.
+    twist_deg : float
+        How far it is then turned about its axis, in degrees, counter-clockwise in the image.
 
     Raises
     ------
     pydantic.ValidationError
-        If a value is out of its bounds.
+        If a value is out of its bounds, or neither or both of depth and force are stated.
     """
 
     probe: Probe
     """The indenter."""
-    depth_mm: float = quantity(unit="mm", gt=0, le=20)
+    depth_mm: float | None = quantity(None, unit="mm", gt=0, le=20)
     """Largest penetration below the undeformed membrane, along z."""
+    force_n: float | None = quantity(None, unit="N", gt=0, le=1000)
+    """Force along z instead of a depth, for gels that are elastic layers."""
     centre_mm: tuple[float, float] = (0.0, 0.0)
     """Where the probe's axis meets the membrane (x, y) (mm)."""
     yaw_deg: float = quantity(0.0, unit="deg", ge=-360, le=360)
     """Rotation about z, counter-clockwise in the image."""
+    shear_mm: tuple[float, float] = (0.0, 0.0)
+    """How far the probe is then moved sideways (x, y) (mm)."""
+    twist_deg: float = quantity(0.0, unit="deg", ge=-90, le=90)
+    """How far it is then turned about its axis, counter-clockwise in the image."""
+
+    @model_validator(mode="after")
+    def _depth_or_force(self) -> Self:
+        if (self.depth_mm is None) == (self.force_n is None):
+            raise ValueError("depth_mm, force_n: state one of them, how deep or with which force")
+        return self
+
+    @property
+    def stated_depth_mm(self) -> float:
+        """Depth (mm) of a press that states it.
+
+        Raises
+        ------
+        ValueError
+            If the press states a force.
+        """
+        if self.depth_mm is None:
+            raise ValueError("press.depth_mm: needed here, the press states its force alone")
+        return self.depth_mm
+
+    @property
+    def moves_sideways(self) -> bool:
+        """Whether the probe is moved or turned once it touches."""
+        return self.shear_mm != (0.0, 0.0) or self.twist_deg != 0.0

@@ -1,5 +1,6 @@
 """The deformed membrane: the surface rendered, and the truth that reconstruction is judged by."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -8,6 +9,32 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from designlab.core.types import Array
+
+
+@dataclass(frozen=True)
+class Mechanics:
+    """What a press of an elastic gel takes.
+
+    Attributes
+    ----------
+    depth_mm : float
+        Largest penetration below the undeformed membrane, along z (mm).
+    force_n : float
+        Force along z (N).
+    shear_force_n : (float, float)
+        Force along x and y on the gel (N).
+    contact_area_mm2, contact_radius_mm : float
+        Area of the contact, and radius of a circle of that area.
+    warnings : tuple of str
+        Where the model of contact is used beyond what it holds for.
+    """
+
+    depth_mm: float
+    force_n: float
+    shear_force_n: tuple[float, float]
+    contact_area_mm2: float
+    contact_radius_mm: float
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,15 +46,17 @@ class Surface:
     x_mm, y_mm : array, shapes (columns,) and (rows,)
         Grid coordinates in mm; `y_mm` descends.
     height_mm : array, shape (rows, columns)
-        Indentation in mm, positive towards the camera.
+        Indentation in mm, positive towards the camera; negative where an elastic gel bulges.
     base_mm : array, shape (rows, columns)
         Height of the undeformed membrane in mm; NaN where there is none.
     base_p, base_q : array, shape (rows, columns)
         Slopes dz/dx and dz/dy of the undeformed membrane.
-    base_p, base_q : array, shape (rows, columns)
-        Slopes dz/dx and dz/dy of the undeformed membrane.
     contact : bool array, shape (rows, columns)
         Whether the probe touches the membrane.
+    mechanics : Mechanics or None
+        What the press takes; None for an untouched gel, and where no force is known.
+    moved : callable, optional
+        Gives how far the skin moved along x and y (mm), two arrays; it stays in place when absent.
     """
 
     x_mm: Array
@@ -37,11 +66,25 @@ class Surface:
     base_p: Array
     base_q: Array
     contact: NDArray[np.bool_]
+    mechanics: Mechanics | None = None
+    moved: Callable[[], tuple[Array, Array]] | None = None
 
     @property
     def pitch_mm(self) -> float:
         """Distance of neighbouring grid points (mm)."""
         return float(self.x_mm[1] - self.x_mm[0])
+
+    @property
+    def bulge_um(self) -> float:
+        """How far the membrane bulges below its undeformed shape at most (um)."""
+        return max(-1000.0 * float(self.height_mm.min()), 0.0)
+
+    @cached_property
+    def sideways_mm(self) -> tuple[Array, Array]:
+        """How far the skin moved along x and y (mm), two arrays of shape (rows, columns)."""
+        if self.moved is None:
+            return np.zeros_like(self.height_mm), np.zeros_like(self.height_mm)
+        return self.moved()
 
     @cached_property
     def z_mm(self) -> Array:

@@ -19,6 +19,8 @@ class ContactKernel(Effect):
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """One ratio; published kernels are tuned by hand, 40 % off is common."""
+        if design.contact.model != "kernel":
+            return ()
         return (
             EffectParameter(
                 "length_ratio", "1", 1.0, 0.4, 0.2, 6.0, "smoothing length over its nominal value"
@@ -27,6 +29,8 @@ class ContactKernel(Effect):
 
     def on_design(self, design: Design, values: Values) -> Design:
         """Scale the kernel's length."""
+        if design.contact.model != "kernel":
+            return design
         length_mm = design.contact.kernel_length_mm * values["length_ratio"]
         return design.replace({"contact.kernel_length_mm": length_mm})
 
@@ -42,6 +46,8 @@ class ContactProfile(Effect):
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Tails of 10 to 40 % of the depth that fall over 0.4 to 1 mm have been measured."""
         contact = design.contact
+        if contact.model != "kernel":
+            return ()
         return (
             EffectParameter(
                 "tail_share",
@@ -59,7 +65,7 @@ class ContactProfile(Effect):
 
     def on_design(self, design: Design, values: Values) -> Design:
         """Add to the tail."""
-        if not values["tail_share"]:
+        if design.contact.model != "kernel" or not values["tail_share"]:
             return design
         share = min(max(design.contact.tail_share + values["tail_share"], 0.0), 0.99)
         return design.replace({"contact.tail_share": share, "contact.tail_mm": values["tail_mm"]})
@@ -79,7 +85,7 @@ class DepthOffset(Effect):
 
     def on_press(self, press: Press, values: Values) -> Press:
         """Press deeper."""
-        if not values["offset_mm"]:
+        if not values["offset_mm"] or press.depth_mm is None:
             return press
         return press.model_copy(
             update={"depth_mm": max(press.depth_mm + values["offset_mm"], LEAST_DEPTH_MM)}

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from designlab.core.types import Array
 from designlab.sensor.camera import Camera
+from designlab.sensor.contact import require_kernel
 from designlab.sensor.design import Design
 from designlab.sensor.led_mounting import seated
 from designlab.validation.synthetic.coat import Coat
@@ -219,8 +220,8 @@ class Rig:
             mixing=design.mixing_matrix,
             group_names=design.group_names,
             elastomer=design.elastomer,
-            kernel_length_mm=design.contact.kernel_length_mm,
-            kernel_m=design.contact.kernel_m,
+            kernel_length_mm=require_kernel(design.contact).kernel_length_mm,
+            kernel_m=require_kernel(design.contact).kernel_m,
             path_length=design.optics.path_length,
             camera=design.camera,
             sensing_area_mm=design.sensing_area_mm,

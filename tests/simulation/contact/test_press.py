@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.ndimage import center_of_mass
 
-from designlab.sensor.design import Contact
-from designlab.simulation.contact.kernel import indent
+from designlab.sensor.contact import KernelContact
+from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
 from geometries.elastomer import Elastomer
 from geometries.probes import SIZES, from_file, parse
 
 FLAT = Elastomer(shape="flat", outline="rectangle", width_mm=30, length_mm=30, thickness_mm=3)
-SHARP = Contact(kernel_length_mm=0.0)
+SHARP = KernelContact(kernel_length_mm=0.0)
 
 
 def press(text, depth_mm, **where):
@@ -65,7 +65,7 @@ def test_smoothing_conserves_the_displaced_volume(pitch_mm):
     one = press("sphere:4", 0.6, centre_mm=(0.7, -0.4))
     volumes = [
         indented(one, contact=contact, pitch_mm=pitch_mm).height_mm.sum() * pitch_mm**2
-        for contact in (SHARP, Contact(kernel_length_mm=0.1))
+        for contact in (SHARP, KernelContact(kernel_length_mm=0.1))
     ]
     assert volumes[1] == pytest.approx(volumes[0], rel=1e-6)
     # volume of a spherical cap
@@ -74,7 +74,7 @@ def test_smoothing_conserves_the_displaced_volume(pitch_mm):
 
 @pytest.mark.parametrize("length_mm", [0.05, 0.1])
 def test_an_edge_rises_as_the_published_kernel_says(length_mm):
-    contact = Contact(kernel_length_mm=length_mm, kernel_m=200)
+    contact = KernelContact(kernel_length_mm=length_mm, kernel_m=200)
     # the edge response of a round kernel is the integral of its line spread
     t = np.linspace(-6.2, 6.2, 1241) * length_mm
     line = kernel(np.hypot(t[:, None], t[None]), contact).sum(axis=1)
@@ -83,14 +83,14 @@ def test_an_edge_rises_as_the_published_kernel_says(length_mm):
 
 
 def test_smoothing_does_not_depend_on_the_grid():
-    contact = Contact(kernel_length_mm=0.1)
+    contact = KernelContact(kernel_length_mm=0.1)
     (fine_y, fine_z), (coarse_y, coarse_z) = step(contact, 0.02), step(contact, 0.1)
     np.testing.assert_allclose(np.interp(coarse_y, fine_y, fine_z), coarse_z, atol=0.02 * 0.4)
 
 
 def test_heights_do_not_depend_on_the_grid():
     one = press("star:5", 0.5, yaw_deg=17.0)
-    contact = Contact(kernel_length_mm=0.08)
+    contact = KernelContact(kernel_length_mm=0.08)
     fine, coarse = (indented(one, contact=contact, pitch_mm=pitch) for pitch in (0.025, 0.075))
     x, y = np.meshgrid(coarse.x_mm[5:-5], coarse.y_mm[5:-5])
     difference = fine.sample(fine.height_mm, x, y) - coarse.height_mm[5:-5, 5:-5]
@@ -160,7 +160,7 @@ def test_an_untouched_gel_is_its_base():
 
 def test_a_dome_of_huge_radius_is_flat():
     one = press("star:5", 0.5, centre_mm=(1.0, 0.5), yaw_deg=20.0)
-    contact = Contact(kernel_length_mm=0.05)
+    contact = KernelContact(kernel_length_mm=0.05)
     flat = indented(one, contact=contact)
     dome = indented(
         one,
@@ -188,7 +188,7 @@ def test_a_ball_meets_a_dome_in_the_lens_of_two_spheres():
 def test_nothing_is_raised_beyond_the_reach_of_a_probe(text, monkeypatch):
     one = press(text, 0.4, centre_mm=(1.2, -0.7), yaw_deg=33.0)
     near = indented(one)
-    monkeypatch.setattr("designlab.simulation.contact.kernel.REACH", dict.fromkeys(SIZES, 20.0))
+    monkeypatch.setattr("designlab.simulation.contact.approach.REACH", dict.fromkeys(SIZES, 20.0))
     np.testing.assert_array_equal(near.height_mm, indented(one).height_mm)
 
 
@@ -232,7 +232,7 @@ def test_a_press_beside_the_area_names_field_and_place():
 
 @pytest.mark.parametrize("away_mm", [0.1, 0.6, 1.2])
 def test_a_tail_falls_by_e_over_its_length_around_any_outline(away_mm):
-    tail = Contact(kernel_length_mm=0.0, tail_share=0.25, tail_mm=0.5)
+    tail = KernelContact(kernel_length_mm=0.0, tail_share=0.25, tail_mm=0.5)
     surface = indented(press("triangle:5", 0.4, yaw_deg=90.0), contact=tail, pitch_mm=0.02)
     corner, side = 5 / np.sqrt(3), 5 / np.sqrt(12)
     # Turned by 90 deg a corner points to -x and a side lies opposite, at +x.
@@ -244,7 +244,7 @@ def test_a_tail_falls_by_e_over_its_length_around_any_outline(away_mm):
 
 
 def test_a_tail_changes_nothing_inside_and_is_smoothed_by_the_kernel():
-    sharp, tail = (Contact(kernel_length_mm=0.0, tail_share=share) for share in (0.0, 0.3))
+    sharp, tail = (KernelContact(kernel_length_mm=0.0, tail_share=share) for share in (0.0, 0.3))
     plain, raised = (indented(press("sphere:4", 0.6), contact=c) for c in (sharp, tail))
     high = plain.height_mm > 0.3 * 0.6 + 1e-3
     np.testing.assert_array_equal(raised.height_mm[high], plain.height_mm[high])

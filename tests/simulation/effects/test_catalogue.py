@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 from designlab.sensor.camera import View, Vignetting
 from designlab.sensor.design import Design, DesignError, preset
 from designlab.sensor.led_mounting import sides
-from designlab.simulation.contact.kernel import indent
+from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.effects import (

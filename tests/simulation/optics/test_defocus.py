@@ -6,7 +6,7 @@ import pytest
 from designlab.sensor.camera import Camera
 from designlab.sensor.design import preset
 from designlab.sensor.refraction import apparent_distance_mm
-from designlab.simulation.contact.kernel import indent
+from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
 from designlab.simulation.optics.defocus import blur, radius_px
 from designlab.simulation.optics.viewing_rays import rays

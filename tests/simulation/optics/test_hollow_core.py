@@ -5,7 +5,7 @@ import pytest
 
 from designlab.sensor.design import DesignError, InfeasibleDesign, preset
 from designlab.sensor.refraction import Glass
-from designlab.simulation.contact.kernel import indent
+from designlab.simulation.contact.indentation import indent
 from designlab.simulation.optics.viewing_rays import rays
 from geometries.gelcore import Gelcore, solid
 

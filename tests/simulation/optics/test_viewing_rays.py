@@ -5,7 +5,7 @@ import pytest
 
 from designlab.sensor.design import preset
 from designlab.sensor.refraction import apparent_distance_mm, apparent_tangent, crossing_mm
-from designlab.simulation.contact.kernel import indent
+from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
 from designlab.simulation.optics.viewing_rays import rays
 from geometries.probes import parse

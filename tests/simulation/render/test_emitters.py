@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from designlab.core import store
 from designlab.sensor.camera import Camera, View
 from designlab.sensor.design import preset
-from designlab.simulation.contact.kernel import indent
+from designlab.simulation.contact.indentation import indent
 from designlab.simulation.render import path, photons
 from designlab.simulation.scene.scene import Diffuse, Light, Scene, Shape, build
 from designlab.simulation.simulator import Simulator

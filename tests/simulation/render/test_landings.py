@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from designlab.sensor.design import preset
-from designlab.simulation.contact.kernel import indent
+from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
 from designlab.simulation.render import baking, lightfield, shading
 from designlab.simulation.render.landings import FirstLight

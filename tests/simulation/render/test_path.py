@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from designlab.sensor.design import preset
-from designlab.simulation.contact.kernel import indent
+from designlab.simulation.contact.indentation import indent
 from designlab.simulation.render import path
 from designlab.simulation.scene.scene import Coating, Dielectric, Diffuse, Medium, Scene, Texture, build
 from designlab.simulation.scene.static_parts import core_and_gel

@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 from designlab.core import store
 from designlab.sensor.camera import Camera
 from designlab.sensor.design import preset
-from designlab.simulation.contact.kernel import indent
+from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
 from designlab.simulation.optics.viewing_rays import rays
 from designlab.simulation.render import baking, bridge, gather, path, photons

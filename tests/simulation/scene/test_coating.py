@@ -5,7 +5,7 @@ import pytest
 
 from designlab.core.images import write_image
 from designlab.sensor.design import DesignError, dumps, load, loads, preset
-from designlab.simulation.contact.kernel import indent
+from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
 from designlab.simulation.scene.coating import backed, coating, coating_brdf
 from geometries.probes import parse

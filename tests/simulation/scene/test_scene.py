@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from designlab.sensor.design import preset
-from designlab.simulation.contact.kernel import indent
+from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
 from designlab.simulation.scene.scene import Dielectric, Diffuse, Medium, build
 from geometries import elastomer

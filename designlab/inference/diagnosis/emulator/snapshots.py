@@ -485,7 +485,7 @@ def moved(press: Press, pose: Array) -> Press:
     x, y, depth, yaw = (float(v) for v in np.round(pose, 6))
     return Press(
         probe=press.probe,
-        depth_mm=max(press.depth_mm + depth, LEAST_DEPTH_MM),
+        depth_mm=max(press.stated_depth_mm + depth, LEAST_DEPTH_MM),
         centre_mm=(press.centre_mm[0] + x, press.centre_mm[1] + y),
         yaw_deg=turned if abs(turned := press.yaw_deg + yaw) <= 360.0 else math.remainder(turned, 360.0),
     )

@@ -171,15 +171,15 @@ def frames_to_take(fitter: Fitter) -> list[Action]:
     for n in lit:
         if (press := shots[n].press) is not None and shots[n].use == "train":
             place = press.centre_mm
-            if place not in deepest or press.depth_mm > deepest[place][0].depth_mm:
+            if place not in deepest or press.stated_depth_mm > deepest[place][0].stated_depth_mm:
                 deepest[place] = press, n
     for press, n in deepest.values():
         (x_mm, y_mm), probe = press.centre_mm, press.probe.text
-        text = f"{probe} pressed {press.depth_mm:g} mm deep at ({x_mm:g}, {y_mm:g}) mm"
+        text = f"{probe} pressed {press.stated_depth_mm:g} mm deep at ({x_mm:g}, {y_mm:g}) mm"
         fields = {
             "kind": "press",
             "probe": probe,
-            "depth_mm": press.depth_mm,
+            "depth_mm": press.stated_depth_mm,
             "centre_mm": [x_mm, y_mm],
             "yaw_deg": press.yaw_deg,
         }

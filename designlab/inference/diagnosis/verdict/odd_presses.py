@@ -77,7 +77,7 @@ def odd_presses(
         groups.setdefault(shots[n].files[0] if n in odd else press.probe.text, []).append(n)
     found: list[Suspicion] = []
     for numbers in groups.values():
-        deepest = sorted(numbers, key=lambda n: -pressed[n].depth_mm)[:TRIED]
+        deepest = sorted(numbers, key=lambda n: -pressed[n].stated_depth_mm)[:TRIED]
         if np.mean([compared[n] for n in deepest]) < ASKED_FROM:
             continue
         untouched = [p for n, p in enumerate(pictures) if n not in pressed]

@@ -118,7 +118,7 @@ def _unlisted_variance(name: str, p: EffectParameter, value: float) -> float:
 def domain(shots: list[Shot]) -> Domain:
     """Range of the presses and exposures that values were fitted to."""
     presses = [shot.press for shot in shots if shot.press is not None]
-    depths = [press.depth_mm for press in presses]
+    depths = [press.stated_depth_mm for press in presses]
     x, y = ([press.centre_mm[axis] for press in presses] for axis in (0, 1))
     exposures = [float(shot.lit.max()) for shot in shots if shot.lit.any()]
     return Domain(

@@ -1,0 +1,1 @@
+"""Elastic layers and contact: arrays in, arrays out."""

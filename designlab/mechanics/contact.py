@@ -1,0 +1,446 @@
+"""Contact of a rigid probe with an elastic layer: pressure, friction, force and the deformed surface."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from designlab.core.types import Array
+from designlab.mechanics.layer import ElasticLayer
+
+Mask = NDArray[np.bool_]
+Operator = Callable[[Array], Array]
+MARGIN = 5.0  # thicknesses; the response decays as exp(-0.74 r / h), so a repeated load is not felt further
+TOLERANCE = 1e-5  # relative change of the traction in an iteration at which it is taken for settled
+FORCE_TOLERANCE = 1e-4  # of a stated force
+MOST_ITERATIONS = 600
+CELLS = 16  # sizes of grids are multiples of it, so that responses kept serve for many presses
+MOST_ROUNDS = 40  # of friction after pressure, and of depths for a stated force
+
+
+class NotConverged(RuntimeError):
+    """A contact problem whose solution was not found; no surface is given for it."""
+
+
+class OutOfReach(ValueError):
+    """A force that no permitted depth reaches; the text says which depth was tried and what it gives."""
+
+
+@dataclass(frozen=True, eq=False)
+class ContactSolution:
+    """What a probe does to the surface of a layer, on the grid of the gap.
+
+    Attributes
+    ----------
+    layer : ElasticLayer
+        The layer.
+    pitch_mm : float
+        Distance of neighbouring grid points (mm).
+    depth_mm : float
+        How far the probe went beyond first touch (mm).
+    pressure_mpa : array, shape (rows, columns)
+        Pressure on the layer, zero outside the contact.
+    traction_mpa : array, shape (2, rows, columns)
+        Tangential traction on the layer along columns and rows.
+    """
+
+    layer: ElasticLayer
+    pitch_mm: float
+    depth_mm: float
+    pressure_mpa: Array
+    traction_mpa: Array
+
+    @property
+    def touched(self) -> Mask:
+        """Where the probe touches the layer, shape (rows, columns)."""
+        return self.pressure_mpa > 0
+
+    @cached_property
+    def force_n(self) -> float:
+        """Force along the normal (N)."""
+        return float(self.pressure_mpa.sum()) * self.pitch_mm**2
+
+    @property
+    def tangential_force_n(self) -> tuple[float, float]:
+        """Force along columns and rows (N)."""
+        x, y = self.traction_mpa.sum(axis=(1, 2)) * self.pitch_mm**2
+        return float(x), float(y)
+
+    @property
+    def contact_area_mm2(self) -> float:
+        """Area of the contact (mm2)."""
+        return float(self.touched.sum()) * self.pitch_mm**2
+
+    @property
+    def contact_radius_mm(self) -> float:
+        """Radius of a circle of the area of the contact (mm)."""
+        return math.sqrt(self.contact_area_mm2 / math.pi)
+
+    def needed_friction(self, share: float = 0.95) -> float:
+        """Coefficient of friction that this share of the force needs not to slip."""
+        pressure, ratio = self.pressure_mpa[self.touched], self._traction[self.touched]
+        order = np.argsort(ratio / pressure)
+        carried = np.cumsum(pressure[order])
+        return float((ratio / pressure)[order][np.searchsorted(carried, share * carried[-1])])
+
+    @property
+    def _traction(self) -> Array:
+        return np.asarray(np.hypot(*self.traction_mpa))
+
+    def displacement(
+        self, shape: tuple[int, int], origin: tuple[int, int], *, smoothing_mm: float = 0.0
+    ) -> Array:
+        """Displacement of the surface into the layer on a grid of the same pitch.
+
+        Parameters
+        ----------
+        shape : (int, int)
+            Rows and columns of that grid.
+        origin : (int, int)
+            Row and column on it of this solution's first point; they may lie outside.
+        smoothing_mm : float
+            Standard deviation of a normal distribution that the displacement is averaged over (mm), which
+            keeps its volume.
+
+        Returns
+        -------
+        array, shape (rows, columns)
+            Displacement in mm, positive into the layer; negative where the layer bulges.
+        """
+        return self._moved(shape, origin, ("zz", "zx", "zy"), smoothing_mm)
+
+    def tangential_displacement(
+        self, shape: tuple[int, int], origin: tuple[int, int], *, smoothing_mm: float = 0.0
+    ) -> Array:
+        """Displacement of the surface along columns and rows; arguments as in `displacement`.
+
+        Returns
+        -------
+        array, shape (2, rows, columns)
+            Displacement in mm.
+        """
+        x = self._moved(shape, origin, ("xz", "xx", "xy"), smoothing_mm)
+        y = self._moved(shape, origin, ("yz", "xy", "yy"), smoothing_mm)
+        return np.stack([x, y])
+
+    def _moved(
+        self,
+        shape: tuple[int, int],
+        origin: tuple[int, int],
+        parts: tuple[str, str, str],
+        smoothing_mm: float,
+    ) -> Array:
+        box = self.pressure_mpa.shape
+        low = [min(0, start) for start in origin]
+        high = [max(whole, start + own) for whole, start, own in zip(shape, origin, box, strict=True)]
+        margin = MARGIN * self.layer.thickness_mm / self.pitch_mm
+        rows, columns = (
+            fft.next_fast_len(math.ceil(b - a + margin), real=True) for a, b in zip(low, high, strict=True)
+        )
+        row, column = origin[0] - low[0], origin[1] - low[1]
+        here = np.s_[row : row + box[0], column : column + box[1]]
+        spectrum: Any = 0.0
+        for part, load in zip(parts, (self.pressure_mpa, *self.traction_mpa), strict=True):
+            if load.any():
+                spread = np.zeros((rows, columns))
+                spread[here] = load
+                symbol = _symbol(_unit(self.layer), self.pitch_mm, rows, columns, part)
+                spectrum = spectrum + symbol * fft.rfft2(spread, workers=2)
+        if np.isscalar(spectrum):
+            return np.zeros(shape)
+        if smoothing_mm:
+            spectrum *= np.exp(-((_wavenumber(self.pitch_mm, rows, columns)[2] * smoothing_mm) ** 2) / 2)
+        whole = fft.irfft2(spectrum, s=(rows, columns), workers=2) / self.layer.modulus_mpa
+        return np.asarray(whole[-low[0] : shape[0] - low[0], -low[1] : shape[1] - low[1]])
+
+
+def press(
+    gap_mm: Array,
+    layer: ElasticLayer,
+    *,
+    pitch_mm: float,
+    depth_mm: float | None = None,
+    force_n: float | None = None,
+    deepest_mm: float | None = None,
+    friction: float = 0.0,
+    shift_mm: tuple[float, float] = (0.0, 0.0),
+    lean: tuple[float, float] = (0.0, 0.0),
+    twist_deg: float = 0.0,
+    axis: tuple[float, float] = (0.0, 0.0),
+) -> ContactSolution:
+    """Press a rigid probe into an elastic layer, to a depth or with a force.
+
+    The layer answers linearly (`ElasticLayer`). Pressure is nowhere negative, the surface lies nowhere above
+    the probe, and where there is pressure both meet. With friction the probe carries the surface along with
+    it as far as traction stays below the coefficient times the pressure (Coulomb), for a press that grows in
+    one step.
+
+    Parameters
+    ----------
+    gap_mm : array, shape (rows, columns)
+        Distance from the untouched surface to the probe at first touch (mm), at least 0 where that is the
+        lowest point; infinite where there is no probe. The contact must end before the border.
+    layer : ElasticLayer
+        The layer.
+    pitch_mm : float
+        Distance of neighbouring grid points (mm).
+    depth_mm : float, optional
+        How far the probe goes beyond first touch (mm), above 0.
+    force_n : float, optional
+        Force on the probe (N), above 0, instead of a depth.
+    deepest_mm : float, optional
+        Deepest press that is tried for a force (mm); the thickness of the layer when absent.
+    friction : float
+        Coefficient of friction; 0 slips freely, infinity sticks.
+    shift_mm : (float, float)
+        How far the probe then moves sideways, along columns and rows (mm).
+    lean : (float, float)
+        How far it moves sideways for each mm of depth, along columns and rows: the tangent of the angle
+        between its path and the normal.
+    twist_deg : float
+        How far the probe then turns, from columns to rows (degrees).
+    axis : (float, float)
+        Column and row of the axis that it turns about, fractional.
+
+    Returns
+    -------
+    ContactSolution
+
+    Raises
+    ------
+    ValueError
+        If an argument breaks its rule.
+    OutOfReach
+        If no permitted depth reaches the force.
+    NotConverged
+        If no solution was found.
+
+    Notes
+    -----
+    Pressure follows from conjugate gradients that keep it positive: Polonsky and Keer (1999), Wear 231, 206.
+    """
+    if (depth_mm is None) == (force_n is None):
+        raise ValueError("depth_mm, force_n: state one of them")
+    for field, value, unit in (("depth_mm", depth_mm, "mm"), ("force_n", force_n, "N")):
+        if value is not None and not 0 < value < math.inf:
+            raise ValueError(f"{field}: must be above 0 {unit} and finite, got {value:g}")
+    if not friction >= 0:
+        raise ValueError(f"friction: must be at least 0, got {friction:g}")
+    problem = _Problem(
+        gap_mm, layer, pitch_mm, friction, _carried(gap_mm.shape, pitch_mm, shift_mm, twist_deg, axis), lean
+    )
+    if depth_mm is not None:
+        return problem.at(depth_mm)
+    assert force_n is not None
+    return problem.under(force_n, deepest_mm or layer.thickness_mm)
+
+
+def _carried(
+    shape: tuple[int, ...],
+    pitch_mm: float,
+    shift_mm: tuple[float, float],
+    twist_deg: float,
+    axis: tuple[float, float],
+) -> Array:
+    """Where a probe that moves sideways and turns carries each point that sticks to it (mm)."""
+    x, y = np.arange(shape[1])[None, :] - axis[0], np.arange(shape[0])[:, None] - axis[1]
+    turn = math.radians(twist_deg)
+    along = pitch_mm * (x * (math.cos(turn) - 1) - y * math.sin(turn))
+    across = pitch_mm * (x * math.sin(turn) + y * (math.cos(turn) - 1))
+    return np.stack([shift_mm[0] + along, shift_mm[1] + across])
+
+
+class _Problem:
+    """One probe over one layer, solved for one depth after another."""
+
+    def __init__(
+        self,
+        gap_mm: Array,
+        layer: ElasticLayer,
+        pitch_mm: float,
+        friction: float,
+        target: Array,
+        lean: tuple[float, float],
+    ) -> None:
+        self.gap, self.layer, self.pitch, self.friction = gap_mm, layer, pitch_mm, friction
+        self.unit = _unit(layer)  # tractions below are shares of the modulus
+        self.here = np.isfinite(gap_mm)
+        if not self.here.any():
+            raise ValueError("gap_mm: no point of the grid is below the probe")
+        self.size = CELLS * math.ceil(max(gap_mm.shape) / CELLS)
+        self.target, self.lean = target, np.reshape(lean, (2, 1, 1))
+        self.pressure: Array | None = None
+        self.traction = np.zeros((2, *gap_mm.shape))
+
+    def at(self, depth_mm: float) -> ContactSolution:
+        """Solve for a depth, from the last solution."""
+        overlap = np.where(self.here, depth_mm - self.gap, 0.0)
+        if not (overlap > 0).any():
+            raise ValueError(f"depth_mm: the probe does not touch the layer at {depth_mm:g} mm")
+        if self.pressure is None:
+            self.pressure = np.maximum(overlap, 0.0)
+        pressure = _pressure(self._operator("zz"), overlap, self.here, self.pressure)
+        if self.friction > 0:
+            pressure = self._with_friction(overlap, pressure, self.target + depth_mm * self.lean)
+        self.pressure = pressure
+        modulus = self.layer.modulus_mpa
+        return ContactSolution(self.layer, self.pitch, depth_mm, modulus * pressure, modulus * self.traction)
+
+    def _with_friction(self, overlap: Array, pressure: Array, target: Array) -> Array:
+        """Pressure and traction in turn, until neither changes the other."""
+        normal, sideways = self._operator("zz"), self._tangential
+        for _ in range(MOST_ROUNDS):
+            carried = target - np.stack([self._operator("xz")(pressure), self._operator("yz")(pressure)])
+            held = pressure > 0
+            most = np.multiply(self.friction, pressure, where=held, out=np.zeros_like(pressure))
+            self.traction = _traction(sideways, carried, most, held, self.traction)
+            lifted = self._operator("zx")(self.traction[0]) + self._operator("zy")(self.traction[1])
+            before, pressure = pressure, _pressure(normal, overlap - lifted, self.here, pressure)
+            if abs(pressure.sum() / before.sum() - 1) < FORCE_TOLERANCE:
+                return pressure
+        raise NotConverged(f"friction: pressure and friction did not settle in {MOST_ROUNDS} rounds")
+
+    def _tangential(self, traction: Array) -> Array:
+        x, y = traction
+        cross = self._operator("xy")
+        return np.stack([self._operator("xx")(x) + cross(y), cross(x) + self._operator("yy")(y)])
+
+    def under(self, force_n: float, deepest_mm: float) -> ContactSolution:
+        """Find the depth of a force: force grows as a power of depth, so logarithms are followed."""
+        deepest = self.at(deepest_mm)
+        if deepest.force_n < force_n * (1 - FORCE_TOLERANCE):
+            raise OutOfReach(
+                f"force_n: {force_n:g} N is not reached; the deepest press of {deepest_mm:.3g} mm takes "
+                f"{deepest.force_n:.3g} N"
+            )
+        known = {math.log(deepest_mm): math.log(deepest.force_n / force_n)}
+        depth, power = math.log(deepest_mm), 1.5
+        for _ in range(MOST_ROUNDS):
+            depth -= known[depth] / power
+            solution = self.at(math.exp(depth))
+            known[depth] = math.log(solution.force_n / force_n)
+            if abs(known[depth]) < FORCE_TOLERANCE:
+                return solution
+            (a, low), (b, high) = sorted(known.items(), key=lambda pair: abs(pair[1]))[:2]
+            power = max((high - low) / (b - a), 1.0)
+            depth = a
+        raise NotConverged(f"force_n: no depth was found for {force_n:g} N in {MOST_ROUNDS} tries")
+
+    def _operator(self, part: str) -> Operator:
+        """Displacement on the grid that a load on it makes."""
+        spectrum, padded = _kernel(self.unit, self.pitch, self.size, part)
+        rows, columns = self.gap.shape
+
+        def apply(load: Array) -> Array:
+            spread = fft.rfft2(load, s=(padded, padded))
+            return np.asarray(fft.irfft2(spread * spectrum, s=(padded, padded))[:rows, :columns])
+
+        return apply
+
+
+def _pressure(compliance: Operator, overlap: Array, here: Mask, start: Array) -> Array:
+    """Pressure that moves the surface by the overlap where it is positive, and at least by it elsewhere."""
+    moved = compliance(start)
+    pressure = start * max(float((start * overlap).sum() / (start * moved).sum()), 1e-6)
+    direction, before, follow = np.zeros_like(pressure), 1.0, 0.0
+    for _ in range(MOST_ITERATIONS):
+        above = compliance(pressure) - overlap
+        held = pressure > 0
+        now = float((above[held] ** 2).sum())
+        direction = np.where(held, above + follow * (now / before) * direction, 0.0)
+        answer = compliance(direction)
+        step = float((above[held] * direction[held]).sum() / (answer[held] * direction[held]).sum())
+        last, before = pressure, now
+        pressure = np.where(held, pressure - step * direction, 0.0)
+        released = pressure < 0
+        pressure = np.maximum(pressure, 0.0)
+        caught = here & ~held & (above < 0) & ~released
+        pressure = np.where(caught, -step * above, pressure)
+        follow = 0.0 if caught.any() else 1.0
+        if np.abs(pressure - last).sum() < TOLERANCE * pressure.sum():
+            return np.asarray(pressure)
+    raise NotConverged(f"the pressure did not settle in {MOST_ITERATIONS} iterations")
+
+
+def _traction(compliance: Operator, target: Array, most: Array, held: Mask, start: Array) -> Array:
+    """Tangential traction that carries the surface to a target, cut to the most that friction holds."""
+    traction = _cut(np.where(held, start, 0.0), most)
+    direction, before, follow, slips = np.zeros_like(traction), 1.0, 0.0, np.zeros_like(held)
+    for _ in range(MOST_ITERATIONS):
+        beyond = np.where(held, compliance(traction) - target, 0.0)
+        # Where it slips already and is pulled on, only a pull back could change anything.
+        slips &= (beyond * traction).sum(axis=0) < 0
+        beyond = np.where(slips, 0.0, beyond)
+        now = float((beyond**2).sum())
+        if now == 0.0:
+            return traction
+        direction = np.where(slips | ~held, 0.0, beyond + follow * (now / before) * direction)
+        step = float((beyond * direction).sum() / (compliance(direction) * direction).sum())
+        last, before = traction, now
+        free = traction - step * direction
+        traction = _cut(free, most)
+        cut = held & (np.hypot(*free) > most)
+        follow = 0.0 if (cut & ~slips).any() else 1.0
+        slips = slips | cut
+        if np.abs(traction - last).sum() <= TOLERANCE * np.abs(traction).sum():
+            return traction
+    raise NotConverged(f"friction: the traction did not settle in {MOST_ITERATIONS} iterations")
+
+
+def _cut(traction: Array, most: Array) -> Array:
+    size = np.hypot(*traction)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(size > most, traction * (most / size), traction))
+
+
+@lru_cache(maxsize=24)
+def _kernel(layer: ElasticLayer, pitch_mm: float, size: int, part: str) -> tuple[NDArray[Any], int]:
+    """Spectrum of the response on a grid of `size` points a side, padded so that nothing wraps around.
+
+    It is taken from a grid so large that repeats of the load are not felt.
+    """
+    wide = fft.next_fast_len(math.ceil(2 * size + 2 * MARGIN * layer.thickness_mm / pitch_mm), real=True)
+    response = fft.irfft2(_symbol(layer, pitch_mm, wide, wide, part), s=(wide, wide), workers=2)
+    padded = fft.next_fast_len(2 * size - 1, real=True)
+    near = np.r_[0 : padded - size + 1, wide - size + 1 : wide]
+    return np.asarray(fft.rfft2(response[np.ix_(near, near)])), padded
+
+
+@lru_cache(maxsize=12)
+def _symbol(layer: ElasticLayer, pitch_mm: float, rows: int, columns: int, part: str) -> NDArray[Any]:
+    """Response in wave numbers of a periodic grid, for `fft.rfft2`; "xz" is x displacement by pressure."""
+    along_x, along_y, q = _wavenumber(pitch_mm, rows, columns)
+    if part == "zz":
+        return layer.normal(q)
+    unit = np.where(q > 0, q, 1.0)
+    x, y = along_x / unit, along_y / unit
+    if "z" not in part:
+        along, across = layer.along(q), layer.across(q)
+        mean = {"xx": x**2, "yy": y**2, "xy": x * y}[part]
+        other = {"xx": y**2, "yy": x**2, "xy": -x * y}[part]
+        whole = mean * along + other * across
+        if part != "xy":
+            whole[0, 0] = layer.across(np.zeros(1))[0]
+        return np.asarray(whole)
+    # Odd functions have no value at the highest wave number of an even grid.
+    highest = np.pi / pitch_mm * (1 - 1e-9)
+    odd = (np.abs(along_y) < highest) & (np.abs(along_x) < highest)
+    sign = -1j if part[1] == "z" else 1j
+    return np.asarray(np.where(odd, sign * layer.coupling(q) * (x if "x" in part else y), 0.0))
+
+
+def _wavenumber(pitch_mm: float, rows: int, columns: int) -> tuple[Array, Array, Array]:
+    """Wave number along columns, along rows and in all, of `fft.rfft2` (1/mm)."""
+    along_y = 2 * np.pi * fft.fftfreq(rows, pitch_mm)[:, None]
+    along_x = 2 * np.pi * fft.rfftfreq(columns, pitch_mm)[None, :]
+    return along_x, along_y, np.hypot(along_x, along_y)
+
+
+def _unit(layer: ElasticLayer) -> ElasticLayer:
+    """Layer of unit modulus: shapes do not depend on it, and tractions are in proportion to it."""
+    return replace(layer, modulus_mpa=1.0)

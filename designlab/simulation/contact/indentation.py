@@ -1,0 +1,71 @@
+"""The membrane under a press, by whichever model of contact the design has."""
+
+import numpy as np
+
+from designlab.core.types import Array
+from designlab.sensor.contact import Contact, KernelContact
+from designlab.simulation.contact import kernel, layer
+from designlab.simulation.contact.press import Press
+from designlab.simulation.contact.surface import Surface
+from geometries.elastomer import Elastomer, base_gradient, base_mm
+
+
+def indent(
+    elastomer: Elastomer,
+    contact: Contact,
+    press: Press | None,
+    *,
+    area_mm: tuple[float, float],
+    pitch_mm: float,
+) -> Surface:
+    """Deform the membrane by a press (none: the untouched gel) over an area centred on the origin.
+
+    Parameters
+    ----------
+    elastomer : Elastomer
+        The gel.
+    contact : KernelContact or LayerContact
+        How the gel answers a press.
+    press : Press or None
+        The indentation; None leaves the gel untouched.
+    area_mm : (float, float)
+        Width and height of the area (mm).
+    pitch_mm : float
+        Distance of neighbouring grid points (mm).
+
+    Returns
+    -------
+    Surface
+        The membrane over the area.
+
+    Raises
+    ------
+    ValueError
+        If the press does not touch the membrane within the area, or breaks a rule of the model of contact.
+    NotConverged
+        If no solution was found for an elastic gel.
+    """
+    x, y = _axis(area_mm[0], pitch_mm), _axis(area_mm[1], pitch_mm)[::-1]
+    grid_x, grid_y = np.meshgrid(x, y)
+    base = base_mm(elastomer, grid_x, grid_y)
+    base_p, base_q = base_gradient(elastomer, grid_x, grid_y)
+    untouched = Surface(x, y, np.zeros_like(base), base, base_p, base_q, np.zeros(base.shape, dtype=bool))
+    if press is None:
+        return untouched
+    if isinstance(contact, KernelContact):
+        surface = kernel.deform(untouched, elastomer, contact, press)
+    else:
+        surface = layer.deform(untouched, elastomer, contact, press)
+    if not surface.contact.any():
+        x_mm, y_mm = press.centre_mm
+        raise ValueError(
+            f"press.centre_mm: the {press.probe.kind} at ({x_mm:g}, {y_mm:g}) mm does not touch the "
+            f"membrane within the simulated area of {2 * x[-1]:g} x {2 * y[0]:g} mm"
+        )
+    return surface
+
+
+def _axis(length_mm: float, pitch_mm: float) -> Array:
+    """Distances from the middle of a grid, in both directions."""
+    steps = int(np.ceil(length_mm / 2 / pitch_mm))
+    return np.asarray(np.arange(-steps, steps + 1) * pitch_mm, dtype=float)

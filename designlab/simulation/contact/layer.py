@@ -1,0 +1,288 @@
+"""Contact with an elastic gel: a layer bonded to its core, pressed along z."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from designlab.core.types import Array
+from designlab.mechanics.contact import ContactSolution
+from designlab.mechanics.contact import press as press_layer
+from designlab.sensor.contact import LayerContact
+from designlab.simulation.contact.approach import above_mm, first_touch_mm, reach_mm
+from designlab.simulation.contact.press import Press
+from designlab.simulation.contact.surface import Mechanics, Surface
+from geometries.elastomer import Elastomer, base_gradient, base_mm, inside, interface_mm
+
+CATCH = 1.3  # depths; the gel, where it bulges, may touch parts of the probe that start so far above it
+DEEPEST = 0.95  # of the thickness: the deepest press that is tried for a force
+SMALL_STRAIN = 0.5  # of the thickness; beyond it forces are 10 % off and more (docs/validation.md)
+FREE_EDGE = 2.0  # thicknesses; nearer to the pad's edge it gives way, which the model does not know
+STEEPEST_DEG = 30.0  # of the membrane where it is touched
+
+
+class _Frame(NamedTuple):
+    """A plane that touches the undeformed membrane where the probe touches first."""
+
+    origin: Array
+    across: Array
+    along: Array
+    normal: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """A contact, the plane it was solved on, and the row and column of that plane's lattice it starts at.
+
+    Columns of the lattice run along `frame.across`, rows against `frame.along`; (0, 0) is its origin.
+    """
+
+    contact: ContactSolution
+    frame: _Frame
+    first: tuple[int, int]
+
+
+def deform(untouched: Surface, elastomer: Elastomer, contact: LayerContact, press: Press) -> Surface:
+    """Deform the membrane by a press.
+
+    The membrane moves along its normal as a flat layer would on the plane that touches it where the probe
+    touches first. On a dome the depth is split into its part along that normal and, where there is friction,
+    the shear along the plane.
+
+    Parameters
+    ----------
+    untouched : Surface
+        The undeformed membrane.
+    elastomer, contact, press : Elastomer, LayerContact, Press
+        The gel, what it is made of, and the indentation.
+
+    Returns
+    -------
+    Surface
+        The pressed membrane; it touches nowhere if the press lies beside the surface.
+
+    Raises
+    ------
+    ValueError
+        If the press is deeper than the gel, beside it or beyond its edge, or where the membrane is too steep.
+    OutOfReach
+        If no depth reaches the force.
+    NotConverged
+        If no solution was found.
+    """
+    solved = _solved(elastomer, contact.model_copy(update={"skin_length_mm": 0.0}), press, untouched.pitch_mm)
+    solution, frame, skin_mm = solved.contact, solved.frame, contact.skin_length_mm
+    steepness = float(frame.normal[2])
+    normal = _seen(untouched, solved, partial(solution.displacement, smoothing_mm=skin_mm))
+    touched = _seen(untouched, solved, partial(_placed, solution.touched.astype(float)))
+    right, down = solution.tangential_force_n
+    force = solution.force_n * frame.normal + right * frame.across - down * frame.along
+    mechanics = Mechanics(
+        depth_mm=solution.depth_mm / steepness,
+        force_n=float(force[2]),
+        shear_force_n=(float(force[0]), float(force[1])),
+        contact_area_mm2=solution.contact_area_mm2,
+        contact_radius_mm=solution.contact_radius_mm,
+        warnings=_warnings(solved, elastomer, contact),
+    )
+    return replace(
+        untouched,
+        height_mm=normal / steepness,
+        contact=touched > 0.5,
+        mechanics=mechanics,
+        moved=partial(_moved, untouched, solved, skin_mm),
+    )
+
+
+@lru_cache(maxsize=128)
+def _solved(elastomer: Elastomer, contact: LayerContact, press: Press, pitch_mm: float) -> _Solved:
+    """Solve a contact once for all pictures of it."""
+    frame = _frame(elastomer, press)
+    steepness = float(frame.normal[2])
+    steep_deg = math.degrees(math.acos(min(steepness, 1.0)))
+    if steep_deg > STEEPEST_DEG:
+        raise ValueError(
+            f"press.centre_mm: the membrane is {steep_deg:.3g} deg steep where the {press.probe.kind} "
+            f"touches it; presses on an elastic gel need {STEEPEST_DEG:g} deg or less"
+        )
+    thickness_mm = _thickness_mm(elastomer, frame)
+    layer = contact.layer(thickness_mm=thickness_mm)
+    if press.depth_mm is not None and press.depth_mm * steepness >= thickness_mm:
+        raise ValueError(
+            f"press.depth_mm: must be less than the gel is thick there, {thickness_mm:.4g} mm along the "
+            f"normal, or the probe meets the core; is {press.depth_mm:g} mm"
+        )
+    deepest_mm = DEEPEST * thickness_mm if press.depth_mm is None else press.depth_mm * steepness
+    gap, first = _gap(elastomer, press, frame, pitch_mm, CATCH * deepest_mm)
+    axis = _axis(press, frame, first, pitch_mm)
+    shift = _in_plane(frame, (*press.shear_mm, 0.0))
+    lean = _in_plane(frame, (0.0, 0.0, 1 / steepness))
+    solution = press_layer(
+        gap,
+        layer,
+        pitch_mm=pitch_mm,
+        depth_mm=None if press.depth_mm is None else deepest_mm,
+        force_n=None if press.force_n is None else press.force_n / steepness,
+        deepest_mm=deepest_mm,
+        friction=contact.friction,
+        shift_mm=shift,
+        lean=lean,
+        twist_deg=-press.twist_deg,
+        axis=axis,
+    )
+    solved = _Solved(solution, frame, first)
+    x, y = _points(solved)[solution.touched].T[:2]
+    if not inside(elastomer, x, y).all():
+        raise ValueError(
+            f"press: the {press.probe.kind} at ({press.centre_mm[0]:g}, {press.centre_mm[1]:g}) mm touches "
+            f"the edge of the gel, {elastomer.width_mm:g} mm wide; contact must end on the membrane"
+        )
+    return solved
+
+
+def _frame(elastomer: Elastomer, press: Press) -> _Frame:
+    if elastomer.shape == "flat":
+        return _Frame(np.zeros(3), *np.eye(3))
+    reach = reach_mm(press)
+    x, y = np.meshgrid(*(centre + np.linspace(-reach, reach, 201) for centre in press.centre_mm))
+    base = base_mm(elastomer, x, y)
+    first = int(above_mm(press, base, x, y).argmax())
+    place = np.array([x.flat[first], y.flat[first], base.flat[first]])
+    p, q = (float(slope) for slope in base_gradient(elastomer, place[0], place[1]))
+    normal = np.array([-p, -q, 1.0]) / math.sqrt(1 + p**2 + q**2)
+    across = np.array([1.0, 0.0, p]) / math.sqrt(1 + p**2)
+    return _Frame(place, across, np.cross(normal, across), normal)
+
+
+def _thickness_mm(elastomer: Elastomer, frame: _Frame) -> float:
+    """Thickness between membrane and core along the normal."""
+    if elastomer.shape == "dome":
+        return elastomer.thickness_mm
+    x, y, z = frame.origin
+    return (float(interface_mm(elastomer, x, y)) - float(z)) / float(frame.normal[2])
+
+
+def _gap(
+    elastomer: Elastomer, press: Press, frame: _Frame, pitch_mm: float, most_mm: float
+) -> tuple[Array, tuple[int, int]]:
+    """Distance from membrane to probe along the normal, up to the most; row and column of its first point."""
+    middle = np.array([*press.centre_mm, frame.origin[2]]) - frame.origin
+    reach = reach_mm(press) / float(frame.normal[2]) + pitch_mm
+    columns = _indices(float(middle @ frame.across), reach, pitch_mm)
+    rows = _indices(-float(middle @ frame.along), reach, pitch_mm)
+    point = _on_plane(frame, rows, columns, pitch_mm)
+    x, y = point[..., 0], point[..., 1]
+    above = above_mm(press, base_mm(elastomer, x, y), x, y)
+    gap = (first_touch_mm(press, elastomer) - above) * float(frame.normal[2])
+    near = gap < most_mm
+    if not near.any():
+        return np.full((1, 1), np.inf), (int(rows[0]), int(columns[0]))
+    used_rows, used_columns = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
+    used = np.s_[used_rows[0] : used_rows[-1] + 1, used_columns[0] : used_columns[-1] + 1]
+    gap = np.where(near, np.maximum(gap, 0.0), np.inf)[used]
+    return gap, (int(rows[used_rows[0]]), int(columns[used_columns[0]]))
+
+
+def _indices(middle_mm: float, reach_mm: float, pitch_mm: float) -> NDArray[np.int_]:
+    return np.arange(
+        math.ceil((middle_mm - reach_mm) / pitch_mm), math.floor((middle_mm + reach_mm) / pitch_mm) + 1
+    )
+
+
+def _on_plane(frame: _Frame, rows: NDArray[np.int_], columns: NDArray[np.int_], pitch_mm: float) -> Array:
+    """Points of the lattice on the touching plane (mm), shape (rows, columns, 3)."""
+    across, down = columns[None, :, None] * pitch_mm, rows[:, None, None] * pitch_mm
+    return np.asarray(frame.origin + across * frame.across - down * frame.along)
+
+
+def _points(solved: _Solved) -> Array:
+    """Points of the grid of a contact (mm), shape (rows, columns, 3)."""
+    (row, column), (rows, columns) = solved.first, solved.contact.pressure_mpa.shape
+    return _on_plane(
+        solved.frame, row + np.arange(rows), column + np.arange(columns), solved.contact.pitch_mm
+    )
+
+
+def _in_plane(frame: _Frame, path: tuple[float, float, float]) -> tuple[float, float]:
+    """Part of a path along columns and rows of the touching plane (mm)."""
+    return float(np.dot(path, frame.across)), -float(np.dot(path, frame.along))
+
+
+def _axis(press: Press, frame: _Frame, first: tuple[int, int], pitch_mm: float) -> tuple[float, float]:
+    """Column and row of the probe's axis on the grid of the contact."""
+    middle = np.array([*press.centre_mm, frame.origin[2]]) - frame.origin
+    column, row = float(middle @ frame.across) / pitch_mm, -float(middle @ frame.along) / pitch_mm
+    return column - first[1], row - first[0]
+
+
+def _seen(
+    untouched: Surface, solved: _Solved, made: Callable[[tuple[int, int], tuple[int, int]], Array]
+) -> Array:
+    """Field of the contact on the grid of the surface.
+
+    `made` gives it on a lattice of the touching plane, from its shape and where the contact starts on it.
+    """
+    (row, column), pitch_mm, frame = solved.first, untouched.pitch_mm, solved.frame
+    if frame.normal[2] == 1.0 and not frame.origin.any():  # the lattice is the surface's own
+        top, left = round(-untouched.y_mm[0] / pitch_mm), round(untouched.x_mm[0] / pitch_mm)
+        shape = len(untouched.y_mm), len(untouched.x_mm)
+        return made(shape, (row - top, column - left))
+    x, y = np.meshgrid(untouched.x_mm, untouched.y_mm)
+    away = np.stack([x, y, np.nan_to_num(untouched.base_mm)], axis=-1) - frame.origin
+    columns, rows = away @ frame.across / pitch_mm, -(away @ frame.along) / pitch_mm
+    left, top = math.floor(columns.min()) - 1, math.floor(rows.min()) - 1
+    shape = math.ceil(rows.max()) + 2 - top, math.ceil(columns.max()) + 2 - left
+    field = made(shape, (row - top, column - left))
+    return np.asarray(map_coordinates(field, [rows - top, columns - left], order=3, mode="nearest"))
+
+
+def _placed(field: Array, shape: tuple[int, int], origin: tuple[int, int]) -> Array:
+    """Put a field at a place of a larger grid, or as much of it as lies there."""
+    whole = np.zeros(shape)
+    low = [max(start, 0) for start in origin]
+    high = [min(start + own, end) for start, own, end in zip(origin, field.shape, shape, strict=True)]
+    if low[0] < high[0] and low[1] < high[1]:
+        own = np.s_[low[0] - origin[0] : high[0] - origin[0], low[1] - origin[1] : high[1] - origin[1]]
+        whole[low[0] : high[0], low[1] : high[1]] = field[own]
+    return whole
+
+
+def _moved(untouched: Surface, solved: _Solved, skin_mm: float) -> tuple[Array, Array]:
+    """How far the skin moved along x and y (mm)."""
+    frame, solution = solved.frame, solved.contact
+
+    def sideways(axis: int, shape: tuple[int, int], origin: tuple[int, int]) -> Array:
+        return np.asarray(solution.tangential_displacement(shape, origin, smoothing_mm=skin_mm)[axis])
+
+    right, down = (_seen(untouched, solved, partial(sideways, axis)) for axis in (0, 1))
+    moved_x, moved_y = (right * frame.across[k] - down * frame.along[k] for k in (0, 1))
+    if frame.normal[:2].any():
+        normal = _seen(untouched, solved, partial(solution.displacement, smoothing_mm=skin_mm))
+        moved_x, moved_y = moved_x + normal * frame.normal[0], moved_y + normal * frame.normal[1]
+    return np.asarray(moved_x), np.asarray(moved_y)
+
+
+def _warnings(solved: _Solved, elastomer: Elastomer, contact: LayerContact) -> tuple[str, ...]:
+    """Where the model is used beyond what it holds for."""
+    solution, found = solved.contact, []
+    thickness_mm = solution.layer.thickness_mm
+    if solution.depth_mm > SMALL_STRAIN * thickness_mm:
+        found.append(
+            f"the press is {solution.depth_mm:.3g} mm deep in a gel of {thickness_mm:.3g} mm; beyond "
+            f"{SMALL_STRAIN:g} of the thickness the linear model errs by 10 % of the force and more"
+        )
+    edge = _points(solved)[solution.touched][:, :2]
+    reach = FREE_EDGE * thickness_mm
+    turns = np.linspace(0.0, 2 * np.pi, 16, endpoint=False)
+    around = [edge + reach * np.array([np.cos(turn), np.sin(turn)]) for turn in turns]
+    if not all(inside(elastomer, x, y).all() for x, y in (points.T for points in around)):
+        found.append(
+            f"the contact ends less than {FREE_EDGE:g} thicknesses ({reach:.3g} mm) from the edge of the "
+            "gel, which gives way there; the model takes the gel as endless"
+        )
+    return tuple(found)
