@@ -92,13 +92,63 @@ def inside_star(
     outer_mm, inner_mm : float
         Radius of the tips and of the notches (mm).
     """
+    u, v = _in_half_sector(x, y, tips=tips)
+    notch_u, notch_v = inner_mm * np.cos(np.pi / tips), inner_mm * np.sin(np.pi / tips)
+    side = (notch_u - outer_mm) * v - notch_v * (u - outer_mm)
+    return np.asarray(side >= -1e-12 * outer_mm**2)
+
+
+def largest_inset_mm(*, tips: int, outer_mm: float, inner_mm: float) -> float:
+    """Radius of the ball that fills a tip: it touches both flanks where they end, at the notches (mm)."""
+    along, across = _flank(tips=tips, outer_mm=outer_mm, inner_mm=inner_mm)
+    return float(np.hypot(along, across) * across / along)
+
+
+def beyond_inset_star_mm(
+    x: ArrayLike, y: ArrayLike, *, tips: int, outer_mm: float, inner_mm: float, inset_mm: float
+) -> NDArray[np.float64]:
+    """Distance from the smaller star whose flanks lie `inset_mm` within those of a star.
+
+    Points up to `inset_mm` from it are the star with rounded tips: all that a disc of this radius covers
+    whose centre stays in the smaller star.
+
+    Parameters
+    ----------
+    x, y : array_like
+        Points (mm), broadcast against each other.
+    tips : int
+        Number of tips, one of them at +y, see `inside_star`.
+    outer_mm, inner_mm : float
+        Radius of the tips and of the notches (mm).
+    inset_mm : float
+        Distance between the flanks (mm), below `largest_inset_mm`.
+
+    Returns
+    -------
+    ndarray
+        Distance in mm, zero on the smaller star.
+    """
+    u, v = _in_half_sector(x, y, tips=tips)
+    along, across = _flank(tips=tips, outer_mm=outer_mm, inner_mm=inner_mm)
+    # From the tip along the flank, and from the flank into the star.
+    run = ((outer_mm - u) * along + v * across) / np.hypot(along, across)
+    depth = ((outer_mm - u) * across - v * along) / np.hypot(along, across)
+    smaller_tip = inset_mm * along / across
+    return np.asarray(np.hypot(np.maximum(smaller_tip - run, 0.0), np.maximum(inset_mm - depth, 0.0)))
+
+
+def _in_half_sector(
+    x: ArrayLike, y: ArrayLike, *, tips: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Fold points by the symmetry of a star into the half sector from a tip, on the u axis, to a notch."""
     x, y = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
     step = 2 * np.pi / tips
     from_tip = np.arctan2(-x, y)
-    # Symmetry folds every point into the half sector between a tip (on the u axis) and the next notch.
     folded = np.abs(from_tip - step * np.round(from_tip / step))
     radius = np.hypot(x, y)
-    u, v = radius * np.cos(folded), radius * np.sin(folded)
-    notch_u, notch_v = inner_mm * np.cos(step / 2), inner_mm * np.sin(step / 2)
-    side = (notch_u - outer_mm) * v - notch_v * (u - outer_mm)
-    return np.asarray(side >= -1e-12 * outer_mm**2)
+    return radius * np.cos(folded), radius * np.sin(folded)
+
+
+def _flank(*, tips: int, outer_mm: float, inner_mm: float) -> tuple[float, float]:
+    """How far a notch lies from its tip, along the tip's axis and across it (mm)."""
+    return outer_mm - inner_mm * np.cos(np.pi / tips), inner_mm * np.sin(np.pi / tips)

@@ -6,14 +6,20 @@ upper surface, `profile_mm`, presses.
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Literal, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, ValidationError, model_validator
 
 from geometries.mesh import MESH_SUFFIXES, from_solid, height_map, load
-from geometries.outline import inside_star, regular_polygon, star_polygon
+from geometries.outline import (
+    beyond_inset_star_mm,
+    inside_star,
+    largest_inset_mm,
+    regular_polygon,
+    star_polygon,
+)
 from geometries.spec import Spec, quantity
 
 if TYPE_CHECKING:
@@ -46,8 +52,16 @@ DOT_SHARE = 0.6
 WAVE_AMPLITUDE = 1 / 8
 """Amplitude (half the height from trough to crest) of the wave as a share of its wavelength."""
 
-MESH_TEXT = re.compile(rf"(.+(?:{'|'.join(map(re.escape, MESH_SUFFIXES))}))(?::([^:]*))?", re.IGNORECASE)
+MESH_TEXT = re.compile(rf"(.+(?:{'|'.join(map(re.escape, MESH_SUFFIXES))}))(?::(.*))?", re.IGNORECASE)
 """Form of a probe given as a mesh: its file and, after a colon, its size."""
+
+LARGEST_EDGE: dict[ProbeKind, float] = {
+    "triangle": largest_inset_mm(tips=3, outer_mm=3**-0.5, inner_mm=3**-0.5 / 2),
+    "star": largest_inset_mm(tips=STAR_TIPS, outer_mm=1 / 2, inner_mm=STAR_INNER / 2),
+    "cone": 2**-0.5,
+    "prism": 2**-0.5,
+}
+"""Edge radius as a share of the size at which nothing straight is left beside the edge, by kind of probe."""
 
 REACH: dict[ProbeKind, float] = {
     "sphere": 1 / 2,
@@ -68,6 +82,10 @@ MIN_SHANK_MM = 5.0
 """Least length of the shank behind the pressing surface; larger probes have one as long as their size."""
 
 
+def _is_zero(value: float) -> bool:
+    return value == 0
+
+
 class Probe(Spec):
     """A probe is the rigid body that is pressed into the gel.
 
@@ -82,16 +100,26 @@ class Probe(Spec):
         Characteristic size in mm, see `SIZES`.
     file : str, optional
         Mesh file (STL or OBJ) of a probe of kind ``mesh``.
+    edge_radius_mm : float
+        Radius in mm to which the edge that presses is rounded: the border of a triangle's or star's flat
+        face, the point of a cone, the edge of a prism. 0 is sharp. The probe is what a ball of this radius
+        can fill of the sharp shape, so the corners of an outline are rounded in plan as well, as the round
+        bead of a printer leaves them; `size_mm` still measures the sharp shape.
 
     Raises
     ------
     pydantic.ValidationError
-        If the kind is unknown, the size is out of its bounds, or the file is missing or superfluous.
+        If the kind is unknown, the size is out of its bounds, the file is missing or superfluous, or the
+        edge radius is too large or stated of a kind without such an edge.
     """
 
     kind: ProbeKind = Field(description="Shape of the probe.")
     size_mm: float = quantity(unit="mm", gt=0.05, le=100, description="Characteristic size, see `SIZES`.")
     file: str | None = Field(None, description="Mesh file (STL or OBJ) of a probe of kind mesh.")
+    # Left out where it is zero: what was kept and named before probes had it keeps its digest.
+    edge_radius_mm: float = quantity(
+        0.0, unit="mm", description="Radius of the edge that presses; 0 is sharp.", ge=0, exclude_if=_is_zero
+    )
 
     @model_validator(mode="after")
     def _mesh_has_file(self) -> Self:
@@ -101,10 +129,32 @@ class Probe(Spec):
             raise ValueError(f"file: only a probe of kind mesh has a file, kind is {self.kind!r}")
         return self
 
+    @model_validator(mode="after")
+    def _edge_fits(self) -> Self:
+        if self.edge_radius_mm == 0:
+            return self
+        if self.kind not in LARGEST_EDGE:
+            raise ValueError(
+                f"edge_radius_mm: only {', '.join(LARGEST_EDGE)} have a sharp edge that presses, "
+                f"kind is {self.kind!r}, leave it out"
+            )
+        if self.edge_radius_mm >= (largest := LARGEST_EDGE[self.kind] * self.size_mm):
+            raise ValueError(
+                f"edge_radius_mm: must be below {largest:.4g} mm on a {self.kind} of {self.size_mm:g} mm, "
+                f"is {self.edge_radius_mm:g} mm"
+            )
+        return self
+
     @property
     def text(self) -> str:
-        """The probe in the form that `parse` reads, for example ``sphere:4``."""
-        return f"{self.file or self.kind}:{self.size_mm:.12g}"
+        """The probe in the form that `parse` reads, for example ``sphere:4`` or ``triangle:5:r0.2``."""
+        edge = f":r{self.edge_radius_mm:.12g}" if self.edge_radius_mm else ""
+        return f"{self.file or self.kind}:{self.size_mm:.12g}{edge}"
+
+    def scaled(self, factor: float) -> Self:
+        """Return the probe with all its lengths multiplied by `factor`; bounds are not checked."""
+        lengths = {"size_mm": self.size_mm * factor, "edge_radius_mm": self.edge_radius_mm * factor}
+        return self.model_copy(update=lengths)
 
 
 def parse(text: str) -> Probe:
@@ -113,33 +163,52 @@ def parse(text: str) -> Probe:
     Parameters
     ----------
     text : str
-        ``kind[:size_mm]`` such as ``sphere:4.0`` or ``triangle`` (4 mm then), or a mesh file
-        ``path.stl[:size_mm]`` (``.obj`` too), which keeps its own size in mm when none is given.
+        ``kind[:size_mm[:rEDGE]]`` such as ``sphere:4.0``, ``triangle`` (4 mm then) or ``triangle:5:r0.2``
+        (edge radius 0.2 mm), or a mesh file ``path.stl[:size_mm]`` (``.obj`` too), which keeps its own size
+        in mm when none is given.
 
     Raises
     ------
     ValueError
-        If the kind is unknown, the size is no number or out of bounds, or the mesh file is not usable.
+        If the kind is unknown, a length is no number or out of bounds, or the mesh file is not usable.
     """
     if match := MESH_TEXT.fullmatch(text.strip()):
-        return from_file(match[1], size_mm=None if match[2] is None else _size_mm(match[2], text))
-    name, colon, size = text.strip().partition(":")
+        size_mm, edge_mm = (None, 0.0) if match[2] is None else _lengths_mm(match[2], text)
+        if edge_mm:
+            raise ValueError(f"probe: a mesh has the edges of its file, leave out the radius in {text!r}")
+        return from_file(match[1], size_mm=size_mm)
+    name, colon, lengths = text.strip().partition(":")
     library = {kind: kind for kind in SIZES if kind != "mesh"}
     if name not in library:
         raise ValueError(
             f"probe: unknown {name!r} in {text!r}; known are {', '.join(library)}, or a .stl or .obj file"
         )
+    size_mm, edge_mm = _lengths_mm(lengths, text) if colon else (DEFAULT_SIZE_MM, 0.0)
     try:
-        return Probe(kind=library[name], size_mm=_size_mm(size, text) if colon else DEFAULT_SIZE_MM)
+        return Probe(kind=library[name], size_mm=size_mm, edge_radius_mm=edge_mm)
     except ValidationError as error:
-        raise ValueError(f"probe: size_mm in {text!r}: {error.errors()[0]['msg']} (mm)") from None
+        broken = error.errors()[0]
+        if not broken["loc"]:  # a rule of several fields, which names them
+            raise ValueError(f"probe: {text!r}: {broken['msg'].removeprefix('Value error, ')}") from None
+        raise ValueError(f"probe: {broken['loc'][0]} in {text!r}: {broken['msg']} (mm)") from None
 
 
-def _size_mm(size: str, text: str) -> float:
+def _lengths_mm(lengths: str, text: str) -> tuple[float, float]:
+    """Size and edge radius of what follows a probe's name, ``size`` or ``size:rEDGE``."""
+    size, colon, edge = lengths.partition(":")
+    if colon and not edge.startswith("r"):
+        raise ValueError(
+            f"probe: after the size comes the edge radius in mm, such as r0.2, is {edge!r} in {text!r}"
+        )
+    size_mm = _number(size, "size", text)
+    return size_mm, _number(edge[1:], "edge radius", text) if colon else 0.0
+
+
+def _number(value: str, what: str, text: str) -> float:
     try:
-        return float(size)
+        return float(value)
     except ValueError:
-        raise ValueError(f"probe: the size must be a number in mm, is {size!r} in {text!r}") from None
+        raise ValueError(f"probe: the {what} must be a number in mm, is {value!r} in {text!r}") from None
 
 
 def sphere(*, diameter_mm: float) -> Probe:
@@ -162,13 +231,15 @@ def sphere(*, diameter_mm: float) -> Probe:
     return Probe(kind="sphere", size_mm=diameter_mm)
 
 
-def triangle(*, side_mm: float) -> Probe:
+def triangle(*, side_mm: float, edge_radius_mm: float = 0.0) -> Probe:
     """Make a flat equilateral triangle with a corner at +y.
 
     Parameters
     ----------
     side_mm : float
         Side of the triangle in mm, above 0.05, at most 100.
+    edge_radius_mm : float
+        Radius of the edge of the face in mm, see `Probe`.
 
     Returns
     -------
@@ -177,18 +248,20 @@ def triangle(*, side_mm: float) -> Probe:
     Raises
     ------
     pydantic.ValidationError
-        If the size is out of its bounds.
+        If a length is out of its bounds.
     """
-    return Probe(kind="triangle", size_mm=side_mm)
+    return Probe(kind="triangle", size_mm=side_mm, edge_radius_mm=edge_radius_mm)
 
 
-def star(*, diameter_mm: float) -> Probe:
+def star(*, diameter_mm: float, edge_radius_mm: float = 0.0) -> Probe:
     """Make a flat five-pointed star with a tip at +y.
 
     Parameters
     ----------
     diameter_mm : float
         Diameter of the circle through the tips in mm, above 0.05, at most 100.
+    edge_radius_mm : float
+        Radius of the edge of the face in mm, see `Probe`.
 
     Returns
     -------
@@ -197,9 +270,9 @@ def star(*, diameter_mm: float) -> Probe:
     Raises
     ------
     pydantic.ValidationError
-        If the size is out of its bounds.
+        If a length is out of its bounds.
     """
-    return Probe(kind="star", size_mm=diameter_mm)
+    return Probe(kind="star", size_mm=diameter_mm, edge_radius_mm=edge_radius_mm)
 
 
 def cylinder(*, diameter_mm: float) -> Probe:
@@ -207,14 +280,14 @@ def cylinder(*, diameter_mm: float) -> Probe:
     return Probe(kind="cylinder", size_mm=diameter_mm)
 
 
-def cone(*, base_mm: float) -> Probe:
-    """Cone of 90 deg apex angle; the size is the diameter of its base."""
-    return Probe(kind="cone", size_mm=base_mm)
+def cone(*, base_mm: float, edge_radius_mm: float = 0.0) -> Probe:
+    """Cone of 90 deg apex angle with a rounded point; the size is the diameter of its base."""
+    return Probe(kind="cone", size_mm=base_mm, edge_radius_mm=edge_radius_mm)
 
 
-def prism(*, width_mm: float) -> Probe:
-    """Lying ridge with a 90 deg edge along x, twice as long as wide."""
-    return Probe(kind="prism", size_mm=width_mm)
+def prism(*, width_mm: float, edge_radius_mm: float = 0.0) -> Probe:
+    """Lying ridge with a 90 deg edge along x, sharp or rounded, twice as long as wide; its ends are sharp."""
+    return Probe(kind="prism", size_mm=width_mm, edge_radius_mm=edge_radius_mm)
 
 
 def dots(*, pitch_mm: float) -> Probe:
@@ -259,22 +332,21 @@ def profile_mm(probe: Probe, x: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
     x, y = np.broadcast_arrays(np.asarray(x, dtype=float), np.asarray(y, dtype=float))
     if probe.kind == "mesh":
         return height_map(mesh(probe), x, y)
-    size = probe.size_mm
+    size, edge = probe.size_mm, probe.edge_radius_mm
     ax, ay, r = np.abs(x), np.abs(y), np.hypot(x, y)
     if probe.kind == "sphere":
         return _within(r <= size / 2, _ball_mm(r, size / 2))
     if probe.kind == "triangle":
         outer = size / np.sqrt(3)
-        return _within(inside_star(x, y, tips=3, outer_mm=outer, inner_mm=outer / 2), 0 * r)
+        return _flat_face_mm(x, y, edge, tips=3, outer_mm=outer, inner_mm=outer / 2)
     if probe.kind == "star":
-        inner = STAR_INNER * size / 2
-        return _within(inside_star(x, y, tips=STAR_TIPS, outer_mm=size / 2, inner_mm=inner), 0 * r)
+        return _flat_face_mm(x, y, edge, tips=STAR_TIPS, outer_mm=size / 2, inner_mm=STAR_INNER * size / 2)
     if probe.kind == "cylinder":
         return _within((ax <= size) & (ay <= size / 2), _ball_mm(ay, size / 2))
     if probe.kind == "cone":
-        return _within(r <= size / 2, -r)
+        return _within(r <= size / 2, _flank_mm(r, edge))
     if probe.kind == "prism":
-        return _within((ax <= size) & (ay <= size / 2), -ay)
+        return _within((ax <= size) & (ay <= size / 2), _flank_mm(ay, edge))
     in_plate = (ax <= 1.5 * size) & (ay <= 1.5 * size)
     if probe.kind == "dots":
         column, row = np.clip(np.round(x / size), -1, 1), np.clip(np.round(y / size), -1, 1)
@@ -294,6 +366,30 @@ def _ball_mm(distance_mm: NDArray[np.float64], radius_mm: float) -> NDArray[np.f
     return np.asarray(-(distance_mm**2) / (radius_mm + np.sqrt(radius_mm**2 - distance_mm**2)))
 
 
+def _flat_face_mm(
+    x: NDArray[np.float64],
+    y: NDArray[np.float64],
+    edge_mm: float,
+    *,
+    tips: int,
+    outer_mm: float,
+    inner_mm: float,
+) -> NDArray[np.float64]:
+    """Height of a star's flat face, which falls as a quarter circle within `edge_mm` of its outline."""
+    if edge_mm == 0:
+        return _within(inside_star(x, y, tips=tips, outer_mm=outer_mm, inner_mm=inner_mm), np.zeros(x.shape))
+    beyond = beyond_inset_star_mm(x, y, tips=tips, outer_mm=outer_mm, inner_mm=inner_mm, inset_mm=edge_mm)
+    return _within(beyond <= edge_mm * (1 + 1e-12), _ball_mm(beyond, edge_mm))
+
+
+def _flank_mm(distance_mm: NDArray[np.float64], edge_mm: float) -> NDArray[np.float64]:
+    """Height of a flank of 45 deg at a distance from its edge, which is rounded up to where it is tangent."""
+    if edge_mm == 0:
+        return -distance_mm
+    lost = edge_mm * (np.sqrt(2) - 1)  # of the height of the sharp shape
+    return np.where(distance_mm < edge_mm / np.sqrt(2), _ball_mm(distance_mm, edge_mm), lost - distance_mm)
+
+
 def mesh(probe: Probe, *, tolerance_mm: float = 0.005) -> "trimesh.Trimesh":
     """Watertight mesh of probe and shank in the probe's own frame (mm); a user's mesh as it was loaded."""
     if probe.file is not None:
@@ -311,38 +407,56 @@ def solid(probe: Probe) -> "cadquery.Workplane":
     """
     if probe.kind == "mesh":
         raise ValueError(f"kind: a mesh probe ({probe.file}) has no CAD solid, use its mesh")
-    size, back = probe.size_mm, -max(MIN_SHANK_MM, probe.size_mm)
+    size, edge, back = probe.size_mm, probe.edge_radius_mm, -max(MIN_SHANK_MM, probe.size_mm)
     if probe.kind in ("sphere", "cone"):
-        return _turned(size / 2, back - size / 2, round_tip=probe.kind == "sphere")
+        return _turned(size / 2, back - size / 2, edge, round_tip=probe.kind == "sphere")
     if probe.kind == "triangle":
-        return _prismatic(regular_polygon(corners=3, radius_mm=size / np.sqrt(3), azimuth_deg=90.0), back)
+        corners = regular_polygon(corners=3, radius_mm=size / np.sqrt(3), azimuth_deg=90.0)
+        return _prismatic(corners, back, edge)
     if probe.kind == "star":
         corners = star_polygon(tips=STAR_TIPS, outer_mm=size / 2, inner_mm=STAR_INNER * size / 2)
-        return _prismatic(corners, back)
+        return _prismatic(corners, back, edge)
     if probe.kind == "dots":
         return _dots(size, back - DOT_SHARE * size / 2)
-    return _ridged(probe.kind, size, back - size / 2)
+    return _ridged(probe.kind, size, back - size / 2, edge)
 
 
-def _turned(radius_mm: float, bottom_mm: float, *, round_tip: bool) -> "cadquery.Workplane":
+def _turned(radius_mm: float, bottom_mm: float, edge_mm: float, *, round_tip: bool) -> "cadquery.Workplane":
     """Hemisphere or cone of 90 deg, as high as its radius, on a round shank down to `bottom_mm`."""
     import cadquery
 
     sketch = cadquery.Workplane("XZ")
     if round_tip:
-        middle = radius_mm * np.sqrt(0.5)
-        sketch = sketch.threePointArc((middle, middle - radius_mm), (radius_mm, -radius_mm))
+        sketch = sketch.threePointArc(_on_arc_mm(radius_mm, np.pi / 4), (radius_mm, -radius_mm))
     else:
-        sketch = sketch.lineTo(radius_mm, -radius_mm)
+        if edge_mm > 0:
+            sketch = sketch.threePointArc(_on_arc_mm(edge_mm, np.pi / 8), _on_arc_mm(edge_mm, np.pi / 4))
+        sketch = sketch.lineTo(radius_mm, _rim_mm(radius_mm, edge_mm))
     sketch = sketch.lineTo(radius_mm, bottom_mm).lineTo(0, bottom_mm).close()
     return sketch.revolve(360, (0, 0, 0), (0, 1, 0))
 
 
-def _prismatic(corners: NDArray[np.float64], bottom_mm: float) -> "cadquery.Workplane":
-    """Prism with a flat face at z = 0, down to `bottom_mm`."""
+def _on_arc_mm(radius_mm: float, angle: float) -> tuple[float, float]:
+    """Point (distance from the axis, height) of a circle that touches z = 0, at an angle from its top."""
+    return radius_mm * np.sin(angle), radius_mm * (np.cos(angle) - 1)
+
+
+def _rim_mm(half_mm: float, edge_mm: float) -> float:
+    """Height of the rim of a cone or prism."""
+    return float(_flank_mm(np.asarray(half_mm), edge_mm))
+
+
+def _prismatic(corners: NDArray[np.float64], bottom_mm: float, edge_mm: float) -> "cadquery.Workplane":
+    """Prism with a flat face at z = 0, down to `bottom_mm`; its edges but those in notches are rounded."""
     import cadquery
 
-    return cadquery.Workplane("XY").polyline(corners.tolist()).close().extrude(bottom_mm)
+    body = cadquery.Workplane("XY").polyline(corners.tolist()).close().extrude(bottom_mm)
+    if edge_mm == 0:
+        return body
+    tip_mm = np.hypot(*corners.T).max()
+    upright = cast("list[cadquery.Edge]", body.edges("|Z").vals())
+    at_tips = [edge for edge in upright if np.hypot(edge.Center().x, edge.Center().y) > 0.99 * tip_mm]
+    return body.newObject([*body.faces(">Z").edges().vals(), *at_tips]).fillet(edge_mm)
 
 
 def _dots(pitch_mm: float, bottom_mm: float) -> "cadquery.Workplane":
@@ -355,7 +469,7 @@ def _dots(pitch_mm: float, bottom_mm: float) -> "cadquery.Workplane":
     return plate.union(balls.translate((0, 0, -radius))).solids()
 
 
-def _ridged(kind: ProbeKind, size_mm: float, bottom_mm: float) -> "cadquery.Workplane":
+def _ridged(kind: ProbeKind, size_mm: float, bottom_mm: float, edge_mm: float) -> "cadquery.Workplane":
     """Lying cylinder, prism or wave: a profile across the ridges, drawn out along them."""
     import cadquery
 
@@ -368,9 +482,13 @@ def _ridged(kind: ProbeKind, size_mm: float, bottom_mm: float) -> "cadquery.Work
             crest.tolist(), tangents=[(1, 0), (1, 0)], parameters=x.tolist(), scale=False
         )
         return sketch.lineTo(x[-1], bottom_mm).lineTo(x[0], bottom_mm).close().extrude(3 * size_mm)
-    sketch = cadquery.Workplane("YZ", origin=(-size_mm, 0, 0)).moveTo(-half, -half)
-    if kind == "prism":
-        sketch = sketch.lineTo(0, 0).lineTo(half, -half)
+    rim = _rim_mm(half, edge_mm) if kind == "prism" else -half
+    sketch = cadquery.Workplane("YZ", origin=(-size_mm, 0, 0)).moveTo(-half, rim)
+    if kind == "cylinder":
+        sketch = sketch.threePointArc((0, 0), (half, rim))
+    elif edge_mm > 0:
+        end, height = _on_arc_mm(edge_mm, np.pi / 4)
+        sketch = sketch.lineTo(-end, height).threePointArc((0, 0), (end, height)).lineTo(half, rim)
     else:
-        sketch = sketch.threePointArc((0, 0), (half, -half))
+        sketch = sketch.lineTo(0, 0).lineTo(half, rim)
     return sketch.lineTo(half, bottom_mm).lineTo(-half, bottom_mm).close().extrude(2 * size_mm)

@@ -61,7 +61,8 @@ def parts(design: Design, *, probe_list: Sequence[Probe] = ()) -> dict[str, "cad
 def probe_name(probe: Probe) -> str:
     """Name of a probe's part, for example ``probe_sphere_4mm``; a mesh probe is called after its file."""
     kind = probe.kind if probe.file is None else re.sub(r"[^A-Za-z0-9_-]+", "_", Path(probe.file).stem)
-    return f"probe_{kind}_{probe.size_mm:.6g}mm"
+    edge = f"_edge_{probe.edge_radius_mm:.6g}mm" if probe.edge_radius_mm else ""
+    return f"probe_{kind}_{probe.size_mm:.6g}mm{edge}"
 
 
 def solids(work: "cadquery.Workplane") -> "list[cadquery.Solid]":

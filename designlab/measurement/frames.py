@@ -52,7 +52,7 @@ class MeasuredFrame(Spec):
     kind: Literal["background", "press", "light_probe", "dark", "flat_field"]
     """What it shows."""
     probe: str | None = None
-    """Probe as kind[:size_mm] or mesh file[:size_mm]."""
+    """Probe as kind[:size_mm[:rEDGE]] or mesh file[:size_mm]."""
     depth_mm: float | None = quantity(None, unit="mm", gt=0, le=20)
     """Largest penetration of the probe."""
     centre_mm: tuple[float, float] | None = None
@@ -244,6 +244,8 @@ class Measurement(Spec):
             )
         except ValidationError as error:
             raise self.error(frame, explain(error), None) from None
+        except ValueError as error:  # a mesh file that holds no usable body
+            raise self.error(frame, str(error), None) from None
 
     def split(self) -> dict[Split, tuple[MeasuredFrame, ...]]:
         """Sort the presses into train, select and final by position, never by pixel.

@@ -428,6 +428,22 @@ def test_mesh_probe_is_written_as_it_is(tmp_path: Path, cheap: None) -> None:
     assert manifest["parts"]["probe_my_probe_6mm"]["size_mm"] == pytest.approx([6, 4, 2])
 
 
+@pytest.mark.slow
+def test_a_rounded_probe_is_written_beside_the_sharp_one(tmp_path: Path, cheap: None) -> None:
+    manifest = export(preset("default"), tmp_path / "out", probes=["triangle:5", "triangle:5:r0.3"])
+    sharp, rounded = (
+        stl_triangles(tmp_path / "out" / "stl" / f"probe_triangle_5mm{edge}.stl")
+        for edge in ("", "_edge_0.3mm")
+    )
+    assert (tmp_path / "out" / "step" / "probe_triangle_5mm_edge_0.3mm.step").exists()
+    assert (tmp_path / "out" / "3mf" / "probe_triangle_5mm_edge_0.3mm.3mf").exists()
+    # Beside a straight edge r^2 (1 - pi/4) is missing, of the upright corners r^2 (sqrt 3 - pi/3) each.
+    along, upright = 0.3**2 * (1 - np.pi / 4), 0.3**2 * (np.sqrt(3) - np.pi / 3)
+    lost = signed_volume(sharp) - signed_volume(rounded)
+    assert lost == pytest.approx(3 * 5 * along + 3 * 5 * upright, rel=0.1)
+    assert all(check["ok"] for check in manifest["checks"])
+
+
 def test_probes_of_one_name_or_unknown_are_refused(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     for path in (tmp_path / "p.stl", tmp_path / "a" / "p.stl"):

@@ -107,6 +107,7 @@ def changed(index, **changes):
         (changed(2, probe=None), {}, ["frame 3", "p.exr", "probe", "a press needs"]),
         (changed(2, probe="banana:3"), {}, ["frame 3", "probe", "banana"]),
         (changed(2, probe="lost.stl"), {}, ["frame 3", "probe", "lost.stl"]),
+        (changed(2, probe="sphere:4:r0.2"), {}, ["frame 3", "probe", "edge_radius_mm"]),
         (changed(2, depth_mm=-1.0), {}, ["frame 3", "depth_mm", "-1"]),
         (changed(2, depth_mm=float("nan")), {}, ["frame 3", "depth_mm", "finite"]),
         (changed(2, centre_mm=[1.0]), {}, ["frame 3", "centre_mm"]),
@@ -238,6 +239,14 @@ def test_centre_read_off_the_image_turns_into_mm(tmp_path):
 def test_presses_that_cannot_be_simulated_say_what_is_unknown(tmp_path, change, word):
     measurement = load_measurement(write(tmp_path / "set", changed(2, **change)))
     with pytest.raises(MeasurementError, match=f"frame 3.*{word}.*unknown"):
+        measurement.press(measurement.frames[2])
+
+
+def test_a_mesh_that_holds_no_body_is_refused_with_its_frame(tmp_path):
+    folder = write(tmp_path / "set", changed(2, probe="flat.stl"))
+    (folder / "flat.stl").write_bytes(b"no triangles")
+    measurement = load_measurement(folder)
+    with pytest.raises(MeasurementError, match=r"frame 3 \(p.exr\): .*flat.stl: "):
         measurement.press(measurement.frames[2])
 
 

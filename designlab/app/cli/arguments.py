@@ -129,7 +129,11 @@ def _add_designs(add: Any) -> None:
     render = add("render", f"{_DESIGNS}:render", "one picture of the sensing area")
     _option(render, "design DESIGN", MODEL_HELP)
     press = render.add_argument_group("press (without: the untouched gel)")
-    _option(press, "--probe SPEC", "kind[:size_mm] such as sphere:4, or a mesh file")
+    _option(
+        press,
+        "--probe SPEC",
+        "kind[:size_mm] such as sphere:4, triangle:5:r0.2 (edge radius in mm), or a mesh file",
+    )
     _option(press, "--depth-mm D", "how deep it is pressed (mm)", type=float)
     _option(press, "--at X,Y", "where its axis meets the gel (mm; default 0,0)", type=_point)
     _option(press, "--yaw-deg A", "its rotation, counter-clockwise (deg)", type=float)

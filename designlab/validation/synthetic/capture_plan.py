@@ -103,7 +103,7 @@ def true_press(rig: Rig, press: Mapping[str, Any], random: np.random.Generator) 
     error = random.standard_normal(4)
     contact, probe = rig.contact, probes.parse(press["probe"])
     if contact.probe_scale != 1.0:
-        probe = probe.model_copy(update={"size_mm": probe.size_mm * contact.probe_scale})
+        probe = probe.scaled(contact.probe_scale)
     beside = None
     if contact.second is not None:
         *place, diameter, depth = contact.second

@@ -34,7 +34,7 @@ def outside_mm(elastomer: Elastomer, indenter: Indenter, contact: Array, x: Arra
     x, y : array, shape (rows, columns)
         Centres of the cells (mm).
     """
-    if elastomer.radius_mm is None and indenter.other is None:
+    if elastomer.radius_mm is None and indenter.other is None and indenter.probe.edge_radius_mm == 0:
         turn = np.exp(-1j * np.radians(indenter.yaw_deg))
         local = turn * ((x - indenter.centre_mm[0]) + 1j * (y - indenter.centre_mm[1]))
         if indenter.probe.kind == "sphere":

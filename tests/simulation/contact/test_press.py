@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from scipy.ndimage import center_of_mass
 
+from designlab.core.store import digest
 from designlab.sensor.contact import KernelContact
 from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
 from geometries.elastomer import Elastomer
-from geometries.probes import SIZES, from_file, parse
+from geometries.probes import SIZES, from_file, mesh, parse
 
 FLAT = Elastomer(shape="flat", outline="rectangle", width_mm=30, length_mm=30, thickness_mm=3)
 SHARP = KernelContact(kernel_length_mm=0.0)
@@ -253,3 +254,26 @@ def test_a_tail_changes_nothing_inside_and_is_smoothed_by_the_kernel():
     soft = indented(press("sphere:4", 0.6), contact=tail.model_copy(update={"kernel_length_mm": 0.08}))
     # The kernel keeps volume; over the edge of the area a little is lost.
     assert soft.height_mm.sum() == pytest.approx(raised.height_mm.sum(), rel=2e-3)
+
+
+def test_a_sharp_probe_has_the_digest_it_had_before_edges_could_be_rounded():
+    """Recorded at commit 0989b7f; pictures in a cache are found by it."""
+    known = "35bb3896df57f1372b4e199628a111f28fd0f8f96393d549f30b64147bea443b"
+    assert digest(parse("triangle:5")) == known != digest(parse("triangle:5:r0.2"))
+
+
+@pytest.mark.slow
+def test_a_probe_with_fine_edges_from_a_file_presses_like_the_library_one(tmp_path):
+    """Written as STL, whose box is centred anew, read back, pressed."""
+    probe, path = parse("triangle:5:r0.3"), tmp_path / "fine.stl"
+    body = mesh(probe)
+    body.export(path)
+    x, y = body.bounds.mean(axis=0)[:2]
+    yaw = np.radians(7.0)  # no side lies along the grid, whose points would fall on the upright wall
+    middle = np.cos(yaw) * x - np.sin(yaw) * y, np.sin(yaw) * x + np.cos(yaw) * y
+    own = indented(Press(probe=probe, depth_mm=0.5, yaw_deg=7.0))
+    read = indented(Press(probe=parse(str(path)), depth_mm=0.5, centre_mm=middle, yaw_deg=7.0))
+    np.testing.assert_allclose(read.height_mm, own.height_mm, atol=0.005)
+    assert (read.contact == own.contact).mean() > 0.999
+    sharp = indented(press("triangle:5", 0.5, yaw_deg=7.0))
+    assert np.abs(own.height_mm - sharp.height_mm).max() > 0.25  # the edge is seen

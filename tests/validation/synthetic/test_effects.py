@@ -272,6 +272,16 @@ class TestContact:
             found = tail.outside_cells_mm(contact, x, y)
             assert np.abs(found - known).max() < 0.02
 
+    def test_distance_from_a_rounded_triangle_is_that_from_its_rounded_corners(self):
+        axis = np.arange(-4, 4, 0.02)
+        x, y = np.meshgrid(axis, axis)
+        press = Indenter(probes.parse("triangle:4:r0.3"), 0.6, (0.0, 0.0))
+        _, contact = surface.penetration(self.GEL, press, x, y, 0.02)
+        found = tail.outside_mm(self.GEL, press, contact, x, y)
+        # A corner of 60 deg loses as much as its radius.
+        away = y[:, 200] - (4 / np.sqrt(3) - 0.3)
+        np.testing.assert_allclose(found[away > 0, 200], away[away > 0], atol=0.03)
+
     def test_tail_on_a_dome_starts_at_the_contact(self):
         field = self.pressed("sphere:4", 0.5, 0.3, 0.5, elastomer=DOME.elastomer)
         height, contact = field.height_mm, field.contact

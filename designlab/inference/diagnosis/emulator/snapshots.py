@@ -476,8 +476,7 @@ def binned(sharp: Single) -> Single:
 
 def resized(press: Press, larger: float) -> Press:
     """Scale the probe of a press by one and this."""
-    size_mm = press.probe.size_mm * (1.0 + float(np.round(larger, 6)))
-    return press.model_copy(update={"probe": press.probe.model_copy(update={"size_mm": size_mm})})
+    return press.model_copy(update={"probe": press.probe.scaled(1.0 + float(np.round(larger, 6)))})
 
 
 def moved(press: Press, pose: Array) -> Press:

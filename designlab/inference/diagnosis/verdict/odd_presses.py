@@ -175,7 +175,7 @@ def _placed(press: Press, turn: Turn) -> Press:
 def _other_probes(stated: Probe) -> Iterable[Probe]:
     """Other sizes of a probe, and other probes of its size."""
     for factor in OTHER_SIZES:
-        yield stated.model_copy(update={"size_mm": stated.size_mm * factor})
+        yield stated.scaled(factor)
     for kind in OTHER_KINDS:
         if kind != stated.kind:
             yield parse(f"{kind}:{stated.size_mm!r}")
