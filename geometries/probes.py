@@ -427,7 +427,8 @@ def _turned(radius_mm: float, bottom_mm: float, edge_mm: float, *, round_tip: bo
 
     sketch = cadquery.Workplane("XZ")
     if round_tip:
-        sketch = sketch.threePointArc(_on_arc_mm(radius_mm, np.pi / 4), (radius_mm, -radius_mm))
+        middle = radius_mm * np.sqrt(0.5)
+        sketch = sketch.threePointArc((middle, middle - radius_mm), (radius_mm, -radius_mm))
     else:
         if edge_mm > 0:
             sketch = sketch.threePointArc(_on_arc_mm(edge_mm, np.pi / 8), _on_arc_mm(edge_mm, np.pi / 4))

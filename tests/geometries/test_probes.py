@@ -163,7 +163,7 @@ def test_rounded_edges_by_hand() -> None:
 
 
 def test_largest_edges_are_those_of_the_documentation() -> None:
-    """The inscribed circle of a triangle; the circle that fills a tip of the star; half the size over cos 45."""
+    """The inscribed circle of a triangle; the circle that fills a star's tip; half the size over cos 45."""
     stated = {"triangle": 0.289, "star": 0.143, "cone": 0.707, "prism": 0.707}
     assert pytest.approx(stated, abs=5e-4) == LARGEST_EDGE
 
