@@ -18,7 +18,7 @@ import pandas as pd
 from designlab.core.interrupts import Interrupts
 from designlab.core.workers import finished
 from designlab.evaluation.evaluate import FIDELITIES, evaluate
-from designlab.evaluation.protocol import TEST_PROBES
+from designlab.evaluation.press_plan import TEST_PROBES
 from designlab.sensor.design import preset
 
 BASE = "pbr-fingertip-like"

@@ -20,8 +20,8 @@ from scipy.stats import spearmanr
 
 from designlab.core.store import write_json
 from designlab.evaluation.evaluate import FIDELITIES, evaluate
+from designlab.evaluation.press_plan import TEST_PROBES
 from designlab.evaluation.press_scores import PRESS_FIGURES
-from designlab.evaluation.protocol import TEST_PROBES
 
 AGAINST = {
     "normal_error_median_deg": "median normal error (deg)",

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from designlab.core.metrics import normal_error_deg
 from designlab.evaluation.evaluate import FIDELITIES
-from designlab.evaluation.protocol import EvaluationProtocol, plan_presses, sub_seed
+from designlab.evaluation.press_plan import PressPlan
+from designlab.evaluation.protocol import EvaluationProtocol, sub_seed
 from designlab.reconstruction import normals
 from designlab.sensor.design import preset
 from designlab.simulation.simulator import Simulator, exposure
@@ -46,7 +47,8 @@ def main() -> None:
             seed=seed,
             estimator=effort.estimator,
         )
-        presses = plan_presses(simulator.design, rounds=effort.rounds, seed=seed, grids=effort.grids)
+        plan = PressPlan.of(simulator.design)
+        presses = plan.presses(rounds=effort.rounds, seed=seed, grids=effort.grids)
         untouched, again = (simulator.frame(None, seed=sub_seed(seed, 3, half), half=half) for half in (0, 1))
         balls, tests = (
             [simulator.frame(press, seed=sub_seed(seed, stage, k)) for k, press in enumerate(chosen)]

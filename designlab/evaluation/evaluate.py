@@ -16,7 +16,8 @@ from designlab.core.progress import silent
 from designlab.core.types import Progress
 from designlab.evaluation import illumination_scores, press_scores, response_maps
 from designlab.evaluation.illumination_scores import Estimate, TransportError
-from designlab.evaluation.protocol import EvaluationProtocol, Presses, Reconstruction, plan_presses, sub_seed
+from designlab.evaluation.press_plan import Presses, PressPlan
+from designlab.evaluation.protocol import EvaluationProtocol, Reconstruction, sub_seed
 from designlab.evaluation.weakest_point import GelMaps, Place, worst_of_gel, worst_of_presses
 from designlab.reconstruction import KernelCalibration
 from designlab.sensor.design import Design
@@ -65,6 +66,8 @@ class Score:
         Effort of the evaluation.
     seed : int
         Seed of places, render noise and camera noise.
+    press_plan : PressPlan
+        How deep and in which area the gel was pressed.
     scores : mapping of str to Estimate
         The scores; of figures that each LED group has, that of the worst group.
     groups : mapping of str to mapping of str to Estimate
@@ -87,6 +90,7 @@ class Score:
     digest: str
     fidelity: str
     seed: int
+    press_plan: PressPlan
     scores: Mapping[str, Estimate]
     margins: Mapping[str, float]
     light: TransportError
@@ -110,6 +114,7 @@ class Score:
             "digest": self.digest,
             "fidelity": self.fidelity,
             "seed": self.seed,
+            "press_plan": self.press_plan.model_dump(mode="json"),
             "scores": _plain(self.scores),
             "groups": {name: _plain(figures) for name, figures in self.groups.items()},
             "worst": {name: place._asdict() for name, place in self.worst.items()},
@@ -165,6 +170,7 @@ def evaluate(
     *,
     fidelity: str = "fast",
     seed: int = 0,
+    presses: PressPlan | None = None,
     progress: Progress = silent,
     calibration: KernelCalibration | None = None,
     as_built: bool = False,
@@ -182,9 +188,12 @@ def evaluate(
     design : Design or SensorModel
         What to score.
     fidelity : str
-        One of `FIDELITIES`; presses depend on the seed alone, so fidelities see the same ones.
+        One of `FIDELITIES`; presses depend on plan and seed alone, so fidelities see the same ones.
     seed : int
         Seed of places, render noise and camera noise.
+    presses : PressPlan, optional
+        How deep and in which area the gel is pressed; designs that are compared share one. That of
+        `PressPlan.of` the design when absent.
     progress : callable, optional
         Called with what is being done, how many steps are done, and how many there are.
     calibration : KernelCalibration, optional
@@ -201,20 +210,21 @@ def evaluate(
     Raises
     ------
     InfeasibleDesign
-        If the design breaks a geometric rule.
+        If the design breaks a geometric rule, or cannot take the presses.
     ValueError
         If the fidelity is unknown.
     """
     effort = _effort(fidelity)
     model = SensorModel.of(design)
     model.effective_design().require_feasible(as_built=as_built)
+    plan = _plan(model, presses)
     simulator = _simulator(model, effort, seed)
     if calibration is not None:
         _require_fitting(calibration, simulator)
-    presses = plan_presses(simulator.design, rounds=effort.rounds, seed=seed, grids=effort.grids)
+    pressed = plan.presses(rounds=effort.rounds, seed=seed, grids=effort.grids)
     clock = _Clock()
     with ThreadPoolExecutor(1) as beside:
-        frames = _rendered(simulator, presses, beside, clock, progress)
+        frames = _rendered(simulator, pressed, beside, clock, progress)
         # Threads of the linear algebra wait for each other longer than its small products take.
         with clock.part("reconstruction and scores"), threadpool_limits(limits=1, user_api="blas"):
             found = _scored(simulator, frames, calibration, beside)
@@ -223,6 +233,7 @@ def evaluate(
         digest=model.digest if model.effects else model.design.digest,
         fidelity=fidelity,
         seed=seed,
+        press_plan=plan,
         scores=found.errors | found.gel.scores,
         margins=simulator.design.margins(),
         light=illumination_scores.transport_error(simulator.design, *frames.untouched),
@@ -230,7 +241,7 @@ def evaluate(
         groups=found.gel.groups,
         worst=found.worst,
         presses=found.of_presses,
-        warnings=model.warnings([*presses.calibration, *presses.test]),
+        warnings=model.warnings([*pressed.calibration, *pressed.test]),
     )
     return Evaluation(
         score, simulator.design, found.exposure, frames.untouched[0], found.gel.maps, found.presses
@@ -238,24 +249,29 @@ def evaluate(
 
 
 def calibration_of(
-    design: Design | SensorModel, *, fidelity: str = "fast", seed: int = 0
+    design: Design | SensorModel,
+    *,
+    fidelity: str = "fast",
+    seed: int = 0,
+    presses: PressPlan | None = None,
 ) -> KernelCalibration:
     """Calibrate one sensor, for others that are built to the same drawing.
 
     Parameters
     ----------
-    design, fidelity, seed
+    design, fidelity, seed, presses
         As of `evaluate`.
     """
     effort = _effort(fidelity)
     model = SensorModel.of(design)
     model.effective_design().require_feasible()
+    plan = _plan(model, presses)
     simulator = _simulator(model, effort, seed)
-    presses = plan_presses(simulator.design, rounds=effort.rounds, seed=seed, grids=effort.grids)
+    pressed = plan.presses(rounds=effort.rounds, seed=seed, grids=effort.grids)
     untouched, again = _untouched(simulator)
-    surfaces = (simulator.surface(press) for press in presses.calibration)
-    alone = Presses(presses.calibration, ())
-    balls = list(_pressed(simulator, alone, surfaces, _Steps(silent, len(presses.calibration))))
+    surfaces = (simulator.surface(press) for press in pressed.calibration)
+    alone = Presses(pressed.calibration, ())
+    balls = list(_pressed(simulator, alone, surfaces, _Steps(silent, len(pressed.calibration))))
     protocol = EvaluationProtocol(
         simulator.design, exposure(simulator.design, untouched, again), seed, model=simulator.model
     )
@@ -267,6 +283,14 @@ def _effort(fidelity: str) -> Fidelity:
     if fidelity not in FIDELITIES:
         raise ValueError(f"fidelity: must be one of {', '.join(FIDELITIES)}, got {fidelity!r}")
     return FIDELITIES[fidelity]
+
+
+def _plan(model: SensorModel, presses: PressPlan | None) -> PressPlan:
+    """The plan given, or the usual one; a design must take its presses."""
+    design = model.effective_design()
+    plan = presses or PressPlan.of(design)
+    plan.require_possible(design)
+    return plan
 
 
 def _simulator(model: SensorModel, effort: Fidelity, seed: int) -> Simulator:

@@ -6,8 +6,9 @@ import numpy as np
 from scipy.stats import t as student
 
 from designlab.evaluation.evaluate import Score
+from designlab.evaluation.press_plan import TEST_PROBES, PressPlan
 from designlab.evaluation.press_scores import PRESS_FIGURES, press_chances
-from designlab.evaluation.protocol import TEST_PROBES
+from designlab.simulation.effects.model import SensorModel
 
 LEVEL = 0.95
 
@@ -32,16 +33,16 @@ class Difference(NamedTuple):
 def differences(first: Score, second: Score) -> dict[str, Difference]:
     """Differences of all scores that two designs share.
 
-    Equal seeds make equal random numbers: the same probes at the same places (in shares of the sensing area),
-    the same noise. Scores of presses are compared press by press, so that what makes a press hard for both
-    designs cancels. Render noise of the two counts as independent.
+    Equal plans and seeds make equal presses (the same probes at the same places, equally deep) and the same
+    noise. Scores of presses are compared press by press, so that what makes a press hard for both designs
+    cancels. Render noise of the two counts as independent.
 
     Raises
     ------
     ValueError
-        If the two were not evaluated with the same seed and fidelity.
+        If the two were not evaluated with the same presses, seed and fidelity.
     """
-    for name in ("seed", "fidelity"):
+    for name in ("seed", "fidelity", "press_plan"):
         a, b = getattr(first, name), getattr(second, name)
         if a != b:
             raise ValueError(f"{name}: must be the same for both designs, got {a!r} and {b!r}")
@@ -62,6 +63,14 @@ def differences(first: Score, second: Score) -> dict[str, Difference]:
         least = float(student.ppf((1 + LEVEL) / 2, freedom)) * se
         found[name] = Difference(b.value - a.value, se, least, a.unit)
     return found
+
+
+def same_presses(first: SensorModel, second: SensorModel, plan: PressPlan) -> bool:
+    """Whether effects of two models, a stage's offset for example, leave the presses of a plan alike."""
+    presses = plan.presses(rounds=1, seed=0)
+    return all(
+        first.on_press(press) == second.on_press(press) for press in (*presses.calibration, *presses.test)
+    )
 
 
 def _paired(first: Score, second: Score) -> dict[str, float]:

@@ -8,7 +8,8 @@ from designlab.core.metrics import rgb_to_normal
 from designlab.core.types import Array
 from designlab.evaluation.illumination import saturated
 from designlab.evaluation.illumination_scores import SCORES, Estimate, Scores
-from designlab.evaluation.protocol import TEST_PROBES, EvaluationProtocol, Reconstruction
+from designlab.evaluation.press_plan import TEST_PROBES
+from designlab.evaluation.protocol import EvaluationProtocol, Reconstruction
 from designlab.evaluation.response_maps import signal_of, thinned
 from designlab.reconstruction import normals
 from designlab.simulation.simulator import Frame

@@ -1,11 +1,10 @@
-"""The evaluation protocol says which presses are made, takes pictures of them, and reconstructs them."""
+"""The evaluation protocol takes pictures of presses as a camera does, and reconstructs them."""
 
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import product
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,25 +15,17 @@ from designlab.core.types import Array
 from designlab.reconstruction import KernelCalibration, NearField, fit_kernel, normals
 from designlab.sensor.design import Design
 from designlab.simulation import imaging
-from designlab.simulation.contact.press import Press
 from designlab.simulation.effects.model import SensorModel
 from designlab.simulation.imaging import Capture, reported
 from designlab.simulation.simulator import Frame
 from geometries.elastomer import base_gradient
-from geometries.probes import parse, profile_mm
 
 Thing = TypeVar("Thing")
 MOST_THREADS = 4  # beyond these NumPy's own lock leaves no gain
 
 # Errors count over the contact grown by this: a flat background would make any median look good.
 GROWN_MM = 0.5
-RIM_MM = 1.0  # around a contact the membrane is still lifted
 SMOOTHING_PX = 2.0  # illumination is smooth; render noise is not, and would pass for unevenness
-# A small ball shows steep slopes, a large one many of each; depths as shares of the deepest.
-BALLS_MM, BALL_DEPTHS = (6.0, 4.0, 3.0), (1.0, 0.6)
-TEST_PROBES = ("sphere:4", "triangle:5", "star:6", "cylinder:4", "cone:4", "dots:1.5")
-# Errors grow steeply with depth: one depth for all test presses keeps their choice from deciding the score.
-TEST_DEPTH = 0.7
 # Of the near field: pixels of simulated presses differ from its model by some 3 %; most slopes are gentle.
 MODEL_ERROR, EXPECTED_SLOPE = 0.03, 0.5
 
@@ -42,64 +33,6 @@ MODEL_ERROR, EXPECTED_SLOPE = 0.03, 0.5
 def sub_seed(seed: int, stage: int, number: int) -> int:
     """Independent seed of one draw."""
     return int(np.random.SeedSequence([seed, stage, number]).generate_state(1)[0])
-
-
-class Presses(NamedTuple):
-    """Calibration balls and test presses."""
-
-    calibration: tuple[Press, ...]
-    test: tuple[Press, ...]
-
-
-def plan_presses(design: Design, *, rounds: int, seed: int, grids: int = 1) -> Presses:
-    """Choose places: calibration balls on jittered 3 x 3 grids, test probes at random places and angles."""
-    random = np.random.default_rng(sub_seed(seed, 0, 0))
-    width, height = design.sensing_area_mm
-    scale = min(1.0, min(width, height) / 12.0)  # small sensors get small probes
-    depth = min(0.4 * design.elastomer.thickness_mm, 0.8) * scale
-    balls = []
-    for number, (grid, row, column) in enumerate(product(range(grids), (-1, 0, 1), (-1, 0, 1))):
-        jitter = random.uniform(-0.04, 0.04, size=2)
-        centre = ((0.3 * column + jitter[0]) * width, (0.28 * row + jitter[1]) * height)
-        # each row and column of a grid has every size, each grid another at each place
-        diameter_mm = BALLS_MM[(column + row + grid + 2) % 3]
-        balls.append(
-            Press(
-                probe=parse(f"sphere:{diameter_mm * scale:.6g}"),
-                depth_mm=depth * BALL_DEPTHS[number % 2],
-                centre_mm=centre,
-            )
-        )
-    tests = []
-    for number in range(rounds):
-        # The first round does not depend on how many follow.
-        draw = np.random.default_rng(sub_seed(seed, 9, number))
-        for text in TEST_PROBES:
-            kind, size = text.split(":")
-            centre = (draw.uniform(-0.22, 0.22) * width, draw.uniform(-0.2, 0.2) * height)
-            press = Press(
-                probe=parse(f"{kind}:{float(size) * scale:.6g}"),
-                depth_mm=depth * TEST_DEPTH,
-                centre_mm=centre,
-                yaw_deg=draw.uniform(-180.0, 180.0),
-            )
-            tests.append(_moved_into(press, design.sensing_area_mm))
-    return Presses(tuple(balls), tuple(tests))
-
-
-def _moved_into(press: Press, area_mm: tuple[float, float]) -> Press:
-    """The press, moved so that it ends within an area around the origin: heights are zero at its border."""
-    reach = 1.6 * press.probe.size_mm
-    x, y = np.meshgrid(*2 * [np.linspace(-reach, reach, 161)])
-    touches = profile_mm(press.probe, x, y) > -press.stated_depth_mm
-    yaw = np.radians(press.yaw_deg)
-    across = np.cos(yaw) * x[touches] - np.sin(yaw) * y[touches]
-    along = np.sin(yaw) * x[touches] + np.cos(yaw) * y[touches]
-    centre = []
-    for place, extent, side in zip(press.centre_mm, (across, along), area_mm, strict=True):
-        furthest = max(side / 2 - RIM_MM - float(np.abs(extent).max()), 0.0)
-        centre.append(float(np.clip(place, -furthest, furthest)))
-    return press.model_copy(update={"centre_mm": (centre[0], centre[1])})
 
 
 @dataclass(frozen=True, eq=False)

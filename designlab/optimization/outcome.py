@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, TypeVar
 from designlab.sensor.design import Design, DesignError, InfeasibleDesign
 
 if TYPE_CHECKING:
+    from designlab.evaluation.press_plan import PressPlan
     from designlab.reconstruction import KernelCalibration
     from designlab.simulation.effects.model import SensorModel
 
@@ -27,12 +28,15 @@ class Simulated:
 
     Attributes
     ----------
+    presses : PressPlan, optional
+        How deep and where gels are pressed, the same for all; each as is usual for it without.
     as_built : bool
         Whether it is a sensor as it was built, which may have lost some of its view.
     calibration : KernelCalibration, optional
         That of another sensor of the kind; each is calibrated on its own without.
     """
 
+    presses: "PressPlan | None" = None
     as_built: bool = False
     calibration: "KernelCalibration | None" = None
 
@@ -41,12 +45,14 @@ class Simulated:
         from designlab.evaluation.evaluate import evaluate
 
         found = evaluate(
-            design, fidelity=fidelity, seed=seed, calibration=self.calibration, as_built=self.as_built
+            design,
+            fidelity=fidelity,
+            seed=seed,
+            presses=self.presses,
+            calibration=self.calibration,
+            as_built=self.as_built,
         )
         return found.score
-
-
-default_evaluator, built_evaluator = Simulated(), Simulated(as_built=True)
 
 
 class Prepared(NamedTuple, Generic[Subject]):
@@ -79,14 +85,15 @@ def evaluate_design(
     -------
     dict
         ``scores`` (name to ``value``, ``se``, ``bias_bound``, ``unit``), ``margins`` and ``seconds``; or
-        ``infeasible`` or ``failed`` with the reason. Any other exception is a defect and passes through.
+        ``infeasible`` with the reason and the rules ``broken``, or ``failed`` with the reason. Any
+        other exception is a defect and passes through.
     """
     from designlab.simulation.simulator import RenderFailed
 
     try:
         score = evaluator(subject, fidelity=fidelity, seed=seed)
     except InfeasibleDesign as error:
-        return {"infeasible": str(error)}
+        return {"infeasible": str(error), "broken": error.broken}
     except RenderFailed as error:
         return {"failed": str(error)}
     scores = {

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from designlab.core.store import write_atomic
+from designlab.evaluation.press_plan import PressPlan
 from designlab.report.page import Column, Html, Section, facts, gallery, page, paragraph, picture, table
 from designlab.report.yardsticks import judged, row, summary, worst_place
 from designlab.sensor.feasibility import RULES
@@ -29,8 +30,8 @@ def evaluation_report(
     Parameters
     ----------
     score : mapping
-        What ``Score.to_json`` gives: ``design``, ``fidelity``, ``seed``, ``scores``, ``groups``, ``worst``,
-        ``margins``, ``light``, ``seconds``.
+        What ``Score.to_json`` gives: ``design``, ``fidelity``, ``seed``, ``press_plan``, ``scores``,
+        ``groups``, ``worst``, ``margins``, ``light``, ``seconds``.
     target : path
         HTML file to write.
     pictures : mapping of path to str, optional
@@ -148,6 +149,8 @@ def _groups(groups: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> list[Html]
 
 def _settings(score: Mapping[str, Any]) -> Html:
     settings = {"fidelity": score.get("fidelity", ""), "seed": score.get("seed", "")}
+    if plan := score.get("press_plan"):
+        settings["presses"] = PressPlan.model_validate(plan).text()
     if light := score.get("light"):
         settings |= {
             "light on the untouched gel": f"random error {light['noise']:.1%} of each mm2",

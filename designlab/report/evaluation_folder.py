@@ -13,6 +13,7 @@ from designlab.core.store import atomic_folder, write_atomic
 from designlab.core.types import Progress
 from designlab.evaluation import evaluate as evaluation
 from designlab.evaluation.evaluate import Evaluation, Score
+from designlab.evaluation.press_plan import PressPlan
 from designlab.reconstruction import KernelCalibration
 from designlab.report import plots
 from designlab.report.figures import write_figure
@@ -30,6 +31,8 @@ def evaluate(
     *,
     fidelity: str = "fast",
     seed: int = 0,
+    depth_mm: float | None = None,
+    presses: PressPlan | None = None,
     out: str | Path | None = None,
     progress: Progress = silent,
     calibration: KernelCalibration | None = None,
@@ -42,9 +45,13 @@ def evaluate(
     design : Design or SensorModel
         What to score.
     fidelity : {"fast", "standard", "reference"}
-        Effort; presses depend on the seed alone, so all see the same ones.
+        Effort; presses depend on plan and seed alone, so all see the same ones.
     seed : int
         Seed of places, render noise and camera noise.
+    depth_mm : float, optional
+        Depth of the deepest press in mm, see `PressPlan`; 0.8 when absent, less on small sensing areas.
+    presses : PressPlan, optional
+        A whole plan instead, which designs of other sensing areas can share: ``PressPlan.of(one, other)``.
     out : path, optional
         Folder for scores and pictures; replaced when it exists.
     progress, calibration, as_built
@@ -58,16 +65,27 @@ def evaluate(
     Raises
     ------
     InfeasibleDesign
-        If the design breaks a geometric rule.
+        If the design breaks a geometric rule, or cannot take the presses.
     ValueError
-        If the fidelity is unknown, or the folder holds anything but an earlier evaluation.
+        If the fidelity is unknown, depth and plan are both given, or the folder holds anything but an earlier
+        evaluation.
     OSError
         If the folder cannot be written.
     """
     if out is not None:
         require_writable(out, made_with=SCORE_FILE)
+    if depth_mm is not None:
+        if presses is not None:
+            raise ValueError("depth_mm: a plan of presses, which is given too, states the depth")
+        presses = PressPlan.of(SensorModel.of(design).effective_design(), depth_mm=depth_mm)
     found = evaluation.evaluate(
-        design, fidelity=fidelity, seed=seed, progress=progress, calibration=calibration, as_built=as_built
+        design,
+        fidelity=fidelity,
+        seed=seed,
+        presses=presses,
+        progress=progress,
+        calibration=calibration,
+        as_built=as_built,
     )
     if out is not None:
         write_evaluation(found, Path(out))

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from designlab.core.store import write_atomic
+from designlab.evaluation.press_plan import PRESS_RULES
 from designlab.optimization.study import Results, importance, load_results
 from designlab.optimization.study.definition import VARIANT
 from designlab.optimization.study.folder import trial_folder
@@ -259,8 +260,10 @@ def _rejections(results: Results) -> tuple[Html, ...]:
             f"{counts['infeasible']} proposed designs cannot be built and were not simulated. "
             "A design may break several rules."
         )
+        demands = RULES | PRESS_RULES
         rows = [
-            {"rule": rule, "text": RULES.get(rule, ""), "count": count} for rule, count in rejections.items()
+            {"rule": rule, "text": demands.get(rule, ""), "count": count}
+            for rule, count in rejections.items()
         ]
         columns = [Column("rule", "rule"), Column("text", "what it demands"), Column("count", "designs")]
         blocks += [paragraph(text), table(rows, columns)]
@@ -302,6 +305,7 @@ def _definition(results: Results) -> tuple[Html, ...]:
     settings: Mapping[str, Any] = {
         "starting design": study.base.name,
         "effects of the model": ", ".join(effect["name"] for effect in study.effects),
+        "presses of every design": study.presses.text(),
         "fidelity": study.fidelity,
         "seed": study.seed,
         "search method": ", ".join(results.frame["method"].dropna().unique()) or study.sampler,
@@ -322,8 +326,7 @@ def _depict(results: Results, number: int) -> None:
     from geometries.probes import parse
 
     subject, seed = results.subject(number), results.study.seed
-    depth_mm = min(0.8, 0.4 * results.study.base.elastomer.thickness_mm)
-    press = Press(probe=parse("sphere:4"), depth_mm=depth_mm)
+    press = Press(probe=parse("sphere:4"), depth_mm=results.study.presses.depth_mm)
     folder.mkdir(parents=True, exist_ok=True)
     if not (folder / "design.toml").is_file():  # another machine has evaluated it
         write_atomic(folder / "design.toml", dumps(results.design(number)))

@@ -44,7 +44,17 @@ class DesignError(ValueError):
 
 
 class InfeasibleDesign(ValueError):
-    """A well-formed design that breaks at least one of its geometric rules."""
+    """A well-formed design that breaks a geometric rule, or one of what is to be done with it.
+
+    Attributes
+    ----------
+    broken : mapping of str to float
+        Rules that it breaks and by how much (mm), where that is known.
+    """
+
+    def __init__(self, text: str, broken: Mapping[str, float] | None = None) -> None:
+        super().__init__(text)
+        self.broken = dict(broken or {})
 
 
 class Design(Spec):
@@ -336,7 +346,7 @@ class Design(Spec):
             reasons = "; ".join(
                 f"{rule}: {RULES[rule]} (violated by {margin:.3g} mm)" for rule, margin in broken.items()
             )
-            raise InfeasibleDesign(f"design {self.name!r} is infeasible: {reasons}")
+            raise InfeasibleDesign(f"design {self.name!r} is infeasible: {reasons}", broken)
 
 
 def assign(content: dict[str, Any], path: str, value: Any) -> None:

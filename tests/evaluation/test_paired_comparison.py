@@ -8,10 +8,13 @@ import pytest
 from designlab.evaluation.evaluate import Score
 from designlab.evaluation.illumination_scores import Estimate, TransportError
 from designlab.evaluation.paired_comparison import differences
+from designlab.evaluation.press_plan import PressPlan
 from designlab.evaluation.press_scores import PRESS_FIGURES, pooled
 
+PLAN = PressPlan(area_mm=(16.0, 12.0))
 
-def score(figures, *, uniformity=(0.5, 0.01), seed=3):
+
+def score(figures, *, uniformity=(0.5, 0.01), seed=3, plan=PLAN):
     """A score as of presses with these figures, shape (presses, figures)."""
     each = np.asarray(figures, dtype=float)
     spread = each.std(axis=0, ddof=1) / np.sqrt(len(each))
@@ -24,6 +27,7 @@ def score(figures, *, uniformity=(0.5, 0.01), seed=3):
         digest="d",
         fidelity="fast",
         seed=seed,
+        press_plan=plan,
         scores=estimates | {"uniformity_u0": Estimate(*uniformity, "1")},
         margins={},
         light=TransportError(0.0, 0.0, 0.0),
@@ -71,3 +75,10 @@ def test_other_seeds_are_refused():
         differences(score(figures), score(figures, seed=4))
     with pytest.raises(ValueError, match="fidelity"):
         differences(score(figures), replace(score(figures), fidelity="standard"))
+
+
+def test_other_presses_are_refused():
+    figures = presses(0)
+    deeper = PressPlan(area_mm=(16.0, 12.0), depth_mm=1.0)
+    with pytest.raises(ValueError, match="press_plan: must be the same for both designs"):
+        differences(score(figures), score(figures, plan=deeper))

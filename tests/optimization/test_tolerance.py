@@ -10,7 +10,7 @@ from scipy.stats import norm, truncnorm
 from designlab.app import cli
 from designlab.evaluation.evaluate import evaluate
 from designlab.optimization.constraint import Bound
-from designlab.optimization.outcome import built_evaluator, default_evaluator
+from designlab.optimization.outcome import Simulated
 from designlab.optimization.tolerance import Spread, default_spreads, load_terms, load_tolerance, tolerance
 from designlab.optimization.tolerance.distributions import CUT_SD, copy, deviates, inputs
 from designlab.report.tolerance import tolerance_report
@@ -124,9 +124,9 @@ def test_a_copy_that_lost_some_of_its_view_is_built_and_a_drawing_is_refused(tmp
     near = tight.replace({"camera.position_mm.2": tight.camera.position_mm[2] - 0.1})
     assert list(near.broken()) == ["camera_sees_membrane"]
     with pytest.raises(InfeasibleDesign, match="camera_sees_membrane"):
-        default_evaluator(near, fidelity="fast", seed=0)
+        Simulated()(near, fidelity="fast", seed=0)
     with pytest.raises(RenderFailed, match="as far as the simulator"):
-        built_evaluator(near, fidelity="fast", seed=0)
+        Simulated(as_built=True)(near, fidelity="fast", seed=0)
 
 
 def test_a_dome_stays_a_dome_when_its_gel_is_thicker():
@@ -164,7 +164,7 @@ def test_a_copy_that_cannot_be_built_is_not_good(tmp_path):
 
 
 def test_a_design_of_which_no_copy_can_be_built_is_reported(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(RUN, "built_evaluator", closed_form)
+    monkeypatch.setattr(RUN, "Simulated", lambda **_: closed_form)
     terms = tmp_path / "terms.toml"
     terms.write_text(
         'version = 1\n[[spread]]\nfield = "leds.height_mm"\nsd = 0.1\nalso = ["elastomer.thickness_mm"]\n'
@@ -283,7 +283,7 @@ def test_terms_are_read_and_wrong_ones_named(tmp_path):
 def test_the_page_and_the_summary_say_what_was_found(tmp_path, monkeypatch, capsys):
     path = tmp_path / "terms.toml"
     path.write_text(TERMS, encoding="utf-8")
-    monkeypatch.setattr(RUN, "built_evaluator", closed_form)
+    monkeypatch.setattr(RUN, "Simulated", lambda **_: closed_form)
     monkeypatch.setattr(RUN, "SCORES", ("blur", "distance"))
     words = ["tolerance", "gelsight-2020-flat", "--terms", str(path), "--copies", "60", "--out"]
     assert cli.main([*words, str(tmp_path / "out")]) == 0

@@ -36,6 +36,8 @@ RECORDED = HERE / "recorded"
 PLANTED = HERE / "planted"  # what `plant` below made; its frames are measured by the other cases
 FLAT, DOME, CORE = "gelsight-2020-flat", "gelsight-2020-dome", "gelsight-2020-flat-core"
 DEFAULT = "default with the smoothing kernel that it had when its figures were recorded"
+# As deep as these were pressed when that followed from each gel.
+DEPTHS_MM = {DEFAULT: 0.7, DOME: 0.8, CORE: 0.8}
 
 STUDY = f"""\
 version = 1
@@ -102,12 +104,13 @@ def little_effort() -> Iterator[None]:
 
 
 def evaluate(folder: Path, design: str) -> dict[str, Any]:
+    depth_mm = DEPTHS_MM[design]
     if design == DEFAULT:
         kernel = preset("default").replace({"contact": KernelContact(kernel_length_mm=0.05)})
         (folder / "default.toml").write_text(dumps(kernel), encoding="utf-8")
         design = str(folder / "default.toml")
     with little_effort():
-        return command("evaluate", design, "--seed", 0)
+        return command("evaluate", design, "--depth-mm", depth_mm, "--seed", 0)
 
 
 def render(folder: Path, design: str) -> dict[str, Any]:

@@ -123,6 +123,7 @@ def _add_designs(add: Any) -> None:
     _option(evaluate, "--compare", "say in which scores two designs differ, and which is better")
     _option(evaluate, "--fidelity", "effort", choices=FIDELITIES)
     _option(evaluate, "--profile", "show how long each part took")
+    _presses(evaluate)
     _seed(evaluate)
     _out(evaluate, "folder for the score and its pictures", required=False)
 
@@ -246,6 +247,7 @@ def _add_study(add: Any) -> None:
     _option(report, "--results DIR", "folder of the results, where `run` had --out")
     _option(report, "-o --output FILE", "page to write (default: report.html there)")
     _workers(run)
+    _presses(run)
     _option(run, "--trials N", "designs in all, instead of the study's own", type=_whole(1, 100_000))
     _option(run, "--rebuild", "make a new record of the scores kept; the old one stays")
 
@@ -398,6 +400,11 @@ def _workers(command: argparse.ArgumentParser) -> None:
 
 def _out(command: argparse.ArgumentParser, text: str, *, required: bool = True) -> None:
     _option(command, "--out DIR", text, required=required)
+
+
+def _presses(command: argparse.ArgumentParser) -> None:
+    text = "depth of the deepest press (mm), the same for all designs (default: 0.8, less on small areas)"
+    _option(command, "--depth-mm D", text, type=float)
 
 
 def _seed(command: argparse.ArgumentParser, *, default: int = 0) -> None:

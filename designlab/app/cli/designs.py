@@ -11,6 +11,7 @@ from designlab.core.run_folder import require_writable
 
 if TYPE_CHECKING:
     from designlab.evaluation.evaluate import Score
+    from designlab.evaluation.press_plan import PressPlan
     from designlab.simulation.contact.press import Press
     from designlab.simulation.effects.model import SensorModel
 
@@ -76,10 +77,12 @@ def evaluate(args: Namespace) -> Result:
     if args.compare:
         return _against(args)
     out = None if args.out is None else Path(args.out)
-    score = _scored(args, load_model(args.design), args.design, out)
+    model = load_model(args.design)
+    score = _scored(args, model, args.design, out, _plan(args, model))
     data: dict[str, Any] = score.to_json()
     text = [
         f"{score.design}, fidelity {score.fidelity}, seed {score.seed}, {sum(score.seconds.values()):.0f} s",
+        f"presses: {score.press_plan.text()}",
         *_verdict(data),
     ]
     if score.light.noise > GRAINY:
@@ -101,7 +104,7 @@ def evaluate(args: Namespace) -> Result:
 
 def _against(args: Namespace) -> Result:
     """Score two designs with the same presses and random numbers, and tell where they differ."""
-    from designlab.evaluation.paired_comparison import differences
+    from designlab.evaluation.paired_comparison import differences, same_presses
     from designlab.report.page import rounded
     from designlab.report.yardsticks import YARDSTICKS, row
     from designlab.simulation.effects.model import load_model
@@ -109,7 +112,8 @@ def _against(args: Namespace) -> Result:
     sources = {"first": args.design, "second": args.other}
     models = {place: load_model(source) for place, source in sources.items()}
     folders = {place: None if args.out is None else Path(args.out) / place for place in sources}
-    scores = {place: _scored(args, models[place], sources[place], folders[place]) for place in sources}
+    plan = _plan(args, *models.values())
+    scores = {place: _scored(args, models[place], sources[place], folders[place], plan) for place in sources}
     found = differences(scores["first"], scores["second"])
     rows = []
     for name, difference in found.items():
@@ -124,11 +128,14 @@ def _against(args: Namespace) -> Result:
         title = row(name, {"value": a.value, "se": a.se, "unit": a.unit})["title"]
         change = rounded(difference.value, difference.se)
         rows.append((title, rounded(a.value, a.se), rounded(b.value, b.se), change, verdict))
+    same = same_presses(models["first"], models["second"], plan)
+    shared = "same presses and" if same else "presses that effects of the models change, same"
     data: dict[str, Any] = {place: score.to_json() for place, score in scores.items()} | {
         "differences": {name: d._asdict() | {"differs": d.differs} for name, d in found.items()}
     }
     text = [
-        f"DESIGN: {args.design}, OTHER: {args.other}; same presses and random numbers, seed {args.seed}",
+        f"DESIGN: {args.design}, OTHER: {args.other}; {shared} random numbers, seed {args.seed}",
+        f"presses: {plan.text()}",
         table(("score", "DESIGN", "OTHER", "OTHER - DESIGN", "verdict"), rows),
         "chance alone makes one in twenty of the scores that do not differ look different",
         *(f"warning: {place}: {w}" for place, score in scores.items() for w in score.warnings),
@@ -137,13 +144,24 @@ def _against(args: Namespace) -> Result:
     return Result(data, "\n".join(text))
 
 
-def _scored(args: Namespace, model: "SensorModel", source: str, out: Path | None) -> "Score":
+def _plan(args: Namespace, *models: "SensorModel") -> "PressPlan":
+    """Presses that models share, as deep as the arguments say."""
+    from designlab.evaluation.press_plan import PressPlan
+
+    return PressPlan.of(*(model.effective_design() for model in models), depth_mm=args.depth_mm)
+
+
+def _scored(
+    args: Namespace, model: "SensorModel", source: str, out: Path | None, plan: "PressPlan"
+) -> "Score":
     """Score a design, and write the page about it where there is a folder for it."""
     from designlab.report.evaluation import evaluation_report
     from designlab.report.evaluation_folder import evaluate as score_of
 
     with bar() as progress, source_named(source):
-        score = score_of(model, fidelity=args.fidelity, seed=args.seed, out=out, progress=progress)
+        score = score_of(
+            model, fidelity=args.fidelity, seed=args.seed, presses=plan, out=out, progress=progress
+        )
     if out is not None:
         evaluation_report(score.to_json(), out / PAGE)
     return score

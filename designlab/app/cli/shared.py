@@ -12,7 +12,7 @@ def source_named(source: str) -> Iterator[None]:
     try:
         yield
     except InfeasibleDesign as error:
-        raise InfeasibleDesign(f"{source}: {error}") from None
+        raise InfeasibleDesign(f"{source}: {error}", error.broken) from None
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

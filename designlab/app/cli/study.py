@@ -25,6 +25,8 @@ def run(args: Namespace) -> Result:
     folder = _folder(given, args.out)
     file = given / "study.toml" if given.is_dir() else given
     study = load_study(file)
+    if args.depth_mm is not None:
+        study = study.pressed(depth_mm=args.depth_mm)
     try:
         study.require_scores(SCORES)
     except StudyError as error:
@@ -49,6 +51,7 @@ def _again(args: Namespace) -> str:
     words = ["designlab", "study", "run", args.study]
     words += ["--out", args.out] if args.out else []
     words += ["--workers", str(args.workers)] if args.workers > 1 else []
+    words += ["--depth-mm", str(args.depth_mm)] if args.depth_mm else []
     words += ["--trials", str(args.trials)] if args.trials else []
     if args.storage and args.storage != os.environ.get(STORAGE_VARIABLE):
         words += ["--storage", "URL"]  # it may hold a password
@@ -94,6 +97,7 @@ def summary(results: "Results", wanted: int) -> str:
         if reasons:
             lines.append(f"{words}: " + ", ".join(f"{reason} ({n})" for reason, n in reasons.items()))
     study = results.study
+    lines.append(f"presses of every design: {study.presses.text()}")
     lines += _broken(results)
     titles = [*study.varied, *(study.called(name) for name in study.objectives)]
     rows = [

@@ -182,8 +182,9 @@ def _study(state: Demo, within: Progress) -> dict[str, Any]:
             within(f"design {count + 1} of {TRIALS}", count * of + done, TRIALS * of)
 
         known = state.score  # of the first stage, whose design is the study's starting point
-        if known is None or (known.digest, known.fidelity, known.seed) != (design.digest, fidelity, seed):
-            known = evaluate(design, fidelity=fidelity, seed=seed, progress=tick)
+        wanted = (design.digest, fidelity, seed, study.presses)
+        if known is None or (known.digest, known.fidelity, known.seed, known.press_plan) != wanted:
+            known = evaluate(design, fidelity=fidelity, seed=seed, presses=study.presses, progress=tick)
         count += 1
         return known
 

@@ -1,12 +1,14 @@
 """A study definition holds parameters, objectives, constraints and effort; it is read from TOML."""
 
-from collections.abc import Collection, Mapping
+import contextlib
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from designlab.core.store import digest, read_toml, require_version
+from designlab.evaluation.press_plan import PressPlan
 from designlab.optimization.constraint import Bound
 from designlab.optimization.study.defaults import default_parameters
 from designlab.optimization.study.parameter import Parameter
@@ -24,6 +26,9 @@ Sampler = Literal["auto", "gp", "tpe", "nsga2", "nsga3", "cmaes", "qmc", "random
 
 VARIANT = "variant"
 """Name of the choice among variants, beside the parameters of a trial."""
+
+AREA, THICKNESS = "sensing_area_mm", "elastomer.thickness_mm"
+"""Fields that say where and how deep a design can be pressed."""
 
 BASE = -1
 """Stands for the base design among trials; it need not be a trial of the search."""
@@ -81,6 +86,9 @@ class Study(Spec):
     """Designs to evaluate, infeasible ones not counted."""
     fidelity: Literal["fast", "standard", "reference"] = "fast"
     """Effort of an evaluation."""
+    presses: PressPlan = Field(default_factory=lambda given: _usual_presses(given))
+    """How deep and in which area every design is pressed; 0.8 mm deep, less where the area is small, in the
+    smallest sensing area that a design may have, if absent."""
     robust: Robust | None = None
     """How copies as they would be built decide; the drawing alone does if absent."""
     plan: Plan = Plan()
@@ -162,6 +170,13 @@ class Study(Spec):
                 raise ValueError(f"{path}: takes whole numbers, so must its step, got {parameter.step:g}")
         return parameters
 
+    @field_validator("presses", mode="before")
+    @classmethod
+    def _of_all_designs(cls, presses: Any, info: ValidationInfo) -> Any:
+        if not isinstance(presses, Mapping):
+            return presses
+        return {"area_mm": _usual_presses(info.data).area_mm, **presses}
+
     @field_validator("robust")
     @classmethod
     def _spreads_apply(cls, robust: Robust | None, info: ValidationInfo) -> Robust | None:
@@ -188,9 +203,18 @@ class Study(Spec):
 
     @property
     def digest(self) -> str:
-        """SHA-256 of all that decides the search: everything but names, the number of trials and the plan."""
-        content = self.model_dump(mode="json", exclude={"name", "trials", "base", "plan"}, exclude_none=True)
+        """SHA-256 of all that decides the search: everything but names, the number of trials and the plan.
+
+        Usual presses do not count: studies that do not state any are what they were.
+        """
+        free = {"name", "trials", "base", "plan"}
+        free |= {"presses"} if self.presses == _usual_presses(dict(self)) else set()
+        content = self.model_dump(mode="json", exclude=free, exclude_none=True)
         return digest(content, self.base.digest)
+
+    def corners(self) -> Iterator[Design]:
+        """Designs among which are those of the smallest sensing area and of the thinnest gel."""
+        return _corners(self.base, self.variants, self.parameters)
 
     def design(self, values: Mapping[str, Any]) -> Design:
         """Return the design of parameter values and, where there are variants, of the one named.
@@ -205,6 +229,16 @@ class Study(Spec):
         for path in self.active(variant):
             changes |= self.parameters[path].fields(path, values[path])
         return self.base.replace(changes)
+
+    def pressed(self, *, depth_mm: float) -> Self:
+        """Return the study with presses of another depth, in the same area.
+
+        Raises
+        ------
+        ValueError
+            If the depth is out of its bounds.
+        """
+        return self.model_copy(update={"presses": PressPlan.on(self.presses.area_mm, depth_mm=depth_mm)})
 
     def active(self, variant: str | None) -> tuple[str, ...]:
         """Parameters that decide a design of a variant."""
@@ -296,6 +330,28 @@ def _usual(given: Mapping[str, Any]) -> dict[str, Parameter]:
         for path, parameter in default_parameters(given["base"]).items()
         if not any(_overlap(field, other) for field in (path, *parameter.also) for other in held)
     }
+
+
+def _usual_presses(given: Mapping[str, Any]) -> PressPlan:
+    """Presses that all designs of a study can share."""
+    if not {"base", "variants", "parameters"} <= set(given):  # their own error is reported
+        return PressPlan(area_mm=(1.0, 1.0))
+    return PressPlan.of(*_corners(given["base"], given["variants"], given["parameters"]))
+
+
+def _corners(
+    base: Design, variants: Mapping[str, Mapping[str, Any]], parameters: Mapping[str, Parameter]
+) -> Iterator[Design]:
+    """See `Study.corners`: base and variants, with the ends of ranges."""
+    for fields in ({}, *variants.values()):
+        start = base.replace(fields)
+        yield start
+        for path, parameter in parameters.items():
+            for value in parameter.extremes:
+                changes = parameter.fields(path, value)
+                if any(_overlap(field, own) for field in changes for own in (AREA, THICKNESS)):
+                    with contextlib.suppress(DesignError):  # not every variant has every field
+                        yield start.replace(changes)
 
 
 def _overlap(field: str, other: str) -> bool:

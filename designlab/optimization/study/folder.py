@@ -4,6 +4,7 @@ The record may lie in a database instead, which runs on several machines share.
 """
 
 import contextlib
+import math
 import sqlite3
 import time
 from collections.abc import Iterator
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from designlab.core.run_folder import locked
-from designlab.core.store import read_json, remove_partial, write_atomic
+from designlab.core.store import read_json, read_toml, remove_partial, write_atomic
 from designlab.optimization.study.definition import BASE, Study, StudyError, dumps_study, load_study
 
 if TYPE_CHECKING:
@@ -243,8 +244,24 @@ def _claim(folder: Path, study: Study) -> None:
             )
         for suffix in _PARTS:  # drawn for what was asked for by mistake, none evaluated
             (folder / f"{RECORD_FILE}{suffix}").unlink(missing_ok=True)
+    stated = "presses" in read_toml(definition, error=StudyError)
+    if not (stated or _pressed_alike_before(study)) and any(folder.glob(f"{TRIALS_FOLDER}/*/{SCORE_FILE}")):
+        raise StudyError(
+            f"{folder}: holds a study without `presses`, whose designs were pressed as deep as their own gel "
+            "is thick allows, and cannot be compared with what would follow; choose another folder"
+        )
     if definition.read_text(encoding="utf-8") != text:  # name, number of trials or plan may change
         write_atomic(definition, text)
+
+
+def _pressed_alike_before(study: Study) -> bool:
+    """Whether designs are pressed as they were when each gel was pressed by 0.4 of its own thickness."""
+    plan = study.presses
+    return all(
+        each.sensing_area_mm == plan.area_mm
+        and math.isclose(min(0.4 * each.elastomer.thickness_mm, 0.8) * plan.scale, plan.depth_mm)
+        for each in study.corners()
+    )
 
 
 def _one_record(folder: Path, storage: str | None) -> None:

@@ -8,7 +8,7 @@ from designlab.core.progress import bar
 from designlab.core.types import Progress
 from designlab.core.workers import death, submitter
 from designlab.evaluation.illumination_scores import SCORES
-from designlab.optimization.outcome import Evaluator, built_evaluator, default_evaluator
+from designlab.optimization.outcome import Evaluator, Simulated
 from designlab.optimization.study.confirm import confirm
 from designlab.optimization.study.definition import Study
 from designlab.optimization.study.folder import opened
@@ -37,9 +37,9 @@ def run_study(
     """Run a study until its number of designs is evaluated; go on where an earlier run in the folder ended.
 
     The first design is the base design, if the ranges hold it. Every design is evaluated with the study's own
-    seed, so designs are compared under the same random numbers. Infeasible designs are recorded and never
-    evaluated, equal designs are evaluated once. With one worker, a study that was killed and resumed gives
-    the same trials as one that was not.
+    presses and seed, so designs are compared on the same presses with the same random numbers. Infeasible
+    designs are recorded and never evaluated, equal designs are evaluated once. With one worker, a study that
+    was killed and resumed gives the same trials as one that was not.
 
     Parameters
     ----------
@@ -86,9 +86,10 @@ def run_study(
         study.require_scores(SCORES)
     folder = Path(out)
     with opened(folder, study, storage=storage, rebuild=rebuild) as record:
-        scored = evaluator or default_evaluator
-        if study.robust is not None:
-            scored = RobustEvaluator(evaluator or built_evaluator, study.robust, study.objectives)
+        robust = study.robust
+        scored = evaluator or Simulated(presses=study.presses, as_built=robust is not None)
+        if robust is not None:
+            scored = RobustEvaluator(scored, robust, study.objectives)
         search = StudyRun(study, folder, record, scored, shared=storage is not None)
         with Interrupts() as interrupts:
             if rebuild:

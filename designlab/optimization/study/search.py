@@ -97,6 +97,7 @@ class StudyRun:
         self.shared = shared
         self.distributions = distributions(study)
         self._known: dict[str, int] = {}  # design digest -> number of the trial that evaluated it
+        self._refused: dict[str, dict[str, Any]] = {}  # design digest -> why evaluation found it infeasible
         self._followers: dict[str, list[Task]] = {}  # trials that wait for an equal design under evaluation
         self._own: set[int] = set()  # numbers of the trials that this run holds
         self._signs: dict[int, tuple[Any, float]] = {}  # of each other trial: last sign of life, since when
@@ -295,6 +296,10 @@ class StudyRun:
             return None
         design = subject if isinstance(subject, Design) else subject.design
         task = Task(trial, design, subject, alone=bool(trial.user_attrs.get("deaths", 0)))
+        if design.digest in self._refused:
+            why = self._refused[design.digest]
+            self._reject(trial, why["infeasible"], why["broken"])
+            return None
         if design.digest in self._known:
             self._reuse(task, self._known[design.digest])
             return None
@@ -355,8 +360,9 @@ class StudyRun:
     def _finish(self, task: Task, outcome: dict[str, Any]) -> None:
         followers = self._followers.pop(task.design.digest, [])
         if "infeasible" in outcome:
+            self._refused[task.design.digest] = outcome
             for each in (task, *followers):
-                self._reject(each.trial, outcome["infeasible"], {})
+                self._reject(each.trial, outcome["infeasible"], outcome["broken"])
             return
         self._rejected = 0
         reason = outcome.get("failed") or self._unusable(outcome["scores"])

@@ -13,9 +13,10 @@ from designlab.core.progress import bar
 from designlab.core.run_folder import claim
 from designlab.core.store import digest, read_json, write_json
 from designlab.core.workers import finished
+from designlab.evaluation.press_plan import PressPlan
 from designlab.optimization.constraint import Bound
-from designlab.optimization.outcome import Evaluator, default_evaluator, evaluate_design, prepared
-from designlab.optimization.study.definition import Plan, Sampler, Study, StudyError, carried
+from designlab.optimization.outcome import Evaluator, Simulated, evaluate_design, prepared
+from designlab.optimization.study.definition import AREA, Plan, Sampler, Study, StudyError, carried
 from designlab.optimization.study.parameter import Parameter
 from designlab.optimization.study.results import Results
 from designlab.optimization.study.robust import Robust
@@ -42,6 +43,7 @@ def sweep(
     *,
     fidelity: Fidelity = "fast",
     seed: int = 0,
+    depth_mm: float | None = None,
     workers: int = 1,
     dask: str | None = None,
     progress: bool = True,
@@ -60,6 +62,9 @@ def sweep(
         Effort of an evaluation.
     seed : int
         Seed of every evaluation: designs are compared under the same random numbers.
+    depth_mm : float, optional
+        Depth of the deepest press in mm, the same for every design, see `PressPlan`; that of the design to
+        start from when absent. Presses lie within the sensing area of every design of the grid.
     workers : int
         Processes of this machine that evaluate at the same time. With more than one, a script needs the usual
         ``if __name__ == "__main__":`` guard, and `evaluator` must be a function of a module.
@@ -97,16 +102,18 @@ def sweep(
     if not grid or not all(grid.values()):
         raise ValueError("values: give at least one field, and at least one value for each")
     combinations = [dict(zip(grid, chosen, strict=True)) for chosen in itertools.product(*grid.values())]
-    scored = evaluator or default_evaluator
+    presses = PressPlan.of(*_corners(design, combinations), depth_mm=depth_mm)
+    scored = evaluator or Simulated(presses=presses)
     paths: list[Path | None] = [None] * len(combinations)
     if out is not None:
         run = {
-            "digest": digest(design.digest, fidelity, seed),
+            "digest": digest(design.digest, fidelity, seed, presses.model_dump(mode="json")),
             "design": design.name if isinstance(design, Design) else design.design.name,
             "fidelity": fidelity,
             "seed": seed,
+            "press_plan": presses.model_dump(mode="json"),
         }
-        differing = {"digest": "of another design, fidelity or seed"}
+        differing = {"digest": "of another design, fidelity, seed or other presses"}
         claim(Path(out), SWEEP_FILE, run, kind="a sweep", decided_by=differing, alone=False)
         paths = [Path(out) / ROWS_FOLDER / f"{digest(_plain(one))[:24]}.json" for one in combinations]
     rows = [_kept(path) for path in paths]
@@ -132,6 +139,17 @@ def sweep(
         text = f"sweep interrupted after {done} of {len(rows)} designs; {goes_on}"
         raise SweepInterrupted(text) from None
     return pd.DataFrame([values | (row or {}) for values, row in zip(combinations, rows, strict=True)])
+
+
+def _corners(base: "Design | SensorModel", combinations: Sequence[Mapping[str, Any]]) -> list[Design]:
+    """Designs of a sweep that decide where all of them can be pressed."""
+    start = base if isinstance(base, Design) else base.design
+    designs = [start]
+    for values in combinations:
+        area = {path: value for path, value in values.items() if path.startswith(AREA)}
+        with contextlib.suppress(DesignError):  # of one that is not to be had, the sweep tells
+            designs += [start.replace(area)] if area else []
+    return designs
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -184,6 +202,7 @@ def optimise(
     trials: int = 40,
     fidelity: Fidelity = "fast",
     seed: int = 0,
+    depth_mm: float | None = None,
     sampler: Sampler = "auto",
     workers: int = 1,
     progress: bool = True,
@@ -212,6 +231,9 @@ def optimise(
         How the best are confirmed after the search, for example ``{"promoted": 4}``; with 0 they are not.
     robust : Robust, optional
         How copies as they would be built decide, for example ``{"copies": 8}``.
+    depth_mm : float, optional
+        Depth of the deepest press in mm, the same for every design, see `PressPlan`; 0.8 when absent, less on
+        small sensing areas.
     trials, fidelity, seed, sampler, workers, progress, evaluator, storage
         As in `Study` and `run_study`.
 
@@ -237,6 +259,7 @@ def optimise(
         **({} if isinstance(design, Design) else carried(design)),
         **{name: given for name, given in stated.items() if given is not None},
         "variants": dict(variants or {}),
+        "presses": {} if depth_mm is None else {"depth_mm": depth_mm},
         "robust": robust,
         "trials": trials,
         "fidelity": fidelity,

@@ -14,11 +14,11 @@ from designlab.core.store import digest, write_json
 from designlab.core.types import Array
 from designlab.core.workers import finished
 from designlab.evaluation.illumination_scores import SCORES
+from designlab.evaluation.press_plan import PressPlan
 from designlab.optimization.constraint import Bound
 from designlab.optimization.outcome import (
     Evaluator,
     Simulated,
-    built_evaluator,
     evaluate_design,
     prepared,
 )
@@ -44,7 +44,7 @@ from designlab.simulation.effects import SensorModel
 
 Calibrate = Literal["each", "once"]
 COPIES = 200
-DECIDED_BY = {"digest": "of another design, spreads, fidelity, seed or calibration"}
+DECIDED_BY = {"digest": "of another design, spreads, fidelity, seed, presses or calibration"}
 
 
 class ToleranceInterrupted(KeyboardInterrupt):
@@ -68,7 +68,8 @@ def tolerance(
 ) -> Tolerance:
     """Evaluate copies of a design as they would be built.
 
-    All copies see the same presses and random numbers: they differ by how they are built alone.
+    All copies see the same presses, those of the drawing, and random numbers: they differ by how they are
+    built alone.
 
     Parameters
     ----------
@@ -121,25 +122,27 @@ def tolerance(
     if not drawn:
         raise ValueError("spreads: nothing differs between copies; give one or more")
     built = _Copies(Path(out), nominal, drawn, deviates(copies, [each.name for each in drawn], seed))
+    presses = PressPlan.of(nominal.effective_design())
     stated = [spread.model_dump(mode="json") for spread in chosen]
     run = {
-        "digest": digest(nominal.digest, stated, fidelity, seed, calibrate),
+        "digest": digest(nominal.digest, stated, fidelity, seed, calibrate, presses.model_dump(mode="json")),
         "design": nominal.design.name,
         "copies": copies,
         "fidelity": fidelity,
         "seed": seed,
+        "press_plan": presses.model_dump(mode="json"),
         "calibrate": calibrate,
         "spreads": stated,
         "spec": {name: bound.model_dump(exclude_none=True) for name, bound in (spec or {}).items()},
     }
     claim(built.folder, RUN_FILE, run, kind="a tolerance run", decided_by=DECIDED_BY, alone=False)
     missing = [k for k in range(NOMINAL, copies) if not is_finished(built.folder, k) and built.possible(k)]
-    scored = evaluator or built_evaluator
+    scored = evaluator or Simulated(presses=presses, as_built=True)
     if calibrate == "once" and missing:
         from designlab.evaluation.evaluate import calibration_of
 
-        calibration = calibration_of(nominal, fidelity=fidelity, seed=seed)
-        scored = Simulated(as_built=True, calibration=calibration)
+        calibration = calibration_of(nominal, fidelity=fidelity, seed=seed, presses=presses)
+        scored = Simulated(presses=presses, as_built=True, calibration=calibration)
     calls = [(evaluate_design, scored, built.model(k), fidelity, seed) for k in missing]
     done, total = copies + 1 - len(missing), copies + 1
     try:

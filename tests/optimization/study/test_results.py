@@ -180,8 +180,11 @@ def test_a_sweep_keeps_what_is_finished_and_goes_on(tmp_path):
     assert frame.equals(sweep(base, grid, evaluator=closed_form, progress=False))
     assert sweep(base, grid, evaluator=counting, **common).equals(frame)
     assert len(counting.digests) == 3
-    with pytest.raises(ValueError, match=r"holds a sweep of another design, fidelity or seed \(.*seed 0\);"):
+    another = "holds a sweep of another design, fidelity, seed or other presses"
+    with pytest.raises(ValueError, match=rf"{another} \(.*seed 0\);"):
         sweep(base, grid, evaluator=counting, seed=1, **common)
+    with pytest.raises(ValueError, match=another):
+        sweep(base, grid, evaluator=counting, depth_mm=0.5, **common)
 
 
 @pytest.mark.slow

@@ -1,0 +1,94 @@
+"""Which presses an evaluation makes: the same for all designs that are compared."""
+
+import numpy as np
+import pytest
+
+from designlab.app import cli
+from designlab.evaluation.evaluate import evaluate
+from designlab.evaluation.paired_comparison import same_presses
+from designlab.evaluation.press_plan import DEPTH_MM, PressPlan
+from designlab.sensor.design import InfeasibleDesign, preset, preset_names
+from designlab.simulation.contact.indentation import indent
+from designlab.simulation.effects.model import AppliedEffect, SensorModel
+from designlab.simulation.simulator import Simulator
+
+FLAT = preset("gelsight-2020-flat")
+PLAN, THIN = PressPlan.of(FLAT), FLAT.replace({"elastomer.thickness_mm": 1.0})
+
+
+@pytest.mark.parametrize("area_mm", [(16.0, 12.0), (8.0, 6.0), (24.0, 10.0)])
+def test_every_press_touches_within_the_sensing_area(area_mm):
+    design = FLAT.replace({"sensing_area_mm": area_mm})
+    presses = PressPlan.of(design).presses(rounds=2, seed=3)
+    assert len(presses.calibration) == 9
+    assert len(presses.test) == 12
+    for press in [*presses.calibration, *presses.test]:
+        surface = indent(design.elastomer, design.contact, press, area_mm=(40.0, 40.0), pitch_mm=0.2)
+        rows, columns = np.nonzero(surface.contact)
+        assert np.abs(surface.x_mm[columns]).max() < area_mm[0] / 2
+        assert np.abs(surface.y_mm[rows]).max() < area_mm[1] / 2
+
+
+def test_the_seed_decides_the_places_and_more_rounds_keep_the_first():
+    once, twice = PLAN.presses(rounds=1, seed=5), PLAN.presses(rounds=2, seed=5)
+    assert twice.calibration == once.calibration
+    assert twice.test[:6] == once.test
+    assert twice.test[6:] != once.test
+    assert PLAN.presses(rounds=1, seed=6) != once
+
+
+def test_presses_do_not_depend_on_the_gel():
+    """Thin gels would win every comparison if they were pressed less."""
+    thick = FLAT.replace({"elastomer.thickness_mm": 3.0})
+    assert PressPlan.of(THIN) == PressPlan.of(FLAT) == PressPlan.of(thick)
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_presets_are_pressed_by_a_stated_depth(name):
+    design = preset(name)
+    assert PressPlan.of(design).depth_mm == pytest.approx(DEPTH_MM * min(1, min(design.sensing_area_mm) / 12))
+
+
+def test_designs_share_the_smallest_area():
+    wide, long = (FLAT.replace({"sensing_area_mm": area}) for area in ((20.0, 9.0), (8.0, 12.0)))
+    plan = PressPlan.of(wide, long)
+    assert plan.area_mm == (8.0, 9.0)
+    assert plan.depth_mm == pytest.approx(DEPTH_MM * 8 / 12)
+    assert not plan.broken(wide)
+    assert not plan.broken(long)
+    assert plan.broken(FLAT.replace({"sensing_area_mm": (8.0, 8.5)})) == {"press_area": 0.5}
+
+
+def test_a_design_that_cannot_take_the_presses_says_so():
+    plan = PressPlan.of(FLAT, depth_mm=1.2)
+    assert plan.broken(THIN) == {"press_depth": pytest.approx(0.21)}
+    assert not plan.broken(FLAT)
+    said = "press_depth: the gel is thicker .* presses are up to 1.2 mm deep, elastomer.thickness_mm is 1"
+    with pytest.raises(InfeasibleDesign, match=said) as caught:
+        evaluate(THIN, presses=plan)
+    assert caught.value.broken == plan.broken(THIN)
+
+
+def test_a_depth_out_of_bounds_is_refused_in_one_line(capfd):
+    assert cli.main(["evaluate", "gelsight-2020-flat", "--depth-mm", "-1"]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert "presses: field depth_mm: Input should be greater than 0, got -1.0" in line
+
+
+def test_presses_that_an_effect_changes_are_not_called_the_same():
+    model = SensorModel(design=FLAT)
+    deeper = model.with_effect(AppliedEffect(name="depth_offset", values={"offset_mm": 0.05}))
+    assert same_presses(model, SensorModel(design=THIN), PLAN)
+    assert not same_presses(model, deeper, PLAN)
+
+
+@pytest.mark.parametrize("name", ["default", "gelsight-2020-dome"])
+def test_what_a_test_press_lifts_ends_within_the_picture(name):
+    simulator = Simulator(preset(name), columns=80, samples=1, seed=0)
+    for press in PressPlan.of(simulator.design).presses(rounds=4, seed=0).test:
+        surface = simulator.surface(press)
+        x, y = np.meshgrid(surface.x_mm, surface.y_mm)
+        lifted = surface.height_mm > 0.02 * press.depth_mm
+        width, height = simulator.design.sensing_area_mm
+        assert np.abs(x[lifted]).max() < width / 2, press
+        assert np.abs(y[lifted]).max() < height / 2, press
