@@ -10,6 +10,8 @@ from scipy.ndimage import map_coordinates
 
 from designlab.core.types import Array
 
+ROUNDING_MM = 1e-6  # nearer to the undeformed membrane than this nothing has moved
+
 
 @dataclass(frozen=True)
 class Mechanics:
@@ -46,7 +48,8 @@ class Surface:
     x_mm, y_mm : array, shapes (columns,) and (rows,)
         Grid coordinates in mm; `y_mm` descends.
     height_mm : array, shape (rows, columns)
-        Indentation in mm, positive towards the camera; negative where an elastic gel bulges.
+        Indentation in mm, positive towards the camera. Negative where gel bulges away from it, as around
+        contacts of a layer that keeps its volume, out to the border of the grid.
     base_mm : array, shape (rows, columns)
         Height of the undeformed membrane in mm; NaN where there is none.
     base_p, base_q : array, shape (rows, columns)
@@ -85,6 +88,11 @@ class Surface:
         if self.moved is None:
             return np.zeros_like(self.height_mm), np.zeros_like(self.height_mm)
         return self.moved()
+
+    @cached_property
+    def bulges(self) -> bool:
+        """Whether gel stands lower than undeformed anywhere; a bulge is smooth, and may cover the whole grid."""
+        return bool(self.height_mm.min() < -ROUNDING_MM)
 
     @cached_property
     def z_mm(self) -> Array:

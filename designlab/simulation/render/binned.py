@@ -108,10 +108,12 @@ class Binned:
 
         def step(k: Any, total: Any) -> Any:
             towards = mi.Vector3f(*(dr.gather(mi.Float, c, k) for c in tables))
-            # Light that reaches a lifted point would have met the undeformed membrane further away.
+            # Light that reaches a lifted point would have met the undeformed membrane further away, that of
+            # a lowered one nearer by.
             sinking = dr.maximum(towards.z - nodes.base_p * towards.x - nodes.base_q * towards.y, 1e-3)
             across = dr.maximum(dr.sqrt(towards.x * towards.x + towards.y * towards.y), 1e-3)
-            drift = dr.minimum(nodes.height / sinking, FURTHEST_MM / across)
+            furthest = FURTHEST_MM / across
+            drift = dr.maximum(dr.minimum(nodes.height / sinking, furthest), -furthest)
             u = (nodes.x - drift * towards.x - x_mm) / bins.pitch_mm
             v = (nodes.y - drift * towards.y - y_mm) / bins.pitch_mm
             value = bilinear(power, u, v, rows, columns, k * (rows * columns)) * response(towards)

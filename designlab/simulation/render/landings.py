@@ -3,20 +3,28 @@
 Every photon kept of the light field came along a straight line through the gel. An indentation that rises
 into that line stops the photon earlier, on the side that faces the light, and leaves the place behind it
 dark. Following each photon to where it lands now needs no cells and no direction bins.
+
+Where gel bulges photons land a little further on. That moves all of them, none by much: sums over directions
+know it as well and without grain. So photons are followed there only where raised gel keeps some of them away.
 """
 
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.ndimage import uniform_filter
 
 from designlab.core.types import Mask, Single
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.render.engine import dr, mi
 from designlab.simulation.render.nodes import RAISED_MM, NodeTables, base_normals
 from designlab.simulation.render.tables import within
+from designlab.simulation.render.walls import FURTHEST_MM
 
 STEP_MM = 0.06  # along a photon's way through the indentation
+TOLD_SHARE = 0.02  # of the photons, which raised gel must stop or throw, for them to tell all about a place
+TOLD_MM = 0.8  # side of the square around a place over which they are counted
+DRIFTS = 4  # rounds in which the place is found where a photon lands on lowered gel
 
 
 class IrradianceChange(NamedTuple):
@@ -29,10 +37,14 @@ class IrradianceChange(NamedTuple):
     squares : array
         Sum of the squares of what each photon adds or takes, over projected area (1/mm2): the variance of
         the sum over any area, photons counted as independent.
+    told : array or None
+        Where gel bulges, how much there is to learn from photons at each place: 0 where none of them was
+        stopped, up to 1. None where no gel bulges: nothing else changes light there.
     """
 
     light: Single
     squares: Single
+    told: Single | None = None
 
 
 class FirstLight:
@@ -61,12 +73,13 @@ class FirstLight:
         """Change of irradiance by a press."""
         raised = surface.height_mm > RAISED_MM
         none = np.zeros(raised.shape, dtype=np.float32)
+        unchanged = IrradianceChange(none, none, none if surface.bulges else None)
         if not raised.any() or not dr.width(self._photons):
-            return IrradianceChange(none, none)
+            return unchanged
         enters, leaves = _box(surface, raised, *self._photons[:6])
         near = dr.compress(enters < leaves)
         if not dr.width(near):
-            return IrradianceChange(none, none)
+            return unchanged
         x, y, z, dx, dy, dz, power, enters, leaves = (
             dr.gather(mi.Float, column, near) for column in (*self._photons, enters, leaves)
         )
@@ -84,13 +97,53 @@ class FirstLight:
                 _density(grid, raised.shape, *there, p) for p in (power, power * power)
             )
         rest, squares = self._at_rest
+        told = None
+        if surface.bulges:
+            counted = (uniform_filter(a, round(TOLD_MM / surface.pitch_mm)) for a in (left + arrived, rest))
+            moved, all_of_them = counted
+            told = np.clip(moved / np.maximum(TOLD_SHARE * all_of_them, 1e-30), 0.0, 1.0).astype(np.float32)
+            gone, come = self._drifted(surface, grid, told, dr.gather(mi.UInt32, near, stopped))
+            left, arrived = left + gone, arrived + come
         upright, flat = surface.normals[..., 2], base_normals(surface)[2]
         on_gel = np.isfinite(surface.base_mm)
         light = (rest - left + arrived) * upright - rest * flat
         # Photons that stay count by what the slope makes of them, the others by where they come and go.
         varies = (squares - left_squares) * (upright - flat) ** 2 + arrived_squares * upright**2
         varies += left_squares * flat**2
-        return IrradianceChange(*(np.where(on_gel, one, 0.0).astype(np.float32) for one in (light, varies)))
+        return IrradianceChange(
+            *(np.where(on_gel, one, 0.0).astype(np.float32) for one in (light, varies)), told
+        )
+
+    def _drifted(
+        self, surface: Surface, grid: NodeTables, told: Single, stopped: Any
+    ) -> tuple[Single, Single]:
+        """Power over projected area (1/mm2) from where photons would land to where lowered gel has them land.
+
+        Of photons that nothing stops, where there is something to learn from photons. Each goes on about as
+        far as its neighbours, so that their grain stays what it is.
+        """
+        x, y, z, dx, dy, dz, power = self._photons
+        free = dr.full(mi.Bool, True, dr.width(x))
+        dr.scatter(free, False, stopped)
+        told_at = mi.Float(np.ascontiguousarray(told).ravel())
+        lowered = (grid.sample(grid.raised, x, y) < 0) & (grid.sample(told_at, x, y) > 0)
+        moving = dr.compress(free & lowered)
+        if not dr.width(moving):
+            none = np.zeros(told.shape, dtype=np.float32)
+            return none, none
+        x, y, z, dx, dy, dz, power = (dr.gather(mi.Float, column, moving) for column in self._photons)
+        p, q = (
+            grid.sample(mi.Float(np.nan_to_num(slope).astype(np.float32).ravel()), x, y)
+            for slope in (surface.base_p, surface.base_q)
+        )
+        sinking = dr.maximum(dz - p * dx - q * dy, 1e-3)
+        furthest = FURTHEST_MM / dr.maximum(dr.sqrt(dx * dx + dy * dy), 1e-3)
+        back = dr.zeros(mi.Float, dr.width(x))
+        for _ in range(DRIFTS):
+            gap = z + back * dz - grid.sample(grid.z, x + back * dx, y + back * dy)
+            back = dr.clip(back - gap / sinking, -furthest, 0.0)
+        gone = _density(grid, told.shape, x, y, power)
+        return gone, _density(grid, told.shape, x + back * dx, y + back * dy, power)
 
 
 def _box(

@@ -16,6 +16,7 @@ from designlab.simulation.render.tables import bilinear, held
 RAISED_MM = 1e-3  # lower indentations cast no shadow worth counting
 FINE_MM = 0.2  # around the indentation every grid node is shaded
 STRIDE = 3  # further out one node in this many, along each axis
+WIDE_STRIDE = 4 * STRIDE  # likewise all over a grid whose gel bulges
 Response = Callable[[Any], Any]
 """Weight of light by the unit vector towards it, at every node."""
 
@@ -71,41 +72,55 @@ class Choice:
     ----------
     fine, coarse : bool array, shape (rows, columns)
         Nodes of either kind; the coarse ones lie `STRIDE` apart.
+    wide : bool array, shape (rows, columns)
+        Nodes `WIDE_STRIDE` apart, of the whole membrane where gel bulges, else none.
     """
 
     fine: Mask
     coarse: Mask
+    wide: Mask
 
     @property
     def nodes(self) -> Mask:
-        """Nodes of both kinds."""
-        return self.fine | self.coarse
+        """Nodes of all kinds."""
+        return self.fine | self.coarse | self.wide
 
     @staticmethod
     def near(surface: Surface, reach_mm: float) -> "Choice | None":
-        """Nodes that an indentation may lift, tilt, shadow or light; None where there is none."""
+        """Nodes that an indentation may lift, lower, tilt, shadow or light; None where there is none."""
         raised = surface.height_mm > RAISED_MM
-        if not raised.any():
-            return None
-        distance_mm = distance_transform_edt(~raised) * surface.pitch_mm
         there = np.isfinite(surface.base_mm)
+        wide = np.zeros_like(raised)
+        if surface.bulges:
+            wide[::WIDE_STRIDE, ::WIDE_STRIDE] = there[::WIDE_STRIDE, ::WIDE_STRIDE]
+        if not raised.any():
+            return Choice(np.zeros_like(raised), np.zeros_like(raised), wide) if surface.bulges else None
+        distance_mm = distance_transform_edt(~raised) * surface.pitch_mm
         fine = (distance_mm <= FINE_MM) & there
         around = (distance_mm <= max(reach_mm, 2 * FINE_MM)) & there
         lattice = np.zeros_like(raised)
         lattice[::STRIDE, ::STRIDE] = True
         cell = np.ones((2 * STRIDE - 1, 2 * STRIDE - 1), dtype=bool)
         coarse = lattice & binary_dilation(around & ~fine, structure=cell) & there
-        return Choice(fine, coarse)
+        return Choice(fine, coarse, wide)
 
     def spread(self, values: NDArray[np.floating], outside: float) -> Single:
         """Values at the nodes as a whole grid: linear between coarse nodes, `outside` elsewhere."""
         grid = np.full(self.fine.shape, outside, dtype=np.float32)
         grid[self.nodes] = values
-        lattice = grid[::STRIDE, ::STRIDE]
-        found: NDArray[np.floating] = lattice
-        for axis, count in enumerate(self.fine.shape):
-            found = _linear(found, np.arange(count) / STRIDE, axis)
-        return np.where(self.fine, grid, found).astype(np.float32)
+        lattice: NDArray[np.floating] = grid[::STRIDE, ::STRIDE]
+        if self.wide.any():
+            between = _refined(grid[::WIDE_STRIDE, ::WIDE_STRIDE], WIDE_STRIDE // STRIDE, lattice.shape)
+            lattice = np.where((self.fine | self.coarse)[::STRIDE, ::STRIDE], lattice, between)
+        return np.where(self.fine, grid, _refined(lattice, STRIDE, grid.shape)).astype(np.float32)
+
+
+def _refined(lattice: NDArray[np.floating], stride: int, shape: tuple[int, ...]) -> NDArray[np.floating]:
+    """Interpolate linearly between the points of a lattice `stride` apart."""
+    found = lattice
+    for axis, count in enumerate(shape):
+        found = _linear(found, np.arange(count) / stride, axis)
+    return found
 
 
 def _linear(values: NDArray[np.floating], at: Array, axis: int) -> NDArray[np.floating]:

@@ -8,6 +8,8 @@ So the light that falls on the undeformed membrane is traced once, and each pres
   foreshortening of the deformed normal, the parallax of the lifted point, the horizon of the indentation;
 - light on its first way behind glass takes its averages from photons instead, see `landings`;
 - light that goes straight from an LED through air is integrated over the LED's face instead of bins;
+- where gel bulges, which may be all over the picture but is smooth, what its slope does to the light of the
+  undeformed membrane is taken for every point, and what is left of the difference of sums for few;
 - light that one wall of the indentation throws on another, or the gel around on it, is gathered along the
   horizon, one bounce of it.
 
@@ -214,8 +216,8 @@ class Shader:
 
     def _begun(self, surface: Surface) -> _UnderWay | None:
         """Have the device sum the light at the nodes of a press; None where nothing is pressed."""
-        raised_mm = float(surface.height_mm.max())
-        reach_mm = min(self._reach * raised_mm, LONGEST_SHADOW_MM) if raised_mm > 0 else 0.0
+        raised_mm, lowest_mm = float(surface.height_mm.max()), min(float(surface.height_mm.min()), 0.0)
+        reach_mm = min(self._reach * (raised_mm - lowest_mm), LONGEST_SHADOW_MM) if raised_mm > 0 else 0.0
         choice = Choice.near(surface, reach_mm)
         if choice is None:
             return None
@@ -243,11 +245,24 @@ class Shader:
             own = part.at_rest(choice.nodes)
             # Where light ends sharply the sum, from cells that are wider, may be far from the irradiance.
             gain = np.clip(part.irradiance[choice.nodes] / np.maximum(own, 1e-30), 0.0, MOST_GAIN)
-            changes.append(choice.spread((pressed - own) * gain, 0.0))
+            change = (pressed - own) * gain
+            if surface.bulges:
+                tilted = self._tilted(part, surface)
+                changes.append(tilted + choice.spread(change - tilted[choice.nodes], 0.0))
+            else:
+                changes.append(choice.spread(change, 0.0))
         straight, again = changes
         if landed:
             straight = self._corrected(group, surface.pitch_mm, straight, landed[group])
         return straight + again
+
+    def _tilted(self, part: Binned | Direct, surface: Surface) -> Single:
+        """By how much slopes alone change the irradiance of every grid node, under the light at rest there."""
+        summed = np.einsum("krc,krc->rc", base_normals(self._untouched), part.vector)
+        sloping = np.einsum("rck,krc->rc", surface.normals, part.vector)
+        gain = np.clip(part.irradiance / np.maximum(summed, 1e-30), 0.0, MOST_GAIN)
+        change = gain * (np.maximum(sloping, 0.0) - np.maximum(summed, 0.0))
+        return np.where(self._there, change, 0.0).astype(np.float32)
 
     def _corrected(self, group: int, pitch_mm: float, change: Single, landed: IrradianceChange) -> Single:
         """Change of straight light whose mean over a kernel is that of photons, its detail that of the sums.
@@ -255,16 +270,20 @@ class Shader:
         The sums over direction bins know neither the edges of beams nor the horizon between two azimuths.
         Where photons and sums differ by no more than the grain of the photons, a wider kernel compares them.
         """
+        told = landed.told
+        if told is not None and not told.any():
+            return change
         rest = self._there * self._straight[group].irradiance
         if not rest.any():
             return change
         narrow, wide = KERNEL_MM / pitch_mm, WIDE_MM / pitch_mm
         least = LEAST_SHARE * float(rest.mean())
-        found = np.zeros_like(change)
+        found = np.zeros_like(change) if told is None else change.copy()
         margin = KERNEL_REACH * max((PASSES + 1) * narrow, 2 * wide)
-        part = _window((change != 0) | (landed.light != 0), round(margin))
+        part = _window((change != 0) | (landed.light != 0) if told is None else told > 0, round(margin))
         rest, change, by_photons, squares = (a[part] for a in (rest, change, landed.light, landed.squares))
         light = np.maximum(rest + change, 0.0)
+        sums = light
         wanted = _mean(rest + by_photons, narrow)
         ratio = (_mean(rest + by_photons, wide) + least) / (_mean(light, wide) + least)
         smooth = np.maximum(ratio, 0.0) * _mean(light, narrow)
@@ -278,6 +297,8 @@ class Shader:
             # Less light than in the sums dims them, which leaves dark what both call dark; more is added.
             dimmed = np.minimum((np.maximum(wanted, 0.0) + least) / (mean + least), 1.0)
             light = light * dimmed + np.maximum(wanted - mean, 0.0)
+        if told is not None:
+            light = sums + told[part] * (light - sums)
         found[part] = light - rest
         return found
 

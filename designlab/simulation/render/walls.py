@@ -14,6 +14,7 @@ from designlab.simulation.render.tables import cell, held, within
 
 FURTHEST_MM = 4.0  # reach of parallax
 BEYOND_MM = 20.0  # reach of light that the gel around throws on a wall
+NO_HORIZON = -1e6  # tangent of a horizon right below
 GATHER_AZIMUTHS = 16  # directions in which light from other walls is looked for
 
 
@@ -27,7 +28,13 @@ def _turns(nodes: Nodes, azimuths: int) -> tuple[Any, Any, Any, Any, Any]:
 
 
 def horizon_of(surface: Surface, nodes: Nodes, reach_mm: float) -> Any:
-    """Tangent of the indentation's horizon at every node and azimuth, flattened with azimuth last."""
+    """Tangent of the indentation's horizon at every node and azimuth, flattened with azimuth last.
+
+    Only gel that is raised hides light: a bulge slopes by a few degrees, and what its own slope turns away
+    from the light is foreshortening.
+    """
+    if not (surface.height_mm > RAISED_MM).any():
+        return dr.full(mi.Float, NO_HORIZON, dr.width(nodes.x) * AZIMUTHS)
     grid = NodeTables.of(surface)
     _, x, y, dx, dy = _turns(nodes, AZIMUTHS)
     here = grid.sample(grid.z, x, y)
@@ -45,7 +52,7 @@ def horizon_of(surface: Surface, nodes: Nodes, reach_mm: float) -> Any:
         return distance * 1.1 + 0.5 * grid.pitch_mm, rim
 
     _, rim = dr.while_loop(
-        (dr.full(mi.Float, 1.5 * surface.pitch_mm, count), dr.full(mi.Float, -1e6, count)),
+        (dr.full(mi.Float, 1.5 * surface.pitch_mm, count), dr.full(mi.Float, NO_HORIZON, count)),
         going,
         step,
         labels=("distance", "rim"),
