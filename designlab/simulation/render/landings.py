@@ -110,9 +110,8 @@ class FirstLight:
         # Photons that stay count by what the slope makes of them, the others by where they come and go.
         varies = (squares - left_squares) * (upright - flat) ** 2 + arrived_squares * upright**2
         varies += left_squares * flat**2
-        return IrradianceChange(
-            *(np.where(on_gel, one, 0.0).astype(np.float32) for one in (light, varies)), told
-        )
+        light, varies = (np.where(on_gel, one, 0.0).astype(np.float32) for one in (light, varies))
+        return IrradianceChange(light, varies, told)
 
     def _drifted(
         self, surface: Surface, grid: NodeTables, told: Single, stopped: Any

@@ -241,13 +241,14 @@ class Shader:
     ) -> Single:
         """By how much a press changes the irradiance of every grid node, but for light from wall to wall."""
         changes = []
-        for part, pressed in zip((self._straight[group], self._again[group]), sums, strict=True):
+        for number, pressed in enumerate(sums):
+            part = (self._straight, self._again)[number][group]
             own = part.at_rest(choice.nodes)
             # Where light ends sharply the sum, from cells that are wider, may be far from the irradiance.
             gain = np.clip(part.irradiance[choice.nodes] / np.maximum(own, 1e-30), 0.0, MOST_GAIN)
             change = (pressed - own) * gain
             if surface.bulges:
-                tilted = self._tilted(part, surface)
+                tilted = self._tilted(group, number, surface)
                 changes.append(tilted + choice.spread(change - tilted[choice.nodes], 0.0))
             else:
                 changes.append(choice.spread(change, 0.0))
@@ -256,13 +257,29 @@ class Shader:
             straight = self._corrected(group, surface.pitch_mm, straight, landed[group])
         return straight + again
 
-    def _tilted(self, part: Binned | Direct, surface: Surface) -> Single:
-        """By how much slopes alone change the irradiance of every grid node, under the light at rest there."""
-        summed = np.einsum("krc,krc->rc", base_normals(self._untouched), part.vector)
-        sloping = np.einsum("rck,krc->rc", surface.normals, part.vector)
-        gain = np.clip(part.irradiance / np.maximum(summed, 1e-30), 0.0, MOST_GAIN)
-        change = gain * (np.maximum(sloping, 0.0) - np.maximum(summed, 0.0))
-        return np.where(self._there, change, 0.0).astype(np.float32)
+    def _tilted(self, group: int, number: int, surface: Surface) -> Single:
+        """By how much slopes alone change the irradiance of every grid node, under the light at rest there.
+
+        Of light that comes straight (0) or again (1).
+        """
+        vector, rest = self._vectors[group][number]
+        normals = np.moveaxis(surface.normals, -1, 0).astype(np.float32)
+        return np.asarray(np.maximum(np.einsum("krc,krc->rc", normals, vector), 0.0) - rest)
+
+    @cached_property
+    def _vectors(self) -> list[list[tuple[Single, Single]]]:
+        """Of each group and kind of light: vector irradiance, shape (3, rows, columns), and irradiance."""
+        normals = base_normals(self._untouched)
+        found = []
+        for parts in zip(self._straight, self._again, strict=True):
+            own = []
+            for part in parts:
+                summed = np.einsum("krc,krc->rc", normals, part.vector)
+                gain = np.clip(part.irradiance / np.maximum(summed, 1e-30), 0.0, MOST_GAIN)
+                vector = np.where(self._there, gain * part.vector, 0.0).astype(np.float32)
+                own.append((vector, np.maximum(np.einsum("krc,krc->rc", normals, vector), 0.0)))
+            found.append(own)
+        return found
 
     def _corrected(self, group: int, pitch_mm: float, change: Single, landed: IrradianceChange) -> Single:
         """Change of straight light whose mean over a kernel is that of photons, its detail that of the sums.
