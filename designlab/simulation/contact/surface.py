@@ -91,7 +91,7 @@ class Surface:
 
     @cached_property
     def bulges(self) -> bool:
-        """Whether gel stands lower than undeformed anywhere; a bulge is smooth, and may cover the whole grid."""
+        """Whether gel stands lower than undeformed; a bulge is smooth, and may cover the whole grid."""
         return bool(self.height_mm.min() < -ROUNDING_MM)
 
     @cached_property

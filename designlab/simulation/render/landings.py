@@ -4,8 +4,9 @@ Every photon kept of the light field came along a straight line through the gel.
 into that line stops the photon earlier, on the side that faces the light, and leaves the place behind it
 dark. Following each photon to where it lands now needs no cells and no direction bins.
 
-Where gel bulges photons land a little further on. That moves all of them, none by much: sums over directions
-know it as well and without grain. So photons are followed there only where raised gel keeps some of them away.
+Where gel bulges photons land a little further on. That moves all of them, none by much: sums over
+directions know it as well and without grain. So photons are followed there only where raised gel keeps some
+of them away.
 """
 
 from functools import cached_property

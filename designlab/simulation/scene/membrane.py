@@ -55,7 +55,7 @@ def membrane(design: Design, surface: Surface) -> Shape:
 
 
 def _beyond(surface: Surface, x: Array, y: Array, outline: Array) -> Array:
-    """How far gel is lowered at points (mm) beside a surface: as at its border, falling to 0 at the outline."""
+    """Height of lowered gel at points (mm) beside a surface: as at its border, ending at the outline."""
     lowered = np.minimum(surface.sample(surface.height_mm, x, y), 0.0)
     left = []
     for at, own, along in ((x, surface.x_mm, outline[:, 0]), (y, surface.y_mm, outline[:, 1])):
