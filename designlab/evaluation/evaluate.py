@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -20,7 +21,8 @@ from designlab.evaluation.press_plan import Presses, PressPlan
 from designlab.evaluation.protocol import EvaluationProtocol, Reconstruction, sub_seed
 from designlab.evaluation.weakest_point import GelMaps, Place, worst_of_gel, worst_of_presses
 from designlab.reconstruction import KernelCalibration
-from designlab.sensor.design import Design
+from designlab.sensor.design import Design, InfeasibleDesign
+from designlab.simulation.contact.press import Press
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.effects.model import SensorModel
 from designlab.simulation.render.estimators import Estimator
@@ -75,7 +77,8 @@ class Score:
     worst : mapping of str to Place
         Worst place of the untouched gel (``gel``) and of the test presses (``press``), see `weakest_point`.
     presses : mapping of str to sequence of float
-        Figures of each test press, of which the scores of presses are pooled, with what render noise adds.
+        Figures of each test press, of which the scores of presses are pooled, with what render noise adds;
+        at equal force also how deep it went, in mm.
     margins : mapping of str to float
         Signed distance to each geometric rule in mm; positive means violated.
     light : TransportError
@@ -114,7 +117,7 @@ class Score:
             "digest": self.digest,
             "fidelity": self.fidelity,
             "seed": self.seed,
-            "press_plan": self.press_plan.model_dump(mode="json"),
+            "press_plan": self.press_plan.to_json(),
             "scores": _plain(self.scores),
             "groups": {name: _plain(figures) for name, figures in self.groups.items()},
             "worst": {name: place._asdict() for name, place in self.worst.items()},
@@ -224,24 +227,28 @@ def evaluate(
     pressed = plan.presses(rounds=effort.rounds, seed=seed, grids=effort.grids)
     clock = _Clock()
     with ThreadPoolExecutor(1) as beside:
-        frames = _rendered(simulator, pressed, beside, clock, progress)
+        frames = _rendered(simulator, pressed, beside, clock, progress, at_once=plan.force_n is not None)
         # Threads of the linear algebra wait for each other longer than its small products take.
         with clock.part("reconstruction and scores"), threadpool_limits(limits=1, user_api="blas"):
             found = _scored(simulator, frames, calibration, beside)
+    errors, of_presses = found.errors, dict(found.of_presses)
+    if plan.force_n is not None:
+        of_presses["depth_mm"] = _depths_mm(frames.tests)
+        errors |= {"press_depth_mm": press_scores.mean_depth(of_presses["depth_mm"])}
     score = Score(
         design=simulator.design.name,
         digest=model.digest if model.effects else model.design.digest,
         fidelity=fidelity,
         seed=seed,
         press_plan=plan,
-        scores=found.errors | found.gel.scores,
+        scores=errors | found.gel.scores,
         margins=simulator.design.margins(),
         light=illumination_scores.transport_error(simulator.design, *frames.untouched),
         seconds=clock.seconds,
         groups=found.gel.groups,
         worst=found.worst,
-        presses=found.of_presses,
-        warnings=model.warnings([*pressed.calibration, *pressed.test]),
+        presses=of_presses,
+        warnings=(*model.warnings([*pressed.calibration, *pressed.test]), *_beyond(frames)),
     )
     return Evaluation(
         score, simulator.design, found.exposure, frames.untouched[0], found.gel.maps, found.presses
@@ -269,7 +276,7 @@ def calibration_of(
     simulator = _simulator(model, effort, seed)
     pressed = plan.presses(rounds=effort.rounds, seed=seed, grids=effort.grids)
     untouched, again = _untouched(simulator)
-    surfaces = (simulator.surface(press) for press in pressed.calibration)
+    surfaces = (_surface(simulator, press) for press in pressed.calibration)
     alone = Presses(pressed.calibration, ())
     balls = list(_pressed(simulator, alone, surfaces, _Steps(silent, len(pressed.calibration))))
     protocol = EvaluationProtocol(
@@ -315,6 +322,24 @@ def _require_fitting(calibration: KernelCalibration, simulator: Simulator) -> No
         )
 
 
+def _surface(simulator: Simulator, press: Press) -> Surface:
+    """Membrane under a press; that it cannot be made speaks of the design, for all get the same."""
+    try:
+        return simulator.surface(press)
+    except ValueError as error:
+        x_mm, y_mm = press.centre_mm
+        raise InfeasibleDesign(
+            f"design {simulator.design.name!r} is infeasible for these presses: {press.probe.text} at "
+            f"({x_mm:.3g}, {y_mm:.3g}) mm: {error}"
+        ) from None
+
+
+def _depths_mm(frames: Sequence[Frame]) -> list[float]:
+    """How deep presses of an elastic gel went."""
+    found = [frame.surface.mechanics for frame in frames]
+    return [mechanics.depth_mm for mechanics in found if mechanics is not None]
+
+
 def _untouched(simulator: Simulator) -> tuple[Frame, Frame]:
     """Two pictures of the untouched gel, which differ by render noise."""
     first, again = (
@@ -338,12 +363,23 @@ class _Frames(NamedTuple):
 
 
 def _rendered(
-    simulator: Simulator, presses: Presses, beside: Executor, clock: "_Clock", progress: Progress
+    simulator: Simulator,
+    presses: Presses,
+    beside: Executor,
+    clock: "_Clock",
+    progress: Progress,
+    *,
+    at_once: bool,
 ) -> _Frames:
-    """Render; surfaces are laid out, and what pictures show of them is found, while light is traced."""
+    """Render; surfaces are laid out, and what pictures show of them is found, while light is traced.
+
+    Where some presses may be out of reach, surfaces are laid out `at_once`, before any light is traced.
+    """
     halved = press_scores.noisier_presses(len(presses.test))
     steps = _Steps(progress, 1 + len(presses.calibration) + len(presses.test) + 2 * len(halved) + 1)
-    surfaces = beside.map(simulator.surface, (*presses.calibration, *presses.test))
+    surfaces = beside.map(partial(_surface, simulator), (*presses.calibration, *presses.test))
+    if at_once:
+        surfaces = iter(list(surfaces))
     with clock.part("untouched gel"):
         steps("untouched gel")
         untouched = _untouched(simulator)
@@ -356,6 +392,12 @@ def _rendered(
         halves = _by_halves(simulator, [tests[k] for k in halved], steps)
     steps("reconstruction")
     return _Frames(untouched, balls, tests, halved, halves)
+
+
+def _beyond(frames: _Frames) -> list[str]:
+    """Where the model of contact was used beyond what it holds for, each way once."""
+    found = [frame.surface.mechanics for frame in (*frames.balls, *frames.tests)]
+    return list(dict.fromkeys(text for one in found if one is not None for text in one.warnings))
 
 
 class _Scored(NamedTuple):

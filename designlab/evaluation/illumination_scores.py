@@ -56,6 +56,7 @@ SCORES = {
     "normals_within_5deg": "1",
     "rgb2normal": "1",
     "press_saturation_share": "1",
+    "press_depth_mm": "mm",
 }
 """Every score of an evaluation, and its unit."""
 

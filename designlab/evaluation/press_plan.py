@@ -8,10 +8,11 @@ import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from designlab.evaluation.protocol import sub_seed
+from designlab.sensor.contact import KernelContact
 from designlab.sensor.design import Design, InfeasibleDesign, explain
 from designlab.simulation.contact.press import Press
 from geometries.probes import parse, profile_mm
-from geometries.spec import Spec
+from geometries.spec import Spec, quantity
 
 DEPTH_MM = 0.8
 """Depth of the deepest press where none is stated; as probes do, it shrinks with small sensing areas."""
@@ -40,43 +41,50 @@ class Presses(NamedTuple):
 
 
 class PressPlan(Spec):
-    """A plan of presses: how deep and in which area, whatever design is pressed.
+    """A plan of presses: how deep or with which force, and in which area, whatever design is pressed.
 
     Parameters
     ----------
     area_mm : tuple of two float
         Width and height in mm of the area around the origin in which presses are made.
-    depth_mm : float
-        Depth of the deepest calibration press in mm; the others have shares of it. Where absent 0.8, less as
-        probes get smaller.
+    force_n : float, optional
+        Force of the strongest calibration press in N, for elastic gels; the others have shares of it.
+    depth_mm : float, optional
+        Depth of the deepest calibration press in mm; the others have shares of it. Where neither is stated
+        0.8, less as probes get smaller.
 
     Raises
     ------
     pydantic.ValidationError
-        If a value is out of its bounds.
+        If a value is out of its bounds, or depth and force are both stated.
     """
 
     area_mm: tuple[float, float]
     """Width and height of the area in which presses are made, centred on the membrane (mm)."""
-    depth_mm: float = Field(
+    force_n: float | None = quantity(None, unit="N", gt=0, le=1000)
+    """Force of the strongest calibration press, for elastic gels; every second one has 0.6 of it, test
+    presses have 0.7."""
+    depth_mm: float | None = Field(
         default_factory=lambda given: _usual_depth_mm(given),
         validate_default=True,
         gt=0,
         le=20,
         json_schema_extra={"unit": "mm"},
     )
-    """Depth of the deepest calibration press; every second one has 0.6 of it, test presses have 0.7. When
-    absent 0.8, less where the area is small."""
+    """Depth of the deepest calibration press; every second one has 0.6 of it, test presses have 0.7. Where
+    neither it nor a force is stated 0.8, less where the area is small."""
 
     @model_validator(mode="after")
-    def _an_area(self) -> Self:
+    def _an_area_and_one_strength(self) -> Self:
         if min(self.area_mm) <= 0.5 or max(self.area_mm) > 200:
             width, height = self.area_mm
             raise ValueError(f"area_mm: sides lie between 0.5 and 200 mm, got {width:g} x {height:g} mm")
+        if (self.depth_mm is None) == (self.force_n is None):
+            raise ValueError("depth_mm, force_n: state one of them, how deep or with which force")
         return self
 
     @classmethod
-    def of(cls, *designs: Design, depth_mm: float | None = None) -> Self:
+    def of(cls, *designs: Design, depth_mm: float | None = None, force_n: float | None = None) -> Self:
         """Plan the presses that some designs share.
 
         Parameters
@@ -85,19 +93,24 @@ class PressPlan(Spec):
             What is compared; presses lie within the sensing area of each.
         depth_mm : float, optional
             Depth of the deepest press in mm; 0.8 mm when absent, less where probes are smaller than usual.
+        force_n : float, optional
+            Force of the strongest press in N instead.
 
         Raises
         ------
         ValueError
-            If the depth is out of its bounds.
+            If depth or force is out of its bounds, or both are given.
         """
         width, height = (min(sides) for sides in zip(*(d.sensing_area_mm for d in designs), strict=True))
-        return cls.on((width, height), depth_mm=depth_mm)
+        return cls.on((width, height), depth_mm=depth_mm, force_n=force_n)
 
     @classmethod
-    def on(cls, area_mm: tuple[float, float], *, depth_mm: float | None = None) -> Self:
-        """Plan presses in an area; depth and errors as in `of`."""
-        stated = {} if depth_mm is None else {"depth_mm": depth_mm}
+    def on(
+        cls, area_mm: tuple[float, float], *, depth_mm: float | None = None, force_n: float | None = None
+    ) -> Self:
+        """Plan presses in an area; depth, force and errors as in `of`."""
+        strength = {"depth_mm": depth_mm, "force_n": force_n}
+        stated = {name: value for name, value in strength.items() if value is not None}
         try:
             return cls.model_validate({"area_mm": area_mm, **stated})
         except ValidationError as error:
@@ -119,11 +132,7 @@ class PressPlan(Spec):
             # each row and column of a grid has every size, each grid another at each place
             diameter_mm = BALLS_MM[(column + row + grid + 2) % 3]
             balls.append(
-                Press(
-                    probe=parse(f"sphere:{diameter_mm * self.scale:.6g}"),
-                    depth_mm=self.depth_mm * BALL_SHARES[number % 2],
-                    centre_mm=centre,
-                )
+                self.press(f"sphere:{diameter_mm * self.scale:.6g}", BALL_SHARES[number % 2], centre)
             )
         tests = []
         for number in range(rounds):
@@ -132,14 +141,30 @@ class PressPlan(Spec):
             for text in TEST_PROBES:
                 kind, size = text.split(":")
                 centre = (draw.uniform(-0.22, 0.22) * width, draw.uniform(-0.2, 0.2) * height)
-                press = Press(
-                    probe=parse(f"{kind}:{float(size) * self.scale:.6g}"),
-                    depth_mm=self.depth_mm * TEST_SHARE,
-                    centre_mm=centre,
-                    yaw_deg=draw.uniform(-180.0, 180.0),
-                )
+                probe = f"{kind}:{float(size) * self.scale:.6g}"
+                press = self.press(probe, TEST_SHARE, centre, yaw_deg=draw.uniform(-180.0, 180.0))
                 tests.append(_moved_into(press, self.area_mm))
         return Presses(tuple(balls), tuple(tests))
+
+    @property
+    def strength(self) -> float:
+        """Depth (mm) of the deepest, or force (N) of the strongest press, whichever is stated."""
+        stated = self.force_n if self.depth_mm is None else self.depth_mm
+        assert stated is not None  # one of them is
+        return stated
+
+    def press(
+        self, probe: str, share: float, centre_mm: tuple[float, float] = (0.0, 0.0), *, yaw_deg: float = 0.0
+    ) -> Press:
+        """A press with a share of the largest depth or force."""
+        by_force = self.depth_mm is None
+        return Press(
+            probe=parse(probe),
+            depth_mm=None if by_force else share * self.strength,
+            force_n=share * self.strength if by_force else None,
+            centre_mm=centre_mm,
+            yaw_deg=yaw_deg,
+        )
 
     def broken(self, design: Design) -> dict[str, float]:
         """`PRESS_RULES` that a design breaks, and by how much (mm)."""
@@ -147,32 +172,46 @@ class PressPlan(Spec):
             "press_area": max(
                 own - side for own, side in zip(self.area_mm, design.sensing_area_mm, strict=True)
             ),
-            "press_depth": self.depth_mm + LEFT_MM - design.elastomer.thickness_mm,
+            "press_depth": (self.depth_mm or 0.0) + LEFT_MM - design.elastomer.thickness_mm,
         }
         return {rule: by for rule, by in found.items() if by > 0}
 
     def require_possible(self, design: Design) -> None:
-        """Raise `InfeasibleDesign` unless a design takes the presses."""
+        """Raise `InfeasibleDesign` unless a design takes the presses, as far as is known before."""
+        if self.force_n is not None and isinstance(design.contact, KernelContact):
+            raise InfeasibleDesign(
+                f"design {design.name!r} is infeasible for these presses: force_n: needs an elastic gel, "
+                "contact.model is 'kernel', which knows no force"
+            )
         if not (broken := self.broken(design)):
             return
         width, height = self.area_mm
         got = {
             "press_area": f"presses take {width:g} x {height:g} mm",
-            "press_depth": f"presses are up to {self.depth_mm:g} mm deep, "
+            "press_depth": f"presses are up to {self.depth_mm or 0.0:g} mm deep, "
             f"elastomer.thickness_mm is {design.elastomer.thickness_mm:g}",
         }
         reasons = "; ".join(f"{rule}: {PRESS_RULES[rule]}, {got[rule]}" for rule in broken)
         raise InfeasibleDesign(f"design {design.name!r} is infeasible for these presses: {reasons}", broken)
 
+    def to_json(self) -> dict[str, Any]:
+        """Return what is stated as plain data."""
+        return self.model_dump(mode="json", exclude_none=True)
+
     def text(self) -> str:
         """Say the presses in words."""
-        balls = " and ".join(f"{self.depth_mm * share:.3g}" for share in BALL_SHARES)
+        unit = "N" if self.depth_mm is None else "mm deep"
+        balls = " and ".join(f"{share * self.strength:.3g}" for share in BALL_SHARES)
         area = " x ".join(f"{side:.4g}" for side in self.area_mm)
         size = "" if self.scale == 1 else f", probes at {self.scale:.3g} of their full size"
-        return f"balls {balls} mm deep, test probes {self.depth_mm * TEST_SHARE:.3g} mm, on {area} mm{size}"
+        return (
+            f"balls {balls} {unit}, test probes {TEST_SHARE * self.strength:.3g} {unit}, on {area} mm{size}"
+        )
 
 
-def _usual_depth_mm(given: Mapping[str, Any]) -> float:
+def _usual_depth_mm(given: Mapping[str, Any]) -> float | None:
+    if given.get("force_n") is not None:
+        return None
     width, height = given.get("area_mm", (FULL_SIZE_MM, FULL_SIZE_MM))  # another error is reported
     return round(DEPTH_MM * _scale(width, height), 6)
 
@@ -185,7 +224,8 @@ def _moved_into(press: Press, area_mm: tuple[float, float]) -> Press:
     """The press, moved so that it ends within an area around the origin: a picture's border is no contact."""
     reach = 1.6 * press.probe.size_mm
     x, y = np.meshgrid(*2 * [np.linspace(-reach, reach, 161)])
-    touches = profile_mm(press.probe, x, y) > -press.stated_depth_mm
+    # How deep a force goes depends on the gel; then the whole probe counts.
+    touches = profile_mm(press.probe, x, y) > (-np.inf if press.depth_mm is None else -press.depth_mm)
     yaw = np.radians(press.yaw_deg)
     across = np.cos(yaw) * x[touches] - np.sin(yaw) * y[touches]
     along = np.sin(yaw) * x[touches] + np.cos(yaw) * y[touches]

@@ -11,6 +11,7 @@ from designlab.evaluation.illumination_scores import SCORES, Estimate, Scores
 from designlab.evaluation.press_plan import TEST_PROBES
 from designlab.evaluation.protocol import EvaluationProtocol, Reconstruction
 from designlab.evaluation.response_maps import signal_of, thinned
+from designlab.mechanics.contact import FORCE_TOLERANCE
 from designlab.reconstruction import normals
 from designlab.simulation.simulator import Frame
 from geometries.elastomer import base_gradient
@@ -84,6 +85,12 @@ def reconstruction_scores(
         left = NOISE_LEFT * abs(added)
         estimates[name] = Estimate(freed, float(np.hypot(choice, left)), unit, left)
     return estimates, dict(zip(PRESS_FIGURES, each.T.tolist(), strict=True))
+
+
+def mean_depth(depths_mm: Sequence[float]) -> Estimate:
+    """How deep presses of equal force went in the mean (mm), beside which their heights are to be read."""
+    mean = float(np.mean(depths_mm))
+    return Estimate(mean, FORCE_TOLERANCE * mean, SCORES["press_depth_mm"])
 
 
 def noisier_presses(count: int) -> list[int]:

@@ -88,13 +88,14 @@ def evaluate_design(
         ``infeasible`` with the reason and the rules ``broken``, or ``failed`` with the reason. Any
         other exception is a defect and passes through.
     """
+    from designlab.mechanics.contact import NotConverged
     from designlab.simulation.simulator import RenderFailed
 
     try:
         score = evaluator(subject, fidelity=fidelity, seed=seed)
     except InfeasibleDesign as error:
         return {"infeasible": str(error), "broken": error.broken}
-    except RenderFailed as error:
+    except (RenderFailed, NotConverged) as error:
         return {"failed": str(error)}
     scores = {
         name: {

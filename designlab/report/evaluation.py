@@ -1,7 +1,7 @@
 """The page about an evaluation: a verdict first, then maps, all figures, rules and time."""
 
 import html
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +40,8 @@ def evaluation_report(
     if pictures is None:
         pictures = {path: path.stem.replace("-", " ") for path in sorted(Path(target).parent.glob("*.png"))}
     worst = score.get("worst", {})
-    rows = judged(score["scores"])
+    depths_mm = score.get("presses", {}).get("depth_mm", ())
+    rows = judged(score["scores"], depths_mm)
     verdict = [
         *([paragraph(summary(rows))] if rows else []),
         *(paragraph(worst_place(kind, place)) for kind, place in worst.items()),
@@ -51,7 +52,8 @@ def evaluation_report(
         Section("Where", _maps(pictures)),
         Section("Test presses", _presses(pictures, worst.get("press", {}).get("press"))),
         Section(
-            "All scores", (_scores(score["scores"]), *_groups(score.get("groups", {})), _settings(score))
+            "All scores",
+            (_scores(score["scores"], depths_mm), *_groups(score.get("groups", {})), _settings(score)),
         ),
         Section("Rules", (_margins(score["margins"]),) if score.get("margins") else ()),
         Section("Time", (_seconds(score["seconds"]),) if score.get("seconds") else ()),
@@ -107,8 +109,8 @@ def _presses(pictures: Mapping[Path, str], worst: int | None) -> tuple[Html, ...
     return (*blocks, gallery(small)) if small else tuple(blocks)
 
 
-def _scores(scores: Mapping[str, Mapping[str, Any]]) -> Html:
-    rows = [row(name, estimate) for name, estimate in scores.items()]
+def _scores(scores: Mapping[str, Mapping[str, Any]], depths_mm: Sequence[float]) -> Html:
+    rows = [row(name, estimate, depths_mm) for name, estimate in scores.items()]
     for entry in rows:
         entry["word"] = _coloured(entry["verdict"])
     columns = [

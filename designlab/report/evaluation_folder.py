@@ -32,6 +32,7 @@ def evaluate(
     fidelity: str = "fast",
     seed: int = 0,
     depth_mm: float | None = None,
+    force_n: float | None = None,
     presses: PressPlan | None = None,
     out: str | Path | None = None,
     progress: Progress = silent,
@@ -50,6 +51,8 @@ def evaluate(
         Seed of places, render noise and camera noise.
     depth_mm : float, optional
         Depth of the deepest press in mm, see `PressPlan`; 0.8 when absent, less on small sensing areas.
+    force_n : float, optional
+        Force of the strongest press in N instead, for elastic gels.
     presses : PressPlan, optional
         A whole plan instead, which designs of other sensing areas can share: ``PressPlan.of(one, other)``.
     out : path, optional
@@ -67,17 +70,18 @@ def evaluate(
     InfeasibleDesign
         If the design breaks a geometric rule, or cannot take the presses.
     ValueError
-        If the fidelity is unknown, depth and plan are both given, or the folder holds anything but an earlier
-        evaluation.
+        If the fidelity is unknown, two of depth, force and plan are given, or the folder holds anything but
+        an earlier evaluation.
     OSError
         If the folder cannot be written.
     """
     if out is not None:
         require_writable(out, made_with=SCORE_FILE)
-    if depth_mm is not None:
+    if depth_mm is not None or force_n is not None:
         if presses is not None:
-            raise ValueError("depth_mm: a plan of presses, which is given too, states the depth")
-        presses = PressPlan.of(SensorModel.of(design).effective_design(), depth_mm=depth_mm)
+            raise ValueError("presses: a plan states depth or force, which are given too")
+        built = SensorModel.of(design).effective_design()
+        presses = PressPlan.of(built, depth_mm=depth_mm, force_n=force_n)
     found = evaluation.evaluate(
         design,
         fidelity=fidelity,

@@ -321,12 +321,10 @@ def _depict(results: Results, number: int) -> None:
     if any(folder.glob("*.png")):
         return
     from designlab.core.images import tone_map, write_image
-    from designlab.simulation.contact.press import Press
     from designlab.simulation.simulator import render
-    from geometries.probes import parse
 
     subject, seed = results.subject(number), results.study.seed
-    press = Press(probe=parse("sphere:4"), depth_mm=results.study.presses.depth_mm)
+    press = results.study.presses.press("sphere:4", 1.0)
     folder.mkdir(parents=True, exist_ok=True)
     if not (folder / "design.toml").is_file():  # another machine has evaluated it
         write_atomic(folder / "design.toml", dumps(results.design(number)))

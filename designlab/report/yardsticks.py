@@ -1,7 +1,7 @@
 """What each score of an evaluation means, and what counts as good, with the reason or the source."""
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from typing import Any, NamedTuple
 
@@ -77,20 +77,28 @@ ALARMS = ("coverage", "stray_share", "saturation_share")
 """Scores it shows where they are not good."""
 
 
-def judged(scores: Mapping[str, Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Rows of a verdict: the scores that matter, each with its title, meaning, verdict and limits."""
-    rows = [row(name, scores[name]) for name in (*HEADLINES, *ALARMS) if name in scores]
+def judged(scores: Mapping[str, Mapping[str, Any]], depths_mm: Sequence[float] = ()) -> list[dict[str, Any]]:
+    """Rows of a verdict: the scores that matter, each with its title, meaning, verdict and limits.
+
+    Depths are those of presses of equal force, which heights are told with.
+    """
+    rows = [row(name, scores[name], depths_mm) for name in (*HEADLINES, *ALARMS) if name in scores]
     return [r for r in rows if r["name"] in HEADLINES or not r["verdict"].startswith("good")]
 
 
-def row(name: str, estimate: Mapping[str, Any]) -> dict[str, Any]:
-    """One score with what it means."""
+def row(name: str, estimate: Mapping[str, Any], depths_mm: Sequence[float] = ()) -> dict[str, Any]:
+    """One score with what it means; depths as in `judged`."""
     unit = estimate["unit"]
+    at = ""
+    if len(depths_mm) and name.startswith("height_"):
+        at = f", presses {min(depths_mm):.2g} to {max(depths_mm):.2g} mm deep"
     known = YARDSTICKS.get(name, Yardstick("", ""))
     return {
         "name": name,
-        "score": label(name, unit),
-        "title": (known.title or label(name)) + ("" if unit in ("", "1") else f" ({_UNITS.get(unit, unit)})"),
+        "score": label(name, unit) + at,
+        "title": (known.title or label(name))
+        + ("" if unit in ("", "1") else f" ({_UNITS.get(unit, unit)})")
+        + at,
         "meaning": known.meaning,
         "verdict": known.verdict(estimate["value"], estimate["se"]),
         "limits": known.limits(unit),

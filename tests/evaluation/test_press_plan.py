@@ -7,12 +7,14 @@ from designlab.app import cli
 from designlab.evaluation.evaluate import evaluate
 from designlab.evaluation.paired_comparison import same_presses
 from designlab.evaluation.press_plan import DEPTH_MM, PressPlan
+from designlab.report.yardsticks import row
 from designlab.sensor.design import InfeasibleDesign, preset, preset_names
 from designlab.simulation.contact.indentation import indent
 from designlab.simulation.effects.model import AppliedEffect, SensorModel
 from designlab.simulation.simulator import Simulator
 
 FLAT = preset("gelsight-2020-flat")
+ELASTIC = preset("gelsight-2020-flat-elastic")
 PLAN, THIN = PressPlan.of(FLAT), FLAT.replace({"elastomer.thickness_mm": 1.0})
 
 
@@ -73,6 +75,44 @@ def test_a_depth_out_of_bounds_is_refused_in_one_line(capfd):
     assert cli.main(["evaluate", "gelsight-2020-flat", "--depth-mm", "-1"]) == 2
     (line,) = capfd.readouterr().err.splitlines()
     assert "presses: field depth_mm: Input should be greater than 0, got -1.0" in line
+
+
+def test_equal_force_goes_deeper_into_a_thick_gel_and_heights_are_told_with_depths():
+    plan = PressPlan.of(ELASTIC, force_n=1.0)
+    balls = {press.force_n for press in plan.presses(rounds=1, seed=0).calibration}
+    tests = {press.force_n for press in plan.presses(rounds=1, seed=0).test}
+    assert (balls, tests) == ({1.0, 0.6}, {0.7})
+    press, depths = plan.presses(rounds=1, seed=0).test[0], []
+    for thickness_mm in (1.5, 3.0):
+        gel = ELASTIC.elastomer.model_copy(update={"thickness_mm": thickness_mm})
+        surface = indent(gel, ELASTIC.contact, press, area_mm=(16.0, 12.0), pitch_mm=0.1)
+        assert surface.mechanics.force_n == pytest.approx(0.7, rel=2e-4)
+        depths.append(surface.mechanics.depth_mm)
+    assert depths[1] > 1.1 * depths[0]
+    told = row("height_mae_um", {"value": 20.0, "se": 1.0, "unit": "um"}, depths)
+    assert told["title"].endswith(f", presses {depths[0]:.2g} to {depths[1]:.2g} mm deep")
+    assert (
+        "deep" not in row("normal_error_mean_deg", {"value": 5.0, "se": 1.0, "unit": "deg"}, depths)["title"]
+    )
+
+
+@pytest.mark.renders
+@pytest.mark.parametrize(
+    ("design", "stated", "said"),
+    [
+        (FLAT, {"force_n": 1.0}, "force_n: needs an elastic gel, contact.model is 'kernel'"),
+        (ELASTIC, {"force_n": 900.0}, "force_n: 900 N is not reached; the deepest press"),
+    ],
+)
+def test_a_force_that_a_design_does_not_give_makes_it_infeasible(design, stated, said):
+    with pytest.raises(InfeasibleDesign, match=said):
+        _ = evaluate(design, presses=PressPlan.of(design, **stated))
+
+
+def test_a_plan_states_depth_or_force():
+    with pytest.raises(ValueError, match="depth_mm, force_n: state one of them"):
+        PressPlan.of(FLAT, depth_mm=0.5, force_n=1.0)
+    assert PressPlan.of(FLAT, force_n=1.0).to_json() == {"area_mm": [16.0, 12.0], "force_n": 1.0}
 
 
 def test_presses_that_an_effect_changes_are_not_called_the_same():

@@ -405,6 +405,8 @@ def _out(command: argparse.ArgumentParser, text: str, *, required: bool = True) 
 def _presses(command: argparse.ArgumentParser) -> None:
     text = "depth of the deepest press (mm), the same for all designs (default: 0.8, less on small areas)"
     _option(command, "--depth-mm D", text, type=float)
+    text = "force of the strongest press (N) instead, the same for all designs; for elastic gels"
+    _option(command, "--force-n F", text, type=float)
 
 
 def _seed(command: argparse.ArgumentParser, *, default: int = 0) -> None:

@@ -125,7 +125,8 @@ def _against(args: Namespace) -> Result:
             verdict = (
                 "differs" if up is None else f"{'OTHER' if (difference.value > 0) == up else 'DESIGN'} better"
             )
-        title = row(name, {"value": a.value, "se": a.se, "unit": a.unit})["title"]
+        depths_mm = [depth for score in scores.values() for depth in score.presses.get("depth_mm", ())]
+        title = row(name, {"value": a.value, "se": a.se, "unit": a.unit}, depths_mm)["title"]
         change = rounded(difference.value, difference.se)
         rows.append((title, rounded(a.value, a.se), rounded(b.value, b.se), change, verdict))
     same = same_presses(models["first"], models["second"], plan)
@@ -145,10 +146,11 @@ def _against(args: Namespace) -> Result:
 
 
 def _plan(args: Namespace, *models: "SensorModel") -> "PressPlan":
-    """Presses that models share, as deep as the arguments say."""
+    """Presses that models share, as deep or as strong as the arguments say."""
     from designlab.evaluation.press_plan import PressPlan
 
-    return PressPlan.of(*(model.effective_design() for model in models), depth_mm=args.depth_mm)
+    designs = [model.effective_design() for model in models]
+    return PressPlan.of(*designs, depth_mm=args.depth_mm, force_n=args.force_n)
 
 
 def _scored(
@@ -172,9 +174,8 @@ def _verdict(score: dict[str, Any]) -> list[str]:
     from designlab.report.page import rounded
     from designlab.report.yardsticks import judged, worst_place
 
-    rows = [
-        (row["title"], rounded(row["value"], row["se"]), row["verdict"]) for row in judged(score["scores"])
-    ]
+    judgement = judged(score["scores"], score["presses"].get("depth_mm", ()))
+    rows = [(row["title"], rounded(row["value"], row["se"]), row["verdict"]) for row in judgement]
     places = [worst_place(kind, place) for kind, place in score["worst"].items()]
     return [table(("score", "value", "verdict"), rows), *places]
 

@@ -25,8 +25,8 @@ def run(args: Namespace) -> Result:
     folder = _folder(given, args.out)
     file = given / "study.toml" if given.is_dir() else given
     study = load_study(file)
-    if args.depth_mm is not None:
-        study = study.pressed(depth_mm=args.depth_mm)
+    if args.depth_mm is not None or args.force_n is not None:
+        study = study.pressed(depth_mm=args.depth_mm, force_n=args.force_n)
     try:
         study.require_scores(SCORES)
     except StudyError as error:
@@ -52,6 +52,7 @@ def _again(args: Namespace) -> str:
     words += ["--out", args.out] if args.out else []
     words += ["--workers", str(args.workers)] if args.workers > 1 else []
     words += ["--depth-mm", str(args.depth_mm)] if args.depth_mm else []
+    words += ["--force-n", str(args.force_n)] if args.force_n else []
     words += ["--trials", str(args.trials)] if args.trials else []
     if args.storage and args.storage != os.environ.get(STORAGE_VARIABLE):
         words += ["--storage", "URL"]  # it may hold a password

@@ -87,8 +87,8 @@ class Study(Spec):
     fidelity: Literal["fast", "standard", "reference"] = "fast"
     """Effort of an evaluation."""
     presses: PressPlan = Field(default_factory=lambda given: _usual_presses(given))
-    """How deep and in which area every design is pressed; 0.8 mm deep, less where the area is small, in the
-    smallest sensing area that a design may have, if absent."""
+    """How deep, or with which force, and in which area every design is pressed; 0.8 mm deep, less where the
+    area is small, in the smallest sensing area that a design may have, if absent."""
     robust: Robust | None = None
     """How copies as they would be built decide; the drawing alone does if absent."""
     plan: Plan = Plan()
@@ -230,15 +230,16 @@ class Study(Spec):
             changes |= self.parameters[path].fields(path, values[path])
         return self.base.replace(changes)
 
-    def pressed(self, *, depth_mm: float) -> Self:
-        """Return the study with presses of another depth, in the same area.
+    def pressed(self, *, depth_mm: float | None = None, force_n: float | None = None) -> Self:
+        """Return the study with presses of another depth or force, in the same area.
 
         Raises
         ------
         ValueError
-            If the depth is out of its bounds.
+            If depth or force is out of its bounds, or both are given.
         """
-        return self.model_copy(update={"presses": PressPlan.on(self.presses.area_mm, depth_mm=depth_mm)})
+        presses = PressPlan.on(self.presses.area_mm, depth_mm=depth_mm, force_n=force_n)
+        return self.model_copy(update={"presses": presses})
 
     def active(self, variant: str | None) -> tuple[str, ...]:
         """Parameters that decide a design of a variant."""

@@ -259,6 +259,7 @@ def _pressed_alike_before(study: Study) -> bool:
     plan = study.presses
     return all(
         each.sensing_area_mm == plan.area_mm
+        and plan.depth_mm is not None
         and math.isclose(min(0.4 * each.elastomer.thickness_mm, 0.8) * plan.scale, plan.depth_mm)
         for each in study.corners()
     )

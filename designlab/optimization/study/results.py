@@ -223,7 +223,7 @@ class Results:
         return {
             "study": self.study.name,
             "folder": str(self.folder),
-            "press_plan": self.study.presses.model_dump(mode="json"),
+            "press_plan": self.study.presses.to_json(),
             "objectives": dict(self.study.objectives),
             "units": dict(self.units),
             "warnings": list(self.warnings),

@@ -44,6 +44,7 @@ def sweep(
     fidelity: Fidelity = "fast",
     seed: int = 0,
     depth_mm: float | None = None,
+    force_n: float | None = None,
     workers: int = 1,
     dask: str | None = None,
     progress: bool = True,
@@ -65,6 +66,8 @@ def sweep(
     depth_mm : float, optional
         Depth of the deepest press in mm, the same for every design, see `PressPlan`; that of the design to
         start from when absent. Presses lie within the sensing area of every design of the grid.
+    force_n : float, optional
+        Force of the strongest press in N instead, for elastic gels.
     workers : int
         Processes of this machine that evaluate at the same time. With more than one, a script needs the usual
         ``if __name__ == "__main__":`` guard, and `evaluator` must be a function of a module.
@@ -102,16 +105,16 @@ def sweep(
     if not grid or not all(grid.values()):
         raise ValueError("values: give at least one field, and at least one value for each")
     combinations = [dict(zip(grid, chosen, strict=True)) for chosen in itertools.product(*grid.values())]
-    presses = PressPlan.of(*_corners(design, combinations), depth_mm=depth_mm)
+    presses = PressPlan.of(*_corners(design, combinations), depth_mm=depth_mm, force_n=force_n)
     scored = evaluator or Simulated(presses=presses)
     paths: list[Path | None] = [None] * len(combinations)
     if out is not None:
         run = {
-            "digest": digest(design.digest, fidelity, seed, presses.model_dump(mode="json")),
+            "digest": digest(design.digest, fidelity, seed, presses.to_json()),
             "design": design.name if isinstance(design, Design) else design.design.name,
             "fidelity": fidelity,
             "seed": seed,
-            "press_plan": presses.model_dump(mode="json"),
+            "press_plan": presses.to_json(),
         }
         differing = {"digest": "of another design, fidelity, seed or other presses"}
         claim(Path(out), SWEEP_FILE, run, kind="a sweep", decided_by=differing, alone=False)
@@ -203,6 +206,7 @@ def optimise(
     fidelity: Fidelity = "fast",
     seed: int = 0,
     depth_mm: float | None = None,
+    force_n: float | None = None,
     sampler: Sampler = "auto",
     workers: int = 1,
     progress: bool = True,
@@ -234,6 +238,8 @@ def optimise(
     depth_mm : float, optional
         Depth of the deepest press in mm, the same for every design, see `PressPlan`; 0.8 when absent, less on
         small sensing areas.
+    force_n : float, optional
+        Force of the strongest press in N instead, for elastic gels.
     trials, fidelity, seed, sampler, workers, progress, evaluator, storage
         As in `Study` and `run_study`.
 
@@ -259,7 +265,7 @@ def optimise(
         **({} if isinstance(design, Design) else carried(design)),
         **{name: given for name, given in stated.items() if given is not None},
         "variants": dict(variants or {}),
-        "presses": {} if depth_mm is None else {"depth_mm": depth_mm},
+        "presses": {n: v for n, v in (("depth_mm", depth_mm), ("force_n", force_n)) if v is not None},
         "robust": robust,
         "trials": trials,
         "fidelity": fidelity,

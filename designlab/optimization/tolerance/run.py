@@ -125,12 +125,19 @@ def tolerance(
     presses = PressPlan.of(nominal.effective_design())
     stated = [spread.model_dump(mode="json") for spread in chosen]
     run = {
-        "digest": digest(nominal.digest, stated, fidelity, seed, calibrate, presses.model_dump(mode="json")),
+        "digest": digest(
+            nominal.digest,
+            stated,
+            fidelity,
+            seed,
+            calibrate,
+            presses.to_json(),
+        ),
         "design": nominal.design.name,
         "copies": copies,
         "fidelity": fidelity,
         "seed": seed,
-        "press_plan": presses.model_dump(mode="json"),
+        "press_plan": presses.to_json(),
         "calibrate": calibrate,
         "spreads": stated,
         "spec": {name: bound.model_dump(exclude_none=True) for name, bound in (spec or {}).items()},
