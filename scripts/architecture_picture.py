@@ -14,7 +14,7 @@ from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 from PIL import Image
 
 TARGET = Path(__file__).parents[1] / "docs" / "images" / "architecture.png"
-SIZE_IN, DPI = (13.0, 7.55), 125
+SIZE_IN, DPI = (13.0, 8.45), 125
 INK, FAINT, PAPER = "#1f2733", "#6b7686", "#fbfbf9"
 SCORE, EFFECT = "#2563a8", "#c2571a"  # colours of the two paths
 FLOOR_HEIGHT, ROOM_HEIGHT, GAP = 0.9, 0.76, 0.12
@@ -31,8 +31,8 @@ class Room(NamedTuple):
     effect: tuple[int, ...] = ()
 
 
-TOP, PROOF, PAGES, ANSWERS, FIGURES, PICTURE, THINGS, BASE = (
-    "#e9e4f3", "#e4e9f5", "#dfeef5", "#dff1ec", "#e6f2dd", "#f6f0d3", "#f8e6d3", "#e9e9e6",
+TOP, PROOF, PAGES, ANSWERS, FIGURES, PICTURE, THINGS, GEL, BASE = (
+    "#e9e4f3", "#e4e9f5", "#dfeef5", "#dff1ec", "#e6f2dd", "#f6f0d3", "#f8e6d3", "#f3e3e3", "#e9e9e6",
 )  # fmt: skip
 FLOORS = (
     (Room("app", "command line, demo, check of the machine", TOP),),
@@ -52,6 +52,7 @@ FLOORS = (
         Room("sensor", "what a sensor is: design, rules, camera", THINGS, (1,)),
         Room("reconstruction", "picture to normals to height", THINGS, (7,)),
     ),
+    (Room("mechanics", "elastic layers and contact: arrays in, arrays out", GEL, (3,)),),
     (Room("core", "files, cache and run folders, images, metrics, processes, back end", BASE),),
 )
 OUTSIDE = Room("geometries", "CAD of every part", "#ffffff", (2,))  # beside the library

@@ -20,7 +20,8 @@ from PIL import Image
 
 from designlab.app.cli import arguments
 from designlab.sensor.camera import Camera, Vignetting
-from designlab.sensor.design import Contact, Design, dumps, loads, preset, preset_names, preset_text
+from designlab.sensor.contact import KernelContact, LayerContact
+from designlab.sensor.design import Design, dumps, loads, preset, preset_names, preset_text
 from designlab.sensor.led_catalogue import PARTS
 from designlab.sensor.lens import Distortion
 from designlab.sensor.optical_constants import MATERIALS
@@ -60,7 +61,8 @@ DESCRIBED = (
     ("gelcore", Gelcore, set(Gelcore.model_fields)),
     ("elastomer", Elastomer, set(Elastomer.model_fields)),
     ("housing", Housing, set(Housing.model_fields)),
-    ("contact", Contact, set(Contact.model_fields)),
+    ("contact", LayerContact, set(LayerContact.model_fields)),
+    ("contact", KernelContact, set(KernelContact.model_fields)),
     ("optics", Optics, set(Optics.model_fields)),
     ("optics.albedo_image", AlbedoImage, set(AlbedoImage.model_fields) - KEPT_BY_THE_PROGRAM),
     ("camera", Camera, set(Camera.model_fields)),

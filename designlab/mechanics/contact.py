@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
+from scipy.ndimage import map_coordinates
 
 from designlab.core.types import Array
 from designlab.mechanics.layer import ElasticLayer
@@ -19,6 +20,8 @@ MARGIN = 5.0  # thicknesses; the response decays as exp(-0.74 r / h), so a repea
 TOLERANCE = 1e-5  # relative change of the traction in an iteration at which it is taken for settled
 FORCE_TOLERANCE = 1e-4  # of a stated force
 MOST_ITERATIONS = 600
+MOST_POINTS = 1536  # a side, of a grid that a response is taken from
+SMOOTH, EDGE, REPEAT = 1.4, 4, 40.0  # coarse points, points, widths: where waves are parted by their length
 CELLS = 16  # sizes of grids are multiples of it, so that responses kept serve for many presses
 MOST_ROUNDS = 40  # of friction after pressure, and of depths for a stated force
 
@@ -400,15 +403,47 @@ def _cut(traction: Array, most: Array) -> Array:
 
 @lru_cache(maxsize=24)
 def _kernel(layer: ElasticLayer, pitch_mm: float, size: int, part: str) -> tuple[NDArray[Any], int]:
-    """Spectrum of the response on a grid of `size` points a side, padded so that nothing wraps around.
-
-    It is taken from a grid so large that repeats of the load are not felt.
-    """
-    wide = fft.next_fast_len(math.ceil(2 * size + 2 * MARGIN * layer.thickness_mm / pitch_mm), real=True)
-    response = fft.irfft2(_symbol(layer, pitch_mm, wide, wide, part), s=(wide, wide), workers=2)
+    """Spectrum of the response on a grid of `size` points a side, padded so that nothing wraps around."""
     padded = fft.next_fast_len(2 * size - 1, real=True)
-    near = np.r_[0 : padded - size + 1, wide - size + 1 : wide]
-    return np.asarray(fft.rfft2(response[np.ix_(near, near)])), padded
+    offsets = np.r_[0 : padded - size + 1, 1 - size : 0]
+    return np.asarray(fft.rfft2(_table(layer, pitch_mm, offsets, part))), padded
+
+
+def _table(layer: ElasticLayer, pitch_mm: float, offsets: NDArray[np.int_], part: str) -> Array:
+    """Response to the load of a cell, so many rows and columns away from it.
+
+    It is taken from a grid so large that repeats of the load are not felt. Of a thick layer on a fine grid
+    that grid would be huge: waves that are long for the pitch have a coarser one there.
+    """
+    reach = 2 * int(np.abs(offsets).max())
+    wide = math.ceil(reach + 2 * MARGIN * layer.thickness_mm / pitch_mm)
+    if wide <= MOST_POINTS:
+        return _periodic(_symbol(layer, pitch_mm, *_square(wide), part), wide)[np.ix_(offsets, offsets)]
+    coarser = math.ceil(wide / (MOST_POINTS - 2 * EDGE))
+    width = SMOOTH * coarser * pitch_mm
+    near = math.ceil(reach + REPEAT * width / pitch_mm)
+    short = _symbol(layer, pitch_mm, *_square(near), part)
+    q = _wavenumber(pitch_mm, *_square(near))[2]
+    fine = _periodic(short * -np.expm1(-((q * width) ** 2) / 2), near)[np.ix_(offsets, offsets)]
+    count = math.ceil(wide / coarser) + 2 * EDGE
+    spacing = coarser * pitch_mm
+    along_x, along_y, q = _wavenumber(spacing, *_square(count))
+    even = _even(along_x, along_y, pitch_mm) / coarser**2  # of the load of a coarse cell
+    long = even * _response(layer, along_x, along_y, q, part) * np.exp(-((q * width) ** 2) / 2)
+    coarse = np.roll(_periodic(long, count), _square(count)[0] // 2, axis=(0, 1))
+    at = offsets / coarser + _square(count)[0] // 2
+    return np.asarray(fine + map_coordinates(coarse, np.meshgrid(at, at, indexing="ij"), order=3))
+
+
+def _square(points: int) -> tuple[int, int]:
+    """Rows and columns of a square grid of at least so many points a side that transforms are fast on."""
+    side = fft.next_fast_len(points, real=True)
+    return side, side
+
+
+def _periodic(symbol: NDArray[Any], points: int) -> Array:
+    """Response on a periodic grid."""
+    return np.asarray(fft.irfft2(symbol, s=_square(points), workers=2))
 
 
 @lru_cache(maxsize=12)
@@ -419,8 +454,12 @@ def _symbol(layer: ElasticLayer, pitch_mm: float, rows: int, columns: int, part:
     edge of a flat punch soft: 1 % of the force at 20 cells of radius (docs/validation.md).
     """
     along_x, along_y, q = _wavenumber(pitch_mm, rows, columns)
-    even = np.sinc(along_x * pitch_mm / (2 * np.pi)) * np.sinc(along_y * pitch_mm / (2 * np.pi))
-    return np.asarray(even * _response(layer, along_x, along_y, q, part))
+    return np.asarray(_even(along_x, along_y, pitch_mm) * _response(layer, along_x, along_y, q, part))
+
+
+def _even(along_x: Array, along_y: Array, cell_mm: float) -> Array:
+    """Spectrum of a load that is even over a cell."""
+    return np.asarray(np.sinc(along_x * cell_mm / (2 * np.pi)) * np.sinc(along_y * cell_mm / (2 * np.pi)))
 
 
 def _response(layer: ElasticLayer, along_x: Array, along_y: Array, q: Array, part: str) -> NDArray[Any]:

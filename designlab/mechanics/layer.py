@@ -7,7 +7,7 @@ import numpy as np
 
 from designlab.core.types import Array
 
-SHALLOW = 1e-2  # wave number times thickness below which the response is its limit of long waves
+SHALLOW = 1e-3  # wave number times thickness below which the response is its limit of long waves
 DEEP = 50.0  # above it the layer answers as a half space; sinh of more would overflow
 
 
