@@ -36,6 +36,7 @@ SCORES = {
     "normal_error_mean_deg": "deg",
     "height_mae_um": "um",
     "height_rmse_um": "um",
+    "height_mae_moved_um": "um",
     "information_deg": "deg",
     "information_flat_deg": "deg",
     "slant_deg": "deg",

@@ -84,6 +84,8 @@ def reconstruction_scores(
         freed = float(np.clip(value[name] - added, 0.0, 1.0 if unit == "1" else np.inf))
         left = NOISE_LEFT * abs(added)
         estimates[name] = Estimate(freed, float(np.hypot(choice, left)), unit, left)
+    if any(result.frame.surface.bulges for result in results):
+        estimates["height_mae_moved_um"] = _moved_error(results)
     return estimates, dict(zip(PRESS_FIGURES, each.T.tolist(), strict=True))
 
 
@@ -91,6 +93,16 @@ def mean_depth(depths_mm: Sequence[float]) -> Estimate:
     """How deep presses of equal force went in the mean (mm), beside which their heights are to be read."""
     mean = float(np.mean(depths_mm))
     return Estimate(mean, FORCE_TOLERANCE * mean, SCORES["press_depth_mm"])
+
+
+def _moved_error(results: Sequence[Reconstruction]) -> Estimate:
+    """Error of height over all gel that is raised or lowered; kinds of probes count as chance."""
+    each = [
+        float(1000 * np.abs(one.height_mm - one.frame.height_mm)[one.moved].mean())
+        for one in results
+        if one.moved.any()
+    ]
+    return Estimate(float(np.mean(each)), float(np.std(each, ddof=1) / np.sqrt(len(each))), "um")
 
 
 def noisier_presses(count: int) -> list[int]:

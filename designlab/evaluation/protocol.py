@@ -13,6 +13,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 from designlab.core.metrics import normal_error_deg
 from designlab.core.types import Array
 from designlab.reconstruction import KernelCalibration, NearField, fit_kernel, normals
+from designlab.reconstruction.kernel import GradientEstimate
 from designlab.sensor.design import Design
 from designlab.simulation import imaging
 from designlab.simulation.effects.model import SensorModel
@@ -25,6 +26,7 @@ MOST_THREADS = 4  # beyond these NumPy's own lock leaves no gain
 
 # Errors count over the contact grown by this: a flat background would make any median look good.
 GROWN_MM = 0.5
+MOVED_SHARE = 0.02  # of the largest height: gel that is higher or lower than that has moved
 SMOOTHING_PX = 2.0  # illumination is smooth; render noise is not, and would pass for unevenness
 # Of the near field: pixels of simulated presses differ from its model by some 3 %; most slopes are gentle.
 MODEL_ERROR, EXPECTED_SLOPE = 0.03, 0.5
@@ -46,6 +48,13 @@ class Reconstruction:
     height_mm: Array
     region: NDArray[np.bool_]
     error_deg: Array
+
+    @property
+    def moved(self) -> NDArray[np.bool_]:
+        """Pixels that see gel raised or lowered: where gel bulges, more than the region that counts."""
+        return np.asarray(
+            np.abs(self.frame.height_mm) > MOVED_SHARE * float(self.frame.surface.height_mm.max())
+        )
 
     @property
     def height_error_um(self) -> Array:
@@ -143,7 +152,7 @@ class EvaluationProtocol:
             image=image,
             normals=estimated,
             true_normals=truth,
-            height_mm=found.height_mm(pitch_mm=pitch),
+            height_mm=_height_mm(found, frame),
             region=region,
             error_deg=normal_error_deg(estimated, truth),
         )
@@ -156,6 +165,19 @@ def each_of(work: Callable[[int], Thing], count: int) -> list[Thing]:
         return [work(k) for k in range(count)]
     with ThreadPoolExecutor(threads) as pool:
         return list(pool.map(work, range(count)))
+
+
+def _height_mm(found: GradientEstimate, frame: Frame) -> Array:
+    """Height above the undeformed membrane, from the border of the picture inwards.
+
+    Slopes leave an offset open. Kernel contact has its border at 0; where a bulge reaches it, the border is
+    as high as it truly is on average.
+    """
+    height_mm = found.height_mm(pitch_mm=frame.rays.pitch_mm)
+    if not frame.surface.bulges:
+        return height_mm
+    true = frame.height_mm
+    return height_mm + np.concatenate([true[0], true[-1], true[1:-1, 0], true[1:-1, -1]]).mean()
 
 
 def _binned(frame: Frame) -> float:

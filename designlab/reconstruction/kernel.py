@@ -29,7 +29,7 @@ class GradientEstimate(NamedTuple):
     weights: Array
 
     def height_mm(self, *, pitch_mm: float | tuple[float, float]) -> Array:
-        """Height above the undeformed membrane, zero at the border of the picture; see `integrate`."""
+        """Height above the border of the picture, all of which is held at 0; see `integrate`."""
         return integrate(
             self.p,
             self.q,

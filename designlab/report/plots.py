@@ -147,11 +147,12 @@ def press(shown: Reconstruction, extent: Extent, mark: Place | None = None) -> "
     if mark is not None:
         _mark(panels[1, 0], mark, extent)
     top = float(true_height_mm.max())
+    low = min(-0.1 * top, float(true_height_mm.min()))
     for axes, field, name in (
         (panels[1, 1], shown.height_mm, "Height, reconstructed"),
         (panels[1, 2], true_height_mm, "Height, truth"),
     ):
-        drawn = axes.imshow(field, extent=extent, cmap="viridis", vmin=min(0.0, -0.1 * top), vmax=1.1 * top)
+        drawn = axes.imshow(field, extent=extent, cmap="viridis", vmin=low, vmax=1.1 * top)
         figure.colorbar(drawn, ax=axes, label="height (mm)")
         _label(axes, name)
     return figure

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from designlab.evaluation import protocol
 from designlab.evaluation.illumination_scores import uniformity, worst_evenness
 from designlab.evaluation.response_maps import sensing_area
+from designlab.reconstruction.kernel import GradientEstimate
 from designlab.sensor.design import preset
 
 FLAT, CORE = preset("gelsight-2020-flat"), preset("default")
@@ -49,3 +51,17 @@ def test_evenness_is_unbiased_and_scatters_as_stated(design, sigma, correlation_
     truth = worst_evenness(clean.basis, sensing_area(design, clean))
     deviation = (np.mean(values, axis=0) - truth) / (scatter / np.sqrt(len(values)))
     assert (np.abs(deviation) < 4).all(), deviation
+
+
+def test_a_bulge_at_the_border_is_no_error_of_height_and_counts_as_moved():
+    x, y = np.meshgrid(np.linspace(-4, 4, 81), np.linspace(3, -3, 61))
+    height = 0.5 * np.exp(-(x**2 + y**2) / 0.5) - 0.03
+    q, p = np.gradient(height, -0.1, 0.1)
+    for bulge, lowered in ((True, height), (False, height + 0.03)):
+        surface = SimpleNamespace(height_mm=lowered, bulges=bulge)
+        frame = SimpleNamespace(height_mm=lowered, surface=surface, rays=SimpleNamespace(pitch_mm=(0.1, 0.1)))
+        found = protocol._height_mm(GradientEstimate(p, q, np.ones_like(p)), frame)
+        assert np.abs(found - lowered).max() < 0.01
+        moved = protocol.Reconstruction(frame, *[None] * 6).moved
+        assert moved[0, 0] == bulge
+        assert moved[30, 40]

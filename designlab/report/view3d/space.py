@@ -158,7 +158,10 @@ def _add_membrane(
         plotter.add_mesh(membrane, color="#dddad4", **look)
     else:
         shades = ["#dddad4", "#7b5ea7", "#2d1e5e"]
-        plotter.add_mesh(membrane, scalars="depth", cmap=shades, show_scalar_bar=False, **look)
+        deepest = max(float(pressed.max()), 1e-6)  # a bulge has the colour of untouched gel
+        plotter.add_mesh(
+            membrane, scalars="depth", clim=(0.0, deepest), cmap=shades, show_scalar_bar=False, **look
+        )
 
 
 def _sensing_area(design: Design) -> Any:
