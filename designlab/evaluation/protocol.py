@@ -177,7 +177,8 @@ def _height_mm(found: GradientEstimate, frame: Frame) -> Array:
     if not frame.surface.bulges:
         return height_mm
     true = frame.height_mm
-    return height_mm + np.concatenate([true[0], true[-1], true[1:-1, 0], true[1:-1, -1]]).mean()
+    border = np.concatenate([true[0], true[-1], true[1:-1, 0], true[1:-1, -1]])
+    return height_mm + float(border.mean())
 
 
 def _binned(frame: Frame) -> float:

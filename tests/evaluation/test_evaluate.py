@@ -20,7 +20,9 @@ pytestmark = pytest.mark.renders
 
 FLAT = preset("gelsight-2020-flat")
 BEHIND_GLASS = preset("default")
-OF_KERNEL = {name: unit for name, unit in SCORES.items() if name not in ("height_mae_moved_um", "press_depth_mm")}
+OF_KERNEL = {
+    name: unit for name, unit in SCORES.items() if name not in ("height_mae_moved_um", "press_depth_mm")
+}
 EXACT = {"coverage", "saturation_share", "stray_share", "press_saturation_share"}  # of this design
 
 

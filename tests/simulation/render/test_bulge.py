@@ -18,9 +18,7 @@ from tests.simulation.render.test_landings import AREA_MM, PITCH_MM, lit, parall
 
 pytestmark = [pytest.mark.physics, pytest.mark.llvm, pytest.mark.usefixtures("backend"), pytest.mark.renders]
 
-FLAT, ELASTIC, CORE = (
-    preset(name) for name in ("gelsight-2020-flat", "gelsight-2020-flat-elastic", "default")
-)
+FLAT, ELASTIC = preset("gelsight-2020-flat"), preset("gelsight-2020-flat-elastic")
 DEEP_MM, RADIUS_MM, WIDTH_MM = 0.03, 2.0, 0.7
 BALL = Press(probe=parse("sphere:4"), depth_mm=0.5, centre_mm=(0.7, -0.4))
 BLOCK = 4
@@ -38,7 +36,7 @@ def change(simulator, surface, seed=1):
     """A picture of a surface, and what differs from the untouched gel's, relative to the mean of that."""
     pressed, untouched = (simulator.frame(None, seed=seed, surface=s).basis for s in (surface, None))
     mean = untouched.mean(axis=(1, 2), keepdims=True)
-    return block_means(pressed / mean, BLOCK), block_means((pressed - untouched) / mean, BLOCK)
+    return block_means(pressed, BLOCK), block_means((pressed - untouched) / mean, BLOCK)
 
 
 def compared(design, surface_of, *, samples, truth):
@@ -79,7 +77,7 @@ def elastic(press):
 def test_a_bulge_in_air_is_as_the_path_tracer_has_it(design, surface_of):
     off, error, noise = compared(design, surface_of, samples=512, truth="path")
     assert np.abs(off).max() < 0.005
-    assert noise.max() < 0.05
+    assert noise.max() < 0.2
     assert error.max() < 0.05
 
 
