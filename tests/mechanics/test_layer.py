@@ -84,6 +84,12 @@ def test_navier_equations_hold_in_a_layer_cut_into_slices(poisson):
     assert moved[slices] == pytest.approx(base.coupling(at)[0], abs=3e-3 * base.normal(at)[0])
 
 
+@pytest.mark.parametrize(("poisson", "decay"), [(0.5, 0.739), (0.49, 0.748), (0.45, 0.783), (0.3, 0.913)])
+def test_far_from_a_load_the_surface_settles_at_its_rate(poisson, decay):
+    base = layer(poisson, thickness=2.0)
+    assert 2.0 * base.decay_per_mm == pytest.approx(decay, abs=1e-3)
+
+
 @pytest.mark.parametrize(
     ("values", "message"),
     [
