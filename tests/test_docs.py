@@ -259,11 +259,11 @@ def test_every_effect_is_listed_with_its_parameters():
         if re.match(r"\| `[a-z_]+` \| .* \| (unit|design) \|", line)
     ]
     assert [line[0].strip("| `") for line in rows] == [each.name for each in CATALOGUE]
-    design = preset("gelsight-2020-flat-core")
+    designs = preset("gelsight-2020-flat-core"), preset("gelsight-2020-flat-elastic")
     for each, (_, summary, parameters, _, kind) in zip(CATALOGUE, rows, strict=True):
         assert summary == each.summary
         assert kind.strip(" |") == ("design" if each.transferable else "unit")
-        for p in each.parameters(design):
+        for p in (p for design in designs for p in each.parameters(design)):
             name = p.name.replace(p.group, "GROUP") if p.group else p.name
             assert re.sub(r"_\d+$", "_1", name) in parameters.replace("`C_from_GROUP`", name), (
                 each.name,

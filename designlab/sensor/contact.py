@@ -106,3 +106,16 @@ def require_kernel(contact: Contact) -> KernelContact:
     if not isinstance(contact, KernelContact):
         raise ValueError(f"contact.model: must be 'kernel' here, is {contact.model!r}")
     return contact
+
+
+def require_layer(contact: Contact) -> LayerContact:
+    """Return the contact of a design that needs an elastic layer.
+
+    Raises
+    ------
+    ValueError
+        If the gel smooths by the kernel.
+    """
+    if not isinstance(contact, LayerContact):
+        raise ValueError(f"contact.model: must be 'layer' here, is {contact.model!r}")
+    return contact

@@ -159,13 +159,14 @@ class Simulator:
             min(float(np.abs(seen).max()), furthest_mm) + SURFACE_MARGIN_MM
             for seen in (self.rays.x_mm, self.rays.y_mm)
         )
-        return indent(
+        surface = indent(
             self.design.elastomer,
             self.design.contact,
             press,
             area_mm=(2 * reach_x, 2 * reach_y),
             pitch_mm=self.pitch_mm,
         )
+        return self.model.on_surface(surface, press)
 
     def scene(self, surface: Surface) -> Scene:
         """Lay out the scene after every effect that acts on it."""

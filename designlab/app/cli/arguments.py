@@ -311,6 +311,12 @@ def _add_gap(add: Any) -> None:
     _out(diagnose, "folder of the report and the updated model; the same command again goes on there")
     _trust(diagnose)
     _option(diagnose, "--renders DIR", "folder of pictures that several diagnoses share (default: in --out)")
+    _option(
+        diagnose,
+        "--effects NAME",
+        "effects to try (default: all that can act on the design, but those tried by name alone)",
+        nargs="+",
+    )
     _seed(diagnose)
 
     text = "diagnose a pool of generated sets and score it"

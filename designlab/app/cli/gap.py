@@ -104,6 +104,7 @@ def diagnose(args: Namespace) -> Result:
             progress=progress,
             renders=None if args.renders is None else Path(args.renders),
             trust=args.trust,
+            catalogue=args.effects,
         )
         content = write_diagnosis(found, page=page)
     return Result(content | {"report": str(page)}, f"{_summary(found)}\nreport: {page}")

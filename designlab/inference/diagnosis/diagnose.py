@@ -42,7 +42,7 @@ from designlab.inference.diagnosis.verdict.update import updated
 from designlab.measurement import Measurement
 from designlab.measurement.shots import Observations
 from designlab.sensor.design import Design
-from designlab.simulation.effects import CATALOGUE, SensorModel, effect
+from designlab.simulation.effects import UNASKED, SensorModel, effect
 
 RUN = "run.json"
 SAMPLES = 256
@@ -92,7 +92,8 @@ def diagnose(
     resume : bool
         Whether pictures of an earlier, interrupted run are used.
     catalogue : sequence of str, optional
-        Names of the effects to try; all that can act on the design when absent.
+        Names of the effects to try; when absent, all that can act on the design but those that are tried by
+        name alone.
     samples : int
         Samples per pixel and LED group.
     columns : int
@@ -149,7 +150,12 @@ def diagnose(
         updated=model,
         model=out / "model.toml",
         candidates=tuple(found.search.tried),
-        notes=(*_notes(seen, measurement, model), *_chance(given.fitter), *_along(last)),
+        notes=(
+            *_notes(seen, measurement, model),
+            *_chance(given.fitter),
+            *_along(last),
+            *_confounded(effects, model.effective_design()),
+        ),
         provenance=_provenance(seen, measurement, model, source, begun),
         seen=seen,
         control=wrong,
@@ -260,7 +266,7 @@ def _names(model: SensorModel, catalogue: Sequence[str] | None, seen: Observatio
     """Effects to try."""
     # What a picture or unit has alone is not in the simulation of the model given, and may be found again.
     present = {applied.name for applied in model.effects if not effect(applied.name).drawn}
-    wanted = [e.name for e in CATALOGUE] if catalogue is None else [effect(n).name for n in catalogue]
+    wanted = list(UNASKED) if catalogue is None else [effect(n).name for n in catalogue]
     if len({shot.view for shot in seen.shots}) > 1:
         present.add("fixed_pattern")  # of pixels, which frames of several crops do not share
     return [name for name in wanted if name not in present and effect(name).parameters(model.design)]
@@ -362,6 +368,16 @@ def _along(last: _Stand) -> Iterator[str]:
         if abs(larger) > OTHER_SD * SIZE_SD:
             than = "larger" if larger > 0 else "smaller"
             yield f"probe {probe} fits best {abs(larger):.1%} {than} than stated: measure it"
+
+
+def _confounded(effects: Sequence[Found], design: Design) -> Iterator[str]:
+    """Note of each effect found what does much the same by its physics, whatever these frames tell."""
+    for found in effects:
+        fields = [name for name in effect(found.name).confounded_with if "." in name]
+        others = [name for name in effect(found.name).confounded_with if name in UNASKED]
+        others = [name for name in others if effect(name).parameters(design)]
+        if others:
+            yield f"{found.name}: {', '.join([*others, *fields])} would do much the same"
 
 
 def _provenance(

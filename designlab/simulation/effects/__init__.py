@@ -4,11 +4,12 @@ Adding one is a class in the module of its stage and an entry in `catalogue.CATA
 """
 
 from designlab.simulation.effects.base import Effect, EffectParameter, Sight
-from designlab.simulation.effects.catalogue import CATALOGUE
+from designlab.simulation.effects.catalogue import CATALOGUE, UNASKED
 from designlab.simulation.effects.model import AppliedEffect, ModelError, SensorModel, effect, load_model
 
 __all__ = [
     "CATALOGUE",
+    "UNASKED",
     "AppliedEffect",
     "Effect",
     "EffectParameter",

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from designlab.core.types import Array
 from designlab.sensor.camera import View
+from designlab.sensor.contact import CONTACT_MODELS
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press
+from designlab.simulation.contact.surface import Surface
 from designlab.simulation.scene.scene import Scene
 
 Stage = Literal["geometry", "emission", "transport", "material", "contact", "camera"]
@@ -113,13 +115,27 @@ class Effect:
     """Whether it changes a design only in which point of the membrane each pixel sees."""
     curved: ClassVar[bool] = False
     """Whether it changes a signal otherwise than in proportion, so that a pixel's noise changes its mean."""
+    reposes: ClassVar[bool] = False
+    """Whether it changes a press only in its pose, by which pictures are rendered for every press anyway."""
+    contact_models: ClassVar[tuple[str, ...]] = CONTACT_MODELS
+    """Models of contact it acts on; a design of another has no parameters of it."""
+    confounded_with: ClassVar[tuple[str, ...]] = ()
+    """What does much the same to usual pictures by its physics, stated in advance: effects, and fields of a
+    design with their dotted path."""
+    by_name: ClassVar[bool] = False
+    """Whether a diagnosis tries it only where it is asked for by name."""
 
     @property
     def rendered(self) -> bool:
         """Whether light must be traced or shaded anew to see it."""
         kind = type(self)
-        changes = kind.on_design is not Effect.on_design or kind.on_scene is not Effect.on_scene
-        return changes and not self.recombines and not self.warps
+        hooks = ("on_press", "on_design", "on_surface", "on_scene")
+        changes = any(getattr(kind, hook) is not getattr(Effect, hook) for hook in hooks)
+        return changes and not (self.recombines or self.warps or self.reposes)
+
+    def suits(self, design: Design) -> bool:
+        """Whether it acts on designs with this model of contact."""
+        return design.contact.model in self.contact_models
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Return the parameters, some for each LED group; none for a design that the effect cannot change."""
@@ -132,6 +148,10 @@ class Effect:
     def on_design(self, design: Design, values: Values) -> Design:
         """Change the design before anything is simulated."""
         return design
+
+    def on_surface(self, surface: Surface, design: Design, press: Press | None, values: Values) -> Surface:
+        """Change the membrane under what is pressed; the design is that after every effect on it."""
+        return surface
 
     def on_scene(self, scene: Scene, values: Values) -> Scene:
         """Change the scene before light is traced."""

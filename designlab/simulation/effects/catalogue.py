@@ -9,9 +9,18 @@ from designlab.simulation.effects.camera import (
     FixedPattern,
     ResponseCurve,
 )
-from designlab.simulation.effects.contact import ContactKernel, ContactProfile, DepthOffset
+from designlab.simulation.effects.contact import (
+    ContactKernel,
+    ContactLayer,
+    ContactProfile,
+    DepthOffset,
+    Friction,
+    ProbeEdge,
+    ProbeSize,
+    SkinLength,
+)
 from designlab.simulation.effects.emission import LedPosition, LedProfile, LedSpread, LedTilt
-from designlab.simulation.effects.geometry import CameraPose
+from designlab.simulation.effects.geometry import CameraPose, GelThickness
 from designlab.simulation.effects.lens import LensDistortion, PointSpread, VeilingGlare, VignettingEffect
 from designlab.simulation.effects.material import AlbedoField, SpecularCoat, Translucency
 from designlab.simulation.effects.transport import (
@@ -24,6 +33,7 @@ from designlab.simulation.effects.transport import (
 
 CATALOGUE: tuple[Effect, ...] = (
     CameraPose(),
+    GelThickness(),
     LedSpread(),
     LedProfile(),
     LedTilt(),
@@ -38,6 +48,11 @@ CATALOGUE: tuple[Effect, ...] = (
     Translucency(),
     ContactKernel(),
     ContactProfile(),
+    ContactLayer(),
+    Friction(),
+    SkinLength(),
+    ProbeEdge(),
+    ProbeSize(),
     DepthOffset(),
     LensDistortion(),
     PointSpread(),
@@ -51,3 +66,6 @@ CATALOGUE: tuple[Effect, ...] = (
     ResponseCurve(),
 )
 """Every known effect, in pipeline order: geometry, emission, transport, material, contact, camera."""
+
+UNASKED: tuple[str, ...] = tuple(effect.name for effect in CATALOGUE if not effect.by_name)
+"""Names of those that a diagnosis tries without being asked."""

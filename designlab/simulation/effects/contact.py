@@ -1,12 +1,18 @@
 """Effects of the contact between object and gel."""
 
+from dataclasses import replace
 from typing import ClassVar
 
+from designlab.sensor.contact import LayerContact, require_kernel, require_layer
 from designlab.sensor.design import Design
+from designlab.simulation.contact import layer
 from designlab.simulation.contact.press import Press
+from designlab.simulation.contact.surface import Surface
 from designlab.simulation.effects.base import Effect, EffectParameter, Stage, Values
+from geometries.probes import LARGEST_EDGE, Probe
 
 LEAST_DEPTH_MM = 0.01
+MOST_EDGE = 0.99  # of the radius at which nothing straight is left beside a probe's edge
 
 
 class ContactKernel(Effect):
@@ -16,10 +22,11 @@ class ContactKernel(Effect):
     stage: ClassVar[Stage] = "contact"
     summary: ClassVar[str] = "the gel's smoothing length differs"
     transferable: ClassVar[bool] = True  # what the gel is made of
+    contact_models: ClassVar[tuple[str, ...]] = ("kernel",)
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """One ratio; published kernels are tuned by hand, 40 % off is common."""
-        if design.contact.model != "kernel":
+        if not self.suits(design):
             return ()
         return (
             EffectParameter(
@@ -29,9 +36,9 @@ class ContactKernel(Effect):
 
     def on_design(self, design: Design, values: Values) -> Design:
         """Scale the kernel's length."""
-        if design.contact.model != "kernel":
+        if not self.suits(design):
             return design
-        length_mm = design.contact.kernel_length_mm * values["length_ratio"]
+        length_mm = require_kernel(design.contact).kernel_length_mm * values["length_ratio"]
         return design.replace({"contact.kernel_length_mm": length_mm})
 
 
@@ -42,12 +49,13 @@ class ContactProfile(Effect):
     stage: ClassVar[Stage] = "contact"
     summary: ClassVar[str] = "the gel is raised around the contact too"
     transferable: ClassVar[bool] = True  # what the gel is made of
+    contact_models: ClassVar[tuple[str, ...]] = ("kernel",)
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Tails of 10 to 40 % of the depth that fall over 0.4 to 1 mm have been measured."""
-        contact = design.contact
-        if contact.model != "kernel":
+        if not self.suits(design):
             return ()
+        contact = require_kernel(design.contact)
         return (
             EffectParameter(
                 "tail_share",
@@ -65,10 +73,170 @@ class ContactProfile(Effect):
 
     def on_design(self, design: Design, values: Values) -> Design:
         """Add to the tail."""
-        if design.contact.model != "kernel" or not values["tail_share"]:
+        if not self.suits(design) or not values["tail_share"]:
             return design
-        share = min(max(design.contact.tail_share + values["tail_share"], 0.0), 0.99)
+        share = min(max(require_kernel(design.contact).tail_share + values["tail_share"], 0.0), 0.99)
         return design.replace({"contact.tail_share": share, "contact.tail_mm": values["tail_mm"]})
+
+
+class ContactLayer(Effect):
+    """The gel is an elastic layer, bonded to its core, where the design smooths the probe's shape.
+
+    The membrane goes from the kernel's shape to the layer's in proportion to a share: pictures are then
+    nearly linear in it, and at 1 the sensor is one whose design states a layer and nothing else of it.
+    """
+
+    name: ClassVar[str] = "contact_layer"
+    stage: ClassVar[Stage] = "contact"
+    summary: ClassVar[str] = "the gel is an elastic layer and no kernel"
+    transferable: ClassVar[bool] = True  # how gels work
+    contact_models: ClassVar[tuple[str, ...]] = ("kernel",)
+    by_name: ClassVar[bool] = True  # the race has learnt its thresholds without
+
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
+        """Share of the layer; its thickness, known to a quarter where nobody measured it (estimate)."""
+        if not self.suits(design):
+            return ()
+        thickness_mm = design.elastomer.thickness_mm
+        return (
+            EffectParameter("share", "1", 0.0, 0.5, 0.0, 1.0, "share of the layer in the membrane's shape"),
+            EffectParameter(
+                "thickness_mm",
+                "mm",
+                thickness_mm,
+                thickness_mm / 4,
+                thickness_mm / 2,
+                3 * thickness_mm,
+                "thickness of the layer as it is pressed",
+                shape=True,
+            ),
+        )
+
+    def on_surface(self, surface: Surface, design: Design, press: Press | None, values: Values) -> Surface:
+        """Go from the kernel's membrane towards the layer's."""
+        share = values.get("share", 0.0)
+        if press is None or not share:
+            return surface
+        gel = design.elastomer.model_copy(update={"thickness_mm": values["thickness_mm"]})
+        elastic = layer.deform(surface, gel, LayerContact(), press)
+        height_mm = (1 - share) * surface.height_mm + share * elastic.height_mm
+        return replace(elastic if share == 1 else surface, height_mm=height_mm)
+
+
+class Friction(Effect):
+    """The probe slips less or more easily over the membrane."""
+
+    name: ClassVar[str] = "friction"
+    stage: ClassVar[Stage] = "contact"
+    summary: ClassVar[str] = "probe and membrane rub more or less"
+    transferable: ClassVar[bool] = True  # what the skin is made of
+    contact_models: ClassVar[tuple[str, ...]] = ("layer",)
+    confounded_with: ClassVar[tuple[str, ...]] = ("gel_thickness", "contact.poisson")
+
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
+        """Silicone on plastics and metals rubs with coefficients of 0.3 to 1.5 (estimate)."""
+        if not self.suits(design):
+            return ()
+        friction = require_layer(design.contact).friction
+        return (
+            EffectParameter("added", "1", 0.0, 0.5, -friction, 3.0, "added to the coefficient of friction"),
+        )
+
+    def on_design(self, design: Design, values: Values) -> Design:
+        """Add to the coefficient."""
+        if not self.suits(design) or not values["added"]:
+            return design
+        friction = max(require_layer(design.contact).friction + values["added"], 0.0)
+        return design.replace({"contact.friction": friction})
+
+
+class SkinLength(Effect):
+    """The coated skin follows corners less or more closely."""
+
+    name: ClassVar[str] = "skin_length"
+    stage: ClassVar[Stage] = "contact"
+    summary: ClassVar[str] = "the coated skin smooths corners less or more"
+    transferable: ClassVar[bool] = True  # how gels of the kind are coated
+    contact_models: ClassVar[tuple[str, ...]] = ("layer",)
+
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
+        """Paints are 0.02 to 0.1 mm thick and smooth over about as much (estimate)."""
+        if not self.suits(design):
+            return ()
+        length_mm = require_layer(design.contact).skin_length_mm
+        return (
+            EffectParameter(
+                "added_mm",
+                "mm",
+                0.0,
+                0.03,
+                -length_mm,
+                0.5,
+                "added to the skin's smoothing length",
+                squared=length_mm == 0,
+            ),
+        )
+
+    def on_design(self, design: Design, values: Values) -> Design:
+        """Add to the skin's length."""
+        if not self.suits(design) or not values["added_mm"]:
+            return design
+        length_mm = max(require_layer(design.contact).skin_length_mm + values["added_mm"], 0.0)
+        return design.replace({"contact.skin_length_mm": length_mm})
+
+
+class ProbeEdge(Effect):
+    """Edges of probes are rounder than stated, as a printer leaves them."""
+
+    name: ClassVar[str] = "probe_edge"
+    stage: ClassVar[Stage] = "contact"
+    summary: ClassVar[str] = "edges of probes are rounder than stated"
+    transferable: ClassVar[bool] = False  # how these probes were made
+    by_name: ClassVar[bool] = True  # the race has learnt its thresholds without
+
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
+        """A bead of a 0.4 mm nozzle leaves 0.1 to 0.3 mm (estimate)."""
+        return (EffectParameter("radius_mm", "mm", 0.0, 0.15, 0.0, 1.0, "added to the radius of edges"),)
+
+    def on_press(self, press: Press, values: Values) -> Press:
+        """Round the edges of probes that have any."""
+        probe = press.probe
+        if not values["radius_mm"] or probe.kind not in LARGEST_EDGE:
+            return press
+        most_mm = MOST_EDGE * LARGEST_EDGE[probe.kind] * probe.size_mm
+        edge_mm = min(probe.edge_radius_mm + values["radius_mm"], most_mm)
+        return _pressed_by(press, probe.model_copy(update={"edge_radius_mm": edge_mm}))
+
+
+class ProbeSize(Effect):
+    """All probes are larger or smaller than stated, by one ratio."""
+
+    name: ClassVar[str] = "probe_size"
+    stage: ClassVar[Stage] = "contact"
+    summary: ClassVar[str] = "probes are larger or smaller than stated"
+    transferable: ClassVar[bool] = False  # how these probes were made
+    confounded_with: ClassVar[tuple[str, ...]] = (
+        "lens_distortion",
+        "camera_pose",
+        "camera.horizontal_fov_deg",
+    )
+    by_name: ClassVar[bool] = True  # a size of its own is fitted for every probe anyway
+
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
+        """Prints shrink by up to some percent (estimate)."""
+        return (
+            EffectParameter("size_ratio", "1", 1.0, 0.03, 0.7, 1.4, "size of probes over the stated one"),
+        )
+
+    def on_press(self, press: Press, values: Values) -> Press:
+        """Scale the probe with its edges."""
+        if values["size_ratio"] == 1.0:
+            return press
+        return _pressed_by(press, press.probe.scaled(values["size_ratio"]))
+
+
+def _pressed_by(press: Press, probe: Probe) -> Press:
+    return press.model_copy(update={"probe": probe})
 
 
 class DepthOffset(Effect):
@@ -78,6 +246,8 @@ class DepthOffset(Effect):
     stage: ClassVar[Stage] = "contact"
     summary: ClassVar[str] = "every press is deeper or shallower than stated"
     transferable: ClassVar[bool] = False  # how the stage was zeroed
+    reposes: ClassVar[bool] = True
+    confounded_with: ClassVar[tuple[str, ...]] = ("gel_thickness",)
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Touching is judged to 0.05 mm by eye (estimate)."""

@@ -14,6 +14,7 @@ class CameraPose(Effect):
     summary: ClassVar[str] = "the camera stands or looks elsewhere"
     transferable: ClassVar[bool] = False  # how one camera was screwed on
     warps: ClassVar[bool] = True
+    confounded_with: ClassVar[tuple[str, ...]] = ("probe_size",)  # by its height
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Place to 0.3 mm and direction to 1 deg: a camera screwed to a printed holder (estimate)."""
@@ -37,3 +38,29 @@ class CameraPose(Effect):
         place = tuple(c + values[f"{axis}_mm"] for c, axis in zip(camera.position_mm, "xyz", strict=True))
         tilt = tuple(t + values[f"tilt_{axis}_deg"] for t, axis in zip(camera.tilt_deg, "xy", strict=True))
         return design.replace({"camera.position_mm": place, "camera.tilt_deg": tilt})
+
+
+class GelThickness(Effect):
+    """The gel is thicker or thinner than drawn."""
+
+    name: ClassVar[str] = "gel_thickness"
+    stage: ClassVar[Stage] = "geometry"
+    summary: ClassVar[str] = "the gel is thicker or thinner than drawn"
+    transferable: ClassVar[bool] = False  # how one gel was cast
+    contact_models: ClassVar[tuple[str, ...]] = ("layer",)
+    confounded_with: ClassVar[tuple[str, ...]] = ("depth_offset", "friction", "contact.poisson")
+
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
+        """Gels cast in open moulds come out 10 % thicker or thinner (estimate)."""
+        if not self.suits(design):
+            return ()
+        return (
+            EffectParameter("thickness_ratio", "1", 1.0, 0.1, 0.5, 2.0, "thickness over its nominal value"),
+        )
+
+    def on_design(self, design: Design, values: Values) -> Design:
+        """Scale the thickness."""
+        if not self.suits(design) or values["thickness_ratio"] == 1.0:
+            return design
+        thickness_mm = design.elastomer.thickness_mm * values["thickness_ratio"]
+        return design.replace({"elastomer.thickness_mm": thickness_mm})

@@ -24,6 +24,7 @@ class LensDistortion(Effect):
     summary: ClassVar[str] = "the picture is scaled or distorted"
     transferable: ClassVar[bool] = True  # the lens's kind
     warps: ClassVar[bool] = True
+    confounded_with: ClassVar[tuple[str, ...]] = ("probe_size",)  # by its magnification
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """What is left after undistortion: 2 % of the distance from the axis at the corner (estimate).

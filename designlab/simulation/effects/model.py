@@ -12,6 +12,7 @@ from pydantic import Field, ValidationError, model_validator
 from designlab.core.store import read_toml, write_atomic
 from designlab.sensor.design import Design, DesignError, explain, load
 from designlab.simulation.contact.press import Press
+from designlab.simulation.contact.surface import Surface
 from designlab.simulation.effects.base import Effect, EffectParameter, Light, Sight, Signal
 from designlab.simulation.effects.catalogue import CATALOGUE
 from designlab.simulation.effects.known import Covariance, Domain, Provenance
@@ -123,6 +124,13 @@ class SensorModel(Spec):
         for applied in self.effects:
             press = effect(applied.name).on_press(press, applied.values)
         return press
+
+    def on_surface(self, surface: Surface, press: Press | None) -> Surface:
+        """Return the membrane under what is really pressed after every effect that acts on it."""
+        design = self.effective_design()
+        for applied in self.effects:
+            surface = effect(applied.name).on_surface(surface, design, press, applied.values)
+        return surface
 
     def on_scene(self, scene: Scene) -> Scene:
         """Return the scene after every effect that acts on it."""

@@ -18,7 +18,7 @@ from designlab.inference.diagnosis.diagnose import COLUMNS, SAMPLES
 from designlab.measurement import load_measurement
 from designlab.report.diagnosis_folder import write_diagnosis
 from designlab.sensor.design import preset
-from designlab.simulation.effects import CATALOGUE
+from designlab.simulation.effects import UNASKED, effect
 from designlab.validation.blind.frozen import code_digest
 from designlab.validation.blind.pool import Trial, frames_of
 from designlab.validation.synthetic import plant, unseal
@@ -200,8 +200,8 @@ def _planted(trial: Trial, folder: Path) -> Path:
 
 def _catalogue(trial: Trial) -> list[str]:
     """Effects to try; of small sets those alone that take no pictures of their own."""
-    tried = [each for each in CATALOGUE if trial.size == "full" or not each.rendered]
-    return [each.name for each in tried if each.name not in trial.without]
+    tried = [name for name in UNASKED if trial.size == "full" or not effect(name).rendered]
+    return [name for name in tried if name not in trial.without]
 
 
 def _one(trial: Trial, folder: Path) -> Outcome:

@@ -28,6 +28,8 @@ from geometries.probes import parse
 
 DESIGN = preset("gelsight-2020-flat")
 CORE = preset("gelsight-2020-flat-core")
+ELASTIC = preset("gelsight-2020-flat-elastic")
+TRIANGLE = Press(probe=parse("triangle:4"), depth_mm=0.4, yaw_deg=10.0)
 BALL = Press(probe=parse("sphere:4"), depth_mm=0.6, centre_mm=(1.0, -0.5))
 PICTURE = np.linspace(0.1, 0.4, 12).reshape(2, 2, 3)
 LED_MOVE = {"radial_mm": 0.4, "height_mm": -0.3, "tangential_mm": 0.2}
@@ -35,11 +37,14 @@ NAMES = (
     "black_level colour_mixing response_curve vignetting point_spread veiling_glare lens_distortion "
     "fixed_pattern exposure_drift banding led_spread led_profile led_tilt led_position interreflection "
     "gelcore_index delamination absorption core_scatter albedo_field specular_coat translucency "
-    "contact_kernel contact_profile depth_offset camera_pose"
+    "contact_kernel contact_profile depth_offset camera_pose contact_layer gel_thickness friction "
+    "skin_length probe_edge probe_size"
 )
-EVERYWHERE = [(e, d) for d in (DESIGN, CORE) for e in CATALOGUE]
+EVERYWHERE = [(e, d) for d in (DESIGN, CORE, ELASTIC) for e in CATALOGUE]
 everywhere = pytest.mark.parametrize(
-    ("candidate", "design"), EVERYWHERE, ids=[f"{e.name}-{d.optics.light_path}" for e, d in EVERYWHERE]
+    ("candidate", "design"),
+    EVERYWHERE,
+    ids=[f"{e.name}-{d.optics.light_path}-{d.contact.model}" for e, d in EVERYWHERE],
 )
 
 
@@ -87,8 +92,9 @@ def state(candidate: Effect, design: Design, values: Mapping[str, float]) -> lis
     """What every hook makes of fixed inputs."""
     seen = sight(design)
     return [
-        candidate.on_press(BALL, values).model_dump_json(),
+        *(candidate.on_press(press, values).model_dump_json() for press in (BALL, TRIANGLE)),
         candidate.on_design(design, values).digest,
+        candidate.on_surface(surface(design), design, BALL, values).height_mm.tobytes(),
         candidate.on_scene(scene(design), values).digest,
         candidate.on_light(light(seen), values, seen).tobytes(),
         candidate.on_signal(PICTURE, values).tobytes(),
@@ -106,7 +112,8 @@ def test_the_catalogue_is_complete_and_in_the_order_of_the_pipeline() -> None:
 @everywhere
 def test_null_is_the_identity_through_every_hook(candidate: Effect, design: Design) -> None:
     seen = sight(design)
-    plain = [BALL.model_dump_json(), design.digest, scene(design).digest]
+    plain: list[object] = [BALL.model_dump_json(), TRIANGLE.model_dump_json(), design.digest]
+    plain += [surface(design).height_mm.tobytes(), scene(design).digest]
     plain += [light(seen).tobytes(), PICTURE.tobytes()]
     assert state(candidate, design, candidate.null(design)) == plain
 
@@ -126,6 +133,8 @@ def test_each_parameter_alone_changes_something(candidate: Effect, design: Desig
 
 
 def of_other_designs(candidate: Effect, design: Design) -> bool:
+    if design.contact.model not in candidate.contact_models:
+        return True
     if design.optics.light_path != "core":
         return candidate.name in ("gelcore_index", "delamination", "absorption", "core_scatter")
     return candidate.name == "led_tilt"  # bonded LEDs cannot tilt
@@ -208,6 +217,97 @@ def test_contact_kernel_leaves_the_untouched_gel_alone() -> None:
     assert not surface(changed, None).height_mm.any()
 
 
+def elastic(name: str, press: Press = BALL, **values: float) -> Surface:
+    """Membrane of an elastic gel that has an effect."""
+    model = applied(name, ELASTIC, **values)
+    return surface(model.effective_design(), model.on_press(press))
+
+
+def test_effects_act_on_designs_of_their_model_of_contact_alone() -> None:
+    kernel = {"contact_kernel", "contact_profile", "contact_layer"}
+    layer = {"gel_thickness", "friction", "skin_length"}
+    assert {e.name for e in CATALOGUE if e.contact_models == ("kernel",)} == kernel
+    assert {e.name for e in CATALOGUE if e.contact_models == ("layer",)} == layer
+    assert not any(effect(name).parameters(ELASTIC) for name in kernel)
+    assert not any(effect(name).parameters(DESIGN) for name in layer)
+    with pytest.raises(ValueError, match=r"effects\.contact_kernel\.values: needs exactly"):
+        SensorModel(
+            design=ELASTIC, effects=(AppliedEffect(name="contact_kernel", values={"length_ratio": 1.5}),)
+        )
+
+
+def test_what_cannot_be_told_apart_is_declared_by_both() -> None:
+    for one in CATALOGUE:
+        for other in one.confounded_with:
+            if "." in other:
+                content = ELASTIC.model_dump()
+                for part in other.split("."):
+                    assert part in content
+                    content = content[part]
+            else:
+                assert one.name in effect(other).confounded_with
+    assert set(effect("gel_thickness").confounded_with) == {"friction", "depth_offset", "contact.poisson"}
+
+
+def test_a_whole_share_of_the_layer_is_the_elastic_design() -> None:
+    def pressed(share: float, **values: float) -> Surface:
+        model = applied("contact_layer", share=share, **values)
+        return model.on_surface(surface(DESIGN), BALL)
+
+    stated = DESIGN.replace({"contact": ELASTIC.contact})
+    np.testing.assert_array_equal(pressed(1.0).height_mm, surface(stated).height_mm)
+    assert pressed(1.0).mechanics is not None
+    half = (surface(DESIGN).height_mm + surface(stated).height_mm) / 2
+    np.testing.assert_allclose(pressed(0.5).height_mm, half, atol=1e-12)
+    assert half.min() < 0
+    thin = stated.replace({"elastomer.thickness_mm": 1.5})
+    np.testing.assert_array_equal(pressed(1.0, thickness_mm=1.5).height_mm, surface(thin).height_mm)
+
+
+def test_a_thinner_gel_is_touched_wider_and_pressed_harder() -> None:
+    thin, thick = (elastic("gel_thickness", thickness_ratio=ratio) for ratio in (0.7, 1.4))
+    assert thin.contact.sum() > thick.contact.sum()
+    assert thin.mechanics is not None
+    assert thick.mechanics is not None
+    assert thin.mechanics.force_n > 1.2 * thick.mechanics.force_n
+
+
+def test_friction_adds_force_and_hardly_moves_the_membrane() -> None:
+    plain, rough = surface(ELASTIC), elastic("friction", added=1.0)
+    assert plain.mechanics is not None
+    assert rough.mechanics is not None
+    assert 1.0 < rough.mechanics.force_n / plain.mechanics.force_n < 1.18
+    assert 0 < np.abs(rough.height_mm - plain.height_mm).max() < 0.02
+
+
+def test_a_skin_smooths_by_a_normal_distribution() -> None:
+    plain = surface(ELASTIC.replace({"contact.skin_length_mm": 0.0}))
+    smoother = elastic("skin_length", added_mm=0.05)
+    length_mm = ELASTIC.contact.skin_length_mm + 0.05
+    by_hand = gaussian_filter(plain.height_mm, length_mm / plain.pitch_mm, mode="nearest")
+    np.testing.assert_allclose(smoother.height_mm[20:-20, 20:-20], by_hand[20:-20, 20:-20], atol=2e-4)
+
+
+def test_rounded_edges_are_less_steep_and_balls_stay_as_they_are() -> None:
+    rounded = effect("probe_edge").on_press(TRIANGLE, {"radius_mm": 0.2})
+    assert rounded.probe.text == "triangle:4:r0.2"
+    assert effect("probe_edge").on_press(BALL, {"radius_mm": 0.2}) == BALL
+    small = TRIANGLE.model_copy(update={"probe": parse("triangle:1")})
+    most = effect("probe_edge").on_press(small, {"radius_mm": 1.0})
+    assert parse(most.probe.text).edge_radius_mm == pytest.approx(most.probe.edge_radius_mm)  # can be made
+    steepest = [
+        max(np.abs(slope).max() for slope in s.indentation_gradient)
+        for s in (elastic("probe_edge", TRIANGLE, radius_mm=r) for r in (0.0, 0.2))
+    ]
+    assert steepest[1] < 0.9 * steepest[0]
+
+
+def test_larger_probes_touch_more() -> None:
+    wide = [elastic("probe_size", TRIANGLE, size_ratio=r).contact.sum() for r in (0.9, 1.0, 1.1)]
+    assert wide[0] / wide[1] == pytest.approx(0.81, rel=0.03)
+    assert wide[2] / wide[1] == pytest.approx(1.21, rel=0.03)
+
+
 def test_led_position_moves_rows_along_their_own_directions() -> None:
     laid_out = scene(DESIGN)
     moved = effect("led_position").on_scene(laid_out, LED_MOVE)
@@ -283,6 +383,24 @@ def test_model_round_trip(tmp_path) -> None:
     loaded = load_model(path)
     assert loaded == model
     assert loaded.digest == model.digest
+
+
+def test_models_of_elastic_gels_round_trip(tmp_path) -> None:
+    values = {
+        "gel_thickness": {"thickness_ratio": 1.2},
+        "friction": {"added": 0.4},
+        "skin_length": {"added_mm": -0.02},
+        "probe_edge": {"radius_mm": 0.15},
+        "probe_size": {"size_ratio": 1.02},
+    }
+    effects = tuple(AppliedEffect(name=name, values=own) for name, own in values.items())
+    model = SensorModel(design=ELASTIC, effects=effects)
+    layered = applied("contact_layer", share=0.8, thickness_mm=3.0)
+    for number, one in enumerate((model, layered)):
+        assert load_model(one.save(tmp_path / f"{number}.toml")) == one
+    design = model.effective_design()
+    assert design.elastomer.thickness_mm == pytest.approx(1.2 * ELASTIC.elastomer.thickness_mm)
+    assert (design.contact.friction, design.contact.skin_length_mm) == pytest.approx((0.4, 0.03))
 
 
 def test_model_refuses_values_beyond_physical_bounds() -> None:

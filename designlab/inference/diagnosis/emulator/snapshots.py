@@ -487,4 +487,6 @@ def moved(press: Press, pose: Array) -> Press:
         depth_mm=max(press.stated_depth_mm + depth, LEAST_DEPTH_MM),
         centre_mm=(press.centre_mm[0] + x, press.centre_mm[1] + y),
         yaw_deg=turned if abs(turned := press.yaw_deg + yaw) <= 360.0 else math.remainder(turned, 360.0),
+        shear_mm=press.shear_mm,
+        twist_deg=press.twist_deg,
     )

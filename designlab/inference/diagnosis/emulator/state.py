@@ -14,7 +14,7 @@ from designlab.simulation.effects import AppliedEffect, SensorModel, effect
 Values = Mapping[str, Mapping[str, float]]
 Key = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
 """Values of some effects, as a key of what is kept."""
-SIZE = "probe_size"
+SIZE = "own_size"
 FRINGES = "lateral_colour"
 
 
