@@ -14,6 +14,7 @@ from designlab.sensor.optical_properties import AlbedoImage
 from designlab.simulation.effects import CATALOGUE, Sight, effect
 from designlab.simulation.effects.material import albedo_field
 from designlab.simulation.simulator import Simulator
+from designlab.validation.synthetic import effects
 from tests.helpers.effect_pictures import Sensor, rms, values_at
 
 pytestmark = [pytest.mark.physics, pytest.mark.renders]
@@ -23,6 +24,7 @@ DOME = "gelsight-2020-dome"
 CORE = "gelsight-2020-flat-core"
 OF_ONE_PICTURE = ("fixed_pattern", "exposure_drift", "banding")
 OF_CORE = {"gelcore_index", "absorption", "core_scatter", "delamination"}
+OF_LAYER = ("gel_thickness", "friction", "skin_length")
 BETWEEN = 0.6  # prior standard deviations; pictures are rendered at 0 and 1, or 1 and 2 where one-sided
 CHEAP = 0.01  # of the signal's rms
 GENERATOR = 0.2  # of the rms of the change
@@ -31,7 +33,8 @@ QUICK = ["contact_kernel", "depth_offset", "lens_distortion", "camera_pose"]
 SLOW = [
     e.name
     for e in CATALOGUE
-    if e.name not in (*OF_ONE_PICTURE, *OF_CORE, *QUICK) and (e.rendered or e.name == "colour_mixing")
+    if e.name not in (*OF_ONE_PICTURE, *OF_CORE, *OF_LAYER, *QUICK, "probe_edge")  # a ball has no edge
+    and (e.rendered or e.name == "colour_mixing")
 ]
 # Effects by little change need less noise of the light field than the others.
 SAMPLES = {"interreflection": 256, "led_tilt": 64}
@@ -177,7 +180,12 @@ def assert_generator_agrees(sensor, name, *, grain_px=0.0, **fixed):
 
 
 CAMERA = [e.name for e in CATALOGUE if e.stage == "camera" and e.name != "point_spread"]
-BEFORE = [e.name for e in CATALOGUE if e.name not in (*OF_CORE, *CAMERA, "point_spread")]
+BEFORE = [
+    e.name
+    for e in CATALOGUE
+    if e.name in effects.names()
+    and e.name not in (*OF_CORE, *OF_LAYER, *CAMERA, "point_spread", "probe_edge")
+]
 
 
 @pytest.mark.llvm
