@@ -22,6 +22,8 @@ FORCE_TOLERANCE = 1e-4  # of a stated force
 MOST_ITERATIONS = 600
 MOST_POINTS = 1536  # a side, of a grid that a response is taken from
 SMOOTH, EDGE, REPEAT = 1.4, 4, 40.0  # coarse points, points, widths: where waves are parted by their length
+ROUGH = 48  # points a side of the grid on which the depth of a force is looked for first
+NEARLY, CATCH = 1.15, 1.3  # how far that may be off, and depths within which gel that bulges may touch
 CELLS = 16  # sizes of grids are multiples of it, so that responses kept serve for many presses
 SLIPS = 0.99  # of the most that friction holds
 RELAXED_AFTER = 5  # rounds of friction after pressure
@@ -63,6 +65,18 @@ class ContactSolution:
     pressure_mpa: Array
     traction_mpa: Array
     friction: float = 0.0
+
+    def on(self, shape: tuple[int, ...], origin: tuple[int, int]) -> "ContactSolution":
+        """Put it on a larger grid of the same pitch; the origin is where its first point lies on that."""
+        around = [
+            (start, whole - start - own)
+            for start, whole, own in zip(origin, shape, self.pressure_mpa.shape, strict=True)
+        ]
+        return replace(
+            self,
+            pressure_mpa=np.pad(self.pressure_mpa, around),
+            traction_mpa=np.pad(self.traction_mpa, [(0, 0), *around]),
+        )
 
     @property
     def touched(self) -> Mask:
@@ -288,7 +302,7 @@ class _Problem:
         pitch_mm: float,
         friction: float,
         target: Array,
-        lean: tuple[float, float],
+        lean: tuple[float, float] | Array,
     ) -> None:
         self.gap, self.layer, self.pitch, self.friction = gap_mm, layer, pitch_mm, friction
         self.unit = _unit(layer)  # tractions below are shares of the modulus
@@ -341,23 +355,41 @@ class _Problem:
 
     def under(self, force_n: float, deepest_mm: float) -> ContactSolution:
         """Find the depth of a force: force grows as a power of depth, so logarithms are followed."""
+        step = math.ceil(max(self.gap.shape) / ROUGH)
+        if step > 1:  # a rough grid tells how deep it is, and so how little of the grid is needed
+            every = np.s_[::step, ::step]
+            rough = self._of(self.gap[every], self.pitch * step, self.target[:, *every])
+            depth = rough.under(force_n, deepest_mm).depth_mm
+            most = min(NEARLY * depth, deepest_mm)
+            used = self.gap < CATCH * most
+            rows, columns = (np.flatnonzero(used.any(axis=axis)) for axis in (1, 0))
+            part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+            own = self._of(self.gap[part], self.pitch, self.target[:, *part])
+            return own._followed(force_n, depth).on(self.gap.shape, (int(rows[0]), int(columns[0])))
         deepest = self.at(deepest_mm)
         if deepest.force_n < force_n * (1 - FORCE_TOLERANCE):
             raise OutOfReach(
                 f"force_n: {force_n:g} N is not reached; the deepest press of {deepest_mm:.3g} mm takes "
                 f"{deepest.force_n:.3g} N"
             )
-        known = {math.log(deepest_mm): math.log(deepest.force_n / force_n)}
-        depth, power = math.log(deepest_mm), 1.5
+        return self._followed(force_n, deepest_mm)
+
+    def _of(self, gap: Array, pitch_mm: float, target: Array) -> "_Problem":
+        """Put the same problem on another grid."""
+        return _Problem(gap, self.layer, pitch_mm, self.friction, target, self.lean)
+
+    def _followed(self, force_n: float, depth_mm: float) -> ContactSolution:
+        known: dict[float, float] = {}
+        depth, power = math.log(depth_mm), 1.5
         for _ in range(MOST_ROUNDS):
-            depth -= known[depth] / power
             solution = self.at(math.exp(depth))
             known[depth] = math.log(solution.force_n / force_n)
             if abs(known[depth]) < FORCE_TOLERANCE:
                 return solution
-            (a, low), (b, high) = sorted(known.items(), key=lambda pair: abs(pair[1]))[:2]
-            power = max((high - low) / (b - a), 1.0)
-            depth = a
+            if len(known) > 1:
+                (a, low), (b, high) = sorted(known.items(), key=lambda pair: abs(pair[1]))[:2]
+                depth, power = a, max((high - low) / (b - a), 1.0)
+            depth -= known[depth] / power
         raise NotConverged(f"force_n: no depth was found for {force_n:g} N in {MOST_ROUNDS} tries")
 
     def _operator(self, part: str) -> Operator:

@@ -54,6 +54,7 @@ def test_every_figure_of_a_published_sensor_says_where_it_is_from(name):
         "name",
         "description",
         "model",
+        "gel",
         "kernel_m",
         "pitch_mm",
         "light_path",
