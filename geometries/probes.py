@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import cadquery
     import trimesh
 
-ProbeKind = Literal["sphere", "triangle", "star", "cylinder", "cone", "prism", "dots", "wave", "mesh"]
+ProbeKind = Literal["sphere", "triangle", "star", "cylinder", "cone", "prism", "dots", "wave", "bars", "mesh"]
 
 SIZES: dict[ProbeKind, str] = {
     "sphere": "diameter of the ball",
@@ -37,6 +37,8 @@ SIZES: dict[ProbeKind, str] = {
     "prism": "width along y of the base of the lying ridge, whose 90 deg edge is x; it is twice as long",
     "dots": "distance between neighbouring hemispheres, 3 x 3 on a square plate, each 0.6 of it in diameter",
     "wave": "wavelength of the sinusoidal ridges along y, a quarter of it high, on 3 x 3 wavelengths",
+    "bars": "distance between the axes of two flat bars along y, each half of it wide, 2.5 times as long and "
+    "4 times as high, on a plate",
     "mesh": "larger extent of the mesh along x or y",
 }
 """What `size_mm` measures, by kind of probe."""
@@ -49,6 +51,8 @@ STAR_INNER = 0.45
 STAR_TIPS = 5
 DOT_SHARE = 0.6
 """Diameter of a dot as a share of the distance between dots."""
+BAR_WIDTH, BAR_LENGTH, BAR_HEIGHT = 1 / 2, 5 / 2, 4.0
+"""Sides of a bar as shares of the distance between the axes of two."""
 WAVE_AMPLITUDE = 1 / 8
 """Amplitude (half the height from trough to crest) of the wave as a share of its wavelength."""
 
@@ -72,6 +76,7 @@ REACH: dict[ProbeKind, float] = {
     "prism": 5**0.5 / 2,
     "dots": 3 * 2**-0.5,
     "wave": 3 * 2**-0.5,
+    "bars": (0.75**2 + 1.25**2) ** 0.5,
     "mesh": 2**-0.5,
 }
 """Largest distance from the axis to the outline as a share of the size, by kind of probe."""
@@ -295,6 +300,11 @@ def dots(*, pitch_mm: float) -> Probe:
     return Probe(kind="dots", size_mm=pitch_mm)
 
 
+def bars(*, distance_mm: float) -> Probe:
+    """Two flat bars along y, as far apart as wide; the size is the distance between their axes."""
+    return Probe(kind="bars", size_mm=distance_mm)
+
+
 def wave(*, wavelength_mm: float) -> Probe:
     """Sinusoidal ridges along y, 3 x 3 wavelengths, a crest at x = 0."""
     return Probe(kind="wave", size_mm=wavelength_mm)
@@ -347,6 +357,10 @@ def profile_mm(probe: Probe, x: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
         return _within(r <= size / 2, _flank_mm(r, edge))
     if probe.kind == "prism":
         return _within((ax <= size) & (ay <= size / 2), _flank_mm(ay, edge))
+    if probe.kind == "bars":
+        on_bar = np.abs(ax - size / 2) <= BAR_WIDTH * size / 2
+        in_plate = (ax <= (1 + BAR_WIDTH) * size / 2) & (ay <= BAR_LENGTH * size / 2)
+        return _within(in_plate, np.where(on_bar, 0.0, -BAR_HEIGHT * size))
     in_plate = (ax <= 1.5 * size) & (ay <= 1.5 * size)
     if probe.kind == "dots":
         column, row = np.clip(np.round(x / size), -1, 1), np.clip(np.round(y / size), -1, 1)
@@ -418,6 +432,8 @@ def solid(probe: Probe) -> "cadquery.Workplane":
         return _prismatic(corners, back, edge)
     if probe.kind == "dots":
         return _dots(size, back - DOT_SHARE * size / 2)
+    if probe.kind == "bars":
+        return _bars(size, back - BAR_HEIGHT * size)
     return _ridged(probe.kind, size, back - size / 2, edge)
 
 
@@ -468,6 +484,17 @@ def _dots(pitch_mm: float, bottom_mm: float) -> "cadquery.Workplane":
     plate = cadquery.Workplane("XY").workplane(offset=-radius).rect(width, width).extrude(bottom_mm + radius)
     balls = cadquery.Workplane("XY").rarray(pitch_mm, pitch_mm, 3, 3).sphere(radius, combine=False)
     return plate.union(balls.translate((0, 0, -radius))).solids()
+
+
+def _bars(distance_mm: float, bottom_mm: float) -> "cadquery.Workplane":
+    """Two bars on a plate of their outline."""
+    import cadquery
+
+    foot, length = -BAR_HEIGHT * distance_mm, BAR_LENGTH * distance_mm
+    outline = (1 + BAR_WIDTH) * distance_mm, length
+    plate = cadquery.Workplane("XY").workplane(offset=foot).rect(*outline).extrude(bottom_mm - foot)
+    bars = cadquery.Workplane("XY").rarray(distance_mm, 1, 2, 1).rect(BAR_WIDTH * distance_mm, length)
+    return plate.union(bars.extrude(foot)).solids()
 
 
 def _ridged(kind: ProbeKind, size_mm: float, bottom_mm: float, edge_mm: float) -> "cadquery.Workplane":

@@ -3,10 +3,10 @@
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import islice
+from itertools import count, islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,11 +15,12 @@ from threadpoolctl import threadpool_limits
 from designlab.core.backend import activate
 from designlab.core.progress import silent
 from designlab.core.types import Progress
-from designlab.evaluation import illumination_scores, press_scores, response_maps
+from designlab.evaluation import contact_scores, illumination_scores, press_scores, response_maps
 from designlab.evaluation.illumination_scores import Estimate, TransportError
 from designlab.evaluation.press_plan import Presses, PressPlan
 from designlab.evaluation.protocol import EvaluationProtocol, Reconstruction, sub_seed
 from designlab.evaluation.weakest_point import GelMaps, Place, worst_of_gel, worst_of_presses
+from designlab.mechanics.contact import NotConverged
 from designlab.reconstruction import KernelCalibration
 from designlab.sensor.design import Design, InfeasibleDesign
 from designlab.simulation.contact.press import Press
@@ -174,6 +175,7 @@ def evaluate(
     fidelity: str = "fast",
     seed: int = 0,
     presses: PressPlan | None = None,
+    all_scores: bool = False,
     progress: Progress = silent,
     calibration: KernelCalibration | None = None,
     as_built: bool = False,
@@ -197,6 +199,9 @@ def evaluate(
     presses : PressPlan, optional
         How deep and in which area the gel is pressed; designs that are compared share one. That of
         `PressPlan.of` the design when absent.
+    all_scores : bool
+        Whether to find the scores of elastic gels that need presses of their own (`OWN_PRESSES`), as fidelity
+        standard always does.
     progress : callable, optional
         Called with what is being done, how many steps are done, and how many there are.
     calibration : KernelCalibration, optional
@@ -231,6 +236,12 @@ def evaluate(
         # Threads of the linear algebra wait for each other longer than its small products take.
         with clock.part("reconstruction and scores"), threadpool_limits(limits=1, user_api="blas"):
             found = _scored(simulator, frames, calibration, beside)
+            contact = contact_scores.force_scores(
+                simulator.design, found.presses, found.errors["height_rmse_um"]
+            )
+        if contact and (all_scores or fidelity == "standard"):
+            with clock.part("presses of their own"), threadpool_limits(limits=1, user_api="blas"):
+                contact |= _of_own_presses(simulator, found, frames.untouched[0])
     errors, of_presses = found.errors, dict(found.of_presses)
     if plan.force_n is not None:
         of_presses["depth_mm"] = _depths_mm(frames.tests)
@@ -241,7 +252,7 @@ def evaluate(
         fidelity=fidelity,
         seed=seed,
         press_plan=plan,
-        scores=errors | found.gel.scores,
+        scores=errors | contact | found.gel.scores,
         margins=simulator.design.margins(),
         light=illumination_scores.transport_error(simulator.design, *frames.untouched),
         seconds=clock.seconds,
@@ -251,7 +262,7 @@ def evaluate(
         warnings=(*model.warnings([*pressed.calibration, *pressed.test]), *_beyond(frames)),
     )
     return Evaluation(
-        score, simulator.design, found.exposure, frames.untouched[0], found.gel.maps, found.presses
+        score, simulator.design, found.protocol.exposure, frames.untouched[0], found.gel.maps, found.presses
     )
 
 
@@ -403,7 +414,8 @@ def _beyond(frames: _Frames) -> list[str]:
 class _Scored(NamedTuple):
     """What an evaluation finds in its frames."""
 
-    exposure: float
+    protocol: EvaluationProtocol
+    calibration: KernelCalibration
     gel: "_Gel"
     presses: Sequence[Reconstruction]
     errors: dict[str, Estimate]
@@ -439,7 +451,26 @@ def _scored(
             steepest=response_maps.steepest_slope(frames.balls),
         ),
     }
-    return _Scored(protocol.exposure, gel, presses, errors, of_presses, worst)
+    return _Scored(protocol, own, gel, presses, errors, of_presses, worst)
+
+
+def _of_own_presses(simulator: Simulator, found: _Scored, untouched: Frame) -> dict[str, Estimate]:
+    """Scores that need presses of their own; those whose presses a design does not take are left out."""
+    numbers = count()
+
+    def picture(press: Press) -> Frame:
+        own = sub_seed(simulator.seed, 11, next(numbers))
+        return simulator.frame(press, seed=own, surface=_surface(simulator, press))
+
+    pixel_mm = max(abs(pitch) for pitch in untouched.rays.pitch_mm)
+    scores: dict[str, Estimate] = {}
+    with suppress(InfeasibleDesign, NotConverged):
+        scores |= contact_scores.saturation_depth(found.protocol, picture)
+    with suppress(InfeasibleDesign, NotConverged):
+        scores |= contact_scores.lateral_resolution(
+            found.protocol, found.calibration, picture, pixel_mm=pixel_mm
+        )
+    return scores
 
 
 class _Gel(NamedTuple):

@@ -58,6 +58,11 @@ SCORES = {
     "rgb2normal": "1",
     "press_saturation_share": "1",
     "press_depth_mm": "mm",
+    "force_at_depth_n": "N",
+    "depth_at_force_mm": "mm",
+    "force_resolution_mn": "mN",
+    "saturation_depth_mm": "mm",
+    "lateral_resolution_mm": "mm",
 }
 """Every score of an evaluation, and its unit."""
 

@@ -146,7 +146,7 @@ class EvaluationProtocol:
         pitch = frame.rays.pitch_mm
         estimated = normals(found.p + base_p, found.q + base_q)
         truth = normals(true_p + base_p, true_q + base_q)
-        region = _grown(frame.contact, GROWN_MM / pitch[0])
+        region = error_region(frame)
         return Reconstruction(
             frame=frame,
             image=image,
@@ -186,5 +186,7 @@ def _binned(frame: Frame) -> float:
     return max(frame.rays.binned, 1.0)
 
 
-def _grown(mask: NDArray[np.bool_], radius_px: float) -> NDArray[np.bool_]:
-    return np.asarray(distance_transform_edt(~mask) <= radius_px) & mask.any()
+def error_region(frame: Frame) -> NDArray[np.bool_]:
+    """Pixels on and around the contact of a press, in which errors count."""
+    touched, radius_px = frame.contact, GROWN_MM / frame.rays.pitch_mm[0]
+    return np.asarray(distance_transform_edt(~touched) <= radius_px) & touched.any()

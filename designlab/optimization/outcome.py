@@ -30,6 +30,8 @@ class Simulated:
     ----------
     presses : PressPlan, optional
         How deep and where gels are pressed, the same for all; each as is usual for it without.
+    all_scores : bool
+        Whether to find scores that need presses of their own at every fidelity.
     as_built : bool
         Whether it is a sensor as it was built, which may have lost some of its view.
     calibration : KernelCalibration, optional
@@ -37,6 +39,7 @@ class Simulated:
     """
 
     presses: "PressPlan | None" = None
+    all_scores: bool = False
     as_built: bool = False
     calibration: "KernelCalibration | None" = None
 
@@ -49,6 +52,7 @@ class Simulated:
             fidelity=fidelity,
             seed=seed,
             presses=self.presses,
+            all_scores=self.all_scores,
             calibration=self.calibration,
             as_built=self.as_built,
         )

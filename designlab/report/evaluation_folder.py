@@ -34,6 +34,7 @@ def evaluate(
     depth_mm: float | None = None,
     force_n: float | None = None,
     presses: PressPlan | None = None,
+    all_scores: bool = False,
     out: str | Path | None = None,
     progress: Progress = silent,
     calibration: KernelCalibration | None = None,
@@ -55,6 +56,8 @@ def evaluate(
         Force of the strongest press in N instead, for elastic gels.
     presses : PressPlan, optional
         A whole plan instead, which designs of other sensing areas can share: ``PressPlan.of(one, other)``.
+    all_scores : bool
+        Whether to find the scores of elastic gels that need presses of their own, as fidelity standard does.
     out : path, optional
         Folder for scores and pictures; replaced when it exists.
     progress, calibration, as_built
@@ -87,6 +90,7 @@ def evaluate(
         fidelity=fidelity,
         seed=seed,
         presses=presses,
+        all_scores=all_scores,
         progress=progress,
         calibration=calibration,
         as_built=as_built,

@@ -70,7 +70,8 @@ def test_foremost_point_touches_zero(kind: str) -> None:
     probe = parse(f"{kind}:4")
     profile = profile_mm(probe, *grid(probe))
     assert profile.max() == pytest.approx(0.0, abs=1e-15)
-    assert float(profile_mm(probe, 0.0, 0.0)) == 0.0
+    middle = 1.0 if kind == "bars" else 0.0  # of what presses
+    assert float(profile_mm(probe, 2.0 * middle, 0.0)) == 0.0
 
 
 @pytest.mark.parametrize("kind", LIBRARY)

@@ -142,6 +142,7 @@ PROBES = {  # all of size 4 mm, on a shank of 5 mm
     "prism": ((4 * 2 / 2 + 4 * 5) * 8, (-4, -2, -7), (4, 2, 0)),
     "dots": (9 * 2 / 3 * pi * 1.2**3 + 12**2 * 5, (-6, -6, -6.2), (6, 6, 0)),
     "wave": (12**2 * (7 - 0.5), (-6, -6, -7), (6, 6, 0)),
+    "bars": (10 * (2 * 2 * 16 + 6 * 5), (-3, -5, -21), (3, 5, 0)),
 }
 for name, (volume, low, high) in PROBES.items():
     PARTS[f"probe {name}"] = Case(probes.solid, probes.parse(f"{name}:4"), volume, low, high)

@@ -7,6 +7,7 @@ from designlab.core.interrupts import Interrupts
 from designlab.core.progress import bar
 from designlab.core.types import Progress
 from designlab.core.workers import death, submitter
+from designlab.evaluation.contact_scores import OWN_PRESSES
 from designlab.evaluation.illumination_scores import SCORES
 from designlab.optimization.outcome import Evaluator, Simulated
 from designlab.optimization.study.confirm import confirm
@@ -87,7 +88,12 @@ def run_study(
     folder = Path(out)
     with opened(folder, study, storage=storage, rebuild=rebuild) as record:
         robust = study.robust
-        scored = evaluator or Simulated(presses=study.presses, as_built=robust is not None)
+        asked = {*study.objectives, *study.constraints}
+        scored = evaluator or Simulated(
+            presses=study.presses,
+            all_scores=not asked.isdisjoint(OWN_PRESSES),
+            as_built=robust is not None,
+        )
         if robust is not None:
             scored = RobustEvaluator(scored, robust, study.objectives)
         search = StudyRun(study, folder, record, scored, shared=storage is not None)

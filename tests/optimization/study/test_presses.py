@@ -60,6 +60,21 @@ def test_a_gel_that_is_too_thin_is_an_infeasible_trial_with_its_reason(tmp_path,
     assert results.rejections() == {"press_depth": len(thin)}
 
 
+def test_a_score_that_elastic_gels_alone_have_fails_the_trials_of_others(tmp_path):
+    def of_layers(design, *, fidelity, seed):
+        score = closed_form(design, fidelity=fidelity, seed=seed)
+        if design.leds.tilt_deg > 20:
+            score.scores["force_at_depth_n"] = score.scores["height_mae_um"]
+        return score
+
+    study = make(objectives={"force_at_depth_n": "minimise"}, sampler="random", trials=2)
+    results = run(study, tmp_path, evaluator=of_layers)
+    failed = results.frame[results.frame["state"] == "failed"]
+    assert set(failed["reason"]) == {"force_at_depth_n: this design has no such score"}
+    assert (failed["leds.tilt_deg"] <= 20).all()
+    assert results.evaluated == 2
+
+
 def test_a_study_states_its_presses(tmp_path):
     path = write(tmp_path, 'version = 1\nbase = "gelsight-2020-flat"\n[presses]\ndepth_mm = 0.5\n')
     study = load_study(path)
