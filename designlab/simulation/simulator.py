@@ -13,7 +13,7 @@ from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
-from designlab.simulation.contact.surface import Surface
+from designlab.simulation.contact.surface import Mechanics, Surface
 from designlab.simulation.effects import SensorModel, Sight
 from designlab.simulation.imaging import WHOLE, Capture, mixed, through_optics
 from designlab.simulation.optics.defocus import radius_px
@@ -75,6 +75,11 @@ class Frame:
     def mixed(self) -> NDArray[np.float32]:
         """Linear radiance of the camera channels, shape (rows, columns, 3)."""
         return np.asarray(mixed(self.basis, self.weights), dtype=np.float32)
+
+    @property
+    def mechanics(self) -> Mechanics | None:
+        """Force, contact and bulge of the press; None where the gel is not an elastic layer."""
+        return self.surface.mechanics
 
     @cached_property
     def seen_mm(self) -> tuple[Array, Array]:
@@ -255,6 +260,8 @@ class Simulator:
         grain_mm = CELL_MM if estimator in ("fast", "corrected") else 0.0
         weights = self.design.mixing_matrix * flux
         warnings = self.model.warnings([press])
+        if surface.mechanics is not None:
+            warnings += surface.mechanics.warnings
         return Frame(press, surface, self.rays, basis, weights, grain_mm, bias(estimator), stray, warnings)
 
     def sight(self, surface: Surface) -> Sight:
@@ -311,8 +318,11 @@ class Simulator:
 
     @property
     def _same_coating(self) -> bool:
-        """Whether a press leaves the coating as it is: nothing shines through from behind."""
-        return not (self.design.optics.coating_transmittance and self.design.optics.object_reflectance)
+        """Whether a press leaves the coating as it is: nothing shines through, nor moves what is printed."""
+        optics = self.design.optics
+        printed = bool(optics.marker_pitch_mm or optics.albedo_image)
+        shines_through = bool(optics.coating_transmittance and optics.object_reflectance)
+        return not (shines_through or (printed and self.design.contact.model == "layer"))
 
     def _light(
         self,

@@ -136,8 +136,11 @@ def _add_designs(add: Any) -> None:
         "kind[:size_mm] such as sphere:4, triangle:5:r0.2 (edge radius in mm), or a mesh file",
     )
     _option(press, "--depth-mm D", "how deep it is pressed (mm)", type=float)
+    _option(press, "--force-n F", "force (N) instead of a depth, on an elastic gel", type=float)
     _option(press, "--at X,Y", "where its axis meets the gel (mm; default 0,0)", type=_point)
     _option(press, "--yaw-deg A", "its rotation, counter-clockwise (deg)", type=float)
+    _option(press, "--shear-mm X,Y", "how far it is then moved sideways (mm)", type=_point)
+    _option(press, "--twist-deg A", "how far it is then turned, counter-clockwise (deg)", type=float)
     png = "picture for eyes (sRGB, brightest 0.1 %% clipped)"
     _option(render, "-o --output FILE", f".exr: linear radiance; .png: {png}", required=True)
     _option(render, "--columns N", "width of the picture in pixels", type=_whole(16, 4096), default=640)

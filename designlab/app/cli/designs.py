@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from designlab.simulation.effects.model import SensorModel
 
 PAGE = "report.html"
+PRESSED = ("depth_mm", "force_n", "at", "yaw_deg", "shear_mm", "twist_deg")
 GRAINY = 0.05  # noise of a square millimetre above which pictures are worth a warning
 
 
@@ -201,29 +202,37 @@ def render(args: Namespace) -> Result:
     except OSError as error:
         raise OSError(error.errno, f"cannot write {output}: {error.strerror or error}") from None
     rows, columns = mixed.shape[:2]
+    mechanics = frame.mechanics
     data = {
         "output": args.output,
         "columns": columns,
         "rows": rows,
         "mean_radiance": [float(value) for value in mixed.mean(axis=(0, 1))],
         "deepest_mm": float(frame.height_mm.max()),
+        **({} if mechanics is None else mechanics.to_json()),
         "samples": args.samples,
         "seed": args.seed,
         "warnings": list(frame.warnings),
     }
-    lines = [f"{args.output}: {columns} x {rows} pixels", *(f"warning: {w}" for w in frame.warnings)]
+    lines = [f"{args.output}: {columns} x {rows} pixels"]
+    if mechanics is not None:
+        lines.append(
+            f"pressed {mechanics.depth_mm:.3g} mm deep with {mechanics.force_n:.3g} N; contact of "
+            f"{mechanics.contact_area_mm2:.3g} mm2, the gel bulges by {mechanics.bulge_um:.3g} um"
+        )
+    lines += [f"warning: {warning}" for warning in frame.warnings]
     return Result(data, "\n".join(lines))
 
 
 def _press(args: Namespace) -> "Press | None":
     """The press that the arguments describe, if any."""
-    given = [name for name in ("depth_mm", "at", "yaw_deg") if getattr(args, name) is not None]
+    given = [name for name in PRESSED if getattr(args, name) is not None]
     if args.probe is None:
         if given:
             raise ValueError(f"--probe: needed with --{given[0].replace('_', '-')}, which probe is pressed?")
         return None
-    if args.depth_mm is None:
-        raise ValueError("--depth-mm: needed with --probe, how deep is it pressed?")
+    if args.depth_mm is None and args.force_n is None:
+        raise ValueError("--depth-mm or --force-n: needed with --probe, how deep or how hard is it pressed?")
     from pydantic import ValidationError
 
     from designlab.sensor.design import explain
@@ -234,8 +243,11 @@ def _press(args: Namespace) -> "Press | None":
         return Press(
             probe=parse(args.probe),
             depth_mm=args.depth_mm,
+            force_n=args.force_n,
             centre_mm=args.at or (0.0, 0.0),
             yaw_deg=args.yaw_deg or 0.0,
+            shear_mm=args.shear_mm or (0.0, 0.0),
+            twist_deg=args.twist_deg or 0.0,
         )
     except ValidationError as error:
         raise ValueError(f"press: {explain(error)}") from None

@@ -37,9 +37,19 @@ def deform(untouched: Surface, elastomer: Elastomer, contact: KernelContact, pre
     Raises
     ------
     ValueError
-        If the press states no depth.
+        If the press states no depth, or moves sideways.
     """
-    depth_mm, pitch_mm = press.stated_depth_mm, untouched.pitch_mm
+    if press.depth_mm is None:
+        raise ValueError(
+            "press.force_n: contact.model = 'kernel' knows no force; state depth_mm, or use a gel with "
+            "contact.model = 'layer'"
+        )
+    if press.moves_sideways:
+        raise ValueError(
+            "press.shear_mm, press.twist_deg: contact.model = 'kernel' knows no shear; use a gel with "
+            "contact.model = 'layer' and contact.friction above 0"
+        )
+    depth_mm, pitch_mm = press.depth_mm, untouched.pitch_mm
     x, y = np.meshgrid(untouched.x_mm, untouched.y_mm)
     penetration = _penetration(press, depth_mm, elastomer, untouched.base_mm, x, y, pitch_mm)
     height = _smooth(_with_tail(penetration, contact, depth_mm, pitch_mm), contact, pitch_mm)

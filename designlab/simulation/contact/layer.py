@@ -92,6 +92,7 @@ def deform(untouched: Surface, elastomer: Elastomer, contact: LayerContact, pres
         shear_force_n=(float(force[0]), float(force[1])),
         contact_area_mm2=solution.contact_area_mm2,
         contact_radius_mm=solution.contact_radius_mm,
+        bulge_um=max(-1000.0 * float(normal.min()) / steepness, 0.0),
         warnings=_warnings(solved),
     )
     return replace(
@@ -106,6 +107,11 @@ def deform(untouched: Surface, elastomer: Elastomer, contact: LayerContact, pres
 @lru_cache(maxsize=128)
 def _solved(elastomer: Elastomer, contact: LayerContact, press: Press, pitch_mm: float) -> _Solved:
     """Solve a contact once for all pictures of it."""
+    if press.moves_sideways and not contact.friction:
+        raise ValueError(
+            "contact.friction: must be above 0 where a press has shear_mm or twist_deg, a probe without "
+            "friction moves nothing sideways"
+        )
     frame = _frame(elastomer, press)
     steepness = float(frame.normal[2])
     steep_deg = math.degrees(math.acos(min(steepness, 1.0)))

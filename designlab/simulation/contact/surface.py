@@ -1,8 +1,9 @@
 """The deformed membrane: the surface rendered, and the truth that reconstruction is judged by."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +28,12 @@ class Mechanics:
         Force along x and y on the gel (N).
     contact_area_mm2, contact_radius_mm : float
         Area of the contact, and radius of a circle of that area.
+    bulge_um : float
+        How far the membrane bulges below its undeformed shape at most, where the surface shows it (um).
     warnings : tuple of str
         Where the model of contact is used beyond what it holds for.
+    converged : bool
+        Always true: a contact that was not solved gives no surface.
     """
 
     depth_mm: float
@@ -36,7 +41,13 @@ class Mechanics:
     shear_force_n: tuple[float, float]
     contact_area_mm2: float
     contact_radius_mm: float
+    bulge_um: float
     warnings: tuple[str, ...] = ()
+    converged: bool = True
+
+    def to_json(self) -> dict[str, Any]:
+        """Figures as plain data; warnings stand with those of the picture."""
+        return {name: value for name, value in asdict(self).items() if name != "warnings"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,11 +87,6 @@ class Surface:
     def pitch_mm(self) -> float:
         """Distance of neighbouring grid points (mm)."""
         return float(self.x_mm[1] - self.x_mm[0])
-
-    @property
-    def bulge_um(self) -> float:
-        """How far the membrane bulges below its undeformed shape at most (um)."""
-        return max(-1000.0 * float(self.height_mm.min()), 0.0)
 
     @cached_property
     def sideways_mm(self) -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ from geometries import elastomer
 
 CELL_MM = 0.05  # of a texture; coarser where it would get more than `MOST_CELLS` a side
 MOST_CELLS = 1024
+FOLLOWED = 4  # steps to where a point of the skin came from; shifts differ little from place to place
 SPLIT = 4  # sub-samples of a cell in each direction, for smooth rims of the dots
 
 
@@ -64,8 +65,8 @@ def coating_brdf(
 def coating(design: Design, surface: Surface) -> Coating:
     """Coating of a membrane: markers and image of the design, and the pressed object where it shines through.
 
-    Markers and image lie at fixed (x, y): the gel is deformed along z alone. Where nothing touches, what
-    leaks out is lost.
+    Markers and image move with the skin, which an elastic gel shifts sideways; that of a kernel contact
+    moves along z alone. Where nothing touches, what leaks out is lost.
     """
     optics = design.optics
     albedo = design.per_group("membrane_albedo")
@@ -80,10 +81,11 @@ def coating(design: Design, surface: Surface) -> Coating:
         return plain
     x, y, width_mm, height_mm = _cells(design)
     local = np.array(albedo)[:, None, None] * np.ones_like(x)
+    on_x, on_y = _undeformed(surface, x, y)
     if optics.albedo_image:
-        local = local * _image(optics.albedo_image, x, y)
+        local = local * _image(optics.albedo_image, on_x, on_y)
     if optics.marker_pitch_mm:
-        dots = _dots(x, y, width_mm / x.shape[1], optics)
+        dots = _dots(on_x, on_y, width_mm / x.shape[1], optics)
         local = local * (1.0 - dots) + optics.marker_reflectance * dots
     if leaks:
         touched = surface.sample(surface.contact.astype(float), x, y)
@@ -105,6 +107,18 @@ def _cells(design: Design) -> tuple[Array, Array, float, float]:
         (np.arange(columns) + 0.5 - columns / 2) * cell_mm, (rows / 2 - np.arange(rows) - 0.5) * cell_mm
     )
     return x, y, columns * cell_mm, rows * cell_mm
+
+
+def _undeformed(surface: Surface, x: Array, y: Array) -> tuple[Array, Array]:
+    """Where the skin that is now at points (mm) was before the press; beyond the surface it stays."""
+    if surface.moved is None:
+        return x, y
+    within = (np.abs(x) <= surface.x_mm.max()) & (np.abs(y) <= surface.y_mm.max())
+    before_x, before_y = x, y
+    for _ in range(FOLLOWED):
+        shift_x, shift_y = (surface.sample(field, before_x, before_y) for field in surface.sideways_mm)
+        before_x, before_y = np.where(within, x - shift_x, x), np.where(within, y - shift_y, y)
+    return before_x, before_y
 
 
 def _dots(x: Array, y: Array, cell_mm: float, optics: Optics) -> Array:
