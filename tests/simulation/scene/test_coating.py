@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from designlab.core.images import write_image
+from designlab.sensor.contact import LayerContact
 from designlab.sensor.design import DesignError, dumps, load, loads, preset
 from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
@@ -116,6 +117,28 @@ def test_markers_are_dots_of_the_stated_size_and_reflectance():
     ]
     dark = (1 - periods).mean() / (1 - 0.1 / albedo[0])
     assert dark == pytest.approx(np.pi * 0.4**2 / 4, rel=5e-3)
+
+
+def test_markers_on_an_elastic_gel_go_where_the_skin_goes():
+    """Under pure normal load too: an incompressible gel is squeezed out sideways."""
+    changes = {"optics.marker_pitch_mm": 1.5, "optics.marker_diameter_mm": 0.5, "contact": LayerContact()}
+    design = FLAT.replace(changes)
+    press = Press(probe=parse("sphere:4"), depth_mm=0.7)
+    surface = indent(design.elastomer, design.contact, press, area_mm=(12.0, 9.0), pitch_mm=0.05)
+    found = coating(design, surface).texture
+    rows, columns = found.values.shape[1:]
+    cell = found.width_mm / columns
+    x, y = np.meshgrid(
+        (np.arange(columns) + 0.5 - columns / 2) * cell, (rows / 2 - np.arange(rows) - 0.5) * cell
+    )
+    dark = 1 - found.values[0]
+    for at in ((1.5, 0.0), (0.0, 1.5), (-1.5, 1.5)):
+        near = np.hypot(x - at[0], y - at[1]) < 0.7
+        seen = [np.average(field[near], weights=dark[near]) for field in (x, y)]
+        shift = [surface.sample(field, *np.array(at)[:, None])[0] for field in surface.sideways_mm]
+        assert np.hypot(*shift) > 0.03
+        assert np.subtract(seen, at) == pytest.approx(shift, abs=0.01)
+    assert np.average(x, weights=dark * (np.hypot(x, y) < 0.7)) == pytest.approx(0.0, abs=1e-3)
 
 
 def test_a_pressed_object_shines_through_where_it_touches():
