@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.optimize import fsolve
 
-from designlab.mechanics.contact import NotConverged, press
+from designlab.mechanics.contact import STIFFENING, NotConverged, press
 from designlab.mechanics.layer import ElasticLayer
 from designlab.validation.synthetic.elastic_contact import ElasticBase, press_ball
 
@@ -34,7 +34,6 @@ POISSON = 0.49
 DECAY = 0.748  # of a load's effect with distance (1/thickness), at that Poisson's ratio
 WIDE = 9.0  # radius of a pad whose edge is not felt
 STEP = 0.025
-STIFFENING = 0.55  # where gel sticks, force = linear force / (1 - STIFFENING depth^2)
 EDGE_FORCE, EDGE_BULGE = 0.45, 2.0  # of the free side, see `with_edge`
 MINI_THICKNESS, MINI_BALL = 4.0, 7.5
 MINI_PAD = float(np.sqrt(20.75 * 25.25 / np.pi))
@@ -75,7 +74,7 @@ def linear(ball: float, depth: float, *, sticks: bool) -> tuple[float, float, Ca
     count = int((exact.contact_radius_mm + 2.5) / pitch)
     height = found.displacement((1, count), (-half, -half))[0]
     return (
-        found.force_n,
+        float(found.pressure_mpa.sum()) * pitch**2,
         found.contact_radius_mm,
         lambda r: np.asarray(CubicSpline(pitch * np.arange(count), height)(r)),
     )
