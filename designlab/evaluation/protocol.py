@@ -143,7 +143,6 @@ class EvaluationProtocol:
         found = calibration.estimate(image)
         true_p, true_q = frame.gradient
         base_p, base_q = base_gradient(self.design.elastomer, *frame.seen_mm)
-        pitch = frame.rays.pitch_mm
         estimated = normals(found.p + base_p, found.q + base_q)
         truth = normals(true_p + base_p, true_q + base_q)
         region = error_region(frame)

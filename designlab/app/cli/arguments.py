@@ -124,6 +124,8 @@ def _add_designs(add: Any) -> None:
     _option(evaluate, "--fidelity", "effort", choices=FIDELITIES)
     _option(evaluate, "--profile", "show how long each part took")
     _presses(evaluate)
+    own = "of elastic gels: saturation depth and lateral resolution too, as fidelity standard"
+    _option(evaluate, "--all-scores", own)
     _seed(evaluate)
     _out(evaluate, "folder for the score and its pictures", required=False)
 

@@ -163,7 +163,13 @@ def _scored(
 
     with bar() as progress, source_named(source):
         score = score_of(
-            model, fidelity=args.fidelity, seed=args.seed, presses=plan, out=out, progress=progress
+            model,
+            fidelity=args.fidelity,
+            seed=args.seed,
+            presses=plan,
+            all_scores=args.all_scores,
+            out=out,
+            progress=progress,
         )
     if out is not None:
         evaluation_report(score.to_json(), out / PAGE)
