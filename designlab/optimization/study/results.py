@@ -319,7 +319,7 @@ def confirmed(records: Iterable[Mapping[str, Any]]) -> "pd.DataFrame":
     rows = []
     for (trial, fidelity), scores in found.items():
         row: dict[str, Any] = {"trial": trial, "fidelity": fidelity, "seeds": len(scores)}
-        for name in scores[0]:
+        for name in [name for name in scores[0] if all(name in each for each in scores)]:
             values, errors, bounds = (
                 np.array([_number(s[name][key]) for s in scores]) for key in ("value", "se", "bias_bound")
             )

@@ -87,7 +87,7 @@ class RobustEvaluator:
             built = [nominal]
         found = [self.evaluator(model, fidelity=fidelity, seed=seed) for model in built]
         found *= self.robust.copies // len(found)
-        names = found[0].scores.keys()
+        names = [name for name in found[0].scores if all(name in one.scores for one in found)]
         warnings = dict.fromkeys(text for one in found for text in getattr(one, "warnings", ()))
         return RobustScore(
             {name: self._over_copies(name, [one.scores[name] for one in found]) for name in names},
