@@ -236,6 +236,7 @@ def evaluate(
         # Threads of the linear algebra wait for each other longer than its small products take.
         with clock.part("reconstruction and scores"), threadpool_limits(limits=1, user_api="blas"):
             found = _scored(simulator, frames, calibration, beside)
+        with clock.part("force scores"), threadpool_limits(limits=1, user_api="blas"):
             contact = contact_scores.force_scores(
                 simulator.design, found.presses, found.errors["height_rmse_um"]
             )
