@@ -87,6 +87,10 @@ Contact = KernelContact | LayerContact
 CONTACT_MODELS = ("kernel", "layer")
 
 
+class ContactModelAssumed(UserWarning):
+    """A file has fields of the smoothing kernel, but does not say that it means that model."""
+
+
 def with_model(content: Any) -> Any:
     """Name the model of contact in the content of a file: kernel where its fields are given, else layer."""
     if isinstance(content, Mapping) and "model" not in content:

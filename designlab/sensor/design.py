@@ -4,6 +4,7 @@ import hashlib
 import json
 import math
 import tomllib
+import warnings
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
@@ -15,7 +16,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from designlab.sensor import led_catalogue
 from designlab.sensor.camera import Camera, View
-from designlab.sensor.contact import CONTACT_MODELS, Contact, LayerContact, with_model
+from designlab.sensor.contact import CONTACT_MODELS, Contact, ContactModelAssumed, LayerContact, with_model
 from designlab.sensor.feasibility import RULES, SEEN, margins
 from designlab.sensor.optical_constants import material
 from designlab.sensor.optical_properties import Optics
@@ -437,7 +438,16 @@ def loads(text: str, *, source: str = "design", folder: Path | None = None) -> D
             f"{source}: field kind: must be absent here, where a design is needed; a model of kind "
             f"{content['kind']!r} is for `compare` and `calibrate` alone"
         )
-    return _validated(content, source, folder)
+    contact = content.get("contact")
+    assumed = isinstance(contact, Mapping) and contact and "model" not in contact
+    design = _validated(content, source, folder)
+    if assumed and design.contact.model == "kernel":
+        warnings.warn(
+            f"{source}: field contact.model: not stated; fields of the smoothing kernel mean 'kernel'",
+            ContactModelAssumed,
+            stacklevel=2,
+        )
+    return design
 
 
 def load(name_or_path: str | Path) -> Design:

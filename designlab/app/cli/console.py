@@ -8,6 +8,7 @@ import os
 import re
 import sys
 import traceback
+import warnings
 from collections.abc import Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -67,7 +68,7 @@ def _run(arguments: list[str], as_json: bool) -> int:
         args = parse(arguments)
         resume = getattr(args, "resume", resume)
         module, _, function = args.run.partition(":")
-        with _stdout_kept_clean():
+        with _stdout_kept_clean(), _notes_in_one_line():
             result: Result = getattr(import_module(module), function)(args)
     except SystemExit as ended:  # --help and --version have printed what was asked for
         return int(ended.code or DONE)
@@ -86,6 +87,24 @@ def _run(arguments: list[str], as_json: bool) -> int:
     if as_json:
         print(_encoded({"error": reason, "exit_status": status}), flush=True)
     return _complain(reason, status)
+
+
+@contextlib.contextmanager
+def _notes_in_one_line() -> Iterator[None]:
+    """Show warnings of our own without the place in the code."""
+    usual = warnings.showwarning
+
+    def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+        if category.__module__.partition(".")[0] in _OWN_PACKAGES:
+            print(f"designlab: note: {message}", file=sys.stderr)
+        else:
+            usual(message, category, *place, **more)
+
+    warnings.showwarning = show
+    try:
+        yield
+    finally:
+        warnings.showwarning = usual
 
 
 def _is_interrupt(error: Exception) -> bool:

@@ -25,6 +25,7 @@ SMALL_STRAIN = 0.5  # of the thickness; beyond it forces are 4 % off and more (d
 GIVES_WAY = 0.45  # of the force, by a free edge at the contact's rim (docs/validation.md)
 DIRECTIONS = 32  # in which the edge of the gel is looked for
 FREE_EDGE = 2.0  # thicknesses; nearer to the pad's edge it gives way, which the model does not know
+GRIPS = 1.0  # coefficient of friction beyond which sticking is an upper bound (estimate)
 STEEPEST_DEG = 30.0  # of the membrane where it is touched
 
 
@@ -313,5 +314,11 @@ def _warnings(solved: _Solved) -> tuple[str, ...]:
         found.append(
             f"the contact ends {solved.edge_mm:.3g} mm from the edge of the gel, nearer than {FREE_EDGE:g} "
             "thicknesses; the gel gives way there, which the surface lacks"
+        )
+    needed = solution.needed_friction()
+    if needed > GRIPS:
+        found.append(
+            f"the probe sticks as with a coefficient of friction of {needed:.2g}; more than {GRIPS:g} is "
+            "rare, so this is an upper bound of friction"
         )
     return tuple(found)

@@ -68,7 +68,8 @@ class FirstLight:
         """Power, and squared power of each photon, over projected area (1/mm2) on the undeformed membrane."""
         x, y, *_, power = self._photons
         grid, shape = NodeTables.of(self._untouched), self._untouched.height_mm.shape
-        return _density(grid, shape, x, y, power), _density(grid, shape, x, y, power * power)
+        amount, square = _densities(grid, shape, x, y, power, power * power)
+        return amount, square
 
     def change(self, surface: Surface) -> IrradianceChange:
         """Change of irradiance by a press."""
@@ -93,10 +94,8 @@ class FirstLight:
                 dr.gather(mi.Float, column, stopped) for column in (x, y, dx, dy, power, back)
             )
             there = x + back * dx, y + back * dy
-            left, left_squares = (_density(grid, raised.shape, x, y, p) for p in (power, power * power))
-            arrived, arrived_squares = (
-                _density(grid, raised.shape, *there, p) for p in (power, power * power)
-            )
+            left, left_squares = _densities(grid, raised.shape, x, y, power, power * power)
+            arrived, arrived_squares = _densities(grid, raised.shape, *there, power, power * power)
         rest, squares = self._at_rest
         told = None
         if surface.bulges:
@@ -122,15 +121,25 @@ class FirstLight:
         Of photons that nothing stops, where there is something to learn from photons. Each goes on about as
         far as its neighbours, so that their grain stays what it is.
         """
-        x, y, z, dx, dy, dz, power = self._photons
+        none = np.zeros(told.shape, dtype=np.float32)
+        if not (told > 0).any():
+            return none, none
+        x, y, *_ = self._photons
         free = dr.full(mi.Bool, True, dr.width(x))
         dr.scatter(free, False, stopped)
-        told_at = mi.Float(np.ascontiguousarray(told).ravel())
-        lowered = (grid.sample(grid.raised, x, y) < 0) & (grid.sample(told_at, x, y) > 0)
-        moving = dr.compress(free & lowered)
-        if not dr.width(moving):
-            none = np.zeros(told.shape, dtype=np.float32)
+        some_x, some_y = surface.x_mm[(told > 0).any(axis=0)], surface.y_mm[(told > 0).any(axis=1)]
+        margin = surface.pitch_mm
+        boxed = (x >= some_x.min() - margin) & (x <= some_x.max() + margin)
+        boxed &= (y >= some_y.min() - margin) & (y <= some_y.max() + margin)
+        near = dr.compress(free & boxed)
+        if not dr.width(near):
             return none, none
+        x, y = (dr.gather(mi.Float, column, near) for column in (x, y))
+        told_at = mi.Float(np.ascontiguousarray(told).ravel())
+        moving = dr.compress((grid.sample(grid.raised, x, y) < 0) & (grid.sample(told_at, x, y) > 0))
+        if not dr.width(moving):
+            return none, none
+        moving = dr.gather(mi.UInt32, near, moving)
         x, y, z, dx, dy, dz, power = (dr.gather(mi.Float, column, moving) for column in self._photons)
         p, q = (
             grid.sample(mi.Float(np.nan_to_num(slope).astype(np.float32).ravel()), x, y)
@@ -142,8 +151,9 @@ class FirstLight:
         for _ in range(DRIFTS):
             gap = z + back * dz - grid.sample(grid.z, x + back * dx, y + back * dy)
             back = dr.clip(back - gap / sinking, -furthest, 0.0)
-        gone = _density(grid, told.shape, x, y, power)
-        return gone, _density(grid, told.shape, x + back * dx, y + back * dy, power)
+        (gone,) = _densities(grid, told.shape, x, y, power)
+        (come,) = _densities(grid, told.shape, x + back * dx, y + back * dy, power)
+        return gone, come
 
 
 def _box(
@@ -182,18 +192,20 @@ def _last_crossing(grid: NodeTables, place: Any, way: Any, enters: Any, leaves: 
     return found
 
 
-def _density(grid: NodeTables, shape: tuple[int, ...], x: Any, y: Any, amount: Any) -> Single:
-    """Amount over projected area (1/mm2), each photon's shared among the four nodes around it."""
+def _densities(grid: NodeTables, shape: tuple[int, ...], x: Any, y: Any, *amounts: Any) -> list[Single]:
+    """Amounts over projected area (1/mm2), each photon's shared among the four nodes around it."""
     rows, columns = shape
-    table = dr.zeros(mi.Float, rows * columns)
+    tables = [dr.zeros(mi.Float, rows * columns) for _ in amounts]
     u, v = grid.place(x, y)
     column, row = mi.Int32(dr.floor(u)), mi.Int32(dr.floor(v))
     a, b = u - mi.Float(column), v - mi.Float(row)
-    share = amount / (grid.pitch_mm * grid.pitch_mm)
+    shares = [amount / (grid.pitch_mm * grid.pitch_mm) for amount in amounts]
     for i, down in ((0, 1 - b), (1, b)):
         for j, across in ((0, 1 - a), (1, a)):
             r, c = row + i, column + j
             inside = (r >= 0) & (r < mi.Int32(grid.rows)) & (c >= 0) & (c < mi.Int32(grid.columns))
             index = mi.UInt32(dr.maximum(r * mi.Int32(grid.columns) + c, 0))
-            dr.scatter_add(table, share * down * across, index, inside)
-    return np.asarray(table).reshape(rows, columns)
+            for table, share in zip(tables, shares, strict=True):
+                dr.scatter_add(table, share * down * across, index, inside)
+    dr.eval(*tables)  # in one kernel
+    return [np.asarray(table).reshape(rows, columns) for table in tables]

@@ -1,10 +1,12 @@
 """Presses of elastic gels: flat, dome and freeform, by depth and by force, and what is refused."""
 
+import warnings
+
 import numpy as np
 import pytest
 
 from designlab.mechanics.contact import OutOfReach
-from designlab.sensor.contact import KernelContact, LayerContact
+from designlab.sensor.contact import ContactModelAssumed, KernelContact, LayerContact
 from designlab.sensor.design import DesignError, loads, preset, preset_text
 from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
@@ -209,6 +211,17 @@ CAMERA = "[camera]" + preset_text("default").split("[camera]")[1]
 def test_a_file_says_which_model_or_leaves_it_to_its_fields(lines, model):
     assert loads(f"{TEXT}\n[contact]\n{lines}\n{CAMERA}").contact.model == model
     assert loads(f"{TEXT}\n{CAMERA}").contact.model == "layer"
+
+
+def test_a_file_that_means_the_kernel_without_saying_so_is_told_once():
+    text = f"{TEXT}\n[contact]\nkernel_length_mm = 0.1\n{CAMERA}"
+    with pytest.warns(
+        ContactModelAssumed, match=r"mine.toml: field contact.model: not stated; fields of the"
+    ):
+        loads(text, source="mine.toml")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        loads(text.replace("[contact]", "[contact]\nmodel = 'kernel'"))
 
 
 @pytest.mark.parametrize(
