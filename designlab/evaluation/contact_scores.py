@@ -129,7 +129,7 @@ def saturation_depth(protocol: EvaluationProtocol, picture: Picture) -> Scores:
     A pixel is lost where a channel is at full scale, or within three sigma of the camera's noise from black:
     there it no longer changes with slope. The depth is that at which 5 % of the pixels on and around the
     contact are lost; where it is never so many, the deepest that is tried, 0.95 of the gel's thickness or the
-    ball's radius. Its standard error is that of the mean over three places.
+    ball's radius. Its standard error is that of the mean over three places, with the last step of the search.
 
     Parameters
     ----------
@@ -148,10 +148,13 @@ def saturation_depth(protocol: EvaluationProtocol, picture: Picture) -> Scores:
 
     depths = [_crossing(partial(excess, place), limit_mm) for place in PLACES]
     name = "saturation_depth_mm"
-    # Two depths between which is halved differ by so much in the end, evenly spread.
-    last = limit_mm / 2**HALVINGS / math.sqrt(12)
-    se = math.hypot(float(np.std(depths, ddof=1)), last) / math.sqrt(len(depths))
-    return {name: Estimate(float(np.mean(depths)), se, SCORES[name])}
+    return {name: _mean(depths, limit_mm / 2**HALVINGS, name)}
+
+
+def _mean(values: Sequence[float], step: float, name: str) -> Estimate:
+    """Mean of values that were searched on one grid: the rounding to its last step is common to them."""
+    scatter = float(np.std(values, ddof=1)) / math.sqrt(len(values))
+    return Estimate(float(np.mean(values)), math.hypot(scatter, step / math.sqrt(12)), SCORES[name])
 
 
 def _crossing(excess: Callable[[float], float], limit: float) -> float:
@@ -186,7 +189,8 @@ def lateral_resolution(
     They are pressed 0.25 mm deep, and told apart where the height between them is lower than theirs by at
     least 20 %, and by at least three sigma of what camera noise does to that difference; the width is that at
     which this holds with a probability of 95 %. The standard error is that of the mean over bars along y and
-    along x. There is no score where the widest bars are not told apart or the gel is too thin.
+    along x, with the last step of the search. There is no score where the widest bars are not told apart or
+    the gel is too thin.
 
     Parameters
     ----------
@@ -213,9 +217,8 @@ def lateral_resolution(
             middle = (low + high) / 2
             low, high = (low, middle) if told(math.exp(middle)) else (middle, high)
         found.append((math.exp((low + high) / 2), math.exp(high) - math.exp(low)))
-    widths, last = np.array(found).T
-    se = math.hypot(float(widths.std(ddof=1)), float(last.max()) / math.sqrt(12)) / math.sqrt(len(widths))
-    return {name: Estimate(float(widths.mean()), se, SCORES[name])}
+    widths, steps = zip(*found, strict=True)
+    return {name: _mean(widths, max(steps), name)}
 
 
 def _told_apart(

@@ -292,7 +292,8 @@ def load_results(out: str | Path, *, storage: str | None = None) -> Results:
     # A table whose trials are all of one kind must not differ in its columns' kinds from any other.
     for name in ("method", "violated"):
         frame[name] = frame[name].astype(object).where(frame[name].notna(), None)
-    return Results(folder, study, frame, units, tuple(warnings), storage)
+    # Columns set one by one lie apart, and pandas warns of a hundred such.
+    return Results(folder, study, frame.copy(), units, tuple(warnings), storage)
 
 
 def confirmed(records: Iterable[Mapping[str, Any]]) -> "pd.DataFrame":
