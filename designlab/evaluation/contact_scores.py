@@ -50,6 +50,15 @@ TURNS_DEG = (0.0, 90.0)
 OWN_PRESSES = ("saturation_depth_mm", "lateral_resolution_mm")
 """Scores that need pictures of presses of their own."""
 
+CONTACT_SCORES = (
+    "press_depth_mm",
+    "force_at_depth_n",
+    "depth_at_force_mm",
+    "force_resolution_mn",
+    *OWN_PRESSES,
+)
+"""Scores that not every design has."""
+
 Picture = Callable[[Press], Frame]
 
 

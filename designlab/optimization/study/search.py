@@ -16,7 +16,7 @@ from designlab.core.interrupts import Interrupts
 from designlab.core.store import atomic_folder, write_atomic, write_json
 from designlab.core.types import Progress
 from designlab.core.workers import Submit
-from designlab.evaluation.illumination_scores import SCORES
+from designlab.evaluation.contact_scores import CONTACT_SCORES
 from designlab.optimization.outcome import Evaluator, evaluate_design, prepared
 from designlab.optimization.study.definition import Study, StudyError
 from designlab.optimization.study.folder import (
@@ -472,7 +472,7 @@ class StudyRun:
         """Why scores cannot serve the study, if so; an objective or bound that is no score is an error."""
         asked = (*self.study.objectives, *self.study.constraints)
         lacking = [name for name in asked if name not in scores]
-        if lacking and all(name in SCORES for name in lacking):
+        if lacking and all(name in CONTACT_SCORES for name in lacking):
             return f"{lacking[0]}: this design has no such score"  # kernels know no force
         self.study.require_scores(scores)
         for name in asked:
