@@ -25,7 +25,7 @@ from designlab.simulation.render.walls import FURTHEST_MM
 STEP_MM = 0.06  # along a photon's way through the indentation
 TOLD_SHARE = 0.02  # of the photons, which raised gel must stop or throw, for them to tell all about a place
 TOLD_MM = 0.8  # side of the square around a place over which they are counted
-DRIFTS = 4  # rounds in which the place is found where a photon lands on lowered gel
+DRIFTS = 2  # rounds in which the place is found where a photon lands on lowered gel
 
 
 class IrradianceChange(NamedTuple):
@@ -151,9 +151,10 @@ class FirstLight:
         for _ in range(DRIFTS):
             gap = z + back * dz - grid.sample(grid.z, x + back * dx, y + back * dy)
             back = dr.clip(back - gap / sinking, -furthest, 0.0)
-        (gone,) = _densities(grid, told.shape, x, y, power)
-        (come,) = _densities(grid, told.shape, x + back * dx, y + back * dy, power)
-        return gone, come
+        moved = ((x, y), (x + back * dx, y + back * dy))
+        gone, come = (_scattered(grid, told.shape, *at, power)[0] for at in moved)
+        dr.eval(gone, come)  # in one kernel
+        return np.asarray(gone).reshape(told.shape), np.asarray(come).reshape(told.shape)
 
 
 def _box(
@@ -194,6 +195,13 @@ def _last_crossing(grid: NodeTables, place: Any, way: Any, enters: Any, leaves: 
 
 def _densities(grid: NodeTables, shape: tuple[int, ...], x: Any, y: Any, *amounts: Any) -> list[Single]:
     """Amounts over projected area (1/mm2), each photon's shared among the four nodes around it."""
+    tables = _scattered(grid, shape, x, y, *amounts)
+    dr.eval(*tables)  # in one kernel
+    return [np.asarray(table).reshape(shape) for table in tables]
+
+
+def _scattered(grid: NodeTables, shape: tuple[int, ...], x: Any, y: Any, *amounts: Any) -> list[Any]:
+    """Tables of these amounts, not yet evaluated."""
     rows, columns = shape
     tables = [dr.zeros(mi.Float, rows * columns) for _ in amounts]
     u, v = grid.place(x, y)
@@ -207,5 +215,4 @@ def _densities(grid: NodeTables, shape: tuple[int, ...], x: Any, y: Any, *amount
             index = mi.UInt32(dr.maximum(r * mi.Int32(grid.columns) + c, 0))
             for table, share in zip(tables, shares, strict=True):
                 dr.scatter_add(table, share * down * across, index, inside)
-    dr.eval(*tables)  # in one kernel
-    return [np.asarray(table).reshape(rows, columns) for table in tables]
+    return tables
