@@ -25,6 +25,7 @@ BACKGROUNDS = {"hour": 5, "small": 3}  # of the untouched gel, in between
 LADDER = (0.25, 0.5)  # exposures besides 1
 TURN_DEG = 180.0
 FURTHER = "further"  # begins the file names of frames taken after those of a kit
+MOST_EDGE = 0.99  # of the radius at which a probe has no straight edge left
 OTHER_KIND = {"sphere": "cone", "triangle": "star", "star": "triangle", "cone": "sphere"}
 """What is pressed instead of a probe where the object is wrong; a ball for all others."""
 
@@ -104,6 +105,8 @@ def true_press(rig: Rig, press: Mapping[str, Any], random: np.random.Generator) 
     contact, probe = rig.contact, probes.parse(press["probe"])
     if contact.probe_scale != 1.0:
         probe = probe.scaled(contact.probe_scale)
+    if contact.edge_mm:
+        probe = _rounded(probe, contact.edge_mm)
     beside = None
     if contact.second is not None:
         *place, diameter, depth = contact.second
@@ -117,6 +120,14 @@ def true_press(rig: Rig, press: Mapping[str, Any], random: np.random.Generator) 
         wrong=contact.wrong,
         beside=beside,
     )
+
+
+def _rounded(probe: Probe, edge_mm: float) -> Probe:
+    """Round the edges of a probe that has any by so much more."""
+    if probe.kind not in probes.LARGEST_EDGE:
+        return probe
+    most_mm = MOST_EDGE * probes.LARGEST_EDGE[probe.kind] * probe.size_mm
+    return probe.model_copy(update={"edge_radius_mm": min(probe.edge_radius_mm + edge_mm, most_mm)})
 
 
 def _instead(probe: Probe) -> Probe:

@@ -120,7 +120,7 @@ class RoundContact:
 
     def _density_at(self, t_mm: Array) -> Array:
         """Value of chi at any distances from the axis within the contact, by the integral equation itself."""
-        wave, share = _missing_share(self.base, 2.0 * self.contact_radius_mm)
+        wave, share = missing_share(self.base, 2.0 * self.contact_radius_mm)
         missing = np.cos(np.outer(t_mm.ravel(), wave)) @ (share * self._transform(wave))
         return np.asarray(2.0 / np.pi * (self.source(t_mm) + missing.reshape(t_mm.shape)))
 
@@ -143,7 +143,7 @@ class RoundContact:
         last = np.arcsin(inside)[:, None]
         at = flat[:, None] * np.sin(0.5 * last * (angle + 1.0))
         half_space = (self._density_at(at) @ weight) * 0.5 * last[:, 0]
-        wave, share = _missing_share(self.base, self.contact_radius_mm + float(flat.max(initial=0.0)))
+        wave, share = missing_share(self.base, self.contact_radius_mm + float(flat.max(initial=0.0)))
         missing = j0(np.outer(flat, wave)) @ (share * self._transform(wave))
         return np.asarray(half_space - missing).reshape(r.shape)
 
@@ -200,7 +200,7 @@ def _gauss_legendre(least: int) -> tuple[Array, Array]:
     return _rule(int(np.ceil(1.2 ** np.ceil(np.log(least) / np.log(1.2)))))
 
 
-def _missing_share(base: ElasticBase, distance_mm: float) -> tuple[Array, Array]:
+def missing_share(base: ElasticBase, distance_mm: float) -> tuple[Array, Array]:
     """Nodes in q (1/mm), and weights times 1 - S(qh), that resolve cosines over `distance_mm`."""
     node, weight = _gauss_legendre(80 + int(WAVES_PER_THICKNESS * distance_mm / base.thickness_mm))
     x = 0.5 * DEPTH_OF_DECAY * (node + 1.0)
@@ -212,7 +212,7 @@ def _solve(base: ElasticBase, radius_mm: float, *sources: Callable[[Array], Arra
     """Nodes, weights, and chi for each right side of the integral equation."""
     node, weight = _gauss_legendre(LEAST_NODES + int(NODES_PER_THICKNESS * radius_mm / base.thickness_mm))
     nodes, weights = 0.5 * radius_mm * (node + 1.0), 0.5 * radius_mm * weight
-    wave, share = _missing_share(base, 2.0 * radius_mm)
+    wave, share = missing_share(base, 2.0 * radius_mm)
     cosines = np.cos(np.outer(nodes, wave))
     kernel = (cosines * share) @ cosines.T
     matrix = 0.5 * np.pi * np.eye(len(nodes)) - kernel * weights
@@ -267,8 +267,10 @@ def press_paraboloid(base: ElasticBase, *, tip_radius_mm: float, depth_mm: float
     return _press_smooth(base, lambda t: t**2 / tip_radius_mm, np.inf, tip_radius_mm, depth_mm)
 
 
-def press_ball(base: ElasticBase, *, ball_radius_mm: float, depth_mm: float) -> RoundContact:
-    """Press a ball into the layer.
+def press_ball(
+    base: ElasticBase, *, ball_radius_mm: float, depth_mm: float, dome_radius_mm: float = np.inf
+) -> RoundContact:
+    """Press a ball into the layer, or into one that is bent towards it but answers as if it were flat.
 
     Parameters
     ----------
@@ -278,16 +280,22 @@ def press_ball(base: ElasticBase, *, ball_radius_mm: float, depth_mm: float) -> 
         Radius of the ball (mm).
     depth_mm : float
         Depth (mm).
+    dome_radius_mm : float
+        Radius of the layer's surface (mm): its distance from the ball adds to the ball's own.
 
     Raises
     ------
     ValueError
         If a length is not above 0.
     """
-    _check_lengths(ball_radius_mm=ball_radius_mm, depth_mm=depth_mm)
-    # artanh(t / R) = 0.5 ln((R + t) / (R - t))
+    _check_lengths(ball_radius_mm=ball_radius_mm, depth_mm=depth_mm, dome_radius_mm=dome_radius_mm)
+    # artanh(t / R) = 0.5 ln((R + t) / (R - t)); profiles add, and so do these parts of g.
     return _press_smooth(
-        base, lambda t: t * np.arctanh(t / ball_radius_mm), ball_radius_mm, ball_radius_mm, depth_mm
+        base,
+        lambda t: t * (np.arctanh(t / ball_radius_mm) + np.arctanh(t / dome_radius_mm)),
+        min(ball_radius_mm, dome_radius_mm),
+        1 / (1 / ball_radius_mm + 1 / dome_radius_mm),
+        depth_mm,
     )
 
 
@@ -303,7 +311,7 @@ def _press_smooth(
 
     def at_edge(radius: float) -> tuple[float, Array, Array, Array, Array]:
         nodes, weights, level, shape = _solve(base, radius, np.ones_like, profile)
-        wave, share = _missing_share(base, 2.0 * radius)
+        wave, share = missing_share(base, 2.0 * radius)
         edge = share * np.cos(radius * wave) @ np.cos(np.outer(wave, nodes)) * weights
         balance = depth_mm * (1.0 + edge @ level) - (float(profile(np.asarray(radius))) + edge @ shape)
         return float(balance), nodes, weights, level, shape

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from designlab.core.types import Array
 from designlab.sensor.camera import Camera
-from designlab.sensor.contact import require_kernel
+from designlab.sensor.contact import KernelContact, LayerContact
 from designlab.sensor.design import Design
 from designlab.sensor.led_mounting import seated
 from designlab.validation.synthetic.coat import Coat
+from designlab.validation.synthetic.elastic_surface import TrueGel
 from designlab.validation.synthetic.glass import ImmersedParts
 from geometries.elastomer import Elastomer
 from geometries.leds import Body, Emitter, LedArray, bodies, emitters
@@ -56,8 +57,8 @@ class TrueContact:
         decays outside.
     deeper_mm : float
         Depth that every press has beyond its stated one.
-    probe_scale : float
-        Size of the probe over its stated one.
+    probe_scale, edge_mm : float
+        Size of the probe over its stated one, and what the radius of its edges has more than stated.
     wrong : float
         Share to which every probe is of another kind.
     second : tuple of float, optional
@@ -68,6 +69,7 @@ class TrueContact:
     tail_mm: float = 0.7
     deeper_mm: float = 0.0
     probe_scale: float = 1.0
+    edge_mm: float = 0.0
     wrong: float = 0.0
     second: tuple[float, float, float, float] | None = None
 
@@ -164,6 +166,7 @@ class Rig:
     elastomer: Elastomer
     kernel_length_mm: float
     kernel_m: float
+    gel: TrueGel
     path_length: int
     camera: Camera
     sensing_area_mm: tuple[float, float]
@@ -183,7 +186,8 @@ class Rig:
         Raises
         ------
         ValueError
-            If an LED's profile is a table, the membrane has a pattern, or the gel is freeform.
+            If an LED's profile is a table, the membrane has a pattern, the gel is freeform, or it is elastic
+            and rubs.
         """
         if design.optics.marker_pitch_mm or design.optics.albedo_image:
             raise ValueError(
@@ -193,6 +197,8 @@ class Rig:
             raise ValueError(
                 "elastomer.shape: measurements are generated for flat gels and domes, got 'freeform'"
             )
+        # Of an elastic gel no kernel is used.
+        kernel = design.contact if isinstance(design.contact, KernelContact) else KernelContact()
         glass = ImmersedParts.of(design) if design.optics.light_path == "core" else None
         strips: Sequence[Emitter]
         boxes: Sequence[Body]
@@ -220,8 +226,9 @@ class Rig:
             mixing=design.mixing_matrix,
             group_names=design.group_names,
             elastomer=design.elastomer,
-            kernel_length_mm=require_kernel(design.contact).kernel_length_mm,
-            kernel_m=require_kernel(design.contact).kernel_m,
+            kernel_length_mm=kernel.kernel_length_mm,
+            kernel_m=kernel.kernel_m,
+            gel=_gel(design),
             path_length=design.optics.path_length,
             camera=design.camera,
             sensing_area_mm=design.sensing_area_mm,
@@ -250,6 +257,20 @@ class Rig:
     def gel_is_patterned(self) -> bool:
         """Whether a turn of the gel shows."""
         return self.coat.is_patterned or len(self.waves) > 0 or self.grain is not None
+
+
+def _gel(design: Design) -> TrueGel:
+    """How elastic the gel of a design is; of one whose contact is a kernel, how it would be."""
+    elastic = isinstance(design.contact, LayerContact)
+    contact = design.contact if isinstance(design.contact, LayerContact) else LayerContact()
+    if contact.friction:
+        raise ValueError(
+            "contact.friction: measurements are generated for contacts without friction, "
+            f"got {contact.friction:g}"
+        )
+    thickness_mm = design.elastomer.thickness_mm
+    poisson = contact.layer(thickness_mm=thickness_mm).poisson
+    return TrueGel(float(elastic), thickness_mm, poisson, contact.skin_length_mm)
 
 
 def _exponents(leds: LedArray) -> Array:

@@ -221,9 +221,11 @@ class HorizonMaps:
 
     def __init__(self, surface: HeightField) -> None:
         bump = surface.above(HIDING_MM)
-        self.near = surface.bump.grown(NEAR_MM)
-        self.window = self.near.joined(bump.grown(min(surface.peak_mm / SHADOW_SLOPE, LONGEST_MM)))
-        reach = max(self.window.right - bump.right, bump.left - self.window.left)
+        near = surface.bump.grown(NEAR_MM)
+        window = near.joined(bump.grown(min(surface.peak_mm / SHADOW_SLOPE, LONGEST_MM)))
+        reach = max(window.right - bump.right, bump.left - window.left)
+        # Bulges turn towards other light, and throw no shadows.
+        self.near, self.window = (box.joined(surface.changed) for box in (near, window))
         turns = np.exp(2j * np.pi * (np.arange(AZIMUTHS) + 0.5) / AZIMUTHS)
         self._maps = [horizon_map(surface, turn, bump, reach_mm=reach, pitch_mm=PITCH_MM) for turn in turns]
 

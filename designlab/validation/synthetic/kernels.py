@@ -148,3 +148,73 @@ def bilinear(grid: Array, row: Array, column: Array, nearest: bool) -> Array:
         lower = grid[below, j] + v * (grid[below, right] - grid[below, j])
         found[n] = upper + u * (lower - upper)
     return found
+
+
+@njit(cache=True)
+def _corner(x: float, y: float) -> float:
+    """Integral of 1 / r over the rectangle from the origin to a corner, by Love's closed form."""
+    if x == 0.0 or y == 0.0:
+        return 0.0
+    return x * math.asinh(y / abs(x)) + y * math.asinh(x / abs(y))
+
+
+@njit(cache=True)
+def _answer(x: float, y: float, size: float, smooth: Array, step: float) -> float:
+    """Integral of 1 / r less a smooth part over a square, from a point x, y off its middle."""
+    square = x * x + y * y
+    r, half = math.sqrt(square), size / 2
+    place = r / step
+    low = int(place)
+    if low + 1 >= len(smooth):
+        return 0.0
+    if square > 9.0 * size * size:
+        near = size * size / r * (1.0 + size * size / (24.0 * square))
+    else:
+        left, right, below, above = x - half, x + half, y - half, y + half
+        near = _corner(right, above) - _corner(left, above) - _corner(right, below) + _corner(left, below)
+    return float(near - size * size * (smooth[low] + (place - low) * (smooth[low + 1] - smooth[low])))
+
+
+@njit(cache=True)
+def sinking(points: Array, centres: Array, sizes: Array, smooth: Array, step: float) -> Array:
+    """Answer of an elastic layer at points to squares of unit pressure, see `boundary_elements`.
+
+    Parameters
+    ----------
+    points, centres : array, shapes (points, 2) and (squares, 2)
+        Places, and middles of the squares (mm).
+    sizes : array, shape (squares,)
+        Sides of the squares (mm).
+    smooth, step : array, float
+        Smooth part of the answer at distances that far apart (mm); beyond the last there is no answer.
+    """
+    found = np.empty((len(points), len(centres)))
+    for n in range(len(points)):
+        for k in range(len(centres)):
+            dx, dy = points[n, 0] - centres[k, 0], points[n, 1] - centres[k, 1]
+            found[n, k] = _answer(dx, dy, sizes[k], smooth, step)
+    return found
+
+
+@njit(cache=True)
+def sunk(points: Array, centres: Array, sizes: Array, pressure: Array, smooth: Array, step: float) -> Array:
+    """Answer at points to the pressures of all squares together; arguments as in `sinking`."""
+    found = np.zeros(len(points))
+    for n in range(len(points)):
+        for k in range(len(centres)):
+            dx, dy = points[n, 0] - centres[k, 0], points[n, 1] - centres[k, 1]
+            found[n] += pressure[k] * _answer(dx, dy, sizes[k], smooth, step)
+    return found
+
+
+@njit(cache=True)
+def covered(points: Array, centres: Array, sizes: Array) -> NDArray[np.bool_]:
+    """Which points lie within any of some squares."""
+    found = np.zeros(len(points), dtype=np.bool_)
+    for n in range(len(points)):
+        for k in range(len(centres)):
+            away = max(abs(points[n, 0] - centres[k, 0]), abs(points[n, 1] - centres[k, 1]))
+            if away <= 0.5 * sizes[k]:
+                found[n] = True
+                break
+    return found

@@ -151,7 +151,7 @@ class Pressed:
         """Box within which the indentation changes the direct light, None without one."""
         if self.horizon is None:
             return None
-        return self.horizon.window.joined(self.surface.bump)
+        return self.horizon.window.joined(self.surface.changed)
 
     def irradiance(self, x: Array, y: Array, *, eye: Array | None = None) -> Array:
         """Total irradiance at membrane points given by x and y (mm), shape (groups, points).

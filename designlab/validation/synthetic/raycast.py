@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from designlab.core.types import Array
 from designlab.sensor.camera import Camera, View
 from designlab.validation.synthetic import lens
+from designlab.validation.synthetic.elastic_surface import pressed
 from designlab.validation.synthetic.generator_sensor import Rig, TrueLens
 from designlab.validation.synthetic.glass import CameraRays, look
 from designlab.validation.synthetic.indenter import Indenter
@@ -66,10 +67,17 @@ class Caster:
 
         As it arrives behind the lens: blurred, vignetted, with ghosts, without glare.
         """
-        rig = self._rig
         if indenter is None:
             return self._image(self._leaving(self._t, self._untouched, self._lighting.untouched.surface))
-        surface = indented(
+        surface = self._membrane(indenter)
+        return self._image(self._leaving(*self._lit(surface), surface))
+
+    def _membrane(self, indenter: Indenter) -> HeightField:
+        """Membrane under a press, by the kernel, the elastic layer, or between the two."""
+        rig, gel = self._rig, self._rig.gel
+        if gel.share == 1:
+            return pressed(rig.elastomer, gel, indenter, waves=rig.waves)
+        smoothed = indented(
             rig.elastomer,
             indenter,
             kernel_length_mm=rig.kernel_length_mm,
@@ -78,7 +86,9 @@ class Caster:
             tail_mm=rig.contact.tail_mm,
             waves=rig.waves,
         )
-        return self._image(self._leaving(*self._lit(surface), surface))
+        if gel.share == 0:
+            return smoothed
+        return pressed(rig.elastomer, gel, indenter, waves=rig.waves).mixed(smoothed, 1 - gel.share)
 
     def _lit(self, surface: HeightField) -> tuple[Array, Array]:
         """Where every ray meets an indented membrane, and the irradiance there."""
@@ -198,7 +208,8 @@ def meet(rays: CameraRays, surface: HeightField, *, steps: int = 16) -> Array:
     """Ray parameter t (mm below the camera) of the first point where each ray meets a membrane.
 
     The base is met by Newton's method. Where there is an indentation, the piece of the ray between its peak
-    and the base is searched in equal steps for the first crossing, which bisection then narrows down.
+    and the base, or its deepest bulge, is searched in equal steps for the first crossing, which bisection
+    then narrows down.
     """
     t = np.broadcast_to(rays.origin_mm[2], rays.tan_x.shape).astype(float)
     if surface.radius_mm is not None:
@@ -210,7 +221,7 @@ def meet(rays: CameraRays, surface: HeightField, *, steps: int = 16) -> Array:
     if surface.height_mm is None:
         return t
     # The base under the ray rises by less than the ray falls, so twice the peak is above the indentation.
-    high, low = t - 2 * surface.peak_mm - 1e-3, t + 1e-6
+    high, low = t - 2 * surface.peak_mm - 1e-3, t + 2 * surface.bulge_mm + 1e-6
     found = np.zeros(t.shape, dtype=bool)
     step = (low - high) / steps
     upper, lower = high.copy(), low.copy()

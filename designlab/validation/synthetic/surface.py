@@ -1,6 +1,6 @@
 """The membrane as a height field, untouched or pressed; smoothed by its transfer function."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
@@ -16,6 +16,7 @@ from geometries.elastomer import Elastomer
 from geometries.probes import Probe, profile_mm
 
 PITCH_MM = 0.02
+LEAST_CHANGE_MM = 1e-4
 REACH = 6.0  # the kernel ends at this many of its lengths
 
 
@@ -52,8 +53,9 @@ class Box(NamedTuple):
 class HeightField:
     """Base (plane or sphere) plus an indentation on a square grid; rows ascend with y, columns with x.
 
-    Beyond the grid the indentation is zero. `contact` is the share of each cell that an object touches;
-    `waves` are ripples of the base, of which only slopes count: rows of wave number (x, y), amplitude, phase.
+    Beyond the grid the indentation is zero; it is negative where gel bulges out. `contact` is the share of
+    each cell that an object touches; `waves` are ripples of the base, of which only slopes count: rows of
+    wave number (x, y), amplitude, phase.
     """
 
     radius_mm: float | None
@@ -75,18 +77,35 @@ class HeightField:
     @property
     def peak_mm(self) -> float:
         """Largest indentation."""
-        return 0.0 if self.height_mm is None else float(self.height_mm.max())
+        return 0.0 if self.height_mm is None else max(float(self.height_mm.max()), 0.0)
+
+    @property
+    def bulge_mm(self) -> float:
+        """How far the membrane bulges out at most, below its undeformed shape."""
+        return 0.0 if self.height_mm is None else max(-float(self.height_mm.min()), 0.0)
 
     @property
     def bump(self) -> Box:
         """Bounding box of the indentation."""
-        return self.above(1e-4)
+        return self.above(LEAST_CHANGE_MM)
 
     def above(self, height_mm: float) -> Box:
         """Bounding box of what is indented more than this."""
+        return self._about(self._pressed > min(height_mm, 0.5 * self.peak_mm))
+
+    @property
+    def changed(self) -> Box:
+        """Bounding box of what is indented or bulges out."""
+        return self._about(np.abs(self._pressed) > min(LEAST_CHANGE_MM, 0.5 * self.peak_mm))
+
+    @property
+    def _pressed(self) -> Array:
         if self.height_mm is None:
             raise ValueError("an untouched membrane has no bump")
-        rows, columns = np.nonzero(self.height_mm > min(height_mm, 0.5 * self.peak_mm))
+        return self.height_mm
+
+    def _about(self, some: NDArray[np.bool_]) -> Box:
+        rows, columns = np.nonzero(some)
         return Box(
             self.x0_mm + columns.min() * self.pitch_mm,
             self.x0_mm + columns.max() * self.pitch_mm,
@@ -111,6 +130,19 @@ class HeightField:
             steep = amplitude_mm * np.cos(wave_x * x + wave_y * y + phase)
             p, q = p + wave_x * steep, q + wave_y * steep
         return np.stack([-p, -q, np.ones_like(p)], axis=-1) / np.sqrt(1 + p**2 + q**2)[..., None]
+
+    def mixed(self, other: "HeightField", share: float) -> "HeightField":
+        """Go from this membrane towards another, on this one's grid, by a share."""
+        rows, columns = self._pressed.shape
+        x, y = np.meshgrid(
+            self.x0_mm + self.pitch_mm * np.arange(columns), self.y0_mm + self.pitch_mm * np.arange(rows)
+        )
+        height, contact = other._look_up(other.height_mm, x, y), other.touched(x, y)
+        return replace(
+            self,
+            height_mm=(1 - share) * self._pressed + share * height,
+            contact=self.contact if share < 0.5 else contact,
+        )
 
     def touched(self, x: Array, y: Array) -> Array:
         """Share of points that an object touches."""
@@ -202,7 +234,7 @@ def penetration(
 
     def cut(probe: Probe) -> Array:
         one = indenter._replace(probe=probe)
-        above = np.stack([_above_base(elastomer, one, x + dx, y + dy) for dx, dy in shifts])
+        above = np.stack([above_base(elastomer, one, x + dx, y + dy) for dx, dy in shifts])
         return np.asarray(np.maximum(above - above.max() + indenter.depth_mm, 0.0))
 
     depth = cut(indenter.probe)
@@ -242,7 +274,7 @@ def _transfer_table(pitch_mm: float, length_mm: float, m: float) -> tuple[Array,
     return k, transfer(k, kernel_length_mm=length_mm, kernel_m=m)
 
 
-def _above_base(elastomer: Elastomer, indenter: Indenter, x: Array, y: Array) -> Array:
+def above_base(elastomer: Elastomer, indenter: Indenter, x: Array, y: Array) -> Array:
     """Height of the probe, its foremost point at z = 0, above the undeformed membrane."""
     turn = np.exp(-1j * np.radians(indenter.yaw_deg))
     local = turn * ((x - indenter.centre_mm[0]) + 1j * (y - indenter.centre_mm[1]))
@@ -258,7 +290,7 @@ def _touched(elastomer: Elastomer, indenter: Indenter) -> Box:
         reach = min(reach, elastomer.width_mm)
     axis = np.linspace(-reach, reach, 241)
     x, y = np.meshgrid(indenter.centre_mm[0] + axis, indenter.centre_mm[1] + axis)
-    above = _above_base(elastomer, indenter, x, y)
+    above = above_base(elastomer, indenter, x, y)
     touching = above > above.max() - indenter.depth_mm
     if not np.isfinite(above.max()):
         raise ValueError(f"press: probe {indenter.probe.text} misses the membrane")

@@ -94,7 +94,8 @@ def _waviness(rig: Rig, strength: float, random: np.random.Generator) -> tuple[R
 def _probe_size(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
     """Probes 4 % larger or smaller than stated: 0.8 % of the median signal for a ball, 2.7 % for a prism."""
     scale = 1 + 0.04 * strength * float(random.choice([-1, 1]))
-    return replace(rig, contact=replace(rig.contact, probe_scale=scale)), {"scale": scale}
+    whole = rig.contact.probe_scale * scale
+    return replace(rig, contact=replace(rig.contact, probe_scale=whole)), {"scale": scale}
 
 
 def _lateral_colour(rig: Rig, strength: float, random: np.random.Generator) -> tuple[Rig, Values]:
