@@ -84,7 +84,7 @@ def test_an_effect_at_null_changes_no_picture(name, plain):
         np.testing.assert_allclose(found[file], plain[file], rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("name", IN_AIR)
+@pytest.mark.parametrize("name", [name for name in IN_AIR if name != "probe_edge"])  # a ball has none
 def test_an_effect_of_one_spread_changes_pictures(name, plain):
     rig = Rig.of(FLAT)
     wrong, _ = effects.apply(rig, {name: effects.draw(name, rig, strength=1.0, seed=2)})

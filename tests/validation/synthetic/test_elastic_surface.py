@@ -7,6 +7,7 @@ from designlab.sensor.design import preset
 from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
 from designlab.validation.synthetic import effects
+from designlab.validation.synthetic.capture_plan import true_press
 from designlab.validation.synthetic.elastic_surface import pressed
 from designlab.validation.synthetic.generator_sensor import Rig
 from designlab.validation.synthetic.glass import CameraRays
@@ -126,3 +127,14 @@ def test_what_elastic_sets_cannot_have_is_refused_by_name():
     assert truth["skin_length"] == {"added_mm": 0.0}
     assert changed.gel.thickness_mm == pytest.approx(0.8 * rig.gel.thickness_mm)
     assert changed.gel.skin_mm == rig.gel.skin_mm
+
+
+def test_probes_are_rounded_and_scaled_together():
+    rig, _ = effects.apply(
+        Rig.of(FLAT), {"probe_edge": {"radius_mm": 0.2}, "probe_size": {"size_ratio": 1.1}}
+    )
+    press = {"probe": "triangle:4:r0.1", "depth_mm": 0.4, "centre_mm": (0.0, 0.0)}
+    found = true_press(rig, press, np.random.default_rng(0)).probe
+    assert (found.size_mm, found.edge_radius_mm) == pytest.approx((4.4, 0.31))
+    ball = true_press(rig, press | {"probe": "sphere:4"}, np.random.default_rng(0)).probe
+    assert ball.text == "sphere:4.4"
