@@ -51,11 +51,11 @@ class GelThickness(Effect):
     confounded_with: ClassVar[tuple[str, ...]] = ("depth_offset", "friction", "contact.poisson")
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
-        """Gels cast in open moulds come out 10 % thicker or thinner (estimate)."""
+        """Gels cast in open moulds come out 15 % thicker or thinner (estimate)."""
         if not self.suits(design):
             return ()
         return (
-            EffectParameter("thickness_ratio", "1", 1.0, 0.1, 0.5, 2.0, "thickness over its nominal value"),
+            EffectParameter("thickness_ratio", "1", 1.0, 0.15, 0.5, 2.0, "thickness over its nominal value"),
         )
 
     def on_design(self, design: Design, values: Values) -> Design:

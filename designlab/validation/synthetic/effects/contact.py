@@ -59,7 +59,7 @@ CONTACT = {
         Planted(_layer, lambda rig, values: replace(rig, gel=replace(rig.gel, **values)))
     ),
     "gel_thickness": _of_gel(
-        "thickness_ratio", PlantedParameter(1.0, 0.1, 0.5, 2.0), "thickness_mm", ratio=True
+        "thickness_ratio", PlantedParameter(1.0, 0.15, 0.5, 2.0), "thickness_mm", ratio=True
     ),
     "skin_length": _of_gel("added_mm", PlantedParameter(0.0, 0.03, -0.05, 0.5, "mm"), "skin_mm", ratio=False),
     "probe_edge": of_fields("contact", radius_mm=("edge_mm", PlantedParameter(0.0, 0.15, 0.0, 1.0, "mm"))),
