@@ -10,7 +10,9 @@ import pytest
 
 from designlab.inference.diagnosis.diagnose import (
     _along,
+    _confounded,
     _gives_back,
+    _names,
     _provenance,
     _settled,
     _sure,
@@ -395,3 +397,29 @@ def test_few_presses_limit_confidence(presses, most) -> None:
 def test_what_is_fitted_along_is_told_where_it_is_more_than_usual(along, notes) -> None:
     stand = SimpleNamespace(fit=SimpleNamespace(state=State(np.ones(1), {}, **along)))
     assert list(_along(stand)) == notes
+
+
+def test_what_does_much_the_same_by_its_physics_is_noted_where_the_design_can_have_it():
+    elastic, kernel = (preset(f"gelsight-2020-flat{kind}") for kind in ("-elastic", ""))
+    found = [Found.of(name, {}, 0.9, (name,)) for name in ("vignetting", "gel_thickness")]
+    assert list(_confounded(found, elastic)) == [
+        "gel_thickness: depth_offset, friction, contact.poisson would do much the same"
+    ]
+    offset = [Found.of("depth_offset", {}, 0.9, ("depth_offset",))]
+    assert list(_confounded(offset, elastic)) == ["depth_offset: gel_thickness would do much the same"]
+    assert not list(_confounded(offset, kernel))
+    # What is tried by name alone is no rival of what is found unasked.
+    assert not list(_confounded([Found.of("lens_distortion", {}, 0.9, ("lens_distortion",))], kernel))
+
+
+def test_effects_of_elastic_gels_are_tried_of_these_alone_and_some_only_by_name():
+    elastic, kernel = (SensorModel(design=preset(f"gelsight-2020-flat{kind}")) for kind in ("-elastic", ""))
+    seen = SimpleNamespace(shots=())
+    own = {"gel_thickness", "friction", "skin_length"}
+    of_kernels = {"contact_kernel", "contact_profile"}
+    assert set(_names(elastic, None, seen)) - set(_names(kernel, None, seen)) == own
+    assert set(_names(kernel, None, seen)) - set(_names(elastic, None, seen)) == of_kernels
+    asked = ["contact_layer", "probe_edge", "probe_size", "friction"]
+    assert not set(asked) & set(_names(kernel, None, seen))
+    assert _names(kernel, asked, seen) == asked[:3]
+    assert _names(elastic, asked, seen) == asked[1:]
