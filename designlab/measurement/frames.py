@@ -34,7 +34,7 @@ class MeasurementError(ValueError):
 
 
 class PoseSigma(Spec):
-    """How well the pose of a press is known: one standard deviation each."""
+    """How well the pose of a press and its force are known: one standard deviation each."""
 
     depth_mm: float | None = quantity(None, unit="mm", ge=0, le=20)
     """Of the depth."""
@@ -42,6 +42,8 @@ class PoseSigma(Spec):
     """Of each coordinate."""
     yaw_deg: float | None = quantity(None, unit="deg", ge=0, le=360)
     """Of the yaw."""
+    force_n: float | None = quantity(None, unit="N", gt=0, le=1000)
+    """Of the force."""
 
 
 class MeasuredFrame(Spec):
@@ -55,6 +57,12 @@ class MeasuredFrame(Spec):
     """Probe as kind[:size_mm[:rEDGE]] or mesh file[:size_mm]."""
     depth_mm: float | None = quantity(None, unit="mm", gt=0, le=20)
     """Largest penetration of the probe."""
+    force_n: float | None = quantity(None, unit="N", gt=0, le=1000)
+    """Force on the probe along z, beside or instead of its depth."""
+    shear_mm: tuple[float, float] | None = None
+    """How far the probe was then moved sideways: x, y."""
+    twist_deg: float | None = quantity(None, unit="deg", ge=-90, le=90)
+    """How far it was then turned about its axis, counter-clockwise."""
     centre_mm: tuple[float, float] | None = None
     """Where the probe's axis meets the gel."""
     yaw_deg: float | None = quantity(None, unit="deg", ge=-360, le=360)
@@ -109,6 +117,10 @@ class MeasuredFrame(Spec):
             for name in ("lowest_mm", "immersed"):
                 if getattr(self, name) is not None:
                     raise ValueError(f"{name}: is for a light_probe frame, this one is a {self.kind}")
+        if self.kind != "press":
+            for name in ("force_n", "shear_mm", "twist_deg"):
+                if getattr(self, name) is not None:
+                    raise ValueError(f"{name}: is for a press, this one is a {self.kind}")
         if self.kind == "dark" and self.leds:
             raise ValueError(f"leds: no LED is on in a dark frame, got {list(self.leds)}")
         return self
@@ -217,10 +229,12 @@ class Measurement(Spec):
     def press(self, frame: MeasuredFrame) -> Press | None:
         """Indentation that a frame shows as far as its metadata tell; None for a frame without contact.
 
+        A frame that states both depth and force is pressed to its depth; one without a depth by its force.
+
         Raises
         ------
         MeasurementError
-            If the size of the probe, its depth or its centre is unknown.
+            If the size of the probe, its centre, or both its depth and its force are unknown.
         """
         if frame.probe is None:
             return None
@@ -229,7 +243,8 @@ class Measurement(Spec):
         if mesh is None and ":" not in text:
             raise self.error(frame, "probe: its size is unknown, write kind:size_mm", frame.probe)
         centre = self.centre_mm(frame)
-        for field, value in (("depth_mm", frame.depth_mm), ("centre_mm", centre)):
+        deep = frame.force_n if frame.depth_mm is None else frame.depth_mm
+        for field, value in (("depth_mm", deep), ("centre_mm", centre)):
             if value is None:
                 raise self.error(frame, f"{field}: unknown, so the press cannot be simulated", None)
         try:
@@ -237,9 +252,12 @@ class Measurement(Spec):
                 {
                     "probe": probes.parse(text),
                     "depth_mm": frame.depth_mm,
+                    "force_n": frame.force_n if frame.depth_mm is None else None,
                     "centre_mm": centre,
                     # A probe of revolution looks the same at every yaw; for others zero is a start.
                     "yaw_deg": frame.yaw_deg or 0.0,
+                    "shear_mm": frame.shear_mm or (0.0, 0.0),
+                    "twist_deg": frame.twist_deg or 0.0,
                 }
             )
         except ValidationError as error:

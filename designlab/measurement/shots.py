@@ -20,6 +20,7 @@ Use = Literal["background", "light_probe", "train", "select", "final", "dark"]
 
 POSE = ("x_mm", "y_mm", "depth_mm", "yaw_deg")
 DEFAULT_SIGMA = (0.1, 0.1, 0.05, 1.0)  # mm, mm, mm, deg: a press placed by hand, where the set states nothing
+DEFAULT_FORCE_SHARE = 0.05  # of a force, whose doubt the set does not state
 ROUND = ("sphere", "cone")  # probes of revolution look the same at every yaw
 PROBE_COLUMNS = 160  # of a light probe
 BURIED = 0.02  # of the stated variance of dark values: less is no noise but a cut
@@ -42,7 +43,8 @@ class Shot:
     press : Press or None
         Nominal indentation; None for the untouched gel.
     pose_sigma : array, shape (4,)
-        Prior standard deviations of x, y, depth (mm) and yaw (deg); zero where fixed.
+        Prior standard deviations of x, y, depth (mm) and yaw (deg); zero where fixed, as the depth of a press
+        by force is.
     lit : array, shape (groups,)
         Relative exposure times whether a group is on.
     signal, variance : array, shape (rows, columns, 3)
@@ -57,6 +59,9 @@ class Shot:
         By how much the gel is turned against the rest.
     clips : tuple of 3 bool
         Channels that are seen to be clipped at zero.
+    force_n, force_sigma_n : float
+        Measured force of a press whose depth is known too, and its standard deviation (N); infinite where
+        it was not measured.
     """
 
     files: tuple[str, ...]
@@ -72,6 +77,8 @@ class Shot:
     ball: LightProbe | None = None
     gel_rotation_deg: float = 0.0
     clips: tuple[bool, bool, bool] = (False, False, False)
+    force_n: float = 0.0
+    force_sigma_n: float = np.inf
 
     @property
     def clip_sigma(self) -> Array:
@@ -200,6 +207,12 @@ def _usable(
             measurement.press(frame)
         except MeasurementError as error:
             notes.append(f"{frame.file}: left out, {error}")
+            return False
+        if frame.depth_mm is None and design.contact.model == "kernel":
+            notes.append(
+                f"{frame.file}: left out, its depth_mm is unknown and contact by the smoothing kernel knows "
+                "no force"
+            )
             return False
     return True
 
@@ -333,7 +346,13 @@ def _shot(
     lit = exposure * np.array(on, dtype=float)
     files = tuple(f.file for f in same)
     turn = frame.gel_rotation_deg or 0.0
-    return Shot(files, use, press, sigma, lit, view, signal, variance, valid, dark_sigma, ball, turn, clips)
+    shot = Shot(files, use, press, sigma, lit, view, signal, variance, valid, dark_sigma, ball, turn, clips)
+    if frame.force_n is None or frame.depth_mm is None:
+        return shot
+    if design.contact.model == "kernel":
+        notes.append(f"{frame.file}: its force_n is not used, contact by the smoothing kernel knows no force")
+        return shot
+    return replace(shot, force_n=frame.force_n, force_sigma_n=_force_sigma_n(frame, frame.force_n, notes))
 
 
 def binned(values: Array, factor: int) -> Array:
@@ -354,6 +373,8 @@ def _pose_sigma(frame: MeasuredFrame, probe: Probe, notes: list[str]) -> Array:
         default if given is None else given
         for given, default in zip((centre, centre, depth, yaw), DEFAULT_SIGMA, strict=True)
     ]
+    if frame.depth_mm is None:
+        depth = sigma[2] = 0.0
     if centre is None or depth is None:
         notes.append(
             f"{frame.file}: how well the pose is known is not stated; taken as "
@@ -364,6 +385,16 @@ def _pose_sigma(frame: MeasuredFrame, probe: Probe, notes: list[str]) -> Array:
     elif frame.yaw_deg is None:
         notes.append(f"{frame.file}: the yaw of the probe is unknown and taken as 0 deg with 1 deg of doubt")
     return np.array(sigma, dtype=float)
+
+
+def _force_sigma_n(frame: MeasuredFrame, force_n: float, notes: list[str]) -> float:
+    """Doubt of a measured force (N)."""
+    if frame.sigma is not None and frame.sigma.force_n is not None:
+        return frame.sigma.force_n
+    notes.append(
+        f"{frame.file}: how well force_n is known is not stated; taken as {DEFAULT_FORCE_SHARE:.0%} of it"
+    )
+    return DEFAULT_FORCE_SHARE * force_n
 
 
 def _ball_sigma(frame: MeasuredFrame, notes: list[str]) -> Array:

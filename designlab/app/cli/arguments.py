@@ -174,9 +174,12 @@ def _add_designs(add: Any) -> None:
     _option(
         calibrate,
         "--free FIELD",
-        "numbers of the design to fit beside light and poses "
-        "(default: contact.kernel_length_mm camera.horizontal_fov_deg; of a baseline, which names these with "
-        "design. in front, lights.N.azimuth_deg, lights.N.elevation_deg and exponent)",
+        "numbers of the design, or of the probe such as probe.size_mm, to fit beside light and poses; after "
+        "one may stand what is known of it, =4+-1.5 (value and standard deviation), =5..5.8 (bounds) or "
+        "=4+-1.5,2..6 (default: contact.kernel_length_mm or contact.skin_length_mm, "
+        "camera.horizontal_fov_deg, and contact.modulus_mpa where a press states depth_mm and force_n; of a "
+        "baseline, which names these with design. in front, lights.N.azimuth_deg, lights.N.elevation_deg and "
+        "exponent)",
         nargs="*",
     )
     _option(calibrate, "--columns N", "wider frames are binned to this", type=_whole(8, 2048), default=160)

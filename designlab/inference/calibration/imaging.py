@@ -4,6 +4,7 @@ A component is the picture of one LED group at unit flux, say. `Rendered` simula
 asks of it, `directional.Directional` answers as well.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
@@ -24,7 +25,8 @@ from designlab.simulation.effects.model import AppliedEffect, SensorModel
 from designlab.simulation.imaging import mixed
 from designlab.simulation.simulator import Simulator, automatic_exposure
 
-KERNEL, SCALE = "contact.kernel_length_mm", "camera.horizontal_fov_deg"
+KERNEL, SKIN, MODULUS = "contact.kernel_length_mm", "contact.skin_length_mm", "contact.modulus_mpa"
+SCALE = "camera.horizontal_fov_deg"
 ALBEDO = "optics.membrane_albedo"
 NODES, BRIGHTEST = (0.7, 1.4), 0.95  # reflectances that are simulated where they are free, of the given ones
 MOST_LEVEL = 0.99  # black level of a camera
@@ -83,9 +85,12 @@ class Rendered:
     def usual(self, shots: Sequence[Shot]) -> tuple[str, ...]:
         """Return paths of the numbers that are free where nothing else is said.
 
-        Kernel and field of view; with a light probe, which tells light from reflectance, that too.
+        Length of kernel or skin and field of view; the modulus where a press tells its force; with a light
+        probe, which tells light from reflectance, that too.
         """
-        found = (KERNEL, SCALE) if any(shot.press is not None for shot in shots) else ()
+        length = KERNEL if self.design.contact.model == "kernel" else SKIN
+        found = [length, SCALE] if any(shot.press is not None for shot in shots) else []
+        found += [MODULUS] if any(math.isfinite(shot.force_sigma_n) for shot in shots) else []
         albedo = self.design.optics.membrane_albedo
         probed = any(shot.ball is not None for shot in shots) and len(albedo) == len(self.names)
         return (*found, *(f"{ALBEDO}.{group}" for group in range(len(albedo)) if probed))

@@ -1,5 +1,6 @@
 """Shots of one sensor, a state of everything unknown about it, and what is simulated from that."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -8,11 +9,13 @@ import numpy as np
 from designlab.core.progress import silent
 from designlab.core.types import Array, Progress
 from designlab.inference.calibration.directional import Directional
-from designlab.inference.calibration.fields import SharedField
+from designlab.inference.calibration.fields import PROBE, SharedField
 from designlab.inference.calibration.imaging import How, Rendered, Touched
 from designlab.inference.calibration.linear import normal_equations, predicted, transfer_and_floor
 from designlab.measurement.shots import Shot
 from designlab.simulation.contact.press import Press
+from designlab.simulation.contact.surface import Mechanics
+from designlab.simulation.simulator import Simulator
 
 MODEL_ERROR = 0.01  # of a channel's mean signal in a shot: what the simulation is not trusted with
 LEAST_DEPTH_MM = 0.01
@@ -105,8 +108,37 @@ class Problem:
         )
 
     def changes(self, shared: Array) -> dict[str, float]:
-        """Values of the shared fields by their paths."""
+        """Values of the shared fields of the model by their paths."""
+        return {path: value for path, value in self._values(shared).items() if not path.startswith(PROBE)}
+
+    def _values(self, shared: Array) -> dict[str, float]:
         return {f.path: float(value) for f, value in zip(self.fields, shared, strict=True)}
+
+    def _lengths(self, shared: Array) -> dict[str, float]:
+        """Values of the shared fields of the probe by their names."""
+        values = self._values(shared).items()
+        return {path.removeprefix(PROBE): value for path, value in values if path.startswith(PROBE)}
+
+    def settled(self, shared: Array) -> "Problem":
+        """Return the problem of the poses alone, with the shared fields at values."""
+        lengths = self._lengths(shared)
+        shots = tuple(
+            replace(
+                shot,
+                press=shot.press.model_copy(update={"probe": shot.press.probe.model_copy(update=lengths)}),
+            )
+            if shot.press is not None and lengths
+            else shot
+            for shot in self.shots
+        )
+        imaging = self.imaging.at(self.changes(shared))
+        return Problem(imaging, shots, (), seed=self.seed, progress=self.progress)
+
+    def sees(self, field: SharedField, shot: Shot) -> bool:
+        """Whether a shot can depend on a shared field."""
+        if field.path.startswith(PROBE):
+            return shot.press is not None
+        return self.imaging.sees(field.path, shot)
 
     def touched(self, state: CalibrationState, number: int) -> Touched:
         """Return what a shot shows, at the state's pose."""
@@ -118,12 +150,40 @@ class Problem:
         press = shot.press
         if press is None:
             return None
-        return Press(
-            probe=press.probe,
-            depth_mm=max(press.stated_depth_mm + depth, LEAST_DEPTH_MM),
-            centre_mm=(press.centre_mm[0] + x, press.centre_mm[1] + y),
-            yaw_deg=press.yaw_deg + yaw,
-        )
+        changes: dict[str, object] = {
+            "probe": press.probe.model_copy(update=self._lengths(state.shared)),
+            "centre_mm": (press.centre_mm[0] + x, press.centre_mm[1] + y),
+            "yaw_deg": press.yaw_deg + yaw,
+        }
+        if press.depth_mm is not None:
+            changes["depth_mm"] = max(press.depth_mm + depth, LEAST_DEPTH_MM)
+        return press.model_copy(update=changes)
+
+    def force_n(self, state: CalibrationState, number: int) -> float:
+        """Force of a press of an elastic gel (N)."""
+        return self._mechanics(state, number).force_n
+
+    def depth_mm(self, state: CalibrationState, number: int) -> float:
+        """Depth of a press (mm), stated or found for its force."""
+        press = self.touched(state, number)
+        assert isinstance(press, Press)
+        return press.depth_mm or self._mechanics(state, number).depth_mm
+
+    def _mechanics(self, state: CalibrationState, number: int) -> Mechanics:
+        press = self.touched(state, number)
+        assert isinstance(press, Press)
+        design = self.imaging.at(self.changes(state.shared)).design
+        simulator = Simulator(design, view=self.shots[number].view, samples=1, seed=self.seed)
+        mechanics = simulator.surface(press).mechanics
+        assert mechanics is not None  # no shot of contact by the smoothing kernel has a force
+        return mechanics
+
+    def force_residual(self, state: CalibrationState, number: int) -> float:
+        """Measured minus simulated force of a press over its standard deviation; 0 where it is unknown."""
+        shot = self.shots[number]
+        if math.isinf(shot.force_sigma_n):
+            return 0.0
+        return (shot.force_n - self.force_n(state, number)) / shot.force_sigma_n
 
     def basis(
         self, state: CalibrationState, number: int, *, other_seed: bool = False, how: How = "usual"
@@ -166,13 +226,16 @@ class Problem:
         return np.asarray(left[shot.valid])
 
     def objective(self, state: CalibrationState, bases: Mapping[int, Array]) -> float:
-        """Sum of squared residuals, plus the priors of the poses."""
-        total = 0.0
+        """Sum of squared residuals of pictures and forces, plus the priors of shared fields and poses."""
+        total = sum(
+            ((value - f.expected) / f.sigma) ** 2 for f, value in zip(self.fields, state.shared, strict=True)
+        )
         for number, basis in bases.items():
             sigma = self.shots[number].pose_sigma
             total += float((self.residual(state, number, basis) ** 2).sum())
             total += float(((state.pose(number)[sigma > 0] / sigma[sigma > 0]) ** 2).sum())
-        return total
+            total += self.force_residual(state, number) ** 2
+        return float(total)
 
 
 def _block_sums(values: Array) -> Array:

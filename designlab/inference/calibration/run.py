@@ -10,15 +10,15 @@ from designlab.core import metrics
 from designlab.core.progress import silent
 from designlab.core.types import Array, Progress
 from designlab.inference.calibration.directional import Directional
-from designlab.inference.calibration.fields import WITHIN, shared_fields
-from designlab.inference.calibration.imaging import ALBEDO, SCALE, Rendered
+from designlab.inference.calibration.fields import WITHIN, SharedField, shared_fields
+from designlab.inference.calibration.imaging import ALBEDO, MODULUS, SCALE, Rendered
 from designlab.inference.calibration.problem import MODEL_ERROR, CalibrationState, Imaging, Problem
 from designlab.inference.calibration.result import Calibration, FittedParameter, FrameResult
 from designlab.inference.calibration.solve import Layout, covariance, fit
 from designlab.inference.calibration.suspicions import suspicious
 from designlab.measurement import Measurement, MeasurementError, check, refuse
 from designlab.measurement.light_probe.ball import LightProbe
-from designlab.measurement.shots import POSE, ROUND, Observations, observe
+from designlab.measurement.shots import POSE, ROUND, Observations, Shot, observe
 from designlab.sensor.design import CHANNELS, Design
 from designlab.simulation.directional_light import DirectionalLight
 from designlab.simulation.effects.model import SensorModel
@@ -65,9 +65,10 @@ def calibrate(
     seed : int
         Seed of the light transport; the same seed gives the same result.
     free : sequence of str, optional
-        Dotted paths of the design's numbers to fit; kernel length and field of view when absent, and the
-        reflectance for each LED group where a light probe tells it from their light. Of directional light:
-        direction of every light, exponent.
+        Dotted paths of the design's numbers to fit, or of the probe's such as ``probe.size_mm``, with what is
+        known of them beside the pictures, see `fields.shared_fields`. When absent: length of kernel or skin,
+        field of view, the modulus where a press tells its force, and the reflectance for each LED group where
+        a light probe tells it from their light; of directional light, direction of every light, exponent.
     trust : sequence of str
         Names of suspicions, see `measurement.quality.suspicion`, that are known and right as they are.
     progress : callable, optional
@@ -84,22 +85,24 @@ def calibrate(
         if value < least:
             raise ValueError(f"{name}: must be at least {least}, got {value}")
     imaging = _imaging(model, samples)
-    design, probes = imaging.design, isinstance(imaging, Rendered)
+    design, renders = imaging.design, isinstance(imaging, Rendered)
     trusted = refuse(measurement, check(measurement, design), trust)
-    seen = observe(measurement, design, columns=columns, light_probes=probes)
+    seen = observe(measurement, design, columns=columns, light_probes=renders)
     fitted = seen.of("background", "light_probe", "train")
     usual = imaging.usual([seen.shots[number] for number in fitted])
-    fields = shared_fields(imaging.model, usual if free is None else free)
+    probes = [shot.press.probe for shot in seen.shots if shot.press is not None]
+    fields = shared_fields(imaging.model, usual if free is None else free, probes)
+    _check_modulus(fields, [seen.shots[number] for number in fitted])
     problem = Problem(imaging, seen.shots, fields, seed=seed, progress=progress)
     _check(measurement, problem, fitted)
     given = _given(measurement, problem, imaging.level() - seen.black_level)
-    if probes:  # a model without light transport misses pictures for reasons of its own
+    if renders:  # a model without light transport misses pictures for reasons of its own
         trusted += suspicious(measurement, seen, problem, trust=trust)
     balls = seen.of("light_probe")
     state = _reflecting(problem, _placed(problem, problem.start(), balls), fitted)
     problem.hold(balls)
     if columns // 2 >= LEAST_COLUMNS:
-        shots = observe(measurement, design, columns=columns // 2, light_probes=probes).shots
+        shots = observe(measurement, design, columns=columns // 2, light_probes=renders).shots
         coarse = Problem(imaging, shots, fields, seed=seed, progress=progress)
         coarse.hold(balls)
         state = _scaled(coarse, state, fitted)
@@ -156,8 +159,7 @@ def _registered(
     problem: Problem, state: CalibrationState, bases: dict[int, Array], held_out: Sequence[int]
 ) -> tuple[CalibrationState, dict[int, Array]]:
     """Find the poses of held-out presses, with all else as it was fitted."""
-    imaging = problem.imaging.at(problem.changes(state.shared))
-    fixed = Problem(imaging, problem.shots, (), seed=problem.seed, progress=problem.progress)
+    fixed = problem.settled(state.shared)
     fixed.begin("held-out presses", len(held_out) * 20)
     for number in held_out:
         found, own = fit(fixed, replace(state, shared=np.zeros(0)), [number], held_out=True, rough=True)
@@ -186,6 +188,16 @@ def _imaging(model: Design | SensorModel | DirectionalLight, samples: int) -> Im
     return Rendered(
         sensor.design.replace({"optics.membrane_albedo": albedo}), samples, beyond=np.asarray(beyond)
     )
+
+
+def _check_modulus(fields: Sequence[SharedField], shots: Sequence[Shot]) -> None:
+    """Modulus changes forces and no shape at a depth: something has to tell a force."""
+    forced = any(shot.press and (shot.press.force_n or math.isfinite(shot.force_sigma_n)) for shot in shots)
+    for field in fields:
+        if field.path.endswith(MODULUS) and not forced:
+            raise ValueError(
+                f"free: {field.path} needs a fitted press with force_n, since no shape depends on it"
+            )
 
 
 def _check(measurement: Measurement, problem: Problem, fitted: Sequence[int]) -> None:
@@ -340,7 +352,8 @@ def _pose(problem: Problem, state: CalibrationState, number: int) -> dict[str, f
     if isinstance(touched, LightProbe):
         return dict(zip(POSE, (*touched.centre_mm, touched.lowest_mm, 0.0), strict=True))
     assert touched is not None
-    return dict(zip(POSE, (*touched.centre_mm, touched.stated_depth_mm, touched.yaw_deg), strict=True))
+    depth_mm = problem.depth_mm(state, number)
+    return dict(zip(POSE, (*touched.centre_mm, depth_mm, touched.yaw_deg), strict=True))
 
 
 def _frame_result(

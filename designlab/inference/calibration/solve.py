@@ -4,6 +4,7 @@ Golub and Pereyra 1973 (doi:10.1137/0710036), with the Jacobian that Kaufman 197
 showed to be enough: linear and other unknowns are put into one set of normal equations.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -62,7 +63,10 @@ class FiniteDifference(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Normal:
-    """Normal equations, with the residual and derivatives of each shot that they came from."""
+    """Normal equations, with the residual and derivatives of each shot that they came from.
+
+    `prior` is the part of the matrix that is known beside the pictures: fields, poses and forces.
+    """
 
     matrix: Array
     right: Array
@@ -161,7 +165,10 @@ def linearise(
 ) -> Normal:
     """Residuals, derivatives and the normal equations."""
     matrix, right = np.zeros((layout.size, layout.size)), np.zeros(layout.size)
-    prior = np.zeros(layout.size)
+    prior = np.zeros((layout.size, layout.size))
+    for place, field in enumerate(problem.fields[: layout.shared]):
+        prior[place, place] = 1.0 / field.sigma**2
+        right[place] -= (state.shared[place] - field.expected) * prior[place, place]
     parts = {}
     for number, basis in bases.items():
         shot, sigma, lit = problem.shots[number], problem.sigmas[number], problem.lits[number]
@@ -179,10 +186,23 @@ def linearise(
         matrix[np.ix_(places, places)] += derivative.T @ derivative
         right[places] += derivative.T @ residual
         for place, part in layout.pose[number]:
-            prior[place] = 1.0 / shot.pose_sigma[part] ** 2
-            right[place] -= state.pose(number)[part] * prior[place]
+            prior[place, place] += 1.0 / shot.pose_sigma[part] ** 2
+            right[place] -= state.pose(number)[part] / shot.pose_sigma[part] ** 2
+        if math.isfinite(shot.force_sigma_n):
+            slope = _force_slope(problem, layout, state, number)
+            prior += np.outer(slope, slope)
+            right += slope * problem.force_residual(state, number)
         parts[number] = (residual, places, derivative)
-    return Normal(matrix + np.diag(prior), right, prior, parts)
+    return Normal(matrix + prior, right, prior, parts)
+
+
+def _force_slope(problem: Problem, layout: Layout, state: CalibrationState, number: int) -> Array:
+    """Derivatives of a press's force by all unknowns, over its standard deviation."""
+    slope, here = np.zeros(layout.size), problem.force_n(state, number)
+    for (step,) in (steps for steps in _steps(problem, layout, state, number) if len(steps) == 1):
+        change = problem.force_n(_shifted(layout, state, number, [step]), number) - here
+        slope[step.place] = change / step.size / problem.shots[number].force_sigma_n
+    return slope
 
 
 def _steps(
@@ -194,7 +214,7 @@ def _steps(
     share = problem.imaging.step_share
     for place in range(layout.shared):
         field = problem.fields[place]
-        if not problem.imaging.sees(field.path, problem.shots[number]):
+        if not problem.sees(field, problem.shots[number]):
             continue
         up = state.shared[place] + field.step <= field.high
         alone = problem.imaging.alone(field.path)
@@ -286,7 +306,7 @@ def covariance(
         vectors[:, told] / values[told] @ vectors[:, told].T / np.outer(scale, scale)
     )
     blind = (vectors[:, ~told] ** 2).sum(axis=1) > BLIND_SHARE
-    middle, noise, mesh = np.diag(normal.prior), np.zeros(layout.size), np.zeros(layout.size)
+    middle, noise, mesh = normal.prior.copy(), np.zeros(layout.size), np.zeros(layout.size)
     for number, (residual, places, derivative) in normal.parts.items():
         kept = [k for k, place in enumerate(places) if place in set(active.tolist())]
         own, columns = np.array(places)[kept], derivative[:, kept]

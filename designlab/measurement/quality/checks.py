@@ -48,7 +48,7 @@ def _poses(measurement: Measurement) -> list[Suspicion]:
             name
             for name, known in (
                 ("probe size", frame.probe is None or ":" in frame.probe or "." in frame.probe),
-                ("depth_mm", frame.depth_mm is not None),
+                ("depth_mm", frame.depth_mm is not None or frame.force_n is not None),
                 ("centre_mm", measurement.centre_mm(frame) is not None),
             )
             if not known
@@ -62,8 +62,8 @@ def _poses(measurement: Measurement) -> list[Suspicion]:
             tuple(files),
             f"{' and '.join(unknown)} unknown, so nothing can be compared with the picture",
             "where or how deep the probe was pressed was not noted, or measurement.toml is half filled in",
-            "give probe = kind:size_mm, depth_mm and centre_mm, as well as they are known, and in sigma how "
-            "well; or delete these frames",
+            "give probe = kind:size_mm, depth_mm or force_n, and centre_mm, as well as they are known, and "
+            "in sigma how well; or delete these frames",
             strong=none_left,
         )
         for unknown, files in lost.items()
