@@ -8,7 +8,7 @@ import numpy as np
 
 from designlab.core import metrics
 from designlab.core.progress import silent
-from designlab.core.types import Array, Progress
+from designlab.core.types import Array, Mask, Progress
 from designlab.inference.calibration.directional import Directional
 from designlab.inference.calibration.fields import WITHIN, SharedField, shared_fields
 from designlab.inference.calibration.imaging import ALBEDO, MODULUS, SCALE, Rendered
@@ -18,7 +18,7 @@ from designlab.inference.calibration.solve import Layout, covariance, fit
 from designlab.inference.calibration.suspicions import suspicious
 from designlab.measurement import Measurement, MeasurementError, check, refuse
 from designlab.measurement.light_probe.ball import LightProbe
-from designlab.measurement.shots import POSE, ROUND, Observations, Shot, observe
+from designlab.measurement.shots import POSE, ROUND, Observations, Shot, binned, observe
 from designlab.sensor.design import CHANNELS, Design
 from designlab.simulation.directional_light import DirectionalLight
 from designlab.simulation.effects.model import SensorModel
@@ -40,6 +40,7 @@ def calibrate(
     samples: int = 48,
     seed: int = 0,
     free: Sequence[str] | None = None,
+    mask: Mask | None = None,
     trust: Sequence[str] = (),
     progress: Progress = silent,
 ) -> Calibration:
@@ -69,6 +70,8 @@ def calibrate(
         known of them beside the pictures, see `fields.shared_fields`. When absent: length of kernel or skin,
         field of view, the modulus where a press tells its force, and the reflectance for each LED group where
         a light probe tells it from their light; of directional light, direction of every light, exponent.
+    mask : bool array, shape (rows, columns) of the files, optional
+        Pixels that are fitted to, all when absent; figures are of the whole pictures.
     trust : sequence of str
         Names of suspicions, see `measurement.quality.suspicion`, that are known and right as they are.
     progress : callable, optional
@@ -93,7 +96,7 @@ def calibrate(
     probes = [shot.press.probe for shot in seen.shots if shot.press is not None]
     fields = shared_fields(imaging.model, usual if free is None else free, probes)
     _check_modulus(fields, [seen.shots[number] for number in fitted])
-    problem = Problem(imaging, seen.shots, fields, seed=seed, progress=progress)
+    problem = Problem(imaging, _within(mask, seen.shots), fields, seed=seed, progress=progress)
     _check(measurement, problem, fitted)
     given = _given(measurement, problem, imaging.level() - seen.black_level)
     if renders:  # a model without light transport misses pictures for reasons of its own
@@ -103,7 +106,7 @@ def calibrate(
     problem.hold(balls)
     if columns // 2 >= LEAST_COLUMNS:
         shots = observe(measurement, design, columns=columns // 2, light_probes=renders).shots
-        coarse = Problem(imaging, shots, fields, seed=seed, progress=progress)
+        coarse = Problem(imaging, _within(mask, shots), fields, seed=seed, progress=progress)
         coarse.hold(balls)
         state = _scaled(coarse, state, fitted)
         coarse.begin("fitting coarsely", len(fitted) * (1 + COARSE_STEPS * _moves(coarse)))
@@ -124,7 +127,10 @@ def calibrate(
         parameters=parameters,
         correlation=correlation,
         products=_products(problem, layout, state, total),
-        frames=tuple(_frame_result(problem, state, n, given[n], bases[n]) for n in range(len(seen.shots))),
+        frames=tuple(
+            _frame_result(problem, state, n, shot.valid, given[n], bases[n])
+            for n, shot in enumerate(seen.shots)
+        ),
         transfer=state.transfer,
         floor=state.floor,
         notes=(*trusted, *_notes(problem, seen, state, fitted, bases), *_entangled(parameters, correlation)),
@@ -188,6 +194,20 @@ def _imaging(model: Design | SensorModel | DirectionalLight, samples: int) -> Im
     return Rendered(
         sensor.design.replace({"optics.membrane_albedo": albedo}), samples, beyond=np.asarray(beyond)
     )
+
+
+def _within(mask: Mask | None, shots: tuple[Shot, ...]) -> tuple[Shot, ...]:
+    """Take values outside a mask of the files' pixels for not valid."""
+    if mask is None:
+        return shots
+    found = []
+    for shot in shots:
+        factor = mask.shape[0] // shot.signal.shape[0]
+        kept = binned(mask.astype(float)[..., None], factor) == 1.0
+        if kept.shape[:2] != shot.signal.shape[:2]:
+            raise ValueError(f"mask: must have the size of {shot.files[0]}, got {mask.shape}")
+        found.append(replace(shot, valid=shot.valid & kept))
+    return tuple(found)
 
 
 def _check_modulus(fields: Sequence[SharedField], shots: Sequence[Shot]) -> None:
@@ -357,14 +377,14 @@ def _pose(problem: Problem, state: CalibrationState, number: int) -> dict[str, f
 
 
 def _frame_result(
-    problem: Problem, state: CalibrationState, number: int, given: Array, basis: Array
+    problem: Problem, state: CalibrationState, number: int, valid: Mask, given: Array, basis: Array
 ) -> FrameResult:
     shot = problem.shots[number]
     simulated = problem.predict(state, number, basis)
     measured = shot.signal
 
     def figures(picture: Array) -> dict[str, object]:
-        return metrics.compare(np.where(shot.valid, picture, measured), measured)
+        return metrics.compare(np.where(valid, picture, measured), measured)
 
     pose = None if shot.press is None and shot.ball is None else _pose(problem, state, number)
     before, after = figures(given), figures(simulated)
@@ -390,7 +410,7 @@ def _notes(
     if any(shot.press and shot.press.probe.kind in ROUND for shot in problem.shots):
         notes.append("the yaw of a round probe cannot be seen and is not fitted")
     for number, shot in enumerate(problem.shots):
-        if not shot.valid.all():
+        if not seen.shots[number].valid.all():
             notes.append(f"{shot.files[0]}: saturated values count as right in its figures")
         if shot.clip_sigma.any():
             notes.append(f"{shot.files[0]}: dark values are cut at zero, which lifts the floor")
