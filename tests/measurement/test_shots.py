@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from designlab.inference.diagnosis.likelihood.usable_frames import observe as observe_apart
 from designlab.measurement import (
@@ -201,6 +202,7 @@ def test_exposure_scales_the_light(tmp_path) -> None:
         ({"kind": "press", "probe": "sphere", "depth_mm": 0.5, "centre_mm": (1.0, 1.0)}, "size is unknown"),
         ({"kind": "press", "probe": "sphere:4", "centre_mm": (1.0, 1.0)}, "depth_mm: unknown"),
         ({"kind": "press", "probe": "sphere:4", "depth_mm": 0.5}, "centre_mm: unknown"),
+        ({"kind": "press", "probe": "sphere:4", "force_n": 2.0, "centre_mm": (1.0, 1.0)}, "knows no force"),
         ({"kind": "background", "gel_rotation_deg": 180.0}, "turned gel"),
         ({"kind": "flat_field"}, "lens and camera alone"),
         ({"kind": "light_probe", "probe": "sphere:4"}, "for calibrate"),
@@ -210,6 +212,44 @@ def test_frames_that_cannot_be_compared_are_left_out_by_name(tmp_path, fields, r
     seen = observe(measured(tmp_path / "m", extra=[("odd.exr", 0.2, fields)]), DESIGN, columns=128)
     assert all("odd.exr" not in shot.files for shot in seen.shots)
     assert any("odd.exr: left out" in note and reason in note for note in seen.notes)
+
+
+class TestForces:
+    AT = {"kind": "press", "probe": "sphere:4", "centre_mm": (1.0, 1.0), "split": "train"}
+    ELASTIC = preset("gelsight-2020-flat-elastic")
+
+    def shot_of(self, folder, design, **fields):
+        seen = observe(measured(folder, extra=[("f.exr", 0.2, self.AT | fields)]), design, columns=128)
+        return next(shot for shot in seen.shots if "f.exr" in shot.files), seen.notes
+
+    def test_depth_and_force_make_a_press_to_the_depth_with_a_measured_force(self, tmp_path) -> None:
+        fields = {"depth_mm": 0.5, "force_n": 2.0, "sigma": {"force_n": 0.1}}
+        shot, _ = self.shot_of(tmp_path / "m", self.ELASTIC, **fields)
+        assert (shot.press.depth_mm, shot.press.force_n) == (0.5, None)
+        assert (shot.force_n, shot.force_sigma_n) == (2.0, 0.1)
+
+    def test_a_doubt_that_is_not_stated_is_a_share_of_the_force_and_said(self, tmp_path) -> None:
+        shot, notes = self.shot_of(tmp_path / "m", self.ELASTIC, depth_mm=0.5, force_n=2.0)
+        assert shot.force_sigma_n == pytest.approx(0.1)
+        assert any("f.exr: how well force_n is known" in note for note in notes)
+
+    def test_a_force_alone_makes_a_press_by_force_of_fixed_depth(self, tmp_path) -> None:
+        shot, _ = self.shot_of(
+            tmp_path / "m", self.ELASTIC, force_n=2.0, shear_mm=(0.1, 0.0), twist_deg=3.0
+        )
+        assert (shot.press.depth_mm, shot.press.force_n) == (None, 2.0)
+        assert (shot.press.shear_mm, shot.press.twist_deg) == ((0.1, 0.0), 3.0)
+        assert shot.pose_sigma[2] == 0.0
+        assert np.isinf(shot.force_sigma_n)
+
+    def test_the_smoothing_kernel_does_not_use_a_force_and_says_so(self, tmp_path) -> None:
+        shot, notes = self.shot_of(tmp_path / "m", DESIGN, depth_mm=0.5, force_n=2.0)
+        assert np.isinf(shot.force_sigma_n)
+        assert any("f.exr: its force_n is not used" in note for note in notes)
+
+    def test_a_force_of_a_frame_without_contact_is_refused(self) -> None:
+        with pytest.raises(ValidationError, match="force_n: is for a press, this one is a background"):
+            MeasuredFrame(file="b.exr", kind="background", force_n=1.0)
 
 
 def test_unknown_response_is_refused(tmp_path) -> None:

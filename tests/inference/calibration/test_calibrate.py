@@ -1,5 +1,7 @@
 """Calibration: closed forms, an analytic picture with known errors, a made sensor."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
@@ -177,6 +179,84 @@ class TestFields:
     def test_fields_that_cannot_be_calibrated_are_refused_by_name(self, free, named):
         with pytest.raises(ValueError, match=named):
             shared_fields(DESIGN, free)
+
+
+ELASTIC = preset("gelsight-2020-flat-elastic")
+
+
+class TestWhatIsKnownOfFields:
+    def test_a_value_with_its_deviation_and_bounds_are_read(self):
+        thick, skin = shared_fields(ELASTIC, ["elastomer.thickness_mm=4.5+-1.5,2..6", "contact.skin_length_mm"])
+        assert (thick.value, thick.expected, thick.sigma) == (4.5, 4.5, 1.5)
+        assert (thick.low, thick.high) == (2.0, 6.0)
+        assert skin.sigma == np.inf
+
+    def test_the_fit_starts_within_stated_bounds(self):
+        (size,) = shared_fields(ELASTIC, ["probe.size_mm=5.2..5.8"], [parse("triangle:5")])
+        assert (size.value, size.low, size.high) == (5.2, 5.2, 5.8)
+
+    def test_constants_that_the_gel_names_are_the_materials(self):
+        modulus, poisson = shared_fields(ELASTIC, ["contact.modulus_mpa", "contact.poisson"])
+        layer = ELASTIC.contact.layer(thickness_mm=1.0)
+        assert (modulus.value, modulus.unit) == (layer.modulus_mpa, "MPa")
+        assert (poisson.value, poisson.high) == (layer.poisson, 0.5)
+
+    @pytest.mark.parametrize(
+        ("free", "probes", "named"),
+        [
+            (["elastomer.thickness_mm=4+-0"], [], "standard deviation is above 0"),
+            (["elastomer.thickness_mm=6..2"], [], "bounds ascend"),
+            (["elastomer.thickness_mm="], [], "FIELD=VALUE"),
+            (["contact.poisson=0.6..0.9"], [], "contact.poisson lies between"),
+            (["probe.size_mm"], ["triangle:5", "sphere:4"], "one probe in all presses, got sphere:4, triangle:5"),
+            (["probe.size_mm"], [], "one probe in all presses, got none"),
+            (["probe.edge_radius_mm"], ["sphere:4"], "the probe is a sphere"),
+            (["probe.kind"], ["sphere:4"], "probe.kind must be a number"),
+        ],
+    )
+    def test_what_cannot_be_is_refused_by_name(self, free, probes, named):
+        with pytest.raises(ValueError, match=named):
+            shared_fields(ELASTIC, free, [parse(text) for text in probes])
+
+
+class TestForce:
+    """One press of an elastic gel whose picture is analytic and whose force is the simulator's."""
+
+    TRUE_MPA, SHARE = 0.6, 0.02
+
+    def problem(self, *, force_n: float, depth_sigma_mm: float = 0.0) -> Problem:
+        fields = (
+            SharedField("contact.skin_length_mm", "mm", 0.5, 0.0, 1.0, 0.02),
+            *shared_fields(ELASTIC, ["contact.modulus_mpa"]),
+        )
+        shape = (120, 144, 3)
+        shot = Shot(
+            ("a.exr",), "train", Press(probe=parse("triangle:3"), depth_mm=0.5),
+            np.array([0.0, 0.0, depth_sigma_mm, 0.0]), np.ones(3), View(0.0, 0.0, 1440.0, 1200.0, 144, 120),
+            np.zeros(shape), np.full(shape, 1e-4), np.ones(shape, dtype=bool), np.zeros(3),
+            force_n=force_n, force_sigma_n=self.SHARE * force_n,
+        )  # fmt: skip
+        empty = Spots(Rendered(ELASTIC, 1), (shot,), fields, seed=0)
+        signal = predicted(TestSolver.LIGHT, np.full(3, 0.05), np.ones(3), empty.basis(empty.start(), 0))
+        return Spots(Rendered(ELASTIC, 1), (replace(shot, signal=signal),), fields, seed=0)
+
+    def force_n(self, modulus_mpa: float) -> float:
+        problem = self.problem(force_n=1.0)
+        state = problem.start()
+        return problem.force_n(replace(state, shared=np.array([state.shared[0], modulus_mpa])), 0)
+
+    def test_depth_and_force_of_one_press_give_the_modulus(self):
+        problem = self.problem(force_n=self.force_n(self.TRUE_MPA))
+        state, bases = fit(problem, problem.start(), [0])
+        spread, _ = covariance(problem, Layout(problem, [0], held_out=False), state, bases)
+        assert state.shared[1] == pytest.approx(self.TRUE_MPA, rel=1e-4)
+        assert np.sqrt(spread[1, 1]) == pytest.approx(self.SHARE * self.TRUE_MPA, rel=1e-3)
+
+    def test_a_force_that_disagrees_is_left_as_a_residual(self):
+        problem = self.problem(force_n=1.1 * self.force_n(self.TRUE_MPA))
+        shared = np.array([0.5, self.TRUE_MPA])
+        left = problem.force_residual(replace(problem.start(), shared=shared), 0)
+        assert left == pytest.approx(0.1 / 1.1 / self.SHARE, rel=1e-6)
 
 
 CROP = (936, 612, 720, 720)

@@ -1,0 +1,136 @@
+"""A real press of the flat sensor of 2020: how well contact by a kernel and by an elastic layer explain it.
+
+    python benchmarks/real_press.py --measured FOLDER [--columns 160] [--quick]
+
+FOLDER is the measurement folder of the released picture: a triangle of 5 mm pressed 0.5 mm deep.
+
+- As published: nothing is fitted (`designlab compare`).
+- Fitted: light, floor, pose and the same free fields for both models are fitted on half of the blocks of a
+  chessboard, and judged on the other half in full resolution; then the other way round.
+- Ridge: the elastic model fitted on all blocks; how depth, thickness, size and field of view go together, and
+  whether the published depth and field of view lie in their common 95 % region.
+"""
+
+import argparse
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from designlab.inference.calibration import Calibration, calibrate
+from designlab.inference.compare import compare_model
+from designlab.inference.diagnosis.single_image.blocks import TRAIN, block_uses
+from designlab.inference.diagnosis.single_image.structure import rendered, structure
+from designlab.measurement import Measurement, load_measurement
+from designlab.sensor.design import preset
+
+KERNEL, ELASTIC = "gelsight-2020-flat", "gelsight-2020-flat-elastic"
+FREE = {
+    KERNEL: ("contact.kernel_length_mm",),
+    ELASTIC: ("contact.skin_length_mm", "elastomer.thickness_mm=4+-1.5"),
+}
+BOTH = ("camera.horizontal_fov_deg", "probe.size_mm=5..5.8", "probe.edge_radius_mm=0..0.3")
+PUBLISHED = {"depth_mm": 0.50, "camera.horizontal_fov_deg": 53.3}
+REGION_95 = 5.991  # of chi squared with 2 degrees of freedom
+
+
+class Half(NamedTuple):
+    """A fit to half of the blocks, and its figures on the other half."""
+
+    found: Calibration
+    judged: Mapping[str, float]
+
+
+def fitted(
+    measurement: Measurement, name: str, *, columns: int, mask: NDArray[np.bool_] | None = None
+) -> Calibration:
+    """Calibrate a preset on part of the picture, or all of it."""
+    return calibrate(measurement, preset(name), columns=columns, free=(*BOTH, *FREE[name]), mask=mask)
+
+
+def half(measurement: Measurement, name: str, *, parity: int, columns: int) -> Half:
+    """Fit to the blocks of one colour of the chessboard and judge on the other."""
+    (frame,) = measurement.frames
+    real = measurement.linear(frame).astype(float)
+    mask = block_uses(*real.shape[:2], parity=parity) == TRAIN
+    found = fitted(measurement, name, columns=columns, mask=mask)
+    design = found.model.effective_design()
+    stated, pose = measurement.press(frame), found.frames[0].pose
+    assert stated is not None
+    assert pose is not None
+    values = {p.name: p.value for p in found.parameters}
+    lengths = {name: values[f"probe.{name}"] for name in ("size_mm", "edge_radius_mm")}
+    press = stated.model_copy(
+        update={
+            "probe": stated.probe.model_copy(update=lengths),
+            "depth_mm": pose["depth_mm"],
+            "centre_mm": (pose["x_mm"], pose["y_mm"]),
+            "yaw_deg": pose["yaw_deg"],
+        }
+    )
+    gains = np.full(len(design.group_names), design.camera.exposure or 1.0)
+    view = measurement.view(frame, design)
+    image = rendered(found.model, press, gains, view=view, samples=64, seed=0)
+    return Half(found, structure(image, real, ~mask))
+
+
+def show_values(found: Calibration) -> None:
+    """Print what was fitted, but for the light."""
+    for parameter in found.parameters:
+        if not parameter.name.startswith(("transfer", "floor")):
+            error = "-" if parameter.se is None else f"{parameter.se:.3f}"
+            print(f"    {parameter.name:28} {parameter.value:8.3f} +- {error} {parameter.unit}")
+
+
+def show_ridge(found: Calibration) -> None:
+    """Print how errors go together, and where the published pair lies."""
+    names = [p.name for p in found.parameters]
+    depth = next(name for name in names if name.endswith(".depth_mm"))
+    ridge = [depth, "elastomer.thickness_mm", "probe.size_mm", "camera.horizontal_fov_deg"]
+    places = [names.index(name) for name in ridge]
+    errors = np.array([found.parameters[place].se or np.nan for place in places])
+    correlation = found.correlation[np.ix_(places, places)]
+    print(f"    {'correlation':28}", *(f"{name.rpartition('.')[2]:>20}" for name in ridge))
+    for name, row in zip(ridge, correlation, strict=True):
+        print(f"    {name:28}", *(f"{value:20.2f}" for value in row))
+    pair = [0, 3]
+    away = np.array([found.parameters[places[k]].value for k in pair]) - list(PUBLISHED.values())
+    spread = (correlation * np.outer(errors, errors))[np.ix_(pair, pair)]
+    distance = float(away @ np.linalg.solve(spread, away))
+    inside = "inside" if distance < REGION_95 else "outside"
+    print(f"    published pair (0.50 mm, 53.3 deg): {distance:.2f} of {REGION_95}, {inside} the 95 % region")
+
+
+def main() -> None:
+    """Print all figures."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--measured", required=True, help="measurement folder of the released press")
+    parser.add_argument("--columns", type=int, default=160, help="width of the pictures that are fitted to")
+    parser.add_argument("--quick", action="store_true", help="nothing fitted")
+    args = parser.parse_args()
+    measurement = load_measurement(args.measured)
+    print("as published, nothing fitted: structure correlation, SNR (dB)")
+    for name in (KERNEL, ELASTIC):
+        figures = compare_model(preset(name), measurement).pairs[0].figures
+        print(f"  {name:28} {figures['structure_corr']:.4f} {figures['structure_snr_db']:6.3f}", flush=True)
+    if args.quick:
+        return
+    for name in (KERNEL, ELASTIC):
+        halves = [half(measurement, name, parity=parity, columns=args.columns) for parity in (0, 1)]
+        corr, snr = (
+            np.mean([each.judged[figure] for each in halves])
+            for figure in ("structure_corr", "structure_snr_db")
+        )
+        print(f"fitted on half of the blocks, judged on the other: {name} {corr:.4f} {snr:.2f}", flush=True)
+        for each in halves:
+            print(f"  {each.judged['structure_corr']:.4f} {each.judged['structure_snr_db']:.2f}")
+            show_values(each.found)
+    print("ridge of the elastic model, fitted on all blocks")
+    whole = fitted(measurement, ELASTIC, columns=args.columns)
+    show_values(whole)
+    show_ridge(whole)
+
+
+if __name__ == "__main__":
+    main()
