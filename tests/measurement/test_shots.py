@@ -215,11 +215,11 @@ def test_frames_that_cannot_be_compared_are_left_out_by_name(tmp_path, fields, r
 
 
 class TestForces:
-    AT = {"kind": "press", "probe": "sphere:4", "centre_mm": (1.0, 1.0), "split": "train"}
     ELASTIC = preset("gelsight-2020-flat-elastic")
 
     def shot_of(self, folder, design, **fields):
-        seen = observe(measured(folder, extra=[("f.exr", 0.2, self.AT | fields)]), design, columns=128)
+        at = {"kind": "press", "probe": "sphere:4", "centre_mm": (1.0, 1.0), "split": "train"}
+        seen = observe(measured(folder, extra=[("f.exr", 0.2, at | fields)]), design, columns=128)
         return next(shot for shot in seen.shots if "f.exr" in shot.files), seen.notes
 
     def test_depth_and_force_make_a_press_to_the_depth_with_a_measured_force(self, tmp_path) -> None:
@@ -234,9 +234,7 @@ class TestForces:
         assert any("f.exr: how well force_n is known" in note for note in notes)
 
     def test_a_force_alone_makes_a_press_by_force_of_fixed_depth(self, tmp_path) -> None:
-        shot, _ = self.shot_of(
-            tmp_path / "m", self.ELASTIC, force_n=2.0, shear_mm=(0.1, 0.0), twist_deg=3.0
-        )
+        shot, _ = self.shot_of(tmp_path / "m", self.ELASTIC, force_n=2.0, shear_mm=(0.1, 0.0), twist_deg=3.0)
         assert (shot.press.depth_mm, shot.press.force_n) == (None, 2.0)
         assert (shot.press.shear_mm, shot.press.twist_deg) == ((0.1, 0.0), 3.0)
         assert shot.pose_sigma[2] == 0.0

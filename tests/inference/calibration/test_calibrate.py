@@ -186,7 +186,8 @@ ELASTIC = preset("gelsight-2020-flat-elastic")
 
 class TestWhatIsKnownOfFields:
     def test_a_value_with_its_deviation_and_bounds_are_read(self):
-        thick, skin = shared_fields(ELASTIC, ["elastomer.thickness_mm=4.5+-1.5,2..6", "contact.skin_length_mm"])
+        stated = "elastomer.thickness_mm=4.5+-1.5,2..6"
+        thick, skin = shared_fields(ELASTIC, [stated, "contact.skin_length_mm"])
         assert (thick.value, thick.expected, thick.sigma) == (4.5, 4.5, 1.5)
         assert (thick.low, thick.high) == (2.0, 6.0)
         assert skin.sigma == np.inf
@@ -208,7 +209,7 @@ class TestWhatIsKnownOfFields:
             (["elastomer.thickness_mm=6..2"], [], "bounds ascend"),
             (["elastomer.thickness_mm="], [], "FIELD=VALUE"),
             (["contact.poisson=0.6..0.9"], [], "contact.poisson lies between"),
-            (["probe.size_mm"], ["triangle:5", "sphere:4"], "one probe in all presses, got sphere:4, triangle:5"),
+            (["probe.size_mm"], ["triangle:5", "sphere:4"], "in all presses, got sphere:4, triangle:5"),
             (["probe.size_mm"], [], "one probe in all presses, got none"),
             (["probe.edge_radius_mm"], ["sphere:4"], "the probe is a sphere"),
             (["probe.kind"], ["sphere:4"], "probe.kind must be a number"),
