@@ -24,6 +24,7 @@ from designlab.inference.diagnosis.single_image.blocks import TRAIN, block_uses
 from designlab.inference.diagnosis.single_image.structure import rendered, structure
 from designlab.measurement import Measurement, load_measurement
 from designlab.sensor.design import preset
+from designlab.simulation.effects.model import SensorModel
 
 KERNEL, ELASTIC = "gelsight-2020-flat", "gelsight-2020-flat-elastic"
 FREE = {
@@ -55,6 +56,7 @@ def half(measurement: Measurement, name: str, *, parity: int, columns: int) -> H
     real = measurement.linear(frame).astype(float)
     mask = block_uses(*real.shape[:2], parity=parity) == TRAIN
     found = fitted(measurement, name, columns=columns, mask=mask)
+    assert isinstance(found.model, SensorModel)
     design = found.model.effective_design()
     stated, pose = measurement.press(frame), found.frames[0].pose
     assert stated is not None

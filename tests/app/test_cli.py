@@ -429,6 +429,15 @@ class TestCompare:
         assert found["snr_db"] >= 4.9
         assert found["structure_corr"] >= 0.50
 
+    @pytest.mark.renders
+    @pytest.mark.slow
+    @pytest.mark.measured
+    def test_an_elastic_gel_explains_the_real_triangle_better(self, run_json, measured_dir):
+        status, found = run_json("compare", "gelsight-2020-flat-elastic", measured_dir / "gelsight-flat")
+        assert status == 0
+        assert found["structure_corr"] >= 0.72
+        assert found["structure_snr_db"] >= 1.4
+
 
 class TestStudy:
     @pytest.fixture
