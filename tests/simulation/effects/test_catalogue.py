@@ -28,7 +28,8 @@ from geometries.probes import parse
 
 DESIGN = preset("gelsight-2020-flat")
 CORE = preset("gelsight-2020-flat-core")
-ELASTIC = preset("gelsight-2020-flat-elastic")
+# Its skin as thin as that of the gel which `contact_layer` brings, so that edges show.
+ELASTIC = preset("gelsight-2020-flat-elastic").replace({"contact.skin_length_mm": 0.05})
 TRIANGLE = Press(probe=parse("triangle:4"), depth_mm=0.4, yaw_deg=10.0)
 BALL = Press(probe=parse("sphere:4"), depth_mm=0.6, centre_mm=(1.0, -0.5))
 PICTURE = np.linspace(0.1, 0.4, 12).reshape(2, 2, 3)
