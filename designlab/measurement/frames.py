@@ -33,6 +33,10 @@ class MeasurementError(ValueError):
     """A measurement folder that breaks a rule; the text names file, frame, field, rule and value."""
 
 
+def _is_none(value: object) -> bool:
+    return value is None
+
+
 class PoseSigma(Spec):
     """How well the pose of a press and its force are known: one standard deviation each."""
 
@@ -42,7 +46,7 @@ class PoseSigma(Spec):
     """Of each coordinate."""
     yaw_deg: float | None = quantity(None, unit="deg", ge=0, le=360)
     """Of the yaw."""
-    force_n: float | None = quantity(None, unit="N", gt=0, le=1000)
+    force_n: float | None = quantity(None, unit="N", gt=0, le=1000, exclude_if=_is_none)
     """Of the force."""
 
 
@@ -57,11 +61,12 @@ class MeasuredFrame(Spec):
     """Probe as kind[:size_mm[:rEDGE]] or mesh file[:size_mm]."""
     depth_mm: float | None = quantity(None, unit="mm", gt=0, le=20)
     """Largest penetration of the probe."""
-    force_n: float | None = quantity(None, unit="N", gt=0, le=1000)
+    # What is absent of these is not dumped: digests of sets from before they were known stay what they were.
+    force_n: float | None = quantity(None, unit="N", gt=0, le=1000, exclude_if=_is_none)
     """Force on the probe along z, beside or instead of its depth."""
-    shear_mm: tuple[float, float] | None = None
+    shear_mm: tuple[float, float] | None = Field(None, exclude_if=_is_none)
     """How far the probe was then moved sideways: x, y."""
-    twist_deg: float | None = quantity(None, unit="deg", ge=-90, le=90)
+    twist_deg: float | None = quantity(None, unit="deg", ge=-90, le=90, exclude_if=_is_none)
     """How far it was then turned about its axis, counter-clockwise."""
     centre_mm: tuple[float, float] | None = None
     """Where the probe's axis meets the gel."""
