@@ -1,21 +1,21 @@
-"""Gel thickness, gel hardness and LED height of a flat sensor: what touch and light gain and lose.
+"""Thickness and hardness of a flat gel, height of its LEDs: what touch and light gain and lose.
 
 A thin gel takes the shape of small things and is stiff; a thick one carries deep presses. What it is cast of
-says how much force that takes. LEDs at the side of the core light a thin and a thick gel differently. The study
-presses every design equally deep and asks for each:
+says how much force that takes. LEDs at the side of the core light thin and thick gel differently. The study
+presses every design equally deep and asks of each:
 
-- which two bars are told apart (lateral resolution) and how well normals come out;
-- how much force it takes: that of a ball of 4 mm at the depth from which on slopes saturate the picture, or at
-  half the thickness where that is less, beyond which the forces of the linear layer no longer hold;
+- which bars are told apart (lateral resolution), and how well normals come out;
+- how much force it takes: that of a ball of 4 mm at the depth from which on slopes saturate the picture, or
+  at half the thickness where that is less, beyond which the forces of the linear layer no longer hold;
 - how evenly the gel is lit.
 
-Hardness scales forces and changes no shape at equal depth: gels of one Poisson's ratio give the same pictures.
-So one gel is simulated, and the forces of the others follow from their moduli.
+Hardness scales forces and changes no shape at equal depth: gels of one Poisson's ratio give the same
+pictures. So one gel is simulated, and the forces of the others follow from their moduli.
 
     python studies/gel_thickness.py --out gel-thickness-out
 
-Some minutes on a quiet machine, ``--full`` some twenty; the same command again goes on where it ended.
-Results: ``designs.csv``, ``trade.png``.
+Some five minutes on a quiet machine, with ``--full`` a quarter of an hour; the same command again goes on
+where it ended. Results: ``designs.csv``, ``trade.png``.
 """
 
 import argparse
@@ -48,6 +48,15 @@ SMALL_STRAIN = 0.5  # of the thickness, up to which forces hold
 PITCH_MM = 0.05
 SEED = 1
 SCALED = ("force_range_n", "force_resolution_mn", "force_at_depth_n")  # with the modulus of the gel
+FIELDS = ("elastomer.thickness_mm", "leds.height_mm")
+SCORES = (
+    "lateral_resolution_mm",
+    "normal_error_median_deg",
+    "saturation_depth_mm",
+    "force_at_depth_n",
+    "force_resolution_mn",
+    "uniformity_u0",
+)
 SURE = 2.0  # standard errors from which on a difference counts
 MARKERS = "osD^vPX"
 
@@ -74,14 +83,17 @@ def run(
     presses = PressPlan.of(base, depth_mm=DEPTH_MM)
     rendered = sweep(
         base,
-        {"elastomer.thickness_mm": thickness_mm, "leds.height_mm": led_height_mm},
+        dict(zip(FIELDS, (thickness_mm, led_height_mm), strict=True)),
         seed=SEED,
         depth_mm=DEPTH_MM,
         workers=workers,
         evaluator=evaluator or Simulated(presses=presses, all_scores=True),
         out=out,
     )
-    table = of_every_gel(with_force_range(rendered[rendered["reason"] == ""], base), gels)
+    possible = rendered[rendered["reason"] == ""]
+    if possible.empty:
+        raise ValueError(f"no design of the study is possible: {rendered['reason'].iloc[0]}")
+    table = of_every_gel(with_force_range(possible, base), gels)
     table.to_csv(out / "designs.csv", index=False)
     picture(table, out / "trade.png")
     return Trade(table, conclusions(table, force_n))
@@ -89,10 +101,16 @@ def run(
 
 def with_force_range(rendered: pd.DataFrame, base: Design) -> pd.DataFrame:
     """Add depth and force that a ball may go to: nothing is rendered for it, a contact is solved."""
-    thickness = rendered["elastomer.thickness_mm"]
+    thickness, unsure = rendered["elastomer.thickness_mm"], rendered["saturation_depth_mm_se"]
     depth = np.minimum(rendered["saturation_depth_mm"], SMALL_STRAIN * thickness)
-    forces = [ball_force_n(base, h, d) for h, d in zip(thickness, depth, strict=True)]
-    return rendered.assign(depth_range_mm=depth, force_range_n=forces)
+    forces, lower = (
+        np.array([ball_force_n(base, h, d) for h, d in zip(thickness, depths, strict=True)])
+        for depths in (depth, depth - np.where(depth < SMALL_STRAIN * thickness, unsure, 0.0))
+    )
+    kept = [name for score in SCORES for name in (score, f"{score}_se") if name in rendered]
+    return rendered[[*FIELDS, *kept]].assign(
+        depth_range_mm=depth, force_range_n=forces, force_range_n_se=forces - lower
+    )
 
 
 def ball_force_n(base: Design, thickness_mm: float, depth_mm: float) -> float:
@@ -134,6 +152,7 @@ def conclusions(table: pd.DataFrame, force_n: float) -> tuple[str, ...]:
     return (
         along(one, "elastomer.thickness_mm", "Thicker gel"),
         along(one, "leds.height_mm", "Higher LEDs"),
+        light_of(one),
         hardness(table),
         choice(table, force_n),
     )
@@ -150,7 +169,7 @@ def along(table: pd.DataFrame, field: str, subject: str) -> str:
         for score, words, unit in (
             ("lateral_resolution_mm", "lateral resolution", "mm"),
             ("normal_error_median_deg", "normal error", "deg"),
-            ("force_range_n", "force range", "N"),
+            ("force_range_n", f"force range of {table['gel'].iloc[0]}", "N"),
             ("uniformity_u0", "evenness of light U0", ""),
         )
     ]
@@ -166,6 +185,17 @@ def change(ends: Sequence[pd.DataFrame], score: str, words: str, unit: str) -> s
     return f"{words} {before:.3g} to {after:.3g} {unit}".rstrip() + unsure
 
 
+def light_of(table: pd.DataFrame) -> str:
+    """Which of the LED heights lights a gel of each thickness most evenly."""
+    best = table.loc[table.groupby("elastomer.thickness_mm")["uniformity_u0"].idxmax()]
+    told = (
+        f"{row['elastomer.thickness_mm']:g} mm: LEDs at {row['leds.height_mm']:g} mm, U0 "
+        f"{row['uniformity_u0']:.2f}"
+        for _, row in best.iterrows()
+    )
+    return f"Evenest light by thickness: {'; '.join(told)}."
+
+
 def hardness(table: pd.DataFrame) -> str:
     """What hardness changes: forces alone."""
     gels = table["gel"].drop_duplicates().tolist()
@@ -174,9 +204,9 @@ def hardness(table: pd.DataFrame) -> str:
     mean = table.groupby("gel")["force_range_n"].mean()
     steps = 1000 * table["force_range_n"] / table["force_resolution_mn"]
     return (
-        f"Harder gel ({gels[0]} to {gels[-1]}): {mean[gels[-1]] / mean[gels[0]]:.3g} times the force range and the "
-        f"least force that is told, the same pictures and resolution at equal depth. So the number of forces that are "
-        f"told apart, {steps.min():.2g} to {steps.max():.2g}, is a matter of thickness and light."
+        f"Harder gel ({gels[0]} to {gels[-1]}): {mean[gels[-1]] / mean[gels[0]]:.3g} times the force "
+        "range and the least force that is told, the same pictures at equal depth. So in how many steps "
+        f"force is told, {steps.min():.2g} to {steps.max():.2g}, is a matter of thickness and light."
     )
 
 
@@ -189,16 +219,17 @@ def choice(table: pd.DataFrame, force_n: float) -> str:
     # The softest gel that takes the force tells the least force; harder ones have the same pictures.
     best = able.sort_values(["lateral_resolution_mm", "force_resolution_mn"]).iloc[0]
     return (
-        f"Finest of those that take {force_n:g} N: {best['elastomer.thickness_mm']:g} mm of {best['gel']}, LEDs at "
-        f"{best['leds.height_mm']:g} mm: bars of {best['lateral_resolution_mm']:.2g} mm, normal error "
-        f"{best['normal_error_median_deg']:.2g} deg, {best['force_range_n']:.2g} N to "
-        f"{best['force_resolution_mn']:.2g} mN, U0 {best['uniformity_u0']:.2g}."
+        f"Finest of those that take {force_n:g} N: {best['elastomer.thickness_mm']:g} mm of {best['gel']}, "
+        f"LEDs at {best['leds.height_mm']:g} mm: bars of {best['lateral_resolution_mm']:.2g} mm, "
+        f"normal error {best['normal_error_median_deg']:.2g} deg, up to {best['force_range_n']:.2g} N told "
+        f"to {best['force_resolution_mn']:.0f} mN, U0 {best['uniformity_u0']:.2g}."
     )
 
 
 def picture(table: pd.DataFrame, path: Path) -> None:
     """Draw resolution over force range, and normal error over evenness of light."""
     import matplotlib
+    from matplotlib.ticker import LogLocator, NullFormatter
 
     thicknesses = sorted(table["elastomer.thickness_mm"].unique())
     colours = dict(
@@ -244,6 +275,9 @@ def picture(table: pd.DataFrame, path: Path) -> None:
         ylabel="median normal error (deg)",
         title="Light: the same for all gels",
     )
+    touch.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    touch.xaxis.set_major_formatter("{x:g}")
+    touch.xaxis.set_minor_formatter(NullFormatter())
     touch.set_ylim(bottom=0)
     light.set_ylim(bottom=0)
     light.legend(fontsize="small", title="gel")
@@ -255,7 +289,10 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder of the results")
     parser.add_argument("--full", action="store_true", help="more thicknesses and LED heights")
     parser.add_argument(
-        "--force-n", type=float, default=FORCE_N, help="force that the sensor is to take (default: %(default)s)"
+        "--force-n",
+        type=float,
+        default=FORCE_N,
+        help="force that it is to take (N; default: %(default)s)",
     )
     parser.add_argument("--workers", type=int, default=1, help="processes (default: %(default)s)")
     arguments = parser.parse_args()

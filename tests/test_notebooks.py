@@ -1,6 +1,7 @@
 """The notebooks run as a lab would run them, and are kept without their outputs."""
 
 import base64
+import re
 import shutil
 from pathlib import Path
 
@@ -17,7 +18,8 @@ TEMPLATE = Path(designlab.__file__).parent / "app" / "templates" / "notebook.ipy
 SWEPT = "tilts_deg = range(0, 80, 20)"
 SHORT = "tilts_deg = [10, 40]"
 STORY = ROOT / "notebooks" / "corrected_model.ipynb"
-SWEEPS = [path for path in NOTEBOOKS if path != STORY]
+GEL = ROOT / "notebooks" / "gel.ipynb"
+SWEEPS = [path for path in NOTEBOOKS if path not in (STORY, GEL)]
 NAMES = [path.name for path in [*SWEEPS, TEMPLATE]]
 SMALLER = {
     "columns, samples, seed = 64, 128, 3": "columns, samples, seed = 24, 32, 3",
@@ -85,3 +87,24 @@ def test_the_story_of_a_corrected_model_runs_to_its_end(tmp_path, monkeypatch):
     assert "warning: effects were fitted to another design, gelsight-2020-flat" in said
     pictures = [o for o in outputs if "image/png" in o.get("data", {})]
     assert len(pictures) == 4  # where, a press, the untouched gel, the sweep
+
+
+@pytest.mark.renders
+@pytest.mark.slow
+def test_the_notebook_of_the_gel_shows_what_it_says(tmp_path, monkeypatch):
+    """Equally deep, the thin gel takes most force on the widest contact; equally hard, it gives way least."""
+    monkeypatch.setenv("MPLBACKEND", "module://matplotlib_inline.backend_inline")
+    outputs = executed(GEL, {}, tmp_path)
+    texts = [o.data["text/plain"] for o in outputs if "text/plain" in o.get("data", {})]
+    table = next(text for text in texts if "bulge_um" in text)
+    rows = [[float(cell) for cell in line.split()[-4:]] for line in table.splitlines()[1:]]
+    deep, hard = rows[:3], rows[3:]  # thin to thick
+    for column in (1, 2, 3):  # force, radius of contact, bulge
+        assert deep[0][column] > deep[1][column] > deep[2][column] > 0
+    assert hard[0][0] < hard[1][0] < hard[2][0]
+    assert hard[0][2] < hard[1][2] < hard[2][2]
+    said = "".join(o.text for o in outputs if o.output_type == "stream" and o.name == "stdout")
+    times = [float(each) for each in re.findall(r"([\d.]+) times Hertz", said)]
+    assert times[0] > times[1] > times[2] > 1
+    pictures = [o for o in outputs if "image/png" in o.get("data", {})]
+    assert len(pictures) == 4  # profiles, forces, the way of the skin, the camera's
