@@ -92,9 +92,21 @@ class ContactModelAssumed(UserWarning):
 
 
 def with_model(content: Any) -> Any:
-    """Name the model of contact in the content of a file: kernel where its fields are given, else layer."""
+    """Name the model of contact in the content of a file: kernel where its fields are given, else layer.
+
+    Raises
+    ------
+    ValueError
+        If fields of both are given.
+    """
     if isinstance(content, Mapping) and "model" not in content:
-        kernel = any(field in content for field in KernelContact.model_fields)
+        kernel = [field for field in KernelContact.model_fields if field in content]
+        layer = [field for field in LayerContact.model_fields if field in content]
+        if kernel and layer:
+            raise ValueError(
+                f"contact.{kernel[0]}: belongs to model = 'kernel', contact.{layer[0]} to 'layer'; state one "
+                "model's fields"
+            )
         return {"model": "kernel" if kernel else "layer", **content}
     return content
 

@@ -384,7 +384,9 @@ def explain(error: ValidationError) -> str:
     """Put the first problem of a pydantic error into one line: field, rule, value, how many others."""
     problems = [problem for problem in error.errors() if not _follows_from_another(problem, error)]
     first = problems[0]
-    field = ".".join(_entries(first["loc"])) or "(whole)"
+    # A rule about the whole names its fields itself.
+    own = first["type"] == "value_error" and not first["loc"]
+    field = "" if own else f"{'.'.join(_entries(first['loc'])) or '(whole)'}: "
     rule = first["msg"].removeprefix("Value error, ")
     if first["type"] == "extra_forbidden":
         rule = "unknown field"
@@ -397,7 +399,7 @@ def explain(error: ValidationError) -> str:
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
     # Our own rules may state the value themselves; pydantic's "got a number with ..." does not.
     stated = first["type"] == "value_error" and "got" in rule
-    return f"field {field}: {rule}{'' if stated else value}{more}"
+    return f"field {field}{rule}{'' if stated else value}{more}"
 
 
 def _entries(location: Sequence[str | int]) -> list[str]:

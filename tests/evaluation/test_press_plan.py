@@ -110,7 +110,7 @@ def test_a_force_that_a_design_does_not_give_makes_it_infeasible(design, stated,
 
 
 def test_a_plan_states_depth_or_force():
-    with pytest.raises(ValueError, match="depth_mm, force_n: state one of them"):
+    with pytest.raises(ValueError, match=r"^presses: field depth_mm, force_n: state one of them"):
         PressPlan.of(FLAT, depth_mm=0.5, force_n=1.0)
     assert PressPlan.of(FLAT, force_n=1.0).to_json() == {"area_mm": [16.0, 12.0], "force_n": 1.0}
 

@@ -228,6 +228,10 @@ def test_a_file_that_means_the_kernel_without_saying_so_is_told_once():
     ("lines", "message"),
     [
         ("model = 'layer'\nkernel_length_mm = 0.1", "contact.*kernel_length_mm: belongs to model = 'kernel'"),
+        (
+            "kernel_length_mm = 0.1\nfriction = 0.4",
+            "field contact.kernel_length_mm: belongs to model = 'kernel', contact.friction to 'layer'",
+        ),
         ("model = 'kernel'\npoisson = 0.4", r"field contact.poisson: unknown field"),
         ("gel = 'custom'\npoisson = 0.4", "contact.*modulus_mpa: needed where gel is 'custom'"),
         ("poisson = 0.6", r"field contact.poisson: .*less than or equal to 0.5, got 0.6"),
