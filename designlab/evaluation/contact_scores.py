@@ -17,6 +17,7 @@ from designlab.evaluation.illumination_scores import SCORES, Estimate, Scores
 from designlab.evaluation.press_plan import LEFT_MM
 from designlab.evaluation.protocol import EvaluationProtocol, Reconstruction, error_region
 from designlab.evaluation.response_maps import signal_of, thinned
+from designlab.mechanics.contact import NotConverged
 from designlab.reconstruction import KernelCalibration
 from designlab.sensor.contact import LayerContact
 from designlab.sensor.design import Design
@@ -88,7 +89,7 @@ def force_scores(design: Design, presses: Sequence[Reconstruction], height_rmse_
     ):
         try:
             coarse, fine = (of(_mechanics(design, press, pitch_mm)) for pitch_mm in PITCHES_MM)
-        except ValueError:  # the gel is too thin for the depth, or too soft for the force
+        except (ValueError, NotConverged):  # the gel is too thin for the depth, or too soft for the force
             continue
         grid = abs(fine - coarse) / (ORDER - 1)
         found[name] = Estimate(fine, grid, SCORES[name], grid)

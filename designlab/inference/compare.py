@@ -100,16 +100,15 @@ def compare_model(
     MeasurementError
         If no frame can be compared, or one does not fit the model's camera.
     """
-    skipped, known = _sorted_out(measurement)
+    design = model.design if isinstance(model, DirectionalLight) else SensorModel.of(model).effective_design()
+    skipped, known = _sorted_out(measurement, design)
     if not known:
         reasons = "; ".join(f"{file}: {reason}" for file, reason in skipped.items())
         raise MeasurementError(f"{measurement.folder}: no press can be simulated ({reasons})")
     if isinstance(model, DirectionalLight):
-        design, predict = model.design, _shaded(model, measurement)
+        predict = _shaded(model, measurement)
     else:
-        sensor = SensorModel.of(model)
-        design = sensor.effective_design()
-        predict = _rendered(sensor, design, measurement, samples=samples, seed=seed)
+        predict = _rendered(SensorModel.of(model), design, measurement, samples=samples, seed=seed)
     pairs = []
     for number, frame in enumerate(known):
         progress(frame.file, number, len(known))
@@ -162,7 +161,7 @@ def _lit(frame: MeasuredFrame, design: Design) -> list[bool]:
     return [frame.leds is None or name in frame.leds for name in design.group_names]
 
 
-def _sorted_out(measurement: Measurement) -> tuple[dict[str, str], list[MeasuredFrame]]:
+def _sorted_out(measurement: Measurement, design: Design) -> tuple[dict[str, str], list[MeasuredFrame]]:
     """Why frames cannot be compared, and the frames that can."""
     skipped: dict[str, str] = {}
     known = []
@@ -171,11 +170,14 @@ def _sorted_out(measurement: Measurement) -> tuple[dict[str, str], list[Measured
             skipped[frame.file] = f"a {frame.kind} frame, not a press"
             continue
         try:
-            measurement.press(frame)
+            press = measurement.press(frame)
         except MeasurementError as error:
             skipped[frame.file] = str(error).rpartition("field ")[2]
         else:
-            known.append(frame)
+            if press and press.depth_mm is None and design.contact.model == "kernel":
+                skipped[frame.file] = "states force_n alone, and contact.model = 'kernel' knows no force"
+            else:
+                known.append(frame)
     return skipped, known
 
 

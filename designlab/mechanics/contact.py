@@ -16,6 +16,7 @@ from designlab.mechanics.layer import ElasticLayer
 
 Mask = NDArray[np.bool_]
 Operator = Callable[[Array], Array]
+DEEPEST = 0.95  # of the thickness: the deepest press that is tried for a force
 MARGIN = 5.0  # thicknesses; the response decays as exp(-0.74 r / h), so a repeated load is not felt further
 TOLERANCE = 1e-5  # relative change of the traction in an iteration at which it is taken for settled
 FORCE_TOLERANCE = 1e-4  # of a stated force
@@ -25,6 +26,7 @@ SMOOTH, EDGE, REPEAT = 1.4, 4, 40.0  # coarse points, points, widths: where wave
 ROUGH = 48  # points a side of the grid on which the depth of a force is looked for first
 NEARLY, CATCH = 1.15, 1.3  # how far that may be off, and depths within which gel that bulges may touch
 CELLS = 16  # sizes of grids are multiples of it, so that responses kept serve for many presses
+STIFFENED_TO = 0.8  # of the thickness, the deepest press of those elements that stick
 SLIPS = 0.99  # of the most that friction holds
 RELAXED_AFTER = 5  # rounds of friction after pressure
 STIFFENING = 0.55  # of a sticking contact by finite strain, found by finite elements (docs/validation.md)
@@ -89,10 +91,12 @@ class ContactSolution:
 
         Against nonlinear finite elements of a neo-Hookean layer the linear force is right to 4 % up to half
         the thickness where the contact slips. Where it sticks it is up to 15 % low there; dividing it by
-        1 - 0.55 (depth / thickness)^2 leaves 3 %. Between, the share of the force that does not slip counts.
+        1 - 0.55 (depth / thickness)^2 leaves 3 %, up to 0.6 of the thickness; deeper it stays what it is at
+        0.8. Between, the share of the force that does not slip counts.
         """
         linear = float(self.pressure_mpa.sum()) * self.pitch_mm**2
-        return linear / (1 - STIFFENING * self.stuck * (self.depth_mm / self.layer.thickness_mm) ** 2)
+        depth = min(self.depth_mm / self.layer.thickness_mm, STIFFENED_TO)
+        return linear / (1 - STIFFENING * self.stuck * depth**2)
 
     @cached_property
     def stuck(self) -> float:
@@ -221,17 +225,17 @@ def press(
     ----------
     gap_mm : array, shape (rows, columns)
         Distance from the untouched surface to the probe at first touch (mm), at least 0 where that is the
-        lowest point; infinite where there is no probe. The contact must end before the border.
+        lowest point; infinite where there is no probe, as everywhere beyond the grid.
     layer : ElasticLayer
         The layer.
     pitch_mm : float
         Distance of neighbouring grid points (mm).
     depth_mm : float, optional
-        How far the probe goes beyond first touch (mm), above 0.
+        How far the probe goes beyond first touch (mm), above 0 and below the thickness of the layer.
     force_n : float, optional
         Force on the probe (N), above 0, instead of a depth.
     deepest_mm : float, optional
-        Deepest press that is tried for a force (mm); the thickness of the layer when absent.
+        Deepest press that is tried for a force (mm); 0.95 of the layer's thickness when absent.
     friction : float
         Coefficient of friction; 0 slips freely, infinity sticks.
     shift_mm : (float, float)
@@ -266,6 +270,12 @@ def press(
     for field, value, unit in (("depth_mm", depth_mm, "mm"), ("force_n", force_n, "N")):
         if value is not None and not 0 < value < math.inf:
             raise ValueError(f"{field}: must be above 0 {unit} and finite, got {value:g}")
+    if depth_mm is not None and depth_mm >= layer.thickness_mm:
+        raise ValueError(
+            f"depth_mm: must be below the thickness of the layer, {layer.thickness_mm:g} mm, got {depth_mm:g}"
+        )
+    if not 0 < pitch_mm < math.inf:
+        raise ValueError(f"pitch_mm: must be above 0 mm and finite, got {pitch_mm:g}")
     if not friction >= 0:
         raise ValueError(f"friction: must be at least 0, got {friction:g}")
     problem = _Problem(
@@ -274,7 +284,7 @@ def press(
     if depth_mm is not None:
         return problem.at(depth_mm)
     assert force_n is not None
-    return problem.under(force_n, deepest_mm or layer.thickness_mm)
+    return problem.under(force_n, deepest_mm or DEEPEST * layer.thickness_mm)
 
 
 def _carried(
@@ -413,6 +423,11 @@ def _pressure(compliance: Operator, overlap: Array, here: Mask, start: Array) ->
         above = compliance(pressure) - overlap
         held = pressure > 0
         now = float((above[held] ** 2).sum())
+        if now == 0.0:  # as where the contact is one cell
+            held = held | (here & (above < 0))
+            now = float((above[held] ** 2).sum())
+            if now == 0.0:
+                return pressure
         direction = np.where(held, above + follow * (now / before) * direction, 0.0)
         answer = compliance(direction)
         step = float((above[held] * direction[held]).sum() / (answer[held] * direction[held]).sum())

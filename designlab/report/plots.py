@@ -129,7 +129,9 @@ def press(shown: Reconstruction, extent: Extent, mark: Place | None = None) -> "
     pressed, true_height_mm = shown.frame.press, shown.frame.height_mm
     assert pressed is not None  # every test frame has one
     figure = new_figure(12.6, 6.4)
-    figure.suptitle(f"{pressed.probe.text} mm pressed {pressed.stated_depth_mm:.2f} mm deep")
+    mechanics = shown.frame.mechanics
+    depth_mm = pressed.stated_depth_mm if mechanics is None else mechanics.depth_mm
+    figure.suptitle(f"{pressed.probe.text} mm pressed {depth_mm:.2f} mm deep")
     panels = figure.subplots(2, 3)
     panels[0, 0].imshow(tone_map(shown.image), extent=extent)
     _label(panels[0, 0], "Camera picture")

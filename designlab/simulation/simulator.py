@@ -230,7 +230,8 @@ class Simulator:
         """
         surface = surface or (self._untouched if press is None else self.surface(press))
         estimator = chosen(self.estimator, self.undeformed)
-        scene = self.undeformed if estimator == "fast" and self._same_coating else self.scene(surface)
+        same = self._same_coating and not (self._printed and surface.moved is not None)
+        scene = self.undeformed if estimator == "fast" and same else self.scene(surface)
         seen, place = self.rays, WHOLE
         sharp = scene.camera.defocus is not None and not traces_lens(estimator)
         if sharp:
@@ -318,11 +319,13 @@ class Simulator:
 
     @property
     def _same_coating(self) -> bool:
-        """Whether a press leaves the coating as it is: nothing shines through, nor moves what is printed."""
-        optics = self.design.optics
-        printed = bool(optics.marker_pitch_mm or optics.albedo_image)
-        shines_through = bool(optics.coating_transmittance and optics.object_reflectance)
-        return not (shines_through or (printed and self.design.contact.model == "layer"))
+        """Whether a press that moves no skin leaves the coating as it is: nothing shines through."""
+        return not (self.design.optics.coating_transmittance and self.design.optics.object_reflectance)
+
+    @property
+    def _printed(self) -> bool:
+        """Whether the coating has a pattern, which goes with the skin."""
+        return bool(self.design.optics.marker_pitch_mm or self.design.optics.albedo_image)
 
     def _light(
         self,

@@ -217,12 +217,14 @@ def test_other_shapes_agree_with_contact_mechanics(probe):
         ({"depth_mm": 0.1, "force_n": 1.0}, "depth_mm, force_n: state one of them"),
         ({"depth_mm": 0.0}, "depth_mm: must be above 0 mm and finite, got 0"),
         ({"force_n": -1.0}, "force_n: must be above 0 N and finite, got -1"),
+        ({"depth_mm": 2.0}, "depth_mm: must be below the thickness of the layer, 2 mm, got 2"),
+        ({"depth_mm": 0.1, "pitch_mm": 0.0}, "pitch_mm: must be above 0 mm and finite, got 0"),
         ({"depth_mm": 0.1, "friction": -0.1}, "friction: must be at least 0, got -0.1"),
     ],
 )
 def test_bad_presses_are_named(arguments, message):
     with pytest.raises(ValueError, match=message):
-        press(ball(0.5, 0.1), ElasticLayer(0.4, 0.49, 2.0), pitch_mm=0.1, **arguments)
+        press(ball(0.5, 0.1), ElasticLayer(0.4, 0.49, 2.0), **({"pitch_mm": 0.1} | arguments))
 
 
 def test_what_does_not_settle_gives_no_surface(monkeypatch):

@@ -114,6 +114,9 @@ def _against(args: Namespace) -> Result:
     models = {place: load_model(source) for place, source in sources.items()}
     folders = {place: None if args.out is None else Path(args.out) / place for place in sources}
     plan = _plan(args, *models.values())
+    for place, model in models.items():
+        with source_named(sources[place]):
+            plan.require_possible(model.effective_design())
     scores = {place: _scored(args, models[place], sources[place], folders[place], plan) for place in sources}
     found = differences(scores["first"], scores["second"])
     rows = []

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,14 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
 from designlab.core.types import Array
-from designlab.mechanics.contact import ContactSolution
+from designlab.mechanics.contact import (
+    CATCH,
+    DEEPEST,
+    FORCE_TOLERANCE,
+    MOST_ROUNDS,
+    ContactSolution,
+    NotConverged,
+)
 from designlab.mechanics.contact import press as press_layer
 from designlab.sensor.contact import LayerContact
 from designlab.simulation.contact.approach import above_mm, first_touch_mm, reach_mm
@@ -19,9 +27,9 @@ from designlab.simulation.contact.press import Press
 from designlab.simulation.contact.surface import Mechanics, Surface
 from geometries.elastomer import Elastomer, base_gradient, base_mm, inside, interface_mm, polygon
 
-CATCH = 1.3  # depths; the gel, where it bulges, may touch parts of the probe that start so far above it
-DEEPEST = 0.95  # of the thickness: the deepest press that is tried for a force
 SMALL_STRAIN = 0.5  # of the thickness; beyond it forces are 4 % off and more (docs/validation.md)
+FLOWS = 0.77  # of the thickness; finite elements without friction find no equilibrium beyond it
+FEW_CELLS = 3.0  # of radius
 GIVES_WAY = 0.45  # of the force, by a free edge at the contact's rim (docs/validation.md)
 DIRECTIONS = 32  # in which the edge of the gel is looked for
 FREE_EDGE = 2.0  # thicknesses; nearer to the pad's edge it gives way, which the model does not know
@@ -29,7 +37,7 @@ GRIPS = 1.0  # coefficient of friction beyond which sticking is an upper bound (
 STEEPEST_DEG = 30.0  # of the membrane where it is touched
 
 
-class _Frame(NamedTuple):
+class _Plane(NamedTuple):
     """A plane that touches the undeformed membrane where the probe touches first."""
 
     origin: Array
@@ -46,10 +54,17 @@ class _Solved:
     """
 
     contact: ContactSolution
-    frame: _Frame
+    frame: _Plane
     first: tuple[int, int]
     softened: float  # share of the force that is left beside the free edge of the gel
     edge_mm: float  # least distance from the contact to that edge
+
+    @property
+    def force_n(self) -> Array:
+        """Force on the gel along x, y and z (N)."""
+        right, down = self.contact.tangential_force_n
+        normal = self.contact.force_n * self.softened * self.frame.normal
+        return np.asarray(normal + right * self.frame.across - down * self.frame.along)
 
 
 def deform(untouched: Surface, elastomer: Elastomer, contact: LayerContact, press: Press) -> Surface:
@@ -80,13 +95,13 @@ def deform(untouched: Surface, elastomer: Elastomer, contact: LayerContact, pres
     NotConverged
         If no solution was found.
     """
-    solved = _solved(elastomer, contact.model_copy(update={"skin_length_mm": 0.0}), press, untouched.pitch_mm)
+    bare = contact.model_copy(update={"skin_length_mm": 0.0})
+    solved = _solved(elastomer, bare, press, untouched.pitch_mm, _written_ns(press))
     solution, frame, skin_mm = solved.contact, solved.frame, contact.skin_length_mm
     steepness = float(frame.normal[2])
     normal = _seen(untouched, solved, partial(solution.displacement, smoothing_mm=skin_mm))
     touched = _seen(untouched, solved, partial(_placed, solution.touched.astype(float)))
-    right, down = solution.tangential_force_n
-    force = solution.force_n * solved.softened * frame.normal + right * frame.across - down * frame.along
+    force = solved.force_n
     mechanics = Mechanics(
         depth_mm=solution.depth_mm / steepness,
         force_n=float(force[2]),
@@ -105,9 +120,17 @@ def deform(untouched: Surface, elastomer: Elastomer, contact: LayerContact, pres
     )
 
 
+def _written_ns(press: Press) -> int:
+    """When the file of a probe that is a mesh was written; 0 of other probes."""
+    return 0 if press.probe.file is None else Path(press.probe.file).stat().st_mtime_ns
+
+
 @lru_cache(maxsize=128)
-def _solved(elastomer: Elastomer, contact: LayerContact, press: Press, pitch_mm: float) -> _Solved:
-    """Solve a contact once for all pictures of it."""
+def _solved(
+    elastomer: Elastomer, contact: LayerContact, press: Press, pitch_mm: float, written_ns: int
+) -> _Solved:
+    """Solve a contact once for all pictures of it, and anew when the file of its probe was written."""
+    del written_ns  # is part of the key alone
     if press.moves_sideways and not contact.friction:
         raise ValueError(
             "contact.friction: must be above 0 where a press has shear_mm or twist_deg, a probe without "
@@ -121,14 +144,14 @@ def _solved(elastomer: Elastomer, contact: LayerContact, press: Press, pitch_mm:
             f"press.centre_mm: the membrane is {steep_deg:.3g} deg steep where the {press.probe.kind} "
             f"touches it; presses on an elastic gel need {STEEPEST_DEG:g} deg or less"
         )
-    thickness_mm = _thickness_mm(elastomer, frame)
+    thickness_mm, room_mm = _thickness_mm(elastomer, frame), _room_mm(elastomer, press, frame)
     layer = contact.layer(thickness_mm=thickness_mm)
-    if press.depth_mm is not None and press.depth_mm * steepness >= thickness_mm:
+    if press.depth_mm is not None and press.depth_mm >= room_mm:
         raise ValueError(
-            f"press.depth_mm: must be less than the gel is thick there, {thickness_mm:.4g} mm along the "
-            f"normal, or the probe meets the core; is {press.depth_mm:g} mm"
+            f"press.depth_mm: must be less than the gel is thick there, {room_mm:.4g} mm along z, or the "
+            f"probe meets the core; is {press.depth_mm:g} mm"
         )
-    deepest_mm = DEEPEST * thickness_mm if press.depth_mm is None else press.depth_mm * steepness
+    deepest_mm = DEEPEST * room_mm * steepness if press.depth_mm is None else press.depth_mm * steepness
     gap, first = _gap(elastomer, press, frame, pitch_mm, CATCH * deepest_mm)
     axis = _axis(press, frame, first, pitch_mm)
     shift = _in_plane(frame, (*press.shear_mm, 0.0))
@@ -161,8 +184,15 @@ def _solved(elastomer: Elastomer, contact: LayerContact, press: Press, pitch_mm:
 
     if press.force_n is None:
         return solve(None)
+    # What friction on a slope and the free edge of the gel add or take is known once it is solved.
     normal_n = press.force_n / steepness
-    return solve(normal_n / solve(normal_n).softened)
+    for _ in range(MOST_ROUNDS):
+        solved = solve(normal_n)
+        found = float(solved.force_n[2])
+        if abs(found / press.force_n - 1) < FORCE_TOLERANCE:
+            return solved
+        normal_n *= press.force_n / found
+    raise NotConverged(f"press.force_n: {press.force_n:g} N were not met in {MOST_ROUNDS} rounds")
 
 
 def _to_edge_mm(touched: Array, elastomer: Elastomer) -> Array:
@@ -180,21 +210,27 @@ def _to_edge_mm(touched: Array, elastomer: Elastomer) -> Array:
     return np.asarray(np.maximum(reach - ((touched - middle) @ ways.T).max(axis=0), 0.0))
 
 
-def _frame(elastomer: Elastomer, press: Press) -> _Frame:
+def _frame(elastomer: Elastomer, press: Press) -> _Plane:
     if elastomer.shape == "flat":
-        return _Frame(np.zeros(3), *np.eye(3))
+        return _Plane(np.zeros(3), *np.eye(3))
     reach = reach_mm(press)
     x, y = np.meshgrid(*(centre + np.linspace(-reach, reach, 201) for centre in press.centre_mm))
     base = base_mm(elastomer, x, y)
-    first = int(above_mm(press, base, x, y).argmax())
+    above = above_mm(press, base, x, y)
+    if not np.isfinite(above).any():
+        raise ValueError(
+            f"press.centre_mm: the {press.probe.kind} at ({press.centre_mm[0]:g}, {press.centre_mm[1]:g}) mm "
+            "lies beside the gel"
+        )
+    first = int(above.argmax())
     place = np.array([x.flat[first], y.flat[first], base.flat[first]])
     p, q = (float(slope) for slope in base_gradient(elastomer, place[0], place[1]))
     normal = np.array([-p, -q, 1.0]) / math.sqrt(1 + p**2 + q**2)
     across = np.array([1.0, 0.0, p]) / math.sqrt(1 + p**2)
-    return _Frame(place, across, np.cross(normal, across), normal)
+    return _Plane(place, across, np.cross(normal, across), normal)
 
 
-def _thickness_mm(elastomer: Elastomer, frame: _Frame) -> float:
+def _thickness_mm(elastomer: Elastomer, frame: _Plane) -> float:
     """Thickness between membrane and core along the normal."""
     if elastomer.shape == "dome":
         return elastomer.thickness_mm
@@ -202,11 +238,19 @@ def _thickness_mm(elastomer: Elastomer, frame: _Frame) -> float:
     return (float(interface_mm(elastomer, x, y)) - float(z)) / float(frame.normal[2])
 
 
+def _room_mm(elastomer: Elastomer, press: Press, frame: _Plane) -> float:
+    """Depth at which the probe, or the gel where it touches first, would meet the core."""
+    x, y, z = frame.origin
+    straight = float(interface_mm(elastomer, x, y)) - float(z)
+    foremost = float(interface_mm(elastomer, *press.centre_mm)) + first_touch_mm(press, elastomer)
+    return min(straight, foremost, _thickness_mm(elastomer, frame) / float(frame.normal[2]))
+
+
 def _gap(
-    elastomer: Elastomer, press: Press, frame: _Frame, pitch_mm: float, most_mm: float
+    elastomer: Elastomer, press: Press, frame: _Plane, pitch_mm: float, most_mm: float
 ) -> tuple[Array, tuple[int, int]]:
     """Distance from membrane to probe along the normal, up to the most; row and column of its first point."""
-    middle = np.array([*press.centre_mm, frame.origin[2]]) - frame.origin
+    middle = _axis_point(press, frame)
     reach = reach_mm(press) / float(frame.normal[2]) + pitch_mm
     columns = _indices(float(middle @ frame.across), reach, pitch_mm)
     rows = _indices(-float(middle @ frame.along), reach, pitch_mm)
@@ -229,26 +273,32 @@ def _indices(middle_mm: float, reach_mm: float, pitch_mm: float) -> NDArray[np.i
     )
 
 
-def _on_plane(frame: _Frame, rows: NDArray[np.int_], columns: NDArray[np.int_], pitch_mm: float) -> Array:
+def _on_plane(frame: _Plane, rows: NDArray[np.int_], columns: NDArray[np.int_], pitch_mm: float) -> Array:
     """Points of the lattice on the touching plane (mm), shape (rows, columns, 3)."""
     across, down = columns[None, :, None] * pitch_mm, rows[:, None, None] * pitch_mm
     return np.asarray(frame.origin + across * frame.across - down * frame.along)
 
 
-def _points(frame: _Frame, first: tuple[int, int], solution: ContactSolution) -> Array:
+def _points(frame: _Plane, first: tuple[int, int], solution: ContactSolution) -> Array:
     """Points of the grid of a contact (mm), shape (rows, columns, 3)."""
     (row, column), (rows, columns) = first, solution.pressure_mpa.shape
     return _on_plane(frame, row + np.arange(rows), column + np.arange(columns), solution.pitch_mm)
 
 
-def _in_plane(frame: _Frame, path: tuple[float, float, float]) -> tuple[float, float]:
+def _in_plane(frame: _Plane, path: tuple[float, float, float]) -> tuple[float, float]:
     """Part of a path along columns and rows of the touching plane (mm)."""
     return float(np.dot(path, frame.across)), -float(np.dot(path, frame.along))
 
 
-def _axis(press: Press, frame: _Frame, first: tuple[int, int], pitch_mm: float) -> tuple[float, float]:
+def _axis_point(press: Press, frame: _Plane) -> Array:
+    """Where the probe's axis meets the touching plane, from its origin (mm)."""
+    x, y = np.subtract(press.centre_mm, frame.origin[:2])
+    return np.array([x, y, -(x * frame.normal[0] + y * frame.normal[1]) / frame.normal[2]])
+
+
+def _axis(press: Press, frame: _Plane, first: tuple[int, int], pitch_mm: float) -> tuple[float, float]:
     """Column and row of the probe's axis on the grid of the contact."""
-    middle = np.array([*press.centre_mm, frame.origin[2]]) - frame.origin
+    middle = _axis_point(press, frame)
     column, row = float(middle @ frame.across) / pitch_mm, -float(middle @ frame.along) / pitch_mm
     return column - first[1], row - first[0]
 
@@ -307,7 +357,13 @@ def _warnings(solved: _Solved) -> tuple[str, ...]:
     if solution.depth_mm > SMALL_STRAIN * thickness_mm:
         found.append(
             f"the press is {solution.depth_mm:.3g} mm deep in a gel of {thickness_mm:.3g} mm; beyond "
-            f"{SMALL_STRAIN:g} of the thickness the linear model errs by 4 % of the force and more"
+            f"{SMALL_STRAIN:g} of the thickness the linear model errs by 4 % of the force and more, and "
+            f"beyond {FLOWS:g} of it gel may flow out under the probe"
+        )
+    if solution.contact_radius_mm < FEW_CELLS * solution.pitch_mm:
+        found.append(
+            f"the contact has a radius of {solution.contact_radius_mm:.2g} mm, on a grid of "
+            f"{solution.pitch_mm:.2g} mm; its force may err by 10 % and more"
         )
     reach = FREE_EDGE * thickness_mm
     if solved.edge_mm < reach:
@@ -316,7 +372,7 @@ def _warnings(solved: _Solved) -> tuple[str, ...]:
             "thicknesses; the gel gives way there, which the surface lacks"
         )
     needed = solution.needed_friction()
-    if needed > GRIPS:
+    if needed > 1.01 * GRIPS:
         found.append(
             f"the probe sticks as with a coefficient of friction of {needed:.2g}; more than {GRIPS:g} is "
             "rare, so this is an upper bound of friction"

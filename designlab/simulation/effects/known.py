@@ -114,7 +114,7 @@ class Domain(Spec):
         """Say in which ways presses lie outside."""
         found = []
         figures = {
-            "deep": (self.depth_mm, [press.stated_depth_mm for press in presses]),
+            "deep": (self.depth_mm, [press.depth_mm for press in presses if press.depth_mm is not None]),
             "from the middle along x": (self.x_mm, [press.centre_mm[0] for press in presses]),
             "from the middle along y": (self.y_mm, [press.centre_mm[1] for press in presses]),
         }

@@ -16,6 +16,7 @@ from geometries.probes import parse
 
 FLAT = Elastomer(width_mm=26.0, thickness_mm=2.0)
 GEL = LayerContact(gel="custom", modulus_mpa=0.4, poisson=0.49, skin_length_mm=0.0)
+DOME = Elastomer(shape="dome", outline="round", width_mm=24.0, thickness_mm=2.0, radius_mm=15.0)
 AREA = {"area_mm": (10.0, 8.0), "pitch_mm": 0.05}
 
 
@@ -147,13 +148,14 @@ def test_published_forces_of_a_pad_are_met():
 @pytest.mark.parametrize(
     ("press", "message"),
     [
-        ({"depth_mm": 2.0}, "press.depth_mm: must be less than the gel is thick there, 2 mm"),
+        ({"depth_mm": 2.0}, "press.depth_mm: must be less than the gel is thick there, 2 mm along z"),
         (
             {"centre_mm": (30.0, 0.0)},
             "press: the sphere at .30, 0. mm touches the edge of the gel, 26 mm wide",
         ),
         ({"probe": "sphere:90", "depth_mm": 1.9}, "press: the sphere .* touches the edge of the gel"),
         ({"shear_mm": (0.1, 0.0)}, "contact.friction: must be above 0 where a press has shear_mm"),
+        ({"gel": DOME, "centre_mm": (50.0, 0.0)}, "press.centre_mm: the sphere at .50, 0. mm lies beside"),
         ({"centre_mm": (9.0, 0.0)}, "press.centre_mm: the sphere at .9, 0. mm does not touch the membrane"),
     ],
 )
@@ -170,6 +172,46 @@ def test_a_force_beyond_reach_and_a_slope_beyond_the_model_are_refused():
     dome = Elastomer(shape="dome", outline="round", width_mm=26.0, thickness_mm=2.0, radius_mm=14.0)
     with pytest.raises(ValueError, match=r"press.centre_mm: the membrane is .* deg steep .* 30 deg or less"):
         pressed(gel=dome, depth_mm=0.3, centre_mm=(9.5, 0.0))
+
+
+def test_a_force_on_a_slope_with_friction_and_beside_an_edge_is_met():
+    dome = Elastomer(shape="dome", outline="round", width_mm=22.0, thickness_mm=2.0, radius_mm=12.0)
+    grip = GEL.model_copy(update={"friction": 0.5})
+    press = {"depth_mm": None, "force_n": 1.0, "centre_mm": (4.0, 0.0)}
+    assert pressed(gel=dome, contact=grip, **press).mechanics.force_n == pytest.approx(1.0, rel=1e-3)
+    narrow = FLAT.model_copy(update={"width_mm": 12.0})
+    assert pressed(gel=narrow, **press).mechanics.force_n == pytest.approx(1.0, rel=1e-3)
+
+
+def test_no_press_goes_through_the_core_of_a_freeform_gel():
+    points = tuple((r, 3.0 * (r / 12.0) ** 2) for r in np.linspace(0.0, 13.0, 14))
+    gel = Elastomer(shape="freeform", outline="round", width_mm=24.0, thickness_mm=5.0, profile_mm=points)
+    with pytest.raises(ValueError, match="or the probe meets the core"):
+        pressed(gel=gel, depth_mm=3.9, centre_mm=(7.0, 0.0))
+    deepest = pressed(gel=gel, depth_mm=3.5, centre_mm=(7.0, 0.0))
+    assert deepest.z_mm.max() < 5.0
+
+
+@pytest.mark.parametrize(("probe", "depth"), [("cone:4", 0.04), ("sphere:0.1", 0.02)])
+def test_a_contact_of_a_few_cells_is_solved_and_flagged(probe, depth):
+    surface = pressed(probe, depth_mm=depth)
+    assert surface.mechanics.force_n > 0
+    assert any("its force may err" in warning for warning in surface.mechanics.warnings)
+
+
+def test_a_mesh_that_was_written_anew_is_pressed_anew(tmp_path):
+    import os
+
+    import trimesh
+
+    file, forces = tmp_path / "probe.stl", []
+    for number, mesh in enumerate(
+        (trimesh.creation.icosphere(4, 2.0), trimesh.creation.box((4.0, 4.0, 4.0)))
+    ):
+        mesh.export(file)
+        os.utime(file, ns=(number, number))
+        forces.append(pressed(str(file), depth_mm=0.3).mechanics.force_n)
+    assert forces[1] > 2 * forces[0]
 
 
 def test_presses_beyond_the_model_are_flagged():

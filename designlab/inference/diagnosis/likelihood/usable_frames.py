@@ -22,10 +22,21 @@ def observe(measurement: Measurement, design: Design, *, columns: int) -> Observ
     MeasurementError
         As there, or if a background or presses for training, selection and final numbers are missing.
     """
-    seen = gathered(measurement, design, columns=columns, apart=True)
+    seen = _with_depths(gathered(measurement, design, columns=columns, apart=True))
     if not is_single(seen):
         _require_enough(measurement, seen.shots)
     return replace(seen, shots=tuple(without_cut(shot) for shot in seen.shots))
+
+
+def _with_depths(seen: Observations) -> Observations:
+    """Leave out presses that state their force alone: depths are fitted about stated ones."""
+    kept, notes = [], []
+    for shot in seen.shots:
+        if shot.press is not None and shot.press.depth_mm is None:
+            notes.append(f"{', '.join(shot.files)}: left out, depth_mm is not stated, force_n alone")
+        else:
+            kept.append(shot)
+    return replace(seen, shots=tuple(kept), notes=(*seen.notes, *notes))
 
 
 def is_single(seen: Observations) -> bool:
