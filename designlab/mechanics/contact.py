@@ -74,11 +74,9 @@ class ContactSolution:
             (start, whole - start - own)
             for start, whole, own in zip(origin, shape, self.pressure_mpa.shape, strict=True)
         ]
-        return replace(
-            self,
-            pressure_mpa=np.pad(self.pressure_mpa, around),
-            traction_mpa=np.pad(self.traction_mpa, [(0, 0), *around]),
-        )
+        pressure = np.pad(self.pressure_mpa, around)
+        traction = np.pad(self.traction_mpa, [(0, 0), *around]) if self.friction else _none(pressure)
+        return replace(self, pressure_mpa=pressure, traction_mpa=traction)
 
     @property
     def touched(self) -> Mask:
@@ -322,7 +320,7 @@ class _Problem:
         self.size = CELLS * math.ceil(max(gap_mm.shape) / CELLS)
         self.target, self.lean = target, np.reshape(lean, (2, 1, 1))
         self.pressure: Array | None = None
-        self.traction = np.zeros((2, *gap_mm.shape))
+        self.traction = np.zeros((2, *gap_mm.shape)) if friction else _none(gap_mm)
 
     def at(self, depth_mm: float) -> ContactSolution:
         """Solve for a depth, from the last solution."""
@@ -336,9 +334,8 @@ class _Problem:
             pressure = self._with_friction(overlap, pressure, self.target + depth_mm * self.lean)
         self.pressure = pressure
         modulus = self.layer.modulus_mpa
-        return ContactSolution(
-            self.layer, self.pitch, depth_mm, modulus * pressure, modulus * self.traction, self.friction
-        )
+        traction = modulus * self.traction if self.friction else self.traction
+        return ContactSolution(self.layer, self.pitch, depth_mm, modulus * pressure, traction, self.friction)
 
     def _with_friction(self, overlap: Array, pressure: Array, target: Array) -> Array:
         """Pressure and traction in turn, until neither changes the other."""
@@ -466,6 +463,11 @@ def _traction(compliance: Operator, target: Array, most: Array, held: Mask, star
         if np.abs(traction - last).sum() <= TOLERANCE * np.abs(traction).sum():
             return traction
     raise NotConverged(f"friction: the traction did not settle in {MOST_ITERATIONS} iterations")
+
+
+def _none(like: Array) -> Array:
+    """No traction on a grid, which takes no memory."""
+    return np.broadcast_to(np.zeros(1), (2, *like.shape))
 
 
 def _cut(traction: Array, most: Array) -> Array:
