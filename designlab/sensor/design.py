@@ -411,7 +411,9 @@ def _entries(location: Sequence[str | int]) -> list[str]:
 
 
 def _follows_from_another(problem: Any, error: ValidationError) -> bool:
-    """Whether a list is called too short only because its items were refused."""
+    """Whether it is said only because another field was refused: of a list without items, of a default."""
+    if problem["type"] == "default_factory_not_called":
+        return True
     depth = len(problem["loc"])
     return problem["type"] == "too_short" and any(
         len(other["loc"]) > depth and other["loc"][:depth] == problem["loc"] for other in error.errors()

@@ -20,9 +20,17 @@ pytestmark = pytest.mark.renders
 
 FLAT = preset("gelsight-2020-flat")
 BEHIND_GLASS = preset("default")
-OF_KERNEL = {
-    name: unit for name, unit in SCORES.items() if name not in ("height_mae_moved_um", "press_depth_mm")
+OF_GELS = {
+    *(
+        "height_mae_moved_um",
+        "press_depth_mm",
+        "force_at_depth_n",
+        "depth_at_force_mm",
+        "force_resolution_mn",
+    ),
+    *("lateral_resolution_mm", "saturation_depth_mm"),
 }
+OF_KERNEL = {name: unit for name, unit in SCORES.items() if name not in OF_GELS}
 EXACT = {"coverage", "saturation_share", "stray_share", "press_saturation_share"}  # of this design
 
 
@@ -106,6 +114,7 @@ def test_json_is_complete_and_strict(score, folder):
         "groups",
         "worst",
         "presses",
+        "press_plan",
         "warnings",
     }
     assert set(content) == names

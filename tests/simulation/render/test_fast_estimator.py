@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from random_designs import random_design
 
+from designlab.sensor.contact import KernelContact
 from designlab.simulation.contact.press import Press
 from designlab.simulation.simulator import Simulator
 from geometries.probes import parse
@@ -53,7 +54,7 @@ def test_grazing_light_casts_long_shadows():
 
 def test_a_wall_is_lit_by_the_bright_gel_far_in_front_of_it():
     # The gel beneath the same panel, beyond the picture, lights the wall that faces it from more than 5 mm.
-    design = random_design(5).replace({"optics.path_length": 3})
+    design = random_design(5).replace({"optics.path_length": 3, "contact": KernelContact()})
     press = Press(probe=parse("cylinder:4"), depth_mm=0.6, centre_mm=(0.0, 2.0))
     error, noise, truth = difference(design, press)
     direct = Simulator(design.replace({"optics.path_length": 2}), columns=48, samples=16, seed=1).frame(press)

@@ -8,6 +8,7 @@ from scipy.ndimage import gaussian_filter
 
 from designlab.core import store
 from designlab.sensor.camera import Camera
+from designlab.sensor.contact import KernelContact
 from designlab.sensor.design import preset
 from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
@@ -34,6 +35,7 @@ CORE = preset("default").replace(
         "leds.body_width_mm": 12.0,
         "leds.body_height_mm": 7.0,
         **{f"leds.groups.{k}.count": 1 for k in range(3)},
+        "contact": KernelContact(),  # steeper walls; gel that bulges has tests of its own
     }
 )
 

@@ -38,14 +38,14 @@ def both(design, probe, depth_mm, centre_mm, yaw_deg=0.0):
 def test_a_ball_on_a_flat_gel_is_the_simulators_to_half_a_micrometre(centre_mm, depth_mm):
     ours, theirs, surface = both(FLAT, "sphere:4", depth_mm, centre_mm)
     np.testing.assert_allclose(ours, theirs, atol=5e-4)
-    assert surface.bulge_um > 10
+    assert surface.mechanics.bulge_um > 10
 
 
 @pytest.mark.slow
 def test_a_triangle_is_the_simulators_but_for_its_edge():
     ours, theirs, surface = both(FLAT, "triangle:5", 0.5, (1.0, -0.5), 20.0)
     assert np.sqrt(np.mean((ours - theirs) ** 2)) < 1e-3
-    assert ours.min() == pytest.approx(-surface.bulge_um / 1000, rel=0.03)
+    assert ours.min() == pytest.approx(-surface.mechanics.bulge_um / 1000, rel=0.03)
 
 
 @pytest.mark.slow
