@@ -3,26 +3,23 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
-from scipy.ndimage import map_coordinates
 
 from designlab.core.types import Array
+from designlab.mechanics.grid_response import MARGIN, kernel, symbol, wavenumber
 from designlab.mechanics.layer import ElasticLayer
 
 Mask = NDArray[np.bool_]
 Operator = Callable[[Array], Array]
 DEEPEST = 0.95  # of the thickness: the deepest press that is tried for a force
-MARGIN = 5.0  # thicknesses; the response decays as exp(-0.74 r / h), so a repeated load is not felt further
 TOLERANCE = 1e-4  # relative change of the traction in an iteration at which it is taken for settled
 FORCE_TOLERANCE = 1e-4  # of a stated force
 MOST_ITERATIONS = 600
-MOST_POINTS = 1536  # a side, of a grid that a response is taken from
-SMOOTH, EDGE, REPEAT = 1.4, 4, 40.0  # coarse points, points, widths: where waves are parted by their length
 ROUGH = 48  # points a side of the grid on which the depth of a force is looked for first
 NEARLY, CATCH = 1.15, 1.3  # how far that may be off, and depths within which gel that bulges may touch
 CELLS = 16  # sizes of grids are multiples of it, so that responses kept serve for many presses
@@ -188,12 +185,12 @@ class ContactSolution:
             if load.any():
                 spread = np.zeros((rows, columns))
                 spread[here] = load
-                symbol = _symbol(_unit(self.layer), self.pitch_mm, rows, columns, part)
-                spectrum = spectrum + symbol * fft.rfft2(spread, workers=2)
+                response = symbol(_unit(self.layer), self.pitch_mm, rows, columns, part)
+                spectrum = spectrum + response * fft.rfft2(spread, workers=2)
         if np.isscalar(spectrum):
             return np.zeros(shape)
         if smoothing_mm:
-            spectrum *= np.exp(-((_wavenumber(self.pitch_mm, rows, columns)[2] * smoothing_mm) ** 2) / 2)
+            spectrum *= np.exp(-((wavenumber(self.pitch_mm, rows, columns)[2] * smoothing_mm) ** 2) / 2)
         whole = fft.irfft2(spectrum, s=(rows, columns), workers=2) / self.layer.modulus_mpa
         return np.asarray(whole[-low[0] : shape[0] - low[0], -low[1] : shape[1] - low[1]])
 
@@ -401,7 +398,7 @@ class _Problem:
 
     def _operator(self, part: str) -> Operator:
         """Displacement on the grid that a load on it makes."""
-        spectrum, padded = _kernel(self.unit, self.pitch, self.size, part)
+        spectrum, padded = kernel(self.unit, self.pitch, self.size, part)
         rows, columns = self.gap.shape
 
         def apply(load: Array) -> Array:
@@ -474,91 +471,6 @@ def _cut(traction: Array, most: Array) -> Array:
     size = np.hypot(*traction)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.where(size > most, traction * (most / size), traction))
-
-
-@lru_cache(maxsize=24)
-def _kernel(layer: ElasticLayer, pitch_mm: float, size: int, part: str) -> tuple[NDArray[Any], int]:
-    """Spectrum of the response on a grid of `size` points a side, padded so that nothing wraps around."""
-    padded = fft.next_fast_len(2 * size - 1, real=True)
-    offsets = np.r_[0 : padded - size + 1, 1 - size : 0]
-    return np.asarray(fft.rfft2(_table(layer, pitch_mm, offsets, part))), padded
-
-
-def _table(layer: ElasticLayer, pitch_mm: float, offsets: NDArray[np.int_], part: str) -> Array:
-    """Response to the load of a cell, so many rows and columns away from it.
-
-    It is taken from a grid so large that repeats of the load are not felt. Of a thick layer on a fine grid
-    that grid would be huge: waves that are long for the pitch have a coarser one there.
-    """
-    reach = 2 * int(np.abs(offsets).max())
-    wide = math.ceil(reach + 2 * MARGIN * layer.thickness_mm / pitch_mm)
-    if wide <= MOST_POINTS:
-        return _periodic(_symbol(layer, pitch_mm, *_square(wide), part), wide)[np.ix_(offsets, offsets)]
-    coarser = math.ceil(wide / (MOST_POINTS - 2 * EDGE))
-    width = SMOOTH * coarser * pitch_mm
-    near = math.ceil(reach + REPEAT * width / pitch_mm)
-    short = _symbol(layer, pitch_mm, *_square(near), part)
-    q = _wavenumber(pitch_mm, *_square(near))[2]
-    fine = _periodic(short * -np.expm1(-((q * width) ** 2) / 2), near)[np.ix_(offsets, offsets)]
-    count = math.ceil(wide / coarser) + 2 * EDGE
-    spacing = coarser * pitch_mm
-    along_x, along_y, q = _wavenumber(spacing, *_square(count))
-    even = _even(along_x, along_y, pitch_mm) / coarser**2  # of the load of a coarse cell
-    long = even * _response(layer, along_x, along_y, q, part) * np.exp(-((q * width) ** 2) / 2)
-    coarse = np.roll(_periodic(long, count), _square(count)[0] // 2, axis=(0, 1))
-    at = offsets / coarser + _square(count)[0] // 2
-    return np.asarray(fine + map_coordinates(coarse, np.meshgrid(at, at, indexing="ij"), order=3))
-
-
-def _square(points: int) -> tuple[int, int]:
-    """Rows and columns of a square grid of at least so many points a side that transforms are fast on."""
-    side = fft.next_fast_len(points, real=True)
-    return side, side
-
-
-def _periodic(symbol: NDArray[Any], points: int) -> Array:
-    """Response on a periodic grid."""
-    return np.asarray(fft.irfft2(symbol, s=_square(points), workers=2))
-
-
-@lru_cache(maxsize=12)
-def _symbol(layer: ElasticLayer, pitch_mm: float, rows: int, columns: int, part: str) -> NDArray[Any]:
-    """Response in wave numbers of a periodic grid, for `fft.rfft2`; "xz" is x displacement by pressure.
-
-    A load is even over each cell of the grid. Loads between whose points a wave is laid instead leave the
-    edge of a flat punch soft: 1 % of the force at 20 cells of radius (docs/validation.md).
-    """
-    along_x, along_y, q = _wavenumber(pitch_mm, rows, columns)
-    return np.asarray(_even(along_x, along_y, pitch_mm) * _response(layer, along_x, along_y, q, part))
-
-
-def _even(along_x: Array, along_y: Array, cell_mm: float) -> Array:
-    """Spectrum of a load that is even over a cell."""
-    return np.asarray(np.sinc(along_x * cell_mm / (2 * np.pi)) * np.sinc(along_y * cell_mm / (2 * np.pi)))
-
-
-def _response(layer: ElasticLayer, along_x: Array, along_y: Array, q: Array, part: str) -> NDArray[Any]:
-    if part == "zz":
-        return layer.normal(q)
-    unit = np.where(q > 0, q, 1.0)
-    x, y = along_x / unit, along_y / unit
-    if "z" in part:
-        # Odd functions have no value at the highest wave number of an even grid.
-        odd = (np.abs(along_x) < np.abs(along_x).max()) & (np.abs(along_y) < np.abs(along_y).max())
-        sign = -1j if part[1] == "z" else 1j
-        return np.asarray(np.where(odd, sign * layer.coupling(q) * (x if "x" in part else y), 0.0))
-    along, across = layer.along(q), layer.across(q)
-    if part == "xy":
-        return np.asarray(x * y * (along - across))
-    share = {"xx": x, "yy": y}[part] ** 2
-    return np.asarray(share * along + (1 - share) * across)
-
-
-def _wavenumber(pitch_mm: float, rows: int, columns: int) -> tuple[Array, Array, Array]:
-    """Wave number along columns, along rows and in all, of `fft.rfft2` (1/mm)."""
-    along_y = 2 * np.pi * fft.fftfreq(rows, pitch_mm)[:, None]
-    along_x = 2 * np.pi * fft.rfftfreq(columns, pitch_mm)[None, :]
-    return along_x, along_y, np.hypot(along_x, along_y)
 
 
 def _unit(layer: ElasticLayer) -> ElasticLayer:
