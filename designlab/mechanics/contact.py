@@ -38,6 +38,10 @@ class OutOfReach(ValueError):
     """A force that no permitted depth reaches; the text says which depth was tried and what it gives."""
 
 
+class TooLittle(OutOfReach):
+    """A force so small that at its depth no point of the grid touches."""
+
+
 @dataclass(frozen=True, eq=False)
 class ContactSolution:
     """What a probe does to the surface of a layer, on the grid of the gap.
@@ -361,9 +365,13 @@ class _Problem:
         """Find the depth of a force: force grows as a power of depth, so logarithms are followed."""
         step = math.ceil(max(self.gap.shape) / ROUGH)
         if step > 1:  # a rough grid tells how deep it is, and so how little of the grid is needed
-            every = np.s_[::step, ::step]
+            row, column = np.unravel_index(int(self.gap.argmin()), self.gap.shape)
+            every = np.s_[row % step :: step, column % step :: step]  # with the point that touches first
             rough = self._of(self.gap[every], self.pitch * step, self.target[:, *every])
-            depth = rough.under(force_n, deepest_mm).depth_mm
+            try:
+                depth = rough.under(force_n, deepest_mm).depth_mm
+            except TooLittle:
+                return self._followed(force_n, 2 * float(self.gap.min()) + self.pitch)
             most = min(NEARLY * depth, deepest_mm)
             used = self.gap < CATCH * most
             rows, columns = (np.flatnonzero(used.any(axis=axis)) for axis in (1, 0))
@@ -386,6 +394,11 @@ class _Problem:
         known: dict[float, float] = {}
         depth, power = math.log(depth_mm), 1.5
         for _ in range(MOST_ROUNDS):
+            if math.exp(depth) <= self.gap.min():
+                raise TooLittle(
+                    f"force_n: {force_n:g} N is too little for a grid of {self.pitch:g} mm, no point of "
+                    "which touches then"
+                )
             solution = self.at(math.exp(depth))
             known[depth] = math.log(solution.force_n / force_n)
             if abs(known[depth]) < FORCE_TOLERANCE:

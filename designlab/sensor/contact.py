@@ -1,7 +1,7 @@
 """How a gel answers a press: as an elastic layer, or by the smoothing kernel of 2020."""
 
 from collections.abc import Mapping
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, TypeVar
 
 from pydantic import field_validator, model_validator
 
@@ -111,27 +111,18 @@ def with_model(content: Any) -> Any:
     return content
 
 
-def require_kernel(contact: Contact) -> KernelContact:
-    """Return the contact of a design that needs the smoothing kernel.
+Model = TypeVar("Model", KernelContact, LayerContact)
+
+
+def require(contact: Contact, model: type[Model]) -> Model:
+    """Return the contact of a design that needs one of the models.
 
     Raises
     ------
     ValueError
-        If the gel is an elastic layer.
+        If it has the other one.
     """
-    if not isinstance(contact, KernelContact):
-        raise ValueError(f"contact.model: must be 'kernel' here, is {contact.model!r}")
-    return contact
-
-
-def require_layer(contact: Contact) -> LayerContact:
-    """Return the contact of a design that needs an elastic layer.
-
-    Raises
-    ------
-    ValueError
-        If the gel smooths by the kernel.
-    """
-    if not isinstance(contact, LayerContact):
-        raise ValueError(f"contact.model: must be 'layer' here, is {contact.model!r}")
+    if not isinstance(contact, model):
+        wanted = model.model_fields["model"].default
+        raise ValueError(f"contact.model: must be {wanted!r} here, is {contact.model!r}")
     return contact

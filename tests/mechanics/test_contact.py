@@ -124,6 +124,8 @@ def test_a_force_is_met_by_its_depth_and_one_out_of_reach_is_refused():
     assert found.force_n == pytest.approx(1.0, rel=2e-4)
     again = press(gap, layer, pitch_mm=0.05, depth_mm=found.depth_mm)
     assert again.force_n == pytest.approx(1.0, rel=3e-4)
+    with pytest.raises(OutOfReach, match=r"force_n: 1e-09 N is too little for a grid of 0.05 mm"):
+        press(gap + 0.01, layer, pitch_mm=0.05, force_n=1e-9)
     with pytest.raises(OutOfReach, match=r"force_n: 50 N is not reached; the deepest press of 0\.6 mm takes"):
         press(gap, layer, pitch_mm=0.05, force_n=50.0, deepest_mm=0.6)
 

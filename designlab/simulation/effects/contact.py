@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import ClassVar
 
-from designlab.sensor.contact import LayerContact, require_kernel, require_layer
+from designlab.sensor.contact import KernelContact, LayerContact, require
 from designlab.sensor.design import Design
 from designlab.simulation.contact import layer
 from designlab.simulation.contact.press import Press
@@ -38,7 +38,7 @@ class ContactKernel(Effect):
         """Scale the kernel's length."""
         if not self.suits(design):
             return design
-        length_mm = require_kernel(design.contact).kernel_length_mm * values["length_ratio"]
+        length_mm = require(design.contact, KernelContact).kernel_length_mm * values["length_ratio"]
         return design.replace({"contact.kernel_length_mm": length_mm})
 
 
@@ -55,7 +55,7 @@ class ContactProfile(Effect):
         """Tails of 10 to 40 % of the depth that fall over 0.4 to 1 mm have been measured."""
         if not self.suits(design):
             return ()
-        contact = require_kernel(design.contact)
+        contact = require(design.contact, KernelContact)
         return (
             EffectParameter(
                 "tail_share",
@@ -75,7 +75,7 @@ class ContactProfile(Effect):
         """Add to the tail."""
         if not self.suits(design) or not values["tail_share"]:
             return design
-        share = min(max(require_kernel(design.contact).tail_share + values["tail_share"], 0.0), 0.99)
+        share = min(max(require(design.contact, KernelContact).tail_share + values["tail_share"], 0.0), 0.99)
         return design.replace({"contact.tail_share": share, "contact.tail_mm": values["tail_mm"]})
 
 
@@ -137,7 +137,7 @@ class Friction(Effect):
         """Silicone on plastics and metals rubs with coefficients of 0.3 to 1.5 (estimate)."""
         if not self.suits(design):
             return ()
-        friction = require_layer(design.contact).friction
+        friction = require(design.contact, LayerContact).friction
         return (
             EffectParameter("added", "1", 0.0, 0.5, -friction, 3.0, "added to the coefficient of friction"),
         )
@@ -146,7 +146,7 @@ class Friction(Effect):
         """Add to the coefficient."""
         if not self.suits(design) or not values["added"]:
             return design
-        friction = max(require_layer(design.contact).friction + values["added"], 0.0)
+        friction = max(require(design.contact, LayerContact).friction + values["added"], 0.0)
         return design.replace({"contact.friction": friction})
 
 
@@ -163,7 +163,7 @@ class SkinLength(Effect):
         """Paints are 0.02 to 0.1 mm thick and smooth over about as much (estimate)."""
         if not self.suits(design):
             return ()
-        length_mm = require_layer(design.contact).skin_length_mm
+        length_mm = require(design.contact, LayerContact).skin_length_mm
         return (
             EffectParameter(
                 "added_mm",
@@ -181,7 +181,7 @@ class SkinLength(Effect):
         """Add to the skin's length."""
         if not self.suits(design) or not values["added_mm"]:
             return design
-        length_mm = max(require_layer(design.contact).skin_length_mm + values["added_mm"], 0.0)
+        length_mm = max(require(design.contact, LayerContact).skin_length_mm + values["added_mm"], 0.0)
         return design.replace({"contact.skin_length_mm": length_mm})
 
 

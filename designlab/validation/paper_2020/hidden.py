@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from designlab.sensor.contact import require_kernel
+from designlab.sensor.contact import KernelContact, require
 from designlab.sensor.design import CHANNELS, Design
 from designlab.simulation.effects.model import AppliedEffect, SensorModel
 from designlab.simulation.simulator import Simulator, automatic_exposure
@@ -33,7 +33,7 @@ def hidden(nominal: Design, *, seed: int) -> SensorModel:
     changes |= {
         "optics.membrane_albedo": [float(a) for a in albedo],
         "mixing": [[float(v) for v in row] for row in mixing],
-        "contact.kernel_length_mm": require_kernel(nominal.contact).kernel_length_mm
+        "contact.kernel_length_mm": require(nominal.contact, KernelContact).kernel_length_mm
         * float(np.exp(KERNEL * random.standard_normal())),
     }
     design = nominal.replace(changes)

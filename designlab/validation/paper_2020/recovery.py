@@ -14,7 +14,7 @@ from designlab.core.types import Progress
 from designlab.inference.calibration import Calibration, calibrate
 from designlab.inference.calibration.imaging import ALBEDO, KERNEL
 from designlab.measurement import MeasuredFrame, Measurement, load_measurement, write_measurement
-from designlab.sensor.contact import require_kernel
+from designlab.sensor.contact import KernelContact, require
 from designlab.sensor.design import CHANNELS, preset
 from designlab.simulation.effects.model import SensorModel
 from designlab.validation.paper_2020.datasets import around, dataset_2, stated
@@ -70,7 +70,7 @@ def truths(true: SensorModel, frames: Sequence[MeasuredFrame]) -> dict[str, floa
     flux = np.array([group.flux_mw for group in design.leds.groups])
     transfer = (design.camera.exposure or 1.0) * design.mixing_matrix * flux
     albedo = design.per_group("membrane_albedo")
-    found = {KERNEL: require_kernel(design.contact).kernel_length_mm}
+    found = {KERNEL: require(design.contact, KernelContact).kernel_length_mm}
     found |= {f"{ALBEDO}.{group}": value for group, value in enumerate(albedo)}
     for channel, letter in enumerate(CHANNELS):
         found[f"floor.{letter}"] = 0.0
