@@ -146,6 +146,7 @@ def test_friction_holds_the_skin_and_stiffens(poisson):
     assert stuck.needed_friction() > 0.2
 
 
+@pytest.mark.slow
 def test_a_half_space_without_poisson_effect_needs_no_friction():
     """At nu 1/2 a half space does not move sideways under pressure, so sticking changes nothing (Spence)."""
     layer, gap = ElasticLayer(0.4, 0.5, 20.0), ball(0.4, 0.02)
@@ -153,6 +154,7 @@ def test_a_half_space_without_poisson_effect_needs_no_friction():
     assert stuck.force_n == pytest.approx(free.force_n, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_flat_punch_that_sticks_is_sheared_and_twisted_as_mindlin_and_reissner_say():
     """Half space: shear 16 G a s / (2 - nu) at nu 1/2, torque 16 G a3 angle / 3."""
     layer, edge, pitch = ElasticLayer(0.4, 0.5, 40.0), 1.0, 1.0 / 24.3
@@ -169,6 +171,7 @@ def test_a_flat_punch_that_sticks_is_sheared_and_twisted_as_mindlin_and_reissner
     assert torque == pytest.approx(16 / 3 * shear * edge**3 * np.radians(1.0), rel=0.03)
 
 
+@pytest.mark.slow
 def test_surface_follows_from_the_pressure_by_a_sum_over_cells():
     """A second method: the layer's response summed in space, from a transform of the closed form by rings."""
     layer, pitch = ElasticLayer(0.4, 0.45, 1.0), 0.1

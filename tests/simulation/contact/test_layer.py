@@ -174,6 +174,7 @@ def test_a_force_beyond_reach_and_a_slope_beyond_the_model_are_refused():
         pressed(gel=dome, depth_mm=0.3, centre_mm=(9.5, 0.0))
 
 
+@pytest.mark.slow
 def test_a_force_on_a_slope_with_friction_and_beside_an_edge_is_met():
     dome = Elastomer(shape="dome", outline="round", width_mm=22.0, thickness_mm=2.0, radius_mm=12.0)
     grip = GEL.model_copy(update={"friction": 0.5})
@@ -199,6 +200,7 @@ def test_a_contact_of_a_few_cells_is_solved_and_flagged(probe, depth):
     assert any("its force may err" in warning for warning in surface.mechanics.warnings)
 
 
+@pytest.mark.slow
 def test_a_mesh_that_was_written_anew_is_pressed_anew(tmp_path):
     import os
 
