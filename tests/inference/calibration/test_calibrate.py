@@ -246,6 +246,7 @@ class TestForce:
         state = problem.start()
         return problem.force_n(replace(state, shared=np.array([state.shared[0], modulus_mpa])), 0)
 
+    @pytest.mark.slow
     def test_depth_and_force_of_one_press_give_the_modulus(self):
         problem = self.problem(force_n=self.force_n(self.TRUE_MPA))
         state, bases = fit(problem, problem.start(), [0])

@@ -42,6 +42,7 @@ def of_scores(**changes):
     return make(objectives=objectives, sampler="random", **changes)
 
 
+@pytest.mark.slow
 def test_every_design_of_a_study_is_pressed_alike(tmp_path, pressing):
     study = of_scores(parameters=THICKNESS, trials=2)
     results = run(study, tmp_path, evaluator=None)
@@ -49,6 +50,7 @@ def test_every_design_of_a_study_is_pressed_alike(tmp_path, pressing):
     assert results.counts()["complete"] >= 2
 
 
+@pytest.mark.slow
 def test_a_gel_that_is_too_thin_is_an_infeasible_trial_with_its_reason(tmp_path, pressing):
     study = of_scores(parameters={"elastomer.thickness_mm": {"choices": [0.5, 2.0]}}, trials=2)
     results = run(study, tmp_path, evaluator=None)
