@@ -11,7 +11,7 @@ from designlab.simulation.contact.surface import Surface
 from designlab.simulation.render.engine import dr, mi
 from designlab.simulation.render.lightfield import AZIMUTHS, CELL_MM, NODES_PER_CELL, Bins, Field
 from designlab.simulation.render.nodes import Nodes, Response, base_normals, facing, nodes_of
-from designlab.simulation.render.tables import bilinear, held
+from designlab.simulation.render.tables import bilinear, held, on_device
 from designlab.simulation.render.walls import FURTHEST_MM
 
 
@@ -45,6 +45,12 @@ class Binned:
     def _bins(self) -> Bins:
         """Directions; the untouched gel alone needs none."""
         return self._field.bins(self._group, fine=self._fine)
+
+    @cached_property
+    def _tables(self) -> list[Any]:
+        """The directions on the device: fluence, lower and upper tangent, azimuth, and components."""
+        bins = self._bins
+        return [on_device(c) for c in (bins.power, bins.lower, bins.upper, bins.azimuth, *bins.direction.T)]
 
     @cached_property
     def vector(self) -> Single:
@@ -97,17 +103,14 @@ class Binned:
             return dr.zeros(mi.Float, count)
         rows, columns, number = (held(n) for n in (*bins.power.shape[1:], len(bins.azimuth)))
         x_mm, y_mm = held(self._x_mm), held(self._y_mm)
-        power = mi.Float(bins.power.ravel())
-        tables = [mi.Float(np.ascontiguousarray(c, dtype=np.float32)) for c in bins.direction.T]
-        low, high = mi.Float(bins.lower.astype(np.float32)), mi.Float(bins.upper.astype(np.float32))
-        azimuth = mi.UInt32(bins.azimuth.astype(np.uint32))
+        power, low, high, azimuth, *directions = self._tables
         node = dr.arange(mi.UInt32, count)
 
         def going(k: Any, _: Any) -> Any:
             return k < number
 
         def step(k: Any, total: Any) -> Any:
-            towards = mi.Vector3f(*(dr.gather(mi.Float, c, k) for c in tables))
+            towards = mi.Vector3f(*(dr.gather(mi.Float, c, k) for c in directions))
             # Light that reaches a lifted point would have met the undeformed membrane further away, that of
             # a lowered one nearer by.
             sinking = dr.maximum(towards.z - nodes.base_p * towards.x - nodes.base_q * towards.y, 1e-3)

@@ -13,7 +13,7 @@ from designlab.simulation.render.emitters import Directions
 from designlab.simulation.render.engine import dr, mi
 from designlab.simulation.render.lightfield import AZIMUTHS, CELL_MM
 from designlab.simulation.render.nodes import Nodes, Response, facing, nodes_of
-from designlab.simulation.render.tables import held
+from designlab.simulation.render.tables import held, on_device
 from designlab.simulation.scene.scene import Light, Scene
 
 PATCH_MM = 0.5  # an LED's face is divided into patches no larger than this
@@ -84,7 +84,7 @@ class Direct:
 
         Nothing but the indentation's horizon is in the way, if one is given.
         """
-        tables = [mi.Float(np.ascontiguousarray(c, dtype=np.float32)) for c in self._patches.T]
+        tables = [on_device(c) for c in self._patches.T]
         count = dr.width(nodes.x)
         node = dr.arange(mi.UInt32, count)
 
@@ -120,16 +120,13 @@ class Direct:
         surface = self._untouched
         base = (surface.base_mm, surface.base_p, surface.base_q)
         tables = [grid_x, grid_y, *(surface.sample(np.nan_to_num(values), grid_x, grid_y) for values in base)]
-        x, y, z, p, q = (mi.Float(values.ravel().astype(np.float32)) for values in tables)
+        x, y, z, p, q = (on_device(values) for values in tables)
         normal = dr.normalize(mi.Vector3f(-p, -q, 1.0))
         count = len(self._patches)
         index = dr.arange(mi.UInt32, rows * columns * count)
         node, patch = index // count, index % count
         origin = dr.gather(mi.Point3f, mi.Point3f(x, y, z), node)
-        columns_of = [
-            dr.gather(mi.Float, mi.Float(np.ascontiguousarray(c, dtype=np.float32)), patch)
-            for c in self._patches.T
-        ]
+        columns_of = [dr.gather(mi.Float, on_device(c), patch) for c in self._patches.T]
         way = mi.Point3f(*columns_of[:3]) - origin
         square = dr.squared_norm(way)
         distance = dr.sqrt(square)

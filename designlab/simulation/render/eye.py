@@ -10,7 +10,7 @@ from scipy.ndimage import map_coordinates
 from designlab.core.types import Array
 from designlab.simulation.optics.viewing_rays import Rays
 from designlab.simulation.render.engine import mi
-from designlab.simulation.render.tables import bilinear
+from designlab.simulation.render.tables import bilinear, on_device
 
 TABLE_MM = 0.25  # pitch of the table of where the camera sees a point
 BEYOND_MM = 2.5  # around the view, since lifted points are seen elsewhere than those below them
@@ -41,7 +41,7 @@ class Eye:
 
     @cached_property
     def _loaded(self) -> list[Any]:
-        return [mi.Float(np.ascontiguousarray(t, dtype=np.float32).ravel()) for t in self.tables]
+        return [on_device(t) for t in self.tables]
 
     def look(self, x: Any, y: Any, z: Any) -> "ProjectedPoints":
         """How the camera sees points (mm, Dr.Jit arrays)."""

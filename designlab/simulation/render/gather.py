@@ -11,7 +11,7 @@ import numpy as np
 from designlab.core.types import Array
 from designlab.simulation.render import bridge, photons
 from designlab.simulation.render.engine import dr, mi
-from designlab.simulation.render.tables import held
+from designlab.simulation.render.tables import held, on_device
 from designlab.simulation.scene.scene import Scene
 
 OFF_MM = 0.01  # from a surface, where rays between two points start and end
@@ -53,7 +53,7 @@ def irradiance(
     if not count:
         return total
     place, normal = place + OFF_MM * normal, np.ascontiguousarray(normal)
-    sources = [mi.Float(column.astype(np.float32)) for column in (*place.T, *normal.T, power)]
+    sources = [on_device(column) for column in (*place.T, *normal.T, power)]
     step = max(1, AT_ONCE // count)
     for first in range(0, len(x), step):
         some = slice(first, first + step)
@@ -61,7 +61,7 @@ def irradiance(
         pair = dr.arange(mi.UInt32, size * count)
         source, point = pair % held(count), pair // held(count)
         px, py, pz, nx, ny, nz, shines = (dr.gather(mi.Float, column, source) for column in sources)
-        there = [mi.Float(column.astype(np.float32)) for column in (*points[some].T, *facing[some].T)]
+        there = [on_device(column) for column in (*points[some].T, *facing[some].T)]
         qx, qy, qz, mx, my, mz = (dr.gather(mi.Float, column, point) for column in there)
         origin = mi.Point3f(px, py, pz)
         across = mi.Point3f(qx, qy, qz) - origin

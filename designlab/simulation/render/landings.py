@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter
 
-from designlab.core.types import Mask, Single
+from designlab.core.types import Array, Mask, Single
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.render.engine import dr, mi
 from designlab.simulation.render.nodes import RAISED_MM, NodeTables, base_normals
-from designlab.simulation.render.tables import within
+from designlab.simulation.render.tables import on_device, within
 from designlab.simulation.render.walls import FURTHEST_MM
 
 STEP_MM = 0.06  # along a photon's way through the indentation
@@ -60,7 +60,7 @@ class FirstLight:
     """
 
     def __init__(self, landings: Single, untouched: Surface) -> None:
-        self._photons = [mi.Float(np.ascontiguousarray(column)) for column in landings]
+        self._photons = [on_device(column) for column in landings]
         self._untouched = untouched
 
     @cached_property
@@ -68,8 +68,21 @@ class FirstLight:
         """Power, and squared power of each photon, over projected area (1/mm2) on the undeformed membrane."""
         x, y, *_, power = self._photons
         grid, shape = NodeTables.of(self._untouched), self._untouched.height_mm.shape
-        amount, square = _densities(grid, shape, x, y, power, power * power)
+        amount, square = _densities(shape, _scattered(grid, shape, x, y, power, power * power))
         return amount, square
+
+    @cached_property
+    def _around_at_rest(self) -> Single:
+        """Power of the photons around each place on the undeformed membrane, over projected area (1/mm2)."""
+        return self._counted(self._at_rest[0])
+
+    @cached_property
+    def _flat(self) -> Array:
+        """Upward component of the undeformed membrane's normals."""
+        return np.asarray(base_normals(self._untouched)[2])
+
+    def _counted(self, density: Single) -> Single:
+        return np.asarray(uniform_filter(density, round(TOLD_MM / self._untouched.pitch_mm)))
 
     def change(self, surface: Surface) -> IrradianceChange:
         """Change of irradiance by a press."""
@@ -87,6 +100,7 @@ class FirstLight:
         )
         grid = NodeTables.of(surface)
         back = _last_crossing(grid, (x, y, z), (dx, dy, dz), enters, leaves)
+        dr.eval(back)  # or the loop would run again for what is gathered of it
         stopped = dr.compress(back > 0)
         left, arrived, left_squares, arrived_squares = 4 * [none]
         if dr.width(stopped):
@@ -94,36 +108,34 @@ class FirstLight:
                 dr.gather(mi.Float, column, stopped) for column in (x, y, dx, dy, power, back)
             )
             there = x + back * dx, y + back * dy
-            left, left_squares = _densities(grid, raised.shape, x, y, power, power * power)
-            arrived, arrived_squares = _densities(grid, raised.shape, *there, power, power * power)
+            amounts = power, power * power
+            tables = _scattered(grid, raised.shape, x, y, *amounts)
+            tables += _scattered(grid, raised.shape, *there, *amounts)
+            left, left_squares, arrived, arrived_squares = _densities(raised.shape, tables)
         rest, squares = self._at_rest
         told = None
         if surface.bulges:
-            counted = (uniform_filter(a, round(TOLD_MM / surface.pitch_mm)) for a in (left + arrived, rest))
-            moved, all_of_them = counted
-            told = np.clip(moved / np.maximum(TOLD_SHARE * all_of_them, 1e-30), 0.0, 1.0).astype(np.float32)
-            gone, come = self._drifted(surface, grid, told, dr.gather(mi.UInt32, near, stopped))
-            left, arrived = left + gone, arrived + come
-        upright, flat = surface.normals[..., 2], base_normals(surface)[2]
+            moved = self._counted(left + arrived) / np.maximum(TOLD_SHARE * self._around_at_rest, 1e-30)
+            told = np.clip(moved, 0.0, 1.0).astype(np.float32)
+            arrived = arrived + self._drifted(surface, grid, told, dr.gather(mi.UInt32, near, stopped))
+        upright, flat = surface.normals[..., 2], self._flat
         on_gel = np.isfinite(surface.base_mm)
         light = (rest - left + arrived) * upright - rest * flat
         # Photons that stay count by what the slope makes of them, the others by where they come and go.
         varies = (squares - left_squares) * (upright - flat) ** 2 + arrived_squares * upright**2
         varies += left_squares * flat**2
-        light, varies = (np.where(on_gel, one, 0.0).astype(np.float32) for one in (light, varies))
-        return IrradianceChange(light, varies, told)
+        found = [np.where(on_gel, one, 0.0).astype(np.float32) for one in (light, varies)]
+        return IrradianceChange(found[0], found[1], told)
 
-    def _drifted(
-        self, surface: Surface, grid: NodeTables, told: Single, stopped: Any
-    ) -> tuple[Single, Single]:
-        """Power over projected area (1/mm2) from where photons would land to where lowered gel has them land.
+    def _drifted(self, surface: Surface, grid: NodeTables, told: Single, stopped: Any) -> Single:
+        """Power over projected area (1/mm2) that lands on lowered gel, less what would without the press.
 
         Of photons that nothing stops, where there is something to learn from photons. Each goes on about as
         far as its neighbours, so that their grain stays what it is.
         """
         none = np.zeros(told.shape, dtype=np.float32)
         if not (told > 0).any():
-            return none, none
+            return none
         x, y, *_ = self._photons
         free = dr.full(mi.Bool, True, dr.width(x))
         dr.scatter(free, False, stopped)
@@ -133,28 +145,28 @@ class FirstLight:
         boxed &= (y >= some_y.min() - margin) & (y <= some_y.max() + margin)
         near = dr.compress(free & boxed)
         if not dr.width(near):
-            return none, none
+            return none
         x, y = (dr.gather(mi.Float, column, near) for column in (x, y))
-        told_at = mi.Float(np.ascontiguousarray(told).ravel())
+        told_at = on_device(told)
         moving = dr.compress((grid.sample(grid.raised, x, y) < 0) & (grid.sample(told_at, x, y) > 0))
         if not dr.width(moving):
-            return none, none
+            return none
         moving = dr.gather(mi.UInt32, near, moving)
         x, y, z, dx, dy, dz, power = (dr.gather(mi.Float, column, moving) for column in self._photons)
-        p, q = (
-            grid.sample(mi.Float(np.nan_to_num(slope).astype(np.float32).ravel()), x, y)
-            for slope in (surface.base_p, surface.base_q)
-        )
-        sinking = dr.maximum(dz - p * dx - q * dy, 1e-3)
+        sinking = dz
+        for slope, along in ((surface.base_p, dx), (surface.base_q, dy)):
+            slope = np.nan_to_num(slope)
+            if slope.any():
+                sinking = sinking - grid.sample(on_device(slope), x, y) * along
+        sinking = dr.maximum(sinking, 1e-3)
         furthest = FURTHEST_MM / dr.maximum(dr.sqrt(dx * dx + dy * dy), 1e-3)
         back = dr.zeros(mi.Float, dr.width(x))
         for _ in range(DRIFTS):
             gap = z + back * dz - grid.sample(grid.z, x + back * dx, y + back * dy)
             back = dr.clip(back - gap / sinking, -furthest, 0.0)
-        moved = ((x, y), (x + back * dx, y + back * dy))
-        gone, come = (_scattered(grid, told.shape, *at, power)[0] for at in moved)
-        dr.eval(gone, come)  # in one kernel
-        return np.asarray(gone).reshape(told.shape), np.asarray(come).reshape(told.shape)
+        change = _scattered(grid, told.shape, x + back * dx, y + back * dy, power)
+        _scattered(grid, told.shape, x, y, -power, into=change)
+        return _densities(told.shape, change)[0]
 
 
 def _box(
@@ -193,17 +205,21 @@ def _last_crossing(grid: NodeTables, place: Any, way: Any, enters: Any, leaves: 
     return found
 
 
-def _densities(grid: NodeTables, shape: tuple[int, ...], x: Any, y: Any, *amounts: Any) -> list[Single]:
-    """Amounts over projected area (1/mm2), each photon's shared among the four nodes around it."""
-    tables = _scattered(grid, shape, x, y, *amounts)
+def _densities(shape: tuple[int, ...], tables: list[Any]) -> list[Single]:
+    """Tables that `_scattered` made as images."""
     dr.eval(*tables)  # in one kernel
     return [np.asarray(table).reshape(shape) for table in tables]
 
 
-def _scattered(grid: NodeTables, shape: tuple[int, ...], x: Any, y: Any, *amounts: Any) -> list[Any]:
-    """Tables of these amounts, not yet evaluated."""
+def _scattered(
+    grid: NodeTables, shape: tuple[int, ...], x: Any, y: Any, *amounts: Any, into: list[Any] | None = None
+) -> list[Any]:
+    """Tables of amounts over projected area (1/mm2), each photon's shared among the four nodes around it.
+
+    They are not evaluated yet; given some, amounts are added to these.
+    """
     rows, columns = shape
-    tables = [dr.zeros(mi.Float, rows * columns) for _ in amounts]
+    tables = [dr.zeros(mi.Float, rows * columns) for _ in amounts] if into is None else into
     u, v = grid.place(x, y)
     column, row = mi.Int32(dr.floor(u)), mi.Int32(dr.floor(v))
     a, b = u - mi.Float(column), v - mi.Float(row)

@@ -81,7 +81,9 @@ class Field:
 
     def vector(self, group: int) -> Single:
         """Vector irradiance at nodes as of `Bins`, shape (3, rows, columns), no bins merged."""
-        found = np.tensordot(_directions().astype(np.float32), self.power[group], ([0, 1], [2, 3]))
+        cells, bins = self.power[group].shape[:2], SLANTS * AZIMUTHS
+        summed = self.power[group].reshape(-1, bins) @ _directions().reshape(bins, 3).astype(np.float32)
+        found = np.moveaxis(summed.reshape(*cells, 3), -1, 0)
         for axis in (1, 2):
             found = _at_nodes(found, axis)
         return np.asarray(found, dtype=np.float32)

@@ -7,16 +7,16 @@ import numpy as np
 from designlab.core.types import Array, Single
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.optics.viewing_rays import Rays
-from designlab.simulation.render.engine import dr, mi
+from designlab.simulation.render.engine import dr
 from designlab.simulation.render.nodes import NodeTables
-from designlab.simulation.render.tables import bilinear
+from designlab.simulation.render.tables import bilinear, on_device
 
 SUBPIXELS = 2  # look-ups along each side of a pixel
 
 
 def look(grids: Single, surface: Surface, rays: Rays) -> Single:
     """Average radiance of the membrane that each pixel sees, shape (groups, rows, columns)."""
-    x0, y0, slope_x, slope_y = (mi.Float(column) for column in _looked(rays))
+    x0, y0, slope_x, slope_y = (on_device(column) for column in _looked(rays))
     grid = NodeTables.of(surface)
     x, y = x0, y0
     for _ in range(8):
@@ -24,7 +24,7 @@ def look(grids: Single, surface: Surface, rays: Rays) -> Single:
         x, y = x0 + slope_x * z, y0 + slope_y * z
     at = grid.place(x, y)
     shape = grid.rows, grid.columns
-    seen = [bilinear(mi.Float(np.ascontiguousarray(image).ravel()), *at, *shape) for image in grids]
+    seen = [bilinear(on_device(image), *at, *shape) for image in grids]
     dr.eval(*seen)
     pixels = [dr.block_sum(values, SUBPIXELS**2) / SUBPIXELS**2 for values in seen]
     return np.stack([np.asarray(values).reshape(rays.x_mm.shape) for values in pixels])

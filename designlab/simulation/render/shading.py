@@ -134,7 +134,10 @@ class Shader:
             landed = [first.change(surface) for first in self._first]
             if following is not None:
                 self._under_way = self._begun(following)
-            light += np.array([self._change(g, surface, pressed.choice, sums[g], landed) for g in groups])
+            tilted = self._tilted(surface) if surface.bulges else None
+            light += np.array(
+                [self._change(g, surface, pressed.choice, sums[g], landed, tilted) for g in groups]
+            )
             light = np.maximum(light, 0.0)
             if scene.path_length > (4 if scene.refracts else 2):
                 between = between_walls(surface, pressed.nodes, albedo / np.pi * light, self._around(albedo))
@@ -194,7 +197,9 @@ class Shader:
 
     @cached_property
     def _first(self) -> list[FirstLight]:
-        return [FirstLight(landings, self._untouched) for landings in self._landings]
+        found = [FirstLight(landings, self._untouched) for landings in self._landings]
+        self._landings = ()  # the device holds them now
+        return found
 
     @cached_property
     def _reach(self) -> float:
@@ -238,6 +243,7 @@ class Shader:
         choice: Choice,
         sums: tuple[Single, Single],
         landed: Sequence[IrradianceChange],
+        tilted: list[list[Single]] | None,
     ) -> Single:
         """By how much a press changes the irradiance of every grid node, but for light from wall to wall."""
         changes = []
@@ -247,24 +253,26 @@ class Shader:
             # Where light ends sharply the sum, from cells that are wider, may be far from the irradiance.
             gain = np.clip(part.irradiance[choice.nodes] / np.maximum(own, 1e-30), 0.0, MOST_GAIN)
             change = (pressed - own) * gain
-            if surface.bulges:
-                tilted = self._tilted(group, number, surface)
-                changes.append(tilted + choice.spread(change - tilted[choice.nodes], 0.0))
-            else:
+            if tilted is None:
                 changes.append(choice.spread(change, 0.0))
+            else:
+                own_slope = tilted[group][number]
+                changes.append(own_slope + choice.spread(change - own_slope[choice.nodes], 0.0))
         straight, again = changes
         if landed:
             straight = self._corrected(group, surface.pitch_mm, straight, landed[group])
         return straight + again
 
-    def _tilted(self, group: int, number: int, surface: Surface) -> Single:
+    def _tilted(self, surface: Surface) -> list[list[Single]]:
         """By how much slopes alone change the irradiance of every grid node, under the light at rest there.
 
-        Of light that comes straight (0) or again (1).
+        Of each group, and of light that comes straight and again.
         """
-        vector, rest = self._vectors[group][number]
-        normals = np.moveaxis(surface.normals, -1, 0).astype(np.float32)
-        return np.asarray(np.maximum(np.einsum("krc,krc->rc", normals, vector), 0.0) - rest)
+        normals = np.moveaxis(surface.normals, -1, 0).astype(np.float32, order="C")
+        return [
+            [np.maximum(np.einsum("krc,krc->rc", normals, vector), 0.0) - rest for vector, rest in own]
+            for own in self._vectors
+        ]
 
     @cached_property
     def _vectors(self) -> list[list[tuple[Single, Single]]]:

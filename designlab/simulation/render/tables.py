@@ -3,12 +3,33 @@
 from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from designlab.simulation.render.engine import dr, mi
+
+ALIGNED = 64  # bytes, that vector instructions load at once
 
 
 def held(value: int | float) -> Any:
     """Return a number that kernels read from memory, so that another value needs no other kernel."""
     return dr.opaque(mi.UInt32 if isinstance(value, int) else mi.Float, value)
+
+
+def on_device(values: NDArray[Any]) -> Any:
+    """Take an array to the device as one column of numbers, unsigned whole ones if it holds whole numbers.
+
+    Kernels are compiled for the alignment of what they read. NumPy's memory is aligned by chance, which would
+    have the same kernel compiled over and over; this is a copy, aligned like all others.
+    """
+    whole = np.issubdtype(values.dtype, np.integer)
+    dtype = np.dtype(np.uint32 if whole else np.float32)
+    spare = ALIGNED // dtype.itemsize
+    memory = np.empty(values.size + spare, dtype=dtype)
+    first = -memory.ctypes.data % ALIGNED // dtype.itemsize
+    column = memory[first : first + values.size]
+    column.reshape(values.shape)[...] = values
+    return (mi.UInt32 if whole else mi.Float)(column)
 
 
 def within(bounds: Iterable[tuple[Any, Any, float, float]]) -> tuple[Any, Any]:

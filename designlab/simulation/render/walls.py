@@ -10,7 +10,7 @@ from designlab.simulation.contact.surface import Surface
 from designlab.simulation.render.engine import dr, mi
 from designlab.simulation.render.lightfield import AZIMUTHS
 from designlab.simulation.render.nodes import RAISED_MM, Nodes, NodeTables
-from designlab.simulation.render.tables import cell, held, within
+from designlab.simulation.render.tables import cell, held, on_device, within
 
 FURTHEST_MM = 4.0  # reach of parallax
 BEYOND_MM = 20.0  # reach of light that the gel around throws on a wall
@@ -46,8 +46,8 @@ def horizon_of(surface: Surface, nodes: Nodes, reach_mm: float) -> Any:
 
     def step(distance: Any, rim: Any) -> Any:
         px, py = x + distance * dx, y + distance * dy
-        slope = (grid.sample(grid.z, px, py) - here) / distance
-        rim = dr.select(grid.sample(grid.raised, px, py) > RAISED_MM, dr.maximum(rim, slope), rim)
+        z, raised = grid.above(px, py)
+        rim = dr.select(raised > RAISED_MM, dr.maximum(rim, (z - here) / distance), rim)
         # Steps grow with the distance: far walls subtend less.
         return distance * 1.1 + 0.5 * grid.pitch_mm, rim
 
@@ -88,7 +88,7 @@ class Around(NamedTuple):
 
     def tables(self) -> Callable[[Any, Any], list[Any]]:
         """Look-up on the device: radiance of every group at points (mm), nothing beside the membrane."""
-        tables = [mi.Float(np.ascontiguousarray(image).ravel()) for image in self.radiance]
+        tables = [on_device(image) for image in self.radiance]
         rows, columns = (held(n) for n in self.radiance.shape[1:])
         x_mm, y_mm, pitch_mm = (held(float(v)) for v in self[1:])
 
@@ -114,7 +114,7 @@ def between_walls(surface: Surface, nodes: Nodes, radiance: Single, around: Arou
     ahead = normal.x * dx + normal.y * dy
     own = -ahead / dr.maximum(normal.z, 1e-3)
     undeformed = dr.gather(mi.Float, nodes.base_p, node) * dx + dr.gather(mi.Float, nodes.base_q, node) * dy
-    tables = [mi.Float(np.ascontiguousarray(image).ravel()) for image in radiance]
+    tables = [on_device(image) for image in radiance]
     beyond = around.tables()
 
     def going(distance: Any, *_: Any) -> Any:
@@ -122,9 +122,9 @@ def between_walls(surface: Surface, nodes: Nodes, radiance: Single, around: Arou
 
     def step(distance: Any, rim: Any, below: Any, *sums: Any) -> Any:
         px, py = x + distance * dx, y + distance * dy
-        slope = (grid.sample(grid.z, px, py) - here) / distance
-        raised = grid.sample(grid.raised, px, py) > RAISED_MM
-        top = dr.select(raised, slope, dr.minimum(slope, undeformed))
+        z, raised = grid.above(px, py)
+        slope = (z - here) / distance
+        top = dr.select(raised > RAISED_MM, slope, dr.minimum(slope, undeformed))
         seen = _strip(dr.maximum(rim, top), ahead, normal.z) - below
         index, inside = cell(*grid.place(px, py), grid.rows, grid.columns)
         added = tuple(

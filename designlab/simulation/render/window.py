@@ -11,6 +11,7 @@ from designlab.simulation.contact.surface import Surface
 from designlab.simulation.optics.viewing_rays import Rays
 from designlab.simulation.render import bridge
 from designlab.simulation.render.engine import dr, mi
+from designlab.simulation.render.tables import on_device
 from designlab.simulation.scene.scene import Dielectric, Scene
 
 ON_THE_WAY = ("interface", "window")  # boundaries between membrane and camera
@@ -34,10 +35,7 @@ def transmission(scene: Scene, surface: Surface, rays: Rays) -> Array:
     loaded = bridge.load_shapes(boundaries.values())
     at_x, at_y = rays.hit(surface)
     at_z = surface.sample(np.nan_to_num(surface.z_mm), at_x, at_y)
-    x, y, z, slope_x, slope_y = (
-        mi.Float(np.ascontiguousarray(a, dtype=np.float32).ravel())
-        for a in (at_x, at_y, at_z, rays.slope_x, rays.slope_y)
-    )
+    x, y, z, slope_x, slope_y = (on_device(a) for a in (at_x, at_y, at_z, rays.slope_x, rays.slope_y))
     beside = mi.Vector3f(*OFF_EDGES_MM, 0.0)
     ray = mi.Ray3f(mi.Point3f(x, y, z) + beside, dr.normalize(mi.Vector3f(slope_x, slope_y, 1.0)))
     for name in ON_THE_WAY:
