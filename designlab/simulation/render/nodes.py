@@ -69,8 +69,8 @@ def base_normals(surface: Surface) -> Array:
 class Choice:
     """Grid nodes that are shaded: all those on and beside the indentation, every few ones around it.
 
-    Gel that bulges is raised far beyond its contact too, but is smooth there: all nodes only near the contact
-    change pictures of presses by some 0.3 % of what the press changes, at sharp edges (docs/validation.md).
+    Gel that bulges is raised far beyond its contact too, but is smooth there: that all nodes only near the
+    contact are shaded changes pictures by less than 0.5 % of what the press does.
 
     Attributes
     ----------

@@ -268,7 +268,7 @@ class Shader:
 
         Of each group, and of light that comes straight and again.
         """
-        normals = np.moveaxis(surface.normals, -1, 0).astype(np.float32, order="C")
+        normals = np.nan_to_num(np.moveaxis(surface.normals, -1, 0).astype(np.float32, order="C"))
         return [
             [np.maximum(np.einsum("krc,krc->rc", normals, vector), 0.0) - rest for vector, rest in own]
             for own in self._vectors

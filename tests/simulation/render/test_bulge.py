@@ -15,6 +15,7 @@ from designlab.simulation.simulator import Simulator
 from geometries.probes import parse
 from tests.helpers.closed_forms import block_means
 from tests.simulation.render.test_landings import AREA_MM, PITCH_MM, lit, parallel_light
+from tests.simulation.render.test_photons import HOLLOW, view_of
 
 pytestmark = [pytest.mark.physics, pytest.mark.llvm, pytest.mark.usefixtures("backend"), pytest.mark.renders]
 
@@ -124,6 +125,32 @@ def test_nodes_cover_a_bulge_and_spread_what_is_linear():
         np.testing.assert_allclose(spread[:rows, :columns], plane[:rows, :columns], atol=1e-5)
     few = (plane.size / STRIDE**2) * 0.5
     assert Choice.near(with_ring(flat), 1.0).nodes.sum() < few
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("probe", ["sphere:4", "triangle:5"])
+def test_nodes_near_the_contact_are_enough_where_gel_bulges(probe, monkeypatch):
+    simulator = Simulator(ELASTIC, columns=160, samples=16, seed=1)
+    surface = simulator.surface(Press(probe=parse(probe), depth_mm=0.5, centre_mm=(0.7, -0.4)))
+    pressed, untouched = (simulator.frame(None, surface=s).basis for s in (surface, None))
+    few = Choice.near(surface, 1.0).nodes.sum()
+    monkeypatch.setattr("designlab.simulation.render.nodes.RIM_MM", np.inf)
+    assert few < 0.8 * Choice.near(surface, 1.0).nodes.sum()
+    everywhere = simulator.frame(None, surface=surface).basis
+    off = np.sqrt(np.mean((pressed - everywhere) ** 2) / np.mean((everywhere - untouched) ** 2))
+    print(f"{probe}: {100 * off:.2f} %")
+    assert off < 0.01
+
+
+@pytest.mark.slow
+def test_a_bulge_that_reaches_the_outline_of_the_gel_is_a_picture():
+    simulator = Simulator(HOLLOW, view=view_of(HOLLOW, 24, 18), samples=4, seed=1)
+    pressed = simulator.surface(BALL)
+    beside = ~np.isfinite(pressed.base_mm)
+    assert pressed.bulges
+    assert beside.any()
+    basis = simulator.frame(BALL, surface=pressed).basis
+    assert (basis > 0).all()
 
 
 def test_kernel_contact_has_no_nodes_for_bulges():
