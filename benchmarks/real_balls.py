@@ -25,7 +25,8 @@ from rival_methods import LookupTable, Perceptron
 from designlab.core.metrics import normal_error_deg
 from designlab.measurement import Measurement, load_measurement
 from designlab.reconstruction import normals
-from designlab.reconstruction.ball_samples import Setup
+from designlab.reconstruction.ball_samples import Setup, known_gel
+from designlab.reconstruction.ball_surface import BallSurface
 from designlab.reconstruction.balls import BallPress, ball_gradients
 from designlab.reconstruction.lab import LabCalibration, LeftOut, calibrate, left_out_errors, refine_centres
 from designlab.reconstruction.methods import Kernel, Method, Polynomial
@@ -113,7 +114,7 @@ def summary(presses: Sequence[Press]) -> Figures:
 def line(method: Method, left: LeftOut, found: Figures) -> str:
     """One line of the table."""
     return (
-        f"{method.name:44s} {left.trusted_deg:8.2f} {left.circle_deg:7.2f} {1000 * left.height_mm:7.1f}"
+        f"{method.name:44s} {left.contact_deg:8.2f} {left.circle_deg:7.2f} {1000 * left.height_mm:7.1f}"
         f" {1000 * left.combined:8.2f}  |"
         f"{1000 * found.rmse_mm:7.1f} {1000 * found.offset_mm:+7.1f} {1000 * found.rmse_after_mm:7.1f}"
         f" {found.normal_deg:8.2f}"
@@ -133,6 +134,14 @@ def main() -> None:
     refined = refine_centres(balls, background, setup)
     # a finer map moves them a little further
     refined = refine_centres(refined, background, setup, method=COARSE, rounds=2)
+    setup, gel = known_gel(refined, background, setup)
+    assert gel is not None
+    assert setup.thickness_mm is not None
+    for name, fitted in (("thickness (mm)", gel.thickness_mm), ("bias of the circles", gel.label_bias)):
+        print(f"{name}: {fitted.value:.3g}, 95 % from {fitted.low:.3g} to {fitted.high:.3g}")
+    surface = BallSurface(setup.ball_radius_mm, setup.thickness_mm, setup.poisson)
+    shares = [surface.contact_share(setup.contact_radius_px(b) * setup.mm_per_px) for b in refined]
+    print(f"contact over geometric circle: {min(shares):.3f} to {max(shares):.3f}")
     shift = np.subtract([b.centre_px for b in refined], [b.centre_px for b in balls])
     rms, mean = np.sqrt((shift**2).mean(axis=0)), shift.mean(axis=0)
     print(f"{len(balls)} balls; centres moved by {rms.round(2)} px RMS, mean {mean.round(2)} px")
@@ -143,7 +152,7 @@ def main() -> None:
     if not options.quick:
         methods.append(Perceptron())
     print(f"{'':44s} balls left out: deg, deg, um, deg um | presses: RMSE, offset, after (um), deg")
-    print(f"{'':44s}  trusted  circle  height  product  |")
+    print(f"{'':44s}  contact  circle  height  product  |")
     chosen, least = methods[0], np.inf
     for method in methods:
         left = left_out_errors(refined, background, setup, method=method)

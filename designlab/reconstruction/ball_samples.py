@@ -5,14 +5,17 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.ndimage import gaussian_filter
 
 from designlab.core.types import Array, Mask
+from designlab.reconstruction.ball_surface import BallSurface
 from designlab.reconstruction.balls import BallPress, ball_gradients, smoothed
+from designlab.reconstruction.gel_fit import GelFit, ball_slopes, fit_gel
 from designlab.reconstruction.height import Boundary, normals
 from designlab.reconstruction.methods import Samples
 from designlab.reconstruction.pictures import thinned
 
-_FLAT_PIXELS = 500
+_FLAT_PIXELS, _AROUND_PIXELS = 500, 2000
 # Share of the circle that teaches the rim; beyond it a circle read off too large would teach bare membrane.
 _RIM = 0.95
 
@@ -24,9 +27,6 @@ class Setup(NamedTuple):
     ----------
     ball_radius_mm, mm_per_px : float
         Ball and scale of the pictures at the membrane.
-    trusted : float
-        Share of the contact radius within which the membrane follows the ball. It leaves the ball before
-        the circle that one sees.
     detail : float
         Height finer than this share of the balls' mean contact radius (the standard deviation of a Gaussian)
         is taken from a second map, which is taught almost the whole contact circle; 0 does without. See
@@ -37,6 +37,12 @@ class Setup(NamedTuple):
         Gaussian smoothing of the colour change, against grain and the blocks of compressed video.
     boundary : str
         Of the integration, see `integrate`.
+    thickness_mm : float, optional
+        Thickness of the gel. What is absent is fitted to the balls, see `known_gel`.
+    label_bias : float, optional
+        By how much more than the contact the circles measure that were read off, as a share of it.
+    poisson : float
+        Poisson's ratio of the gel; silicones have little less than 0.5.
     weighted : bool
         Weigh each pixel in the integration by the inverse of its expected error, which is learned from balls
         left out of the calibration.
@@ -44,12 +50,18 @@ class Setup(NamedTuple):
 
     ball_radius_mm: float
     mm_per_px: float
-    trusted: float = 0.78
     detail: float = 0.5
     flat_beyond: float = 2.5
     smoothing_px: float = 2.0
     boundary: Boundary = "dirichlet"
     weighted: bool = True
+    thickness_mm: float | None = None
+    label_bias: float | None = None
+    poisson: float = 0.49
+
+    def contact_radius_px(self, ball: BallPress) -> float:
+        """Radius within which the gel touches the ball: of the circle read off, less its bias."""
+        return ball.contact_radius_px / (1 + (self.label_bias or 0.0))
 
 
 def ball_samples(
@@ -69,20 +81,101 @@ def ball_samples(
     spread : array, shape (channels,)
         Root mean square colour change over the contacts: the unit of colour.
     parts : list of list of Samples
-        Samples of each ball from the trusted part of its contact, then, unless `setup.detail` is 0, from
-        almost all of it.
+        Samples of each ball: the surface of the gel inside and around the contact, then, unless
+        `setup.detail` is 0, the ball to almost all of the circle read off.
 
     Raises
     ------
     ValueError
         If there are fewer than two balls, shapes differ, or nothing changes colour.
     """
+    background, spread, changes = _changes(balls, background, setup)
+    assert setup.thickness_mm is not None
+    surface = BallSurface(setup.ball_radius_mm, setup.thickness_mm, setup.poisson)
+    base_p, base_q = base or (np.zeros(background.shape[:2]), np.zeros(background.shape[:2]))
+    position = positions(background.shape)
+
+    def samples(ball: BallPress, change: Array, rim: bool) -> Samples:
+        p, q, r_px = ball_truth(ball, setup)
+        u = (r_px / ball.contact_radius_px).ravel()
+        p, q = p - base_p, q - base_q
+        if not rim:
+            touched = r_px < setup.contact_radius_px(ball)
+            around = gel_slopes(ball, surface, setup)
+            p, q = (np.where(touched, own, gel) for own, gel in zip((p, q), around, strict=True))
+            if setup.smoothing_px:  # colours are smoothed, and follow the slopes so
+                p, q = (gaussian_filter(slope, setup.smoothing_px) for slope in (p, q))
+        contact = np.flatnonzero(u < (_RIM if rim else 1.0))
+        beyond = np.flatnonzero((u >= 1.0) & (u <= setup.flat_beyond))
+        around_px = thinned(beyond, 0 if rim else _AROUND_PIXELS)
+        flat = thinned(np.flatnonzero(u > setup.flat_beyond), _FLAT_PIXELS)
+        slope = -normals(p, q)[..., :2].reshape(-1, 2)
+        pixels = np.concatenate([contact, around_px, flat])
+        return Samples(
+            change.reshape(-1, change.shape[-1])[pixels] / spread,
+            position[pixels],
+            np.concatenate(
+                [slope[contact], slope[around_px], np.zeros((flat.size, 2)) if rim else slope[flat]]
+            ),
+            # every press counts alike, whatever its size
+            np.concatenate(
+                [
+                    np.full(contact.size, 3 * _FLAT_PIXELS / contact.size),
+                    np.full(around_px.size, 1.5 * _FLAT_PIXELS / max(around_px.size, 1)),
+                    np.ones(flat.size),
+                ]
+            ),
+        )
+
+    parts = [
+        [samples(ball, change, rim) for change, ball in zip(changes, balls, strict=True)]
+        for rim in ((False, True) if setup.detail > 0 else (False,))
+    ]
+    return background, spread, parts
+
+
+def known_gel(balls: Sequence[BallPress], background: ArrayLike, setup: Setup) -> tuple[Setup, GelFit | None]:
+    """Fit what is not stated of thickness and bias to the balls, see `gel_fit.fit_gel`.
+
+    Parameters
+    ----------
+    balls, background, setup
+        See `lab.calibrate`; centres are best refined before.
+
+    Returns
+    -------
+    setup : Setup
+        The setup with both stated.
+    fit : GelFit, optional
+        The fit with its intervals; None where both were stated.
+    """
+    if setup.thickness_mm is not None and setup.label_bias is not None:
+        return setup, None
+    _, spread, changes = _changes(balls, background, setup)
+    fit = fit_gel(
+        balls,
+        [change / spread for change in changes],
+        ball_radius_mm=setup.ball_radius_mm,
+        mm_per_px=setup.mm_per_px,
+        smoothing_px=setup.smoothing_px,
+        reach=setup.flat_beyond,
+        poisson=setup.poisson,
+        thickness_mm=setup.thickness_mm,
+        label_bias=setup.label_bias,
+    )
+    return setup._replace(thickness_mm=fit.thickness_mm.value, label_bias=fit.label_bias.value), fit
+
+
+def _changes(
+    balls: Sequence[BallPress], background: ArrayLike, setup: Setup
+) -> tuple[Array, Array, list[Array]]:
+    """Checked background, spread of colour over the circles, and change of colour of each ball."""
     background = np.asarray(background, dtype=float)
     if background.ndim != 3 or (background.mean(axis=(0, 1)) <= 0).any():
         raise ValueError("background: must have shape (rows, columns, channels) and light in each channel")
     if len(balls) < 2:
         raise ValueError(f"balls: at least 2 are needed, got {len(balls)}")
-    changes, truths = [], []
+    changes, inside = [], []
     for number, ball in enumerate(balls):
         image = np.asarray(ball.image, dtype=float)
         if image.shape != background.shape or not np.isfinite(image).all():
@@ -90,40 +183,25 @@ def ball_samples(
                 f"balls[{number}].image: must be finite of shape {background.shape}, got {image.shape}"
             )
         changes.append(relative_change(image, background, setup.smoothing_px, None))
-        truths.append(ball_truth(ball, setup))
-        if not (truths[-1][2] < setup.trusted * ball.contact_radius_px).any():
+        circle = ball_truth(ball, setup)[2] < ball.contact_radius_px
+        if not circle.any():
             raise ValueError(f"balls[{number}].centre_px: the contact lies outside the picture")
-    inside = [
-        change[r_px < ball.contact_radius_px]
-        for change, (_, _, r_px), ball in zip(changes, truths, balls, strict=True)
-    ]
+        inside.append(changes[-1][circle])
     spread = np.sqrt((np.concatenate(inside) ** 2).mean(axis=0))
     if not (spread > 0).all():
         raise ValueError("balls: each channel must change colour in the contacts")
-    base_p, base_q = base or (np.zeros(background.shape[:2]), np.zeros(background.shape[:2]))
-    position = positions(background.shape)
+    return background, spread, changes
 
-    def samples(change: Array, p: Array, q: Array, u: Array, share: float) -> Samples:
-        contact = np.flatnonzero(u < share)
-        flat = thinned(np.flatnonzero(u > setup.flat_beyond), _FLAT_PIXELS)
-        relative = -normals(p - base_p, q - base_q)[..., :2].reshape(-1, 2)
-        pixels = np.concatenate([contact, flat])
-        return Samples(
-            change.reshape(-1, change.shape[-1])[pixels] / spread,
-            position[pixels],
-            np.concatenate([relative[contact], np.zeros((flat.size, 2))]),
-            # every press counts alike, whatever its size
-            np.concatenate([np.full(contact.size, 3 * _FLAT_PIXELS / contact.size), np.ones(flat.size)]),
-        )
 
-    parts = [
-        [
-            samples(change, p, q, (r_px / ball.contact_radius_px).ravel(), share)
-            for change, (p, q, r_px), ball in zip(changes, truths, balls, strict=True)
-        ]
-        for share in ((setup.trusted, _RIM) if setup.detail > 0 else (setup.trusted,))
-    ]
-    return background, spread, parts
+def gel_slopes(ball: BallPress, surface: BallSurface, setup: Setup) -> tuple[Array, Array]:
+    """Slopes p, q of the gel at the pixels of a ball's picture, inside its contact and around it."""
+    rows, columns = np.indices(np.asarray(ball.image).shape[:2])
+    return ball_slopes(
+        surface,
+        np.asarray((columns - ball.centre_px[0]) * setup.mm_per_px),
+        np.asarray((ball.centre_px[1] - rows) * setup.mm_per_px),
+        setup.contact_radius_px(ball) * setup.mm_per_px,
+    )
 
 
 def ball_truth(ball: BallPress, setup: Setup) -> tuple[Array, Array, Array]:

@@ -10,8 +10,16 @@ from scipy.ndimage import gaussian_filter
 
 from designlab.core.metrics import normal_error_deg
 from designlab.core.types import Array, Mask
-from designlab.reconstruction.ball_samples import Setup, ball_samples, ball_truth, positions, relative_change
+from designlab.reconstruction.ball_samples import (
+    Setup,
+    ball_samples,
+    ball_truth,
+    known_gel,
+    positions,
+    relative_change,
+)
 from designlab.reconstruction.balls import BallPress
+from designlab.reconstruction.gel_fit import GelFit
 from designlab.reconstruction.height import gradients_of, integrate, normals
 from designlab.reconstruction.methods import (
     Kernel,
@@ -55,10 +63,10 @@ class FittedMap(NamedTuple):
 class LabCalibration:
     """A calibration made from ball presses.
 
-    Near the rim of a contact the membrane has left the ball, but one colour there also occurs further in. A
-    map taught the ball's slopes up to the rim makes contacts too steep within it and so too high; one taught
-    the inner part alone gets heights right and rounds the rim. So the first gives the fine detail of the
-    height, the second all that is wider.
+    Within the circle that one sees the gel has left the ball, as an elastic layer does. A map taught the
+    ball's slopes up to the circle knows the object, and makes contacts too high; one taught the layer's
+    surface, inside and around the contact, gets heights right and rounds the rim. So the first gives the fine
+    detail of the height, the second all that is wider.
 
     Attributes
     ----------
@@ -69,11 +77,13 @@ class LabCalibration:
     spread : array, shape (channels,)
         Root mean square colour change over the contacts: the unit of colour.
     inner : FittedMap
-        Map taught the trusted part of the contacts.
+        Map taught the surface of the gel.
     rim : FittedMap, optional
-        Map taught almost all of the contacts.
+        Map taught the ball to almost all of the circles.
     detail_px : float
         Standard deviation of the Gaussian that parts fine from wide.
+    gel : GelFit, optional
+        Fit of thickness and bias of the circles; None where both were stated.
     """
 
     background: Array
@@ -82,6 +92,7 @@ class LabCalibration:
     inner: FittedMap
     rim: FittedMap | None = None
     detail_px: float = 0.0
+    gel: GelFit | None = None
 
     def gradients(self, image: ArrayLike, *, mask: Mask | None = None) -> tuple[Array, Array]:
         """Slopes p = dz/dx, q = dz/dy of the indentation by the inner map, pixel by pixel.
@@ -159,14 +170,14 @@ class LeftOut(NamedTuple):
 
     Attributes
     ----------
-    trusted_deg, circle_deg : float
-        Mean angle between normals within the trusted part of the contact circle, and within all of it.
+    contact_deg, circle_deg : float
+        Mean angle between normals and the ball's within the contact, and within the circle read off.
     height_mm : float
-        Root mean square error of height within the trusted part; the mean of each ball is free, since its
+        Root mean square error of height within the contact; the mean of each ball is free, since its
         depth is not known.
     """
 
-    trusted_deg: float
+    contact_deg: float
     circle_deg: float
     height_mm: float
 
@@ -197,7 +208,7 @@ def calibrate(
     background : array, shape (rows, columns, channels)
         The untouched gel.
     setup : Setup
-        Scale, ball and what is known of the gel.
+        Scale, ball and what is known of the gel; the rest is fitted, see `ball_samples.known_gel`.
     method : Method, optional
         See `methods`; `Kernel()` when absent.
     base : pair of arrays, shape (rows, columns), optional
@@ -208,6 +219,7 @@ def calibrate(
     ValueError
         If there are fewer than two balls, or shapes differ.
     """
+    setup, gel = known_gel(balls, background, setup)
     background, spread, parts = ball_samples(balls, background, setup, base)
     method = method or Kernel()
     fits = []
@@ -216,14 +228,21 @@ def calibrate(
         if setup.weighted:
             error = expected_error(presses, _predicted(method.fit_without_each(presses), presses))
         fits.append(FittedMap(method.fit(presses), error))
-    return _assembled(balls, background, setup, spread, fits)
+    return _assembled(balls, background, setup, spread, fits, gel)
 
 
 def _assembled(
-    balls: Sequence[BallPress], background: Array, setup: Setup, spread: Array, fits: Sequence[FittedMap]
+    balls: Sequence[BallPress],
+    background: Array,
+    setup: Setup,
+    spread: Array,
+    fits: Sequence[FittedMap],
+    gel: GelFit | None = None,
 ) -> LabCalibration:
     detail_px = setup.detail * float(np.mean([ball.contact_radius_px for ball in balls]))
-    return LabCalibration(background, setup, spread, fits[0], fits[1] if len(fits) > 1 else None, detail_px)
+    return LabCalibration(
+        background, setup, spread, fits[0], fits[1] if len(fits) > 1 else None, detail_px, gel
+    )
 
 
 def _predicted(fits: Sequence[Predictor], presses: Sequence[Samples]) -> list[Array]:
@@ -255,7 +274,8 @@ def refine_centres(
         Times that all balls are moved.
     """
     balls, method = list(balls), method or Polynomial()
-    plain = setup._replace(detail=0.0, weighted=False)
+    known, _ = known_gel(balls, background, setup)
+    plain = known._replace(detail=0.0, weighted=False)
     rows, columns = np.indices(np.asarray(background).shape[:2])
     reach_px = setup.ball_radius_mm / setup.mm_per_px
     for _ in range(rounds):
@@ -263,7 +283,7 @@ def refine_centres(
         for ball, shape in zip(balls, _left_out(balls, background, plain, method), strict=True):
             normal = normals(shape.p, shape.q)
             r = np.hypot(columns - ball.centre_px[0], rows - ball.centre_px[1])
-            near = r < 0.9 * setup.trusted * ball.contact_radius_px
+            near = r < known.contact_radius_px(ball)
             column = np.median((columns - normal[..., 0] * reach_px)[near])
             row = np.median((rows + normal[..., 1] * reach_px)[near])
             moved.append(ball.moved((float(column), float(row))))
@@ -276,14 +296,15 @@ def left_out_errors(
 ) -> LeftOut:
     """Errors on each ball of a calibration on the others, on a flat gel. Parameters as `calibrate`."""
     errors = []
+    setup, _ = known_gel(balls, background, setup)
     for ball, shape in zip(balls, _left_out(balls, background, setup, method or Kernel()), strict=True):
         p, q, r_px = ball_truth(ball, setup)
         error_deg = normal_error_deg(normals(shape.p, shape.q), normals(p, q))
         inside = r_px < ball.contact_radius_px
-        trusted = r_px < setup.trusted * ball.contact_radius_px
+        contact = r_px < setup.contact_radius_px(ball)
         cap = np.sqrt(np.maximum(setup.ball_radius_mm**2 - (r_px * setup.mm_per_px) ** 2, 0.0))
-        height = (shape.height_mm - cap)[trusted]
-        errors.append((error_deg[trusted].mean(), error_deg[inside].mean(), height.std()))
+        height = (shape.height_mm - cap)[contact]
+        errors.append((error_deg[contact].mean(), error_deg[inside].mean(), height.std()))
     return LeftOut(*(float(mean) for mean in np.mean(errors, axis=0)))
 
 
@@ -304,6 +325,7 @@ def choose_method(
     """
     if not methods:
         raise ValueError("methods: must hold a candidate")
+    setup, _ = known_gel(balls, background, setup)
     table = [(method, left_out_errors(balls, background, setup, method=method)) for method in methods]
     return min(table, key=lambda row: row[1].combined)[0], table
 

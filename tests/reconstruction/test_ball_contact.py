@@ -1,0 +1,74 @@
+"""The gel under a calibration ball, against the exact integral equation, and what balls tell of it."""
+
+import numpy as np
+import pytest
+
+from designlab.reconstruction import normals
+from designlab.reconstruction.ball_samples import Setup, known_gel
+from designlab.reconstruction.ball_surface import BallSurface
+from designlab.reconstruction.balls import BallPress
+from designlab.validation.synthetic.elastic_contact import ElasticBase, press_ball
+
+RADIUS_MM, PITCH_MM, POISSON = 3.0, 0.1, 0.49
+SHAPE = (150, 160)
+ROWS, COLUMNS = np.indices(SHAPE)
+CENTRES = [(c, r) for c in (40, 80, 120) for r in (38, 75, 112)]
+DEPTHS_MM = (0.25, 0.5, 0.35, 0.6, 0.3, 0.45, 0.55, 0.4, 0.5)
+AZIMUTHS = np.radians([90.0, 210.0, 330.0])
+TOWARD = np.stack([0.77 * np.cos(AZIMUTHS), 0.77 * np.sin(AZIMUTHS), np.full(3, 0.64)])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("thickness_mm", [1.5, 4.0, 9.0])
+@pytest.mark.parametrize("depth_mm", [0.3, 0.7, 1.1])
+def test_contact_and_surface_are_those_of_the_integral_equation(thickness_mm, depth_mm):
+    exact = press_ball(ElasticBase(1.0, POISSON, thickness_mm), ball_radius_mm=RADIUS_MM, depth_mm=depth_mm)
+    surface, radius = BallSurface(RADIUS_MM, thickness_mm, POISSON), exact.contact_radius_mm
+    assert surface.depth_mm(radius) == pytest.approx(depth_mm, rel=0.02)
+    cut = np.sqrt(depth_mm * (2 * RADIUS_MM - depth_mm))
+    assert surface.contact_share(radius) == pytest.approx(radius / cut, rel=0.01)
+    # beyond the rim itself, where slopes fall steeply
+    r = np.linspace(1.1 * radius, 3 * radius, 40)
+    truth = (exact.surface_mm(r + 0.005) - exact.surface_mm(r - 0.005)) / 0.01
+    assert np.sqrt(((surface.slope(r, radius) - truth) ** 2).mean()) < 0.01
+    inside = np.array([0.0, 0.5, 0.95]) * radius
+    np.testing.assert_allclose(surface.slope(inside, radius), -inside / np.sqrt(RADIUS_MM**2 - inside**2))
+
+
+def picture(p, q, noise, seed):
+    """Lambert's law for three lights with noise."""
+    light = np.maximum(normals(p, q) @ TOWARD, 0)
+    return light + noise * np.random.default_rng(seed).normal(size=light.shape)
+
+
+def made(thickness_mm, bias):
+    """Pictures of balls on a layer solved exactly, with circles read off too large and with scatter."""
+    draw, balls = np.random.default_rng(3), []
+    distances = np.linspace(0.0, 12.0, 500)
+    for number, (centre, depth) in enumerate(zip(CENTRES, DEPTHS_MM, strict=True)):
+        exact = press_ball(ElasticBase(1.0, POISSON, thickness_mm), ball_radius_mm=RADIUS_MM, depth_mm=depth)
+        x, y = (COLUMNS - centre[0]) * PITCH_MM, (centre[1] - ROWS) * PITCH_MM
+        r = np.hypot(x, y)
+        ratio = np.interp(r, distances, np.gradient(exact.surface_mm(distances), distances)) / np.maximum(
+            r, 1e-9
+        )
+        radius_px = exact.contact_radius_mm / PITCH_MM * (1 + bias) + draw.normal(scale=0.2)
+        balls.append(BallPress(picture(ratio * x, ratio * y, 0.01, number), centre, radius_px))
+    return balls, picture(np.zeros(SHAPE), np.zeros(SHAPE), 0.0, 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("thickness_mm", "bias"), [(2.0, 0.1), (3.5, 0.0)])
+def test_thickness_and_bias_are_recovered(thickness_mm, bias):
+    balls, background = made(thickness_mm, bias)
+    setup, fit = known_gel(balls, background, Setup(RADIUS_MM, PITCH_MM, smoothing_px=1.0))
+    print(fit.thickness_mm, fit.label_bias)
+    assert fit.thickness_mm.low <= thickness_mm <= fit.thickness_mm.high
+    assert fit.label_bias.low <= bias <= fit.label_bias.high
+    assert setup.thickness_mm == pytest.approx(thickness_mm, rel=0.15)
+    assert setup.label_bias == pytest.approx(bias, abs=0.03)
+    # a thickness that is known is kept
+    known, told = known_gel(balls, background, Setup(RADIUS_MM, PITCH_MM, thickness_mm=thickness_mm))
+    assert known.thickness_mm == thickness_mm
+    assert told.label_bias.low <= bias <= told.label_bias.high
+    assert known_gel(balls, background, known) == (known, None)
