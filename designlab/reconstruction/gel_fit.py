@@ -16,6 +16,8 @@ from designlab.reconstruction.methods import Kernel, Samples
 
 THICKNESSES = (0.4, 0.6, 0.9, 1.35, 2.0, 3.0, 4.5)  # tried, in ball radii; the last is nearly a half space
 BIASES = (-0.09, -0.02, 0.05, 0.12, 0.19, 0.26)  # tried
+NEARER = (0.6, 0.77, 1.0, 1.25, 1.6)  # times the best thickness, tried next
+STEPS = (-0.05, -0.025, 0.0, 0.025, 0.05)  # from the best bias, tried next
 _PIXELS = 400  # a ball
 _DRAWS = 400
 _FINE = 121  # values between those tried
@@ -93,17 +95,29 @@ def fit_gel(
     views = [
         _View.of(ball, change, reach, smoothing_px, draw) for ball, change in zip(balls, changes, strict=True)
     ]
-    misfit = np.empty((len(thicknesses), len(biases), len(balls)))
-    for row, thickness in enumerate(thicknesses):
+
+    def misfit_at(thickness: float, bias: float) -> Array:
         surface = BallSurface(ball_radius_mm, thickness, poisson)
-        for column, bias in enumerate(biases):
-            samples = [view.samples(surface, bias, mm_per_px, smoothing_px) for view in views]
-            fits = _COLOUR.fit_without_each(samples)
-            misfit[row, column] = [
+        samples = [view.samples(surface, bias, mm_per_px, smoothing_px) for view in views]
+        fits = _COLOUR.fit_without_each(samples)
+        return np.array(
+            [
                 ((fit(s.signal, s.position) - s.slope) ** 2).mean()
                 for fit, s in zip(fits, samples, strict=True)
             ]
-    fine, evidence = _between(misfit, thicknesses, biases)
+        )
+
+    # once far apart, then about the best, where the misfit is a parabola
+    for finer in (False, True):
+        misfit = np.array([[misfit_at(t, b) for b in biases] for t in thicknesses])
+        fine, evidence = _between(misfit, thicknesses, biases)
+        if not finer:
+            row, column = np.unravel_index(evidence.mean(axis=-1).argmin(), evidence.shape[:2])
+            if len(thicknesses) > 1:
+                middle = min(fine[0][row], thicknesses[-1] / NEARER[-1])
+                thicknesses = [middle * factor for factor in NEARER]
+            if len(biases) > 1:
+                biases = [fine[1][column] + step for step in STEPS]
     shares = [np.full(len(balls), 1 / len(balls))]
     shares += list(draw.multinomial(len(balls), shares[0], size=_DRAWS) / len(balls))
     least = [np.unravel_index((evidence @ share).argmin(), evidence.shape[:2]) for share in shares]
