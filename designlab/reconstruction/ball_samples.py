@@ -1,5 +1,6 @@
 """What ball presses teach: samples of colour change, place and slope."""
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -18,6 +19,7 @@ from designlab.reconstruction.pictures import thinned
 _FLAT_PIXELS, _AROUND_PIXELS = 500, 2000
 # Share of the circle that teaches the rim; beyond it a circle read off too large would teach bare membrane.
 _RIM = 0.95
+_STEEPEST = 0.9  # contact radius over the ball's: no camera sees gel of 64 deg
 
 
 class Setup(NamedTuple):
@@ -148,7 +150,13 @@ def known_gel(balls: Sequence[BallPress], background: ArrayLike, setup: Setup) -
         The setup with both stated.
     fit : GelFit, optional
         The fit with its intervals; None where both were stated.
+
+    Raises
+    ------
+    ValueError
+        If a value of the setup is out of its bounds, a circle is too large for the ball, or balls are too few.
     """
+    _check(setup)
     if setup.thickness_mm is not None and setup.label_bias is not None:
         return setup, None
     _, spread, changes = _changes(balls, background, setup)
@@ -183,6 +191,12 @@ def _changes(
                 f"balls[{number}].image: must be finite of shape {background.shape}, got {image.shape}"
             )
         changes.append(relative_change(image, background, setup.smoothing_px, None))
+        most = _STEEPEST * setup.ball_radius_mm / setup.mm_per_px
+        if not 0 < setup.contact_radius_px(ball) < most:
+            raise ValueError(
+                f"balls[{number}].contact_radius_px: must be above 0 and below {_STEEPEST:g} of the ball's radius, "
+                f"{most * (1 + (setup.label_bias or 0.0)):.4g} px, got {ball.contact_radius_px:g}"
+            )
         circle = ball_truth(ball, setup)[2] < ball.contact_radius_px
         if not circle.any():
             raise ValueError(f"balls[{number}].centre_px: the contact lies outside the picture")
@@ -191,6 +205,18 @@ def _changes(
     if not (spread > 0).all():
         raise ValueError("balls: each channel must change colour in the contacts")
     return background, spread, changes
+
+
+def _check(setup: Setup) -> None:
+    """Refuse lengths, bias and Poisson's ratio that no gel has, by name."""
+    for name in ("ball_radius_mm", "mm_per_px", "thickness_mm"):
+        value = getattr(setup, name)
+        if value is not None and not 0 < value < math.inf:
+            raise ValueError(f"{name}: must be above 0 mm and finite, got {value:g}")
+    if setup.label_bias is not None and not -0.5 < setup.label_bias < 1:
+        raise ValueError(f"label_bias: must lie between -0.5 and 1, got {setup.label_bias:g}")
+    if not 0 < setup.poisson <= 0.5:
+        raise ValueError(f"poisson: must lie above 0 and be at most 0.5, got {setup.poisson:g}")
 
 
 def gel_slopes(ball: BallPress, surface: BallSurface, setup: Setup) -> tuple[Array, Array]:

@@ -7,21 +7,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import gaussian_filter
+from scipy.stats import t as student
 
 from designlab.core.types import Array
 from designlab.reconstruction.ball_surface import BallSurface
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.height import normals
-from designlab.reconstruction.methods import Kernel, Samples
+from designlab.reconstruction.methods import Kernel, Predictor, Samples
 
-THICKNESSES = (0.4, 0.6, 0.9, 1.35, 2.0, 3.0, 4.5)  # tried, in ball radii; the last is nearly a half space
-BIASES = (-0.09, -0.02, 0.05, 0.12, 0.19, 0.26)  # tried
-NEARER = (0.6, 0.77, 1.0, 1.25, 1.6)  # times the best thickness, tried next
-STEPS = (-0.05, -0.025, 0.0, 0.025, 0.05)  # from the best bias, tried next
+# The ball's radius over the thickness: a half space is no more than 0 of it, and little differs from 0.2.
+_THINNESS = (0.22, 0.4, 0.67, 1.0, 1.5, 2.2)
+_NEARER = ((0.6, 0.8, 1.0, 1.2, 1.4), (0.8, 0.9, 1.0, 1.1, 1.2))  # times the best one, tried next
+_WIDE = (-0.12, -0.06, 0.0, 0.06, 0.12, 0.18, 0.24)  # biases tried at first
+_NARROW = (-0.03, 0.0, 0.03)  # tried about what was found
+_LEAST_BALLS = 3
 _PIXELS = 400  # a ball
-_DRAWS = 400
-_FINE = 121  # values between those tried
-_LIKELY = (2.5, 97.5)  # percentiles of 95 %
+_FINE = 801  # values between those tried
+_LIKELY = 0.975  # of Student's distribution: 95 % between both ends
 _SLOPE = 0.3  # unit of slope
 _COLOUR = Kernel(ridge=1e-3, colour_scale=1.0, position_scale=1.5, features=120)
 
@@ -42,15 +44,14 @@ class GelFit(NamedTuple):
     thickness_mm : Estimate
         Thickness of the gel.
     label_bias : Estimate
-        By how much more than the contact the circles measure that were read off, as a share of it.
-    misfit : array, shape (thicknesses, biases, balls)
-        Mean squared error of the colours of each ball, predicted from its surface by the other balls, in
-        squares of their spread, at the thicknesses and biases tried.
+        By how much more than the contacts the circles measure that were read off, as a share of them.
+    contact_radii_px : array, shape (balls,)
+        Contact radius of each ball.
     """
 
     thickness_mm: Estimate
     label_bias: Estimate
-    misfit: Array
+    contact_radii_px: Array
 
 
 def fit_gel(
@@ -68,16 +69,19 @@ def fit_gel(
 ) -> GelFit:
     """Find thickness and bias for which the same slope at the same place has the same colour.
 
-    For a thickness and a bias each ball's surface is known, inside its contact and around it (`BallSurface`).
-    Colour as a function of slope and place is learned from all balls but one and predicts the colours of that
-    one. A scale of all slopes is free in this, so that flat surfaces gain nothing. The balls count by the
-    logarithm of their errors, which is the likelihood of normal errors of unknown size, one for each ball.
-    Intervals come from drawing balls with replacement (Efron 1979).
+    For a thickness and a contact radius a ball's surface is known, inside its contact and around it
+    (`BallSurface`). Colour as a function of slope and place is learned from all balls but one and predicts
+    the colours of that one. The contact radius of each ball is found so, at each thickness; the thickness is
+    the one with the least errors, and the bias is what the circles have more than these radii, in the mean.
+    Balls count by the logarithm of their squared errors, the likelihood of normal errors of unknown size.
+
+    Intervals are by the jackknife: estimates without each ball in turn, and Student's distribution. That of
+    the thickness is symmetric in its inverse, in which the surface varies evenly up to a half space.
 
     Parameters
     ----------
     balls : sequence of BallPress
-        Ball presses with refined centres.
+        At least three, with refined centres.
     changes : sequence of arrays, shape (rows, columns, channels)
         Smoothed changes of colour in units of their spread.
     ball_radius_mm, mm_per_px, smoothing_px, poisson
@@ -87,66 +91,78 @@ def fit_gel(
     thickness_mm, label_bias : float, optional
         What is known is not fitted; its interval has no width.
     seed : int
-        Of pixels and draws.
+        Of the pixels.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than three balls.
     """
-    thicknesses = [thickness_mm] if thickness_mm is not None else [t * ball_radius_mm for t in THICKNESSES]
-    biases = [label_bias] if label_bias is not None else list(BIASES)
+    if len(balls) < _LEAST_BALLS:
+        raise ValueError(
+            f"balls: at least {_LEAST_BALLS} are needed to fit thickness_mm and label_bias of the gel, "
+            f"got {len(balls)}"
+        )
     draw = np.random.default_rng(seed)
     views = [
         _View.of(ball, change, reach, smoothing_px, draw) for ball, change in zip(balls, changes, strict=True)
     ]
-
-    def misfit_at(thickness: float, bias: float) -> Array:
-        surface = BallSurface(ball_radius_mm, thickness, poisson)
-        samples = [view.samples(surface, bias, mm_per_px, smoothing_px) for view in views]
-        fits = _COLOUR.fit_without_each(samples)
-        return np.array(
-            [
-                ((fit(s.signal, s.position) - s.slope) ** 2).mean()
-                for fit, s in zip(fits, samples, strict=True)
-            ]
-        )
-
-    # once far apart, then about the best, where the misfit is a parabola
-    for finer in (False, True):
-        misfit = np.array([[misfit_at(t, b) for b in biases] for t in thicknesses])
-        fine, evidence = _between(misfit, thicknesses, biases)
-        if not finer:
-            row, column = np.unravel_index(evidence.mean(axis=-1).argmin(), evidence.shape[:2])
-            if len(thicknesses) > 1:
-                middle = min(fine[0][row], thicknesses[-1] / NEARER[-1])
-                thicknesses = [middle * factor for factor in NEARER]
-            if len(biases) > 1:
-                biases = [fine[1][column] + step for step in STEPS]
-    shares = [np.full(len(balls), 1 / len(balls))]
-    shares += list(draw.multinomial(len(balls), shares[0], size=_DRAWS) / len(balls))
-    least = [np.unravel_index((evidence @ share).argmin(), evidence.shape[:2]) for share in shares]
-    found = np.array([(fine[0][row], fine[1][column]) for row, column in least])
-    best, drawn = found[0], found[1:]
-    estimates = []
-    for value, several, tried in zip(best, drawn.T, (thicknesses, biases), strict=True):
-        low, high = np.percentile(several, _LIKELY)
-        if len(tried) > 1 and tried is thicknesses and high >= 0.999 * tried[-1]:
-            high = np.inf
-        estimates.append(Estimate(float(value), float(low), float(high)))
-    return GelFit(estimates[0], estimates[1], misfit)
+    scene = _Scene(views, ball_radius_mm, mm_per_px, smoothing_px, poisson, label_bias)
+    if thickness_mm is not None:
+        thinness = np.array([ball_radius_mm / thickness_mm])
+        radii, misfit = scene.profile(thinness, scene.first_radii(thickness_mm), rounds=2)
+    else:
+        thinness = np.array(_THINNESS)
+        radii, misfit = scene.profile(thinness, scene.first_radii(1.5 * ball_radius_mm))
+        for rounds, factors in enumerate(_NEARER, start=1):
+            fine, evidence = _between(thinness, misfit)
+            best = fine[evidence.mean(axis=1).argmin()]
+            start = radii[np.abs(thinness - best).argmin()]
+            thinness = best * np.array(factors)
+            radii, misfit = scene.profile(thinness, start, rounds)
+    return _estimates(scene, thinness, radii, misfit)
 
 
-def _between(
-    misfit: Array, thicknesses: Sequence[float], biases: Sequence[float]
-) -> tuple[tuple[Array, Array], Array]:
-    """Thicknesses and biases between those tried, and the logarithm of each ball's misfit at them.
+def _estimates(scene: "_Scene", thinness: Array, radii: Array, misfit: Array) -> GelFit:
+    """Least misfit and its jackknife, from radii and misfit of each ball at each thinness tried."""
+    log_radii = np.log(radii)
+    radii_of = make_interp_spline(thinness, log_radii, k=min(2, thinness.size - 1))
+
+    def least(misfit: Array, kept: NDArray[np.intp]) -> tuple[float, float]:
+        fine, evidence = _between(thinness, misfit)
+        best = float(fine[evidence.mean(axis=1).argmin()])
+        return best, float((np.log(scene.labels_mm) - radii_of(best))[kept].mean())
+
+    every = np.arange(len(scene.views))
+    found = np.array(least(misfit, every))
+    parts = zip(scene.ball_radius_mm / thinness, radii, strict=True)
+    fewer = np.array([scene.misfits_without_each(*part) for part in parts])
+    without = np.array([least(fewer[:, each], np.delete(every, each)) for each in every])
+    error = np.sqrt((every.size - 1) * without.var(axis=0))
+    low, high = found + float(student.ppf(_LIKELY, every.size - 1)) * np.stack([-error, error])
+    # what lies at the end of what was tried is not bounded there
+    bounded = thinness.size == 1 or found[0] > thinness[0]
+    return GelFit(
+        Estimate(
+            scene.ball_radius_mm / found[0],
+            scene.ball_radius_mm / high[0],
+            scene.ball_radius_mm / low[0] if bounded and low[0] > 0 else np.inf,
+        ),
+        Estimate(*(float(np.expm1(value)) for value in (found[1], low[1], high[1]))),
+        np.exp(radii_of(found[0])) / scene.mm_per_px,
+    )
+
+
+def _between(tried: Array, misfit: Array) -> tuple[Array, Array]:
+    """Values between those tried, and the logarithm of each ball's misfit at them.
 
     The misfit itself is interpolated, which is nearly a parabola about its least, and never far below it.
     """
-    values = misfit
-    fine = []
-    for axis, known in enumerate((np.log(thicknesses), np.asarray(biases, dtype=float))):
-        fine.append(np.linspace(known[0], known[-1], _FINE) if known.size > 1 else known)
-        if known.size > 1:
-            values = make_interp_spline(known, values, k=2, axis=axis)(fine[axis])
-    floor = 0.5 * misfit.min(axis=(0, 1))
-    return (np.exp(fine[0]), fine[1]), np.log(np.maximum(values, floor))
+    if tried.size == 1:
+        return tried, np.log(misfit)
+    fine = np.linspace(tried[0], tried[-1], _FINE)
+    values = make_interp_spline(tried, misfit, k=2)(fine)
+    return fine, np.log(np.maximum(values, 0.5 * misfit.min(axis=0)))
 
 
 class _View(NamedTuple):
@@ -180,15 +196,103 @@ class _View(NamedTuple):
         flat = colour.reshape(-1, colour.shape[-1])
         return cls(ball.contact_radius_px, x, y, chosen, flat[chosen], place[chosen])
 
-    def samples(self, surface: BallSurface, bias: float, mm_per_px: float, smoothing_px: float) -> Samples:
-        """Slope vectors, smoothed as colours are, as what is known, and colours as what is looked for."""
-        p, q = ball_slopes(
-            surface, self.x_px * mm_per_px, self.y_px * mm_per_px, self.radius_px * mm_per_px / (1 + bias)
+
+class _Scene(NamedTuple):
+    """All balls, and how well the others predict the colours of each."""
+
+    views: Sequence[_View]
+    ball_radius_mm: float
+    mm_per_px: float
+    smoothing_px: float
+    poisson: float
+    label_bias: float | None
+
+    @property
+    def labels_mm(self) -> Array:
+        """Radii of the circles read off."""
+        return self.mm_per_px * np.array([view.radius_px for view in self.views])
+
+    def first_radii(self, thickness_mm: float) -> Array:
+        """Contact radii (mm) that all circles have with the same bias."""
+        if self.label_bias is not None:
+            return self.labels_mm / (1 + self.label_bias)
+        return self._scaled(thickness_mm, self.labels_mm, _WIDE)
+
+    def profile(self, thinness: Array, radii_mm: Array, rounds: int = 1) -> tuple[Array, Array]:
+        """Contact radii (mm) that fit best at each thinness, and misfits, shape (thinness, balls) both."""
+        found, misfits = [], []
+        for thickness in self.ball_radius_mm / thinness:
+            for _ in range(rounds):
+                if self.label_bias is None:
+                    radii_mm = self._scaled(thickness, radii_mm, _NARROW)
+                radii_mm = self._each_scaled(thickness, radii_mm)
+                if self.label_bias is not None:
+                    share = np.log(self.labels_mm / radii_mm).mean() - np.log1p(self.label_bias)
+                    radii_mm = radii_mm * np.exp(share)
+            found.append(radii_mm)
+            misfits.append(self._misfit(thickness, radii_mm))
+        return np.array(found), np.array(misfits)
+
+    def _scaled(self, thickness_mm: float, radii_mm: Array, biases: Sequence[float]) -> Array:
+        """Contact radii less the bias, common to all, of the least misfit."""
+        misfit = np.array([self._misfit(thickness_mm, radii_mm / (1 + bias)) for bias in biases])
+        fine, evidence = _between(np.array(biases), misfit)
+        return np.asarray(radii_mm / (1 + fine[evidence.mean(axis=1).argmin()]))
+
+    def _each_scaled(self, thickness_mm: float, radii_mm: Array) -> Array:
+        """Contact radii, each as suits what the others say with theirs."""
+        surface, _, fits = self._fits(thickness_mm, radii_mm)
+        misfit = np.array(
+            [
+                [
+                    _error(fit, self._samples(view, surface, radius / (1 + bias)))
+                    for view, radius, fit in zip(self.views, radii_mm, fits, strict=True)
+                ]
+                for bias in _NARROW
+            ]
         )
-        if smoothing_px:
-            p, q = gaussian_filter(p, smoothing_px), gaussian_filter(q, smoothing_px)
-        slope = -normals(p, q)[..., :2].reshape(-1, 2)[self.chosen]
-        return Samples(slope / _SLOPE, self.position, self.colour, np.ones(self.chosen.size))
+        fine, evidence = _between(np.array(_NARROW), misfit)
+        return np.asarray(radii_mm / (1 + fine[evidence.argmin(axis=0)]))
+
+    def misfits_without_each(self, thickness_mm: float, radii_mm: Array) -> Array:
+        """Misfits as if each ball in turn did not exist, shape (balls, balls - 1)."""
+        _, samples, _ = self._fits(thickness_mm, radii_mm)
+        terms = [_COLOUR.normal(own) for own in samples]
+        rows = []
+        for each in range(len(samples)):
+            others, known = (part[:each] + part[each + 1 :] for part in (samples, terms))
+            fits = _COLOUR.solve_without_each(known)
+            rows.append([_error(fit, own) for fit, own in zip(fits, others, strict=True)])
+        return np.array(rows)
+
+    def _misfit(self, thickness_mm: float, radii_mm: Array) -> Array:
+        """Mean squared error of the colours of each ball, as predicted by the others."""
+        _, samples, fits = self._fits(thickness_mm, radii_mm)
+        return np.array([_error(fit, own) for fit, own in zip(fits, samples, strict=True)])
+
+    def _fits(
+        self, thickness_mm: float, radii_mm: Array
+    ) -> tuple[BallSurface, list[Samples], list[Predictor]]:
+        """Surface, samples of each ball, and maps from slope to colour that know nothing of one ball each."""
+        surface = BallSurface(self.ball_radius_mm, thickness_mm, self.poisson)
+        samples = [
+            self._samples(view, surface, radius) for view, radius in zip(self.views, radii_mm, strict=True)
+        ]
+        return surface, samples, _COLOUR.fit_without_each(samples)
+
+    def _samples(self, view: _View, surface: BallSurface, radius_mm: float) -> Samples:
+        """Slope vectors, smoothed as colours are, as what is known, and colours as what is looked for."""
+        p, q = ball_slopes(surface, view.x_px * self.mm_per_px, view.y_px * self.mm_per_px, radius_mm)
+        slope = -normals(p, q)[..., :2]
+        if self.smoothing_px:  # Lambert's law is linear in normals, so these are smoothed
+            slope = gaussian_filter(slope, (self.smoothing_px, self.smoothing_px, 0))
+        slope = slope.reshape(-1, 2)[view.chosen]
+        return Samples(slope / _SLOPE, view.position, view.colour, np.ones(view.chosen.size))
+
+
+def _error(fit: Predictor, samples: Samples) -> float:
+    """Mean squared error of colours."""
+    return float(((fit(samples.signal, samples.position) - samples.slope) ** 2).mean())
 
 
 def ball_slopes(
