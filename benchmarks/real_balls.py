@@ -100,6 +100,32 @@ def judge(calibration: LabCalibration, measurement: Measurement, *, robust: bool
     return presses
 
 
+def depth_errors_by_contact(
+    balls: Sequence[BallPress], background: Array, setup: Setup, measurement: Measurement
+) -> dict[str, float]:
+    """Depth of each sphere by its contact radius, less the stated depth (mm): no slope is integrated."""
+    assert setup.thickness_mm is not None
+    assert setup.label_bias is not None
+    surface = BallSurface(setup.ball_radius_mm, setup.thickness_mm, setup.poisson)
+    radii = np.linspace(0.05, 0.85, 400) * setup.ball_radius_mm
+    depths = [surface.depth_mm(radius) for radius in radii]
+    stated, spheres = {}, []
+    for frame in measurement.frames:
+        if frame.depth_mm is None or frame.centre_px is None or not (frame.probe or "").startswith("sphere"):
+            continue
+        stated[frame.file] = frame.depth_mm
+        circle = float(np.interp(frame.depth_mm, depths, radii)) * (1 + setup.label_bias)
+        image = np.asarray(measurement.image(frame), float)
+        spheres.append(BallPress(image, frame.centre_px, circle / setup.mm_per_px))
+    known = known_gel([*balls, *spheres], background, setup._replace(label_bias=None))
+    assert known.fit is not None
+    found = known.fit.contact_radii_px[len(balls) :] * setup.mm_per_px
+    return {
+        file: surface.depth_mm(float(radius)) - depth
+        for (file, depth), radius in zip(stated.items(), found, strict=True)
+    }
+
+
 def summary(presses: Sequence[Press]) -> Figures:
     """Mean figures, and the common offset of depth that leaves the least mean error."""
 
@@ -134,7 +160,7 @@ def main() -> None:
     refined = refine_centres(balls, background, setup)
     # a finer map moves them a little further
     refined = refine_centres(refined, background, setup, method=COARSE, rounds=2)
-    setup, gel = known_gel(refined, background, setup)
+    refined, setup, gel = known_gel(refined, background, setup)
     assert gel is not None
     assert setup.thickness_mm is not None
     for name, fitted in (("thickness (mm)", gel.thickness_mm), ("bias of the circles", gel.label_bias)):
@@ -142,6 +168,8 @@ def main() -> None:
     surface = BallSurface(setup.ball_radius_mm, setup.thickness_mm, setup.poisson)
     shares = [surface.contact_share(setup.contact_radius_px(b) * setup.mm_per_px) for b in refined]
     print(f"contact over geometric circle: {min(shares):.3f} to {max(shares):.3f}")
+    for name, beside in depth_errors_by_contact(refined, background, setup, measurement).items():
+        print(f"  {name}: its contact says a depth {1000 * beside:+.0f} um beside the stated")
     shift = np.subtract([b.centre_px for b in refined], [b.centre_px for b in balls])
     rms, mean = np.sqrt((shift**2).mean(axis=0)), shift.mean(axis=0)
     print(f"{len(balls)} balls; centres moved by {rms.round(2)} px RMS, mean {mean.round(2)} px")

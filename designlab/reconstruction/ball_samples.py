@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -136,7 +137,25 @@ def ball_samples(
     return background, spread, parts
 
 
-def known_gel(balls: Sequence[BallPress], background: ArrayLike, setup: Setup) -> tuple[Setup, GelFit | None]:
+class KnownGel(NamedTuple):
+    """Balls on a gel whose thickness is known.
+
+    Attributes
+    ----------
+    balls : list of BallPress
+        The balls; if something was fitted, their circles have the common bias alone and no scatter.
+    setup : Setup
+        The setup with thickness and bias stated.
+    fit : GelFit, optional
+        The fit with its intervals; None where both were stated.
+    """
+
+    balls: list[BallPress]
+    setup: Setup
+    fit: GelFit | None
+
+
+def known_gel(balls: Sequence[BallPress], background: ArrayLike, setup: Setup) -> KnownGel:
     """Fit what is not stated of thickness and bias to the balls, see `gel_fit.fit_gel`.
 
     Parameters
@@ -144,21 +163,14 @@ def known_gel(balls: Sequence[BallPress], background: ArrayLike, setup: Setup) -
     balls, background, setup
         See `lab.calibrate`; centres are best refined before.
 
-    Returns
-    -------
-    setup : Setup
-        The setup with both stated.
-    fit : GelFit, optional
-        The fit with its intervals; None where both were stated.
-
     Raises
     ------
     ValueError
-        If a value of the setup is out of its bounds, a circle is too large for the ball, or balls are too few.
+        If a value of the setup is out of bounds, a circle is too large for the ball, or balls are too few.
     """
     _check(setup)
     if setup.thickness_mm is not None and setup.label_bias is not None:
-        return setup, None
+        return KnownGel(list(balls), setup, None)
     _, spread, changes = _changes(balls, background, setup)
     fit = fit_gel(
         balls,
@@ -171,7 +183,13 @@ def known_gel(balls: Sequence[BallPress], background: ArrayLike, setup: Setup) -
         thickness_mm=setup.thickness_mm,
         label_bias=setup.label_bias,
     )
-    return setup._replace(thickness_mm=fit.thickness_mm.value, label_bias=fit.label_bias.value), fit
+    bias = fit.label_bias.value if setup.label_bias is None else setup.label_bias
+    circles = [
+        replace(ball, contact_radius_px=radius * (1 + bias))
+        for ball, radius in zip(balls, fit.contact_radii_px.tolist(), strict=True)
+    ]
+    known = setup._replace(thickness_mm=fit.thickness_mm.value, label_bias=bias)
+    return KnownGel(circles, known, fit)
 
 
 def _changes(
@@ -194,8 +212,8 @@ def _changes(
         most = _STEEPEST * setup.ball_radius_mm / setup.mm_per_px
         if not 0 < setup.contact_radius_px(ball) < most:
             raise ValueError(
-                f"balls[{number}].contact_radius_px: must be above 0 and below {_STEEPEST:g} of the ball's radius, "
-                f"{most * (1 + (setup.label_bias or 0.0)):.4g} px, got {ball.contact_radius_px:g}"
+                f"balls[{number}].contact_radius_px: must be above 0 and below {_STEEPEST:g} of the ball's "
+                f"radius, {most * (1 + (setup.label_bias or 0.0)):.4g} px, got {ball.contact_radius_px:g}"
             )
         circle = ball_truth(ball, setup)[2] < ball.contact_radius_px
         if not circle.any():

@@ -1,7 +1,7 @@
 """Surface of an elastic layer under a ball, from its contact radius, exact within linear elasticity.
 
-With S(qh) the layer's response as a share of a half space's, a ball of radius R that touches within the radius
-a has the pressure of a density chi with
+With S(qh) the layer's response as a share of a half space's, the pressure under a ball of radius R that
+touches within the radius a has a density chi with
 
     (pi/2) chi(t) - int_0^a K(t, s) chi(s) ds = d - t artanh(t/R),   K = int_0^inf (1 - S) cos qs cos qt dq
 
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import BSpline, make_interp_spline
 from scipy.special import j1
 
 from designlab.core.types import Array
@@ -79,13 +79,13 @@ class BallSurface:
         return np.asarray(ball * np.interp(r_mm / contact_radius_mm, _DISTANCES, beyond, right=0.0))
 
     @cached_property
-    def _solved(self):
+    def _solved(self) -> tuple[BSpline, BSpline]:
         return _table(self.thickness_mm / self.ball_radius_mm, self.poisson)
 
 
 @lru_cache(maxsize=64)
-def _table(thickness: float, poisson: float):
-    """Splines over the contact radius for a ball of radius 1: depth over its square, slopes over the rim's."""
+def _table(thickness: float, poisson: float) -> tuple[BSpline, BSpline]:
+    """Splines over the contact radius of a ball of radius 1: depth over its square, slopes over the rim's."""
     solved = [_contact(radius, thickness, poisson) for radius in _RADII]
     depths = np.array([depth for depth, _ in solved]) / _RADII**2
     return make_interp_spline(_RADII, depths, k=3), make_interp_spline(
@@ -113,14 +113,14 @@ def _contact(radius: float, thickness: float, poisson: float) -> tuple[float, Ar
     chi_slope = make_interp_spline(
         t, 2 / np.pi * (-np.arctanh(t) - t / (1 - t**2) - np.sin(np.outer(t, q)) @ wave), k=3
     )
-    r = _DISTANCES[1:] * radius
+    r = _DISTANCES[2:] * radius
     # int_0^a chi'(s) s / (r sqrt(r^2 - s^2)) ds with s = r sin(angle)
     angle, weight = _rule(_NODES, 1.0)
     last = np.arcsin(radius / r)[:, None]
     sine = np.sin(angle * last)
     half_space = (chi_slope(r[:, None] * sine) * sine * last) @ weight
     slopes = half_space + j1(np.outer(r, q)) @ wave
-    return depth, np.concatenate([[1.0], slopes / (-radius / np.sqrt(1 - radius**2))])
+    return depth, np.concatenate([[1.0, 1.0], slopes / (-radius / np.sqrt(1 - radius**2))])
 
 
 def _waves(distance: float, thickness: float) -> int:

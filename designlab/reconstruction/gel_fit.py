@@ -28,7 +28,7 @@ _SLOPE = 0.3  # unit of slope
 _COLOUR = Kernel(ridge=1e-3, colour_scale=1.0, position_scale=1.5, features=120)
 
 
-class Estimate(NamedTuple):
+class FittedValue(NamedTuple):
     """A value with its interval of 95 %; an infinite end is one that the balls do not bound."""
 
     value: float
@@ -41,16 +41,16 @@ class GelFit(NamedTuple):
 
     Attributes
     ----------
-    thickness_mm : Estimate
+    thickness_mm : FittedValue
         Thickness of the gel.
-    label_bias : Estimate
+    label_bias : FittedValue
         By how much more than the contacts the circles measure that were read off, as a share of them.
     contact_radii_px : array, shape (balls,)
         Contact radius of each ball.
     """
 
-    thickness_mm: Estimate
-    label_bias: Estimate
+    thickness_mm: FittedValue
+    label_bias: FittedValue
     contact_radii_px: Array
 
 
@@ -139,16 +139,17 @@ def _estimates(scene: "_Scene", thinness: Array, radii: Array, misfit: Array) ->
     fewer = np.array([scene.misfits_without_each(*part) for part in parts])
     without = np.array([least(fewer[:, each], np.delete(every, each)) for each in every])
     error = np.sqrt((every.size - 1) * without.var(axis=0))
-    low, high = found + float(student.ppf(_LIKELY, every.size - 1)) * np.stack([-error, error])
+    reach = float(student.ppf(_LIKELY, every.size - 1)) * error
+    low, high = found - reach, found + reach
     # what lies at the end of what was tried is not bounded there
     bounded = thinness.size == 1 or found[0] > thinness[0]
     return GelFit(
-        Estimate(
-            scene.ball_radius_mm / found[0],
-            scene.ball_radius_mm / high[0],
-            scene.ball_radius_mm / low[0] if bounded and low[0] > 0 else np.inf,
+        FittedValue(
+            float(scene.ball_radius_mm / found[0]),
+            float(scene.ball_radius_mm / high[0]),
+            float(scene.ball_radius_mm / low[0]) if bounded and low[0] > 0 else np.inf,
         ),
-        Estimate(*(float(np.expm1(value)) for value in (found[1], low[1], high[1]))),
+        FittedValue(*(float(np.expm1(value)) for value in (found[1], low[1], high[1]))),
         np.exp(radii_of(found[0])) / scene.mm_per_px,
     )
 
@@ -260,8 +261,8 @@ class _Scene(NamedTuple):
         terms = [_COLOUR.normal(own) for own in samples]
         rows = []
         for each in range(len(samples)):
-            others, known = (part[:each] + part[each + 1 :] for part in (samples, terms))
-            fits = _COLOUR.solve_without_each(known)
+            others = samples[:each] + samples[each + 1 :]
+            fits = _COLOUR.solve_without_each(terms[:each] + terms[each + 1 :])
             rows.append([_error(fit, own) for fit, own in zip(fits, others, strict=True)])
         return np.array(rows)
 

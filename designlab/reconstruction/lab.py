@@ -219,7 +219,7 @@ def calibrate(
     ValueError
         If there are fewer than two balls, or shapes differ.
     """
-    setup, gel = known_gel(balls, background, setup)
+    balls, setup, gel = known_gel(balls, background, setup)
     background, spread, parts = ball_samples(balls, background, setup, base)
     method = method or Kernel()
     fits = []
@@ -273,22 +273,22 @@ def refine_centres(
     rounds : int
         Times that all balls are moved.
     """
-    balls, method = list(balls), method or Polynomial()
-    known, _ = known_gel(balls, background, setup)
+    method = method or Polynomial()
+    moving, known, _ = known_gel(balls, background, setup)
     plain = known._replace(detail=0.0, weighted=False)
     rows, columns = np.indices(np.asarray(background).shape[:2])
     reach_px = setup.ball_radius_mm / setup.mm_per_px
     for _ in range(rounds):
         moved = []
-        for ball, shape in zip(balls, _left_out(balls, background, plain, method), strict=True):
+        for ball, shape in zip(moving, _left_out(moving, background, plain, method), strict=True):
             normal = normals(shape.p, shape.q)
             r = np.hypot(columns - ball.centre_px[0], rows - ball.centre_px[1])
             near = r < known.contact_radius_px(ball)
             column = np.median((columns - normal[..., 0] * reach_px)[near])
             row = np.median((rows + normal[..., 1] * reach_px)[near])
             moved.append(ball.moved((float(column), float(row))))
-        balls = moved
-    return balls
+        moving = moved
+    return [ball.moved(place.centre_px) for ball, place in zip(balls, moving, strict=True)]
 
 
 def left_out_errors(
@@ -296,7 +296,7 @@ def left_out_errors(
 ) -> LeftOut:
     """Errors on each ball of a calibration on the others, on a flat gel. Parameters as `calibrate`."""
     errors = []
-    setup, _ = known_gel(balls, background, setup)
+    balls, setup, _ = known_gel(balls, background, setup)
     for ball, shape in zip(balls, _left_out(balls, background, setup, method or Kernel()), strict=True):
         p, q, r_px = ball_truth(ball, setup)
         error_deg = normal_error_deg(normals(shape.p, shape.q), normals(p, q))
@@ -325,7 +325,7 @@ def choose_method(
     """
     if not methods:
         raise ValueError("methods: must hold a candidate")
-    setup, _ = known_gel(balls, background, setup)
+    balls, setup, _ = known_gel(balls, background, setup)
     table = [(method, left_out_errors(balls, background, setup, method=method)) for method in methods]
     return min(table, key=lambda row: row[1].combined)[0], table
 

@@ -95,23 +95,28 @@ def test_height_of_a_cap_and_its_slopes_agree():
     np.testing.assert_allclose(gradients_of(shape.height_mm, pitch_mm=PITCH_MM), (shape.p, shape.q))
 
 
-def test_the_rim_is_restored_and_the_height_kept():
-    """Normals come nearer to the ball's in the circle that one sees, and the height stays the gel's."""
-    balls = [BallPress(press(c).image, c, 14.0 * 1.15) for c in CENTRES]
-    image = picture(*slopes((57, 52), 13.0)[:2])
-    p, q, r_px = ball_gradients(SHAPE, (57, 52), ball_radius_mm=RADIUS_MM, mm_per_px=PITCH_MM)
+@pytest.mark.parametrize("thickness_mm", [1.5, 6.0, 10.0])
+def test_the_gel_is_restored_in_the_contact_and_around(thickness_mm):
+    """Circles are read off 10 % too large; a second map, taught the ball within them, costs little."""
+    surface = BallSurface(RADIUS_MM, thickness_mm, POISSON)
+
+    def gel(centre_px, contact_radius_px):
+        x, y = (COLUMNS - centre_px[0]) * PITCH_MM, (centre_px[1] - ROWS) * PITCH_MM
+        return *ball_slopes(surface, x, y, contact_radius_px * PITCH_MM), np.hypot(x, y) / PITCH_MM
+
+    balls = [BallPress(picture(*gel(centre, 14.0)[:2]), centre, 1.1 * 14.0) for centre in CENTRES]
+    p, q, r_px = gel((57, 52), 13.0)
 
     def errors(detail):
-        setup = SETUP._replace(weighted=False, label_bias=0.15, detail=detail)
-        shape = calibrate(balls, BACKGROUND, setup, method=Polynomial(ridge=1e-6)).reconstruct(image)
-        angle = normal_error_deg(normals(shape.p, shape.q), normals(p, q))[r_px < 15].mean()
-        return angle, abs(shape.height_mm[r_px < 1].mean() - SURFACE.depth_mm(13.0 * PITCH_MM))
+        setup = SETUP._replace(weighted=False, label_bias=0.1, thickness_mm=thickness_mm, detail=detail)
+        shape = calibrate(balls, BACKGROUND, setup, method=Polynomial(ridge=1e-6)).reconstruct(picture(p, q))
+        angle = normal_error_deg(normals(shape.p, shape.q), normals(p, q))[r_px < 25].mean()
+        return angle, abs(shape.height_mm[r_px < 1].mean() - surface.depth_mm(13.0 * PITCH_MM))
 
-    inner_deg, inner_mm = errors(0.0)
-    both_deg, both_mm = errors(0.5)
-    assert both_deg < inner_deg
-    assert inner_mm < 0.02
-    assert both_mm < 0.1
+    for detail, most_deg in ((0.0, 0.3), (0.5, 0.5)):
+        angle, height_mm = errors(detail)
+        assert angle < most_deg
+        assert height_mm < 0.01
 
 
 @pytest.mark.slow
@@ -151,8 +156,9 @@ def test_printed_markers_can_be_masked():
     masked = calibration.reconstruct(marked, mask=~markers).height_mm
     unmasked = calibration.reconstruct(marked).height_mm
     contact = r_px < 14
-    assert np.abs(masked - truth)[contact].max() < 0.02
-    assert np.abs(unmasked - truth)[contact].max() > 0.1
+    error, careless = np.abs(masked - truth)[contact].max(), np.abs(unmasked - truth)[contact].max()
+    assert error < 0.01
+    assert careless > 3 * error
 
 
 def test_slopes_on_a_dome_are_relative_to_it():
