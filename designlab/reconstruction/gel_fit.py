@@ -29,7 +29,7 @@ _COLOUR = Kernel(ridge=1e-3, colour_scale=1.0, position_scale=1.5, features=120)
 
 
 class FittedValue(NamedTuple):
-    """A value with its interval of 95 %; an infinite end is one that the balls do not bound."""
+    """A value with its interval of 95 %; an end that the balls do not bound is 0 or infinite."""
 
     value: float
     low: float
@@ -131,6 +131,8 @@ def _estimates(scene: "_Scene", thinness: Array, radii: Array, misfit: Array) ->
     def least(misfit: Array, kept: NDArray[np.intp]) -> tuple[float, float]:
         fine, evidence = _between(thinness, misfit)
         best = float(fine[evidence.mean(axis=1).argmin()])
+        if scene.label_bias is not None:
+            return best, float(np.log1p(scene.label_bias))
         return best, float((np.log(scene.labels_mm) - radii_of(best))[kept].mean())
 
     every = np.arange(len(scene.views))
@@ -141,13 +143,14 @@ def _estimates(scene: "_Scene", thinness: Array, radii: Array, misfit: Array) ->
     error = np.sqrt((every.size - 1) * without.var(axis=0))
     reach = float(student.ppf(_LIKELY, every.size - 1)) * error
     low, high = found - reach, found + reach
-    # what lies at the end of what was tried is not bounded there
-    bounded = thinness.size == 1 or found[0] > thinness[0]
+    if thinness.size > 1:  # what lies at an end of what was tried is not bounded there
+        low[0] = 0.0 if found[0] <= thinness[0] else max(low[0], 0.0)
+        high[0] = np.inf if found[0] >= thinness[-1] else high[0]
     return GelFit(
         FittedValue(
             float(scene.ball_radius_mm / found[0]),
             float(scene.ball_radius_mm / high[0]),
-            float(scene.ball_radius_mm / low[0]) if bounded and low[0] > 0 else np.inf,
+            float(scene.ball_radius_mm / low[0]) if low[0] > 0 else np.inf,
         ),
         FittedValue(*(float(np.expm1(value)) for value in (found[1], low[1], high[1]))),
         np.exp(radii_of(found[0])) / scene.mm_per_px,
