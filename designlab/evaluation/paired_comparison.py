@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import t as student
 
 from designlab.evaluation.evaluate import Score
 from designlab.evaluation.press_plan import TEST_PROBES, PressPlan
@@ -42,6 +41,8 @@ def differences(first: Score, second: Score) -> dict[str, Difference]:
     ValueError
         If the two were not evaluated with the same presses, seed and fidelity.
     """
+    from scipy.stats import t as student  # with much else, which takes a second
+
     for name in ("seed", "fidelity", "press_plan"):
         a, b = getattr(first, name), getattr(second, name)
         if a != b:

@@ -42,6 +42,7 @@ from designlab.inference.diagnosis.verdict.update import updated
 from designlab.measurement import Measurement
 from designlab.measurement.shots import Observations
 from designlab.sensor.design import Design
+from designlab.simulation.contact.press import Press
 from designlab.simulation.effects import UNASKED, SensorModel, effect
 
 RUN = "run.json"
@@ -152,6 +153,7 @@ def diagnose(
         candidates=tuple(found.search.tried),
         notes=(
             *_notes(seen, measurement, model),
+            *_too_deep(catalogue, model, seen),
             *_chance(given.fitter),
             *_along(last),
             *_confounded(effects, model.effective_design()),
@@ -266,10 +268,31 @@ def _names(model: SensorModel, catalogue: Sequence[str] | None, seen: Observatio
     """Effects to try."""
     # What a picture or unit has alone is not in the simulation of the model given, and may be found again.
     present = {applied.name for applied in model.effects if not effect(applied.name).drawn}
-    wanted = list(UNASKED) if catalogue is None else [effect(n).name for n in catalogue]
+    wanted = _wanted(catalogue)
     if len({shot.view for shot in seen.shots}) > 1:
         present.add("fixed_pattern")  # of pixels, which frames of several crops do not share
-    return [name for name in wanted if name not in present and effect(name).parameters(model.design)]
+    presses = _presses(seen)
+    return [
+        name
+        for name in wanted
+        if name not in present and effect(name).parameters_under(model.design, presses)
+    ]
+
+
+def _wanted(catalogue: Sequence[str] | None) -> list[str]:
+    return list(UNASKED) if catalogue is None else [effect(name).name for name in catalogue]
+
+
+def _presses(seen: Observations) -> list[Press]:
+    return [shot.press for shot in seen.shots if shot.press is not None]
+
+
+def _too_deep(catalogue: Sequence[str] | None, model: SensorModel, seen: Observations) -> Iterator[str]:
+    """Note effects that presses of these depths leave no range."""
+    for name in _wanted(catalogue):
+        bounds = effect(name).parameters(model.design)
+        if bounds and not effect(name).parameters_under(model.design, _presses(seen)):
+            yield f"{name} was not tried: the gel is too thin for presses as deep as these"
 
 
 def verdict_of(alike: Sequence[Sequence[str]], before: float, after: float, floor: float) -> Verdict:

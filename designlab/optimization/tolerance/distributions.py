@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 from pydantic import Field, ValidationError
-from scipy.stats import truncnorm
 
 from designlab.core.store import digest
 from designlab.core.types import Array
@@ -194,6 +193,8 @@ def deviates(count: int, names: Sequence[str], seed: int) -> Array:
     What is drawn for a name depends on it, the number and the seed alone: sensors that differ in other things
     have the same luck in this one, and the first draws stay the same when more are asked for.
     """
+    from scipy.stats import truncnorm  # with much else, which takes a second
+
     seeds = ([seed, int(digest(name)[:16], 16)] for name in names)
     even = [_stratified(count, np.random.default_rng(own)) for own in seeds]
     return np.asarray(truncnorm.ppf(np.reshape(even, (len(names), count)).T, -CUT_SD, CUT_SD))

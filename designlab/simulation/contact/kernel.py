@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import fftconvolve
 
 from designlab.core.types import Array
 from designlab.sensor.contact import KernelContact
@@ -95,6 +94,8 @@ def _with_tail(penetration: Array, contact: KernelContact, depth_mm: float, pitc
 
 
 def _smooth(height: Array, contact: KernelContact, pitch_mm: float) -> Array:
+    from scipy.signal import fftconvolve  # with much else, which takes a second
+
     if contact.kernel_length_mm == 0:
         return height
     reach = int(np.ceil(6 * contact.kernel_length_mm / pitch_mm))

@@ -1,7 +1,7 @@
 """Contact with an elastic gel: a layer bonded to its core, pressed along z."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -118,6 +118,14 @@ def deform(untouched: Surface, elastomer: Elastomer, contact: LayerContact, pres
         mechanics=mechanics,
         moved=partial(_moved, untouched, solved, skin_mm),
     )
+
+
+def least_thickness_mm(presses: Iterable[Press]) -> float:
+    """Thickness of a gel that takes these presses with room to spare for deeper ones (mm).
+
+    Of presses that state a depth; at this thickness gel may begin to flow out under the deepest.
+    """
+    return max((press.depth_mm for press in presses if press.depth_mm is not None), default=0.0) / FLOWS
 
 
 def _written_ns(press: Press) -> int:

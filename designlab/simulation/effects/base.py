@@ -1,7 +1,7 @@
 """What every effect is: a stage, bounded parameters, and what it changes there."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -141,6 +141,10 @@ class Effect:
         """Return the parameters, some for each LED group; none for a design that the effect cannot change."""
         raise NotImplementedError  # abstract: every effect defines its own
 
+    def parameters_under(self, design: Design, presses: Iterable[Press]) -> tuple[EffectParameter, ...]:
+        """Return the parameters with the bounds that presses leave them; none if they leave no range."""
+        return self.parameters(design)
+
     def on_press(self, press: Press, values: Values) -> Press:
         """Change what is pressed."""
         return press
@@ -172,3 +176,9 @@ class Effect:
     def acts(self, values: Values, design: Design) -> bool:
         """Whether values differ from the identity."""
         return any(values[p.name] != p.null for p in self.parameters(design) if not p.shape)
+
+
+def at_least(parameters: Sequence[EffectParameter], **least: float) -> tuple[EffectParameter, ...]:
+    """Raise the lower bounds of parameters by their names; none are left if a null would be out of bounds."""
+    bounded = tuple(replace(p, low=max(p.low, least.get(p.name, p.low))) for p in parameters)
+    return bounded if all(p.low <= p.null for p in bounded) else ()

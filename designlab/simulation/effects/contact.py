@@ -1,5 +1,6 @@
 """Effects of the contact between object and gel."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import ClassVar
 
@@ -8,7 +9,7 @@ from designlab.sensor.design import Design
 from designlab.simulation.contact import layer
 from designlab.simulation.contact.press import Press
 from designlab.simulation.contact.surface import Surface
-from designlab.simulation.effects.base import Effect, EffectParameter, Stage, Values
+from designlab.simulation.effects.base import Effect, EffectParameter, Stage, Values, at_least
 from geometries.probes import LARGEST_EDGE, Probe
 
 LEAST_DEPTH_MM = 0.01
@@ -111,6 +112,10 @@ class ContactLayer(Effect):
                 shape=True,
             ),
         )
+
+    def parameters_under(self, design: Design, presses: Iterable[Press]) -> tuple[EffectParameter, ...]:
+        """Keep the layer thicker than presses are deep."""
+        return at_least(self.parameters(design), thickness_mm=layer.least_thickness_mm(presses))
 
     def on_surface(self, surface: Surface, design: Design, press: Press | None, values: Values) -> Surface:
         """Go from the kernel's membrane towards the layer's."""

@@ -1,9 +1,12 @@
 """Effects of how the parts stand to each other."""
 
+from collections.abc import Iterable
 from typing import ClassVar
 
 from designlab.sensor.design import Design
-from designlab.simulation.effects.base import Effect, EffectParameter, Stage, Values
+from designlab.simulation.contact import layer
+from designlab.simulation.contact.press import Press
+from designlab.simulation.effects.base import Effect, EffectParameter, Stage, Values, at_least
 
 
 class CameraPose(Effect):
@@ -56,6 +59,13 @@ class GelThickness(Effect):
             return ()
         return (
             EffectParameter("thickness_ratio", "1", 1.0, 0.15, 0.5, 2.0, "thickness over its nominal value"),
+        )
+
+    def parameters_under(self, design: Design, presses: Iterable[Press]) -> tuple[EffectParameter, ...]:
+        """Keep the gel thicker than presses are deep."""
+        return at_least(
+            self.parameters(design),
+            thickness_ratio=layer.least_thickness_mm(presses) / design.elastomer.thickness_mm,
         )
 
     def on_design(self, design: Design, values: Values) -> Design:

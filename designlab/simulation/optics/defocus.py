@@ -8,7 +8,6 @@ on different sides of it.
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import oaconvolve
 
 from designlab.core.types import Array
 from designlab.sensor.camera import View
@@ -86,6 +85,8 @@ def blur(image: NDArray[np.float32], radius: Array, *, squared: bool = False) ->
 
 def _summed(image: NDArray[np.float32], disc: Array) -> Array:
     """Sum around every pixel by the weights of a disc."""
+    from scipy.signal import oaconvolve  # with much else, which takes a second
+
     reach = disc.shape[0] // 2
     still = [(0, 0)] * (image.ndim - 2)
     padded = np.pad(

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 from scipy.ndimage import binary_erosion
-from scipy.signal import savgol_filter
 
 from designlab.core.types import Array, Mask, Single
 from designlab.simulation.render import gather
@@ -254,6 +253,8 @@ def _smooth(field: Field, filled: Mask) -> Field:
     Each cell gets the value of the quadratic polynomial fitted to the cells around it (Savitzky and Golay
     1964), where all of them lie on the membrane.
     """
+    from scipy.signal import savgol_filter  # with much else, which takes a second
+
     if min(filled.shape) < SMOOTH_CELLS:
         return field
     fitted = field.irradiance

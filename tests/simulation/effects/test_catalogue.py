@@ -237,6 +237,34 @@ def test_effects_act_on_designs_of_their_model_of_contact_alone() -> None:
         )
 
 
+def test_gels_stay_thicker_than_presses_are_deep() -> None:
+    thickness_mm = ELASTIC.elastomer.thickness_mm
+    deep = BALL.model_copy(update={"depth_mm": 0.6 * thickness_mm})
+    (ratio,) = effect("gel_thickness").parameters_under(ELASTIC, [BALL, deep])
+    (usual,) = effect("gel_thickness").parameters_under(ELASTIC, [BALL])
+    assert usual.low < ratio.low < ratio.null
+    # A gel of half its thickness is thinner than the press is deep, that at the bound is not.
+    with pytest.raises(ValueError, match=r"press\.depth_mm: must be less than the gel is thick"):
+        elastic("gel_thickness", deep, thickness_ratio=usual.low)
+    assert elastic("gel_thickness", deep, thickness_ratio=ratio.low).contact.any()
+
+
+def test_layers_tried_in_place_of_kernels_stay_thicker_than_presses_are_deep() -> None:
+    deep = BALL.model_copy(update={"depth_mm": 0.6 * DESIGN.elastomer.thickness_mm})
+    share, thickness = effect("contact_layer").parameters_under(DESIGN, [BALL, deep])
+    assert (share, thickness.null) == (
+        effect("contact_layer").parameters(DESIGN)[0],
+        DESIGN.elastomer.thickness_mm,
+    )
+    assert deep.stated_depth_mm < thickness.low < thickness.null
+
+
+def test_presses_too_deep_for_a_gel_leave_its_thickness_no_range() -> None:
+    deep = BALL.model_copy(update={"depth_mm": 0.9 * DESIGN.elastomer.thickness_mm})
+    assert effect("contact_layer").parameters_under(DESIGN, [deep]) == ()
+    assert effect("contact_layer").parameters_under(DESIGN, [BALL])
+
+
 def test_what_cannot_be_told_apart_is_declared_by_both() -> None:
     for one in CATALOGUE:
         for other in one.confounded_with:

@@ -52,8 +52,9 @@ class Forward:
         self.answers = Answers(bank.model, self.design)
         self._edged: dict[tuple[int, Key], tuple[Light, Light] | None] = {}
         self.flux = np.array([group.flux_mw for group in self.design.leds.groups])
+        presses = [shot.press for shot in bank.shots if shot.press is not None]
         self.parameters: dict[str, tuple[EffectParameter, ...]] = {
-            e.name: e.parameters(bank.model.design) for e in CATALOGUE
+            e.name: e.parameters_under(bank.model.design, presses) for e in CATALOGUE
         }
 
     @property

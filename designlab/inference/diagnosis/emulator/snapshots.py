@@ -271,19 +271,21 @@ def _fill(
     origin: Mapping[str, Values],
     finer: bool,
 ) -> tuple["Snapshot", ...]:
+    pressed = [press for press, _ in shown if press is not None]
     chosen = [
         step
         for name in effects
-        for step in steps(effect(name), effect(name).parameters(given.design), origin.get(name))
+        for step in steps(
+            effect(name), effect(name).parameters_under(given.design, pressed), origin.get(name)
+        )
     ]
     model = _with(given, origin)
     camera = given.effective_design().camera
     wider = [view.grown(MARGIN_PX, camera) for _, view in shown]
     presses = [(press, view) for (press, _), (view, _) in zip(shown, wider, strict=True)]
-    touched = sum(press is not None for press, _ in presses)
     repeats = _repeats(given)
     each = (2 + repeats if repeats else 3) + 2 * len(chosen)
-    renders.begin("pictures", len(presses) * each + touched * 2 * (len(POSE) + 1))
+    renders.begin("pictures", len(presses) * each + len(pressed) * 2 * (len(POSE) + 1))
     # One model after the other: what its light is shaded from is large and not kept for long.
     lamp = _Lamp(renders, given)
     for press, view in presses:
