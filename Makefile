@@ -6,6 +6,10 @@
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
+# What is imported and the checks that pytest rewrites are compiled once and kept, also where the
+# environment says not to: each run, and each process that a test starts, would compile them again.
+export PYTHONDONTWRITEBYTECODE :=
+
 .PHONY: demo check test test-full style
 
 demo: $(INSTALLED)
