@@ -122,7 +122,7 @@ def test_presses_that_an_effect_changes_are_not_called_the_same():
     assert not same_presses(model, deeper, PLAN)
 
 
-@pytest.mark.parametrize("name", ["default", "gelsight-2020-dome"])
+@pytest.mark.parametrize("name", [pytest.param("default", marks=pytest.mark.slow), "gelsight-2020-dome"])
 def test_what_a_test_press_lifts_ends_within_the_picture(name):
     simulator = Simulator(preset(name), columns=80, samples=1, seed=0)
     for press in PressPlan.of(simulator.design).presses(rounds=4, seed=0).test:
