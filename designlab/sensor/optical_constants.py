@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from designlab.core.types import Array
 from designlab.sensor.data import table
 
 
@@ -67,3 +68,27 @@ def material(name: str) -> Material:
         return MATERIALS[name]
     except KeyError:
         raise ValueError(f"material: unknown {name!r}; known are {', '.join(MATERIALS)}") from None
+
+
+def fresnel_reflectance(cosine: Array, index: complex) -> Array:
+    """Fresnel's reflectance for unpolarised light, by the cosine of incidence and the relative index.
+
+    The index is complex for a metal and real for a clear medium.
+    """
+    inside = np.sqrt(1 - (1 - cosine**2) / index**2 + 0j)
+    across = (cosine - index * inside) / (cosine + index * inside)
+    along = (index * cosine - inside) / (index * cosine + inside)
+    return np.asarray((np.abs(across) ** 2 + np.abs(along) ** 2) / 2)
+
+
+def internal_reflectance(index: float) -> float:
+    """Share of diffuse light in a clear medium that its smooth surface to air sends back.
+
+    The mean of Fresnel's reflectance over Lambertian directions, most of it beyond the critical angle; 0.596
+    at an index of 1.5 (Judd 1942, J. Res. Natl. Bur. Stand. 29, 329).
+    """
+    critical = float(np.sqrt(1.0 - 1.0 / index**2))  # cosine
+    nodes, weights = np.polynomial.legendre.leggauss(64)
+    cosine = critical + (1.0 - critical) * (nodes + 1.0) / 2
+    passed = 1.0 - fresnel_reflectance(cosine, 1.0 / index)
+    return float(1.0 - (1.0 - critical) * weights @ (passed * cosine))

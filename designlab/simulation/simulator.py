@@ -320,7 +320,7 @@ class Simulator:
     @property
     def _same_coating(self) -> bool:
         """Whether a press that moves no skin leaves the coating as it is: nothing shines through."""
-        return not (self.design.optics.coating_transmittance and self.design.optics.object_reflectance)
+        return not self.design.optics.shows_touch
 
     @property
     def _printed(self) -> bool:

@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 import designlab as dl
-from designlab.measurement.light_probe.ball import LightProbe, chromium, fresnel_reflectance
+from designlab.measurement.light_probe.ball import LightProbe, chromium
 from designlab.measurement.light_probe.comparison import compare_light
 from designlab.measurement.light_probe.lobes import Lobes, lobes
 from designlab.measurement.light_probe.outline import Outline, find_outline, locate
@@ -16,6 +16,7 @@ from designlab.measurement.light_probe.polar import polar_map, unit_vectors
 from designlab.measurement.light_probe.sight import probe_view
 from designlab.measurement.light_probe.unwrap import unwrap
 from designlab.sensor.camera import View
+from designlab.sensor.optical_constants import fresnel_reflectance
 
 FLAT = dl.preset("gelsight-2020-flat")
 CORE = dl.preset("gelsight-2020-dome-core")

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from designlab.core.progress import silent
-from designlab.core.types import Array, Progress
+from designlab.core.types import Array, Mask, Progress
 from designlab.inference.calibration.directional import Directional
 from designlab.inference.calibration.fields import PROBE, SharedField
 from designlab.inference.calibration.imaging import How, Rendered, Touched
@@ -21,6 +21,7 @@ MODEL_ERROR = 0.01  # of a channel's mean signal in a shot: what the simulation 
 LEAST_DEPTH_MM = 0.01
 BRIGHT = 99.0  # percentile
 BLOCK_PX = 8  # within which errors may go together
+BLOCKS_PX = (1, 2, 4, 8, 16)  # which are tried for how far they do
 
 Imaging = Rendered | Directional
 """A model of pictures that can be calibrated."""
@@ -85,20 +86,29 @@ class Problem:
             for number, shot in enumerate(self.shots)
         )
 
-    def weigh(self, state: CalibrationState, bases: Mapping[int, Array]) -> None:
+    def weigh(self, state: CalibrationState, bases: Mapping[int, Array]) -> float:
         """Let values count as what is left of them shows: errors of neighbours go together.
 
-        After this the sums of residuals over blocks have the variance that they would have if values erred
-        independently by their standard deviation. Smooth errors of a simulated gel then count for little
-        beside the sharp image of a light probe.
+        Sums of residuals over blocks then have the variance that they would have if values erred
+        independently by their standard deviation, for the blocks where these vary most: how far errors
+        reach is not known. Smooth errors of a simulated gel so count for little beside the sharp image of a
+        light probe, and what is known of a pose beside a picture that the model explains badly.
+
+        Returns
+        -------
+        float
+            Largest change of a standard deviation, as a share of it.
         """
+        change = 0.0
         for number, basis in bases.items():
-            shot, sigma = self.shots[number], self.sigmas[number]
-            left = np.where(shot.valid, (shot.signal - self.predict(state, number, basis)) / sigma, 0.0)
-            sums, counts = _block_sums(left), _block_sums(shot.valid.astype(float))
-            spread = (sums**2).sum(axis=(0, 1)) / np.maximum(counts.sum(axis=(0, 1)), 1.0)
-            self.sigmas[number] = np.maximum(sigma * np.sqrt(spread), np.sqrt(shot.variance))
+            shot, stated = self.shots[number], self.stated[number]
+            left = np.where(shot.valid, (shot.signal - self.predict(state, number, basis)) / stated, 0.0)
+            spread = np.max([_spread(left, shot.valid, size) for size in BLOCKS_PX], axis=0)
+            weighed = np.maximum(stated * np.sqrt(spread), np.sqrt(shot.variance))
+            change = max(change, float(np.abs(weighed / self.sigmas[number] - 1.0).max()))
+            self.sigmas[number] = weighed
         self.weighed = True
+        return change
 
     def start(self) -> CalibrationState:
         """State that the model and the measurement state, without light yet."""
@@ -238,10 +248,15 @@ class Problem:
         return float(total)
 
 
-def _block_sums(values: Array) -> Array:
-    """Sums over blocks of `BLOCK_PX` squared pixels, of each channel."""
-    rows, columns = (np.arange(0, count, BLOCK_PX) for count in values.shape[:2])
-    return np.asarray(np.add.reduceat(np.add.reduceat(values, rows, axis=0), columns, axis=1))
+def _spread(values: Array, valid: Mask, size: int) -> Array:
+    """Variance per value of sums over blocks of `size` squared pixels, of each channel."""
+    rows, columns = (np.arange(0, count, size) for count in values.shape[:2])
+
+    def sums(field: Array) -> Array:
+        return np.asarray(np.add.reduceat(np.add.reduceat(field, rows, axis=0), columns, axis=1))
+
+    counted = sums(valid.astype(float)).sum(axis=(0, 1))
+    return np.asarray((sums(values) ** 2).sum(axis=(0, 1)) / np.maximum(counted, 1.0))
 
 
 def _level(shot: Shot) -> Array:

@@ -14,7 +14,7 @@ from designlab.inference.calibration.fields import WITHIN, SharedField, shared_f
 from designlab.inference.calibration.imaging import ALBEDO, MODULUS, SCALE, Rendered
 from designlab.inference.calibration.problem import MODEL_ERROR, CalibrationState, Imaging, Problem
 from designlab.inference.calibration.result import Calibration, FittedParameter, FrameResult
-from designlab.inference.calibration.solve import Layout, covariance, fit
+from designlab.inference.calibration.solve import MOST_STEPS, Layout, covariance, fit
 from designlab.inference.calibration.suspicions import suspicious
 from designlab.measurement import Measurement, MeasurementError, check, refuse
 from designlab.measurement.light_probe.ball import LightProbe
@@ -27,6 +27,8 @@ from designlab.simulation.simulator import RenderFailed
 
 SCALES = (0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 1.0, 1.05, 1.1)  # of the tangent of half the field of view
 COARSE_STEPS, PROBE_STEPS = 8, 8
+MOST_WEIGHINGS = 4
+SETTLED = 0.05  # change of standard deviations below which they stay; they are known to a few per cent
 ENTANGLED = 0.95  # correlation of errors that is worth a note
 DARKEST, BRIGHTEST = 0.02, 0.98  # reflectance to start from
 LEAST_COLUMNS = 64  # of a picture that a first, coarse fit is worth making on
@@ -110,7 +112,7 @@ def calibrate(
         coarse.hold(balls)
         state = _scaled(coarse, state, fitted)
         coarse.begin("fitting coarsely", len(fitted) * (1 + COARSE_STEPS * _moves(coarse)))
-        state, _ = fit(coarse, state, fitted, steps=COARSE_STEPS, rough=True)
+        state, _ = _weighed(coarse, state, fitted, steps=COARSE_STEPS)
     else:
         state = _scaled(problem, state, fitted)
     state, bases = _fitted(problem, state, fitted)
@@ -150,14 +152,28 @@ def calibrate(
 def _fitted(
     problem: Problem, state: CalibrationState, fitted: Sequence[int]
 ) -> tuple[CalibrationState, dict[int, Array]]:
-    """Fit roughly, weigh values by what is left of them, and fit again; also the pictures at the end."""
+    """Fit in full resolution; also the pictures at the end."""
     moves = _moves(problem)
     problem.begin("fitting", len(fitted) * (1 + 4 * moves))
-    state, bases = fit(problem, state, fitted, rough=True)
-    problem.weigh(state, bases)
-    problem.begin("fitting, errors weighed", len(fitted) * (1 + 2 * moves))
-    state, bases = fit(problem, state, fitted)
+    state, bases = _weighed(problem, state, fitted, steps=MOST_STEPS)
     problem.begin("errors", len(fitted) * (1 + moves))
+    return state, bases
+
+
+def _weighed(
+    problem: Problem, state: CalibrationState, fitted: Sequence[int], *, steps: int
+) -> tuple[CalibrationState, dict[int, Array]]:
+    """Weigh values by what is left of them and fit, until the weights stay.
+
+    The weights come first: a model that explains a picture badly would otherwise be trusted more than what is
+    known of the poses, and a fit would end where only a wrong pose helps it.
+    """
+    bases = problem.bases(state, fitted)
+    state = problem.lit_best(state, bases)
+    for _ in range(MOST_WEIGHINGS):
+        if problem.weigh(state, bases) < SETTLED:
+            break
+        state, bases = fit(problem, state, fitted, steps=steps)
     return state, bases
 
 

@@ -5,6 +5,7 @@ import numpy as np
 from designlab.core.types import Array
 from designlab.sensor.design import Design
 from designlab.sensor.led_mounting import front_corners, seated
+from designlab.sensor.optical_constants import fresnel_reflectance
 from designlab.sensor.spectra import CHROMIUM
 from designlab.simulation.scene.materials import Ball, Metal
 from designlab.simulation.scene.static_parts import degelled
@@ -18,17 +19,6 @@ def chromium(wavelength_nm: float) -> complex:
     """Complex refractive index n + ik of chromium, linear between the tabulated wavelengths."""
     wavelength, n, k = CHROMIUM.T
     return complex(np.interp(wavelength_nm, wavelength, n), np.interp(wavelength_nm, wavelength, k))
-
-
-def fresnel_reflectance(cosine: Array, index: complex) -> Array:
-    """Fresnel's reflectance for unpolarised light, by the cosine of incidence and the relative index.
-
-    The index is complex for a metal and real for a clear medium.
-    """
-    inside = np.sqrt(1 - (1 - cosine**2) / index**2 + 0j)
-    across = (cosine - index * inside) / (cosine + index * inside)
-    along = (index * cosine - inside) / (index * cosine + inside)
-    return np.asarray((np.abs(across) ** 2 + np.abs(along) ** 2) / 2)
 
 
 class LightProbe(Spec):

@@ -3,9 +3,9 @@
 import numpy as np
 
 from designlab.core.types import Array
-from designlab.measurement.light_probe.ball import fresnel_reflectance
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
+from designlab.sensor.optical_constants import fresnel_reflectance
 from designlab.simulation.optics.viewing_rays import Rays
 
 

@@ -117,6 +117,8 @@ class Effect:
     """Whether it changes a signal otherwise than in proportion, so that a pixel's noise changes its mean."""
     reposes: ClassVar[bool] = False
     """Whether it changes a press only in its pose, by which pictures are rendered for every press anyway."""
+    needs_touch: ClassVar[bool] = False
+    """Whether it changes the membrane only where something touches it."""
     contact_models: ClassVar[tuple[str, ...]] = CONTACT_MODELS
     """Models of contact it acts on; a design of another has no parameters of it."""
     confounded_with: ClassVar[tuple[str, ...]] = ()

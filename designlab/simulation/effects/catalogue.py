@@ -22,7 +22,7 @@ from designlab.simulation.effects.contact import (
 from designlab.simulation.effects.emission import LedPosition, LedProfile, LedSpread, LedTilt
 from designlab.simulation.effects.geometry import CameraPose, GelThickness
 from designlab.simulation.effects.lens import LensDistortion, PointSpread, VeilingGlare, VignettingEffect
-from designlab.simulation.effects.material import AlbedoField, SpecularCoat, Translucency
+from designlab.simulation.effects.material import AlbedoField, SpecularCoat, Translucency, Wetting
 from designlab.simulation.effects.transport import (
     Absorption,
     CoreScatter,
@@ -46,6 +46,7 @@ CATALOGUE: tuple[Effect, ...] = (
     AlbedoField(),
     SpecularCoat(),
     Translucency(),
+    Wetting(),
     ContactKernel(),
     ContactProfile(),
     ContactLayer(),

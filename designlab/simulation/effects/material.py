@@ -5,6 +5,7 @@ from typing import ClassVar
 import numpy as np
 
 from designlab.sensor.design import Design
+from designlab.sensor.optical_constants import internal_reflectance
 from designlab.simulation.effects.base import Effect, EffectParameter, Light, Sight, Stage, Values
 
 
@@ -81,6 +82,7 @@ class Translucency(Effect):
     stage: ClassVar[Stage] = "material"
     summary: ClassVar[str] = "the pressed object shines through the coating"
     transferable: ClassVar[bool] = True  # what the coating is made of
+    needs_touch: ClassVar[bool] = True
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Thin coats let up to 20 % pass (estimate); the object's reflectance is seldom known."""
@@ -109,5 +111,48 @@ class Translucency(Effect):
             {
                 "optics.coating_transmittance": design.optics.coating_transmittance + values["transmittance"],
                 "optics.object_reflectance": values["object"],
+            }
+        )
+
+
+class Wetting(Effect):
+    """The coating leaks: it turns darker where a probe touches it.
+
+    Behind an untouched coating the skin ends at air, which sends back most of the diffuse light that got
+    through. A dark probe pressed against the skin takes this light.
+    """
+
+    name: ClassVar[str] = "wetting"
+    stage: ClassVar[Stage] = "material"
+    summary: ClassVar[str] = "the coating turns darker where it is touched"
+    transferable: ClassVar[bool] = True  # what the coating is made of
+    needs_touch: ClassVar[bool] = True
+    by_name: ClassVar[bool] = True  # the race has learnt its thresholds without
+
+    def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
+        """Known no better than that of `Translucency` (estimate)."""
+        room = 1.0 - max(design.per_group("membrane_albedo")) - design.optics.coating_transmittance
+        return (
+            EffectParameter(
+                "transmittance",
+                "1",
+                0.0,
+                0.2,
+                0.0,
+                min(0.4, max(room, 0.01)),
+                "added transmittance of the coating",
+                squared=True,  # light goes through it to the skin's end and back
+            ),
+        )
+
+    def on_design(self, design: Design, values: Values) -> Design:
+        """Let light through the coating, to air and, where it is touched, to a black object."""
+        if not values["transmittance"]:
+            return design
+        return design.replace(
+            {
+                "optics.coating_transmittance": design.optics.coating_transmittance + values["transmittance"],
+                "optics.backing_reflectance": design.optics.backing_reflectance
+                or internal_reflectance(design.optics.gel_index),
             }
         )

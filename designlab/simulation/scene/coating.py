@@ -34,6 +34,21 @@ def backed(albedo: Any, transmittance: Any, behind: Any) -> Any:
     return albedo + transmittance**2 * behind / (1.0 - behind * albedo)
 
 
+def bare(reflectance: Any, transmittance: Any, behind: Any) -> Any:
+    """Reflectance of a coating alone, at least 0, from what it has with a surface behind it.
+
+    Solves `backed` for its albedo a: r a^2 - (1 + r R) a + R - t^2 r = 0, written so that r may be 0.
+
+    Parameters
+    ----------
+    reflectance, transmittance, behind : float or array
+        Diffuse reflectance R with the surface, transmittance t of the coating alone, reflectance r behind it.
+    """
+    half = 1.0 + behind * reflectance
+    root = ((1.0 - behind * reflectance) ** 2 + (2.0 * transmittance * behind) ** 2) ** 0.5
+    return np.maximum(2.0 * (reflectance - transmittance**2 * behind) / (half + root), 0.0)
+
+
 def coating_brdf(
     cos_in: Any, cos_out: Any, cos_half: Any, *, reflectance: Any, specular: float, roughness: float
 ) -> Any:
@@ -66,7 +81,8 @@ def coating(design: Design, surface: Surface) -> Coating:
     """Coating of a membrane: markers and image of the design, and the pressed object where it shines through.
 
     Markers and image move with the skin, which an elastic gel shifts sideways; that of a kernel contact
-    moves along z alone. Where nothing touches, what leaks out is lost.
+    moves along z alone. Where nothing touches, the coating reflects as it is stated to; where something does,
+    light that passes meets the object and no longer the backing.
     """
     optics = design.optics
     albedo = design.per_group("membrane_albedo")
@@ -76,7 +92,7 @@ def coating(design: Design, surface: Surface) -> Coating:
         optics.coating_roughness,
         transmittance=optics.coating_transmittance,
     )
-    leaks = bool(optics.coating_transmittance and optics.object_reflectance and surface.contact.any())
+    leaks = optics.shows_touch and bool(surface.contact.any())
     if not (leaks or optics.marker_pitch_mm or optics.albedo_image):
         return plain
     x, y, width_mm, height_mm = _cells(design)
@@ -90,7 +106,8 @@ def coating(design: Design, surface: Surface) -> Coating:
     if leaks:
         touched = surface.sample(surface.contact.astype(float), x, y)
         within = (np.abs(x) <= surface.x_mm.max()) & (np.abs(y) <= surface.y_mm.max())
-        touching = backed(local, optics.coating_transmittance, optics.object_reflectance)
+        alone = bare(local, optics.coating_transmittance, optics.backing_reflectance)
+        touching = backed(alone, optics.coating_transmittance, optics.object_reflectance)
         local = np.where(within, local + touched * (touching - local), local)
     brightest = local.max(axis=(1, 2))
     factor = local / np.where(brightest > 0, brightest, 1.0)[:, None, None]

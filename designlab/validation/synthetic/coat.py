@@ -21,8 +21,9 @@ class Coat:
         Coefficients of u, v, u^2 - 1/3, u v, v^2 - 1/3 in the reflectance over its nominal value.
     specular, roughness : float
         Share of the reflected light in a lobe of microfacets (GGX), and their roughness alpha.
-    transmittance, behind : float
-        Diffuse transmittance of the coat, and reflectance of an object that touches it.
+    transmittance, behind, open_air : float
+        Diffuse transmittance of the coat, reflectance of an object that touches it, and what is sent back
+        from behind the coat where nothing does, which is part of its nominal reflectance.
     markers : tuple of float, optional
         Pitch and diameter (mm) of printed dots on a square grid, and the share of light they swallow.
     turn_deg : float
@@ -35,6 +36,7 @@ class Coat:
     roughness: float = 0.35
     transmittance: float = 0.0
     behind: float = 0.5
+    open_air: float = 0.0
     markers: tuple[float, float, float] | None = None
     turn_deg: float = 0.0
 
@@ -68,14 +70,20 @@ class Coat:
             inside = (diameter / 2 - pitch * np.abs(off)) / MARKER_SOFT_MM + 0.5
             local *= 1 - loss * np.clip(inside, 0.0, 1.0)
         if touched is not None and self.transmittance:
-            # Light that passed goes to and fro between coat and object; the sum of what comes back each time.
-            returned = np.zeros_like(local)
-            passed = self.transmittance * self.behind * np.ones_like(local)
-            for _ in range(60):
-                returned += self.transmittance * passed
-                passed = passed * (local * self.behind)
-            local = local + touched * returned
+            alone = local
+            for _ in range(200 if self.open_air else 0):
+                alone = local - self._returned(alone, self.open_air)
+            local = local + touched * (alone + self._returned(alone, self.behind) - local)
         return np.minimum(local, 1.0)
+
+    def _returned(self, alone: Array, behind: float) -> Array:
+        """Light that passed the coat and goes to and fro behind it: the sum of what comes back each time."""
+        returned = np.zeros_like(alone)
+        passed = self.transmittance * behind * np.ones_like(alone)
+        for _ in range(60):
+            returned += self.transmittance * passed
+            passed = passed * (alone * behind)
+        return returned
 
     def lobe(self, points: Array, normals: Array, lights: Array, eye: Array) -> Array:
         """Brightness of the lobe over that of a diffuse coat of equal reflectance, shape (points, lights).

@@ -39,7 +39,7 @@ NAMES = (
     "fixed_pattern exposure_drift banding led_spread led_profile led_tilt led_position interreflection "
     "gelcore_index delamination absorption core_scatter albedo_field specular_coat translucency "
     "contact_kernel contact_profile depth_offset camera_pose contact_layer gel_thickness friction "
-    "skin_length probe_edge probe_size"
+    "skin_length probe_edge probe_size wetting"
 )
 EVERYWHERE = [(e, d) for d in (DESIGN, CORE, ELASTIC) for e in CATALOGUE]
 everywhere = pytest.mark.parametrize(
@@ -755,3 +755,12 @@ def test_the_coat_gets_the_stated_gloss_and_leak() -> None:
     assert (glossy.coating_specular, glossy.coating_roughness) == (0.1, 0.25)
     thin = applied("translucency", transmittance=0.12, object=0.8).effective_design().optics
     assert (thin.coating_transmittance, thin.object_reflectance) == (0.12, 0.8)
+
+
+def test_a_wetted_coat_ends_at_air_unless_the_design_says_otherwise() -> None:
+    wet = applied("wetting", transmittance=0.2).effective_design().optics
+    assert (wet.coating_transmittance, wet.object_reflectance) == (0.2, 0.0)
+    assert wet.backing_reflectance == pytest.approx(0.536, abs=0.001)
+    stated = DESIGN.replace({"optics.backing_reflectance": 0.3, "optics.coating_transmittance": 0.1})
+    more = effect("wetting").on_design(stated, {"transmittance": 0.1}).optics
+    assert (more.coating_transmittance, more.backing_reflectance) == (0.2, 0.3)

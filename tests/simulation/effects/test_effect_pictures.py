@@ -224,7 +224,7 @@ def test_the_generator_shows_an_elastic_gel_as_the_simulator_does():
 
 @pytest.mark.full
 @pytest.mark.llvm
-@pytest.mark.parametrize("name", ["gel_thickness", "probe_size", "depth_offset"])  # a ball shows no skin
+@pytest.mark.parametrize("name", ["gel_thickness", "probe_size", "depth_offset", "wetting"])  # a ball has no skin
 def test_the_generator_makes_the_same_change_to_an_elastic_gel(name):
     assert_generator_agrees(Sensor(ELASTIC, 32, samples=64), name)
 

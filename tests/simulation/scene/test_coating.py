@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from designlab.core.images import write_image
 from designlab.sensor.contact import LayerContact
 from designlab.sensor.design import DesignError, dumps, load, loads, preset
 from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
-from designlab.simulation.scene.coating import backed, coating, coating_brdf
+from designlab.simulation.scene.coating import backed, bare, coating, coating_brdf
 from geometries.probes import parse
 
 FLAT = preset("gelsight-2020-flat")
@@ -42,6 +43,19 @@ def test_a_clear_coating_shows_the_object_alone_and_a_tight_one_itself():
     assert backed(0.0, 1.0, 0.37) == pytest.approx(0.37)
     assert backed(0.4, 0.0, 0.9) == 0.4
     assert backed(0.4, 0.3, 0.0) == 0.4
+
+
+@pytest.mark.parametrize(
+    ("albedo", "transmittance", "behind"),
+    [(0.3, 0.5, 0.9), (0.0, 1.0, 0.4), (0.6, 0.4, 0), (0.2, 0.3, 0.53)],
+)
+def test_a_coating_alone_is_what_a_surface_behind_it_makes_the_stated_one(albedo, transmittance, behind):
+    seen = backed(albedo, transmittance, behind)
+    assert bare(seen, transmittance, behind) == pytest.approx(albedo, abs=1e-12)
+
+
+def test_a_coating_alone_reflects_at_least_nothing():
+    assert bare(0.01, 0.4, 0.53) == 0.0
 
 
 def directional_albedo(cos_out, *, specular, roughness):
@@ -153,6 +167,22 @@ def test_a_pressed_object_shines_through_where_it_touches():
     assert texel(found.texture, 2.0, 1.0) == pytest.approx(1.0)
     for x, y in ((-5.0, 1.0), (2.0, -4.0), (-14.0, 8.0)):
         assert texel(found.texture, x, y) * found.reflectance[0] == pytest.approx(0.2, rel=1e-5)
+
+
+def test_a_black_object_takes_the_light_that_air_behind_the_coating_sends_back():
+    changes = {
+        "optics.membrane_albedo": (0.5,),
+        "optics.coating_transmittance": 0.3,
+        "optics.backing_reflectance": 0.53,
+    }
+    found = coating_of(changes, BALL)
+    # once through, k times between coating and air, once through again: what the stated 0.5 holds of it
+    alone = brentq(lambda a: a + sum(0.3 * 0.53 * (a * 0.53) ** k * 0.3 for k in range(200)) - 0.5, 0.0, 0.5)
+    assert found.reflectance == pytest.approx((0.5,) * 3)
+    assert texel(found.texture, 2.0, 1.0) * 0.5 == pytest.approx(alone, rel=1e-6)
+    assert texel(found.texture, -5.0, 1.0) == pytest.approx(1.0)
+    alike = coating_of(changes | {"optics.object_reflectance": 0.53}, BALL)
+    assert alike.texture is None
 
 
 def image_file(folder, values, name="albedo.png"):

@@ -229,6 +229,22 @@ class TestMaterial:
         np.testing.assert_allclose(ratio[here][1:], exact[1:], rtol=3e-3)
         assert ratio[0, 0] == pytest.approx(1.0, abs=2e-3)
 
+    def test_what_touches_takes_the_light_that_air_sends_back(self, plain):
+        found, session = frames(changed("wetting", transmittance=0.3))
+        a = np.array(FLAT.per_group("membrane_albedo"))
+        np.testing.assert_allclose(found["background-0.exr"], plain["background-0.exr"], rtol=1e-12)
+        # the coat alone, by the quadratic that Kubelka's formula is for it
+        alone = [np.roots([0.536, -(1 + 0.536 * v), v - 0.09 * 0.536]).min() for v in a]
+        ratio = found["press-01.exr"] / plain["press-01.exr"]
+        column, row = FLAT.project_px(1.0, 0.5)
+        view = session.view
+        here = (
+            int((row - view.y_px) / view.height_px * view.rows),
+            int((column - view.x_px) / view.width_px * view.columns),
+        )
+        np.testing.assert_allclose(ratio[here][1:], (alone / a)[1:], rtol=3e-3)
+        assert ratio[0, 0] == pytest.approx(1.0, abs=2e-3)
+
 
 class TestContact:
     GEL = Elastomer(width_mm=30)

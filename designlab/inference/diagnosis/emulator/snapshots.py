@@ -446,7 +446,8 @@ def _denoised(change: LightDerivative, drawn: Single, quiet: Single, spread: Sin
 
 def _acts_untouched(name: str) -> bool:
     """Whether an effect can change the picture of the untouched gel."""
-    return effect(name).stage != "contact" and name != "translucency"
+    found = effect(name)
+    return found.stage != "contact" and not found.needs_touch
 
 
 def _quadratic(here: Single, sides: Sequence[tuple[Single, float]], group: int | None) -> LightDerivative:

@@ -9,6 +9,7 @@ from designlab.validation.synthetic.effects.base import Planted, PlantedParamete
 from designlab.validation.synthetic.generator_sensor import Rig
 
 FIELD = ("x", "y", "xx", "xy", "yy")
+OPEN_AIR = 0.536  # sent back where a silicone skin of index 1.41 ends at air: 1 - (1 - 0.0784) / 1.41^2
 
 
 def _interreflection_parameters(rig: Rig) -> dict[str, PlantedParameter]:
@@ -58,6 +59,11 @@ def _translucency(rig: Rig, values: Mapping[str, float]) -> Rig:
     )
 
 
+def _wetting(rig: Rig, values: Mapping[str, float]) -> Rig:
+    coat = replace(rig.coat, transmittance=values["transmittance"], behind=0.0, open_air=OPEN_AIR)
+    return replace(rig, coat=coat)
+
+
 MATERIAL = {
     "interreflection": Planted(_interreflection_parameters, _interreflection),
     "albedo_field": Planted(
@@ -65,4 +71,7 @@ MATERIAL = {
     ),
     "specular_coat": Planted(_specular_parameters, _specular),
     "translucency": Planted(_translucency_parameters, _translucency),
+    "wetting": Planted(
+        lambda rig: {"transmittance": PlantedParameter(rig.coat.transmittance, 0.2, 0.0, 0.4)}, _wetting
+    ),
 }
