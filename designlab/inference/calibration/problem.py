@@ -20,8 +20,9 @@ from designlab.simulation.simulator import Simulator
 MODEL_ERROR = 0.01  # of a channel's mean signal in a shot: what the simulation is not trusted with
 LEAST_DEPTH_MM = 0.01
 BRIGHT = 99.0  # percentile
-BLOCK_PX = 8  # within which errors may go together
-BLOCKS_PX = (1, 2, 4, 8, 16)  # which are tried for how far they do
+BLOCKS_PX = (1, 2, 4, 8, 16)  # within which errors may go together; tried for how far they do
+LEAST_BLOCK_PX = 8  # of standard errors
+LARGER = 1.1  # variance over that of smaller blocks from which larger ones are needed
 
 Imaging = Rendered | Directional
 """A model of pictures that can be calibrated."""
@@ -74,6 +75,7 @@ class Problem:
         self.lits = [imaging.lit(shot) for shot in shots]
         self.stated = [np.sqrt(shot.variance + (MODEL_ERROR * _level(shot)) ** 2) for shot in shots]
         self.sigmas = list(self.stated)
+        self.blocks_px = [LEAST_BLOCK_PX] * len(shots)
 
     def begin(self, stage: str, expected: int) -> None:
         """Name what is done now and how many pictures it takes, as far as is known."""
@@ -103,7 +105,12 @@ class Problem:
         for number, basis in bases.items():
             shot, stated = self.shots[number], self.stated[number]
             left = np.where(shot.valid, (shot.signal - self.predict(state, number, basis)) / stated, 0.0)
-            spread = np.max([_spread(left, shot.valid, size) for size in BLOCKS_PX], axis=0)
+            spreads = np.array([_spread(left, shot.valid, size) for size in BLOCKS_PX])
+            spread, means = spreads.max(axis=0), spreads.mean(axis=1)
+            needed = next(
+                size for size, mean in zip(BLOCKS_PX, means, strict=True) if mean * LARGER > means.max()
+            )
+            self.blocks_px[number] = max(needed, LEAST_BLOCK_PX)
             weighed = np.maximum(stated * np.sqrt(spread), np.sqrt(shot.variance))
             change = max(change, float(np.abs(weighed / self.sigmas[number] - 1.0).max()))
             self.sigmas[number] = weighed

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from designlab.core.types import Array
 from designlab.inference.calibration.linear import predicted
-from designlab.inference.calibration.problem import BLOCK_PX, CalibrationState, Problem
+from designlab.inference.calibration.problem import CalibrationState, Problem
 
 POSE_STEP = np.array([0.05, 0.05, 0.02, 0.5])  # mm, mm, mm, deg: finite differences
 LONGEST = 5.0  # finite-difference steps that one Gauss-Newton step may take
@@ -290,9 +290,9 @@ def covariance(
 ) -> tuple[Array, Array]:
     """Covariance of all unknowns, and its part that the simulator's own errors bring.
 
-    The first is a sandwich over blocks of `BLOCK_PX` squared pixels: errors in one block may be of any size
-    and go together. Residuals of a block are less than its errors, the more it decides by itself, and are
-    raised accordingly (Bell and McCaffrey 2002, CR2). The second is from one simulation with other random
+    The first is a sandwich over blocks of pixels as large as errors reach: those in one block may be of any
+    size and go together. Residuals of a block are less than its errors, the more it decides by itself, and
+    are raised accordingly (Bell and McCaffrey 2002, CR2). The second is from one simulation with other random
     numbers, and one on a mesh of half the pitch. Both are NaN for what stands at zero, is not seen, or can
     be made up for by others exactly.
     """
@@ -332,7 +332,7 @@ def _scores(problem: Problem, number: int, residual: Array, derivative: Array, i
     H = J C J' is the block's own part of the hat matrix, J its derivatives, C the inverse normal matrix.
     """
     shot = problem.shots[number]
-    row, column = np.indices(shot.signal.shape[:2]) // BLOCK_PX
+    row, column = np.indices(shot.signal.shape[:2]) // problem.blocks_px[number]
     label = np.broadcast_to((row * (column.max() + 1) + column)[..., None], shot.signal.shape)[shot.valid]
     order = np.argsort(label, kind="stable")
     edges = np.flatnonzero(np.diff(label[order])) + 1

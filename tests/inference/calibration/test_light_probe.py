@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from designlab.inference.calibration.imaging import ALBEDO, KERNEL, SCALE, Rendered
-from designlab.inference.calibration.problem import BLOCK_PX, Problem
+from designlab.inference.calibration.problem import Problem
 from designlab.measurement.light_probe.ball import LightProbe
 from designlab.measurement.shots import Shot
 from designlab.sensor.camera import View
@@ -61,20 +61,35 @@ class TestRendered:
 
 
 class TestWeights:
-    def weighed(self, left: np.ndarray) -> np.ndarray:
+    def weighed(self, left: np.ndarray) -> tuple[np.ndarray, int]:
+        """Standard deviations over the stated one, of each channel, and the blocks that errors take."""
         sigma = 0.01
         bare = shot(side=left.shape[0])
         own = replace(bare, signal=sigma * left, variance=np.full(left.shape, 1e-12))
         problem = Problem(Rendered(DESIGN, 4), (own,), (), seed=0)
-        problem.sigmas = [np.full(left.shape, sigma)]
+        problem.stated = [np.full(left.shape, sigma)]
         problem.weigh(problem.start(), {0: np.zeros((3, *left.shape[:2]))})
-        return problem.sigmas[0].mean(axis=(0, 1)) / sigma
+        return problem.sigmas[0].mean(axis=(0, 1)) / sigma, problem.blocks_px[0]
 
     def test_independent_errors_keep_their_size(self):
         left = np.random.default_rng(0).standard_normal((160, 160, 3))
-        np.testing.assert_allclose(self.weighed(left), 1.0, atol=3 * (1 / (2 * 400)) ** 0.5)
+        found, block_px = self.weighed(left)
+        # Of the blocks tried the largest count: 100 of them tell a standard deviation to 7 %.
+        np.testing.assert_allclose(found, 1.0, atol=3 * (1 / (2 * 100)) ** 0.5)
+        assert (found > 0.98).all()
+        assert block_px == 8
 
-    def test_errors_that_a_block_shares_count_as_one(self):
-        blocks = np.random.default_rng(0).standard_normal((20, 20, 3))
-        left = np.kron(blocks, np.ones((BLOCK_PX, BLOCK_PX, 1)))
-        np.testing.assert_allclose(self.weighed(left), BLOCK_PX, rtol=3 * (1 / (2 * 400)) ** 0.5)
+    @pytest.mark.parametrize("reach_px", [4, 8, 16])
+    def test_errors_that_a_block_shares_count_as_one(self, reach_px):
+        blocks = np.random.default_rng(0).standard_normal((160 // reach_px, 160 // reach_px, 3))
+        found, block_px = self.weighed(np.kron(blocks, np.ones((reach_px, reach_px, 1))))
+        np.testing.assert_allclose(found, reach_px, rtol=3 * (1 / (2 * 100)) ** 0.5)
+        assert block_px == max(reach_px, 8)
+
+    def test_standard_deviations_settle(self):
+        left = np.random.default_rng(0).standard_normal((32, 32, 3))
+        own = replace(shot(side=32), signal=left, variance=np.full(left.shape, 1e-12))
+        problem = Problem(Rendered(DESIGN, 4), (own,), (), seed=0)
+        nothing = {0: np.zeros((3, 32, 32))}
+        assert problem.weigh(problem.start(), nothing) > 1.0
+        assert problem.weigh(problem.start(), nothing) == 0.0
