@@ -7,8 +7,8 @@ FOLDER is the measurement folder of the released picture: a triangle of 5 mm pre
 - As published: nothing is fitted (`designlab compare`).
 - Fitted: light, floor, pose and the same free fields for both models are fitted on half of the blocks of a
   chessboard, and judged on the other half in full resolution; then the other way round.
-- The same with more free, for both models alike (`--more`): how much light the coating lets through, which
-  the probe takes where it touches (`optics.coating_transmittance`), then where the LEDs stand too.
+  Coatings of both models are tight, or leak as that of the elastic preset does and so turn darker where the
+  probe touches. With `--more` the leak is free as well, then also where the LEDs stand.
 - Ridge: the elastic model fitted on all blocks; how depth, thickness, size and field of view go together, and
   whether the published depth and field of view lie in their common 95 % region.
 """
@@ -25,8 +25,7 @@ from designlab.inference.compare import compare_model
 from designlab.inference.diagnosis.single_image.blocks import TRAIN, block_uses
 from designlab.inference.diagnosis.single_image.structure import rendered, structure
 from designlab.measurement import Measurement, load_measurement
-from designlab.sensor.design import preset
-from designlab.sensor.optical_constants import internal_reflectance
+from designlab.sensor.design import Design, preset
 from designlab.simulation.effects.model import SensorModel
 
 KERNEL, ELASTIC = "gelsight-2020-flat", "gelsight-2020-flat-elastic"
@@ -35,9 +34,9 @@ FREE = {
     ELASTIC: ("contact.skin_length_mm", "elastomer.thickness_mm=4+-1.5"),
 }
 BOTH = ("camera.horizontal_fov_deg", "probe.size_mm=5..5.8", "probe.edge_radius_mm=0..0.3")
-WETTING = ("optics.coating_transmittance=0.2+-0.1",)
+LEAKS = ("optics.coating_transmittance", "optics.backing_reflectance")
+LEAK = ("optics.coating_transmittance=0.2+-0.1",)
 PLACE = ("leds.height_mm=8.79+-1", "leds.radius_mm=12.59+-1")
-MORE = {"as asked": (), "and the coating leaks": WETTING, "and LEDs stand elsewhere": (*WETTING, *PLACE)}
 PUBLISHED = {"depth_mm": 0.50, "camera.horizontal_fov_deg": 53.3}
 REGION_95 = 5.991  # of chi squared with 2 degrees of freedom
 
@@ -49,29 +48,47 @@ class Half(NamedTuple):
     judged: Mapping[str, float]
 
 
+class Variant(NamedTuple):
+    """What both models have alike beside their contact: a coating that leaks or not, and what more is free."""
+
+    title: str
+    leaks: bool
+    free: tuple[str, ...] = ()
+
+    def design(self, name: str) -> Design:
+        """Preset with the coating of the elastic one, or a tight one."""
+        coat = preset(ELASTIC).optics
+        stated = {path: getattr(coat, path.rpartition(".")[2]) if self.leaks else 0.0 for path in LEAKS}
+        return preset(name).replace(stated)
+
+
+VARIANTS = (
+    Variant("coating as in the elastic preset", leaks=True),
+    Variant("coating tight", leaks=False),
+    Variant("leak of the coating free", leaks=True, free=LEAK),
+    Variant("leak of the coating and place of the LEDs free", leaks=True, free=(*LEAK, *PLACE)),
+)
+
+
 def fitted(
     measurement: Measurement,
     name: str,
-    more: tuple[str, ...],
+    variant: Variant,
     *,
     columns: int,
     mask: NDArray[np.bool_] | None = None,
 ) -> Calibration:
     """Calibrate a preset on part of the picture, or all of it."""
-    design = preset(name)
-    if more:
-        # A tight coating shows nothing of what is behind it, nor by how much it would change.
-        behind = internal_reflectance(design.optics.gel_index)
-        design = design.replace({"optics.backing_reflectance": behind, "optics.coating_transmittance": 0.2})
-    return calibrate(measurement, design, columns=columns, free=(*BOTH, *FREE[name], *more), mask=mask)
+    free = (*BOTH, *FREE[name], *variant.free)
+    return calibrate(measurement, variant.design(name), columns=columns, free=free, mask=mask)
 
 
-def half(measurement: Measurement, name: str, more: tuple[str, ...], *, parity: int, columns: int) -> Half:
+def half(measurement: Measurement, name: str, variant: Variant, *, parity: int, columns: int) -> Half:
     """Fit to the blocks of one colour of the chessboard and judge on the other."""
     (frame,) = measurement.frames
     real = measurement.linear(frame).astype(float)
     mask = block_uses(*real.shape[:2], parity=parity) == TRAIN
-    found = fitted(measurement, name, more, columns=columns, mask=mask)
+    found = fitted(measurement, name, variant, columns=columns, mask=mask)
     assert isinstance(found.model, SensorModel)
     design = found.model.effective_design()
     stated, pose = measurement.press(frame), found.frames[0].pose
@@ -135,21 +152,20 @@ def main() -> None:
         print(f"  {name:28} {figures['structure_corr']:.4f} {figures['structure_snr_db']:6.3f}", flush=True)
     if args.quick:
         return
-    for title, more in MORE.items():
-        if more and not args.more:
-            continue
+    for variant in VARIANTS if args.more else VARIANTS[:2]:
+        print(f"fitted on half of the blocks, judged on the other; {variant.title}")
         for name in (KERNEL, ELASTIC):
-            halves = [half(measurement, name, more, parity=parity, columns=args.columns) for parity in (0, 1)]
+            halves = [half(measurement, name, variant, parity=p, columns=args.columns) for p in (0, 1)]
             corr, snr = (
                 np.mean([each.judged[figure] for each in halves])
                 for figure in ("structure_corr", "structure_snr_db")
             )
-            print(f"fitted on half of the blocks, judged on the other, {title}: {name} {corr:.4f} {snr:.2f}")
+            print(f"  {name} {corr:.4f} {snr:.2f}")
             for each in halves:
-                print(f"  {each.judged['structure_corr']:.4f} {each.judged['structure_snr_db']:.2f}")
+                print(f"   {each.judged['structure_corr']:.4f} {each.judged['structure_snr_db']:.2f}")
                 show_values(each.found)
-        print(f"ridge of the elastic model, fitted on all blocks, {title}")
-        whole = fitted(measurement, ELASTIC, more, columns=args.columns)
+        print(f"ridge of the elastic model, fitted on all blocks; {variant.title}")
+        whole = fitted(measurement, ELASTIC, variant, columns=args.columns)
         show_values(whole)
         show_ridge(whole)
 
