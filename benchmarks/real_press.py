@@ -49,7 +49,7 @@ class Half(NamedTuple):
 
 
 class Variant(NamedTuple):
-    """What both models have alike beside their contact: a coating that leaks or not, and what more is free."""
+    """What both models have alike beside contact: a coating that leaks or not, and what more is free."""
 
     title: str
     leaks: bool
