@@ -376,8 +376,9 @@ def _within(inside: NDArray[np.bool_], height_mm: NDArray[np.float64]) -> NDArra
 def _ball_mm(distance_mm: NDArray[np.float64], radius_mm: float) -> NDArray[np.float64]:
     """Height of a ball touching z = 0 at a distance from its axis; beyond it, the height of its centre."""
     distance_mm = np.minimum(distance_mm, radius_mm)
+    root = np.sqrt(np.maximum(radius_mm**2 - distance_mm**2, 0.0))
     # R - sqrt(R^2 - r^2) rewritten without the difference, which would cancel near the apex.
-    return np.asarray(-(distance_mm**2) / (radius_mm + np.sqrt(radius_mm**2 - distance_mm**2)))
+    return np.asarray(-(distance_mm**2) / (radius_mm + root))
 
 
 def _flat_face_mm(
