@@ -111,7 +111,7 @@ def calibrate(
         coarse = Problem(imaging, _within(mask, shots), fields, seed=seed, progress=progress)
         coarse.hold(balls)
         state = _scaled(coarse, state, fitted)
-        coarse.begin("fitting coarsely", len(fitted) * (1 + COARSE_STEPS * _moves(coarse)))
+        coarse.begin("fitting coarsely", 2 * len(fitted) * (1 + COARSE_STEPS * _moves(coarse)))
         state, _ = _weighed(coarse, state, fitted, steps=COARSE_STEPS)
     else:
         state = _scaled(problem, state, fitted)
