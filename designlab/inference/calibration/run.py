@@ -21,7 +21,7 @@ from designlab.measurement.light_probe.ball import LightProbe
 from designlab.measurement.shots import POSE, ROUND, Observations, Shot, binned, observe
 from designlab.sensor.design import CHANNELS, Design
 from designlab.simulation.directional_light import DirectionalLight
-from designlab.simulation.effects.model import SensorModel
+from designlab.simulation.effects.model import SensorModel, effect
 from designlab.simulation.optics.viewing_rays import rays
 from designlab.simulation.simulator import RenderFailed
 
@@ -198,7 +198,7 @@ def _imaging(model: Design | SensorModel | DirectionalLight, samples: int) -> Im
     if isinstance(model, DirectionalLight):
         return Directional(model)
     sensor = SensorModel.of(model)
-    named = [applied.name for applied in sensor.effects if applied.name != "black_level"]
+    named = [applied.name for applied in sensor.effects if not effect(applied.name).constant]
     if named:
         raise ValueError(
             "model: must be a design without effects, since they are named after calibration; "

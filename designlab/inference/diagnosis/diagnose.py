@@ -43,7 +43,7 @@ from designlab.measurement import Measurement
 from designlab.measurement.shots import Observations
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press
-from designlab.simulation.effects import UNASKED, SensorModel, effect
+from designlab.simulation.effects import CATALOGUE, UNASKED, SensorModel, effect
 
 RUN = "run.json"
 SAMPLES = 256
@@ -270,13 +270,18 @@ def _names(model: SensorModel, catalogue: Sequence[str] | None, seen: Observatio
     present = {applied.name for applied in model.effects if not effect(applied.name).drawn}
     wanted = _wanted(catalogue)
     if len({shot.view for shot in seen.shots}) > 1:
-        present.add("fixed_pattern")  # of pixels, which frames of several crops do not share
+        present.update(_of_pixels())  # which frames of several crops do not share
     presses = _presses(seen)
     return [
         name
         for name in wanted
         if name not in present and effect(name).parameters_under(model.design, presses)
     ]
+
+
+def _of_pixels() -> list[str]:
+    """Effects with a number of their own for every pixel."""
+    return [e.name for e in CATALOGUE if e.per_pixel]
 
 
 def _wanted(catalogue: Sequence[str] | None) -> list[str]:
@@ -358,7 +363,9 @@ def _overlaps(search: ForwardSelection) -> tuple[Overlap, ...]:
 def _notes(seen: Observations, measurement: Measurement, model: SensorModel) -> tuple[str, ...]:
     notes = list(seen.notes)
     if len({shot.view for shot in seen.shots}) > 1:
-        notes.append("fixed_pattern was not tried: frames show several parts of the camera's sensor")
+        notes += [
+            f"{name} was not tried: frames show several parts of the camera's sensor" for name in _of_pixels()
+        ]
     stated = measurement.design()
     if stated is not None and stated.digest != model.design.digest:
         notes.append(

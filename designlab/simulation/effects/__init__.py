@@ -1,6 +1,6 @@
 """Physical effects a sensor model may lack: named, bounded, each the identity at its null value.
 
-Adding one is a class in the module of its stage and an entry in `catalogue.CATALOGUE`.
+Adding one is a class in the module of its stage, and its place among `EFFECTS` there.
 """
 
 from designlab.simulation.effects.base import Effect, EffectParameter, Sight

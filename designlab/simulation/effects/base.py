@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -15,6 +16,7 @@ from designlab.simulation.contact.press import Press
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.scene.scene import Scene
 
+Part = Literal["press", "design", "surface", "scene", "light", "signal"]
 Stage = Literal["geometry", "emission", "transport", "material", "contact", "camera"]
 Values = Mapping[str, float]
 Light = NDArray[np.floating]
@@ -93,32 +95,92 @@ class Sight:
     own: Mapping[str, Array] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class Scan:
+    """A parameter that is found by trying values, since nothing near its null tells it.
+
+    Attributes
+    ----------
+    parameter : str
+        Its name.
+    values : tuple of float
+        Values to try, in even steps of the logarithm.
+    most_heights : float
+        Largest value that is tried, in heights of a picture.
+    """
+
+    parameter: str
+    values: tuple[float, ...]
+    most_heights: float
+
+
+@dataclass(frozen=True)
+class Draws:
+    """What every picture has of an effect alone: its own amounts of waves on its light.
+
+    Attributes
+    ----------
+    strength : str
+        Parameter that is the root mean square of the amounts of one picture.
+    sd : float
+        Prior standard deviation of each amount.
+    count : int
+        Amounts of one picture.
+    steady : bool
+        Whether all pictures have as much and differ in phase alone; else amounts scatter about zero.
+    scan : Scan or None
+        How the parameter that shapes the waves is found.
+    """
+
+    strength: str
+    sd: float
+    count: int = 1
+    steady: bool = False
+    scan: Scan | None = None
+
+
 class Effect:
     """A named physical effect.
 
-    Subclasses override the hook of the stage they act on; the others change nothing.
+    Subclasses override the hooks of what they change, and say so; the others change nothing. What else a
+    diagnosis needs to know of an effect is an attribute here, so that no other place names it.
     """
 
     name: ClassVar[str]
     stage: ClassVar[Stage]
     summary: ClassVar[str]
+    changes: ClassVar[tuple[Part, ...]]
+    """What it changes: the hooks that it overrides, without their `on_`."""
     transferable: ClassVar[bool]
     """Whether it holds for new designs too (True), or belongs to one built unit (False).
 
     What a part is made of or how it works goes with the part; how one unit was put together does not.
     """
-    drawn: ClassVar[bool] = False
-    """Whether it acts by what one unit or picture alone has, of which the values hold the strength only."""
+    draws: ClassVar[Draws | None] = None
+    """What every picture has alone, where it acts by that; see `waves`."""
+    per_pixel: ClassVar[str] = ""
+    """Parameter that is the strength of a pattern of one number a pixel which all pictures share, if any."""
     recombines: ClassVar[bool] = False
-    """Whether it changes a design only in how light already traced is combined."""
+    """Whether it changes a design only in how light already traced is combined; see `on_mixing`."""
     warps: ClassVar[bool] = False
     """Whether it changes a design only in which point of the membrane each pixel sees."""
     curved: ClassVar[bool] = False
     """Whether it changes a signal otherwise than in proportion, so that a pixel's noise changes its mean."""
-    reposes: ClassVar[bool] = False
-    """Whether it changes a press only in its pose, by which pictures are rendered for every press anyway."""
+    reposes: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    """Coordinate of a press's pose that each parameter is added to, where it changes nothing else.
+
+    Pictures by pose are rendered for every press anyway.
+    """
     needs_touch: ClassVar[bool] = False
-    """Whether it changes the membrane only where something touches it."""
+    """Whether it changes nothing where nothing is pressed."""
+    constant: ClassVar[bool] = False
+    """Whether it adds the same to the signal of every picture."""
+    told_by: ClassVar[Literal["", "dark", "single_group"]] = ""
+    """Kind of frame (without light, or lit by one group) without which others of these kinds look like it."""
+    scales: ClassVar[str] = ""
+    """Parameter that is the scale of a picture, if any."""
+    unseen_alone: ClassVar[str] = ""
+    """Why a single picture of a single press cannot show it, in words; empty where it can."""
     contact_models: ClassVar[tuple[str, ...]] = CONTACT_MODELS
     """Models of contact it acts on; a design of another has no parameters of it."""
     confounded_with: ClassVar[tuple[str, ...]] = ()
@@ -130,10 +192,14 @@ class Effect:
     @property
     def rendered(self) -> bool:
         """Whether light must be traced or shaded anew to see it."""
-        kind = type(self)
-        hooks = ("on_press", "on_design", "on_surface", "on_scene")
-        changes = any(getattr(kind, hook) is not getattr(Effect, hook) for hook in hooks)
-        return changes and not (self.recombines or self.warps or self.reposes)
+        return not (
+            {"light", "signal"}.issuperset(self.changes) or self.recombines or self.warps or self.reposes
+        )
+
+    @property
+    def drawn(self) -> bool:
+        """Whether it acts by what one unit or picture alone has, whose strength alone its values hold."""
+        return self.draws is not None or bool(self.per_pixel)
 
     def suits(self, design: Design) -> bool:
         """Whether it acts on designs with this model of contact."""
@@ -155,6 +221,10 @@ class Effect:
         """Change the design before anything is simulated."""
         return design
 
+    def on_mixing(self, mixing: Array, design: Design, values: Values) -> Array:
+        """Change the mixing matrix (3, groups) of a design, as `on_design` does, if it recombines light."""
+        return mixing
+
     def on_surface(self, surface: Surface, design: Design, press: Press | None, values: Values) -> Surface:
         """Change the membrane under what is pressed; the design is that after every effect on it."""
         return surface
@@ -170,6 +240,13 @@ class Effect:
     def on_signal(self, signal: Signal, values: Values) -> Signal:
         """Change the signal of the pixels, noise included, before the converter cuts and rounds it."""
         return signal
+
+    def waves(self, view: View, values: Values) -> Array:
+        """Return the relative changes of light of which every picture has its own amounts.
+
+        Their shape is (amounts, rows, 1): they run along the rows, or (amounts, 1, 1).
+        """
+        raise NotImplementedError  # abstract: every effect that draws has its own
 
     def null(self, design: Design) -> dict[str, float]:
         """Values at which the effect is the identity."""

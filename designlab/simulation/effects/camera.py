@@ -1,12 +1,24 @@
 """Effects between the light on the camera's sensor and its counts."""
 
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from designlab.core.types import Array
+from designlab.sensor.camera import View
 from designlab.sensor.design import CHANNELS, Design
-from designlab.simulation.effects.base import Effect, EffectParameter, Light, Sight, Signal, Stage, Values
+from designlab.simulation.effects.base import (
+    Draws,
+    Effect,
+    EffectParameter,
+    Light,
+    Part,
+    Scan,
+    Sight,
+    Signal,
+    Stage,
+    Values,
+)
 
 
 class FixedPattern(Effect):
@@ -15,8 +27,10 @@ class FixedPattern(Effect):
     name: ClassVar[str] = "fixed_pattern"
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "every picture carries the same fine pattern"
+    changes: ClassVar[tuple[Part, ...]] = ("light",)
     transferable: ClassVar[bool] = False  # another sensor chip, other dust
-    drawn: ClassVar[bool] = True
+    per_pixel: ClassVar[str] = "rms"
+    unseen_alone: ClassVar[str] = "one picture: explains any picture by itself"
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Pixels of small sensors differ by about 1 % (estimate)."""
@@ -36,8 +50,10 @@ class ExposureDrift(Effect):
     name: ClassVar[str] = "exposure_drift"
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "brightness changes from picture to picture"
+    changes: ClassVar[tuple[Part, ...]] = ("light",)
     transferable: ClassVar[bool] = False  # every run has its own
-    drawn: ClassVar[bool] = True
+    draws: ClassVar[Draws] = Draws("rms", sd=0.02)
+    unseen_alone: ClassVar[str] = "one picture: the same as the light of the LEDs"
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """LEDs lose 4 to 7 % by 25 K (MPM 18, 2013, 143); 2 % is common between pictures."""
@@ -52,6 +68,10 @@ class ExposureDrift(Effect):
             return light
         return np.asarray(light * (1.0 + values["rms"] * float(drawn)), dtype=light.dtype)
 
+    def waves(self, view: View, values: Values) -> Array:
+        """All light alike."""
+        return np.ones((1, 1, 1))
+
 
 class Banding(Effect):
     """Bright and dark bands run across the rows: LEDs that flicker while rows are read."""
@@ -59,8 +79,17 @@ class Banding(Effect):
     name: ClassVar[str] = "banding"
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "bands run across the picture, elsewhere in every one"
+    changes: ClassVar[tuple[Part, ...]] = ("light",)
     transferable: ClassVar[bool] = False  # every picture has its own
-    drawn: ClassVar[bool] = True
+    draws: ClassVar[Draws] = Draws(
+        "amplitude",
+        sd=0.015,
+        count=2,
+        steady=True,
+        # A wave longer than a picture is a slope there, which much else may bring about.
+        scan=Scan("period_rows", tuple(np.geomspace(40.0, 2000.0, 120).tolist()), most_heights=1.05),
+    )
+    unseen_alone: ClassVar[str] = "one picture: the same as a pattern of the coating"
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Up to 3 % where LEDs are dimmed by pulses (estimate)."""
@@ -88,6 +117,12 @@ class Banding(Effect):
         wave = np.sin(2 * np.pi * (row / values["period_rows"] + float(phase)))
         return np.asarray(light * (1.0 + values["amplitude"] * wave), dtype=light.dtype)
 
+    def waves(self, view: View, values: Values) -> Array:
+        """Sine and cosine across the rows of the full sensor."""
+        _, row = view.centres()
+        turn = 2 * np.pi * row[:, :1] / values["period_rows"]
+        return np.stack([np.sin(turn), np.cos(turn)])
+
 
 class ColourMixing(Effect):
     """A camera channel also sees LED groups of other colours (overlapping spectra, colour matrix)."""
@@ -95,8 +130,10 @@ class ColourMixing(Effect):
     name: ClassVar[str] = "colour_mixing"
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "camera channels see LED groups of other colours"
+    changes: ClassVar[tuple[Part, ...]] = ("design",)
     transferable: ClassVar[bool] = True  # filters of the camera's kind over the LEDs' spectra
     recombines: ClassVar[bool] = True
+    told_by: ClassVar[Literal["single_group"]] = "single_group"
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """One response for each pair of channel and foreign group; a colour matrix may make it negative."""
@@ -117,18 +154,17 @@ class ColourMixing(Effect):
         """Add to the mixing matrix; a row is scaled by the channel's response to its own group."""
         if not any(values.values()):
             return design
-        matrix = mixing_with(design, values)
+        matrix = self.on_mixing(design.mixing_matrix, design, values)
         return design.replace({"mixing": tuple(tuple(float(v) for v in row) for row in matrix)})
 
-
-def mixing_with(design: Design, values: Values) -> Array:
-    """Mixing matrix of a design (3, groups) with the added responses."""
-    matrix = design.mixing_matrix.copy()
-    own = np.abs(matrix).max(axis=1)
-    for channel, group in _foreign_pairs(design):
-        row, column = CHANNELS.index(channel), design.group_names.index(group)
-        matrix[row, column] += values[f"{channel}_from_{group}"] * own[row]
-    return matrix
+    def on_mixing(self, mixing: Array, design: Design, values: Values) -> Array:
+        """Add the responses."""
+        matrix = mixing.copy()
+        own = np.abs(mixing).max(axis=1)
+        for channel, group in _foreign_pairs(design):
+            row, column = CHANNELS.index(channel), design.group_names.index(group)
+            matrix[row, column] += values[f"{channel}_from_{group}"] * own[row]
+        return matrix
 
 
 def _foreign_pairs(design: Design) -> list[tuple[str, str]]:
@@ -147,7 +183,10 @@ class BlackLevel(Effect):
     name: ClassVar[str] = "black_level"
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "a constant is added to every picture"
+    changes: ClassVar[tuple[Part, ...]] = ("signal",)
     transferable: ClassVar[bool] = True  # set in the camera's converter
+    constant: ClassVar[bool] = True
+    told_by: ClassVar[Literal["dark"]] = "dark"
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """One level for each channel; 1024 of 65535 is the black level of a common small camera."""
@@ -169,6 +208,7 @@ class ResponseCurve(Effect):
     name: ClassVar[str] = "response_curve"
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "the camera's answer to light is curved"
+    changes: ClassVar[tuple[Part, ...]] = ("signal",)
     transferable: ClassVar[bool] = True  # set in the camera's processing
     curved: ClassVar[bool] = True
 
@@ -179,3 +219,14 @@ class ResponseCurve(Effect):
     def on_signal(self, signal: Signal, values: Values) -> Signal:
         """Raise to the exponent, mirrored about zero for values that noise leaves below."""
         return np.asarray(np.sign(signal) * np.abs(signal) ** values["exponent"])
+
+
+EFFECTS: tuple[Effect, ...] = (
+    Banding(),
+    ExposureDrift(),
+    FixedPattern(),
+    ColourMixing(),
+    BlackLevel(),
+    ResponseCurve(),
+)
+"""In the order in which they act."""

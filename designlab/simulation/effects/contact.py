@@ -1,6 +1,6 @@
 """Effects of the contact between object and gel."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import ClassVar
 
@@ -9,7 +9,7 @@ from designlab.sensor.design import Design
 from designlab.simulation.contact import layer
 from designlab.simulation.contact.press import Press
 from designlab.simulation.contact.surface import Surface
-from designlab.simulation.effects.base import Effect, EffectParameter, Stage, Values, at_least
+from designlab.simulation.effects.base import Effect, EffectParameter, Part, Stage, Values, at_least
 from geometries.probes import LARGEST_EDGE, Probe
 
 LEAST_DEPTH_MM = 0.01
@@ -21,7 +21,9 @@ class ContactKernel(Effect):
 
     name: ClassVar[str] = "contact_kernel"
     stage: ClassVar[Stage] = "contact"
+    needs_touch: ClassVar[bool] = True
     summary: ClassVar[str] = "the gel's smoothing length differs"
+    changes: ClassVar[tuple[Part, ...]] = ("design",)
     transferable: ClassVar[bool] = True  # what the gel is made of
     contact_models: ClassVar[tuple[str, ...]] = ("kernel",)
 
@@ -48,7 +50,9 @@ class ContactProfile(Effect):
 
     name: ClassVar[str] = "contact_profile"
     stage: ClassVar[Stage] = "contact"
+    needs_touch: ClassVar[bool] = True
     summary: ClassVar[str] = "the gel is raised around the contact too"
+    changes: ClassVar[tuple[Part, ...]] = ("design",)
     transferable: ClassVar[bool] = True  # what the gel is made of
     contact_models: ClassVar[tuple[str, ...]] = ("kernel",)
 
@@ -89,7 +93,9 @@ class ContactLayer(Effect):
 
     name: ClassVar[str] = "contact_layer"
     stage: ClassVar[Stage] = "contact"
+    needs_touch: ClassVar[bool] = True
     summary: ClassVar[str] = "the gel is an elastic layer and no kernel"
+    changes: ClassVar[tuple[Part, ...]] = ("surface",)
     transferable: ClassVar[bool] = True  # how gels work
     contact_models: ClassVar[tuple[str, ...]] = ("kernel",)
     by_name: ClassVar[bool] = True  # the race has learnt its thresholds without
@@ -133,7 +139,9 @@ class Friction(Effect):
 
     name: ClassVar[str] = "friction"
     stage: ClassVar[Stage] = "contact"
+    needs_touch: ClassVar[bool] = True
     summary: ClassVar[str] = "probe and membrane rub more or less"
+    changes: ClassVar[tuple[Part, ...]] = ("design",)
     transferable: ClassVar[bool] = True  # what the skin is made of
     contact_models: ClassVar[tuple[str, ...]] = ("layer",)
     confounded_with: ClassVar[tuple[str, ...]] = ("gel_thickness", "contact.poisson")
@@ -160,7 +168,9 @@ class SkinLength(Effect):
 
     name: ClassVar[str] = "skin_length"
     stage: ClassVar[Stage] = "contact"
+    needs_touch: ClassVar[bool] = True
     summary: ClassVar[str] = "the coated skin smooths corners less or more"
+    changes: ClassVar[tuple[Part, ...]] = ("design",)
     transferable: ClassVar[bool] = True  # how gels of the kind are coated
     contact_models: ClassVar[tuple[str, ...]] = ("layer",)
 
@@ -195,7 +205,9 @@ class ProbeEdge(Effect):
 
     name: ClassVar[str] = "probe_edge"
     stage: ClassVar[Stage] = "contact"
+    needs_touch: ClassVar[bool] = True
     summary: ClassVar[str] = "edges of probes are rounder than stated"
+    changes: ClassVar[tuple[Part, ...]] = ("press",)
     transferable: ClassVar[bool] = False  # how these probes were made
     by_name: ClassVar[bool] = True  # the race has learnt its thresholds without
 
@@ -218,7 +230,9 @@ class ProbeSize(Effect):
 
     name: ClassVar[str] = "probe_size"
     stage: ClassVar[Stage] = "contact"
+    needs_touch: ClassVar[bool] = True
     summary: ClassVar[str] = "probes are larger or smaller than stated"
+    changes: ClassVar[tuple[Part, ...]] = ("press",)
     transferable: ClassVar[bool] = False  # how these probes were made
     confounded_with: ClassVar[tuple[str, ...]] = (
         "lens_distortion",
@@ -249,9 +263,12 @@ class DepthOffset(Effect):
 
     name: ClassVar[str] = "depth_offset"
     stage: ClassVar[Stage] = "contact"
+    needs_touch: ClassVar[bool] = True
     summary: ClassVar[str] = "every press is deeper or shallower than stated"
+    changes: ClassVar[tuple[Part, ...]] = ("press",)
     transferable: ClassVar[bool] = False  # how the stage was zeroed
-    reposes: ClassVar[bool] = True
+    reposes: ClassVar[Mapping[str, str]] = {"offset_mm": "depth_mm"}
+    unseen_alone: ClassVar[str] = "one press: the same as its own depth"
     confounded_with: ClassVar[tuple[str, ...]] = ("gel_thickness",)
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
@@ -265,3 +282,16 @@ class DepthOffset(Effect):
         return press.model_copy(
             update={"depth_mm": max(press.depth_mm + values["offset_mm"], LEAST_DEPTH_MM)}
         )
+
+
+EFFECTS: tuple[Effect, ...] = (
+    ContactKernel(),
+    ContactProfile(),
+    ContactLayer(),
+    Friction(),
+    SkinLength(),
+    ProbeEdge(),
+    ProbeSize(),
+    DepthOffset(),
+)
+"""In the order in which they act."""

@@ -11,7 +11,7 @@ import numpy as np
 from designlab.core.types import Array
 from designlab.sensor.design import Design, DesignError
 from designlab.sensor.led_mounting import FACING
-from designlab.simulation.effects.base import Effect, EffectParameter, Stage, Values
+from designlab.simulation.effects.base import Effect, EffectParameter, Part, Stage, Values
 from designlab.simulation.scene.scene import Light, Scene, Shape
 from geometries.leds import emitters
 
@@ -25,6 +25,7 @@ class LedSpread(Effect):
     name: ClassVar[str] = "led_spread"
     stage: ClassVar[Stage] = "emission"
     summary: ClassVar[str] = "LEDs of one group differ in brightness"
+    changes: ClassVar[tuple[Part, ...]] = ("scene",)
     transferable: ClassVar[bool] = False  # other LEDs from the bin
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
@@ -68,6 +69,7 @@ class LedProfile(Effect):
     name: ClassVar[str] = "led_profile"
     stage: ClassVar[Stage] = "emission"
     summary: ClassVar[str] = "the beam of the LEDs is wider or narrower"
+    changes: ClassVar[tuple[Part, ...]] = ("design",)
     transferable: ClassVar[bool] = True  # optics of the kind of LED
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
@@ -105,6 +107,7 @@ class LedTilt(Effect):
     name: ClassVar[str] = "led_tilt"
     stage: ClassVar[Stage] = "emission"
     summary: ClassVar[str] = "LEDs shine in another direction"
+    changes: ClassVar[tuple[Part, ...]] = ("scene",)
     transferable: ClassVar[bool] = False  # how boards were set
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
@@ -184,6 +187,7 @@ class LedPosition(Effect):
     name: ClassVar[str] = "led_position"
     stage: ClassVar[Stage] = "emission"
     summary: ClassVar[str] = "LED rows stand off their nominal place"
+    changes: ClassVar[tuple[Part, ...]] = ("scene",)
     transferable: ClassVar[bool] = False  # how boards were set
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
@@ -263,3 +267,7 @@ def _excesses(scene: Scene, values: Values) -> Iterator[list[float]]:
             stated = ", ".join(f"{name} {value:g}" for name, value in named.items())
             raise DesignError(f"led_spread: {stated}: nothing of the flux is left for the group's last face")
         yield [*named.values(), last]
+
+
+EFFECTS: tuple[Effect, ...] = (LedSpread(), LedProfile(), LedTilt(), LedPosition())
+"""In the order in which they act."""

@@ -6,7 +6,7 @@ from typing import ClassVar
 from designlab.sensor.design import Design
 from designlab.simulation.contact import layer
 from designlab.simulation.contact.press import Press
-from designlab.simulation.effects.base import Effect, EffectParameter, Stage, Values, at_least
+from designlab.simulation.effects.base import Effect, EffectParameter, Part, Stage, Values, at_least
 
 
 class CameraPose(Effect):
@@ -15,6 +15,7 @@ class CameraPose(Effect):
     name: ClassVar[str] = "camera_pose"
     stage: ClassVar[Stage] = "geometry"
     summary: ClassVar[str] = "the camera stands or looks elsewhere"
+    changes: ClassVar[tuple[Part, ...]] = ("design",)
     transferable: ClassVar[bool] = False  # how one camera was screwed on
     warps: ClassVar[bool] = True
     confounded_with: ClassVar[tuple[str, ...]] = ("probe_size",)  # by its height
@@ -49,6 +50,7 @@ class GelThickness(Effect):
     name: ClassVar[str] = "gel_thickness"
     stage: ClassVar[Stage] = "geometry"
     summary: ClassVar[str] = "the gel is thicker or thinner than drawn"
+    changes: ClassVar[tuple[Part, ...]] = ("design",)
     transferable: ClassVar[bool] = False  # how one gel was cast
     contact_models: ClassVar[tuple[str, ...]] = ("layer",)
     confounded_with: ClassVar[tuple[str, ...]] = ("depth_offset", "friction", "contact.poisson")
@@ -74,3 +76,7 @@ class GelThickness(Effect):
             return design
         thickness_mm = design.elastomer.thickness_mm * values["thickness_ratio"]
         return design.replace({"elastomer.thickness_mm": thickness_mm})
+
+
+EFFECTS: tuple[Effect, ...] = (CameraPose(), GelThickness())
+"""In the order in which they act."""

@@ -1,7 +1,7 @@
 """Effects of the camera's lens."""
 
 from functools import lru_cache
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 from scipy.ndimage import convolve1d, gaussian_filter1d
@@ -11,7 +11,7 @@ from designlab.core.types import Array
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.sensor.lens import Fisheye
-from designlab.simulation.effects.base import Effect, EffectParameter, Light, Sight, Stage, Values
+from designlab.simulation.effects.base import Effect, EffectParameter, Light, Part, Sight, Stage, Values
 
 GLARE_WIDTH = 0.3  # standard deviation of the veil over the picture's width
 
@@ -22,8 +22,10 @@ class LensDistortion(Effect):
     name: ClassVar[str] = "lens_distortion"
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "the picture is scaled or distorted"
+    changes: ClassVar[tuple[Part, ...]] = ("design",)
     transferable: ClassVar[bool] = True  # the lens's kind
     warps: ClassVar[bool] = True
+    scales: ClassVar[str] = "magnification"
     confounded_with: ClassVar[tuple[str, ...]] = ("probe_size",)  # by its magnification
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
@@ -64,6 +66,7 @@ class PointSpread(Effect):
     name: ClassVar[str] = "point_spread"
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "the picture is blurred"
+    changes: ClassVar[tuple[Part, ...]] = ("light",)
     transferable: ClassVar[bool] = True  # the lens's kind
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
@@ -106,6 +109,7 @@ class VignettingEffect(Effect):
     name: ClassVar[str] = "vignetting"
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "the picture falls off towards its corners"
+    changes: ClassVar[tuple[Part, ...]] = ("light",)
     transferable: ClassVar[bool] = True  # the lens's kind
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
@@ -136,7 +140,9 @@ class VeilingGlare(Effect):
     name: ClassVar[str] = "veiling_glare"
     stage: ClassVar[Stage] = "camera"
     summary: ClassVar[str] = "a veil of stray light lies over the picture"
+    changes: ClassVar[tuple[Part, ...]] = ("light",)
     transferable: ClassVar[bool] = True  # the lens's kind
+    told_by: ClassVar[Literal["dark"]] = "dark"
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Up to 3 % for a clean small lens, more for a dirty one (estimate)."""
@@ -160,3 +166,7 @@ def _spreading(size: int, width_px: float) -> Array:
     A veil is about as wide as the picture: the product with a matrix takes less time than a convolution.
     """
     return np.asarray(gaussian_filter1d(np.eye(size), width_px, axis=0, mode="reflect", truncate=3.0))
+
+
+EFFECTS: tuple[Effect, ...] = (LensDistortion(), PointSpread(), VignettingEffect(), VeilingGlare())
+"""In the order in which they act."""

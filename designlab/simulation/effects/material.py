@@ -6,7 +6,7 @@ import numpy as np
 
 from designlab.sensor.design import Design
 from designlab.sensor.optical_constants import internal_reflectance
-from designlab.simulation.effects.base import Effect, EffectParameter, Light, Sight, Stage, Values
+from designlab.simulation.effects.base import Effect, EffectParameter, Light, Part, Sight, Stage, Values
 
 
 class AlbedoField(Effect):
@@ -15,6 +15,7 @@ class AlbedoField(Effect):
     name: ClassVar[str] = "albedo_field"
     stage: ClassVar[Stage] = "material"
     summary: ClassVar[str] = "the coating's reflectance varies over the membrane"
+    changes: ClassVar[tuple[Part, ...]] = ("light",)
     transferable: ClassVar[bool] = False  # how one coating was sprayed
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
@@ -47,6 +48,7 @@ class SpecularCoat(Effect):
     name: ClassVar[str] = "specular_coat"
     stage: ClassVar[Stage] = "material"
     summary: ClassVar[str] = "the coating is glossy"
+    changes: ClassVar[tuple[Part, ...]] = ("design",)
     transferable: ClassVar[bool] = True  # what the coating is made of
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
@@ -81,6 +83,7 @@ class Translucency(Effect):
     name: ClassVar[str] = "translucency"
     stage: ClassVar[Stage] = "material"
     summary: ClassVar[str] = "the pressed object shines through the coating"
+    changes: ClassVar[tuple[Part, ...]] = ("design",)
     transferable: ClassVar[bool] = True  # what the coating is made of
     needs_touch: ClassVar[bool] = True
 
@@ -125,6 +128,7 @@ class Wetting(Effect):
     name: ClassVar[str] = "wetting"
     stage: ClassVar[Stage] = "material"
     summary: ClassVar[str] = "the coating turns darker where it is touched"
+    changes: ClassVar[tuple[Part, ...]] = ("design",)
     transferable: ClassVar[bool] = True  # what the coating is made of
     needs_touch: ClassVar[bool] = True
     by_name: ClassVar[bool] = True  # the race has learnt its thresholds without
@@ -156,3 +160,7 @@ class Wetting(Effect):
                 or internal_reflectance(design.optics.gel_index),
             }
         )
+
+
+EFFECTS: tuple[Effect, ...] = (AlbedoField(), SpecularCoat(), Translucency(), Wetting())
+"""In the order in which they act."""

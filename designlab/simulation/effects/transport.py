@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 from designlab.sensor.design import Design
-from designlab.simulation.effects.base import Effect, EffectParameter, Stage, Values
+from designlab.simulation.effects.base import Effect, EffectParameter, Part, Stage, Values
 
 
 class Interreflection(Effect):
@@ -12,6 +12,7 @@ class Interreflection(Effect):
     name: ClassVar[str] = "interreflection"
     stage: ClassVar[Stage] = "transport"
     summary: ClassVar[str] = "boards or membrane send more or less light round"
+    changes: ClassVar[tuple[Part, ...]] = ("design",)
     transferable: ClassVar[bool] = True  # materials
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
@@ -55,6 +56,7 @@ class GelcoreIndex(Effect):
     name: ClassVar[str] = "gelcore_index"
     stage: ClassVar[Stage] = "transport"
     summary: ClassVar[str] = "gelcore or elastomer refract otherwise"
+    changes: ClassVar[tuple[Part, ...]] = ("design",)
     transferable: ClassVar[bool] = True  # material
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
@@ -81,6 +83,7 @@ class Absorption(Effect):
     name: ClassVar[str] = "absorption"
     stage: ClassVar[Stage] = "transport"
     summary: ClassVar[str] = "the gelcore absorbs light"
+    changes: ClassVar[tuple[Part, ...]] = ("design",)
     transferable: ClassVar[bool] = True  # material
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
@@ -116,6 +119,7 @@ class CoreScatter(Effect):
     name: ClassVar[str] = "core_scatter"
     stage: ClassVar[Stage] = "transport"
     summary: ClassVar[str] = "the gelcore scatters light"
+    changes: ClassVar[tuple[Part, ...]] = ("design",)
     transferable: ClassVar[bool] = True  # material
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
@@ -140,6 +144,7 @@ class Delamination(Effect):
     name: ClassVar[str] = "delamination"
     stage: ClassVar[Stage] = "transport"
     summary: ClassVar[str] = "gel and core have come apart over a patch"
+    changes: ClassVar[tuple[Part, ...]] = ("design",)
     transferable: ClassVar[bool] = False  # a flaw of one unit
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
@@ -167,3 +172,7 @@ class Delamination(Effect):
                 "optics.gap_radius_mm": values["radius_mm"],
             }
         )
+
+
+EFFECTS: tuple[Effect, ...] = (Interreflection(), GelcoreIndex(), Delamination(), Absorption(), CoreScatter())
+"""In the order in which they act."""

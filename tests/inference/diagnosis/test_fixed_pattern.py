@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from designlab.inference.diagnosis.emulator.forward import Forward, bands
+from designlab.inference.diagnosis.emulator.forward import Forward
 from designlab.inference.diagnosis.emulator.snapshots import Bank, fill
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fitter, with_strength
@@ -15,9 +15,9 @@ from designlab.inference.diagnosis.likelihood.noise import DARK_LIGHT
 from designlab.inference.diagnosis.selection.acceptance import MOST_IN_WAVES
 from designlab.inference.diagnosis.selection.forward_selection import ForwardSelection
 from designlab.inference.diagnosis.selection.held_out import judge
-from designlab.inference.diagnosis.selection.screening import PERIODS, with_period
+from designlab.inference.diagnosis.selection.screening import scan_of, with_scanned
 from designlab.inference.diagnosis.verdict.intervals import values
-from designlab.simulation.effects import SensorModel
+from designlab.simulation.effects import SensorModel, effect
 from tests.helpers.small_sensor import DESIGN, GAINS, VIEW, applied, seeing, shots
 
 pytestmark = pytest.mark.renders
@@ -36,7 +36,7 @@ def test_the_strength_of_a_pattern_lies_in_its_interval(bank) -> None:
     start = fitter.fit(fitter.start(train), (), train)
     fitter.measure(start.state)
     found = found_pattern(fitter, start.state, train)
-    state = replace(start.state.with_values("fixed_pattern", {"rms": found.rms}), pattern=found.values)
+    state = start.state.with_pattern("fixed_pattern", found.values, found.rms)
     value = values(fitter, replace(start, state=state), "fixed_pattern", train)["rms"]
     assert value.low < 0.008 < value.high
     assert value.low > 0.5 * 0.008
@@ -75,9 +75,9 @@ def test_a_wavy_gel_is_no_fine_pattern(bank) -> None:
 
 
 def test_strength_and_period_of_bands_lie_in_their_intervals(bank) -> None:
-    period, amplitude, train = PERIODS[60], 0.015, [0, 1, 2]
+    period, amplitude, train = scan_of("banding").values[60], 0.015, [0, 1, 2]
     phases = (0.3, 2.0, 4.1)
-    waves = bands(bank.shots[0].view, period)
+    waves = effect("banding").waves(bank.shots[0].view, {"period_rows": period})
     shots = [
         replace(
             shot,
@@ -109,7 +109,7 @@ def test_a_slope_of_brightness_is_no_long_wave(bank) -> None:
     fitter = Fitter(replace(bank, shots=(*tilted, *bank.shots[3:])))
     state = fitter.start(train)
     fitter.measure(state)
-    found = with_period(fitter, state, train)
+    found = with_scanned(fitter, state, "banding", train)
     assert found.values["banding"]["period_rows"] < 1.1 * view.height_px
 
 

@@ -12,7 +12,7 @@ from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.state import Key, Values, key
 from designlab.sensor.camera import Camera
 from designlab.sensor.design import Design
-from designlab.simulation.effects import CATALOGUE, Effect, SensorModel, Sight
+from designlab.simulation.effects import CATALOGUE, SensorModel, Sight
 from designlab.simulation.effects.base import Light, Signal
 from designlab.simulation.imaging import Capture, expected, noise_sigma
 
@@ -21,8 +21,6 @@ LEVELS = 400  # of a sampled curve
 REACHES = 8  # of sampled curves, in each doubling of the brightest light
 LEAST_BRIGHTEST = 1e-6
 CURVES_KEPT = 64
-ANSWERING = tuple(e.name for e in CATALOGUE if type(e).on_signal is not Effect.on_signal)
-"""Effects on the signal, which show in a frame without light too."""
 
 
 class Answers:
@@ -34,10 +32,16 @@ class Answers:
         The model.
     design : Design
         What it makes of its design.
+
+    Attributes
+    ----------
+    effects : tuple of str
+        Effects on the signal, which show in a frame without light too.
     """
 
     def __init__(self, model: SensorModel, design: Design) -> None:
         self.model, self.camera = model, design.camera
+        self.effects = tuple(e.name for e in CATALOGUE if "signal" in e.changes)
         self._kept: dict[tuple[int, Key], tuple[Array, Array]] = {}
 
     def reported(self, values: Values, mixed: Array) -> Array:
@@ -56,6 +60,10 @@ class Answers:
         means = [np.interp(lifted[..., c], levels, curves[:, c]) for c in range(3)]
         return np.stack(means, axis=-1)
 
+    def curved(self, values: Values) -> bool:
+        """Whether pixels answer otherwise than in proportion."""
+        return self.model.curved or _Effects(self.model, values).curved
+
     def _curves(self, values: Values, brightest: float) -> tuple[Array, Array]:
         """Levels up to the brightest of a picture or a little more, and the mean answers to them, (n, 3).
 
@@ -63,7 +71,7 @@ class Answers:
         """
         octaves = math.ceil(math.log2(max(brightest, LEAST_BRIGHTEST)) * REACHES)
         answered, reach = _Effects(self.model, values).on_signal, 2.0 ** (octaves / REACHES)
-        place = octaves, key(values, ANSWERING)
+        place = octaves, key(values, self.effects)
         return remembered(
             self._kept, place, lambda: mean_answers(answered, self.camera, reach), most=CURVES_KEPT
         )

@@ -1,16 +1,15 @@
 """What a state of the model predicts for a shot, and by how much each unknown changes it."""
 
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from designlab.core.memory import remembered
 from designlab.core.types import Array, Single
-from designlab.inference.diagnosis.emulator.camera_response import ANSWERING, Answers, clipped, uncut
+from designlab.inference.diagnosis.emulator.camera_response import Answers, clipped, uncut
 from designlab.inference.diagnosis.emulator.coordinates import coordinate, value_at
-from designlab.inference.diagnosis.emulator.resampling import TURNING, Warps, turning
+from designlab.inference.diagnosis.emulator.resampling import Warps, turning
 from designlab.inference.diagnosis.emulator.snapshots import (
     POSE_STEP,
     SHARPER,
@@ -21,19 +20,14 @@ from designlab.inference.diagnosis.emulator.snapshots import (
 )
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, Key, State, Unknown
 from designlab.measurement.shots import POSE
-from designlab.sensor.camera import View
 from designlab.sensor.design import DesignError
 from designlab.simulation.effects import CATALOGUE, Effect, EffectParameter, Sight, effect
-from designlab.simulation.effects.camera import mixing_with
 from designlab.simulation.imaging import Capture, expected, mixed
 
 Light = NDArray[np.floating]
 
 HALF_STEP = 0.25  # of a prior standard deviation: differences of effects that are not rendered
-DEPTH = POSE.index("depth_mm")
-DEEPER = "depth_offset"
 EDGES_KEPT = 64  # a fit asks for those of all its shots twice, at every step
-BANDS_KEPT = 16
 
 
 class Forward:
@@ -106,11 +100,20 @@ class Forward:
             for p in self.parameters[name]
         }
 
+    def values(self, state: State, name: str) -> Mapping[str, float]:
+        """Values of an effect in a state: its null where the state has none."""
+        return state.values.get(name) or effect(name).null(self.bank.model.design)
+
+    def parameter(self, unknown: Unknown) -> EffectParameter:
+        """Parameter of an effect that an unknown is."""
+        return next(p for p in self.parameters[unknown.effect] if p.name == unknown.name)
+
     def pose(self, state: State, number: int) -> Array:
-        """Departure of a shot's pose; a common offset of the depth is part of it."""
+        """Departure of a shot's pose; what effects add to all poses is part of it."""
         pose = state.pose(number).copy()
-        if DEEPER in state.values:
-            pose[DEPTH] += state.values[DEEPER]["offset_mm"]
+        for name, values in state.values.items():
+            for parameter, axis in effect(name).reposes.items():
+                pose[POSE.index(axis)] += values[parameter]
         return pose
 
     def _probe(self, number: int) -> str:
@@ -189,24 +192,22 @@ class Forward:
         return np.asarray(light * self._of_one_shot(state, number))
 
     def _of_one_shot(self, state: State, number: int) -> Array | float:
-        """Factor on the light of a shot by its own drift and bands."""
+        """Factor on the light of a shot by what it has alone."""
         factor: Array | float = 1.0
-        if "exposure_drift" in state.values:
-            gain = state.drawn.get("exposure_drift", {}).get(number)
-            factor = 1.0 if gain is None else 1.0 + float(gain[0])
-        if "banding" in state.values:
-            waves = state.drawn.get("banding", {}).get(number)
-            if waves is not None:
-                period = state.values["banding"]["period_rows"]
-                both = bands(self.bank.shots[number].view, period)
-                factor = factor * (1.0 + np.tensordot(waves, both, axes=1))
+        for name, values in state.values.items():
+            own = state.drawn.get(name, {}).get(number)
+            if own is not None:
+                waves = effect(name).waves(self.bank.shots[number].view, values)
+                change = np.tensordot(own, waves, axes=1)
+                # A plain number leaves light in single precision.
+                factor = factor * (1.0 + (change.item() if change.size == 1 else change))
         return factor
 
     def weights(self, state: State, number: int) -> Array:
         """Signal of each channel per unit of each group's radiance at unit flux, (3, groups)."""
         mixing = self.design.mixing_matrix
-        if "colour_mixing" in state.values:
-            mixing = mixing_with(self.design, state.values["colour_mixing"])
+        for name, values in state.values.items():
+            mixing = effect(name).on_mixing(mixing, self.design, values)
         return np.asarray(mixing * self.flux * state.gains * self.bank.shots[number].lit)
 
     def _of_optics(self, state: State, number: int, optics: NDArray[np.floating]) -> Array:
@@ -239,7 +240,7 @@ class Forward:
         warped, sharp = self._seen(state, number, light)
         optics = self._after_warp(state, number, warped)
         here = self._of_optics(state, number, optics)
-        if not unknowns or not (shot.lit.any() or any(u.effect in ANSWERING for u in unknowns)):
+        if not unknowns or not (shot.lit.any() or any(u.effect in self.answers.effects for u in unknowns)):
             return here, found
         slopes: dict[int, Single] = {}  # of the light, by the place of the unknown
         looks: dict[int, Single] = {}
@@ -260,14 +261,11 @@ class Forward:
             elif unknown.effect == FRINGES:
                 channels = mixed(optics, mixing)
                 found[place] = unknown.sd * self._fringes(number, channels) * gain
-            elif unknown.effect in ("exposure_drift", "banding"):
-                wave: Array | float = 1.0
-                if unknown.effect == "banding":
-                    period = state.values["banding"]["period_rows"]
-                    wave = bands(shot.view, period)[int(unknown.name)]
-                part = np.tensordot(mixing, optics * wave, axes=1)
+            elif unknown.shot == number:  # poses, which shots have alone too, are slopes of the light
+                waves = effect(unknown.effect).waves(shot.view, self.values(state, unknown.effect))
+                part = np.tensordot(mixing, optics * waves[int(unknown.name)], axes=1)
                 found[place] = unknown.sd * np.moveaxis(part, 0, -1) * gain
-            elif unknown.effect in TURNING:
+            elif effect(unknown.effect).warps:
                 looks[place] = self._look_slope(state, number, unknown, warped, sharp)
             else:
                 found[place] = self._difference(state, number, unknown, (light, warped, optics))
@@ -294,8 +292,8 @@ class Forward:
         if sharp is None:
             sharp = self.bank.of(number).blunt
         rest = warped if sharp is None else warped - sharp
-        p = next(p for p in self.parameters[unknown.effect] if p.name == unknown.name)
-        values = state.values.get(unknown.effect) or effect(unknown.effect).null(self.bank.model.design)
+        p = self.parameter(unknown)
+        values = self.values(state, unknown.effect)
         ends = []
         for step in (-HALF_STEP, HALF_STEP):
             there: Mapping[str, float] = {**values, p.name: value_at(p, coordinate(p, values[p.name]) + step)}
@@ -316,9 +314,7 @@ class Forward:
         """Derivative of the reported signal by the mixed light, (rows, columns, 3)."""
         channels = mixed(optics, mixing) * _pattern(state)
         slope = uncut(self.answers.reported(state.values, channels), sigma)
-        if "response_curve" in state.values or any(
-            a.name == "response_curve" for a in self.bank.model.effects
-        ):
+        if self.answers.curved(state.values):
             step = 1e-3 * max(float(channels.max()), 1e-3)
             ends = (
                 self.answers.reported(state.values, channels - step),
@@ -335,10 +331,12 @@ class Forward:
         if unknown.effect == SIZE and picture.size is not None:
             larger = state.sizes.get(unknown.name, 0.0) / SIZE_STEP
             return picture.size.slope(shape, larger) / np.float32(SIZE_STEP)
-        if unknown.effect in ("pose", DEEPER):
+        reposes = effect(unknown.effect).reposes if unknown.effect in self.parameters else {}
+        moved = unknown.name if unknown.effect == "pose" else reposes.get(unknown.name)
+        if moved is not None:
             if not picture.pose:
                 return np.zeros(shape, dtype=np.float32)
-            axis = DEPTH if unknown.effect == DEEPER else POSE.index(unknown.name)
+            axis = POSE.index(moved)
             pose = self.pose(state, number) / POSE_STEP
             slope = picture.pose[axis].slope(shape, float(pose[axis]))
             if picture.stand is not None:
@@ -347,8 +345,8 @@ class Forward:
         change = picture.changes.get((unknown.effect, unknown.name))
         if change is None:
             return None
-        p = next(p for p in self.parameters[unknown.effect] if p.name == unknown.name)
-        values = state.values.get(unknown.effect) or effect(unknown.effect).null(self.bank.model.design)
+        p = self.parameter(unknown)
+        values = self.values(state, unknown.effect)
         at = self.coordinates(unknown.effect, values)
         main = next(at[q.name] for q in self.parameters[unknown.effect] if not q.shape)
         if change.product:
@@ -368,8 +366,8 @@ class Forward:
         `stages` is the light in front of the camera, as the camera sees it, and behind its optics.
         """
         changing = effect(unknown.effect)
-        p = next(p for p in self.parameters[unknown.effect] if p.name == unknown.name)
-        values = dict(state.values.get(unknown.effect) or changing.null(self.bank.model.design))
+        p = self.parameter(unknown)
+        values = dict(self.values(state, unknown.effect))
         now = coordinate(p, values[p.name])
         far = 1.0 if p.squared and now == 0 else HALF_STEP
         start, end = (0.0, far) if p.one_sided and now < far else (-far, far)
@@ -389,7 +387,7 @@ class Forward:
     ) -> Array:
         """Signal of a state that differs in one effect from one whose light is known at every stage."""
         light, warped, optics = stages
-        if type(changing).on_light is not Effect.on_light:
+        if "light" in changing.changes:
             if changing.stage != "camera":
                 # Errors of straight lines between pixels cancel in a difference.
                 warped = self._warped(state, number, light, straight=True)
@@ -398,15 +396,9 @@ class Forward:
 
 
 def _pattern(state: State) -> Array | float:
-    """Factor of the pattern that all shots carry."""
-    if state.pattern is None or "fixed_pattern" not in state.values:
-        return 1.0
-    return 1.0 + state.values["fixed_pattern"]["rms"] * state.pattern
-
-
-@lru_cache(BANDS_KEPT)
-def bands(view: View, period_rows: float) -> Array:
-    """Sine and cosine of bands across the rows of the full sensor, shape (2, rows, columns)."""
-    _, row = view.centres()
-    turn = 2 * np.pi * row / period_rows
-    return np.stack([np.sin(turn), np.cos(turn)])
+    """Factor of the patterns that all shots carry."""
+    factor: Array | float = 1.0
+    for name, pattern in state.patterns.items():
+        if name in state.values:
+            factor = factor * (1.0 + state.values[name][effect(name).per_pixel] * pattern)
+    return factor

@@ -154,9 +154,7 @@ def _transport(model: SensorModel, press: Press | None) -> list[object]:
 
 def _changes_light(applied: Effect) -> bool:
     """Whether an effect changes light otherwise than by the design."""
-    kind = type(applied)
-    hooks = ("on_press", "on_surface", "on_scene", "on_light")
-    return any(getattr(kind, hook) is not getattr(Effect, hook) for hook in hooks)
+    return not {"design", "signal"}.issuperset(applied.changes)
 
 
 @cache

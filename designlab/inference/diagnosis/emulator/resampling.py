@@ -30,8 +30,6 @@ MOST_PX = 16  # by which pictures are continued in proportion beyond their edges
 ITERATIONS = 6
 SETTLED_PX = 1e-6  # steps below which no further ones are taken
 KEPT = 64
-TURNING = tuple(e.name for e in CATALOGUE if e.warps)
-"""Effects that turn where pixels look."""
 
 
 class SeenPoints:
@@ -163,7 +161,7 @@ class Warps:
 
 def turning(values: Values) -> Key:
     """Values of the effects that turn where pixels look."""
-    return key(values, TURNING)
+    return key(values, [e.name for e in CATALOGUE if e.warps])
 
 
 def _continued(place: NDArray[np.intp], shape: tuple[int, ...]) -> Iterator[tuple[Array, NDArray[np.intp]]]:

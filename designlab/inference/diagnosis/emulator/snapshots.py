@@ -304,7 +304,7 @@ def _fill(
         for end in step.ends:
             varied = _with(model, {step.effect: end})
             for press, view in presses:
-                if press is not None or _acts_untouched(step.effect):
+                if press is not None or not effect(step.effect).needs_touch:
                     lamp.light(varied, press, view)
     return tuple(
         _picture(lamp, model, press, *view, chosen, finer)
@@ -367,7 +367,7 @@ def _picture(
     numerical = lamp.light(model, press, view, fine=True) - here if finer else np.zeros_like(here)
     changes: dict[tuple[str, str], LightDerivative] = {}
     for step in chosen:
-        sees = press is not None or _acts_untouched(step.effect)
+        sees = press is not None or not effect(step.effect).needs_touch
         low, high = (
             lamp.light(_with(model, {step.effect: end}), press, view) if sees else here for end in step.ends
         )
@@ -442,12 +442,6 @@ def _denoised(change: LightDerivative, drawn: Single, quiet: Single, spread: Sin
         return denoised_change(stack, drawn[groups], quiet[groups], spread[:, groups]).reshape(image.shape)
 
     return replace(change, first=clean(change.first), second=clean(change.second))
-
-
-def _acts_untouched(name: str) -> bool:
-    """Whether an effect can change the picture of the untouched gel."""
-    found = effect(name)
-    return found.stage != "contact" and not found.needs_touch
 
 
 def _quadratic(here: Single, sides: Sequence[tuple[Single, float]], group: int | None) -> LightDerivative:

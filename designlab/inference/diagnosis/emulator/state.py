@@ -45,8 +45,8 @@ class State:
         Departure of a shot's pose from the stated one: x, y, depth (mm), yaw (deg).
     drawn : mapping of effect to mapping of int to array
         What a shot has alone, in units of the effect's strength: gain, or sine and cosine of its bands.
-    pattern : array, shape (rows, columns, 3), or None
-        Relative pattern that all shots carry, of unit strength.
+    patterns : mapping of effect to array, shape (rows, columns, 3)
+        Relative patterns that all shots carry, of unit strength.
     numerical : float
         How far light goes from that of the membrane's mesh to that of a finer one; beyond 1 it extrapolates.
     sizes : mapping of str to float
@@ -59,7 +59,7 @@ class State:
     values: Values = field(default_factory=dict)
     poses: Mapping[int, Array] = field(default_factory=dict)
     drawn: Mapping[str, Mapping[int, Array]] = field(default_factory=dict)
-    pattern: Array | None = None
+    patterns: Mapping[str, Array] = field(default_factory=dict)
     numerical: float = 0.0
     sizes: Mapping[str, float] = field(default_factory=dict)
     fringes: float = 0.0
@@ -77,12 +77,17 @@ class State:
         """Give an effect other values."""
         return replace(self, values={**self.values, name: dict(values)})
 
+    def with_pattern(self, name: str, pattern: Array, strength: float) -> "State":
+        """Give an effect that is a pattern of pixels another one, of unit strength, and its strength."""
+        patterned = replace(self, patterns={**self.patterns, name: pattern})
+        return patterned.with_values(name, {effect(name).per_pixel: strength})
+
     def without(self, name: str) -> "State":
         """Take an effect away."""
         values = {n: v for n, v in self.values.items() if n != name}
         drawn = {n: v for n, v in self.drawn.items() if n != name}
-        pattern = None if name == "fixed_pattern" else self.pattern
-        return replace(self, values=values, drawn=drawn, pattern=pattern)
+        patterns = {n: p for n, p in self.patterns.items() if n != name}
+        return replace(self, values=values, drawn=drawn, patterns=patterns)
 
     def model(self, bank: Bank) -> SensorModel:
         """Model with the added effects, those that are at their null left out."""

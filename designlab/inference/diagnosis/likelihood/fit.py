@@ -16,11 +16,9 @@ from designlab.inference.diagnosis.likelihood.noise import SMOOTH_ALIKE, Noise, 
 from designlab.inference.diagnosis.likelihood.normal_equations import ALIKE, System, system
 from designlab.measurement.shots import POSE
 from designlab.sensor.design import DesignError
-from designlab.simulation.effects import EffectParameter, effect
+from designlab.simulation.effects import CATALOGUE, EffectParameter, effect
 
 GAIN_SD = 0.3  # of LED groups: what their products with the albedo are off by before anything is fitted
-# Of one shot's own gain, and of its bands' sine and cosine.
-DRAWN_SD = {"exposure_drift": 0.02, "banding": 0.015}
 SIZE_SD = 0.01  # of a probe, relative: 0.05 mm of 5 mm, as printed and machined ones are off by
 FRINGES_SD = 0.002  # of lateral colour, relative: a fifth of a pixel at the edge of 200 columns (estimate)
 BOUND_SD = 5.0  # of poses, sizes of probes and lateral colour
@@ -127,7 +125,7 @@ class Fitter:
             Unknown(name, p.name, p.sd)
             for name in names
             for p in self.forward.parameters.get(name, ())
-            if name not in DRAWN_SD and name != "fixed_pattern"
+            if not effect(name).drawn
         ]
         if gains:
             found.append(Unknown("numerical", "amount", 1.0))
@@ -149,10 +147,9 @@ class Fitter:
                 ]
             if not shot.lit.any():
                 continue
-            if "exposure_drift" in names:
-                found.append(Unknown("exposure_drift", "0", DRAWN_SD["exposure_drift"], number))
-            if "banding" in names:
-                found += [Unknown("banding", k, DRAWN_SD["banding"], number) for k in ("0", "1")]
+            for e in CATALOGUE:
+                if e.draws is not None and e.name in names:
+                    found += [Unknown(e.name, str(k), e.draws.sd, number) for k in range(e.draws.count)]
         return found
 
     def system(self, state: State, shots: Sequence[int], unknowns: Sequence[Unknown]) -> System:
@@ -187,8 +184,7 @@ class Fitter:
         values = state.values.get(u.effect)
         if values is None:
             return 0.0
-        p = next(p for p in self.forward.parameters[u.effect] if p.name == u.name)
-        return coordinate(p, values[u.name])
+        return coordinate(self.forward.parameter(u), values[u.name])
 
     def bounds(self, unknowns: Sequence[Unknown]) -> tuple[Array, Array]:
         """Bounds of unknowns in prior standard deviations from null."""
@@ -197,7 +193,7 @@ class Fitter:
             if u.effect in ("pose", SIZE, FRINGES):
                 low[k], high[k] = -BOUND_SD, BOUND_SD
             elif u.effect in self.forward.parameters and u.shot < 0:
-                p = next(p for p in self.forward.parameters[u.effect] if p.name == u.name)
+                p = self.forward.parameter(u)
                 ends = coordinate(p, p.low), coordinate(p, p.high)
                 low[k], high[k] = (0.0, ends[1]) if p.squared else ends
         return low, high
@@ -217,9 +213,10 @@ class Fitter:
                 pose = poses.setdefault(u.shot, np.zeros(len(POSE)))
                 pose[POSE.index(u.name)] += change * u.sd
             elif u.shot >= 0:
-                own = drawn.setdefault(u.effect, {})
-                before = own.get(u.shot, np.zeros(2 if u.effect == "banding" else 1))
-                own[u.shot] = before + change * u.sd * np.eye(len(before))[int(u.name)]
+                own, draws = drawn.setdefault(u.effect, {}), effect(u.effect).draws
+                assert draws is not None
+                own[u.shot] = own.get(u.shot, np.zeros(draws.count)).copy()
+                own[u.shot][int(u.name)] += change * u.sd
             elif u.effect == "numerical":
                 numerical += float(change)
             elif u.effect == SIZE:
@@ -227,10 +224,10 @@ class Fitter:
             elif u.effect == FRINGES:
                 fringes += float(change) * u.sd
             else:
-                p = next(p for p in self.forward.parameters[u.effect] if p.name == u.name)
+                p = self.forward.parameter(u)
                 own_values = values.setdefault(u.effect, effect(u.effect).null(self.bank.model.design))
                 own_values[p.name] = value_at(p, coordinate(p, own_values[p.name]) + float(change))
-        return State(gains, values, poses, drawn, state.pattern, numerical, sizes, fringes)
+        return State(gains, values, poses, drawn, state.patterns, numerical, sizes, fringes)
 
     def fit(
         self,
@@ -254,7 +251,7 @@ class Fitter:
         held : collection of str
             Effects of the state whose own draws of each shot are fitted though their parameters stay.
         """
-        wanted = [*names, *(name for name in held if name in DRAWN_SD)]
+        wanted = [*names, *(name for name in held if effect(name).draws is not None)]
         for name in wanted:
             if name not in state.values and name in self.forward.parameters:
                 state = state.with_values(name, effect(name).null(self.bank.model.design))
@@ -324,11 +321,9 @@ def _within_trust(found: System, step: Array, low: Array, high: Array) -> Array:
 
 def with_strength(state: State, name: str) -> State:
     """Give an effect that acts by draws of each shot the strength of those draws."""
-    if name not in DRAWN_SD or name not in state.drawn:
+    own = effect(name).draws
+    if own is None or name not in state.drawn:
         return state
     draws = np.array(list(state.drawn[name].values()))
-    if name == "banding":
-        strength = {"amplitude": float(np.sqrt((draws**2).sum(axis=1).mean()))}
-    else:
-        strength = {"rms": float(np.sqrt((draws**2).mean()))}
-    return state.with_values(name, {**state.values[name], **strength})
+    strength = float(np.sqrt((draws**2).sum(axis=1).mean()))
+    return state.with_values(name, {**state.values[name], own.strength: strength})

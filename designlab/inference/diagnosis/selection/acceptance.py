@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from designlab.inference.diagnosis.emulator.state import State
-from designlab.inference.diagnosis.likelihood.fit import DRAWN_SD, Fit, Fitter
+from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter
 from designlab.inference.diagnosis.likelihood.fixed_pattern import in_few_waves
 from designlab.inference.diagnosis.selection.held_out import (
     LEAST_IMPROVED,
@@ -16,6 +16,7 @@ from designlab.inference.diagnosis.selection.held_out import (
     gain,
     squared,
 )
+from designlab.simulation.effects import effect
 
 DECISIVE = 16.0  # logarithm of the Bayes factor from which an effect counts as seen
 LATER_DECISIVE = 30.0  # likewise beside other effects
@@ -65,7 +66,7 @@ def refused(
     """
     if reason := unsure(attempt, gap, later=bool(base.values), surely=surely):
         return reason
-    drawn = attempt.name in DRAWN_SD
+    drawn = effect(attempt.name).draws is not None
     settles = attempt.gain.settles_poses
     if attempt.gain.squares < LEAST_SHARE and not settles:
         taken = f"takes {attempt.gain.squares:.1%} of the squared residual beyond noise away"
@@ -78,7 +79,7 @@ def refused(
         return f"adds {worse:.1%} to the residual of the untouched gel"
     if bound := fitter.at_bound(attempt.fit.state, attempt.name):
         return f"at the bound of {', '.join(bound)}"
-    pattern = attempt.fit.state.pattern if attempt.name == "fixed_pattern" else None
+    pattern = attempt.fit.state.patterns.get(attempt.name)
     if pattern is not None and (share := in_few_waves(pattern)) > MOST_IN_WAVES:
         return f"{share:.0%} of it lie in few waves, which no sensor's own pattern does"
     if far := fitter.beyond_prior(attempt.fit.state, attempt.name):
@@ -100,7 +101,7 @@ def unsure(attempt: JudgedCandidate, gap: float, *, later: bool, surely: bool = 
         gone = f"closes {share:.1%}" if share >= 0 else f"adds {-share:.1%} instead of closing any"
         return f"{gone} of the gap, less than {least:.1%}"
     # Draws of shots differ by their nature, and poses are judged together: the spread is no error there.
-    joint = attempt.name in DRAWN_SD or attempt.gain.settles_poses
+    joint = effect(attempt.name).draws is not None or attempt.gain.settles_poses
     sure = share - SURE_SE * se >= least
     sure_own = attempt.gain.own - SURE_SE * attempt.gain.own_se >= LEAST_OWN
     if surely and not (joint or sure or sure_own):

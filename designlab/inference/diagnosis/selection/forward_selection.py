@@ -11,7 +11,7 @@ from designlab.core.types import Progress
 from designlab.inference.diagnosis.emulator.coordinates import coordinate
 from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State
-from designlab.inference.diagnosis.likelihood.fit import DRAWN_SD, Fit, Fitter, with_strength
+from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter, with_strength
 from designlab.inference.diagnosis.likelihood.fixed_pattern import found_pattern
 from designlab.inference.diagnosis.result import Candidate
 from designlab.inference.diagnosis.selection.acceptance import (
@@ -31,7 +31,7 @@ from designlab.inference.diagnosis.selection.recentring import (
     is_far,
     looks_elsewhere,
 )
-from designlab.inference.diagnosis.selection.screening import PERIODS, screen, with_period
+from designlab.inference.diagnosis.selection.screening import price_of_scan, scan_of, screen, with_scanned
 from designlab.simulation.effects import effect
 
 MOST_EFFECTS = 4
@@ -224,8 +224,7 @@ class ForwardSelection:
     def _standing(self, base: Fit, now: Judged) -> tuple[Fitter, Fit, Judged]:
         """Fit a model with pictures that are rendered where it has the presses."""
         own = self._exact(self.fitter, now.state)
-        names = [name for name in base.state.values if name != "fixed_pattern"]
-        fit = own.fit(now.state, names, self.train)
+        fit = own.fit(now.state, list(base.state.values), self.train)
         return own, fit, judge(own, fit.state, self.select)
 
     def _contends(self, attempt: JudgedCandidate, most: float) -> bool:
@@ -287,11 +286,10 @@ class ForwardSelection:
 
         Which of them fits better is decided by what no catalogue lists.
         """
-        linear = [name for name in passed if name != "fixed_pattern" and name not in DRAWN_SD]
+        linear = [name for name in passed if not effect(name).drawn]
         if best.name not in linear or len(linear) < 2:
             return set()
-        held = [name for name in base.state.values if name != "fixed_pattern"]
-        unknowns = self.fitter.unknowns(base.state, [*held, *linear], self.train)
+        unknowns = self.fitter.unknowns(base.state, [*base.state.values, *linear], self.train)
         found = self.fitter.system(base.state, self.train, unknowns)
         # How far the best one was found to lie from null, in prior standard deviations.
         values = best.fit.state.values[best.name]
@@ -306,7 +304,7 @@ class ForwardSelection:
         """
         for winner in self.winners[:-1]:
             state = best.state.without(winner.name)
-            names = [name for name in state.values if name != "fixed_pattern"]
+            names = list(state.values)
             own = self._given
             without = own.fit(state, names, self.train)
             judged = judge(own, without.state, self.select)
@@ -405,17 +403,16 @@ class ForwardSelection:
 
     def _judged(self, name: str, base: Fit, now: Judged, begin: State, fitter: Fitter) -> JudgedCandidate:
         """Fit a candidate with the pictures of a fitter, from a state on, and judge it."""
-        present = [n for n in base.state.values if n != "fixed_pattern"]
-        if name == "fixed_pattern":
+        present = list(base.state.values)
+        if effect(name).per_pixel:
             pattern = found_pattern(fitter, base.state, self.train)
-            state = replace(base.state.with_values(name, {"rms": pattern.rms}), pattern=pattern.values)
+            state = base.state.with_pattern(name, pattern.values, pattern.rms)
             found = fitter.fit(state, present, self.train)
             evidence = pattern.evidence
         else:
             found = fitter.fit(begin, [*present, name], self.train)
             evidence = 0.5 * (base.objective - found.objective) - self._occam(found, name)
-            if name == "banding":
-                evidence -= float(np.log(len(PERIODS)))
+            evidence -= price_of_scan(name)
         found = replace(found, state=with_strength(found.state, name))
         if not fitter.at_bound(found.state, name):
             self._reached[name] = found.state
@@ -433,10 +430,10 @@ class ForwardSelection:
 
     def _beginning(self, name: str, base: State) -> State:
         """Where the fit of a candidate begins: at its null, in later rounds at what it reached before."""
-        if name == "fixed_pattern":
+        if effect(name).per_pixel:
             return base
-        if name == "banding":
-            return replace(with_period(self.fitter, base, self.train), poses={})
+        if scan_of(name) is not None:
+            return replace(with_scanned(self.fitter, base, name, self.train), poses={})
         if name not in self._reached:
             return replace(base, poses={})  # a wrong model may have driven poses far off
         before = self._reached[name]

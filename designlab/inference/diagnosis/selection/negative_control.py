@@ -6,12 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from designlab.inference.diagnosis.emulator.state import State
-from designlab.inference.diagnosis.likelihood.fit import DRAWN_SD, Fitter
+from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.result import Control
 from designlab.inference.diagnosis.selection.held_out import Judged, judge, level
-
-NOT_COUNTED = (*DRAWN_SD, "fixed_pattern")
-"""Effects with a number of their own for every picture or pixel: they have no size to compare."""
+from designlab.simulation.effects import effect
 
 
 def control(
@@ -49,7 +47,8 @@ def control(
     Control or None
         None where no effect is left to compare with.
     """
-    sizes = {name: len(fitter.forward.parameters[name]) for name in tried if name not in NOT_COUNTED}
+    # With a number of its own for every picture or pixel, an effect has no size to compare.
+    sizes = {name: len(fitter.forward.parameters[name]) for name in tried if not effect(name).drawn}
     wanted = sum(len(fitter.forward.parameters[name]) for name in named)
     wrong = [name for name in sizes if name not in as_good and name not in named]
     if not wrong:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from designlab.inference.diagnosis.emulator.render_cache import Renders
-from designlab.inference.diagnosis.likelihood.fit import DRAWN_SD, Fit, Fitter, with_strength
+from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter, with_strength
 from designlab.inference.diagnosis.likelihood.repeats import shot_error
 from designlab.inference.diagnosis.selection.held_out import judge
 from designlab.inference.diagnosis.selection.recentring import (
@@ -36,7 +36,7 @@ def refined(source: Renders, fitter: Fitter, found: Fit, train: Sequence[int]) -
     """
     error = shot_error(fitter, found.state, train)
     noises = [replace(noise, shot=error) for noise in fitter.noises]
-    names = [name for name in found.state.values if name != "fixed_pattern"]
+    names = list(found.state.values)
     near = fitter.of(fitter.bank, noises)
     now = near.fit(found.state, names, train)
     for _ in range(RECENTRINGS):
@@ -50,6 +50,6 @@ def refined(source: Renders, fitter: Fitter, found: Fit, train: Sequence[int]) -
         near = exact_fitter(source, near, registered, others)
     elif far := beyond(near, registered, others):
         near = standing(source, near, registered, far)
-    for name in DRAWN_SD.keys() & now.state.values.keys():
+    for name in names:
         now = replace(now, state=with_strength(now.state, name))
     return near, now

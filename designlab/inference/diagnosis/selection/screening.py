@@ -10,9 +10,7 @@ from designlab.inference.diagnosis.likelihood.fixed_pattern import found_pattern
 from designlab.inference.diagnosis.likelihood.normal_equations import System, log_evidence
 from designlab.inference.diagnosis.selection.confounding import Overlaps, overlaps
 from designlab.simulation.effects import effect
-
-PERIODS = np.geomspace(40.0, 2000.0, 120)  # rows of the full sensor
-LONGEST_PERIOD = 1.05  # heights of a picture: a longer wave is a slope there, which much else may bring about
+from designlab.simulation.effects.base import Scan
 
 
 def screen(
@@ -32,24 +30,38 @@ def screen(
     dict, Overlaps
         Evidence by candidate, and which of them can stand for which.
     """
-    present = set(state.values)
-    names = [name for name in names if name not in present]
-    waved = with_period(fitter, state, train) if "banding" in names else state
-    linear = [name for name in names if name != "fixed_pattern"]
-    held = [name for name in present if name != "fixed_pattern"]
-    unknowns = fitter.unknowns(waved, [*held, *linear], train)
-    whole = fitter.system(waved, train, unknowns)
-    found = {name: _linear_evidence(whole, name, linear) for name in linear}
-    if "banding" in names:
-        found["banding"] -= float(np.log(len(PERIODS)))
-    if "fixed_pattern" in names:
-        found["fixed_pattern"] = found_pattern(fitter, state, train).evidence
+    names = [name for name in names if name not in state.values]
+    scanned = state
+    for name in names:
+        if scan_of(name) is not None:
+            scanned = with_scanned(fitter, scanned, name, train)
+    linear = [name for name in names if not effect(name).per_pixel]
+    unknowns = fitter.unknowns(scanned, [*state.values, *linear], train)
+    whole = fitter.system(scanned, train, unknowns)
+    found = {name: _linear_evidence(whole, name, linear) - price_of_scan(name) for name in linear}
+    for name in names:
+        if effect(name).per_pixel:
+            found[name] = found_pattern(fitter, state, train).evidence
     return found, overlaps(whole, linear)
 
 
-def with_period(fitter: Fitter, state: State, train: Sequence[int]) -> State:
-    """Give banding the period of which the training shots hold most."""
-    best, most = 400.0, 0.0
+def scan_of(name: str) -> Scan | None:
+    """How an effect finds a parameter that shapes its waves; None for most."""
+    draws = effect(name).draws
+    return None if draws is None else draws.scan
+
+
+def price_of_scan(name: str) -> float:
+    """Logarithm of evidence that a scan may have found by chance: of one value among many."""
+    scan = scan_of(name)
+    return 0.0 if scan is None else float(np.log(len(scan.values)))
+
+
+def with_scanned(fitter: Fitter, state: State, name: str, train: Sequence[int]) -> State:
+    """Give an effect the waves of which the training shots hold most."""
+    null, scan = effect(name).null(fitter.bank.model.design), scan_of(name)
+    assert scan is not None
+    best, most = null[scan.parameter], 0.0
     rows = []
     for n in train:
         shot, sigma = fitter.bank.shots[n], fitter.noises[n].sigma
@@ -57,21 +69,19 @@ def with_period(fitter: Fitter, state: State, train: Sequence[int]) -> State:
         weight = np.where(shot.valid, (predicted / sigma) ** 2, 0.0).sum(axis=(1, 2))
         left = np.where(shot.valid, (shot.signal - predicted) * predicted / sigma**2, 0.0).sum(axis=(1, 2))
         rows.append((shot, left / np.sqrt(np.maximum(weight, 1e-9))))
-    longest = LONGEST_PERIOD * min(shot.view.height_px for shot, _ in rows)
-    for period in PERIODS[longest >= PERIODS]:
+    longest = scan.most_heights * min(shot.view.height_px for shot, _ in rows)
+    for value in scan.values:
+        if value > longest:
+            break
         energy = 0.0
         for shot, left in rows:
-            _, row = shot.view.centres()
-            turn = 2 * np.pi * row[:, 0] / period
-            waves = np.stack([np.sin(turn), np.cos(turn)])
+            waves = effect(name).waves(shot.view, null | {scan.parameter: value})[..., 0]
             waves -= waves.mean(axis=1, keepdims=True)
             norm = np.maximum((waves**2).sum(axis=1), 1e-9)
             energy += float((((waves @ (left - left.mean())) ** 2) / norm).sum())
         if energy > most:
-            best, most = float(period), energy
-    return state.with_values(
-        "banding", effect("banding").null(fitter.bank.model.design) | {"period_rows": best}
-    )
+            best, most = value, energy
+    return state.with_values(name, null | {scan.parameter: best})
 
 
 def _linear_evidence(whole: System, name: str, others: Sequence[str]) -> float:

@@ -14,7 +14,7 @@ from designlab.inference.diagnosis.emulator.state import State, Unknown
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.likelihood.normal_equations import ALIKE
 from designlab.measurement.shots import POSE, Observations, Shot, Use
-from designlab.simulation.effects import SensorModel, effect
+from designlab.simulation.effects import CATALOGUE, SensorModel, effect
 
 Uses = NDArray[np.intp]
 Values = Mapping[str, Mapping[str, float]]
@@ -22,7 +22,7 @@ Values = Mapping[str, Mapping[str, float]]
 TRAIN, SELECT, FINAL = 0, 1, 2
 USES: tuple[Use, Use, Use] = ("train", "select", "final")
 BLOCKS = 15  # across a picture: some 10 pixels each, several times as far as neighbouring values are alike
-SCALE, MAGNIFICATION = "lens_distortion", "magnification"
+SCALE, MAGNIFICATION = next((e.name, e.scales) for e in CATALOGUE if e.scales)
 SCALE_SD = 0.15  # of a picture's scale, which nothing in a single one tells
 NORMAL_MAD = 1.4826  # standard deviation of a normal distribution over its median absolute deviation
 

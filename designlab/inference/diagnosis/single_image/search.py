@@ -35,12 +35,6 @@ MOST_EFFECTS = 6  # beside the scale
 ENVELOPE = 1.3  # mean squared residual over the floor below which no further effect is looked for
 FITTED = 8  # candidates of a round that are fitted to the end
 SETTLING = 4  # times that pictures are rendered anew about what was found
-UNSEEN = {
-    "depth_offset": "one press: the same as its own depth",
-    "exposure_drift": "one picture: the same as the light of the LEDs",
-    "banding": "one picture: the same as a pattern of the coating",
-    "fixed_pattern": "one picture: explains any picture by itself",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,10 +112,10 @@ class FrameSearch:
             now = self._settled(min(starts, key=lambda stand: stand.fit.objective), (SCALE,))
         # Near the floor shares of the gap would be shares of next to nothing.
         self.gap = max(float(self.blocks(now).mean()) - self.floor(now), self.floor(now))
-        open_ = [name for name in self.names if name not in UNSEEN and name != SCALE]
-        for name in UNSEEN:
-            if name in self.names:
-                self.tried.append(Candidate(0, name, f"not tried, {UNSEEN[name]}"))
+        open_ = [name for name in self.names if not effect(name).unseen_alone and name != SCALE]
+        for name in self.names:
+            if why := effect(name).unseen_alone:
+                self.tried.append(Candidate(0, name, f"not tried, {why}"))
         nearby = None
         for number in range(1, MOST_EFFECTS + 1):
             if float(self.blocks(now).mean()) < ENVELOPE * self.floor(now):

@@ -15,17 +15,13 @@ from designlab.measurement.frames import FULL_SCALE
 from designlab.measurement.quality.invariants import FrameCheck, invariants
 from designlab.measurement.quality.suspicion import Suspicion
 from designlab.measurement.shots import LEFT_OUT, Observations, Shot
-from designlab.sensor.design import CHANNELS, Design
-from designlab.simulation.effects import SensorModel
+from designlab.sensor.design import Design
+from designlab.simulation.effects import CATALOGUE, SensorModel, effect
 
 LEAST_PRESSES, LEAST_SELECT = 6, 2
 SATURATED = 0.005  # of the values of a frame
 # Largest confidence: without repeats, of few or doubtful frames, without a dark one, of saturated ones.
 ASSUMED, WEAK, NO_DARK, CUT = 0.5, 0.5, 0.7, 0.7
-FLOORS = ("black_level", "veiling_glare")  # not told apart without a frame without light
-MIXED = (*FLOORS, "colour_mixing")  # nor these without light of single groups either
-
-
 DOUBTED = ("trusted although", "odd: ")  # starts of notes
 
 
@@ -201,21 +197,23 @@ def _reserves(measurement: Measurement, seen: Observations, doubted: Sequence[st
 
 def below_zero(effects: Sequence[Found], seen: Observations, design: Design) -> bool:
     """Whether a black level was found of which no frame without light tells: where counts end at zero."""
-    stated, ends = design.camera.black_level, end_at_zero(seen.shots)
-    levels = [found.parameters for found in effects if found.name == "black_level"]
-    return any(
-        end and value.high is not None and stated + value.high < 0
-        for values in levels
-        for value, end in zip((values[channel] for channel in CHANNELS), ends, strict=True)
-    )
+    ends = np.array(end_at_zero(seen.shots))
+    for found in effects:
+        highest = {name: value.high for name, value in found.parameters.items() if value.high is not None}
+        if effect(found.name).constant and len(highest) == len(found.parameters):
+            dark = effect(found.name).on_signal(np.full((1, 1, 3), design.camera.black_level), highest)
+            if (ends & (dark[0, 0] < 0)).any():
+                return True
+    return False
 
 
 def looking_alike(effects: Sequence[Found], seen: Observations, design: Design) -> tuple[str, ...]:
     """Effects that frames of this kind cannot tell apart."""
     single = any((s.lit > 0).sum() == 1 for s in seen.shots)
-    if not seen.dark:
-        return FLOORS if single else MIXED
-    return MIXED if below_zero(effects, seen, design) and not single else ()
+    if seen.dark and (single or not below_zero(effects, seen, design)):
+        return ()
+    missing = ("dark",) if single else ("dark", "single_group")
+    return tuple(e.name for e in CATALOGUE if e.told_by in missing)
 
 
 def weakened(

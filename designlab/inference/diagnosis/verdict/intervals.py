@@ -3,7 +3,7 @@
 What the fit itself says of the error is joined by what no catalogue lists, see `empirical_errors`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -11,12 +11,12 @@ from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.coordinates import coordinate
 from designlab.inference.diagnosis.emulator.state import State, Unknown
 from designlab.inference.diagnosis.likelihood.empirical_errors import unlisted_sd
-from designlab.inference.diagnosis.likelihood.fit import DRAWN_SD, Fit, Fitter
+from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter
 from designlab.inference.diagnosis.likelihood.fixed_pattern import strengths_as_good
 from designlab.inference.diagnosis.likelihood.normal_equations import ALIKE
 from designlab.inference.diagnosis.result import Value
-from designlab.inference.diagnosis.selection.screening import PERIODS
-from designlab.simulation.effects import EffectParameter
+from designlab.inference.diagnosis.selection.screening import scan_of
+from designlab.simulation.effects import EffectParameter, effect
 
 Ends = tuple[float, float]
 
@@ -37,9 +37,9 @@ def values(fitter: Fitter, fit: Fit, name: str, train: Sequence[int]) -> dict[st
     train : sequence of int
         Those shots.
     """
-    if name == "fixed_pattern":
-        ends = {"rms": _of_pattern(fitter, fit.state, train)}
-    elif name in DRAWN_SD:
+    if strength := effect(name).per_pixel:
+        ends = {strength: _of_pattern(fitter, fit.state, name, train)}
+    elif effect(name).draws is not None:
         ends = _of_draws(fitter, fit, name, train)
     else:
         ends = _of_parameters(fitter, fit, name)
@@ -75,16 +75,16 @@ def _beyond_bounds(p: EffectParameter, t: float) -> float:
 
 
 def _of_draws(fitter: Fitter, fit: Fit, name: str, train: Sequence[int]) -> dict[str, Ends]:
-    """Ends of the strength of draws by their number and errors, and of the period of bands by the misfit."""
-    own = fit.state.drawn.get(name, {})
+    """Ends of the strength of draws by their number and errors, and of what is scanned by the misfit."""
+    own, said = fit.state.drawn.get(name, {}), effect(name).draws
+    assert said is not None
     draws = np.array([own[n] for n in train if n in own])
     if len(draws) < LEAST_DRAWS:
         return {}
     places = [k for k, u in enumerate(fit.system.unknowns) if u.effect == name and u.shot >= 0]
     error = sum((d * u.sd) ** 2 for u, d in _deviations(fit, places).items()) / len(draws)
-    if name == "banding":
-        return {"amplitude": of_amplitudes(draws, error), "period_rows": _of_period(fitter, fit, train)}
-    return {"rms": of_deviation(draws[:, 0], error)}
+    ends = {said.strength: (of_amplitudes if said.steady else of_deviation)(draws, error)}
+    return ends if said.scan is None else ends | {said.scan.parameter: _of_scanned(fitter, fit, name, train)}
 
 
 def of_deviation(draws: Array, error: float = 0.0) -> Ends:
@@ -92,7 +92,7 @@ def of_deviation(draws: Array, error: float = 0.0) -> Ends:
 
     Parameters
     ----------
-    draws : array, shape (n,)
+    draws : array
         Estimates of the draws.
     error : float
         Mean variance of these estimates, which may have hidden as much of the draws.
@@ -105,11 +105,11 @@ def of_deviation(draws: Array, error: float = 0.0) -> Ends:
     """
     from scipy.stats import chi2
 
-    freedom = len(draws) - 1
+    freedom = draws.size - 1
     squares = float((draws**2).sum())
     return (
         float(np.sqrt(squares / chi2.ppf(1 - TAIL, freedom))),
-        float(np.sqrt((squares + len(draws) * error) / chi2.ppf(TAIL, freedom))),
+        float(np.sqrt((squares + draws.size * error) / chi2.ppf(TAIL, freedom))),
     )
 
 
@@ -128,30 +128,38 @@ def of_amplitudes(draws: Array, error: float = 0.0) -> Ends:
     return max(amplitude - away, 0.0), float(np.sqrt(powers.mean() + error)) + away
 
 
-def _of_period(fitter: Fitter, fit: Fit, train: Sequence[int]) -> Ends:
-    """Ends by a parabola through the misfits at a period and its neighbours, waves and gains fitted anew."""
-    period = fit.state.values["banding"]["period_rows"]
-    step = float(np.log(PERIODS[1] / PERIODS[0]))
-    below, here, above = (_misfit(fitter, fit.state, period * np.exp(k * step), train) for k in (-1, 0, 1))
+def _of_scanned(fitter: Fitter, fit: Fit, name: str, train: Sequence[int]) -> Ends:
+    """Ends by a parabola through the misfits at a value and its neighbours, waves and gains fitted anew."""
+    scan = scan_of(name)
+    assert scan is not None
+    value = fit.state.values[name][scan.parameter]
+    step = float(np.log(scan.values[1] / scan.values[0]))
+
+    def misfit(factor: float) -> float:
+        return _misfit(fitter, fit.state, name, {scan.parameter: value * factor}, train)
+
+    below, here, above = (misfit(float(np.exp(k * step))) for k in (-1, 0, 1))
     curvature = (below - 2 * here + above) / step**2
     if curvature <= 0:
-        return float(PERIODS[0]), float(PERIODS[-1])
+        return scan.values[0], scan.values[-1]
     best = (below - above) / (2 * step * curvature)
     away = NORMAL / np.sqrt(0.5 * curvature)
-    return period * float(np.exp(best - away)), period * float(np.exp(best + away))
+    return value * float(np.exp(best - away)), value * float(np.exp(best + away))
 
 
-def _misfit(fitter: Fitter, state: State, period: float, train: Sequence[int]) -> float:
-    state = state.with_values("banding", {**state.values["banding"], "period_rows": period})
-    unknowns = [u for u in fitter.unknowns(state, ("banding",), train) if u.effect in ("banding", "gain")]
+def _misfit(
+    fitter: Fitter, state: State, name: str, values: Mapping[str, float], train: Sequence[int]
+) -> float:
+    state = state.with_values(name, {**state.values[name], **values})
+    unknowns = [u for u in fitter.unknowns(state, (name,), train) if u.effect in (name, "gain")]
     found = fitter.system(state, train, unknowns)
     _, fallen = found.step(*fitter.bounds(unknowns))
     return found.misfit + float(found.now @ found.now) - fallen
 
 
-def _of_pattern(fitter: Fitter, state: State, train: Sequence[int]) -> Ends:
+def _of_pattern(fitter: Fitter, state: State, name: str, train: Sequence[int]) -> Ends:
     """Ends where the evidence for a strength has fallen as a Gaussian's would."""
-    bare = state.without("fixed_pattern")
+    bare = state.without(name)
     return strengths_as_good(fitter, bare, train, within=ALIKE * NORMAL**2 / 2)
 
 
