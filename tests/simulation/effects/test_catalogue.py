@@ -1,6 +1,7 @@
 """Every effect of the catalogue: null, bounds, and what it does, against closed forms."""
 
 from collections.abc import Mapping
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from designlab.simulation.effects import (
     Sight,
     load_model,
 )
+from designlab.simulation.effects.base import Part
 from designlab.simulation.effects.material import albedo_field
 from designlab.simulation.effects.model import effect
 from designlab.simulation.scene.scene import LED_FACE_GAP_MM, Scene, build
@@ -263,6 +265,62 @@ def test_presses_too_deep_for_a_gel_leave_its_thickness_no_range() -> None:
     deep = BALL.model_copy(update={"depth_mm": 0.9 * DESIGN.elastomer.thickness_mm})
     assert effect("contact_layer").parameters_under(DESIGN, [deep]) == ()
     assert effect("contact_layer").parameters_under(DESIGN, [BALL])
+
+
+@pytest.mark.parametrize("candidate", CATALOGUE, ids=[e.name for e in CATALOGUE])
+class TestWhatIsDeclared:
+    """A diagnosis goes by what effects say of themselves."""
+
+    def test_effects_have_the_hooks_of_what_they_say(self, candidate: Effect) -> None:
+        def own(hook: str) -> bool:
+            return getattr(type(candidate), hook) is not getattr(Effect, hook)
+
+        assert set(candidate.changes) == {part for part in get_args(Part) if own(f"on_{part}")}
+        assert candidate.recombines == own("on_mixing")
+        assert (candidate.draws is not None) == own("waves")
+        if candidate.recombines or candidate.warps:
+            assert candidate.changes == ("design",)
+        if candidate.reposes:
+            assert candidate.changes == ("press",)
+        assert candidate.needs_touch or candidate.stage != "contact"
+
+    def test_parameters_that_are_named_exist(self, candidate: Effect) -> None:
+        draws = candidate.draws
+        named = {*candidate.reposes, candidate.per_pixel, candidate.scales} - {""}
+        if draws is not None:
+            named |= {draws.strength} | ({draws.scan.parameter} if draws.scan else set())
+        assert named <= {p.name for p in candidate.parameters(DESIGN)}
+
+    def test_light_is_only_mixed_otherwise_where_it_is_said_to_be(self, candidate: Effect) -> None:
+        values = {p.name: p.null + p.sd for p in candidate.parameters(DESIGN)}
+        mixing = candidate.on_mixing(DESIGN.mixing_matrix, DESIGN, values)
+        if candidate.recombines or not values:
+            np.testing.assert_array_equal(mixing, candidate.on_design(DESIGN, values).mixing_matrix)
+        assert (mixing != DESIGN.mixing_matrix).any() == candidate.recombines
+
+    def test_a_constant_is_the_same_in_every_picture(self, candidate: Effect) -> None:
+        values = {p.name: p.null + p.sd for p in candidate.parameters(DESIGN)}
+        added = candidate.on_signal(PICTURE, values) - PICTURE
+        constant = "signal" in candidate.changes and np.ptp(added, axis=(0, 1)).max() < 1e-12
+        assert candidate.constant == constant
+
+    def test_poses_are_changed_as_it_is_said(self, candidate: Effect) -> None:
+        for parameter, axis in candidate.reposes.items():
+            moved = candidate.on_press(BALL, candidate.null(DESIGN) | {parameter: 0.03})
+            assert getattr(moved, axis) == pytest.approx(getattr(BALL, axis) + 0.03)
+
+    def test_waves_are_those_of_a_picture_of_its_own(self, candidate: Effect) -> None:
+        """Amounts of a picture whose phase or draw is known add up to what the hook makes of it."""
+        if candidate.draws is None:
+            return
+        seen, strength = sight(), candidate.draws.strength
+        values = candidate.null(DESIGN) | {strength: 0.03}
+        own = float(seen.own[candidate.name])
+        turn = 2 * np.pi * own
+        amounts = 0.03 * np.array([np.cos(turn), np.sin(turn)] if candidate.draws.count == 2 else [own])
+        change = np.tensordot(amounts, candidate.waves(seen.view, values), axes=1)
+        expected = np.broadcast_to(1 + change, light(seen).shape)
+        np.testing.assert_allclose(on_light(candidate.name, seen, values), expected, rtol=1e-12)
 
 
 def test_what_cannot_be_told_apart_is_declared_by_both() -> None:
