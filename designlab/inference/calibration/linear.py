@@ -10,7 +10,7 @@ import numpy as np
 from designlab.core.types import Array, Mask
 from designlab.simulation.imaging import mixed
 
-RELATIVE_RANK = 1e-13
+RELATIVE_RANK = 1e-13  # eigenvalue over the largest, below which pictures do not change in a direction
 
 
 def predicted(transfer: Array, floor: Array, lit: Array, basis: Array) -> Array:

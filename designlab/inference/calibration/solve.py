@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.core.types import Array
-from designlab.inference.calibration.linear import predicted
+from designlab.inference.calibration.linear import RELATIVE_RANK, predicted
 from designlab.inference.calibration.problem import CalibrationState, Problem
 
 POSE_STEP = np.array([0.05, 0.05, 0.02, 0.5])  # mm, mm, mm, deg: finite differences
@@ -27,7 +27,6 @@ MOST_STEPS = 14
 MOST_TRIES = 4
 OF_MESH = 4 / 3  # error of a mesh over what half its pitch changes, where it goes with the pitch squared
 MOST_LEVERAGE = 0.99  # of a block on its own prediction
-RELATIVE_RANK = 1e-13  # eigenvalue over the largest, below which pictures do not change in a direction
 BLIND_SHARE = 1e-6  # of an unknown in such directions, above which pictures do not tell it
 
 

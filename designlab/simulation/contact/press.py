@@ -7,6 +7,10 @@ from pydantic import model_validator
 from geometries.probes import Probe
 from geometries.spec import Spec, quantity
 
+LEAST_DEPTH_MM = (
+    0.01  # where errors of depth would lift a press off the gel: what a probe that just touches has
+)
+
 
 class Press(Spec):
     """A press is one indentation: which probe, how deep or with which force, where, and how it is turned.

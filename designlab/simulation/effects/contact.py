@@ -7,12 +7,11 @@ from typing import ClassVar
 from designlab.sensor.contact import KernelContact, LayerContact, require
 from designlab.sensor.design import Design
 from designlab.simulation.contact import layer
-from designlab.simulation.contact.press import Press
+from designlab.simulation.contact.press import LEAST_DEPTH_MM, Press
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.effects.base import Effect, EffectParameter, Part, Stage, Values, at_least
 from geometries.probes import LARGEST_EDGE, Probe
 
-LEAST_DEPTH_MM = 0.01
 MOST_EDGE = 0.99  # of the radius at which nothing straight is left beside a probe's edge
 
 

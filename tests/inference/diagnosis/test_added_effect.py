@@ -20,7 +20,7 @@ pytestmark = [pytest.mark.recovery, pytest.mark.slow, pytest.mark.renders]
 
 
 def smeared(measurement: Measurement, folder) -> Measurement:
-    """The set as a camera takes it whose sensor lies half behind a smear, by the columns of the files alone."""
+    """The set as a camera half behind a smear takes it, by the columns of the files alone."""
     (dark,) = (measurement.image(frame) for frame in measurement.frames if frame.kind == "dark")
     pictures = {}
     for frame in measurement.frames:

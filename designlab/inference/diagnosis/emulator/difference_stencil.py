@@ -1,14 +1,13 @@
 """A difference stencil lists the values of effects to render, so that all between can be combined."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from designlab.inference.diagnosis.emulator.coordinates import coordinate
 from designlab.simulation.effects import Effect, EffectParameter
-
-Values = Mapping[str, float]
+from designlab.simulation.effects.base import Values
 
 NEAR_SD = 0.5  # steps about values that a fit has found
 SHAPE_SD = 1.5  # steps of shapes, which are known least

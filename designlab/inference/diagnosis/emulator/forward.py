@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from designlab.core.memory import remembered
 from designlab.core.types import Array, Single
@@ -22,9 +21,8 @@ from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, Key, Sta
 from designlab.measurement.shots import POSE
 from designlab.sensor.design import DesignError
 from designlab.simulation.effects import CATALOGUE, Effect, EffectParameter, Sight, effect
+from designlab.simulation.effects.base import Light
 from designlab.simulation.imaging import Capture, expected, mixed
-
-Light = NDArray[np.floating]
 
 HALF_STEP = 0.25  # of a prior standard deviation: differences of effects that are not rendered
 EDGES_KEPT = 64  # a fit asks for those of all its shots twice, at every step
@@ -131,9 +129,7 @@ class Forward:
             x, y = x[picture.place], y[picture.place]
         return Sight(self.design, view, (x, y), picture.pitch_mm, shot.gel_rotation_deg)
 
-    def _warped(
-        self, state: State, number: int, light: NDArray[np.floating], *, straight: bool = False
-    ) -> NDArray[np.floating]:
+    def _warped(self, state: State, number: int, light: Light, *, straight: bool = False) -> Light:
         """Light as the camera of a state sees it, before what its optics and sensor do; of the wider view.
 
         Many pictures at once are resampled by straight lines between pixels, which is faster.
@@ -182,7 +178,7 @@ class Forward:
             return None
         return binned(warp.straight(picture.sharp) if straight else warp(picture.sharp))
 
-    def _after_warp(self, state: State, number: int, light: NDArray[np.floating]) -> NDArray[np.floating]:
+    def _after_warp(self, state: State, number: int, light: Light) -> Light:
         """Light of the shot's own view after what the camera's optics and sensor do."""
         sight = self.sight(state, number)
         light = light[:, *self.bank.of(number).place]
@@ -210,14 +206,14 @@ class Forward:
             mixing = effect(name).on_mixing(mixing, self.design, values)
         return np.asarray(mixing * self.flux * state.gains * self.bank.shots[number].lit)
 
-    def _of_optics(self, state: State, number: int, optics: NDArray[np.floating]) -> Array:
+    def _of_optics(self, state: State, number: int, optics: Light) -> Array:
         channels = mixed(optics, self.weights(state, number))
         if state.fringes:
             channels = channels + state.fringes * self._fringes(number, channels)
         reported = self.answers.reported(state.values, channels * _pattern(state))
         return clipped(reported, self.bank.shots[number].clip_sigma)
 
-    def _fringes(self, number: int, channels: NDArray[np.floating]) -> Array:
+    def _fringes(self, number: int, channels: Light) -> Array:
         """Change of a picture, (rows, columns, 3), per share by which red is magnified more and blue less.
 
         Lateral colour moves light by less than a pixel, so that the picture's slope tells it.
@@ -310,7 +306,7 @@ class Forward:
         (low, start), (high, end) = ends
         return np.asarray((high - low) / np.float32(end - start), dtype=np.float32)
 
-    def _slope(self, state: State, mixing: Array, optics: NDArray[np.floating], sigma: Array) -> Array:
+    def _slope(self, state: State, mixing: Array, optics: Light, sigma: Array) -> Array:
         """Derivative of the reported signal by the mixed light, (rows, columns, 3)."""
         channels = mixed(optics, mixing) * _pattern(state)
         slope = uncut(self.answers.reported(state.values, channels), sigma)

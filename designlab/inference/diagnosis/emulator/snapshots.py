@@ -15,17 +15,17 @@ from designlab.core.memory import remembered
 from designlab.core.store import digest
 from designlab.core.types import Array, Single
 from designlab.inference.diagnosis.emulator.denoising import Denoiser, denoised_change, fit_denoiser, share_of
-from designlab.inference.diagnosis.emulator.difference_stencil import StencilStep, Values, steps
+from designlab.inference.diagnosis.emulator.difference_stencil import StencilStep, steps
 from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.measurement.shots import POSE, Shot
 from designlab.sensor.camera import View
-from designlab.simulation.contact.press import Press
+from designlab.simulation.contact.press import LEAST_DEPTH_MM, Press
 from designlab.simulation.effects import AppliedEffect, SensorModel, effect
+from designlab.simulation.effects.base import Values
 
 MARGIN_PX = 4  # rendered around what shots show
 POSE_STEP = (0.05, 0.05, 0.06, 1.0)  # x, y, depth (mm) and yaw (deg): steps of the differences
 SIZE_STEP = 0.02  # likewise of the probe, relative
-LEAST_DEPTH_MM = 0.01
 SHARPER = 2  # times as many pixels along each side of pictures that are moved where a camera looks elsewhere
 REPEATS = 8  # further pictures of the given model where light comes through a core, each with its own noise
 FILLED_KEPT = 2

@@ -1,6 +1,6 @@
 """One picture as three: alternate blocks of it are fitted to, judge, and give the last numbers."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,14 +10,13 @@ from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.difference_stencil import NEAR_SD
 from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.snapshots import POSE_STEP, Bank, Snapshot, fill, moved
-from designlab.inference.diagnosis.emulator.state import State, Unknown
+from designlab.inference.diagnosis.emulator.state import State, Unknown, Values
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.likelihood.normal_equations import ALIKE
 from designlab.measurement.shots import POSE, Observations, Shot, Use
 from designlab.simulation.effects import CATALOGUE, SensorModel, effect
 
 Uses = NDArray[np.intp]
-Values = Mapping[str, Mapping[str, float]]
 
 TRAIN, SELECT, FINAL = 0, 1, 2
 USES: tuple[Use, Use, Use] = ("train", "select", "final")
