@@ -115,9 +115,9 @@ class Optics(Spec):
     """Share of light that leaks through the membrane's coating."""
     object_reflectance: float = quantity(0.0, unit="1", ge=0, le=1)
     """Diffuse reflectance of what is pressed, seen where it touches a coating that leaks."""
-    backing_reflectance: float = quantity(0.0, unit="1", ge=0, lt=1)
+    backing_reflectance: float | None = quantity(None, unit="1", ge=0, lt=1)
     """Diffuse reflectance behind an untouched coating that leaks, part of `membrane_albedo`: 0.54 of a smooth
-    silicone skin against air, 0 where what leaks out is lost."""
+    silicone skin against air; what leaks out is lost when absent."""
     marker_pitch_mm: float = quantity(0.0, unit="mm", ge=0, le=50)
     """Distance of the printed marker dots, a square grid with a dot at the centre; 0 is none."""
     marker_diameter_mm: float = quantity(0.5, unit="mm", gt=0, le=20)
@@ -183,7 +183,12 @@ class Optics(Spec):
     @property
     def shows_touch(self) -> bool:
         """Whether the coating reflects otherwise where an object touches it."""
-        return bool(self.coating_transmittance) and self.object_reflectance != self.backing_reflectance
+        return bool(self.coating_transmittance) and self.object_reflectance != self.sent_back
+
+    @property
+    def sent_back(self) -> float:
+        """Diffuse reflectance behind the untouched coating, 0 when not stated."""
+        return self.backing_reflectance or 0.0
 
     @property
     def core_index(self) -> float:

@@ -106,7 +106,7 @@ def coating(design: Design, surface: Surface) -> Coating:
     if leaks:
         touched = surface.sample(surface.contact.astype(float), x, y)
         within = (np.abs(x) <= surface.x_mm.max()) & (np.abs(y) <= surface.y_mm.max())
-        alone = bare(local, optics.coating_transmittance, optics.backing_reflectance)
+        alone = bare(local, optics.coating_transmittance, optics.sent_back)
         touching = backed(alone, optics.coating_transmittance, optics.object_reflectance)
         local = np.where(within, local + touched * (touching - local), local)
     brightest = local.max(axis=(1, 2))

@@ -238,7 +238,7 @@ class Rig:
                 roughness=design.optics.coating_roughness,
                 transmittance=design.optics.coating_transmittance,
                 behind=design.optics.object_reflectance if design.optics.coating_transmittance else 0.5,
-                open_air=design.optics.backing_reflectance,
+                open_air=design.optics.sent_back,
             ),
             glass=glass,
         )
