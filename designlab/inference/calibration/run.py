@@ -53,7 +53,7 @@ def calibrate(
     ``camera.horizontal_fov_deg`` is free, the best of several scales of the picture is the start. Fitted are
     backgrounds, light probes and training presses; of the other presses the pose alone. Every value has its
     noise and 1 % of its channel's mean signal in the picture as standard deviation (of a light probe, of the
-    bright end), every pose the measurement's prior.
+    bright end), more where the model leaves more, every pose the measurement's prior.
 
     Parameters
     ----------
