@@ -350,7 +350,7 @@ class TestVerdict:
             "black_level", {c: about(level if c == "G" else 0.0) for c in "RGB"}, 0.9, ("black_level",)
         )
         alike = looking_alike([found], seen, DESIGN)
-        assert alike == (("black_level", "veiling_glare", "colour_mixing") if asked else ())
+        assert set(alike) == ({"black_level", "veiling_glare", "colour_mixing"} if asked else set())
         without = Observations(tuple(shots[::2]), np.zeros(3), "repeated frames", True, False, ())
         assert len(looking_alike([found], without, DESIGN)) == (2 if single else 3)
 

@@ -60,6 +60,8 @@ def _translucency(rig: Rig, values: Mapping[str, float]) -> Rig:
 
 
 def _wetting(rig: Rig, values: Mapping[str, float]) -> Rig:
+    if not values["transmittance"]:
+        return rig
     coat = replace(rig.coat, transmittance=values["transmittance"], behind=0.0, open_air=OPEN_AIR)
     return replace(rig, coat=coat)
 
