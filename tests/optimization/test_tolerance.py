@@ -280,6 +280,7 @@ def test_terms_are_read_and_wrong_ones_named(tmp_path):
             load_terms(path)
 
 
+@pytest.mark.slow
 def test_the_page_and_the_summary_say_what_was_found(tmp_path, monkeypatch, capsys):
     path = tmp_path / "terms.toml"
     path.write_text(TERMS, encoding="utf-8")

@@ -189,6 +189,7 @@ def test_a_study_whose_record_is_elsewhere_says_so(tmp_path, url):
         load_results(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_folder_serves_one_record(tmp_path, url):
     study = make(name="one folder", trials=2)
     run_study(study, out=tmp_path / "local", progress=False, evaluator=quick)

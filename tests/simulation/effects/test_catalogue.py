@@ -46,7 +46,7 @@ NAMES = (
 EVERYWHERE = [(e, d) for d in (DESIGN, CORE, ELASTIC) for e in CATALOGUE]
 everywhere = pytest.mark.parametrize(
     ("candidate", "design"),
-    EVERYWHERE,
+    [pytest.param(e, d, marks=pytest.mark.slow if d is ELASTIC else ()) for e, d in EVERYWHERE],
     ids=[f"{e.name}-{d.optics.light_path}-{d.contact.model}" for e, d in EVERYWHERE],
 )
 
