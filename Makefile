@@ -1,5 +1,5 @@
 # make demo    the main job end to end on a small budget, results in demo-out/
-# make check   what every change should pass within two minutes: style, types, layers, tests that render nothing
+# make check   what every change should pass within 90 seconds: style, types, layers, tests that render nothing
 # make test    every check but the tests of minutes each, which make test-full runs
 # All first create .venv (Python 3.11 or newer; PYTHON=... chooses one) and need the network for that only.
 
