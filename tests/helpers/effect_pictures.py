@@ -3,7 +3,7 @@
 All are signals of one untouched frame and one press, without noise, shape (2, rows, columns, 3).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -54,11 +54,12 @@ class Sensor:
     columns: int
     samples: int = 16
     seed: int = 3
+    changes: dict = field(default_factory=dict)
 
     @cached_property
     def design(self):
         """The preset with an exposure that leaves room above."""
-        plain = preset(self.name).replace({"camera.exposure": None})
+        plain = preset(self.name).replace({"camera.exposure": None, **self.changes})
         frame = Simulator(plain, view=self.view, samples=self.samples, seed=self.seed).frame(None)
         return plain.replace({"camera.exposure": exposure(plain, frame)})
 

@@ -226,8 +226,10 @@ def test_the_generator_shows_an_elastic_gel_as_the_simulator_does():
 @pytest.mark.llvm
 @pytest.mark.parametrize("name", ["gel_thickness", "probe_size", "depth_offset", "wetting"])
 def test_the_generator_makes_the_same_change_to_an_elastic_gel(name):
-    # Not of the skin, which the ball that is pressed here does not show.
-    assert_generator_agrees(Sensor(ELASTIC, 32, samples=64), name)
+    # Not of the skin, which the ball that is pressed here does not show. The coating is tight: the simulator
+    # knows the rim of a contact to a cell of its coating, and the rim moves by less here.
+    changes = {"optics.coating_transmittance": 0.0}
+    assert_generator_agrees(Sensor(ELASTIC, 32, samples=64, changes=changes), name)
 
 
 @pytest.mark.llvm
