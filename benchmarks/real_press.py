@@ -4,6 +4,8 @@
 
 FOLDER is the measurement folder of the released picture: a triangle of 5 mm pressed 0.5 mm deep.
 
+- Darkening: the mean of the three colours, each over its own background, inside the triangle and around it.
+  Slopes cancel in it, since the lights stand 120 deg apart.
 - As published: nothing is fitted (`designlab compare`).
 - Fitted: light, floor, pose and the same free fields for both models are fitted on half of the blocks of a
   chessboard, and judged on the other half in full resolution; then the other way round.
@@ -44,6 +46,16 @@ PUBLISHED = {"depth_mm": 0.50, "camera.horizontal_fov_deg": 53.3}
 BLOCKS_PX = (1, 2, 4, 8, 16)  # sums over which tell how many values are independent
 HELD_MM = 1e-5
 REGION_95 = 5.991  # of chi squared with 2 degrees of freedom
+
+
+CORNERS_PX = (
+    (303, 100),
+    (132, 408),
+    (490, 405),
+)  # row, column of the triangle's corners, read off the picture
+BESIDE_PX = 15  # left out on both sides of the outline
+UNDISTURBED = 0.75  # of half the picture's width from its middle, beyond which it is background
+DEGREE = 3  # of the polynomial that the logarithm of the background is
 
 
 class Half(NamedTuple):
@@ -113,6 +125,31 @@ def half(measurement: Measurement, name: str, variant: Variant, *, parity: int, 
     view = measurement.view(frame, design)
     image = rendered(found.model, press, gains, view=view, samples=64, seed=0)
     return Half(found, structure(image, real, ~mask))
+
+
+def darkening(picture: NDArray[np.float64]) -> tuple[float, float]:
+    """Mean of the colours over their backgrounds, inside the triangle and in a ring around it."""
+    rows, columns = picture.shape[:2]
+    y, x = np.meshgrid(np.linspace(-1, 1, rows), np.linspace(-1, 1, columns), indexing="ij")
+    powers = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
+    terms = np.stack([x**i * y**j for i, j in powers], axis=-1)
+    background = np.hypot(x, y) > UNDISTURBED
+    colours = np.log(np.maximum(picture, 1e-4))
+    known = np.linalg.lstsq(terms[background], colours[background], rcond=None)[0]
+    even = np.exp(colours - terms @ known).mean(axis=-1)
+    away = signed_distance_px(rows, columns)
+    inside, around = away < -BESIDE_PX, (away > 3 * BESIDE_PX) & (away < 6 * BESIDE_PX)
+    return float(even[inside].mean()), float(even[around].mean())
+
+
+def signed_distance_px(rows: int, columns: int) -> NDArray[np.float64]:
+    """Distance of each pixel from the sides of the triangle, negative inside."""
+    at = np.stack(np.indices((rows, columns)), axis=-1).astype(float)
+    corners = np.array(CORNERS_PX, dtype=float)
+    sides = np.roll(corners, -1, axis=0) - corners
+    outward = np.stack([sides[:, 1], -sides[:, 0]], axis=-1) / np.linalg.norm(sides, axis=1)[:, None]
+    outward *= np.sign(((corners - corners.mean(axis=0)) * outward).sum(axis=1))[:, None]
+    return np.asarray(np.max([(at - c) @ n for c, n in zip(corners, outward, strict=True)], axis=0))
 
 
 def show_values(found: Calibration) -> None:
@@ -193,6 +230,9 @@ def main() -> None:
     parser.add_argument("--more", action="store_true", help="free the coating and the LEDs' place too")
     args = parser.parse_args()
     measurement = load_measurement(args.measured)
+    (frame,) = measurement.frames
+    inside, around = darkening(measurement.linear(frame).astype(float))
+    print(f"mean of the colours over their backgrounds: inside {inside:.3f}, around {around:.3f}")
     print("as published, nothing fitted: structure correlation, SNR (dB)")
     for name in (KERNEL, ELASTIC):
         figures = compare_model(preset(name), measurement).pairs[0].figures

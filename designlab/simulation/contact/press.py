@@ -7,9 +7,7 @@ from pydantic import model_validator
 from geometries.probes import Probe
 from geometries.spec import Spec, quantity
 
-LEAST_DEPTH_MM = (
-    0.01  # where errors of depth would lift a press off the gel: what a probe that just touches has
-)
+LEAST_DEPTH_MM = 0.01  # of a press that errors of depth would lift off the gel
 
 
 class Press(Spec):

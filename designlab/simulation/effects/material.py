@@ -89,18 +89,8 @@ class Translucency(Effect):
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Thin coats let up to 20 % pass (estimate); the object's reflectance is seldom known."""
-        room = 1.0 - max(design.per_group("membrane_albedo")) - design.optics.coating_transmittance
         return (
-            EffectParameter(
-                "transmittance",
-                "1",
-                0.0,
-                0.1,
-                0.0,
-                min(0.4, max(room, 0.01)),
-                "added transmittance of the coating",
-                squared=True,  # light goes through it to the object and back
-            ),
+            _leak(design, sd=0.1),
             EffectParameter(
                 "object", "1", 0.5, 0.25, 0.0, 1.0, "diffuse reflectance of the pressed object", shape=True
             ),
@@ -134,23 +124,11 @@ class Wetting(Effect):
     by_name: ClassVar[bool] = True  # the race has learnt its thresholds without
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
-        """Known no better than that of `Translucency` (estimate)."""
-        room = 1.0 - max(design.per_group("membrane_albedo")) - design.optics.coating_transmittance
-        return (
-            EffectParameter(
-                "transmittance",
-                "1",
-                0.0,
-                0.2,
-                0.0,
-                min(0.4, max(room, 0.01)),
-                "added transmittance of the coating",
-                squared=True,  # light goes through it to the skin's end and back
-            ),
-        )
+        """As much as the released press of 2020 asks for, see the preset ``gelsight-2020-flat-elastic``."""
+        return (_leak(design, sd=0.2),)
 
     def on_design(self, design: Design, values: Values) -> Design:
-        """Let light through the coating, to air and, where it is touched, to a black object."""
+        """Let light through, to air and, where it is touched, to the object, black unless stated."""
         if not values["transmittance"]:
             return design
         return design.replace(
@@ -160,6 +138,21 @@ class Wetting(Effect):
                 or internal_reflectance(design.optics.gel_index),
             }
         )
+
+
+def _leak(design: Design, *, sd: float) -> EffectParameter:
+    """What a coating lets through, with reflection no more than all light."""
+    room = 1.0 - max(design.per_group("membrane_albedo")) - design.optics.coating_transmittance
+    return EffectParameter(
+        "transmittance",
+        "1",
+        0.0,
+        sd,
+        0.0,
+        min(0.4, max(room, 0.01)),
+        "added transmittance of the coating",
+        squared=True,  # light goes through it and back
+    )
 
 
 EFFECTS: tuple[Effect, ...] = (AlbedoField(), SpecularCoat(), Translucency(), Wetting())

@@ -70,7 +70,7 @@ class Choice:
     """Grid nodes that are shaded: all those on and beside the indentation, every few ones around it.
 
     Gel that bulges is raised far beyond its contact too, but is smooth there: that all nodes only near the
-    contact are shaded changes pictures by less than 0.5 % of what the press does.
+    contact are shaded changes pictures by about 1 % of what a sharp press does, and less under a ball.
 
     Attributes
     ----------

@@ -62,6 +62,15 @@ def exact(rig, press=PRESS):
     return capture_plan.true_press(rig, press, Sure())
 
 
+def pixel_of(view, x_mm, y_mm):
+    """Row and column of the pixel that sees a point of the membrane."""
+    column, row = FLAT.project_px(x_mm, y_mm)
+    return (
+        int((row - view.y_px) / view.height_px * view.rows),
+        int((column - view.x_px) / view.width_px * view.columns),
+    )
+
+
 def rms(found, plain, file="press-01.exr"):
     """Root mean square of a change over the median signal."""
     return np.sqrt(np.mean((found[file] - plain[file]) ** 2)) / np.median(plain[file])
@@ -219,12 +228,7 @@ class TestMaterial:
         exact = 1 + 0.3**2 * 0.6 / (1 - 0.6 * a) / a
         np.testing.assert_allclose(found["background-0.exr"], plain["background-0.exr"], rtol=1e-12)
         ratio = found["press-01.exr"] / plain["press-01.exr"]
-        column, row = FLAT.project_px(1.0, 0.5)
-        view = session.view
-        here = (
-            int((row - view.y_px) / view.height_px * view.rows),
-            int((column - view.x_px) / view.width_px * view.columns),
-        )
+        here = pixel_of(session.view, 1.0, 0.5)
         # Red light alone reaches red, up to the 3 % of green that the design mixes in.
         np.testing.assert_allclose(ratio[here][1:], exact[1:], rtol=3e-3)
         assert ratio[0, 0] == pytest.approx(1.0, abs=2e-3)
@@ -236,12 +240,7 @@ class TestMaterial:
         # the coat alone, by the quadratic that Kubelka's formula is for it
         alone = [np.roots([0.536, -(1 + 0.536 * v), v - 0.09 * 0.536]).min() for v in a]
         ratio = found["press-01.exr"] / plain["press-01.exr"]
-        column, row = FLAT.project_px(1.0, 0.5)
-        view = session.view
-        here = (
-            int((row - view.y_px) / view.height_px * view.rows),
-            int((column - view.x_px) / view.width_px * view.columns),
-        )
+        here = pixel_of(session.view, 1.0, 0.5)
         np.testing.assert_allclose(ratio[here][1:], (alone / a)[1:], rtol=3e-3)
         assert ratio[0, 0] == pytest.approx(1.0, abs=2e-3)
 
