@@ -24,10 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.inference.calibration import Calibration, calibrate
-from designlab.inference.compare import compare_model
 from designlab.inference.diagnosis.single_image.blocks import TRAIN, block_uses
 from designlab.inference.diagnosis.single_image.structure import rendered, structure
 from designlab.measurement import Measurement, load_measurement
+from designlab.measurement.compare import compare_model
 from designlab.measurement.frames import PoseSigma
 from designlab.measurement.shots import DEFAULT_SIGMA, POSE
 from designlab.sensor.design import Design, preset

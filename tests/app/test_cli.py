@@ -405,8 +405,8 @@ class TestCompare:
 
     @pytest.mark.renders
     def test_automatic_exposure_brings_the_bright_parts_to_half_of_full_scale(self, tmp_path):
-        from designlab.inference.compare import compare_model
         from designlab.measurement import MeasuredFrame, Measurement
+        from designlab.measurement.compare import compare_model
 
         design = preset("gelsight-2020-flat").replace({"camera.exposure": None})
         width, height = design.camera.width_px // 16, design.camera.height_px // 16

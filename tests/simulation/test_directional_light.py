@@ -6,8 +6,8 @@ import pytest
 from designlab.app import cli
 from designlab.inference.calibration import calibrate
 from designlab.inference.calibration.directional import Directional
-from designlab.inference.compare import compare_model
 from designlab.measurement import MeasuredFrame, Measurement, load_measurement, write_measurement
+from designlab.measurement.compare import compare_model
 from designlab.measurement.shots import observe
 from designlab.sensor.camera import View
 from designlab.sensor.design import DesignError, preset

@@ -269,7 +269,7 @@ def compare(args: Namespace) -> Result:
     if measured:
         data = _compare_model(args)
     else:
-        from designlab.inference.compare import compare_files
+        from designlab.measurement.compare import compare_files
 
         data = compare_files(args.simulated, args.real)
     names = ("mse", "snr_db", "smape", "ssim", "structure_corr", "structure_snr_db")
@@ -287,8 +287,8 @@ def _compare_model(args: Namespace) -> dict[str, Any]:
     import numpy as np
 
     from designlab.core.images import tone_map, write_image
-    from designlab.inference.compare import compare_model
     from designlab.measurement import load_measurement
+    from designlab.measurement.compare import compare_model
     from designlab.simulation.directional_light import load_any_model
 
     measurement = load_measurement(args.real)

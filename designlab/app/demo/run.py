@@ -242,8 +242,8 @@ def _real(state: Demo, within: Progress) -> dict[str, Any]:
     import numpy as np
 
     from designlab.core.images import tone_map, write_image
-    from designlab.inference.compare import compare_model
     from designlab.measurement import load_measurement
+    from designlab.measurement.compare import compare_model
 
     named = os.environ.get(MEASURED_VARIABLE)
     if not named:

@@ -17,8 +17,8 @@ from designlab.core.store import read_json, write_atomic, write_json
 from designlab.core.types import Progress
 from designlab.inference.calibration import Calibration, calibrate
 from designlab.inference.calibration.imaging import ALBEDO, KERNEL
-from designlab.inference.compare import FIGURES, Pair, compare_model
 from designlab.measurement import MeasuredFrame, Measurement, PoseSigma, load_measurement, write_measurement
+from designlab.measurement.compare import FIGURES, Pair, compare_model
 from designlab.report.figures import write_figure
 from designlab.sensor.design import CHANNELS, Design, preset
 from designlab.simulation.directional_light import DirectionalLight, load_any_model

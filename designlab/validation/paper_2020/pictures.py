@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from designlab.core.images import tone_map
-from designlab.inference.compare import Pair
+from designlab.measurement.compare import Pair
 from designlab.report.figures import new_figure
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 from designlab.core import metrics
 from designlab.core.progress import named, silent
 from designlab.core.types import Progress
-from designlab.inference.compare import FIGURES, compare_model
+from designlab.measurement.compare import FIGURES, compare_model
 from designlab.sensor.design import CHANNELS, preset
 from designlab.validation.paper_2020.accuracy import SAMPLES, at_poses, poses_of
 from designlab.validation.paper_2020.sizes import Size

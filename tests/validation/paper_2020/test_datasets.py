@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from designlab.inference.compare import compare_model
 from designlab.measurement import Measurement, load_measurement, write_measurement
+from designlab.measurement.compare import compare_model
 from designlab.sensor.design import preset
 from designlab.simulation.imaging import Capture, noise_sigma
 from designlab.simulation.optics.viewing_rays import rays
