@@ -251,24 +251,24 @@ def test_every_rule_of_a_design_is_listed():
 
 
 def test_every_effect_is_listed_with_its_parameters():
-    """In the order of the catalogue, with the summary and kind that reports give."""
+    """In the order of the catalogue, with summary, kind, parameters and their usual size."""
     told = (ROOT / "docs" / "gap.md").read_text(encoding="utf-8")
     rows = [
-        line.split(" | ")
+        line.strip("| ").split(" | ")
         for line in told.splitlines()
-        if re.match(r"\| `[a-z_]+` \| .* \| (unit|design) \|", line)
+        if re.match(r"\| `[a-z_]+` \| .* \| (unit|design)( \*)? \|", line)
     ]
-    assert [line[0].strip("| `") for line in rows] == [each.name for each in CATALOGUE]
+    assert [line[0].strip("`") for line in rows] == [each.name for each in CATALOGUE]
     designs = preset("gelsight-2020-flat-core"), preset("gelsight-2020-flat-elastic")
-    for each, (_, summary, parameters, _, kind) in zip(CATALOGUE, rows, strict=True):
+    for each, (_, summary, parameters, kind) in zip(CATALOGUE, rows, strict=True):
         assert summary == each.summary
-        assert kind.strip(" |") == ("design" if each.transferable else "unit")
+        assert kind == ("design" if each.transferable else "unit") + each.by_name * " *"
         for p in (p for design in designs for p in each.parameters(design)):
             name = p.name.replace(p.group, "GROUP") if p.group else p.name
-            assert re.sub(r"_\d+$", "_1", name) in parameters.replace("`C_from_GROUP`", name), (
-                each.name,
-                name,
-            )
+            name = re.sub(r"^[RGB]_from_\w+$", "C_from_GROUP", re.sub(r"_\d+$", "_1", name))
+            assert f"`{name}`" in parameters, (each.name, name)
+            usual = re.search(rf"`{name}`[^±;]*±([\d.]+)", parameters)
+            assert p.shape or (usual and float(usual[1]) == p.sd), (each.name, name)
 
 
 def test_every_material_part_and_camera_that_is_known_is_listed():

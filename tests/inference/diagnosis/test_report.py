@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 from designlab.inference.diagnosis.diagnose import (
+    AT_FLOOR,
+    NEAR,
+    PARTIAL_ABOVE,
     _along,
     _confounded,
     _gives_back,
@@ -21,6 +24,8 @@ from designlab.inference.diagnosis.diagnose import (
 from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.empirical_errors import share_of_partial, shares_right
+from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD
+from designlab.inference.diagnosis.likelihood.normal_equations import ALIKE
 from designlab.inference.diagnosis.result import (
     Advice,
     Candidate,
@@ -32,6 +37,12 @@ from designlab.inference.diagnosis.result import (
     Value,
     Where,
 )
+from designlab.inference.diagnosis.selection.acceptance import AS_GOOD, DECISIVE, LATER_DECISIVE
+from designlab.inference.diagnosis.selection.forward_selection import MOST_EFFECTS, OVERLAP
+from designlab.inference.diagnosis.selection.held_out import LEAST_IMPROVED, LEAST_SHARE
+from designlab.inference.diagnosis.single_image import diagnose as single
+from designlab.inference.diagnosis.single_image import search
+from designlab.inference.diagnosis.single_image.blocks import BLOCKS, SCALE_SD
 from designlab.inference.diagnosis.verdict.confidence import SIGNS, confidence
 from designlab.inference.diagnosis.verdict.intervals import of_amplitudes, of_deviation
 from designlab.measurement.quality.invariants import FrameCheck
@@ -115,8 +126,30 @@ def paths(value: object, inside: str = "") -> set[str]:
 def test_every_field_that_is_written_is_documented_and_the_other_way_round() -> None:
     text = DOCUMENT.read_text(encoding="utf-8")
     table = text[text.index("## report.json") :]
-    documented = set(re.findall(r"^\| `([^`]+)`", table, re.MULTILINE))
+    documented = set()
+    for inside, fields in re.findall(r"^\| (report|`[^`]+`) \| (`.+?`) \| ", table, re.MULTILINE):
+        within = "" if inside == "report" else f"{inside.strip('`')}."
+        documented |= {within + name for name in re.findall(r"`([^`]+)`", fields)}
     assert documented == paths(report_content(REPORT, {"where.png": "where"}))
+
+
+def test_the_thresholds_that_are_documented_are_those_of_the_code() -> None:
+    text = " ".join(DOCUMENT.read_text(encoding="utf-8").split())
+    for words in (
+        f"`at_floor` lies below {AT_FLOOR:g} floors; `partial` leaves at least {NEAR:g} floors",
+        f"and more than {100 * PARTIAL_ABOVE:g} % of the gap",
+        f"divided by {ALIKE:g} since",
+        f"within {AS_GOOD:g} of its evidence",
+        f"about {100 * OVERLAP:g} % of what the best does",
+        f"its evidence is {DECISIVE:g}, if it surely closes {100 * LEAST_SHARE:g} %",
+        f"improves {100 * LEAST_IMPROVED:g} % of select presses",
+        f"for up to {MOST_EFFECTS} effects; later ones need an evidence of {LATER_DECISIVE:g}",
+        f"{BLOCKS} blocks across",
+        f"free to {100 * SCALE_SD:g} %",
+        f"up to {search.MOST_EFFECTS} effects join, and `at_floor` lies below {single.AT_FLOOR:g} floors",
+        f"sizes of probes (to {100 * SIZE_SD:g} %), lateral colour (to {100 * FRINGES_SD:g} %)",
+    ):
+        assert words in text, words
 
 
 def test_the_fields_of_the_provenance_are_those_that_a_diagnosis_writes(tmp_path) -> None:
