@@ -46,7 +46,7 @@ _PARAMETERS = (
 )
 _CANDIDATES = (
     "Evidence: logarithm of the Bayes factor against the model without the effect, divided by how many "
-    "neighbouring values err alike; 16 or more is needed, 60 beside other effects. Gain: share of the first "
+    "neighbouring values err alike; 16 or more is needed, 30 beside other effects. Gain: share of the first "
     "gap closed on presses that the candidate was not fitted to."
 )
 
