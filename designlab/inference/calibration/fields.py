@@ -3,11 +3,11 @@
 import math
 import re
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import annotated_types
 from pydantic import BaseModel
 
+from designlab.core.fields import OPEN_END, FieldAt, field_at
 from designlab.sensor.contact import LayerContact
 from designlab.sensor.design import Design
 from geometries.probes import LARGEST_EDGE, Probe
@@ -30,7 +30,6 @@ STATED = re.compile(
 )
 DIRECTION, DIRECTION_STEP_DEG = r"lights\.\d+\.\w+_deg", 1.0
 MOST_EDGE = 0.5  # of the largest edge radius that a probe of the given size can have
-INSIDE = 1e-6  # of the value: how far within a bound that does not belong to the range
 
 
 class SharedField(NamedTuple):
@@ -125,13 +124,13 @@ def _field(model: BaseModel, path: str, probes: Sequence[Probe]) -> SharedField:
         )
     if re.fullmatch(UNSEEN, inner):
         raise ValueError(f"free: {path} must be a field that pictures without noise depend on")
-    low, high, unit, node = _looked_up(model, path)
+    node, unit, low, high = _looked_up(model, path)
     if node is None:
         node = _of_material(model, path)
     if isinstance(node, bool) or not isinstance(node, float):
         raise ValueError(f"free: {path} must be a number that can vary, got {node!r}")
     if re.fullmatch(SHARE, inner):
-        low, high = INSIDE, 1.0 - (model.optics.coating_transmittance if isinstance(model, Design) else 0.0)
+        low, high = OPEN_END, 1.0 - (model.optics.coating_transmittance if isinstance(model, Design) else 0.0)
     step = _step(inner, node, low, high)
     if re.fullmatch(DIRECTION, path):
         step = DIRECTION_STEP_DEG
@@ -140,11 +139,9 @@ def _field(model: BaseModel, path: str, probes: Sequence[Probe]) -> SharedField:
 
 def _of_material(model: BaseModel, path: str) -> float | None:
     """Elastic constant of the gel that a design names without stating the constant itself."""
-    *place, name = path.split(".")
-    contact: Any = model
-    for part in place:
-        contact = getattr(contact, part)
-    if name not in MATERIAL or not isinstance(contact, LayerContact):
+    place, _, name = path.rpartition(".")
+    contact = field_at(model, place).value if name in MATERIAL else None
+    if not isinstance(contact, LayerContact):
         return None
     return float(getattr(contact.layer(thickness_mm=1.0), name))
 
@@ -155,7 +152,7 @@ def _of_probe(path: str, probes: Sequence[Probe]) -> SharedField:
         texts = ", ".join(sorted({probe.text for probe in probes})) or "none"
         raise ValueError(f"free: {path} needs one probe in all presses, got {texts}")
     probe = probes[0]
-    low, high, unit, value = _looked_up(probe, path.removeprefix(PROBE))
+    value, unit, low, high = _looked_up(probe, path.removeprefix(PROBE))
     if not isinstance(value, float):
         raise ValueError(f"free: {path} must be a number that can vary, got {value!r}")
     if path == f"{PROBE}edge_radius_mm":
@@ -170,33 +167,8 @@ def _step(path: str, value: float, low: float, high: float) -> float:
     return share * abs(value) or 0.01 * (min(high, 1.0) - max(low, -1.0))
 
 
-def _looked_up(model: BaseModel, path: str) -> tuple[float, float, str, Any]:
-    """Bounds, unit and value of a number by its dotted path."""
-    node: Any = model
-    low, high, unit = -math.inf, math.inf, "1"
-    for part in path.split("."):
-        if isinstance(node, BaseModel) and part in type(node).model_fields:
-            info = type(node).model_fields[part]
-            low, high = _bounds(info.metadata)
-            extra = info.json_schema_extra
-            unit = str(extra.get("unit", "1")) if isinstance(extra, dict) else "1"
-            node = getattr(node, part)
-        elif isinstance(node, tuple) and part.isdecimal() and int(part) < len(node):
-            node = node[int(part)]
-        else:
-            raise ValueError(f"free: no field {path!r} in the model")
-    return low, high, unit, node
-
-
-def _bounds(metadata: Sequence[Any]) -> tuple[float, float]:
-    low, high = -math.inf, math.inf
-    for rule in metadata:
-        if isinstance(rule, annotated_types.Ge):
-            low = float(rule.ge)  # type: ignore[arg-type]
-        elif isinstance(rule, annotated_types.Gt):
-            low = float(rule.gt) + INSIDE * max(abs(float(rule.gt)), 1.0)  # type: ignore[arg-type]
-        elif isinstance(rule, annotated_types.Le):
-            high = float(rule.le)  # type: ignore[arg-type]
-        elif isinstance(rule, annotated_types.Lt):
-            high = float(rule.lt) - INSIDE * max(abs(float(rule.lt)), 1.0)  # type: ignore[arg-type]
-    return low, high
+def _looked_up(spec: BaseModel, path: str) -> FieldAt:
+    try:
+        return field_at(spec, path)
+    except LookupError as error:
+        raise ValueError(f"free: {error} in the model") from None

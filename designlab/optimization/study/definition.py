@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
+from designlab.core.fields import field_at
 from designlab.core.store import digest, read_toml, require_version
 from designlab.evaluation.press_plan import PressPlan
 from designlab.optimization.constraint import Bound
 from designlab.optimization.study.defaults import default_parameters
 from designlab.optimization.study.parameter import Parameter
 from designlab.optimization.study.robust import Robust
-from designlab.optimization.tolerance.distributions import require_applicable, value_at
+from designlab.optimization.tolerance.distributions import require_applicable
 from designlab.sensor.design import Design, DesignError, explain, preset, preset_names
 from geometries.spec import Spec
 
@@ -268,7 +269,7 @@ class Study(Spec):
         if self.variants and not own:
             return None
         variant = own[0] if own else None
-        values = {path: value_at(self.base, path) for path in self.active(variant)}
+        values = {path: field_at(self.base, path).value for path in self.active(variant)}
         if not all(self.parameters[path].holds(value) for path, value in values.items()):
             return None
         if self.design({VARIANT: variant, **values}) != self.base:
@@ -386,7 +387,7 @@ def _flattened(
 
 
 def _is_integer(design: Design, path: str) -> bool:
-    value = value_at(design, path)
+    value = field_at(design, path).value
     return isinstance(value, int) and not isinstance(value, bool)
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field, ValidationError
 
+from designlab.core.fields import field_at
 from designlab.core.store import digest
 from designlab.core.types import Array
 from designlab.sensor.design import Design, DesignError, explain
@@ -170,21 +171,13 @@ def _number(design: Design, path: str) -> float | tuple[float, ...]:
     if path in ("optics.gelcore_index", "optics.elastomer_index"):  # by default their material's
         return design.optics.core_index if "gelcore" in path else design.optics.gel_index
     try:
-        node = value_at(design, path)
-    except (AttributeError, IndexError, TypeError):
-        raise ValueError(f"spreads: no field {path!r} in a design") from None
+        node = field_at(design, path).value
+    except LookupError as error:
+        raise ValueError(f"spreads: {error} in a design") from None
     numbers = node if isinstance(node, tuple) else (node,)
     if not numbers or any(isinstance(v, bool) or not isinstance(v, int | float) for v in numbers):
         raise ValueError(f"spreads: {path} is no number in this design, it is {node!r}")
     return node if isinstance(node, tuple) else float(node)
-
-
-def value_at(design: Design, path: str) -> Any:
-    """Value of a field of a design, by dotted path."""
-    node: Any = design
-    for key in path.split("."):
-        node = node[int(key)] if key.isdigit() else getattr(node, key)
-    return node
 
 
 def deviates(count: int, names: Sequence[str], seed: int) -> Array:
