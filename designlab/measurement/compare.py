@@ -13,7 +13,7 @@ from designlab.core.images import ImageError, read_image
 from designlab.core.progress import silent
 from designlab.core.types import Progress, Single
 from designlab.measurement import MeasuredFrame, Measurement, MeasurementError
-from designlab.measurement.quality.sizes import check_leds, check_size
+from designlab.measurement.sizes import check_leds, check_size
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.directional_light import DirectionalLight

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from designlab.core.images import write_image
 from designlab.core.store import atomic_folder, read_toml
 from designlab.measurement.frames import FILE_NAME, MeasuredFrame, Measurement, MeasurementError, mesh_file
-from designlab.measurement.quality.sizes import check_leds, check_size, size
+from designlab.measurement.sizes import check_leds, check_size, size
 from designlab.sensor.design import explain, preset_names
 
 

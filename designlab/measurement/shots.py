@@ -9,7 +9,7 @@ from designlab.core.types import Array, Mask
 from designlab.measurement.frames import FULL_SCALE, MeasuredFrame, Measurement, MeasurementError, alike
 from designlab.measurement.light import ball_of
 from designlab.measurement.light_probe.ball import LightProbe
-from designlab.measurement.quality.sizes import check_leds
+from designlab.measurement.sizes import check_leds
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press

@@ -11,13 +11,12 @@ from designlab.core.types import Array, Mask, Progress
 from designlab.inference.calibration.directional import Directional
 from designlab.inference.calibration.fields import PROBE, SharedField
 from designlab.inference.calibration.imaging import How, Rendered, Touched
-from designlab.inference.calibration.linear import normal_equations, predicted, transfer_and_floor
 from designlab.measurement.shots import Shot
+from designlab.measurement.transfer import MODEL_ERROR, normal_equations, predicted, transfer_and_floor
 from designlab.simulation.contact.press import LEAST_DEPTH_MM, Press
 from designlab.simulation.contact.surface import Mechanics
 from designlab.simulation.simulator import Simulator
 
-MODEL_ERROR = 0.01  # of a channel's mean signal in a shot: what the simulation is not trusted with
 BRIGHT = 99.0  # percentile
 BLOCKS_PX = (1, 2, 4, 8, 16)  # within which errors may go together; tried for how far they do
 LEAST_BLOCK_PX = 8  # of standard errors

@@ -12,13 +12,14 @@ from designlab.core.types import Array, Mask, Progress
 from designlab.inference.calibration.directional import Directional
 from designlab.inference.calibration.fields import WITHIN, SharedField, shared_fields
 from designlab.inference.calibration.imaging import ALBEDO, MODULUS, SCALE, Rendered
-from designlab.inference.calibration.problem import MODEL_ERROR, CalibrationState, Imaging, Problem
+from designlab.inference.calibration.problem import CalibrationState, Imaging, Problem
 from designlab.inference.calibration.result import Calibration, FittedParameter, FrameResult
 from designlab.inference.calibration.solve import MOST_STEPS, Layout, covariance, fit
 from designlab.inference.calibration.suspicions import suspicious
 from designlab.measurement import Measurement, MeasurementError, check, refuse
 from designlab.measurement.light_probe.ball import LightProbe
 from designlab.measurement.shots import POSE, ROUND, Observations, Shot, binned, observe
+from designlab.measurement.transfer import MODEL_ERROR
 from designlab.sensor.design import CHANNELS, Design
 from designlab.simulation.directional_light import DirectionalLight
 from designlab.simulation.effects.model import SensorModel, effect

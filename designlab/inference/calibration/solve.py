@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.core.types import Array
-from designlab.inference.calibration.linear import RELATIVE_RANK, predicted
 from designlab.inference.calibration.problem import CalibrationState, Problem
+from designlab.measurement.transfer import RELATIVE_RANK, predicted
 
 POSE_STEP = np.array([0.05, 0.05, 0.02, 0.5])  # mm, mm, mm, deg: finite differences
 LONGEST = 5.0  # finite-difference steps that one Gauss-Newton step may take

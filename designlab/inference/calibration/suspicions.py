@@ -12,12 +12,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from designlab.core.types import Array, Mask
-from designlab.inference.calibration.linear import normal_equations, predicted, solved, transfer_and_floor
-from designlab.inference.calibration.problem import MODEL_ERROR, Problem
+from designlab.inference.calibration.problem import Problem
 from designlab.measurement import Measurement
 from designlab.measurement.quality.additivity import Curve, nonlinear, other_curves
 from designlab.measurement.quality.suspicion import Suspicion, refuse
 from designlab.measurement.shots import Observations, Shot, binned
+from designlab.measurement.transfer import (
+    MODEL_ERROR,
+    normal_equations,
+    predicted,
+    solved,
+    transfer_and_floor,
+)
 from designlab.sensor.design import CHANNELS
 
 COLUMNS = 48  # faults are as large as the picture

@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 from designlab.measurement.frames import FULL_SCALE, Measurement
 from designlab.measurement.quality.additivity import added_light
 from designlab.measurement.quality.damage import damage
-from designlab.measurement.quality.sizes import check_size
 from designlab.measurement.quality.suspicion import Suspicion
+from designlab.measurement.sizes import check_size
 from designlab.sensor.design import Design
 
 BEYOND_SCALE = 1.01  # what only files of floating-point numbers hold

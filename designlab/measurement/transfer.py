@@ -1,4 +1,4 @@
-"""The part that follows in closed form: transfer from LED groups to channels, and a floor, none negative.
+"""Light of pictures in closed form: transfer from LED groups to channels, and a floor, none negative.
 
 signal[channel] = sum over groups of transfer[channel, group] x lit[group] x basis[group] + floor[channel]
 """
@@ -10,6 +10,7 @@ import numpy as np
 from designlab.core.types import Array, Mask
 from designlab.simulation.imaging import mixed
 
+MODEL_ERROR = 0.01  # of a channel's mean signal in a shot: what a simulation is not trusted with
 RELATIVE_RANK = 1e-13  # eigenvalue over the largest, below which pictures do not change in a direction
 
 
