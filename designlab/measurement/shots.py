@@ -138,10 +138,7 @@ def observe(
     MeasurementError
         If the response is unknown, or no frame with LEDs on can be used; the text says which and why.
     """
-    if measurement.response == "unknown":
-        raise MeasurementError(
-            f"{measurement.folder}: field response: must be known, since linear light is compared"
-        )
+    require_response(measurement)
     notes: list[str] = []
     usable = [
         frame
@@ -169,6 +166,22 @@ def observe(
         shots.append(replace(shot, signal=shot.signal + black) if apart else shot)
     notes += _saturated(shots)
     return Observations(tuple(shots), black, source, repeats, has_dark, tuple(dict.fromkeys(notes)))
+
+
+def require_response(measurement: Measurement) -> None:
+    """Refuse a set of unknown response.
+
+    Raises
+    ------
+    MeasurementError
+        With the remedy.
+    """
+    if measurement.response == "unknown":
+        raise MeasurementError(
+            f"{measurement.folder}: field response: must be known, since linear light is compared; "
+            "remedy: linear for raw files, srgb for JPEG and PNG made for eyes, or `designlab import` with "
+            "an exposure ladder"
+        )
 
 
 def _saturated(shots: list[Shot]) -> list[str]:

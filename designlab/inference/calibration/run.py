@@ -15,9 +15,9 @@ from designlab.inference.calibration.imaging import ALBEDO, MODULUS, SCALE, Rend
 from designlab.inference.calibration.problem import CalibrationState, Imaging, Problem
 from designlab.inference.calibration.result import Calibration, FittedParameter, FrameResult
 from designlab.inference.calibration.solve import MOST_STEPS, Layout, covariance, fit
-from designlab.inference.calibration.suspicions import suspicious
-from designlab.measurement import Measurement, MeasurementError, check, refuse
+from designlab.measurement import Measurement, MeasurementError, Suspicion, check, refuse
 from designlab.measurement.light_probe.ball import LightProbe
+from designlab.measurement.quality.model_check import against_model
 from designlab.measurement.shots import POSE, ROUND, Observations, Shot, binned, observe
 from designlab.measurement.transfer import MODEL_ERROR
 from designlab.sensor.design import CHANNELS, Design
@@ -103,7 +103,7 @@ def calibrate(
     _check(measurement, problem, fitted)
     given = _given(measurement, problem, imaging.level() - seen.black_level)
     if renders:  # a model without light transport misses pictures for reasons of its own
-        trusted += suspicious(measurement, seen, problem, trust=trust)
+        trusted += refuse(measurement, _faults(measurement, problem, seen), trust)
     balls = seen.of("light_probe")
     state = _reflecting(problem, _placed(problem, problem.start(), balls), fitted)
     problem.hold(balls)
@@ -263,6 +263,18 @@ def _given(measurement: Measurement, problem: Problem, floor: Array) -> dict[int
             raise MeasurementError(f"{measurement.folder}: frame {shot.files[0]}: {error}") from None
     state = replace(problem.start(), transfer=problem.imaging.factors(), floor=floor)
     return {number: problem.predict(state, number, basis) for number, basis in bases.items()}
+
+
+def _faults(measurement: Measurement, problem: Problem, seen: Observations) -> tuple[Suspicion, ...]:
+    """Faults of the pictures, beside those of the model as given at the stated poses."""
+    bases = problem.bases(problem.start(), seen.of("background", "train", "select", "final"))
+    return against_model(
+        [seen.shots[number] for number in bases],
+        list(bases.values()),
+        black=seen.black_level,
+        transfer=problem.imaging.factors(),
+        response=measurement.response,
+    ).suspicions
 
 
 def _placed(problem: Problem, state: CalibrationState, balls: Sequence[int]) -> CalibrationState:

@@ -34,12 +34,13 @@ from designlab.inference.diagnosis.selection.refine import refined
 from designlab.inference.diagnosis.single_image.diagnose import diagnose_single
 from designlab.inference.diagnosis.verdict.comparison import compared
 from designlab.inference.diagnosis.verdict.confidence import confidence
-from designlab.inference.diagnosis.verdict.data_checks import check_frames, examine, looking_alike, weakened
+from designlab.inference.diagnosis.verdict.data_checks import examine, looking_alike, weakened
 from designlab.inference.diagnosis.verdict.intervals import values
 from designlab.inference.diagnosis.verdict.localise import localise
 from designlab.inference.diagnosis.verdict.next_measurement import advise
 from designlab.inference.diagnosis.verdict.update import updated
 from designlab.measurement import Measurement
+from designlab.measurement.quality.checks import check_comparable
 from designlab.measurement.shots import Observations
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press
@@ -118,7 +119,7 @@ def diagnose(
         if value < least:
             raise ValueError(f"{name}: must be at least {least}, got {value}")
     model = SensorModel.of(model)
-    noted = check_frames(measurement, model, trust)
+    noted = check_comparable(measurement, model, trust)
     seen = observe(measurement, model.effective_design(), columns=columns)
     names = _names(model, catalogue, seen)
     folder = renders or out / "renders"

@@ -1,6 +1,5 @@
 """Sets with a fault or a lack: refused by name, or answered with less confidence; never fitted in silence."""
 
-import functools
 import json
 from pathlib import Path
 
@@ -15,36 +14,19 @@ from designlab.inference.diagnosis.result import Advice, Found, GapReport, Level
 from designlab.inference.diagnosis.verdict.data_checks import (
     Examined,
     Reserve,
-    check_frames,
     examine,
     looking_alike,
     weakened,
 )
-from designlab.measurement import MeasurementError, check, load_measurement, refuse, write_measurement
-from designlab.measurement.quality.invariants import corners, invariants
+from designlab.measurement import MeasurementError
 from designlab.measurement.shots import Observations, Shot
 from designlab.sensor.camera import View
 from designlab.sensor.design import preset
 from designlab.simulation.effects import SensorModel
-from designlab.validation.synthetic import plant
-from designlab.validation.synthetic.effects import draw
-from designlab.validation.synthetic.generator_sensor import Rig
+from tests.helpers.spoilt_sets import COLUMNS, DESIGN, PLACES, PRESSES, changed, planted
 
-DESIGN = preset("gelsight-2020-flat")
 MODEL = SensorModel.of(DESIGN)
-COLUMNS, SAMPLES, SEED = 32, 8, 2
-LIFTED = {"R": -0.006, "G": -0.009, "B": 0.011}
-PLACES = ((-4.0, -3.0), (4.0, -2.0), (0.0, 3.0), (-3.0, 2.0))
-PRESSES = [
-    {"probe": "sphere:5", "depth_mm": depth, "centre_mm": place, "yaw_deg": 0.0}
-    for place in PLACES
-    for depth in (0.3, 0.6)
-]
-
-
-def planted(folder, effects=None, *, design=DESIGN, **options):
-    options = {"kit": "small", "presses": PRESSES, "columns": COLUMNS, "unlisted": False} | options
-    return load_measurement(plant(design, effects=effects or {}, out=folder, seed=SEED, **options))
+SAMPLES = 8
 
 
 @pytest.fixture(scope="module")
@@ -54,44 +36,8 @@ def whole(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def hour(tmp_path_factory):
-    """Sets with exposures, repeats and a turned gel that hide an effect of three usual sizes."""
-
-    @functools.cache
-    def make(effect):
-        values = LIFTED if effect == "black_level" else draw(effect, Rig.of(DESIGN), strength=3.0, seed=1)
-        return planted(
-            tmp_path_factory.mktemp(effect) / "m", {effect: values}, kit="hour", presses=PRESSES[:1]
-        )
-
-    return make
-
-
-@pytest.fixture(scope="module")
 def renders(tmp_path_factory):
     return Renders(tmp_path_factory.mktemp("renders"), SAMPLES, 1)
-
-
-def changed(measurement, folder, *, files=None, pictures=None, frames=None, drop=(), **fields):
-    """Write a set anew: pictures changed, fields of frames changed, frames left out."""
-    kept, images = [], {}
-    for frame in measurement.frames:
-        if frame.file in drop:
-            continue
-        image = measurement.image(frame)
-        if pictures is not None and (files is None or frame.file in files):
-            image = np.ascontiguousarray(pictures(image)).astype(np.float32)
-        images[frame.file] = image
-        if frames is not None and (files is None or frame.file in files):
-            frame = frame.model_copy(update=frames(frame))
-        kept.append(frame)
-    return load_measurement(
-        write_measurement(measurement.model_copy(update={"frames": tuple(kept), **fields}), images, folder)
-    )
-
-
-def names(measurement):
-    return [(each.name, each.files) for each in check(measurement) if each.strong]
 
 
 def examined(measurement, renders, **options) -> Examined:
@@ -99,125 +45,9 @@ def examined(measurement, renders, **options) -> Examined:
     return examine(measurement, MODEL, seen, renders, **options)
 
 
-class TestFrames:
-    """What shows without any simulation."""
-
-    @pytest.mark.parametrize("effect", ["black_level", "response_curve", "exposure_drift", "banding"])
-    def test_what_an_effect_of_the_catalogue_does_is_no_fault(self, hour, effect):
-        assert all(note.startswith("not_additive") for note in check_frames(hour(effect), MODEL))
-
-    @pytest.mark.slow
-    def test_a_blank_picture_and_half_a_picture_are_named(self, whole, tmp_path):
-        for number, spoil in enumerate(
-            (lambda image: np.full_like(image, 0.3), lambda image: np.where(half(image), 0.5, image))
-        ):
-            wrong = changed(whole, tmp_path / str(number), files={"press-03.exr"}, pictures=spoil)
-            assert ("damaged", ("press-03.exr",)) in names(wrong)
-
-    def test_a_copy_under_another_name_is_named(self, whole, tmp_path):
-        first = whole.image(next(f for f in whole.frames if f.file == "background-0.exr"))
-        wrong = changed(whole, tmp_path / "m", files={"background-1.exr"}, pictures=lambda image: first)
-        assert names(wrong) == [("copied", ("background-0.exr", "background-1.exr"))]
-
-    def test_a_repeat_of_something_else_is_named(self, whole, tmp_path):
-        wrong = changed(
-            whole, tmp_path / "m", files={"background-1.exr"}, pictures=lambda image: image[:, ::-1]
-        )
-        assert names(wrong) == [("odd", ("background-1.exr",))]
-
-    def test_printed_markers_are_named(self, tmp_path):
-        (found,) = check(planted(tmp_path / "m", outside={"printed_markers": 1.0}, columns=96, presses=[]))
-        assert (found.name, found.strong) == ("markers", True)
-        # Dots of 0.5 mm every 2 mm on a gel of 18 mm by 14 mm, those at the edge not counted.
-        assert 30 <= int(found.evidence.split()[0]) <= 80
-
-    def test_saturated_pictures_are_named(self, whole, tmp_path):
-        wrong = changed(whole, tmp_path / "m", pictures=lambda image: np.minimum(12 * image, 1))
-        assert "saturated" in [name for name, _ in names(wrong)]
-
-    def test_a_response_that_is_not_known_stops(self, whole):
-        unknown = whole.model_copy(update={"response": "unknown"})
-        with pytest.raises(MeasurementError, match=r"field response: must be known.*remedy: "):
-            check_frames(unknown, MODEL)
-
-    def test_the_model_of_another_sensor_stops(self, whole):
-        dome = SensorModel.of(preset("gelsight-2020-dome"))
-        with pytest.raises(MeasurementError, match=r"field sensor: .* not the same sensor: gel flat"):
-            check_frames(whole, dome)
-        nearly = DESIGN.replace({"leds.height_mm": DESIGN.leds.height_mm + 1})
-        check_frames(whole, SensorModel.of(nearly))
-
-
-def half(image):
-    return (np.arange(image.shape[0]) > image.shape[0] / 2)[:, None, None]
-
-
-class TestInvariants:
-    """Each tells the effects apart that it is there for."""
-
-    def passed(self, measurement):
-        return {each.name: each.passed for each in invariants(measurement, DESIGN)}
-
-    def test_all_hold_in_a_set_without_a_fault(self, whole):
-        passed = self.passed(whole)
-        assert passed.pop("exposure ladder") is None
-        assert passed.pop("turned gel") is None
-        assert set(passed.values()) == {True}
-
-    def test_frames_that_are_missing_are_said_to_be(self, whole, tmp_path):
-        few = changed(
-            whole,
-            tmp_path / "m",
-            drop={"dark.exr", "background-red.exr", "background-1.exr", "background-2.exr"},
-        )
-        passed = self.passed(few)
-        assert [passed[name] for name in ("superposition", "repeats", "dark")] == [None, None, None]
-
-    @pytest.mark.parametrize(
-        ("effect", "fails"),
-        [
-            ("exposure_drift", "repeats"),
-            ("banding", "repeats"),
-            ("albedo_field", "turned gel"),
-            ("black_level", "exposure ladder"),
-        ],
-    )
-    def test_each_fails_for_its_effect(self, hour, effect, fails):
-        failed = [name for name, held in self.passed(hour(effect)).items() if held is False]
-        assert fails in failed
-
-    def test_a_press_that_is_not_where_it_is_said_to_be_shows_beside_it(self, whole, tmp_path):
-        wrong = changed(
-            whole, tmp_path / "m", files={"press-02.exr"}, frames=lambda f: {"centre_mm": (5.0, 4.0)}
-        )
-        assert self.passed(wrong)["press over background"] is False
-
-    def test_a_flat_field_shows_what_the_lens_loses_in_the_corners(self, tmp_path):
-        loss = 0.3
-        hidden = {"vignetting": {"corner_loss": loss}}
-        found = {}
-        for name, effects in (("plain", {}), ("dim", hidden)):
-            measurement = planted(tmp_path / name, effects, presses=[], flat_field=True)
-            frame = next(f for f in measurement.frames if f.kind == "flat_field")
-            found[name] = corners(np.asarray(measurement.linear(frame), dtype=float))
-        assert found["dim"] < found["plain"]
-        assert any(each.name == "flat field" for each in invariants(measurement, DESIGN))
-
-
 @pytest.mark.renders
 class TestPresses:
     """What shows against the model as given."""
-
-    def test_frames_that_are_not_compared_may_be_as_they_are(self, whole, tmp_path):
-        """A lens in front of a bright wall may be saturated: no diagnosis looks at it."""
-        lens = whole.frames[0].model_copy(update={"file": "lens.exr", "kind": "flat_field", "leds": None})
-        images = {frame.file: np.array(whole.image(frame)) for frame in whole.frames}
-        images["lens.exr"] = np.ones_like(images[whole.frames[0].file])
-        both = whole.model_copy(update={"frames": (*whole.frames, lens)})
-        both = load_measurement(write_measurement(both, images, tmp_path / "m"))
-        with pytest.raises(MeasurementError, match=r"saturated: lens\.exr"):
-            refuse(both, check(both))
-        assert check_frames(both, MODEL) == check_frames(whole, MODEL)
 
     def test_a_set_without_a_fault_passes(self, whole, renders):
         found = examined(whole, renders)

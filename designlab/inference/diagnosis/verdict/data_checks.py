@@ -1,21 +1,22 @@
-"""Data checks come before any fit; they also say what missing frames take from the verdict."""
+"""What the checks of the data, made before any fit, and missing frames take from the verdict."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from designlab.inference.calibration.suspicions import faults, lights_of_others, misfit, picture
+from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.likelihood.usable_frames import end_at_zero
 from designlab.inference.diagnosis.result import Found, GapReport
-from designlab.inference.diagnosis.verdict.odd_presses import odd_presses
-from designlab.measurement import Measurement, MeasurementError, check, refuse
+from designlab.measurement import Measurement, refuse
 from designlab.measurement.frames import FULL_SCALE
 from designlab.measurement.quality.invariants import FrameCheck, invariants
-from designlab.measurement.quality.suspicion import Suspicion
-from designlab.measurement.shots import LEFT_OUT, Observations, Shot
+from designlab.measurement.quality.model_check import against_model
+from designlab.measurement.shots import LEFT_OUT, Observations
+from designlab.sensor.camera import View
 from designlab.sensor.design import Design
+from designlab.simulation.contact.press import Press
 from designlab.simulation.effects import CATALOGUE, SensorModel, effect
 
 LEAST_PRESSES, LEAST_SELECT = 6, 2
@@ -43,65 +44,6 @@ class Examined:
     reserves: tuple[Reserve, ...]
 
 
-def check_frames(measurement: Measurement, model: SensorModel, trust: Sequence[str] = ()) -> tuple[str, ...]:
-    """Stop where frames are not what they are said to be, as far as that shows without a simulation.
-
-    Light that does not add up is left to the diagnosis: black level, stray light and response curve show so.
-
-    Returns
-    -------
-    tuple of str
-        Notes about what was trusted, or is too weak to stop for.
-
-    Raises
-    ------
-    MeasurementError
-        Naming files, evidence, cause and remedy.
-    """
-    design = model.effective_design()
-    _same_sensor(measurement, model.design)
-    if measurement.response == "unknown":
-        raise MeasurementError(
-            f"{measurement.folder}: field response: must be known, since linear light is compared; "
-            "remedy: linear for raw files, srgb for JPEG and PNG made for eyes, or `designlab import` with "
-            "an exposure ladder"
-        )
-    found = [
-        replace(each, strong=False) if each.name == "not_additive" else each
-        for each in check(_compared(measurement), design)
-    ]
-    return refuse(measurement, found, trust)
-
-
-def _compared(measurement: Measurement) -> Measurement:
-    """The set without frames that a diagnosis does not look at."""
-    frames = tuple(frame for frame in measurement.frames if frame.kind not in LEFT_OUT)
-    return measurement.model_copy(update={"frames": frames})
-
-
-def _same_sensor(measurement: Measurement, design: Design) -> None:
-    """Check that the sensor a set names could be the model's: the same but for numbers."""
-    stated = measurement.design()
-    if stated is None:
-        return
-    for what, theirs, ours in (
-        ("gel", stated.elastomer.shape, design.elastomer.shape),
-        ("LED groups", ", ".join(stated.group_names), ", ".join(design.group_names)),
-        ("camera", _size(stated), _size(design)),
-    ):
-        if theirs != ours:
-            raise MeasurementError(
-                f"{measurement.folder}: field sensor: {measurement.sensor} and the model "
-                f"{design.name or 'given'} are not the same sensor: {what} {theirs}, of the model {ours}; "
-                "remedy: give the model of the sensor that was measured, or correct sensor in "
-                "measurement.toml"
-            )
-
-
-def _size(design: Design) -> str:
-    return f"{design.camera.width_px} x {design.camera.height_px} px"
-
-
 def examine(
     measurement: Measurement,
     model: SensorModel,
@@ -119,7 +61,7 @@ def examine(
     renders : Renders
         Where pictures of the model come from.
     notes : sequence of str
-        What `check_frames` has noted.
+        What `measurement.quality.checks.check_comparable` has noted.
     trust : sequence of str
         Names of suspicions that are known and right as they are.
 
@@ -130,36 +72,26 @@ def examine(
     """
     lit = [s for s in seen.shots if s.lit.any() and not s.gel_rotation_deg]
     above = [replace(s, signal=s.signal - seen.black_level) for s in lit]
-    renders.begin("checks", len(lit))
-    pictures = [picture(s, s.lit, renders.basis(model, s.press, s.view).astype(float)) for s in above]
     design = model.effective_design()
-    transfer = design.mixing_matrix * np.array([group.flux_mw for group in design.leds.groups])
-    found: list[Suspicion] = list(faults(pictures, seen.black_level, transfer, measurement.response))
-    # Misfit of every picture with the light that the others tell.
-    compared = [
-        0.0 if light is None or not one.valid.any() else misfit(one, light)
-        for one, light in zip(pictures, lights_of_others(pictures), strict=True)
-    ]
-    if not found:
-        found += odd_presses(above, pictures, compared, seen.black_level, model, renders)
-    said = refuse(measurement, found, trust)
-    agree = FrameCheck("model as given", not found, _misfits(above, compared))
-    notes = (*notes, *said)
+
+    def pictures(asked: Sequence[tuple[Press | None, View]]) -> list[Array]:
+        renders.begin("checks", len(asked))
+        return [renders.basis(model, press, view).astype(float) for press, view in asked]
+
+    found = against_model(
+        above,
+        pictures([(s.press, s.view) for s in above]),
+        black=seen.black_level,
+        transfer=design.mixing_matrix * np.array([group.flux_mw for group in design.leds.groups]),
+        response=measurement.response,
+        others=pictures,
+    )
+    notes = (*notes, *refuse(measurement, found.suspicions, trust))
     return Examined(
-        checks=(*invariants(measurement, design), agree),
+        checks=(*invariants(measurement, design), found.missed),
         notes=notes,
         reserves=tuple(_reserves(measurement, seen, [note for note in notes if note.startswith(DOUBTED)])),
     )
-
-
-def _misfits(shots: Sequence[Shot], compared: Sequence[float]) -> str:
-    kinds = {"untouched gel": False, "presses": True}
-    parts = [
-        f"{name} {np.median(ours):.2g} (at most {max(ours):.2g})"
-        for name, pressed in kinds.items()
-        if (ours := [c for s, c in zip(shots, compared, strict=True) if (s.press is not None) == pressed])
-    ]
-    return f"misses, in units of noise and 1 % of the mean: {', '.join(parts)}"
 
 
 def _reserves(measurement: Measurement, seen: Observations, doubted: Sequence[str]) -> Iterable[Reserve]:
@@ -176,7 +108,7 @@ def _reserves(measurement: Measurement, seen: Observations, doubted: Sequence[st
             "camera's stated one"
         )
         yield Reserve(why, NO_DARK, name_stands=True)
-    lit = [frame for frame in _compared(measurement).frames if frame.lit]
+    lit = [frame for frame in measurement.frames if frame.lit and frame.kind not in LEFT_OUT]
     saturated = max(float((measurement.image(frame) >= FULL_SCALE).mean()) for frame in lit)
     if saturated > SATURATED:
         why = (

@@ -1,28 +1,26 @@
 """An odd press does not show what is stated of it: another probe, another place, something else."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import partial
+from typing import Protocol
 
 import numpy as np
 
 from designlab.core.types import Array
-from designlab.inference.calibration.suspicions import (
+from designlab.measurement.quality.picture_faults import (
     CoarseShot,
     Fault,
     FittedLight,
+    coarse,
     fitted_light,
     misfit,
-    picture,
 )
-from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.measurement.quality.suspicion import Suspicion
+from designlab.measurement.quality.turns import TURNS
 from designlab.measurement.shots import Shot
+from designlab.sensor.camera import View
 from designlab.simulation.contact.press import Press
-from designlab.simulation.effects import SensorModel
 from geometries.probes import Probe, parse
-
-Turn = tuple[tuple[int, int], tuple[int, int]]
 
 # Misfits are root mean squares in units of the noise and 1 % of the mean signal together, light fitted to all
 # other frames. In generated sets with effects of usual size no press that was as stated missed by more than
@@ -35,13 +33,14 @@ BETTER = 2.0  # factor by which these must be better
 TRIED = 2  # presses of each probe that others are tried on, the deepest
 OTHER_KINDS = ("sphere", "cylinder", "cone", "triangle", "star", "prism")
 OTHER_SIZES = (0.5, 2.0)
+PLACED = ("up-down", "left-right", "half", "other diagonal")  # turns of the frame that places are noted in
 
-TURNS: dict[str, Turn] = {
-    "[x, -y]": ((1, 0), (0, -1)),
-    "[-x, y]": ((-1, 0), (0, 1)),
-    "[-x, -y]": ((-1, 0), (0, -1)),
-    "[y, x]": ((0, 1), (1, 0)),
-}
+
+class ModelPictures(Protocol):
+    """Simulates presses with the model as given."""
+
+    def __call__(self, asked: Sequence[tuple[Press | None, View]]) -> Sequence[Array]:
+        """Return a picture of each LED group at unit flux, (groups, rows, columns), of everything asked."""
 
 
 def odd_presses(
@@ -49,9 +48,8 @@ def odd_presses(
     pictures: Sequence[CoarseShot],
     compared: Sequence[float],
     black: Array,
-    model: SensorModel,
-    renders: Renders,
-) -> list[Suspicion]:
+    model: ModelPictures,
+) -> tuple[Suspicion, ...]:
     """Name presses that the model misses by far, and what explains them clearly better.
 
     Parameters
@@ -64,12 +62,12 @@ def odd_presses(
         Misfit of each with the light that the others tell.
     black : array, shape (3,)
         Black level.
-    model : SensorModel
-        The model as given.
-    renders : Renders
-        Where other pictures of it come from.
+    model : ModelPictures
+        Simulates other presses.
     """
     pressed = {n: shot.press for n, shot in enumerate(shots) if shot.press is not None}
+    if not pressed:
+        return ()
     usual = float(np.median([compared[n] for n in pressed]))
     odd = [n for n in pressed if compared[n] > max(ASKED_FROM, ODD * usual)]
     groups: dict[str, list[int]] = {}
@@ -87,13 +85,15 @@ def odd_presses(
         files = tuple(shots[n].files[0] for n in numbers)
         if light:
             told = fitted_light(light, Fault(), black)
-            other = _other_press([(shots[n], pressed[n]) for n in deepest], told, places, model, renders)
+            stated = [misfit(pictures[n], told) for n in deepest]
+            presses = [(shots[n], pressed[n]) for n in deepest]
+            other = _other_press(presses, stated, told, places, model)
             if other is not None:
                 found.append(replace(other, files=files))
                 continue
         if alone:
             found.append(_odd(files, compared[numbers[0]], usual))
-    return found
+    return tuple(found)
 
 
 def _odd(files: tuple[str, ...], missed: float, usual: float) -> Suspicion:
@@ -110,39 +110,36 @@ def _odd(files: tuple[str, ...], missed: float, usual: float) -> Suspicion:
 
 def _other_press(
     presses: Sequence[tuple[Shot, Press]],
+    stated: Sequence[float],
     light: FittedLight,
     places: Sequence[tuple[float, float]],
-    model: SensorModel,
-    renders: Renders,
+    model: ModelPictures,
 ) -> Suspicion | None:
     """Another probe or other places under which the model explains presses clearly better."""
-    stated_probe = presses[0][1].probe
-    renders.begin("checks", len(presses) * (len(OTHER_KINDS) + len(OTHER_SIZES) + len(TURNS) + len(places)))
-
-    def left(changed: Callable[[Press], Press]) -> float:
-        squares = []
-        for shot, press in presses:
-            basis = renders.basis(model, changed(press), shot.view).astype(float)
-            squares.append(misfit(picture(shot, shot.lit, basis), light) ** 2)
-        return float(np.sqrt(np.mean(squares)))
-
-    stated = left(lambda press: press)
-    tried: dict[str, tuple[str, float]] = {}
-    for probe in _other_probes(stated_probe):
-        tried[probe.text] = "probe", left(_with(probe=probe))
-    for name, signs in TURNS.items():
-        tried[name] = "place", left(partial(_placed, turn=signs))
-    for place in places:
-        text = f"[{place[0]:g}, {place[1]:g}], the place of another press"
-        tried[text] = "place", left(_with(centre_mm=place))
-    text, (kind, best) = min(tried.items(), key=lambda item: item[1][1])
-    if BETTER * best > stated:
+    probe = presses[0][1].probe
+    others = [
+        ("probe", other.text, [press.model_copy(update={"probe": other}) for _, press in presses])
+        for other in _other_probes(probe)
+    ]
+    for turn in (TURNS[name] for name in PLACED):
+        turned = [_at(press, turn.placed(*press.centre_mm)) for _, press in presses]
+        others.append(("place", turn.place, turned))
+    for x, y in places:
+        text = f"[{x:g}, {y:g}], the place of another press"
+        others.append(("place", text, [_at(press, (x, y)) for _, press in presses]))
+    views = [shot.view for shot, _ in presses]
+    asked = [each for _, _, changed in others for each in zip(changed, views, strict=True)]
+    pictures = iter(model(asked))
+    left = [_rms([misfit(coarse(shot, next(pictures)), light) for shot, _ in presses]) for _ in others]
+    best = int(np.argmin(left))
+    if BETTER * left[best] > _rms(stated):
         return None
+    what, text, _ = others[best]
     evidence = (
-        f"the model misses them by {stated:.3g} times noise and 1 % of the mean as stated, by {best:.2g} "
-        f"with {text}"
+        f"the model misses them by {_rms(stated):.3g} times noise and 1 % of the mean as stated, by "
+        f"{left[best]:.2g} with {text}"
     )
-    if kind == "place":
+    if what == "place":
         return Suspicion(
             "place",
             (),
@@ -155,21 +152,18 @@ def _other_press(
         "probe",
         (),
         evidence,
-        f"another probe was pressed than {stated_probe.text}, or its size means something else: of spheres "
+        f"another probe was pressed than {probe.text}, or its size means something else: of spheres "
         "and cylinders the diameter, of a triangle its side",
         f'write probe = "{text}" if that is what was pressed, else the right one',
     )
 
 
-def _with(**fields: object) -> Callable[[Press], Press]:
-    """Change of a press that gives it other fields."""
-    return lambda press: press.model_copy(update=fields)
+def _at(press: Press, centre_mm: tuple[float, float]) -> Press:
+    return press.model_copy(update={"centre_mm": centre_mm})
 
 
-def _placed(press: Press, turn: Turn) -> Press:
-    x, y = press.centre_mm
-    (a, b), (c, d) = turn
-    return press.model_copy(update={"centre_mm": (a * x + b * y, c * x + d * y)})
+def _rms(values: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def _other_probes(stated: Probe) -> Iterable[Probe]:

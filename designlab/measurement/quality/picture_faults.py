@@ -4,19 +4,17 @@ Light powers are free in all comparisons, and so are the factors of channels: th
 """
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from designlab.core.types import Array, Mask
-from designlab.inference.calibration.problem import Problem
-from designlab.measurement import Measurement
 from designlab.measurement.quality.additivity import Curve, nonlinear, other_curves
-from designlab.measurement.quality.suspicion import Suspicion, refuse
-from designlab.measurement.shots import Observations, Shot, binned
+from designlab.measurement.quality.suspicion import Suspicion
+from designlab.measurement.quality.turns import TURNS, UPRIGHT
+from designlab.measurement.shots import Shot, binned
 from designlab.measurement.transfer import (
     MODEL_ERROR,
     normal_equations,
@@ -51,28 +49,6 @@ class Fault(NamedTuple):
     def parts(self) -> int:
         """Number of faults in one."""
         return (self.turn != "") + (self.curve is not None) + (self.order != ORDER)
-
-
-class Turn(NamedTuple):
-    """How pictures may lie against the sensor frame, in words, and how that is undone."""
-
-    text: str
-    undone: Callable[[Any], Any]
-
-
-TURNS = {
-    "": Turn("as they are", lambda image: image),
-    "left-right": Turn("mirrored left to right", np.fliplr),
-    "up-down": Turn("mirrored top to bottom", np.flipud),
-    "half": Turn("turned by 180 deg", partial(np.rot90, k=2)),
-    # Of square pictures also:
-    "left": Turn("turned by 90 deg", partial(np.rot90, k=-1)),
-    "right": Turn("turned by 270 deg", np.rot90),
-    "diagonal": Turn("mirrored along a diagonal", lambda image: image.swapaxes(0, 1)),
-    "other diagonal": Turn(
-        "mirrored along the other diagonal", lambda image: np.rot90(image, 2).swapaxes(0, 1)
-    ),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,39 +94,6 @@ class FittedLight(NamedTuple):
     misfit: float
     transfer: Array
     floor: Array
-
-
-def suspicious(
-    measurement: Measurement, seen: Observations, problem: Problem, *, trust: Sequence[str] = ()
-) -> tuple[str, ...]:
-    """Stop where a usual fault of the pictures explains them clearly better than what is declared.
-
-    Parameters
-    ----------
-    measurement : Measurement
-        The set the pictures are of.
-    seen : Observations
-        Its shots.
-    problem : Problem
-        Simulates them with the model as given, at the stated poses.
-    trust : sequence of str
-        Names of suspicions that are right as they are.
-
-    Returns
-    -------
-    tuple of str
-        Notes about what was trusted.
-
-    Raises
-    ------
-    MeasurementError
-        Naming files, evidence, cause, remedy and the way on.
-    """
-    bases = problem.bases(problem.start(), seen.of("background", "train", "select", "final"))
-    pictures = [picture(seen.shots[number], problem.lits[number], basis) for number, basis in bases.items()]
-    transfer = problem.imaging.factors()
-    found = faults(pictures, seen.black_level, transfer, measurement.response)
-    return refuse(measurement, found, trust)
 
 
 def faults(
@@ -223,8 +166,7 @@ def _explains(misfit: float, declared: float) -> bool:
 def _shared(pictures: Sequence[CoarseShot], response: str) -> Iterator[Fault]:
     """Faults to try: what turns and curves there are; the order of channels follows from the fit."""
     square = all(picture.signal.shape[0] == picture.signal.shape[1] for picture in pictures)
-    turns = list(TURNS) if square else list(TURNS)[:4]
-    for turn, curve in itertools.product(turns, (None, *other_curves(response))):
+    for turn, curve in itertools.product(TURNS if square else UPRIGHT, (None, *other_curves(response))):
         yield Fault(turn, curve)
 
 
@@ -252,6 +194,8 @@ def _of_several(pictures: Sequence[CoarseShot], light: FittedLight) -> float:
 
 def lights_of_others(pictures: Sequence[CoarseShot]) -> list[FittedLight | None]:
     """For every picture the light that all others tell; None where they do not show one of its groups."""
+    if not pictures:
+        return []
     equations = [p.equations for p in pictures]
     matrix, right = (np.sum(parts, axis=0) for parts in zip(*equations, strict=True))
     shown = np.sum([p.lit > 0 for p in pictures], axis=0)
@@ -344,10 +288,10 @@ def _named(
     return tuple(found)
 
 
-def picture(shot: Shot, lit: Array, basis: Array) -> CoarseShot:
-    """Average a shot and its unit-power pictures to few columns."""
+def coarse(shot: Shot, basis: Array) -> CoarseShot:
+    """Average a shot, without the black level, and its unit-power pictures to few columns."""
     factor = max(1, -(-shot.signal.shape[1] // COLUMNS))
     signal, variance = binned(shot.signal, factor), binned(shot.variance, factor) / factor**2
     valid = binned(shot.valid.astype(float), factor) == 1.0
     unit = np.moveaxis(binned(np.moveaxis(basis, 0, -1), factor), -1, 0)
-    return CoarseShot(shot.files, unit, lit, signal, variance, valid)
+    return CoarseShot(shot.files, unit, shot.lit, signal, variance, valid)
