@@ -201,6 +201,16 @@ class Design(Spec):
             width_nm=[group.width_nm for group in self.leds.groups],
         )
 
+    @property
+    def flux_mw(self) -> NDArray[np.float64]:
+        """Flux of each LED group (mW), shape (groups,)."""
+        return np.array([group.flux_mw for group in self.leds.groups])
+
+    @property
+    def transfer_mw(self) -> NDArray[np.float64]:
+        """Mixing matrix times flux (mW), shape (3, groups): it turns light at unit flux into channels."""
+        return self.mixing_matrix * self.flux_mw
+
     def per_group(
         self, field: Literal["membrane_albedo", "board_reflectance", "housing_reflectance"]
     ) -> tuple[float, ...]:

@@ -109,7 +109,7 @@ class DirectionalLight(Spec):
         channel of the flat gel stands where automatic exposure puts it.
         """
         lights = _directions(design)
-        diffuse = design.mixing_matrix * [group.flux_mw for group in design.leds.groups]
+        diffuse = design.transfer_mw
         flat = (diffuse * [light.vector[2] for light in lights]).sum(axis=1)
         diffuse = diffuse * TARGET_SIGNAL / flat.max()
         factors = np.hstack([diffuse, np.zeros_like(diffuse)]) if reflection == "phong" else diffuse

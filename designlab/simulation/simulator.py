@@ -257,9 +257,8 @@ class Simulator:
                     f"LED group {name!r}: the rendered picture is black; no light of this group reaches "
                     "the camera (is it behind the gelcore's painted side, or facing away?)"
                 )
-        flux = np.array([group.flux_mw for group in self.design.leds.groups])
         grain_mm = CELL_MM if estimator in ("fast", "corrected") else 0.0
-        weights = self.design.mixing_matrix * flux
+        weights = self.design.transfer_mw
         warnings = self.model.warnings([press])
         if surface.mechanics is not None:
             warnings += surface.mechanics.warnings

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from designlab.inference.diagnosis.likelihood.usable_frames import observe as observe_apart
 from designlab.measurement import (
     MeasuredFrame,
     Measurement,
@@ -12,6 +11,7 @@ from designlab.measurement import (
 )
 from designlab.measurement.quality.invariants import invariants
 from designlab.measurement.shots import observe
+from designlab.measurement.usable_frames import observe_apart
 from designlab.sensor.camera import Camera
 from designlab.sensor.design import preset
 from designlab.simulation.imaging import Capture, noise_sigma, reported

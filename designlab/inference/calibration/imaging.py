@@ -168,7 +168,7 @@ class Rendered:
         Without a stated exposure that holds which the camera would choose.
         """
         exposure = self.design.camera.exposure
-        transfer = self.design.mixing_matrix * [group.flux_mw for group in self.design.leds.groups]
+        transfer = self.design.transfer_mw
         if exposure is None:
             untouched = Simulator(self.design, samples=self.samples, seed=0).frame(None).basis.astype(float)
             exposure = automatic_exposure(mixed(untouched, transfer))
@@ -188,7 +188,7 @@ class Rendered:
         """
         design = self.design.replace(changes)
         largest = factors.max(axis=0)
-        flux = np.array([group.flux_mw for group in design.leds.groups])
+        flux = design.flux_mw
         shown = largest > 0
         chosen = float(largest.sum() / flux[shown].sum()) if shown.any() else 1.0
         exposure = design.camera.exposure or chosen

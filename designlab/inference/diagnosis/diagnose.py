@@ -16,7 +16,6 @@ from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.snapshots import fill
 from designlab.inference.diagnosis.likelihood.empirical_errors import left_of_nothing
 from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD, Fit, Fitter
-from designlab.inference.diagnosis.likelihood.usable_frames import is_single, observe
 from designlab.inference.diagnosis.result import (
     Control,
     Found,
@@ -42,6 +41,7 @@ from designlab.inference.diagnosis.verdict.update import updated
 from designlab.measurement import Measurement
 from designlab.measurement.quality.checks import check_comparable
 from designlab.measurement.shots import Observations
+from designlab.measurement.usable_frames import is_single, observe_apart
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects import CATALOGUE, UNASKED, SensorModel, effect
@@ -120,7 +120,7 @@ def diagnose(
             raise ValueError(f"{name}: must be at least {least}, got {value}")
     model = SensorModel.of(model)
     noted = check_comparable(measurement, model, trust)
-    seen = observe(measurement, model.effective_design(), columns=columns)
+    seen = observe_apart(measurement, model.effective_design(), columns=columns)
     names = _names(model, catalogue, seen)
     folder = renders or out / "renders"
     if not resume:

@@ -112,8 +112,7 @@ def light_probe(
             else "the rendered light probe is black; no light of the LEDs reaches the ball"
         )
     basis = through_optics(basis, _capture(sensor, design, seen)).astype(np.float32)
-    flux = np.array([group.flux_mw for group in design.leds.groups])
-    return ProbePicture(design, probe, seen, basis, design.mixing_matrix * flux)
+    return ProbePicture(design, probe, seen, basis, design.transfer_mw)
 
 
 def _capture(sensor: SensorModel, design: Design, view: View) -> Capture:

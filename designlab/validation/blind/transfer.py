@@ -15,10 +15,10 @@ from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.snapshots import fill
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.likelihood.noise import Noise
-from designlab.inference.diagnosis.likelihood.usable_frames import observe
 from designlab.inference.diagnosis.result import Level
 from designlab.inference.diagnosis.selection.held_out import Judged, judge, level
 from designlab.measurement import Measurement, load_measurement
+from designlab.measurement.usable_frames import observe_apart
 from designlab.sensor.design import Design, preset
 from designlab.simulation.effects import SensorModel, effect, load_model
 from designlab.validation.blind.pool import AIR, Trial
@@ -156,7 +156,7 @@ def predicted(measurement: Measurement, models: Sequence[SensorModel], renders: 
     found: list[Judged] = []
     noises: list[Noise] = []
     for model in models:
-        seen = observe(measurement, model.effective_design(), columns=COLUMNS)
+        seen = observe_apart(measurement, model.effective_design(), columns=COLUMNS)
         seen = replace(seen, shots=tuple(shot for shot in seen.shots if shot.use != "train"))
         registered, final = seen.of("dark", "background", "select"), seen.of("final")
         fitter = Fitter(fill(renders, model, seen.shots, ()))

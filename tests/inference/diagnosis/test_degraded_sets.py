@@ -9,7 +9,6 @@ import pytest
 from designlab.app import cli
 from designlab.core.images import to_srgb
 from designlab.inference.diagnosis.emulator.render_cache import Renders
-from designlab.inference.diagnosis.likelihood.usable_frames import observe
 from designlab.inference.diagnosis.result import Advice, Found, GapReport, Level, Value
 from designlab.inference.diagnosis.verdict.data_checks import (
     Examined,
@@ -20,6 +19,7 @@ from designlab.inference.diagnosis.verdict.data_checks import (
 )
 from designlab.measurement import MeasurementError
 from designlab.measurement.shots import Observations, Shot
+from designlab.measurement.usable_frames import observe_apart
 from designlab.sensor.camera import View
 from designlab.sensor.design import preset
 from designlab.simulation.effects import SensorModel
@@ -41,7 +41,7 @@ def renders(tmp_path_factory):
 
 
 def examined(measurement, renders, **options) -> Examined:
-    seen = observe(measurement, DESIGN, columns=COLUMNS)
+    seen = observe_apart(measurement, DESIGN, columns=COLUMNS)
     return examine(measurement, MODEL, seen, renders, **options)
 
 

@@ -21,7 +21,7 @@ from designlab.inference.diagnosis.selection.recentring import (
     placed,
     standing,
 )
-from designlab.inference.diagnosis.verdict.localise import geometry, localise, regions
+from designlab.inference.diagnosis.verdict.localise import localise
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects import AppliedEffect, SensorModel
 from designlab.simulation.simulator import Simulator
@@ -345,14 +345,6 @@ def test_a_group_that_cannot_have_made_the_picture_is_refused_by_name(bank) -> N
     dark = tuple(replace(shot, signal=shot.signal * np.array([1.0, -1.0, 1.0])) for shot in bank.shots)
     with pytest.raises(ValueError, match="LED group 'green' fits the measurement only with a negative gain"):
         Fitter(replace(bank, shots=dark)).start([0, 1, 2])
-
-
-def test_every_pixel_lies_in_one_region(bank, renders) -> None:
-    fitter = Fitter(bank)
-    frame = geometry(fitter, renders, State(GAINS), 1)
-    for channel in range(3):
-        atlas = regions(frame, DESIGN, channel)
-        assert (np.sum(list(atlas.values()), axis=0) == 1).all()
 
 
 def test_a_change_of_the_contact_is_found_at_the_contact(bank, renders) -> None:

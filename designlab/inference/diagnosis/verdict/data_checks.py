@@ -7,13 +7,13 @@ import numpy as np
 
 from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.render_cache import Renders
-from designlab.inference.diagnosis.likelihood.usable_frames import end_at_zero
 from designlab.inference.diagnosis.result import Found, GapReport
 from designlab.measurement import Measurement, refuse
 from designlab.measurement.frames import FULL_SCALE
 from designlab.measurement.quality.invariants import FrameCheck, invariants
 from designlab.measurement.quality.model_check import against_model
 from designlab.measurement.shots import LEFT_OUT, Observations
+from designlab.measurement.usable_frames import end_at_zero
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press
@@ -82,7 +82,7 @@ def examine(
         above,
         pictures([(s.press, s.view) for s in above]),
         black=seen.black_level,
-        transfer=design.mixing_matrix * np.array([group.flux_mw for group in design.leds.groups]),
+        transfer=design.transfer_mw,
         response=measurement.response,
         others=pictures,
     )

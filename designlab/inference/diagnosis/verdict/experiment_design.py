@@ -11,10 +11,10 @@ from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.forward import Forward
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.likelihood.noise import noise
-from designlab.inference.diagnosis.likelihood.usable_frames import end_at_zero, without_cut
 from designlab.inference.diagnosis.result import Advice
 from designlab.inference.diagnosis.selection.acceptance import JudgedCandidate, least_lead
 from designlab.measurement.shots import Shot
+from designlab.measurement.usable_frames import end_at_zero, without_cut
 from designlab.simulation.contact.press import Press
 
 MOST_FRAMES = 12

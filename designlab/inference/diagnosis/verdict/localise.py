@@ -1,13 +1,8 @@
-"""Localisation shares the excess between model and measurement among regions known from geometry.
-
-Regions are named as someone at the bench would: by the imprint, by the LEDs that a camera channel answers to,
-and by the edge of the picture.
-"""
+"""Localisation shares the excess between model and measurement among regions known from geometry."""
 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.render_cache import Renders
@@ -15,16 +10,12 @@ from designlab.inference.diagnosis.emulator.snapshots import moved
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.result import Where
-from designlab.sensor.design import CHANNELS, Design
+from designlab.measurement.regions import regions
+from designlab.sensor.design import CHANNELS
 from designlab.simulation.contact.press import Press
 from designlab.simulation.simulator import Frame
 
-WALL_SLOPE = 0.15
-RIM_MM = 0.5
-AROUND_MM = 2.0
 LEAST_SHARE = 0.005
-FACING = 0.5  # cosine between a wall's downhill direction and the way to the LEDs
-CORNER = 0.8  # of the way from the middle of the picture to its corner
 
 
 def localise(fitter: Fitter, renders: Renders, state: State, shots: Sequence[int]) -> tuple[Where, ...]:
@@ -69,61 +60,11 @@ def localise(fitter: Fitter, renders: Renders, state: State, shots: Sequence[int
     return tuple(sorted(found, key=lambda place: -place.share))
 
 
-def regions(frame: Frame, design: Design, channel: int) -> dict[str, NDArray[np.bool_]]:
-    """Regions of a picture as one channel sees it; every pixel lies in exactly one.
-
-    Walls of an imprint are lit or unlit by the LED group that the channel answers to most.
-    """
-    own = design.leds.groups[int(np.abs(design.mixing_matrix[channel]).argmax())]
-    azimuth = np.radians(own.azimuth_deg)
-    towards = np.stack([np.cos(azimuth), np.sin(azimuth)])
-    x, y = frame.seen_mm
-    near = np.max(x[..., None] * towards[0] + y[..., None] * towards[1], axis=-1)
-    low, high = np.quantile(near, (0.2, 0.8))
-    p, q = frame.gradient
-    slope = np.hypot(p, q)
-    facing = np.max(-(p[..., None] * towards[0] + q[..., None] * towards[1]), axis=-1) / np.maximum(
-        slope, 1e-9
-    )
-    wall = slope > WALL_SLOPE
-    away_mm = _distance_mm(frame)
-    far = np.hypot(x - x.mean(), y - y.mean())
-    candidates = {
-        f"slope of the imprint that faces the {own.name} LEDs": wall & (facing > FACING),
-        f"slope of the imprint that faces away from the {own.name} LEDs": wall & (facing < -FACING),
-        f"slope of the imprint sideways to the {own.name} LEDs": wall,
-        "flat part of the imprint": frame.contact,
-        "rim of the imprint, up to 0.5 mm outside": away_mm <= RIM_MM,
-        "around the imprint, 0.5 to 2 mm outside": away_mm <= AROUND_MM,
-        "corners of the picture": far > CORNER * far.max(),
-        f"gel next to the {own.name} LEDs": near >= high,
-        f"gel far from the {own.name} LEDs": near <= low,
-        "rest of the gel": np.ones(near.shape, dtype=bool),
-    }
-    taken = np.zeros(near.shape, dtype=bool)
-    atlas = {}
-    for name, place in candidates.items():
-        atlas[name] = place & ~taken
-        taken |= place
-    return atlas
-
-
 def geometry(fitter: Fitter, renders: Renders, state: State, number: int) -> Frame:
     """What every pixel of a shot sees; its picture is not rendered."""
     shot = fitter.bank.shots[number]
     simulator = renders.simulator(fitter.bank.model, shot.view)
     press: Press | None = None if shot.press is None else moved(shot.press, state.pose(number))
     design = simulator.design
-    flux = np.array([group.flux_mw for group in design.leds.groups])
-    empty = np.zeros((len(flux), shot.view.rows, shot.view.columns), dtype=np.float32)
-    return Frame(press, simulator.surface(press), simulator.rays, empty, design.mixing_matrix * flux)
-
-
-def _distance_mm(frame: Frame) -> Array:
-    """Distance of every pixel from the contact; infinite without one."""
-    from scipy.ndimage import distance_transform_edt
-
-    if not frame.contact.any():
-        return np.full(frame.contact.shape, np.inf)
-    pitch = np.abs(np.diff(frame.rays.y_mm, axis=0)).mean(), np.abs(np.diff(frame.rays.x_mm, axis=1)).mean()
-    return np.asarray(distance_transform_edt(~frame.contact, sampling=pitch))
+    empty = np.zeros((len(design.leds.groups), shot.view.rows, shot.view.columns), dtype=np.float32)
+    return Frame(press, simulator.surface(press), simulator.rays, empty, design.transfer_mw)

@@ -1,4 +1,4 @@
-"""Which shots of a measurement a diagnosis needs, and which it uses."""
+"""Which shots are needed, and which are used, to name what a model lacks."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,23 +6,22 @@ from dataclasses import replace
 import numpy as np
 
 from designlab.measurement import Measurement, MeasurementError
-from designlab.measurement.shots import Observations, Shot
-from designlab.measurement.shots import observe as gathered
+from designlab.measurement.shots import Observations, Shot, observe
 from designlab.sensor.design import Design
 
 LEAST_PLACES = 3
 DARK_SIGMA = 2.0  # median of a channel, in its noise without light, below which it is dark
 
 
-def observe(measurement: Measurement, design: Design, *, columns: int) -> Observations:
+def observe_apart(measurement: Measurement, design: Design, *, columns: int) -> Observations:
     """Gather the frames of a measurement, each a shot of its own, and check that a diagnosis can use them.
 
     Raises
     ------
     MeasurementError
-        As there, or if a background or presses for training, selection and final numbers are missing.
+        As `observe`, or if a background or presses for training, selection and final numbers are missing.
     """
-    seen = _with_depths(gathered(measurement, design, columns=columns, apart=True))
+    seen = _with_depths(observe(measurement, design, columns=columns, apart=True))
     if not is_single(seen):
         _require_enough(measurement, seen.shots)
     return replace(seen, shots=tuple(without_cut(shot) for shot in seen.shots))
