@@ -1,10 +1,10 @@
 """One evaluation as plain data, whatever becomes of it: it can cross processes and be stored as JSON."""
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, TypeVar
 
+from designlab.core.plain import plain
 from designlab.sensor.design import Design, DesignError, InfeasibleDesign
 
 if TYPE_CHECKING:
@@ -103,9 +103,9 @@ def evaluate_design(
         return {"failed": str(error)}
     scores = {
         name: {
-            "value": _finite(estimate.value),
-            "se": _finite(estimate.se),
-            "bias_bound": _finite(estimate.bias_bound),
+            "value": plain(estimate.value),
+            "se": plain(estimate.se),
+            "bias_bound": plain(estimate.bias_bound),
             "unit": estimate.unit,
         }
         for name, estimate in score.scores.items()
@@ -114,7 +114,3 @@ def evaluate_design(
     seconds = getattr(score, "seconds", None)
     found = {"scores": scores, "seconds": dict(seconds) if isinstance(seconds, Mapping) else seconds}
     return found | {"warnings": warnings} if warnings else found
-
-
-def _finite(value: Any) -> float | None:
-    return float(value) if value is not None and math.isfinite(value) else None

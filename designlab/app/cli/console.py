@@ -3,7 +3,6 @@
 import contextlib
 import errno
 import json
-import math
 import os
 import re
 import sys
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from designlab.app.cli.arguments import UsageError, parse
+from designlab.core.plain import plain
 
 DEBUG_VARIABLE = "DESIGNLAB_DEBUG"
 """Environment variable that shows the traceback of every failure, as ``--debug`` does."""
@@ -178,22 +178,8 @@ def _complain(reason: str, status: int = FAILED) -> int:
 
 
 def _encoded(data: dict[str, Any]) -> str:
-    """JSON text; numbers without a finite value become null, since JSON has no word for them."""
-    return json.dumps(_finite(data), allow_nan=False)
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _finite(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(entry) for entry in value]
-    if isinstance(value, os.PathLike):
-        return str(value)
-    if hasattr(value, "item") and not hasattr(value, "__len__"):  # a NumPy scalar
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+    """JSON text; numbers without a finite value become null."""
+    return json.dumps(plain(data), allow_nan=False)
 
 
 @contextlib.contextmanager

@@ -1,10 +1,10 @@
 """A calibration result holds the calibrated model, fitted parameters with errors, and its frames."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from designlab.core.plain import plain
 from designlab.core.types import Array
 from designlab.simulation.directional_light import DirectionalLight
 from designlab.simulation.effects.model import SensorModel
@@ -103,13 +103,5 @@ class Calibration:
             "model_digest": self.model.digest,
             "provenance": dict(self.provenance),
         }
-        finite: dict[str, Any] = _finite(content)
-        return finite
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(entry) for key, entry in value.items()}
-    if isinstance(value, list):
-        return [_finite(entry) for entry in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+        found: dict[str, Any] = plain(content)
+        return found

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from designlab.core.plain import plain
 from designlab.core.store import read_json
 from designlab.optimization.constraint import Bound
 from designlab.optimization.tolerance.distributions import Spread
@@ -141,11 +142,11 @@ class Tolerance:
         spread = {
             name: {
                 "unit": self.units[name],
-                "nominal": _finite(self.nominal[name]),
-                "mean": _finite(built[name].mean()),
-                "sd": _finite(built[name].std()),
-                "low_5": _finite(built[name].quantile(0.05)),
-                "high_95": _finite(built[name].quantile(0.95)),
+                "nominal": plain(self.nominal[name]),
+                "mean": plain(built[name].mean()),
+                "sd": plain(built[name].std()),
+                "low_5": plain(built[name].quantile(0.05)),
+                "high_95": plain(built[name].quantile(0.95)),
             }
             for name in self.scores
         }
@@ -199,10 +200,6 @@ class Tolerance:
         )
         table = pd.DataFrame({"input": self.inputs, "share": found["S1"], "ci": found["S1_conf"]})
         return table.sort_values("share", ascending=False, ignore_index=True)
-
-
-def _finite(value: Any) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def copy_path(folder: Path, number: int) -> Path:

@@ -110,6 +110,19 @@ class Domain(Spec):
     probes: tuple[str, ...] = Field(description="Kinds of probe.")
     exposure: Range = quantity(unit="1", description="Shortest and longest relative exposure.")
 
+    @classmethod
+    def of(cls, presses: Sequence[Press], exposures: Sequence[float]) -> Self:
+        """Return the smallest that holds presses of stated depth, and relative exposures."""
+        depths = [press.stated_depth_mm for press in presses]
+        x, y = ([press.centre_mm[axis] for press in presses] for axis in (0, 1))
+        return cls(
+            depth_mm=(min(depths), max(depths)),
+            x_mm=(min(x), max(x)),
+            y_mm=(min(y), max(y)),
+            probes=tuple(sorted({press.probe.kind for press in presses})),
+            exposure=(min(exposures), max(exposures)),
+        )
+
     def left(self, presses: Sequence[Press]) -> list[str]:
         """Say in which ways presses lie outside."""
         found = []

@@ -13,13 +13,11 @@ from designlab.inference.diagnosis.result import Found, Value
 from designlab.inference.diagnosis.selection.acceptance import JudgedCandidate
 from designlab.inference.diagnosis.selection.held_out import gain, judge
 from designlab.inference.diagnosis.verdict.experiment_design import (
-    DARK,
-    Action,
     doubt_of,
-    frames_to_take,
     separating,
 )
 from designlab.inference.diagnosis.verdict.next_measurement import advise
+from designlab.measurement.frames_to_take import DARK, Action
 from designlab.measurement.shots import Observations
 from designlab.simulation.effects import SensorModel
 from tests.helpers.small_sensor import DESIGN, VALUES, shots
@@ -109,16 +107,6 @@ def test_a_frame_without_light_tells_no_black_level_below_zero(bank, fitted, lev
     dark = replace(dark, shot=replace(dark.shot, clips=(clips,) * 3))
     lead = doubt_of(true, wrong, [dark]).lead([0])
     assert lead > 5.0 if tells else lead == pytest.approx(0.0, abs=1e-3)
-
-
-def test_cameras_are_taken_to_end_at_zero_unless_they_are_seen_not_to(fitted) -> None:
-    fitter = fitted[0].fitter
-    dark = next(each for each in frames_to_take(fitter) if each.frame == DARK)
-    assert dark.shot.clips == (True, True, True)
-    shots = [replace(fitter.bank.shots[0], signal=fitter.bank.shots[0].signal - 1.0), *fitter.bank.shots[1:]]
-    below = Fitter(replace(fitter.bank, shots=tuple(shots)))
-    dark = next(each for each in frames_to_take(below) if each.frame == DARK)
-    assert dark.shot.clips == (False, False, False)
 
 
 def test_frames_are_asked_for_until_they_suffice(fitted) -> None:

@@ -1,9 +1,8 @@
 """Experiment design chooses the frames that tell apart, in least time, what a measurement does not."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
-from typing import Any
 
 import numpy as np
 
@@ -13,29 +12,12 @@ from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.likelihood.noise import noise
 from designlab.inference.diagnosis.result import Advice
 from designlab.inference.diagnosis.selection.acceptance import JudgedCandidate, least_lead
-from designlab.measurement.shots import Shot
-from designlab.measurement.usable_frames import end_at_zero, without_cut
-from designlab.simulation.contact.press import Press
+from designlab.measurement.frames_to_take import Action, frames_to_take, in_words
+from designlab.measurement.usable_frames import without_cut
 
 MOST_FRAMES = 12
 LEAST_USE = 0.1  # rise of the logarithm of the Bayes factor below which no frame is asked for
 SURELY = 1.5  # times what is needed: predicted frames do not have what the model lacks in all real ones
-DARK = {"kind": "dark", "leds": []}
-
-
-@dataclass(frozen=True, eq=False)
-class Action:
-    """A frame that could be taken: in words, as a shot with the picture of another, minutes, in fields.
-
-    `alone` is the LED group that is on where the others are not.
-    """
-
-    text: str
-    shot: Shot
-    like: int
-    minutes: float
-    frame: Mapping[str, Any]
-    alone: str | None = None
 
 
 def separating(fitter: Fitter, equals: Sequence[JudgedCandidate]) -> Advice:
@@ -53,7 +35,7 @@ def separating(fitter: Fitter, equals: Sequence[JudgedCandidate]) -> Advice:
     Advice
         The frames, and by how many standard deviations the closest two would differ there.
     """
-    actions = frames_to_take(fitter)
+    actions = frames_to_take(fitter.bank.shots, fitter.forward.design.group_names)
     doubts = [doubt_of(*pair, actions) for pair in permutations(equals, 2)]
     chosen = _chosen(doubts, [action.minutes for action in actions])
     if not chosen:
@@ -62,7 +44,7 @@ def separating(fitter: Fitter, equals: Sequence[JudgedCandidate]) -> Advice:
     leads = [doubt.lead(chosen) for doubt in doubts]
     enough = all(lead >= doubt.needed for lead, doubt in zip(leads, doubts, strict=True))
     return Advice(
-        _in_words(taken) + ("" if enough else "; even that may not tell them apart"),
+        in_words(taken) + ("" if enough else "; even that may not tell them apart"),
         float(np.sqrt(2 * max(min(leads), 0.0))),
         sum(action.minutes for action in taken),
         tuple(action.frame for action in taken),
@@ -145,69 +127,3 @@ def _taking(fitter: Fitter, actions: Sequence[Action]) -> Forward:
     bank = fitter.bank
     shots = (*bank.shots, *(action.shot for action in actions))
     return Forward(replace(bank, shots=shots, place=(*bank.place, *(bank.place[a.like] for a in actions))))
-
-
-def frames_to_take(fitter: Fitter) -> list[Action]:
-    """Frames that could be taken of a measurement's sensor."""
-    shots, names = fitter.bank.shots, fitter.forward.design.group_names
-    lit = [n for n, shot in enumerate(shots) if shot.lit.any()]
-    untouched = next(n for n in lit if shots[n].press is None)
-    background = shots[untouched]
-    everything = np.ones(len(names))
-
-    def bare(text: str, minutes: float, fields: Mapping[str, Any], **changes: Any) -> Action:
-        shot = replace(background, **changes)
-        return Action(text, shot, untouched, minutes, {"kind": "background", **fields})
-
-    found = _lit_alone("a background", background, untouched, names, 1.0, {"kind": "background"})
-    turned = {"gel_rotation_deg": 180.0}
-    found += [
-        bare("a frame with the LEDs off", 0.5, DARK, lit=0 * everything, clips=end_at_zero(shots)),
-        bare("a background at a quarter of the exposure", 0.5, {"exposure": 0.25}, lit=everything / 4),
-        bare("a background with the gel turned by 180 deg", 10.0, turned, lit=everything, **turned),
-    ]
-    # Places keep their use: a frame at one that judges would decide nothing.
-    deepest: dict[tuple[float, float], tuple[Press, int]] = {}
-    for n in lit:
-        if (press := shots[n].press) is not None and shots[n].use == "train":
-            place = press.centre_mm
-            if place not in deepest or press.stated_depth_mm > deepest[place][0].stated_depth_mm:
-                deepest[place] = press, n
-    for press, n in deepest.values():
-        (x_mm, y_mm), probe = press.centre_mm, press.probe.text
-        text = f"{probe} pressed {press.stated_depth_mm:g} mm deep at ({x_mm:g}, {y_mm:g}) mm"
-        fields = {
-            "kind": "press",
-            "probe": probe,
-            "depth_mm": press.stated_depth_mm,
-            "centre_mm": [x_mm, y_mm],
-            "yaw_deg": press.yaw_deg,
-        }
-        found += _lit_alone(text, shots[n], n, names, 2.0, fields)
-    return found
-
-
-def _lit_alone(
-    text: str, shot: Shot, number: int, names: Sequence[str], minutes: float, fields: Mapping[str, Any]
-) -> list[Action]:
-    """A shot once more with each LED group alone."""
-    return [
-        Action(text, replace(shot, lit=lit), number, minutes, {**fields, "leds": [name]}, name)
-        for lit, name in zip(np.eye(len(names)), names, strict=True)
-    ]
-
-
-def _in_words(actions: Sequence[Action]) -> str:
-    """Frames one after the other, those that differ by their LED group alone as one."""
-    groups: dict[str, list[str]] = {}
-    for action in actions:
-        groups.setdefault(action.text, []).extend([] if action.alone is None else [action.alone])
-    return "; ".join(_with_light(text, names) for text, names in groups.items())
-
-
-def _with_light(text: str, names: Sequence[str]) -> str:
-    if not names:
-        return text
-    if len(names) == 1:
-        return f"{text} with the {names[0]} LEDs alone"
-    return f"{text} with the {', '.join(names[:-1])} and {names[-1]} LEDs, each alone"

@@ -8,7 +8,8 @@ from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.result import Advice, Found, Verdict
 from designlab.inference.diagnosis.selection.forward_selection import ForwardSelection
 from designlab.inference.diagnosis.verdict.data_checks import below_zero
-from designlab.inference.diagnosis.verdict.experiment_design import DARK, separating
+from designlab.inference.diagnosis.verdict.experiment_design import separating
+from designlab.measurement.frames_to_take import DARK
 from designlab.measurement.shots import Observations
 
 FEW_HELD_OUT = 4

@@ -117,14 +117,7 @@ def _unlisted_variance(name: str, p: EffectParameter, value: float) -> float:
 
 def domain(shots: list[Shot]) -> Domain:
     """Range of the presses and exposures that values were fitted to."""
-    presses = [shot.press for shot in shots if shot.press is not None]
-    depths = [press.stated_depth_mm for press in presses]
-    x, y = ([press.centre_mm[axis] for press in presses] for axis in (0, 1))
-    exposures = [float(shot.lit.max()) for shot in shots if shot.lit.any()]
-    return Domain(
-        depth_mm=(min(depths), max(depths)),
-        x_mm=(min(x), max(x)),
-        y_mm=(min(y), max(y)),
-        probes=tuple(sorted({press.probe.kind for press in presses})),
-        exposure=(min(exposures), max(exposures)),
+    return Domain.of(
+        [shot.press for shot in shots if shot.press is not None],
+        [float(shot.lit.max()) for shot in shots if shot.lit.any()],
     )
