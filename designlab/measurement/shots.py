@@ -168,6 +168,26 @@ def observe(
     return Observations(tuple(shots), black, source, repeats, has_dark, tuple(dict.fromkeys(notes)))
 
 
+def within(mask: Mask | None, shots: tuple[Shot, ...]) -> tuple[Shot, ...]:
+    """Take values outside a mask of the files' pixels for not valid.
+
+    Raises
+    ------
+    ValueError
+        If the mask has not the size of a shot's files.
+    """
+    if mask is None:
+        return shots
+    found = []
+    for shot in shots:
+        factor = mask.shape[0] // shot.signal.shape[0]
+        kept = binned(mask.astype(float)[..., None], factor) == 1.0
+        if kept.shape[:2] != shot.signal.shape[:2]:
+            raise ValueError(f"mask: must have the size of {shot.files[0]}, got {mask.shape}")
+        found.append(replace(shot, valid=shot.valid & kept))
+    return tuple(found)
+
+
 def require_response(measurement: Measurement) -> None:
     """Refuse a set of unknown response.
 

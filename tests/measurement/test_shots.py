@@ -10,7 +10,7 @@ from designlab.measurement import (
     write_measurement,
 )
 from designlab.measurement.quality.invariants import invariants
-from designlab.measurement.shots import observe
+from designlab.measurement.shots import observe, within
 from designlab.measurement.usable_frames import observe_apart
 from designlab.sensor.camera import Camera
 from designlab.sensor.design import preset
@@ -176,6 +176,19 @@ def test_frames_are_binned_with_their_noise(tmp_path) -> None:
     assert second.view[:4] == first.view[:4]
     np.testing.assert_allclose(second.signal.mean(), first.signal.mean(), rtol=1e-6)
     np.testing.assert_allclose(second.variance.mean(), first.variance.mean() / 4, rtol=1e-6)
+
+
+def test_a_mask_of_the_files_pixels_holds_in_binned_shots(tmp_path) -> None:
+    shots = observe(measured(tmp_path / "m"), DESIGN, columns=COLUMNS // 2).shots
+    mask = np.ones((ROWS, COLUMNS), dtype=bool)
+    mask[3, 8:11] = False  # of the binned row 1, columns 4 and 5
+    for before, after in zip(shots, within(mask, shots), strict=True):
+        assert before.valid.all()
+        assert np.argwhere(~after.valid[..., 0]).tolist() == [[1, 4], [1, 5]]
+        assert (after.valid == after.valid[..., :1]).all()
+    assert within(None, shots) is shots
+    with pytest.raises(ValueError, match=r"mask: must have the size of background-0\.exr, got \(90, 60\)"):
+        within(mask[:, :60], shots)
 
 
 def test_poses_carry_their_stated_doubt(tmp_path) -> None:

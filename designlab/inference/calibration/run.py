@@ -18,7 +18,7 @@ from designlab.inference.calibration.solve import MOST_STEPS, Layout, covariance
 from designlab.measurement import Measurement, MeasurementError, Suspicion, check, refuse
 from designlab.measurement.light_probe.ball import LightProbe
 from designlab.measurement.quality.model_check import against_model
-from designlab.measurement.shots import POSE, ROUND, Observations, Shot, binned, observe
+from designlab.measurement.shots import POSE, ROUND, Observations, Shot, observe, within
 from designlab.measurement.transfer import MODEL_ERROR
 from designlab.sensor.design import CHANNELS, Design
 from designlab.simulation.directional_light import DirectionalLight
@@ -99,7 +99,7 @@ def calibrate(
     probes = [shot.press.probe for shot in seen.shots if shot.press is not None]
     fields = shared_fields(imaging.model, usual if free is None else free, probes)
     _check_modulus(fields, [seen.shots[number] for number in fitted])
-    problem = Problem(imaging, _within(mask, seen.shots), fields, seed=seed, progress=progress)
+    problem = Problem(imaging, within(mask, seen.shots), fields, seed=seed, progress=progress)
     _check(measurement, problem, fitted)
     given = _given(measurement, problem, imaging.level() - seen.black_level)
     if renders:  # a model without light transport misses pictures for reasons of its own
@@ -109,7 +109,7 @@ def calibrate(
     problem.hold(balls)
     if columns // 2 >= LEAST_COLUMNS:
         shots = observe(measurement, design, columns=columns // 2, light_probes=renders).shots
-        coarse = Problem(imaging, _within(mask, shots), fields, seed=seed, progress=progress)
+        coarse = Problem(imaging, within(mask, shots), fields, seed=seed, progress=progress)
         coarse.hold(balls)
         state = _scaled(coarse, state, fitted)
         coarse.begin("fitting coarsely", 2 * len(fitted) * (1 + COARSE_STEPS * _moves(coarse)))
@@ -213,20 +213,6 @@ def _imaging(model: Design | SensorModel | DirectionalLight, samples: int) -> Im
     )
 
 
-def _within(mask: Mask | None, shots: tuple[Shot, ...]) -> tuple[Shot, ...]:
-    """Take values outside a mask of the files' pixels for not valid."""
-    if mask is None:
-        return shots
-    found = []
-    for shot in shots:
-        factor = mask.shape[0] // shot.signal.shape[0]
-        kept = binned(mask.astype(float)[..., None], factor) == 1.0
-        if kept.shape[:2] != shot.signal.shape[:2]:
-            raise ValueError(f"mask: must have the size of {shot.files[0]}, got {mask.shape}")
-        found.append(replace(shot, valid=shot.valid & kept))
-    return tuple(found)
-
-
 def _check_modulus(fields: Sequence[SharedField], shots: Sequence[Shot]) -> None:
     """Modulus changes forces and no shape at a depth: something has to tell a force."""
     forced = any(shot.press and (shot.press.force_n or math.isfinite(shot.force_sigma_n)) for shot in shots)
@@ -272,7 +258,7 @@ def _faults(measurement: Measurement, problem: Problem, seen: Observations) -> t
         [seen.shots[number] for number in bases],
         list(bases.values()),
         black=seen.black_level,
-        transfer=problem.imaging.factors(),
+        transfer=problem.imaging.design.transfer_mw,
         response=measurement.response,
     ).suspicions
 
