@@ -39,7 +39,7 @@ from designlab.inference.diagnosis.verdict.localise import localise
 from designlab.inference.diagnosis.verdict.next_measurement import advise
 from designlab.inference.diagnosis.verdict.update import updated
 from designlab.measurement import Measurement
-from designlab.measurement.quality.checks import check_comparable
+from designlab.measurement.quality.comparable import check_comparable
 from designlab.measurement.shots import Observations
 from designlab.measurement.usable_frames import is_single, observe_apart
 from designlab.sensor.design import Design

@@ -61,7 +61,7 @@ def examine(
     renders : Renders
         Where pictures of the model come from.
     notes : sequence of str
-        What `measurement.quality.checks.check_comparable` has noted.
+        What `measurement.quality.comparable.check_comparable` has noted.
     trust : sequence of str
         Names of suspicions that are known and right as they are.
 
