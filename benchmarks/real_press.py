@@ -23,10 +23,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.metrics import compare_within
 from designlab.inference.calibration import Calibration, calibrate
-from designlab.inference.diagnosis.single_image.blocks import TRAIN, block_uses
-from designlab.inference.diagnosis.single_image.structure import rendered, structure
+from designlab.inference.diagnosis.single_image.diagnose import rendered
 from designlab.measurement import Measurement, load_measurement
+from designlab.measurement.blocks import TRAIN, block_uses
 from designlab.measurement.compare import compare_model
 from designlab.measurement.frames import PoseSigma
 from designlab.measurement.shots import DEFAULT_SIGMA, POSE
@@ -124,7 +125,7 @@ def half(measurement: Measurement, name: str, variant: Variant, *, parity: int, 
     gains = np.full(len(design.group_names), design.camera.exposure or 1.0)
     view = measurement.view(frame, design)
     image = rendered(found.model, press, gains, view=view, samples=64, seed=0)
-    return Half(found, structure(image, real, ~mask))
+    return Half(found, compare_within(image, real, ~mask))
 
 
 def darkening(picture: NDArray[np.float64]) -> tuple[float, float]:

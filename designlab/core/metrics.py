@@ -64,6 +64,36 @@ def compare(simulated: ArrayLike, real: ArrayLike) -> dict[str, Any]:
     return {**_pixelwise(simulated, real), **means, "channels": channels}
 
 
+def compare_within(simulated: Array, real: Array, mask: Mask) -> dict[str, float]:
+    """Figures of `compare` over part of a picture: the quadratic field is taken from that part alone.
+
+    Parameters
+    ----------
+    simulated, real : array, shape (rows, columns, 3)
+        Linear pictures.
+    mask : bool array, shape (rows, columns)
+        Where they are compared.
+
+    Returns
+    -------
+    mapping of str to float
+        ``structure_corr``, ``structure_snr_db`` (means of the channels) and ``snr_db``.
+    """
+    rows, columns = mask.shape
+    y, x = np.meshgrid(np.linspace(-1, 1, rows), np.linspace(-1, 1, columns), indexing="ij")
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)[mask]
+    s, r = simulated[mask], real[mask]
+    detail_s, detail_r = (v - terms @ np.linalg.lstsq(terms, v, rcond=None)[0] for v in (s, r))
+    power_s, power_r = (detail_s**2).sum(axis=0), (detail_r**2).sum(axis=0)
+    corr = (detail_s * detail_r).sum(axis=0) / np.sqrt(power_s * power_r)
+    ratio = power_r / ((detail_r - detail_s) ** 2).sum(axis=0)
+    return {
+        "structure_corr": float(corr.mean()),
+        "structure_snr_db": float(10 * np.log10(ratio).mean()),
+        "snr_db": float(10 * np.log10((r**2).sum() / ((r - s) ** 2).sum())),
+    }
+
+
 def remove_quadratic_field(channel: ArrayLike) -> Array:
     """Subtract the least-squares field 1, x, y, x^2, xy, y^2 from a channel, shape (rows, columns)."""
     channel = np.asarray(channel, dtype=float)

@@ -14,12 +14,14 @@ pedestal keeps the noise of a dark pixel from being cut at zero.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from designlab.core.types import Array
 from designlab.sensor.camera import Camera, View, Vignetting
@@ -31,6 +33,8 @@ Image = NDArray[np.floating[Any]]
 
 CHANNELS = 3
 WHOLE = (slice(None), slice(None))  # rows and columns of a picture
+DEVIATES = np.linspace(-5.0, 5.0, 101)  # of the noise of one pixel
+LEVELS = 400  # of a sampled curve
 FEW_ELECTRONS = (
     1000.0  # below which photon noise is drawn from Poisson's distribution; above, a Gaussian agrees
 )
@@ -407,6 +411,55 @@ def noise_sigma(signal: Image, capture: Capture) -> Array:
     """
     signal = np.asarray(signal, dtype=float)
     return np.asarray(np.sqrt(moments(signal, np.zeros_like(signal), capture)[1]))
+
+
+def mean_answers(answered: Callable[[Array], Array], camera: Camera, brightest: float) -> tuple[Array, Array]:
+    """Mean answers of a camera whose pixels have their noise before they answer by a curve.
+
+    Parameters
+    ----------
+    answered : callable
+        Answers to signals, shape (..., 3).
+    camera : Camera
+        What the noise is of.
+    brightest : float
+        Highest level.
+
+    Returns
+    -------
+    levels, answers : array, shapes (n,) and (n, 3)
+        Signals without noise from zero to the highest level, and the mean answers of the three channels.
+    """
+    # Even steps of the root: a curve may be steep at zero.
+    levels = brightest * np.linspace(0.0, 1.0, LEVELS) ** 2
+    weights = np.exp(-(DEVIATES**2) / 2)
+    signals = levels[:, None] + noise_sigma(levels - camera.black_level, Capture(camera))[:, None] * DEVIATES
+    # The converter cuts at zero what its black level does not lift.
+    answers = np.maximum(answered(np.repeat(signals[..., None], 3, axis=-1)), 0.0)
+    return levels, np.tensordot(weights / weights.sum(), answers, axes=(0, 1))
+
+
+def uncut(signal: Array, sigma: Array) -> Array:
+    """Derivative of `clipped`: the share of the counts about a signal that are not cut."""
+    share = np.ones(signal.shape)
+    for channel in np.flatnonzero(sigma):
+        share[..., channel] = ndtr(signal[..., channel] / sigma[channel])
+    return share
+
+
+def clipped(signal: Array, sigma: Array) -> Array:
+    """Mean of counts about a signal when those below zero are cut to zero; channels of zero `sigma` stay.
+
+    For Gaussian counts it is s Phi(s / sigma) + sigma phi(s / sigma), which tends to s well above the noise.
+    """
+    if not sigma.any():
+        return signal
+    found = signal.copy()
+    for channel in np.flatnonzero(sigma):
+        ratio = signal[..., channel] / sigma[channel]
+        density = np.exp(-(ratio**2) / 2) / np.sqrt(2 * np.pi)
+        found[..., channel] = sigma[channel] * (ratio * ndtr(ratio) + density)
+    return found
 
 
 def _mixing() -> int:

@@ -103,11 +103,7 @@ class Problem:
         for number, basis in bases.items():
             shot, stated = self.shots[number], self.stated[number]
             left = np.where(shot.valid, (shot.signal - self.predict(state, number, basis)) / stated, 0.0)
-            spreads = np.array([_spread(left, shot.valid, size) for size in BLOCKS_PX])
-            spread, means = spreads.max(axis=0), spreads.mean(axis=1)
-            needed = next(
-                size for size, mean in zip(BLOCKS_PX, means, strict=True) if mean * LARGER > means.max()
-            )
+            spread, needed = spread_of(left, shot.valid)
             self.blocks_px[number] = max(needed, LEAST_BLOCK_PX)
             weighed = np.maximum(stated * np.sqrt(spread), np.sqrt(shot.variance))
             change = max(change, float(np.abs(weighed / self.sigmas[number] - 1.0).max()))
@@ -253,7 +249,30 @@ class Problem:
         return float(total)
 
 
-def _spread(values: Array, valid: Mask, size: int) -> Array:
+def spread_of(left: Array, valid: Mask) -> tuple[Array, int]:
+    """How much more sums of residuals vary than if values erred independently by their standard deviation.
+
+    Parameters
+    ----------
+    left : array, shape (rows, columns, 3)
+        Residuals over their standard deviations, 0 where they are not valid.
+    valid : bool array, shape (rows, columns, 3)
+        Values that count.
+
+    Returns
+    -------
+    array, shape (3,)
+        Variance per value of sums over square blocks, of those blocks where it is largest.
+    int
+        Side of the smallest blocks (px) whose sums vary about as much as those of any.
+    """
+    spreads = np.array([_of_blocks(left, valid, size) for size in BLOCKS_PX])
+    means = spreads.mean(axis=1)
+    needed = next(size for size, mean in zip(BLOCKS_PX, means, strict=True) if mean * LARGER > means.max())
+    return spreads.max(axis=0), needed
+
+
+def _of_blocks(values: Array, valid: Mask, size: int) -> Array:
     """Variance per value of sums over blocks of `size` squared pixels, of each channel."""
     rows, columns = (np.arange(0, count, size) for count in values.shape[:2])
 

@@ -269,7 +269,7 @@ def _names(model: SensorModel, catalogue: Sequence[str] | None, seen: Observatio
     """Effects to try."""
     # What a picture or unit has alone is not in the simulation of the model given, and may be found again.
     present = {applied.name for applied in model.effects if not effect(applied.name).drawn}
-    wanted = _wanted(catalogue)
+    wanted = _wanted(catalogue, seen)
     if len({shot.view for shot in seen.shots}) > 1:
         present.update(_of_pixels())  # which frames of several crops do not share
     presses = _presses(seen)
@@ -285,8 +285,11 @@ def _of_pixels() -> list[str]:
     return [e.name for e in CATALOGUE if e.per_pixel]
 
 
-def _wanted(catalogue: Sequence[str] | None) -> list[str]:
-    return list(UNASKED) if catalogue is None else [effect(name).name for name in catalogue]
+def _wanted(catalogue: Sequence[str] | None, seen: Observations) -> list[str]:
+    """Return effects that are asked for; of a single picture all, since nothing of it was learnt without."""
+    if catalogue is None:
+        return [e.name for e in CATALOGUE] if is_single(seen) else list(UNASKED)
+    return [effect(name).name for name in catalogue]
 
 
 def _presses(seen: Observations) -> list[Press]:
@@ -295,7 +298,7 @@ def _presses(seen: Observations) -> list[Press]:
 
 def _too_deep(catalogue: Sequence[str] | None, model: SensorModel, seen: Observations) -> Iterator[str]:
     """Note effects that presses of these depths leave no range."""
-    for name in _wanted(catalogue):
+    for name in _wanted(catalogue, seen):
         bounds = effect(name).parameters(model.design)
         if bounds and not effect(name).parameters_under(model.design, _presses(seen)):
             yield f"{name} was not tried: the gel is too thin for presses as deep as these"

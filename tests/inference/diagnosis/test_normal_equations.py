@@ -149,6 +149,23 @@ def test_a_step_reaches_the_least_penalised_misfit() -> None:
     assert fallen == pytest.approx(objective(np.zeros(3)) - best.fun, rel=1e-6)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_a_step_leaves_a_bound_where_what_is_held_elsewhere_asks_for_it(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    columns = random.standard_normal((8, 6)) + 2.0 * random.standard_normal((8, 1))
+    right = 5.0 * columns.T @ random.standard_normal(8)
+    unknowns = tuple(Unknown("a", str(k), 1.0) for k in range(6))
+    whole = System(unknowns, columns.T @ columns, right, 0.0, np.zeros(6))
+    step, _ = whole.step(np.zeros(6), np.full(6, 0.7))
+    # At the least misfit within bounds the gradient points out of them (Karush, Kuhn and Tucker).
+    slope = right - (whole.gram + np.eye(6)) @ step
+    assert (step >= 0.0).all()
+    assert (step <= 0.7).all()
+    np.testing.assert_allclose(slope[(step > 1e-9) & (step < 0.7 - 1e-9)], 0.0, atol=1e-6)
+    assert (slope[step <= 1e-9] <= 1e-6).all()
+    assert (slope[step >= 0.7 - 1e-9] >= -1e-6).all()
+
+
 def test_overlap_is_the_squared_cosine_between_what_two_effects_do() -> None:
     random = np.random.default_rng(4)
     one, other, nuisance = np.linalg.qr(random.standard_normal((60, 3)))[0].T * 1e3

@@ -42,9 +42,10 @@ from designlab.inference.diagnosis.selection.forward_selection import MOST_EFFEC
 from designlab.inference.diagnosis.selection.held_out import LEAST_IMPROVED, LEAST_SHARE
 from designlab.inference.diagnosis.single_image import diagnose as single
 from designlab.inference.diagnosis.single_image import search
-from designlab.inference.diagnosis.single_image.blocks import BLOCKS, SCALE_SD
+from designlab.inference.diagnosis.single_image.frame_fitter import SCALE_SD
 from designlab.inference.diagnosis.verdict.confidence import SIGNS, confidence
 from designlab.inference.diagnosis.verdict.intervals import of_amplitudes, of_deviation
+from designlab.measurement.blocks import BLOCKS
 from designlab.measurement.quality.invariants import FrameCheck
 from designlab.measurement.shots import Observations
 from designlab.report.diagnosis_folder import report_content
@@ -146,6 +147,7 @@ def test_the_thresholds_that_are_documented_are_those_of_the_code() -> None:
         f"for up to {MOST_EFFECTS} effects; later ones need an evidence of {LATER_DECISIVE:g}",
         f"{BLOCKS} blocks across",
         f"free to {100 * SCALE_SD:g} %",
+        f"needs evidence of {search.DECISIVE:g}",
         f"up to {search.MOST_EFFECTS} effects join, and `at_floor` lies below {single.AT_FLOOR:g} floors",
         f"sizes of probes (to {100 * SIZE_SD:g} %), lateral colour (to {100 * FRINGES_SD:g} %)",
     ):

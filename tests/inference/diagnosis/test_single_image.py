@@ -1,6 +1,7 @@
 """A single press without a background: blocks of one picture against sets by the independent generator."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,16 +9,8 @@ import pytest
 
 from designlab.core import metrics
 from designlab.inference.diagnosis.diagnose import diagnose
-from designlab.inference.diagnosis.single_image.blocks import (
-    FINAL,
-    SELECT,
-    TRAIN,
-    block_numbers,
-    block_uses,
-    grain,
-)
-from designlab.inference.diagnosis.single_image.structure import structure
 from designlab.measurement import load_measurement, write_measurement
+from designlab.measurement.blocks import FINAL, SELECT, TRAIN, block_numbers, block_uses, grain
 from designlab.report.diagnosis_folder import write_diagnosis
 from designlab.report.gap_text import statement
 from designlab.sensor.design import preset
@@ -86,6 +79,21 @@ class TestPlanted:
             level = report.gap[split]
             assert level.after - level.floor < 0.15 * (level.before - level.floor), split
 
+    def test_evidence_against_other_effects_is_stated_with_its_error(self, reports):
+        report, _ = reports["mixed"]
+        (said,) = (note for note in report.notes if note.startswith("colour_mixing: evidence for it"))
+        leads = re.findall(r"(\w+) ([-\d.]+) \+- ([\d.]+)", said.partition("blocks: ")[2])
+        rivals = {name: (float(value), float(se)) for name, value, se in leads}
+        assert {"black_level", "response_curve", "vignetting"} <= set(rivals)
+        assert all(value > 2 * se > 0 for value, se in rivals.values())
+
+    def test_a_wrong_model_does_not_drive_the_press_from_where_it_is(self, reports):
+        report, _ = reports["mixed"]  # stated at its true pose
+        (said,) = (note for note in report.notes if note.startswith("the press departs"))
+        away = [float(value) for value in re.findall(r"[-+]\d+\.\d+", said)]
+        assert np.abs(away[:3]).max() < 0.02  # mm
+        assert abs(away[3]) < 0.5  # deg
+
     def test_one_picture_names_nothing_for_certain(self, reports):
         report, written = reports["mixed"]
         assert report.verdict == "partial"
@@ -143,7 +151,7 @@ class TestStructure:
         random = np.random.default_rng(1)
         real = random.uniform(0.2, 0.8, (40, 60, 3))
         simulated = real + random.normal(0, 0.1, real.shape)
-        ours = structure(simulated, real, np.ones((40, 60), dtype=bool))
+        ours = metrics.compare_within(simulated, real, np.ones((40, 60), dtype=bool))
         theirs = metrics.compare(simulated, real)
         for name in ("structure_corr", "structure_snr_db", "snr_db"):
             assert ours[name] == pytest.approx(theirs[name], rel=1e-9), name
@@ -152,7 +160,7 @@ class TestStructure:
         random = np.random.default_rng(2)
         real, mask = random.uniform(0.2, 0.8, (40, 60, 3)), random.uniform(size=(40, 60)) < 0.5
         simulated = np.where(mask[..., None], real + random.normal(0, 0.1, real.shape), 1e3)
-        assert structure(simulated, real, mask)["structure_corr"] > 0.5
+        assert metrics.compare_within(simulated, real, mask)["structure_corr"] > 0.5
 
 
 @pytest.mark.renders

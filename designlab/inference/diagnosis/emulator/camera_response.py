@@ -1,23 +1,18 @@
 """What pixels report in the mean: noise comes before a curve, and before counts are cut at zero."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
 
 from designlab.core.memory import remembered
 from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.state import Key, Values, key
-from designlab.sensor.camera import Camera
 from designlab.sensor.design import Design
 from designlab.simulation.effects import CATALOGUE, SensorModel, Sight
 from designlab.simulation.effects.base import Light, Signal
-from designlab.simulation.imaging import Capture, expected, noise_sigma
+from designlab.simulation.imaging import Capture, expected, mean_answers
 
-DEVIATES = np.linspace(-5.0, 5.0, 101)  # of the noise of one pixel
-LEVELS = 400  # of a sampled curve
 REACHES = 8  # of sampled curves, in each doubling of the brightest light
 LEAST_BRIGHTEST = 1e-6
 CURVES_KEPT = 64
@@ -100,52 +95,3 @@ class _Effects:
             if e.name in self.values:
                 signal = e.on_signal(signal, self.values[e.name])
         return np.asarray(signal, dtype=float)
-
-
-def mean_answers(answered: Callable[[Array], Array], camera: Camera, brightest: float) -> tuple[Array, Array]:
-    """Mean answers of a camera whose pixels have their noise before they answer by a curve.
-
-    Parameters
-    ----------
-    answered : callable
-        Answers to signals, shape (..., 3).
-    camera : Camera
-        What the noise is of.
-    brightest : float
-        Highest level.
-
-    Returns
-    -------
-    levels, answers : array, shapes (n,) and (n, 3)
-        Signals without noise from zero to the highest level, and the mean answers of the three channels.
-    """
-    # Even steps of the root: a curve may be steep at zero.
-    levels = brightest * np.linspace(0.0, 1.0, LEVELS) ** 2
-    weights = np.exp(-(DEVIATES**2) / 2)
-    signals = levels[:, None] + noise_sigma(levels - camera.black_level, Capture(camera))[:, None] * DEVIATES
-    # The converter cuts at zero what its black level does not lift.
-    answers = np.maximum(answered(np.repeat(signals[..., None], 3, axis=-1)), 0.0)
-    return levels, np.tensordot(weights / weights.sum(), answers, axes=(0, 1))
-
-
-def uncut(signal: Array, sigma: Array) -> Array:
-    """Derivative of `clipped`: the share of the counts about a signal that are not cut."""
-    share = np.ones(signal.shape)
-    for channel in np.flatnonzero(sigma):
-        share[..., channel] = ndtr(signal[..., channel] / sigma[channel])
-    return share
-
-
-def clipped(signal: Array, sigma: Array) -> Array:
-    """Mean of counts about a signal when those below zero are cut to zero; channels of zero `sigma` stay.
-
-    For Gaussian counts it is s Phi(s / sigma) + sigma phi(s / sigma), which tends to s well above the noise.
-    """
-    if not sigma.any():
-        return signal
-    found = signal.copy()
-    for channel in np.flatnonzero(sigma):
-        ratio = signal[..., channel] / sigma[channel]
-        density = np.exp(-(ratio**2) / 2) / np.sqrt(2 * np.pi)
-        found[..., channel] = sigma[channel] * (ratio * ndtr(ratio) + density)
-    return found

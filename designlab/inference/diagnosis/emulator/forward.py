@@ -6,9 +6,8 @@ import numpy as np
 
 from designlab.core.memory import remembered
 from designlab.core.types import Array, Single
-from designlab.inference.diagnosis.emulator.camera_response import Answers, clipped, uncut
+from designlab.inference.diagnosis.emulator.camera_response import Answers
 from designlab.inference.diagnosis.emulator.coordinates import coordinate, value_at
-from designlab.inference.diagnosis.emulator.resampling import Warps, turning
 from designlab.inference.diagnosis.emulator.snapshots import (
     POSE_STEP,
     SHARPER,
@@ -18,11 +17,12 @@ from designlab.inference.diagnosis.emulator.snapshots import (
     binned,
 )
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, Key, State, Unknown
+from designlab.inference.diagnosis.emulator.warps import Warps, turning
 from designlab.measurement.shots import POSE
 from designlab.sensor.design import DesignError
 from designlab.simulation.effects import CATALOGUE, Effect, EffectParameter, Sight, effect
 from designlab.simulation.effects.base import Light
-from designlab.simulation.imaging import Capture, expected, mixed
+from designlab.simulation.imaging import Capture, clipped, expected, mixed, uncut
 
 HALF_STEP = 0.25  # of a prior standard deviation: differences of effects that are not rendered
 EDGES_KEPT = 64  # a fit asks for those of all its shots twice, at every step

@@ -14,7 +14,6 @@ import numpy as np
 from designlab.core.memory import remembered
 from designlab.core.store import digest
 from designlab.core.types import Array, Single
-from designlab.inference.diagnosis.emulator.denoising import Denoiser, denoised_change, fit_denoiser, share_of
 from designlab.inference.diagnosis.emulator.difference_stencil import StencilStep, steps
 from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.measurement.shots import POSE, Shot
@@ -22,6 +21,7 @@ from designlab.sensor.camera import View
 from designlab.simulation.contact.press import LEAST_DEPTH_MM, Press
 from designlab.simulation.effects import AppliedEffect, SensorModel, effect
 from designlab.simulation.effects.base import Values
+from designlab.simulation.render.denoising import Denoiser, denoised_change, fit_denoiser, share_of
 
 MARGIN_PX = 4  # rendered around what shots show
 POSE_STEP = (0.05, 0.05, 0.06, 1.0)  # x, y, depth (mm) and yaw (deg): steps of the differences

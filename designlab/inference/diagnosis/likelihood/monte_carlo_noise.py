@@ -10,10 +10,10 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from designlab.core.types import Array
-from designlab.inference.diagnosis.emulator.denoising import bands, by_band, coefficients
 from designlab.inference.diagnosis.emulator.forward import Forward
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.noise import DARK_LIGHT, MonteCarloNoise
+from designlab.simulation.render.denoising import bands, by_band, coefficients
 
 SMOOTHING_PX = 3.0  # few repeats tell a variance only over a neighbourhood
 

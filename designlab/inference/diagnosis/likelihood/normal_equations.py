@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.optimize import lsq_linear
 
 from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.forward import Forward
@@ -69,17 +71,13 @@ class System:
         """
         matrix = self.gram + (1.0 + damping) * np.eye(len(self.unknowns))
         right = self.right - self.now
-        found = np.zeros(len(right))
-        free = np.ones(len(right), dtype=bool)
-        for _ in range(len(right) + 1):
-            rest = right[free] - matrix[np.ix_(free, ~free)] @ found[~free]
-            found[free] = np.linalg.solve(matrix[np.ix_(free, free)], rest)
-            reached = self.now + found
-            beyond = free & ((reached < low - 1e-9) | (reached > high + 1e-9))
-            if not beyond.any():
-                break
-            found[beyond] = np.clip(reached[beyond], low[beyond], high[beyond]) - self.now[beyond]
-            free &= ~beyond
+        found = np.asarray(np.linalg.solve(matrix, right), dtype=float)
+        low, high = low - self.now, high - self.now
+        if (found < low).any() or (found > high).any():
+            root = np.linalg.cholesky(matrix)
+            turned = solve_triangular(root, right, lower=True)
+            # Bounds are met but for rounding errors.
+            found = np.clip(lsq_linear(root.T, turned, (low, high), method="bvls").x, low, high)
         return found, float(2 * right @ found - found @ matrix @ found)
 
 

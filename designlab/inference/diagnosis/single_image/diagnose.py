@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from designlab.core.metrics import compare_within
 from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.snapshots import moved
@@ -24,25 +25,20 @@ from designlab.inference.diagnosis.result import (
     Verdict,
     provenance,
 )
-from designlab.inference.diagnosis.single_image.blocks import (
-    FINAL,
-    SCALE,
-    TRAIN,
-    USES,
-    block_uses,
-    in_blocks,
-)
-from designlab.inference.diagnosis.single_image.search import FittedModel, FrameSearch
-from designlab.inference.diagnosis.single_image.structure import rendered, structure
+from designlab.inference.diagnosis.single_image.frame_fitter import SCALE
+from designlab.inference.diagnosis.single_image.search import FittedModel, FrameSearch, Member
 from designlab.inference.diagnosis.verdict.data_checks import Examined, looking_alike, weakened
 from designlab.inference.diagnosis.verdict.intervals import values
 from designlab.inference.diagnosis.verdict.localise import localise
 from designlab.inference.diagnosis.verdict.update import updated
 from designlab.measurement import Measurement
+from designlab.measurement.blocks import FINAL, TRAIN, USES, block_uses, in_blocks
 from designlab.measurement.shots import POSE, Observations
 from designlab.sensor.camera import View
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects import SensorModel, effect
+from designlab.simulation.imaging import Capture, expected, mixed
+from designlab.simulation.simulator import Simulator
 
 Figures = dict[str, dict[str, Mapping[str, float]]]
 
@@ -183,9 +179,9 @@ def _compared(
         image = _rendered(own, press, stand, view, source)
         images[label] = image
         figures[label] = {
-            "blocks fitted to": structure(image, real, uses == TRAIN),
-            "other blocks": structure(image, real, uses != TRAIN),
-            "blocks that decided nothing": structure(image, real, uses == FINAL),
+            "blocks fitted to": compare_within(image, real, uses == TRAIN),
+            "other blocks": compare_within(image, real, uses != TRAIN),
+            "blocks that decided nothing": compare_within(image, real, uses == FINAL),
         }
     return figures, PictureComparison(real, **images, fitted=uses == TRAIN)
 
@@ -193,6 +189,13 @@ def _compared(
 def _rendered(model: SensorModel, press: Press, stand: FittedModel, view: View, source: Renders) -> Array:
     there = moved(press, stand.fitter.stated(stand.state))
     return rendered(model, there, stand.state.gains, view=view, samples=source.samples, seed=source.seed)
+
+
+def rendered(model: SensorModel, press: Press, gains: Array, *, view: View, samples: int, seed: int) -> Array:
+    """Signal of a model under a press, LED groups brighter by gains, (rows, columns, 3)."""
+    frame = Simulator(model, view=view, samples=samples, seed=seed).frame(press)
+    capture = Capture(model.effective_design().camera, model)
+    return expected(mixed(frame.basis.astype(float), frame.weights * gains), capture)
 
 
 def _words(search: FrameSearch, best: FittedModel, figures: Figures) -> list[str]:
@@ -208,6 +211,7 @@ def _words(search: FrameSearch, best: FittedModel, figures: Figures) -> list[str
             "fitted to lose without each, as a share of the gap after registration: "
             + "; ".join(f"{own}: {', '.join(found)}" for own, found in classes.items())
         )
+    words += [_rivals(member) for member in search.members if member.beside]
     for member in search.members:
         far = best.fitter.beyond_prior(best.state, member.name)
         bound = best.fitter.at_bound(best.state, member.name)
@@ -224,6 +228,20 @@ def _words(search: FrameSearch, best: FittedModel, figures: Figures) -> list[str
             f"{held['structure_snr_db']:.2f} dB, SNR {held['snr_db']:.1f} dB"
         )
     return [*words, *_registered(best)]
+
+
+def _rivals(member: Member) -> str:
+    """Say how much better an effect explains the blocks than others of its class did in its place."""
+    stage = effect(member.name).stage
+    told = ", ".join(
+        f"{name} {lead.value:.3g} +- {lead.se:.2g}"
+        for name, lead in sorted(member.beside.items(), key=lambda item: item[1].value)
+        if effect(name).stage == stage or name in member.equals
+    )
+    return (
+        f"{member.name}: evidence for it in place of others, a difference of log scores with its standard "
+        f"error between blocks: {told or 'no other of its class was tried'}"
+    )
 
 
 def _registered(best: FittedModel) -> list[str]:

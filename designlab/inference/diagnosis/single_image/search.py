@@ -6,8 +6,9 @@ effect that joins.
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,24 +18,20 @@ from designlab.inference.diagnosis.emulator.snapshots import Snapshot
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fit
 from designlab.inference.diagnosis.result import Candidate
-from designlab.inference.diagnosis.selection.forward_selection import PROMISING, fitted
+from designlab.inference.diagnosis.selection.forward_selection import fitted
 from designlab.inference.diagnosis.selection.held_out import LEAST_SHARE, Gain, standard_error
-from designlab.inference.diagnosis.selection.screening import screen
-from designlab.inference.diagnosis.single_image.blocks import (
-    SCALE,
-    SELECT,
-    TRAIN,
-    FrameFitter,
-    block_numbers,
-    centred,
-)
+from designlab.inference.diagnosis.single_image.frame_fitter import SCALE, FrameFitter, centred
+from designlab.measurement.blocks import SELECT, TRAIN, block_numbers
 from designlab.measurement.shots import POSE, Shot
 from designlab.simulation.effects import SensorModel, effect
 
 MOST_EFFECTS = 6  # beside the scale
 ENVELOPE = 1.3  # mean squared residual over the floor below which no further effect is looked for
-FITTED = 8  # candidates of a round that are fitted to the end
 SETTLING = 4  # times that pictures are rendered anew about what was found
+SURE_SE = 2.0  # standard errors from which evidence is sure
+DECISIVE = 5.0  # natural logarithm of a likelihood ratio that is very strong (Kass and Raftery 1995)
+CONTENDING = 0.25  # of the most evidence from which a candidate is fitted where it stands
+SETTLED = 0.05  # change of the number of values that count as one below which it stays
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,24 +47,40 @@ class FittedModel:
         return self.fit.state
 
 
+class Evidence(NamedTuple):
+    """Difference of the log scores of two fits with its standard error, from the spread between blocks."""
+
+    value: float
+    se: float
+
+    @property
+    def sure(self) -> bool:
+        """Whether one fit surely does better."""
+        return self.value > SURE_SE * self.se
+
+
 @dataclass(frozen=True, eq=False)
 class FittedCandidate:
-    """A candidate, fitted, its misfit on the blocks that judge, and its evidence by linear approximation."""
+    """A candidate, fitted, what it takes away on the blocks that judge, and its evidence."""
 
     name: str
-    fit: Fit
-    blocks: Array
+    stand: FittedModel
     gain: Gain
-    evidence: float
+    evidence: Evidence
+    seconds: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class Member:
-    """An effect of the corrected model: what the fit loses without it, and which effects did as well."""
+    """An effect of the corrected model: what the fit loses without it, and which effects did as well.
+
+    `beside` is the evidence for it against every other effect that was tried in its place.
+    """
 
     name: str
     gain: Gain
     equals: tuple[str, ...]
+    beside: Mapping[str, Evidence] = field(default_factory=dict)
 
 
 @dataclass
@@ -93,7 +106,7 @@ class FrameSearch:
     tried: list[Candidate] = field(default_factory=list)
     members: list[Member] = field(default_factory=list)
     gap: float = 1.0
-    _equals: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    _found: dict[str, Member] = field(default_factory=dict)
 
     def run(self) -> tuple[FittedModel, FittedModel]:
         """Register, add effects until none passes, drop those that are not needed any more.
@@ -108,6 +121,7 @@ class FrameSearch:
         now = given
         if SCALE in self.names:
             # From the stated pose too: a wrong scale may have driven it far off.
+            stated = FittedModel(given.fitter.about(stated.fitter.bank, stated.fitter.away), stated.fit)
             starts = [self._fitted(stand, (SCALE,)) for stand in (given, stated)]
             now = self._settled(min(starts, key=lambda stand: stand.fit.objective), (SCALE,))
         # Near the floor shares of the gap would be shares of next to nothing.
@@ -125,19 +139,22 @@ class FrameSearch:
             found = self._round(number, now, nearby, [n for n in open_ if n not in now.state.values])
             if found is None:
                 break
-            now = self._settled(
-                FittedModel(now.fitter.knowing(nearby), found.fit), (*now.state.values, found.name)
-            )
+            now = self._settled(found.stand, (*now.state.values, found.name))
         return given, self._needed(now)
 
     def blocks(self, stand: FittedModel, use: int = SELECT) -> Array:
         """Mean squared residual of each block of a use, in units of noise and granted errors."""
+        sums, counts = self._squares(stand, use)
+        return sums / counts
+
+    def _squares(self, stand: FittedModel, use: int) -> tuple[Array, Array]:
+        """Sum of the squared residuals of each block of a use, and how many these are."""
         shot, noise = stand.fitter.bank.shots[use], stand.fitter.noises[use]
         left = ((shot.signal - stand.fitter.forward.predict(stand.state, use)) / noise.sigma) ** 2
         row, column = block_numbers(*shot.signal.shape[:2])
         place = np.broadcast_to((row * (column.max() + 1) + column)[..., None], left.shape)[shot.valid]
         sums, counts = np.bincount(place, left[shot.valid]), np.bincount(place)
-        return np.asarray(sums[counts > 0] / counts[counts > 0])
+        return np.asarray(sums[counts > 0]), counts[counts > 0].astype(float)
 
     def floor(self, stand: FittedModel, use: int = SELECT) -> float:
         """Mean squared residual that grain and granted errors leave."""
@@ -146,7 +163,8 @@ class FrameSearch:
 
     def _stated(self) -> FittedModel:
         """Fit light and pose about the stated pose."""
-        fitter = centred(self.source, self.model, self.shots, (), np.zeros(len(POSE)), {})
+        away = np.zeros(len(POSE))
+        fitter = FrameFitter(centred(self.source, self.model, self.shots, (), away, {}), away)
         fit = fitter.fit(fitter.start([TRAIN]), (), [TRAIN])
         fitter.measure(fit.state)
         return FittedModel(fitter, fitter.fit(fit.state, (), [TRAIN]))
@@ -157,52 +175,87 @@ class FrameSearch:
     def _nearby(self, stand: FittedModel, names: Sequence[str]) -> Snapshot:
         """Render changes of the picture of a fit, that of a finer mesh too."""
         away = stand.fitter.away
-        fitter = centred(self.source, self.model, self.shots, names, away, {}, finer=True)
-        return fitter.bank.pictures[0]
+        return centred(self.source, self.model, self.shots, names, away, {}, finer=True).pictures[0]
 
     def _about(self, stand: FittedModel, names: Sequence[str]) -> FrameFitter:
         """Fitter about pictures rendered where a fit ended."""
         away, values = stand.fitter.stated(stand.state), stand.state.values
-        fitter = centred(self.source, self.model, self.shots, names, away, values)
-        fitter.noises = stand.fitter.noises
-        return fitter
+        bank = centred(self.source, self.model, self.shots, names, away, values)
+        return stand.fitter.about(bank, away)
 
-    def _settled(self, stand: FittedModel, names: Sequence[str]) -> FittedModel:
-        """Fit effects about pictures rendered anew where the last fit ended, until it stays within reach."""
+    def _settled(
+        self, stand: FittedModel, names: Sequence[str], *, alike: float | None = None
+    ) -> FittedModel:
+        """Fit effects about pictures rendered anew where the last fit ended, until it stays within reach.
+
+        Values count by what is left of them there, which changes with the fit in turn; where `alike` is
+        given, as many count as one.
+        """
         for _ in range(SETTLING):
-            if stand.fitter.reaches(stand.state):
+            fitter, state = stand.fitter, stand.state
+            if alike is None:
+                fitter = fitter.weighed(state)
+            near = fitter.reaches(state)
+            if near and abs(fitter.alike / stand.fitter.alike - 1.0) < SETTLED:
                 break
-            rendered = [name for name in names if effect(name).rendered]
-            fitter, state = self._about(stand, rendered), replace(stand.state, poses={})
+            if not near:
+                rendered = [name for name in names if effect(name).rendered]
+                fitter = self._about(FittedModel(fitter, stand.fit), rendered)
+                state = replace(state, poses={})
             stand = FittedModel(fitter, fitter.fit(state, names, [TRAIN]))
         return stand
 
     def _round(
         self, number: int, now: FittedModel, nearby: Snapshot, names: Sequence[str]
     ) -> FittedCandidate | None:
-        fitter, base = now.fitter.knowing(nearby), now.fit
-        screened, _ = screen(fitter, base.state, names, (TRAIN,))
-        order = sorted(screened, key=lambda name: -screened[name])
-        before = self.blocks(now)
+        base = FittedModel(now.fitter.knowing(nearby), now.fit)
+        attempts = [self._attempt(name, base, base) for name in names]
+        if not attempts:
+            return None
+        # Pictures about the model without an effect tell little of one that moves walls, say: what may be the
+        # best is fitted again where it stands.
+        most = max(each.evidence.value for each in attempts)
+        attempts = [
+            self._attempt(each.name, base, each.stand) if each.evidence.value > CONTENDING * most else each
+            for each in attempts
+        ]
+        attempts.sort(key=lambda each: -each.evidence.value)
         passed = []
-        for place, name in enumerate(order):
-            if place >= FITTED or screened[name] < PROMISING:
-                self.tried.append(Candidate(number, name, "screened out", evidence=screened[name]))
-                continue
-            begun = time.perf_counter()
-            fit = fitter.fit(base.state, (*base.state.values, name), (TRAIN,))
-            seconds = time.perf_counter() - begun
-            after = self.blocks(FittedModel(fitter, fit))
-            attempt = FittedCandidate(name, fit, after, self._gain(before, after), screened[name])
-            reason = self._refused(fitter, attempt)
-            self._note(number, attempt, reason or "passed", seconds)
+        for attempt in attempts:
+            reason = self._refused(base, attempt)
+            self._note(number, attempt, reason or "passed")
             if not reason:
                 passed.append(attempt)
         if not passed:
             return None
-        best = max(passed, key=lambda attempt: attempt.gain.value)
-        self._equals[best.name] = tuple(a.name for a in passed if _not_told_apart(best, a))
+        best = passed[0]
+        beside = {a.name: self.evidence(best.stand, a.stand) for a in attempts if a is not best}
+        strong = (a for a in attempts if a.evidence.value > DECISIVE)
+        equals = tuple(a.name for a in strong if a is best or not beside[a.name].sure)
+        self._found[best.name] = Member(best.name, best.gain, equals, beside)
         return best
+
+    def _attempt(self, name: str, base: FittedModel, begin: FittedModel) -> FittedCandidate:
+        """Fit a candidate beside the effects of a model, about where it stood before, and judge it."""
+        begun = time.perf_counter()
+        names = (*base.state.values, name)
+        if begin is base:
+            stand = self._fitted(begin, names)
+        else:
+            stand = self._settled(begin, names, alike=base.fitter.alike)
+        gain, evidence = self._gain(self.blocks(base), self.blocks(stand)), self.evidence(stand, base)
+        return FittedCandidate(name, stand, gain, evidence, time.perf_counter() - begun)
+
+    def evidence(self, one: FittedModel, other: FittedModel) -> Evidence:
+        """By how much one fit of blocks explains them better than another, priors of its values included."""
+        scores, priors = [], []
+        for stand in (one, other):
+            parts = [self._squares(stand, use)[0] for use in (TRAIN, SELECT)]
+            scores.append(-0.5 * np.concatenate(parts) / other.fitter.alike)
+            priors.append(-0.5 * float(stand.fit.system.now @ stand.fit.system.now))
+        apart = scores[0] - scores[1]
+        error = float(apart.std(ddof=1)) * np.sqrt(len(apart))
+        return Evidence(float(apart.sum()) + priors[0] - priors[1], error)
 
     def _gain(self, before: Array, after: Array) -> Gain:
         """Fall of the misfit as a share of the gap; its error from the spread between blocks."""
@@ -212,12 +265,16 @@ class FrameSearch:
         value = float(falls.mean())
         return Gain(value, error, float((falls > 0).mean()), squares, value, error)
 
-    def _refused(self, fitter: FrameFitter, attempt: FittedCandidate) -> str:
-        """Why a candidate does not pass; empty if it does."""
-        least = max(2 * attempt.gain.se, LEAST_SHARE)
+    def _refused(self, base: FittedModel, attempt: FittedCandidate) -> str:
+        """Why a candidate does not pass beside a model; empty if it does."""
+        evidence = attempt.evidence
+        if not _seen(evidence):
+            return f"evidence {evidence.value:.3g} +- {evidence.se:.2g}, below {DECISIVE:g} or not sure"
+        left = float(self.blocks(base).mean()) - self.floor(base)
+        least = LEAST_SHARE * left / self.gap
         if attempt.gain.value < least:
             return f"closes {attempt.gain.value:.1%} of the gap, less than {least:.1%}"
-        if bound := fitter.at_bound(attempt.fit.state, attempt.name):
+        if bound := base.fitter.at_bound(attempt.stand.state, attempt.name):
             return f"at the bound of {', '.join(bound)}"
         return ""
 
@@ -225,11 +282,14 @@ class FrameSearch:
         """Leave out effects, the least first, without which the blocks that judge are fitted as well."""
         while now.state.values:
             names = list(now.state.values)
-            whole = self.blocks(now)
-            gains = {name: self._gain(self._without(now, name), whole) for name in names}
-            self.members = [Member(n, gains[n], self._equals.get(n, (n,))) for n in names]
-            least = min(names, key=lambda name: gains[name].value)
-            if gains[least].value >= max(2 * gains[least].se, LEAST_SHARE):
+            whole, without = self.blocks(now), {name: self._without(now, name) for name in names}
+            gains = {name: self._gain(self.blocks(less), whole) for name, less in without.items()}
+            self.members = [
+                replace(self._found.get(n, Member(n, gains[n], (n,))), gain=gains[n]) for n in names
+            ]
+            evidence = {name: self.evidence(now, less) for name, less in without.items()}
+            least = min(names, key=lambda name: evidence[name].value)
+            if _seen(evidence[least]):
                 break
             self.tried.append(Candidate(MOST_EFFECTS + 1, least, "left out again, others do without"))
             values = {n: v for n, v in now.state.values.items() if n != least}
@@ -242,21 +302,19 @@ class FrameSearch:
             self.members = []
         return now
 
-    def _without(self, now: FittedModel, name: str) -> Array:
-        """Misfit of the blocks that judge, all other effects fitted anew."""
+    def _without(self, now: FittedModel, name: str) -> FittedModel:
+        """Fit all effects but one anew."""
         null = effect(name).null(self.model.design)
         state = now.state.with_values(name, null)
         fit = now.fitter.fit(state, [n for n in state.values if n != name], (TRAIN,))
-        return self.blocks(FittedModel(now.fitter, fit))
+        return FittedModel(now.fitter, fit)
 
-    def _note(self, number: int, attempt: FittedCandidate, outcome: str, seconds: float) -> None:
-        values = attempt.fit.state.values[attempt.name]
-        self.tried.append(
-            fitted(number, attempt.name, outcome, attempt.gain, values, attempt.evidence, seconds)
-        )
+    def _note(self, number: int, attempt: FittedCandidate, outcome: str) -> None:
+        values = attempt.stand.state.values[attempt.name]
+        evidence, seconds = attempt.evidence.value, attempt.seconds
+        self.tried.append(fitted(number, attempt.name, outcome, attempt.gain, values, evidence, seconds))
 
 
-def _not_told_apart(best: FittedCandidate, other: FittedCandidate) -> bool:
-    """Whether the blocks differ as much about which of two effects is better as they differ on the mean."""
-    apart = other.blocks - best.blocks
-    return other is best or float(apart.mean()) < 2 * float(apart.std(ddof=1)) / np.sqrt(len(apart))
+def _seen(evidence: Evidence) -> bool:
+    """Whether evidence suffices for an effect."""
+    return evidence.sure and evidence.value > DECISIVE

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from designlab.inference.diagnosis.emulator.splines import coefficients, look_up
+from designlab.core.splines import coefficients, look_up
 
 RANDOM = np.random.default_rng(2)
 

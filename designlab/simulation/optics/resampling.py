@@ -13,13 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.core.memory import remembered
+from designlab.core.splines import coefficients, look_up
 from designlab.core.types import Array
-from designlab.inference.diagnosis.emulator.splines import coefficients, look_up
-from designlab.inference.diagnosis.emulator.state import Key, Values, key
 from designlab.sensor.camera import View, Vignetting
 from designlab.sensor.design import Design
-from designlab.simulation.effects import CATALOGUE, effect
 from designlab.simulation.optics.viewing_rays import rays
 from geometries.elastomer import base_mm
 
@@ -29,7 +26,6 @@ if TYPE_CHECKING:
 MOST_PX = 16  # by which pictures are continued in proportion beyond their edges
 ITERATIONS = 6
 SETTLED_PX = 1e-6  # steps below which no further ones are taken
-KEPT = 64
 
 
 class SeenPoints:
@@ -120,48 +116,6 @@ class Warp:
         entries, to, of = (np.concatenate(part) for part in zip(*parts, strict=True))
         # Entries of one pixel in another are added up.
         return csr_array((entries.astype(np.float32), (to, of)), shape=(share.shape[1],) * 2)
-
-
-class Warps:
-    """Resamplings of what a design's camera sees into what effects turn it to; many are asked for again.
-
-    Parameters
-    ----------
-    design : Design
-        The design without these effects.
-    """
-
-    def __init__(self, design: Design) -> None:
-        self.design = design
-        self._kept: dict[tuple[Key, Key, View], Warp | None] = {}
-        self._seen: dict[tuple[Key, View], SeenPoints] = {}
-
-    def between(self, nominal: Key, changed: Key, view: View) -> Warp | None:
-        """Resampling of what a camera sees into what another does; None where they are the same."""
-
-        def warp() -> Warp | None:
-            before, after = self._looks(nominal, view), self._looks(changed, view)
-            return None if before.design is after.design else Warp(before, after)
-
-        if nominal == changed:
-            return None
-        return remembered(self._kept, (nominal, changed, view), warp, most=KEPT)
-
-    def _looks(self, values: Key, view: View) -> SeenPoints:
-        """What pixels see where effects turn them."""
-
-        def seen() -> SeenPoints:
-            design = self.design
-            for name, own in values:
-                design = effect(name).on_design(design, dict(own))
-            return SeenPoints(design, view)
-
-        return remembered(self._seen, (values, view), seen, most=KEPT)
-
-
-def turning(values: Values) -> Key:
-    """Values of the effects that turn where pixels look."""
-    return key(values, [e.name for e in CATALOGUE if e.warps])
 
 
 def _continued(place: NDArray[np.intp], shape: tuple[int, ...]) -> Iterator[tuple[Array, NDArray[np.intp]]]:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from designlab.inference.diagnosis.emulator.resampling import MOST_PX, SeenPoints, Warp, seen_mm
 from designlab.sensor.design import Design, preset
+from designlab.simulation.optics.resampling import MOST_PX, SeenPoints, Warp, seen_mm
 
 DESIGN = preset("gelsight-2020-flat")
 VIEW = DESIGN.view(40)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from designlab.inference.diagnosis.emulator.denoising import (
+from designlab.simulation.render.denoising import (
     bands,
     by_band,
     coefficients,
