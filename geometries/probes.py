@@ -156,6 +156,11 @@ class Probe(Spec):
         edge = f":r{self.edge_radius_mm:.12g}" if self.edge_radius_mm else ""
         return f"{self.file or self.kind}:{self.size_mm:.12g}{edge}"
 
+    @property
+    def is_round(self) -> bool:
+        """Whether the probe is the same however it is turned about its axis."""
+        return self.kind in ("sphere", "cone")
+
     def scaled(self, factor: float) -> Self:
         """Return the probe with all its lengths multiplied by `factor`; bounds are not checked."""
         lengths = {"size_mm": self.size_mm * factor, "edge_radius_mm": self.edge_radius_mm * factor}

@@ -8,7 +8,7 @@ from scipy.fft import idctn
 
 from designlab.inference.diagnosis.emulator.forward import Forward
 from designlab.inference.diagnosis.emulator.render_cache import Renders
-from designlab.inference.diagnosis.emulator.snapshots import POSE_STEP, Bank, fill, moved, resized
+from designlab.inference.diagnosis.emulator.snapshots import POSE_STEP, Bank, around, fill, moved, resized
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State, Unknown
 from designlab.inference.diagnosis.likelihood.empirical_errors import unlisted_sd
 from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD, Fitter
@@ -83,6 +83,13 @@ def test_pictures_about_values_found_are_those_rendered_there(renders) -> None:
     frame = Simulator(moved_leds, view=VIEW, samples=SAMPLES, seed=SEED).frame(None)
     rendered = np.einsum("cg,grk->rkc", frame.weights * GAINS, frame.basis.astype(float))
     assert np.sqrt(((combined - rendered) ** 2).mean()) < 0.003 * np.sqrt((rendered**2).mean())
+
+
+def test_turning_a_ball_takes_no_pictures() -> None:
+    for probe, turned in (("sphere:4", 0), ("triangle:4", 2)):
+        press = Press(probe=parse(probe), depth_mm=0.5)
+        there = [moved.yaw_deg for _, moved in around(press)]
+        assert np.count_nonzero(there) == turned
 
 
 def test_the_untouched_gel_of_a_shot_is_that_of_its_own_part_of_the_sensor(tmp_path) -> None:

@@ -293,7 +293,7 @@ def _fill(
         if not repeats:
             lamp.light(model, press, view.finer(SHARPER))
         if press is not None:
-            for _, there in _around(press):
+            for _, there in around(press):
                 lamp.light(model, there, view)
     for press, view in presses if finer else ():
         lamp.light(model, press, view, fine=True)
@@ -382,8 +382,8 @@ def _picture(
     pose: tuple[LightDerivative, ...] = ()
     size = None
     if press is not None:
-        around = [(lamp.light(model, there, view), s) for s, there in _around(press)]
-        *of_pose, size = (_quadratic(here, around[k : k + 2], None) for k in range(0, len(around), 2))
+        beside = [(lamp.light(model, there, view), s) for s, there in around(press)]
+        *of_pose, size = (_quadratic(here, beside[k : k + 2], None) for k in range(0, len(beside), 2))
         pose = tuple(of_pose)
     found = Snapshot(
         light=here,
@@ -454,11 +454,13 @@ def _quadratic(here: Single, sides: Sequence[tuple[Single, float]], group: int |
     return LightDerivative(np.ascontiguousarray(first), np.ascontiguousarray(second), group, reach)
 
 
-def _around(press: Press) -> Iterator[tuple[float, Press]]:
+def around(press: Press) -> Iterator[tuple[float, Press]]:
     """Presses one step to either side along each pose coordinate, and with a smaller and a larger probe."""
-    for axis in range(len(POSE)):
+    for axis, name in enumerate(POSE):
+        alike = name == "yaw_deg" and press.probe.is_round and not press.moves_sideways
         for sign in (-1.0, 1.0):
-            yield sign, moved(press, sign * np.eye(len(POSE))[axis] * POSE_STEP)
+            step = sign * np.eye(len(POSE))[axis] * POSE_STEP
+            yield sign, press if alike else moved(press, step)
     for sign in (-1.0, 1.0):
         yield sign, resized(press, sign * SIZE_STEP)
 
