@@ -7,7 +7,7 @@ import pytest
 from scipy.fft import idctn
 
 from designlab.inference.diagnosis.emulator.forward import Forward
-from designlab.inference.diagnosis.emulator.render_cache import Renders
+from designlab.inference.diagnosis.emulator.render_cache import DRAFT, Quality, Renders
 from designlab.inference.diagnosis.emulator.snapshots import POSE_STEP, Bank, around, fill, moved, resized
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State, Unknown
 from designlab.inference.diagnosis.likelihood.empirical_errors import unlisted_sd
@@ -83,6 +83,20 @@ def test_pictures_about_values_found_are_those_rendered_there(renders) -> None:
     frame = Simulator(moved_leds, view=VIEW, samples=SAMPLES, seed=SEED).frame(None)
     rendered = np.einsum("cg,grk->rkc", frame.weights * GAINS, frame.basis.astype(float))
     assert np.sqrt(((combined - rendered) ** 2).mean()) < 0.003 * np.sqrt((rendered**2).mean())
+
+
+@pytest.mark.slow
+def test_drafts_tell_how_light_changes(renders) -> None:
+    bare, view = SensorModel.of(DESIGN), shots(SensorModel.of(DESIGN))[0].view
+
+    def change(press: Press | None, **how: Quality) -> np.ndarray:
+        ends = (renders.basis(model, press, view, **how) for model in (applied("led_position"), bare))
+        return np.subtract(*ends)
+
+    for press in (None, PRESSES[0]):
+        usual, drafted = change(press), change(press, quality=DRAFT)
+        assert (usual != drafted).any()
+        assert np.sqrt(((drafted - usual) ** 2).mean()) < 0.1 * np.sqrt((usual**2).mean())
 
 
 def test_turning_a_ball_takes_no_pictures() -> None:

@@ -1,7 +1,7 @@
 """The render cache computes each picture of a model under a press once, and keeps it."""
 
 import importlib.metadata
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
 
@@ -18,8 +18,29 @@ from designlab.simulation.render.session import LIGHTFIELD_VERSION
 from designlab.simulation.simulator import Simulator
 
 SIMULATORS_KEPT = 4
-FINER = 2.0  # pitch of the membrane mesh over that of fine pictures
 NEXT_SEED = 1000  # between the seeds of repeated pictures: light transport counts on from a seed
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How well a picture is computed, relative to what is usual.
+
+    Attributes
+    ----------
+    mesh : float
+        Points of the membrane mesh along each side.
+    samples : float
+        Samples per pixel and LED group.
+    """
+
+    mesh: float = 1.0
+    samples: float = 1.0
+
+
+USUAL = Quality()
+FINE = Quality(mesh=2.0)
+DRAFT = Quality(mesh=0.5, samples=0.25)
+"""Of pictures that only tell how light changes: errors that all drafts share cancel in their differences."""
 
 
 @dataclass
@@ -61,7 +82,7 @@ class Renders:
         press: Press | None,
         view: View,
         *,
-        fine: bool = False,
+        quality: Quality = USUAL,
         repeat: int = 0,
         like: SensorModel | None = None,
     ) -> Single:
@@ -77,15 +98,15 @@ class Renders:
             The indentation.
         view : View
             The part of the camera's sensor.
-        fine : bool
-            Whether the membrane has a finer mesh.
+        quality : Quality
+            Mesh of the membrane and samples.
         repeat : int
             The same picture with other random numbers for every number.
         like : SensorModel, optional
             Whose photons it shares, see `designlab.simulation.simulator.Simulator`.
         """
         like = None if like is None or like.digest == model.digest else like
-        settings = (list(view), self.samples, self._seed(repeat), FINER if fine else 1.0)
+        settings = (list(view), self._samples(quality), self._seed(repeat), quality.mesh)
         shared = [] if like is None else [_transport(like, None)]
         mesh = None if press is None or press.probe.file is None else Path(press.probe.file).read_bytes()
         key = digest(_transport(model, press), press, mesh, *settings, _versions(), *shared)
@@ -93,7 +114,7 @@ class Renders:
             stored = read_cache(key, folder=self.folder)
             if not stored:
                 self.rendered += 1
-                simulator = self.simulator(model, view, fine=fine, repeat=repeat, like=like)
+                simulator = self.simulator(model, view, quality=quality, repeat=repeat, like=like)
                 stored = {"basis": simulator.frame(press).basis}
                 write_cache(key, stored, folder=self.folder)
             self._kept[key] = stored["basis"]
@@ -106,23 +127,26 @@ class Renders:
         model: SensorModel,
         view: View,
         *,
-        fine: bool = False,
+        quality: Quality = USUAL,
         repeat: int = 0,
         like: SensorModel | None = None,
     ) -> Simulator:
         """Simulator of a model."""
         shared = [] if like is None else [_transport(like, None)]
         contact = model.effective_design().contact
-        key = digest(_transport(model, None), contact, list(view), fine, repeat, *shared)
+        key = digest(_transport(model, None), contact, list(view), asdict(quality), repeat, *shared)
 
         def made() -> Simulator:
             seed = self._seed(repeat)
-            simulator = Simulator(model, view=view, samples=self.samples, seed=seed, like=like)
-            if fine:
-                simulator.pitch_mm /= FINER
+            samples = self._samples(quality)
+            simulator = Simulator(model, view=view, samples=samples, seed=seed, like=like)
+            simulator.pitch_mm /= quality.mesh
             return simulator
 
         return remembered(self._simulators, key, made, most=SIMULATORS_KEPT)
+
+    def _samples(self, quality: Quality) -> int:
+        return max(1, round(quality.samples * self.samples))
 
     def _seed(self, repeat: int) -> int:
         return self.seed + NEXT_SEED * repeat

@@ -15,7 +15,7 @@ from designlab.core.memory import remembered
 from designlab.core.store import digest
 from designlab.core.types import Array, Single
 from designlab.inference.diagnosis.emulator.difference_stencil import StencilStep, steps
-from designlab.inference.diagnosis.emulator.render_cache import Renders
+from designlab.inference.diagnosis.emulator.render_cache import DRAFT, FINE, USUAL, Quality, Renders
 from designlab.measurement.shots import POSE, Shot
 from designlab.sensor.camera import View
 from designlab.simulation.contact.press import LEAST_DEPTH_MM, Press
@@ -29,6 +29,7 @@ SIZE_STEP = 0.02  # likewise of the probe, relative
 SHARPER = 2  # times as many pixels along each side of pictures that are moved where a camera looks elsewhere
 REPEATS = 8  # further pictures of the given model where light comes through a core, each with its own noise
 FILLED_KEPT = 2
+DRAFTED = ("emission", "transport", "material")  # stages of effects that change light but not the gel
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,16 +297,19 @@ def _fill(
             for _, there in around(press):
                 lamp.light(model, there, view)
     for press, view in presses if finer else ():
-        lamp.light(model, press, view, fine=True)
+        lamp.light(model, press, view, quality=FINE)
     for repeat in range(1, 1 + repeats):
         for press, view in presses:
             renders.basis(given, press, view, repeat=repeat)
+    if any(lamp.quality(step.effect) == DRAFT for step in chosen):
+        for press, view in presses:
+            lamp.light(model, press, view, quality=DRAFT)
     for step in chosen:
         for end in step.ends:
             varied = _with(model, {step.effect: end})
             for press, view in presses:
                 if press is not None or not effect(step.effect).needs_touch:
-                    lamp.light(varied, press, view)
+                    lamp.light(varied, press, view, quality=lamp.quality(step.effect))
     return tuple(
         _picture(lamp, model, press, *view, chosen, finer)
         for (press, _), view in zip(presses, wider, strict=True)
@@ -320,15 +324,24 @@ class _Lamp:
     given: SensorModel
     _denoisers: dict[View, Denoiser] = field(default_factory=dict)
 
-    def light(self, model: SensorModel, press: Press | None, view: View, *, fine: bool = False) -> Single:
+    def light(
+        self, model: SensorModel, press: Press | None, view: View, *, quality: Quality = USUAL
+    ) -> Single:
         """Light per unit flux of the model as given, (groups, rows, columns)."""
-        like = self.given if _repeats(self.given) else None
-        found = self.renders.basis(model, press, view, fine=fine, like=like)
+        like = self.given if _repeats(self.given) or quality == DRAFT else None
+        found = self.renders.basis(model, press, view, quality=quality, like=like)
         ours, theirs = (
             np.array([group.flux_mw for group in m.effective_design().leds.groups])
             for m in (model, self.given)
         )
         return np.asarray(found * (ours / theirs).astype(np.float32)[:, None, None])
+
+    def quality(self, name: str) -> Quality:
+        """Of pictures that tell how light changes with an effect.
+
+        Where light comes through a core, noise of the photons is taken off by pictures of the usual quality.
+        """
+        return DRAFT if effect(name).stage in DRAFTED and not _repeats(self.given) else USUAL
 
     def repeated(self, press: Press | None, view: View) -> Single | None:
         """Pictures of the given model with other random numbers, (repeats, groups, rows, columns)."""
@@ -364,21 +377,25 @@ def _picture(
     here = lamp.light(model, press, view)
     simulator = lamp.renders.simulator(model, view)
     seen = simulator.rays.hit(simulator.surface(press))
-    numerical = lamp.light(model, press, view, fine=True) - here if finer else np.zeros_like(here)
+    numerical = lamp.light(model, press, view, quality=FINE) - here if finer else np.zeros_like(here)
     changes: dict[tuple[str, str], LightDerivative] = {}
     for step in chosen:
         sees = press is not None or not effect(step.effect).needs_touch
-        low, high = (
-            lamp.light(_with(model, {step.effect: end}), press, view) if sees else here for end in step.ends
-        )
+
+        def lit(values: Values, step: StencilStep = step) -> Single:
+            varied = _with(model, {step.effect: values})
+            return lamp.light(varied, press, view, quality=lamp.quality(step.effect))
+
+        near = lamp.light(model, press, view, quality=lamp.quality(step.effect)) if sees else here
+        low, high = (lit(end) if sees else here for end in step.ends)
         for number, p in enumerate(step.parameters):
             group = model.design.group_names.index(p.group) if p.group else None
             ends = [(low, step.reached[0][number]), (high, step.reached[1][number])]
             if step.product:
-                usual = lamp.light(_with(model, {step.effect: step.usual}), press, view) if sees else here
+                usual = lit(step.usual) if sees else here
                 changes[step.effect, p.name] = replace(_quadratic(usual, ends, group), product=True)
             else:
-                changes[step.effect, p.name] = _quadratic(here, ends, group)
+                changes[step.effect, p.name] = _quadratic(near, ends, group)
     pose: tuple[LightDerivative, ...] = ()
     size = None
     if press is not None:
