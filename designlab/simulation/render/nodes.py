@@ -16,6 +16,7 @@ from designlab.simulation.render.tables import bilinear, held, on_device
 RAISED_MM = 1e-3  # lower indentations cast no shadow worth counting
 FINE_MM = 0.2  # around the indentation every grid node is shaded
 RIM_MM = 0.4  # likewise around the contact with gel that bulges, which falls off gently beyond it
+TAIL_RIM_MM = 0.8  # likewise with gel that does not: kernels are narrower, only their tails go on, gently
 STRIDE = 3  # further out one node in this many, along each axis
 WIDE_STRIDE = 4 * STRIDE  # likewise all over a grid whose gel bulges
 Response = Callable[[Any], Any]
@@ -101,8 +102,9 @@ class Choice:
             return Choice(np.zeros_like(raised), np.zeros_like(raised), wide) if surface.bulges else None
         distance_mm = distance_transform_edt(~raised) * surface.pitch_mm
         fine = (distance_mm <= FINE_MM) & there
-        if surface.bulges and surface.contact.any():
-            fine &= distance_transform_edt(~surface.contact) * surface.pitch_mm <= RIM_MM
+        if surface.contact.any():
+            rim_mm = RIM_MM if surface.bulges else TAIL_RIM_MM
+            fine &= distance_transform_edt(~surface.contact) * surface.pitch_mm <= rim_mm
         around = (distance_mm <= max(reach_mm, 2 * FINE_MM)) & there
         lattice = np.zeros_like(raised)
         lattice[::STRIDE, ::STRIDE] = True

@@ -161,6 +161,33 @@ def test_kernel_contact_has_no_nodes_for_bulges():
     assert FirstLight(parallel_light(flat, (0.6, 0.0, 0.8)), flat).change(pressed).told is None
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("probe", ["sphere:4", "triangle:5"])
+def test_tails_of_a_contact_are_shaded_from_few_nodes(monkeypatch, probe):
+    """What a tail changes is as near to what it changes on a finer mesh as by every node of its own."""
+    press = BALL.model_copy(update={"probe": parse(probe)})
+    tailed = FLAT.replace({"contact.tail_share": 0.2})
+
+    def change(**how):
+        with_tail, plain = (
+            Simulator(design, columns=75, samples=64, seed=1, **how).frame(press).basis
+            for design in (tailed, FLAT)
+        )
+        return with_tail - plain
+
+    surfaces = [Simulator(design, columns=75, seed=1).surface(press) for design in (tailed, FLAT)]
+    few, untailed = (Choice.near(surface, 1.0).nodes.sum() for surface in surfaces)
+    coarse = change()
+    monkeypatch.setattr("designlab.simulation.render.nodes.TAIL_RIM_MM", np.inf)
+    every, same = (Choice.near(surface, 1.0).nodes.sum() for surface in surfaces)
+    assert few < 0.5 * every
+    assert untailed == same
+    truth = change(pitch_mm=surfaces[0].pitch_mm / 2)
+    off, least = (np.sqrt(np.mean((c - truth) ** 2) / np.mean(truth**2)) for c in (coarse, change()))
+    print(f"{probe}: {100 * off:.2f} %, by every node {100 * least:.2f} %")
+    assert off < 1.05 * least
+
+
 def test_the_mesh_follows_a_bulge_beyond_the_surface_to_the_outline():
     simulator = Simulator(FLAT, columns=16, seed=1)
     untouched = simulator.surface(None)
