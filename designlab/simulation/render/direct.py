@@ -1,6 +1,6 @@
 """Light straight from the LEDs through air, integrated over their faces instead of traced."""
 
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -179,8 +179,14 @@ def _patches(lights: list[Light]) -> Array:
         axes = (light.across, light.down, light.normal)
         across, down = light.half_width_mm * np.asarray(axes[0]), light.half_height_mm * np.asarray(axes[1])
         # Centres of equal patches would be a percent off within a few millimetres of an LED.
-        for u, width in zip(*np.polynomial.legendre.leggauss(columns), strict=True):
-            for v, height in zip(*np.polynomial.legendre.leggauss(rows), strict=True):
+        for u, width in zip(*_rule(columns), strict=True):
+            for v, height in zip(*_rule(rows), strict=True):
                 patch = [light.half_height_mm * height / 2, light.flux_mw * width * height / 4]
                 patches.append(np.concatenate([light.centre_mm + u * across + v * down, *axes, patch]))
     return np.array(patches)
+
+
+@cache
+def _rule(number: int) -> tuple[Array, Array]:
+    """Places, -1 to 1, and weights of the rule of Gauss and Legendre."""
+    return np.polynomial.legendre.leggauss(number)
