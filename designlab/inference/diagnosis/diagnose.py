@@ -202,14 +202,15 @@ def _explained(
 ) -> _Explanation:
     """Search for effects, fit those found exactly, and judge by presses that had no say in it."""
     train, select, final = seen.of("dark", "background", "train"), seen.of("select"), seen.of("final")
-    fitter = placed(source, Fitter(fill(source, model, seen.shots, names)), train, [*select, *final])
+    shown = fill(source, model, seen.shots, names, both=False)
+    fitter = placed(source, Fitter(shown), train, [*select, *final])
     start = fitter.fit(fitter.start(train), (), train).state
     fitter.measure(start)
     search = ForwardSelection(fitter, names, train, select, source, progress=progress)
     best, before, after = search.run(start)
     as_good = [winner.coherence_set for winner in search.winners]
     verdict = verdict_of(as_good, before.mean, after.mean, float(after.floor.mean()))
-    given = last = _Stand(fitter, replace(best, state=before.state), before)
+    given = last = _Stand(search.given, replace(best, state=before.state), before)
     if verdict not in NAMELESS:
         last = _last_fit(source, given, _Stand(search.fitter, best, after), train, select)
     source.begin("report", 1)

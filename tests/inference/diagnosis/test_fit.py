@@ -99,6 +99,23 @@ def test_drafts_tell_how_light_changes(renders) -> None:
         assert np.sqrt(((drafted - usual) ** 2).mean()) < 0.1 * np.sqrt((usual**2).mean())
 
 
+def test_one_side_of_null_gives_the_chord_to_its_nearer_end(bank, renders) -> None:
+    model = SensorModel.of(DESIGN)
+    one = fill(renders, model, shots(model)[:3], NAMES, both=False)
+    for picture, whole in zip(one.pictures, bank.pictures, strict=True):
+        assert picture.changes.keys() == whole.changes.keys()
+        for key, chord in picture.changes.items():
+            assert not chord.second.any()
+            curved = whole.changes[key]
+            ends = np.zeros((2, *picture.light.shape), dtype=np.float32)
+            chord.added(ends[0], chord.reach)
+            curved.added(ends[1], chord.reach)
+            assert np.abs(ends[0] - ends[1]).max() <= 1e-5 * np.abs(picture.light).max()
+    known = one.with_changes(bank)
+    for picture, whole in zip(known.pictures, bank.pictures, strict=True):
+        assert all(picture.changes[key] is whole.changes[key] for key in whole.changes)
+
+
 def test_turning_a_ball_takes_no_pictures() -> None:
     for probe, turned in (("sphere:4", 0), ("triangle:4", 2)):
         press = Press(probe=parse(probe), depth_mm=0.5)

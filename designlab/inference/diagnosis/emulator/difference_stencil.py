@@ -41,6 +41,11 @@ class StencilStep:
     usual: Values
     product: bool = False
 
+    def taken(self, *, both: bool) -> tuple[int, ...]:
+        """Numbers of the ends that are rendered: both, or the nearer one, of equals the latter."""
+        near, far = (max(map(abs, reached)) for reached in self.reached)
+        return (0, 1) if both else (0,) if near < far else (1,)
+
 
 def steps(
     effect: Effect, parameters: Sequence[EffectParameter], origin: Values | None

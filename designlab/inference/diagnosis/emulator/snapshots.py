@@ -190,6 +190,17 @@ class Bank:
         """Bank in which every shot has a picture of its own."""
         return replace(self, pictures=tuple(pictures), place=tuple(range(len(pictures))))
 
+    def with_changes(self, other: "Bank") -> "Bank":
+        """Bank that knows changes by effects as another one of the same shots does, where that knows them."""
+        shown = [other.of(self.place.index(number)) for number in range(len(self.pictures))]
+        return replace(
+            self,
+            pictures=tuple(
+                replace(own, changes={**own.changes, **better.changes})
+                for own, better in zip(self.pictures, shown, strict=True)
+            ),
+        )
+
 
 def fill(
     renders: Renders,
@@ -199,6 +210,7 @@ def fill(
     *,
     origin: Mapping[str, Values] | None = None,
     finer: bool = True,
+    both: bool = True,
 ) -> Bank:
     """Render everything that a diagnosis with some effects needs.
 
@@ -212,15 +224,17 @@ def fill(
         Values of rendered effects about which the pictures are taken; their null when absent.
     finer : bool
         Whether to render what a finer mesh changes; nothing is taken for it otherwise.
+    both : bool
+        Whether to render either side of where effects stand; straight lines through one are taken otherwise.
     """
     origin = {} if origin is None else origin
     keys = [(shot.press, shot.view) for shot in shots]
     presses = list(dict.fromkeys(keys))
-    settings = list(effects), origin, str(renders.folder), renders.samples, renders.seed, finer
+    settings = list(effects), origin, str(renders.folder), renders.samples, renders.seed, finer, both
     key = digest(model.digest, presses, *settings)
     # Measurements of one sensor by one plan share their pictures.
     pictures = remembered(
-        _filled, key, lambda: _fill(renders, model, presses, effects, origin, finer), most=FILLED_KEPT
+        _filled, key, lambda: _fill(renders, model, presses, effects, origin, finer, both), most=FILLED_KEPT
     )
     return Bank(model, shots, pictures, tuple(presses.index(k) for k in keys), origin)
 
@@ -271,6 +285,7 @@ def _fill(
     effects: Sequence[str],
     origin: Mapping[str, Values],
     finer: bool,
+    both: bool,
 ) -> tuple["Snapshot", ...]:
     pressed = [press for press, _ in shown if press is not None]
     chosen = [
@@ -285,7 +300,7 @@ def _fill(
     wider = [view.grown(MARGIN_PX, camera) for _, view in shown]
     presses = [(press, view) for (press, _), (view, _) in zip(shown, wider, strict=True)]
     repeats = _repeats(given)
-    each = (2 + repeats if repeats else 3) + 2 * len(chosen)
+    each = (2 + repeats if repeats else 3) + (1 + both) * len(chosen)
     renders.begin("pictures", len(presses) * each + len(pressed) * 2 * (len(POSE) + 1))
     # One model after the other: what its light is shaded from is large and not kept for long.
     lamp = _Lamp(renders, given)
@@ -305,13 +320,13 @@ def _fill(
         for press, view in presses:
             lamp.light(model, press, view, quality=DRAFT)
     for step in chosen:
-        for end in step.ends:
-            varied = _with(model, {step.effect: end})
+        for end in step.taken(both=both):
+            varied = _with(model, {step.effect: step.ends[end]})
             for press, view in presses:
                 if press is not None or not effect(step.effect).needs_touch:
                     lamp.light(varied, press, view, quality=lamp.quality(step.effect))
     return tuple(
-        _picture(lamp, model, press, *view, chosen, finer)
+        _picture(lamp, model, press, *view, chosen, finer, both)
         for (press, _), view in zip(presses, wider, strict=True)
     )
 
@@ -373,6 +388,7 @@ def _picture(
     place: tuple[slice, slice],
     chosen: Sequence[StencilStep],
     finer: bool,
+    both: bool,
 ) -> Snapshot:
     here = lamp.light(model, press, view)
     simulator = lamp.renders.simulator(model, view)
@@ -387,10 +403,10 @@ def _picture(
             return lamp.light(varied, press, view, quality=lamp.quality(step.effect))
 
         near = lamp.light(model, press, view, quality=lamp.quality(step.effect)) if sees else here
-        low, high = (lit(end) if sees else here for end in step.ends)
+        taken = {end: lit(step.ends[end]) if sees else here for end in step.taken(both=both)}
         for number, p in enumerate(step.parameters):
             group = model.design.group_names.index(p.group) if p.group else None
-            ends = [(low, step.reached[0][number]), (high, step.reached[1][number])]
+            ends = [(light, step.reached[end][number]) for end, light in taken.items()]
             if step.product:
                 usual = lit(step.usual) if sees else here
                 changes[step.effect, p.name] = replace(_quadratic(usual, ends, group), product=True)
@@ -462,9 +478,11 @@ def _denoised(change: LightDerivative, drawn: Single, quiet: Single, spread: Sin
 
 
 def _quadratic(here: Single, sides: Sequence[tuple[Single, float]], group: int | None) -> LightDerivative:
-    """Quadratic through the light here and at two other places."""
+    """Quadratic through the light here and at two other places, or a straight line to a single one."""
     chosen = slice(None) if group is None else group
-    (a, s), (b, t) = ((light[chosen] - here[chosen], at) for light, at in sides)
+    (a, s), (b, t) = ((light[chosen] - here[chosen], at) for light, at in (*sides, *sides)[:2])
+    if len(sides) == 1:
+        return LightDerivative(np.ascontiguousarray(a / np.float32(s)), np.zeros_like(a), group, abs(s))
     second = (b / np.float32(t) - a / np.float32(s)) / np.float32(t - s)
     first = a / np.float32(s) - np.float32(s) * second
     reach = max(abs(s), abs(t))

@@ -10,6 +10,7 @@ from designlab.core.progress import silent
 from designlab.core.types import Progress
 from designlab.inference.diagnosis.emulator.coordinates import coordinate
 from designlab.inference.diagnosis.emulator.render_cache import Renders
+from designlab.inference.diagnosis.emulator.snapshots import fill
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State
 from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter, with_strength
 from designlab.inference.diagnosis.likelihood.fixed_pattern import found_pattern
@@ -95,10 +96,11 @@ class ForwardSelection:
     screened: list[dict[str, float]] = field(default_factory=list)
     _steps: int = 0
     _reached: dict[str, State] = field(default_factory=dict)
-    _given: Fitter = field(init=False)
+    given: Fitter = field(init=False)
+    _whole: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
-        self._given = self.fitter
+        self.given = self.fitter
 
     def run(self, state: State) -> tuple[Fit, Judged, Judged]:
         """Add effects until none passes.
@@ -132,6 +134,7 @@ class ForwardSelection:
         order = sorted(screened, key=lambda name: -screened[name])
         least = TRIED_ANYWAY if all_leave_much(now) else 0
         promising = [n for k, n in enumerate(order[:FITTED]) if k < least or screened[n] >= PROMISING]
+        self._know(promising)
         attempts = []
         for place, name in enumerate(promising):
             self._tell(name, len(promising) - place)
@@ -165,6 +168,20 @@ class ForwardSelection:
         self.winners.append(Winner(best.name, tuple(equal), best.gain.value, rivals))
         near = self._near(best.fitter, best.judged.state, exactly=True)
         return best if near is None else self._judged(best.name, base, now, best.fit.state, near)
+
+    def _know(self, names: Sequence[str]) -> None:
+        """Render either side of null of effects to be fitted; to screen them one was enough."""
+        missing = [n for n in names if n not in self._whole and effect(n).rendered]
+        if self.source is None or not missing:
+            return
+        self._whole.update(missing)
+        bank = self.given.bank
+        better = fill(self.source, bank.model, bank.shots, missing, finer=False)
+        alone = self.fitter is self.given
+        self.given = self.given.of(bank.with_changes(better), self.given.noises)
+        self.fitter = (
+            self.given if alone else self.fitter.of(self.fitter.bank.with_changes(better), self.fitter.noises)
+        )
 
     def _passed(
         self, number: int, attempts: Sequence[JudgedCandidate], base: State, own: Fitter
@@ -305,7 +322,7 @@ class ForwardSelection:
         for winner in self.winners[:-1]:
             state = best.state.without(winner.name)
             names = list(state.values)
-            own = self._given
+            own = self.given
             without = own.fit(state, names, self.train)
             judged = judge(own, without.state, self.select)
             near = self._near(own, judged.state, exactly=True)
