@@ -110,11 +110,11 @@ class Clock:
 def diagnosed(measurement: Path) -> dict[str, Any]:
     """Diagnose a set, cold, in this process."""
     from designlab.inference.diagnosis import diagnose
-    from designlab.inference.diagnosis.emulator.render_cache import Renders
     from designlab.inference.diagnosis.likelihood.fit import Fitter
     from designlab.inference.diagnosis.selection import forward_selection, recentring, refine
     from designlab.measurement import load_measurement
     from designlab.report.diagnosis_folder import write_diagnosis
+    from designlab.simulation.render_cache import Renders
 
     clock = Clock()
     for user in (forward_selection, recentring, refine):

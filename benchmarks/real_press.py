@@ -25,10 +25,9 @@ from numpy.typing import NDArray
 
 from designlab.core.metrics import compare_within
 from designlab.inference.calibration import Calibration, calibrate
-from designlab.inference.diagnosis.single_image.diagnose import rendered
 from designlab.measurement import Measurement, load_measurement
 from designlab.measurement.blocks import TRAIN, block_uses
-from designlab.measurement.compare import compare_model
+from designlab.measurement.compare import compare_model, rendered
 from designlab.measurement.frames import PoseSigma
 from designlab.measurement.shots import DEFAULT_SIGMA, POSE
 from designlab.sensor.design import Design, preset

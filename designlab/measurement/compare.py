@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from designlab.core import metrics
 from designlab.core.images import ImageError, read_image
 from designlab.core.progress import silent
-from designlab.core.types import Progress, Single
+from designlab.core.types import Array, Progress, Single
 from designlab.measurement import MeasuredFrame, Measurement, MeasurementError
 from designlab.measurement.sizes import check_leds, check_size
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
+from designlab.simulation.contact.press import Press
 from designlab.simulation.directional_light import DirectionalLight
 from designlab.simulation.effects.model import SensorModel
 
@@ -125,11 +126,22 @@ def compare_model(
     return Comparison(pairs, skipped)
 
 
+def rendered(
+    model: SensorModel, press: Press | None, factors: Array, *, view: View, samples: int, seed: int
+) -> Array:
+    """Signal of a model under a press, (rows, columns, 3), each LED group brighter by a factor, (groups,)."""
+    from designlab.simulation.imaging import Capture, expected, mixed
+    from designlab.simulation.simulator import Simulator
+
+    frame = Simulator(model, view=view, samples=samples, seed=seed).frame(press)
+    capture = Capture(model.effective_design().camera, model)
+    return expected(mixed(frame.basis.astype(float), frame.weights * factors), capture)
+
+
 def _rendered(
     sensor: SensorModel, design: Design, measurement: Measurement, *, samples: int, seed: int
 ) -> Predict:
     """Signal of a frame by light transport."""
-    from designlab.simulation.imaging import Capture, expected, mixed
     from designlab.simulation.simulator import Simulator, exposure
 
     # Only a design that leaves its exposure to the camera needs a picture of the untouched gel.
@@ -138,9 +150,9 @@ def _rendered(
     )
 
     def predict(frame: MeasuredFrame, view: View) -> NDArray[np.floating]:
-        picture = Simulator(sensor, view=view, samples=samples, seed=seed).frame(measurement.press(frame))
-        capture = Capture(design.camera, sensor, exposure=scale * (frame.exposure or 1.0))
-        return expected(mixed(picture.basis, picture.weights * _lit(frame, design)), capture)
+        factors = scale * (frame.exposure or 1.0) * np.array(_lit(frame, design), dtype=float)
+        press = measurement.press(frame)
+        return rendered(sensor, press, factors, view=view, samples=samples, seed=seed)
 
     return predict
 

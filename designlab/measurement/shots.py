@@ -101,6 +101,11 @@ class Observations:
         """Numbers of the shots of some uses."""
         return [number for number, shot in enumerate(self.shots) if shot.use in uses]
 
+    @property
+    def presses(self) -> list[Press]:
+        """What was pressed, shot by shot."""
+        return [shot.press for shot in self.shots if shot.press is not None]
+
 
 class _Noise(NamedTuple):
     """Variance of a value: `read` + `photon` times signal, for each channel."""

@@ -9,13 +9,13 @@ from functools import cached_property
 import numpy as np
 
 from designlab.inference.diagnosis.emulator.forward import Forward
-from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.snapshots import fill
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.measurement.shots import Shot
 from designlab.sensor.design import preset
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects import AppliedEffect, SensorModel, effect
+from designlab.simulation.render_cache import Renders
 from designlab.simulation.simulator import Simulator, exposure
 from designlab.validation.synthetic import capture_plan, effects, generate
 from designlab.validation.synthetic.capture import CaptureSession

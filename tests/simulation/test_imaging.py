@@ -7,7 +7,6 @@ import designlab as dl
 from designlab.evaluation.protocol import EvaluationProtocol
 from designlab.inference.calibration import calibrate
 from designlab.inference.diagnosis.emulator.forward import Forward
-from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.snapshots import fill
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.measurement import MeasuredFrame, Measurement, load_measurement, write_measurement
@@ -17,6 +16,7 @@ from designlab.sensor.design import preset
 from designlab.simulation import imaging
 from designlab.simulation.effects import AppliedEffect, SensorModel
 from designlab.simulation.imaging import Capture, Image, ImagingStep, Mixing
+from designlab.simulation.render_cache import Renders
 from designlab.simulation.simulator import Simulator
 
 DESIGN = preset("gelsight-2020-flat")

@@ -13,7 +13,7 @@ from designlab.inference.calibration.fields import PROBE, SharedField
 from designlab.inference.calibration.imaging import How, Rendered, Touched
 from designlab.measurement.shots import Shot
 from designlab.measurement.transfer import MODEL_ERROR, normal_equations, predicted, transfer_and_floor
-from designlab.simulation.contact.press import LEAST_DEPTH_MM, Press
+from designlab.simulation.contact.press import Press
 from designlab.simulation.contact.surface import Mechanics
 from designlab.simulation.simulator import Simulator
 
@@ -161,14 +161,8 @@ class Problem:
         press = shot.press
         if press is None:
             return None
-        changes: dict[str, object] = {
-            "probe": press.probe.model_copy(update=self._lengths(state.shared)),
-            "centre_mm": (press.centre_mm[0] + x, press.centre_mm[1] + y),
-            "yaw_deg": press.yaw_deg + yaw,
-        }
-        if press.depth_mm is not None:
-            changes["depth_mm"] = max(press.depth_mm + depth, LEAST_DEPTH_MM)
-        return press.model_copy(update=changes)
+        probe = press.probe.model_copy(update=self._lengths(state.shared))
+        return press.model_copy(update={"probe": probe}).moved(x, y, depth, yaw)
 
     def force_n(self, state: CalibrationState, number: int) -> float:
         """Force of a press of an elastic gel (N)."""

@@ -96,7 +96,7 @@ def calibrate(
     seen = observe(measurement, design, columns=columns, light_probes=renders)
     fitted = seen.of("background", "light_probe", "train")
     usual = imaging.usual([seen.shots[number] for number in fitted])
-    probes = [shot.press.probe for shot in seen.shots if shot.press is not None]
+    probes = [press.probe for press in seen.presses]
     fields = shared_fields(imaging.model, usual if free is None else free, probes)
     _check_modulus(fields, [seen.shots[number] for number in fitted])
     problem = Problem(imaging, within(mask, seen.shots), fields, seed=seed, progress=progress)

@@ -12,7 +12,6 @@ from designlab.core.progress import silent
 from designlab.core.run_folder import claim
 from designlab.core.store import remove_partial
 from designlab.core.types import Progress
-from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.snapshots import fill
 from designlab.inference.diagnosis.likelihood.empirical_errors import left_of_nothing
 from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD, Fit, Fitter
@@ -43,8 +42,8 @@ from designlab.measurement.quality.comparable import check_comparable
 from designlab.measurement.shots import Observations
 from designlab.measurement.usable_frames import is_single, observe_apart
 from designlab.sensor.design import Design
-from designlab.simulation.contact.press import Press
 from designlab.simulation.effects import CATALOGUE, UNASKED, SensorModel, effect
+from designlab.simulation.render_cache import Renders
 
 RUN = "run.json"
 SAMPLES = 256
@@ -273,7 +272,7 @@ def _names(model: SensorModel, catalogue: Sequence[str] | None, seen: Observatio
     wanted = _wanted(catalogue, seen)
     if len({shot.view for shot in seen.shots}) > 1:
         present.update(_of_pixels())  # which frames of several crops do not share
-    presses = _presses(seen)
+    presses = seen.presses
     return [
         name
         for name in wanted
@@ -293,15 +292,11 @@ def _wanted(catalogue: Sequence[str] | None, seen: Observations) -> list[str]:
     return [effect(name).name for name in catalogue]
 
 
-def _presses(seen: Observations) -> list[Press]:
-    return [shot.press for shot in seen.shots if shot.press is not None]
-
-
 def _too_deep(catalogue: Sequence[str] | None, model: SensorModel, seen: Observations) -> Iterator[str]:
     """Note effects that presses of these depths leave no range."""
     for name in _wanted(catalogue, seen):
         bounds = effect(name).parameters(model.design)
-        if bounds and not effect(name).parameters_under(model.design, _presses(seen)):
+        if bounds and not effect(name).parameters_under(model.design, seen.presses):
             yield f"{name} was not tried: the gel is too thin for presses as deep as these"
 
 

@@ -1,7 +1,7 @@
 """What a diagnosis finds: data, which `report` puts into words and pictures."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Self
 
@@ -276,20 +276,7 @@ class GapReport:
         return {
             "format": FORMAT,
             "verdict": self.verdict,
-            "effects": [
-                {
-                    "name": effect.name,
-                    "summary": effect.summary,
-                    "parameters": {
-                        name: vars(value) | {"bounds": list(value.bounds)}
-                        for name, value in effect.parameters.items()
-                    },
-                    "confidence": effect.confidence,
-                    "coherence_set": list(effect.coherence_set),
-                    "transferable": effect.transferable,
-                }
-                for effect in self.effects
-            ],
+            "effects": [asdict(effect) for effect in self.effects],
             "where": [vars(where) for where in self.where],
             "gap": {split: vars(level) | {"removed": level.removed} for split, level in self.gap.items()},
             "control": None if self.control is None else vars(self.control),

@@ -1,5 +1,6 @@
 """A press: which probe, how deep or with which force, and where."""
 
+import math
 from typing import Self
 
 from pydantic import model_validator
@@ -69,6 +70,17 @@ class Press(Spec):
         if self.depth_mm is None:
             raise ValueError("press.depth_mm: needed here, the press states its force alone")
         return self.depth_mm
+
+    def moved(self, x_mm: float, y_mm: float, depth_mm: float, yaw_deg: float) -> Self:
+        """Return the press elsewhere, deeper and turned, but no less deep than `LEAST_DEPTH_MM`."""
+        yaw_deg += self.yaw_deg
+        changes: dict[str, object] = {
+            "centre_mm": (self.centre_mm[0] + x_mm, self.centre_mm[1] + y_mm),
+            "yaw_deg": yaw_deg if abs(yaw_deg) <= 360.0 else math.remainder(yaw_deg, 360.0),
+        }
+        if self.depth_mm is not None:
+            changes["depth_mm"] = max(self.depth_mm + depth_mm, LEAST_DEPTH_MM)
+        return self.model_copy(update=changes)
 
     @property
     def moves_sideways(self) -> bool:

@@ -65,6 +65,19 @@ class EffectParameter:
         """Whether the null is the end of the range."""
         return self.low == self.null
 
+    def coordinate(self, value: float) -> float:
+        """Distance of a value from null in prior standard deviations; of a squared parameter its square.
+
+        Coordinates have priors of unit variance, and pictures are nearly linear in them.
+        """
+        t = (value - self.null) / self.sd
+        return t * t if self.squared else t
+
+    def value_at(self, t: float) -> float:
+        """Value at a coordinate, within its bounds."""
+        away = max(t, 0.0) ** 0.5 if self.squared else t
+        return float(min(max(self.null + away * self.sd, self.low), self.high))
+
 
 @dataclass(frozen=True, eq=False)
 class Sight:

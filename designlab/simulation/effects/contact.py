@@ -7,7 +7,7 @@ from typing import ClassVar
 from designlab.sensor.contact import KernelContact, LayerContact, require
 from designlab.sensor.design import Design
 from designlab.simulation.contact import layer
-from designlab.simulation.contact.press import LEAST_DEPTH_MM, Press
+from designlab.simulation.contact.press import Press
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.effects.base import Effect, EffectParameter, Part, Stage, Values, at_least
 from geometries.probes import LARGEST_EDGE, Probe
@@ -278,9 +278,7 @@ class DepthOffset(Effect):
         """Press deeper."""
         if not values["offset_mm"] or press.depth_mm is None:
             return press
-        return press.model_copy(
-            update={"depth_mm": max(press.depth_mm + values["offset_mm"], LEAST_DEPTH_MM)}
-        )
+        return press.moved(0.0, 0.0, values["offset_mm"], 0.0)
 
 
 EFFECTS: tuple[Effect, ...] = (

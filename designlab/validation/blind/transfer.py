@@ -11,7 +11,6 @@ import numpy as np
 from designlab.core.progress import silent
 from designlab.core.types import Progress
 from designlab.inference.diagnosis.diagnose import COLUMNS, SAMPLES
-from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.snapshots import fill
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.likelihood.noise import Noise
@@ -21,6 +20,7 @@ from designlab.measurement import Measurement, load_measurement
 from designlab.measurement.usable_frames import observe_apart
 from designlab.sensor.design import Design, preset
 from designlab.simulation.effects import SensorModel, effect, load_model
+from designlab.simulation.render_cache import Renders
 from designlab.validation.blind.pool import AIR, Trial
 from designlab.validation.blind.runner import ALONE, SEED, Crew, kept, model_path, run, set_path
 from designlab.validation.synthetic import plant

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from designlab.inference.diagnosis.emulator.render_cache import Renders
+from designlab.simulation.render_cache import Renders
 from tests.helpers.small_sensor import SAMPLES, SEED
 
 

@@ -8,7 +8,6 @@ import pytest
 
 from designlab.app import cli
 from designlab.core.images import to_srgb
-from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.result import Advice, Found, GapReport, Level, Value
 from designlab.inference.diagnosis.verdict.data_checks import (
     Examined,
@@ -23,6 +22,7 @@ from designlab.measurement.usable_frames import observe_apart
 from designlab.sensor.camera import View
 from designlab.sensor.design import preset
 from designlab.simulation.effects import SensorModel
+from designlab.simulation.render_cache import Renders
 from tests.helpers.spoilt_sets import COLUMNS, DESIGN, PLACES, PRESSES, changed, planted
 
 MODEL = SensorModel.of(DESIGN)

@@ -7,7 +7,6 @@ import pytest
 from scipy.fft import idctn
 
 from designlab.inference.diagnosis.emulator.forward import Forward
-from designlab.inference.diagnosis.emulator.render_cache import DRAFT, Quality, Renders
 from designlab.inference.diagnosis.emulator.snapshots import POSE_STEP, Bank, around, fill, moved, resized
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State, Unknown
 from designlab.inference.diagnosis.likelihood.empirical_errors import unlisted_sd
@@ -24,6 +23,7 @@ from designlab.inference.diagnosis.selection.recentring import (
 from designlab.inference.diagnosis.verdict.localise import localise
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects import AppliedEffect, SensorModel
+from designlab.simulation.render_cache import DRAFT, Quality, Renders
 from designlab.simulation.simulator import Simulator
 from designlab.validation.synthetic.electronics import Converter
 from designlab.validation.synthetic.generator_sensor import Rig

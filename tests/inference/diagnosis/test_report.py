@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from designlab.core.intervals import of_amplitudes, of_deviation
 from designlab.inference.diagnosis.diagnose import (
     AT_FLOOR,
     NEAR,
@@ -21,7 +22,6 @@ from designlab.inference.diagnosis.diagnose import (
     _sure,
     verdict_of,
 )
-from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.empirical_errors import share_of_partial, shares_right
 from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD
@@ -44,7 +44,6 @@ from designlab.inference.diagnosis.single_image import diagnose as single
 from designlab.inference.diagnosis.single_image import search
 from designlab.inference.diagnosis.single_image.frame_fitter import SCALE_SD
 from designlab.inference.diagnosis.verdict.confidence import SIGNS, confidence
-from designlab.inference.diagnosis.verdict.intervals import of_amplitudes, of_deviation
 from designlab.measurement.blocks import BLOCKS
 from designlab.measurement.quality.invariants import FrameCheck
 from designlab.measurement.shots import Observations
@@ -53,7 +52,10 @@ from designlab.report.gap import gap_report
 from designlab.report.gap_plots import gap_bars, interval_bar
 from designlab.report.gap_text import places, statement
 from designlab.sensor.design import preset
+from designlab.simulation.contact.press import Press
 from designlab.simulation.effects import SensorModel
+from designlab.simulation.render_cache import Renders
+from geometries.probes import parse
 from tests import ROOT
 
 DOCUMENT = ROOT / "docs" / "gap.md"
@@ -449,7 +451,7 @@ def test_what_does_much_the_same_by_its_physics_is_noted_where_the_design_can_ha
 
 def test_effects_of_elastic_gels_are_tried_of_these_alone_and_some_only_by_name():
     elastic, kernel = (SensorModel(design=preset(f"gelsight-2020-flat{kind}")) for kind in ("-elastic", ""))
-    seen = SimpleNamespace(shots=())
+    seen = Observations((), np.zeros(3), "", repeats=False, dark=False, notes=())
     own = {"gel_thickness", "friction", "skin_length"}
     of_kernels = {"contact_kernel", "contact_profile"}
     assert set(_names(elastic, None, seen)) - set(_names(kernel, None, seen)) == own
@@ -458,3 +460,7 @@ def test_effects_of_elastic_gels_are_tried_of_these_alone_and_some_only_by_name(
     assert not set(asked) & set(_names(kernel, None, seen))
     assert _names(kernel, asked, seen) == asked[:3]
     assert _names(elastic, asked, seen) == asked[1:]
+    # Nothing was learnt of single pictures without some effects.
+    press = Press(probe=parse("triangle:5"), depth_mm=0.5)
+    alone = replace(seen, shots=(SimpleNamespace(lit=np.ones(3), ball=None, press=press, view=None),))
+    assert set(asked[:3]) <= set(_names(kernel, None, alone))

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from designlab.inference.diagnosis.emulator.coordinates import coordinate
 from designlab.simulation.effects import Effect, EffectParameter
 from designlab.simulation.effects.base import Values
 
@@ -86,7 +85,7 @@ def _step(
         for end in (0, 1)
     )
     before, after = (
-        tuple(coordinate(p, end[p.name]) - coordinate(p, here[p.name]) for p in moved) for end in (low, high)
+        tuple(p.coordinate(end[p.name]) - p.coordinate(here[p.name]) for p in moved) for end in (low, high)
     )
     return StencilStep(effect, moved, (low, high), (before, after), here, product)
 

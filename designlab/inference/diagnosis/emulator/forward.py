@@ -7,7 +7,6 @@ import numpy as np
 from designlab.core.memory import remembered
 from designlab.core.types import Array, Single
 from designlab.inference.diagnosis.emulator.camera_response import Answers
-from designlab.inference.diagnosis.emulator.coordinates import coordinate, value_at
 from designlab.inference.diagnosis.emulator.snapshots import (
     POSE_STEP,
     SHARPER,
@@ -94,7 +93,7 @@ class Forward:
         """Coordinates of values from where the bank stands."""
         origin = self.bank.origin.get(name, {})
         return {
-            p.name: coordinate(p, values[p.name]) - coordinate(p, origin.get(p.name, p.null))
+            p.name: p.coordinate(values[p.name]) - p.coordinate(origin.get(p.name, p.null))
             for p in self.parameters[name]
         }
 
@@ -292,7 +291,7 @@ class Forward:
         values = self.values(state, unknown.effect)
         ends = []
         for step in (-HALF_STEP, HALF_STEP):
-            there: Mapping[str, float] = {**values, p.name: value_at(p, coordinate(p, values[p.name]) + step)}
+            there: Mapping[str, float] = {**values, p.name: p.value_at(p.coordinate(values[p.name]) + step)}
             try:
                 warp = self._warps.between(here, turning({**state.values, unknown.effect: there}), view)
             except DesignError:  # no lens turns back within the picture
@@ -302,7 +301,7 @@ class Forward:
             if sharp is not None:
                 other = self._sharp(state.with_values(unknown.effect, there), number, straight=True)
                 shown = shown + (sharp if other is None else other)
-            ends.append((shown, coordinate(p, there[p.name])))
+            ends.append((shown, p.coordinate(there[p.name])))
         (low, start), (high, end) = ends
         return np.asarray((high - low) / np.float32(end - start), dtype=np.float32)
 
@@ -364,12 +363,12 @@ class Forward:
         changing = effect(unknown.effect)
         p = self.parameter(unknown)
         values = dict(self.values(state, unknown.effect))
-        now = coordinate(p, values[p.name])
+        now = p.coordinate(values[p.name])
         far = 1.0 if p.squared and now == 0 else HALF_STEP
         start, end = (0.0, far) if p.one_sided and now < far else (-far, far)
         low, high = (
             self._again(
-                state.with_values(unknown.effect, values | {p.name: value_at(p, now + step)}),
+                state.with_values(unknown.effect, values | {p.name: p.value_at(now + step)}),
                 number,
                 changing,
                 stages,

@@ -4,7 +4,6 @@ Every picture is rendered once, for the stated presses and the model as given. W
 combined from these: a quadratic through three pictures for each pose coordinate and each effect parameter.
 """
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -15,13 +14,13 @@ from designlab.core.memory import remembered
 from designlab.core.store import digest
 from designlab.core.types import Array, Single
 from designlab.inference.diagnosis.emulator.difference_stencil import StencilStep, steps
-from designlab.inference.diagnosis.emulator.render_cache import DRAFT, FINE, USUAL, Quality, Renders
 from designlab.measurement.shots import POSE, Shot
 from designlab.sensor.camera import View
-from designlab.simulation.contact.press import LEAST_DEPTH_MM, Press
+from designlab.simulation.contact.press import Press
 from designlab.simulation.effects import AppliedEffect, SensorModel, effect
 from designlab.simulation.effects.base import Values
 from designlab.simulation.render.denoising import Denoiser, denoised_change, fit_denoiser, share_of
+from designlab.simulation.render_cache import DRAFT, FINE, USUAL, Quality, Renders
 
 MARGIN_PX = 4  # rendered around what shots show
 POSE_STEP = (0.05, 0.05, 0.06, 1.0)  # x, y, depth (mm) and yaw (deg): steps of the differences
@@ -515,12 +514,4 @@ def resized(press: Press, larger: float) -> Press:
 
 def moved(press: Press, pose: Array) -> Press:
     """Shift, deepen and turn a press by x, y, depth (mm) and yaw (deg)."""
-    x, y, depth, yaw = (float(v) for v in np.round(pose, 6))
-    return Press(
-        probe=press.probe,
-        depth_mm=max(press.stated_depth_mm + depth, LEAST_DEPTH_MM),
-        centre_mm=(press.centre_mm[0] + x, press.centre_mm[1] + y),
-        yaw_deg=turned if abs(turned := press.yaw_deg + yaw) <= 360.0 else math.remainder(turned, 360.0),
-        shear_mm=press.shear_mm,
-        twist_deg=press.twist_deg,
-    )
+    return press.moved(*(float(v) for v in np.round(pose, 6)))

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from designlab.core.types import Array
-from designlab.inference.diagnosis.emulator.coordinates import coordinate, value_at
 from designlab.inference.diagnosis.emulator.forward import Forward
 from designlab.inference.diagnosis.emulator.snapshots import Bank
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State, Unknown
@@ -184,7 +183,7 @@ class Fitter:
         values = state.values.get(u.effect)
         if values is None:
             return 0.0
-        return coordinate(self.forward.parameter(u), values[u.name])
+        return self.forward.parameter(u).coordinate(values[u.name])
 
     def bounds(self, unknowns: Sequence[Unknown]) -> tuple[Array, Array]:
         """Bounds of unknowns in prior standard deviations from null."""
@@ -194,7 +193,7 @@ class Fitter:
                 low[k], high[k] = -BOUND_SD, BOUND_SD
             elif u.effect in self.forward.parameters and u.shot < 0:
                 p = self.forward.parameter(u)
-                ends = coordinate(p, p.low), coordinate(p, p.high)
+                ends = p.coordinate(p.low), p.coordinate(p.high)
                 low[k], high[k] = (0.0, ends[1]) if p.squared else ends
         return low, high
 
@@ -226,7 +225,7 @@ class Fitter:
             else:
                 p = self.forward.parameter(u)
                 own_values = values.setdefault(u.effect, effect(u.effect).null(self.bank.model.design))
-                own_values[p.name] = value_at(p, coordinate(p, own_values[p.name]) + float(change))
+                own_values[p.name] = p.value_at(p.coordinate(own_values[p.name]) + float(change))
         return State(gains, values, poses, drawn, state.patterns, numerical, sizes, fringes)
 
     def fit(

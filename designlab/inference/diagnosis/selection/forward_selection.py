@@ -8,8 +8,6 @@ import numpy as np
 
 from designlab.core.progress import silent
 from designlab.core.types import Progress
-from designlab.inference.diagnosis.emulator.coordinates import coordinate
-from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.snapshots import fill
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State
 from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter, with_strength
@@ -34,6 +32,7 @@ from designlab.inference.diagnosis.selection.recentring import (
 )
 from designlab.inference.diagnosis.selection.screening import price_of_scan, scan_of, screen, with_scanned
 from designlab.simulation.effects import effect
+from designlab.simulation.render_cache import Renders
 
 MOST_EFFECTS = 4
 FITTED = 6  # candidates of a round that are fitted to the end
@@ -310,7 +309,7 @@ class ForwardSelection:
         found = self.fitter.system(base.state, self.train, unknowns)
         # How far the best one was found to lie from null, in prior standard deviations.
         values = best.fit.state.values[best.name]
-        step = np.array([coordinate(p, values[p.name]) for p in self.fitter.forward.parameters[best.name]])
+        step = np.array([p.coordinate(values[p.name]) for p in self.fitter.forward.parameters[best.name]])
         table = overlaps(found, linear, {best.name: step})
         return {name for name in linear if table.get((best.name, name), 0.0) >= OVERLAP}
 

@@ -7,7 +7,6 @@ import numpy as np
 
 from designlab.core.types import Array, Single
 from designlab.inference.diagnosis.emulator.forward import Forward
-from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.snapshots import (
     POSE_STEP,
     SHARPER,
@@ -18,6 +17,7 @@ from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.selection.held_out import judge
 from designlab.simulation.effects import effect
+from designlab.simulation.render_cache import Renders
 
 PLACINGS = 2  # times that presses are rendered anew where they seem to stand
 REACH = 1.0  # steps of a pose about the stated one between which pictures are combined well

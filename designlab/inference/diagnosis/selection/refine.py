@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter, with_strength
 from designlab.inference.diagnosis.likelihood.repeats import shot_error
 from designlab.inference.diagnosis.selection.held_out import judge
@@ -14,6 +13,7 @@ from designlab.inference.diagnosis.selection.recentring import (
     looks_elsewhere,
     standing,
 )
+from designlab.simulation.render_cache import Renders
 
 RECENTRINGS = 3  # times that pictures are rendered anew where a fit stands
 SETTLED_SD = 0.02  # prior standard deviations that values may still move by then

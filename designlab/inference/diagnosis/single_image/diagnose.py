@@ -14,7 +14,6 @@ from typing import Any
 
 from designlab.core.metrics import compare_within
 from designlab.core.types import Array
-from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.snapshots import moved
 from designlab.inference.diagnosis.result import (
     Advice,
@@ -33,12 +32,10 @@ from designlab.inference.diagnosis.verdict.localise import localise
 from designlab.inference.diagnosis.verdict.update import updated
 from designlab.measurement import Measurement
 from designlab.measurement.blocks import FINAL, TRAIN, USES, block_uses, in_blocks
+from designlab.measurement.compare import rendered
 from designlab.measurement.shots import POSE, Observations
-from designlab.sensor.camera import View
-from designlab.simulation.contact.press import Press
 from designlab.simulation.effects import SensorModel, effect
-from designlab.simulation.imaging import Capture, expected, mixed
-from designlab.simulation.simulator import Simulator
+from designlab.simulation.render_cache import Renders
 
 Figures = dict[str, dict[str, Mapping[str, float]]]
 
@@ -176,26 +173,16 @@ def _compared(
     images: dict[str, Array] = {}
     figures: Figures = {}
     for label, own, stand in (("given", model, given), ("corrected", updated, best)):
-        image = _rendered(own, press, stand, view, source)
-        images[label] = image
+        there = moved(press, stand.fitter.stated(stand.state))
+        image = images[label] = rendered(
+            own, there, stand.state.gains, view=view, samples=source.samples, seed=source.seed
+        )
         figures[label] = {
             "blocks fitted to": compare_within(image, real, uses == TRAIN),
             "other blocks": compare_within(image, real, uses != TRAIN),
             "blocks that decided nothing": compare_within(image, real, uses == FINAL),
         }
     return figures, PictureComparison(real, **images, fitted=uses == TRAIN)
-
-
-def _rendered(model: SensorModel, press: Press, stand: FittedModel, view: View, source: Renders) -> Array:
-    there = moved(press, stand.fitter.stated(stand.state))
-    return rendered(model, there, stand.state.gains, view=view, samples=source.samples, seed=source.seed)
-
-
-def rendered(model: SensorModel, press: Press, gains: Array, *, view: View, samples: int, seed: int) -> Array:
-    """Signal of a model under a press, LED groups brighter by gains, (rows, columns, 3)."""
-    frame = Simulator(model, view=view, samples=samples, seed=seed).frame(press)
-    capture = Capture(model.effective_design().camera, model)
-    return expected(mixed(frame.basis.astype(float), frame.weights * gains), capture)
 
 
 def _words(search: FrameSearch, best: FittedModel, figures: Figures) -> list[str]:

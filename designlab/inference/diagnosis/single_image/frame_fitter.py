@@ -9,7 +9,6 @@ import numpy as np
 from designlab.core.types import Array
 from designlab.inference.calibration.problem import spread_of
 from designlab.inference.diagnosis.emulator.difference_stencil import NEAR_SD
-from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.snapshots import POSE_STEP, Bank, Snapshot, fill, moved
 from designlab.inference.diagnosis.emulator.state import State, Unknown, Values
 from designlab.inference.diagnosis.likelihood.fit import Fitter
@@ -17,6 +16,7 @@ from designlab.inference.diagnosis.likelihood.normal_equations import ALIKE
 from designlab.measurement.blocks import TRAIN
 from designlab.measurement.shots import POSE, Shot
 from designlab.simulation.effects import CATALOGUE, SensorModel, effect
+from designlab.simulation.render_cache import Renders
 
 SCALE, MAGNIFICATION = next((e.name, e.scales) for e in CATALOGUE if e.scales)
 SCALE_SD = 0.15  # of a picture's scale, which nothing in a single one tells

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 
 from designlab.core.types import Array
-from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.snapshots import Snapshot
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fit
@@ -24,6 +23,7 @@ from designlab.inference.diagnosis.single_image.frame_fitter import SCALE, Frame
 from designlab.measurement.blocks import SELECT, TRAIN, block_numbers
 from designlab.measurement.shots import POSE, Shot
 from designlab.simulation.effects import SensorModel, effect
+from designlab.simulation.render_cache import Renders
 
 MOST_EFFECTS = 6  # beside the scale
 ENVELOPE = 1.3  # mean squared residual over the floor below which no further effect is looked for

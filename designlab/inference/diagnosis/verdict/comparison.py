@@ -1,11 +1,11 @@
 """The shots that pictures of a diagnosis show, beside what the models predict of them."""
 
-from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.result import Prediction, PressComparison, ShotComparison
 from designlab.inference.diagnosis.selection.held_out import squared
 from designlab.inference.diagnosis.verdict.localise import geometry
+from designlab.simulation.render_cache import Renders
 
 
 def compared(source: Renders, given: tuple[Fitter, State], updated: tuple[Fitter, State]) -> PressComparison:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from designlab.core.types import Array
-from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.result import Found, GapReport
 from designlab.measurement import Measurement, refuse
 from designlab.measurement.frames import FULL_SCALE
@@ -18,6 +17,7 @@ from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects import CATALOGUE, SensorModel, effect
+from designlab.simulation.render_cache import Renders
 
 LEAST_PRESSES, LEAST_SELECT = 6, 2
 SATURATED = 0.005  # of the values of a frame

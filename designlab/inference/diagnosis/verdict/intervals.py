@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from designlab.core.types import Array
-from designlab.inference.diagnosis.emulator.coordinates import coordinate
+from designlab.core.intervals import NORMAL, Ends, of_amplitudes, of_deviation
 from designlab.inference.diagnosis.emulator.state import State, Unknown
 from designlab.inference.diagnosis.likelihood.empirical_errors import unlisted_sd
 from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter
@@ -18,10 +17,6 @@ from designlab.inference.diagnosis.result import Value
 from designlab.inference.diagnosis.selection.screening import scan_of
 from designlab.simulation.effects import EffectParameter, effect
 
-Ends = tuple[float, float]
-
-NORMAL = 1.96  # standard deviations of a 95 % interval
-TAIL = 0.025
 LEAST_DRAWS = 3
 
 
@@ -64,7 +59,7 @@ def _of_parameters(fitter: Fitter, fit: Fit, name: str) -> dict[str, Ends]:
     parameters = {p.name: p for p in fitter.forward.parameters[name]}
     for unknown, deviation in deviations.items():
         p = parameters[unknown.name]
-        t = coordinate(p, fit.state.values[name][p.name])
+        t = p.coordinate(fit.state.values[name][p.name])
         found[p.name] = _beyond_bounds(p, t - NORMAL * deviation), _beyond_bounds(p, t + NORMAL * deviation)
     return found
 
@@ -85,47 +80,6 @@ def _of_draws(fitter: Fitter, fit: Fit, name: str, train: Sequence[int]) -> dict
     error = sum((d * u.sd) ** 2 for u, d in _deviations(fit, places).items()) / len(draws)
     ends = {said.strength: (of_amplitudes if said.steady else of_deviation)(draws, error)}
     return ends if said.scan is None else ends | {said.scan.parameter: _of_scanned(fitter, fit, name, train)}
-
-
-def of_deviation(draws: Array, error: float = 0.0) -> Ends:
-    """Ends for the standard deviation that draws come from, their mean unknown (chi-square).
-
-    Parameters
-    ----------
-    draws : array
-        Estimates of the draws.
-    error : float
-        Mean variance of these estimates, which may have hidden as much of the draws.
-
-    Examples
-    --------
-    >>> low, high = of_deviation(np.array([-1.0, 1.0] * 50))
-    >>> round(low, 2), round(high, 2)
-    (0.88, 1.17)
-    """
-    from scipy.stats import chi2
-
-    freedom = draws.size - 1
-    squares = float((draws**2).sum())
-    return (
-        float(np.sqrt(squares / chi2.ppf(1 - TAIL, freedom))),
-        float(np.sqrt((squares + draws.size * error) / chi2.ppf(TAIL, freedom))),
-    )
-
-
-def of_amplitudes(draws: Array, error: float = 0.0) -> Ends:
-    """Ends for the amplitude of waves that differ in phase alone, from sine and cosine of each, (n, 2).
-
-    The spread between waves tells more than the errors stated. `error` is the mean of their sum of squares,
-    by which estimates that their prior has drawn to zero fall short.
-    """
-    from scipy.stats import t
-
-    powers = (draws**2).sum(axis=1)
-    amplitude = float(np.sqrt(powers.mean()))
-    spread = float(powers.std(ddof=1)) / (2 * amplitude)
-    away = float(t.ppf(1 - TAIL, len(draws) - 1)) * np.sqrt((spread**2 + error / 2) / len(draws))
-    return max(amplitude - away, 0.0), float(np.sqrt(powers.mean() + error)) + away
 
 
 def _of_scanned(fitter: Fitter, fit: Fit, name: str, train: Sequence[int]) -> Ends:

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from designlab.core.types import Array
-from designlab.inference.diagnosis.emulator.render_cache import Renders
 from designlab.inference.diagnosis.emulator.snapshots import moved
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fitter
@@ -13,6 +12,7 @@ from designlab.inference.diagnosis.result import Where
 from designlab.measurement.regions import regions
 from designlab.sensor.design import CHANNELS
 from designlab.simulation.contact.press import Press
+from designlab.simulation.render_cache import Renders
 from designlab.simulation.simulator import Frame
 
 LEAST_SHARE = 0.005
