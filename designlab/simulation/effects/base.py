@@ -47,6 +47,8 @@ class EffectParameter:
         Whether it only says how another parameter acts, and nothing while that one is at its null.
     group : str
         LED group whose light alone it changes; empty where it changes all.
+    whole : bool
+        Whether at its upper bound the effect is there in full, so that a value there raises no doubt.
     """
 
     name: str
@@ -59,6 +61,7 @@ class EffectParameter:
     squared: bool = False
     shape: bool = False
     group: str = ""
+    whole: bool = False
 
     @property
     def one_sided(self) -> bool:

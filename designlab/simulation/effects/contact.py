@@ -87,7 +87,7 @@ class ContactLayer(Effect):
     """The gel is an elastic layer, bonded to its core, where the design smooths the probe's shape.
 
     The membrane goes from the kernel's shape to the layer's in proportion to a share: pictures are then
-    nearly linear in it, and at 1 the sensor is one whose design states a layer and nothing else of it.
+    nearly linear in it, and at 1 the sensor is one whose design states a layer, its skin and no more of it.
     """
 
     name: ClassVar[str] = "contact_layer"
@@ -100,12 +100,14 @@ class ContactLayer(Effect):
     by_name: ClassVar[bool] = True  # the race has learnt its thresholds without
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
-        """Share of the layer; its thickness, known to a quarter where nobody measured it (estimate)."""
+        """Share of the layer; thickness, known to a quarter where nobody measured it; skin (estimates)."""
         if not self.suits(design):
             return ()
         thickness_mm = design.elastomer.thickness_mm
         return (
-            EffectParameter("share", "1", 0.0, 0.5, 0.0, 1.0, "share of the layer in the membrane's shape"),
+            EffectParameter(
+                "share", "1", 0.0, 0.5, 0.0, 1.0, "share of the layer in the membrane's shape", whole=True
+            ),
             EffectParameter(
                 "thickness_mm",
                 "mm",
@@ -114,6 +116,16 @@ class ContactLayer(Effect):
                 thickness_mm / 2,
                 3 * thickness_mm,
                 "thickness of the layer as it is pressed",
+                shape=True,
+            ),
+            EffectParameter(
+                "skin_length_mm",
+                "mm",
+                LayerContact().skin_length_mm,
+                0.05,
+                0.0,
+                0.5,
+                "smoothing length of its coated skin",
                 shape=True,
             ),
         )
@@ -128,7 +140,8 @@ class ContactLayer(Effect):
         if press is None or not share:
             return surface
         gel = design.elastomer.model_copy(update={"thickness_mm": values["thickness_mm"]})
-        elastic = layer.deform(surface, gel, LayerContact(), press)
+        contact = LayerContact(skin_length_mm=values["skin_length_mm"])
+        elastic = layer.deform(surface, gel, contact, press)
         height_mm = (1 - share) * surface.height_mm + share * elastic.height_mm
         return replace(elastic if share == 1 else surface, height_mm=height_mm)
 

@@ -1,4 +1,4 @@
-"""A gel that is thinner than drawn is found on a set that another solver of contact has made."""
+"""Elastic gels are found on sets that another solver of contact has made."""
 
 import pytest
 
@@ -46,3 +46,36 @@ def test_a_thin_gel_is_named_and_measured(tmp_path):
     assert ratio.low <= 0.75 <= ratio.high
     assert ratio.value == pytest.approx(0.75, abs=0.03)
     assert any("contact.poisson would do much the same" in note for note in report.notes)
+
+
+@pytest.mark.full
+@pytest.mark.llvm
+@pytest.mark.renders
+@pytest.mark.parametrize("thickness_mm", [4.0, 2.5])
+def test_a_model_with_a_kernel_is_told_that_its_gel_is_elastic(tmp_path, thickness_mm):
+    elastic = preset("gelsight-2020-flat-elastic").replace(
+        {
+            "elastomer.thickness_mm": thickness_mm,
+            "optics.coating_transmittance": 0.0,
+            "optics.backing_reflectance": None,
+        }
+    )
+    made = plant(elastic, effects={}, out=tmp_path / "set", seed=11, kit="hour", columns=48, unlisted=False)
+    report = diagnose(
+        load_measurement(made),
+        preset("gelsight-2020-flat"),
+        out=tmp_path / "out",
+        seed=1,
+        columns=48,
+        samples=32,
+        catalogue=["contact_layer", "contact_kernel", "contact_profile", "point_spread"],
+    )
+    assert [found.name for found in report.effects] == ["contact_layer"]
+    (found,) = report.effects
+    for name, true in (
+        ("share", 1.0),
+        ("thickness_mm", thickness_mm),
+        ("skin_length_mm", elastic.contact.skin_length_mm),
+    ):
+        assert found.parameters[name].value == pytest.approx(true, rel=0.1), name
+    assert report.gap["final"].removed > 0.9

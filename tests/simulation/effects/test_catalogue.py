@@ -253,7 +253,7 @@ def test_gels_stay_thicker_than_presses_are_deep() -> None:
 
 def test_layers_tried_in_place_of_kernels_stay_thicker_than_presses_are_deep() -> None:
     deep = BALL.model_copy(update={"depth_mm": 0.6 * DESIGN.elastomer.thickness_mm})
-    share, thickness = effect("contact_layer").parameters_under(DESIGN, [BALL, deep])
+    share, thickness, _ = effect("contact_layer").parameters_under(DESIGN, [BALL, deep])
     assert (share, thickness.null) == (
         effect("contact_layer").parameters(DESIGN)[0],
         DESIGN.elastomer.thickness_mm,
@@ -349,6 +349,8 @@ def test_a_whole_share_of_the_layer_is_the_elastic_design() -> None:
     assert half.min() < 0
     thin = stated.replace({"elastomer.thickness_mm": 1.5})
     np.testing.assert_array_equal(pressed(1.0, thickness_mm=1.5).height_mm, surface(thin).height_mm)
+    skinned = stated.replace({"contact.skin_length_mm": 0.15})
+    np.testing.assert_array_equal(pressed(1.0, skin_length_mm=0.15).height_mm, surface(skinned).height_mm)
 
 
 def test_a_thinner_gel_is_touched_wider_and_pressed_harder() -> None:
@@ -482,7 +484,7 @@ def test_models_of_elastic_gels_round_trip(tmp_path) -> None:
     }
     effects = tuple(AppliedEffect(name=name, values=own) for name, own in values.items())
     model = SensorModel(design=ELASTIC, effects=effects)
-    layered = applied("contact_layer", share=0.8, thickness_mm=3.0)
+    layered = applied("contact_layer", share=0.8, thickness_mm=3.0, skin_length_mm=0.1)
     for number, one in enumerate((model, layered)):
         assert load_model(one.save(tmp_path / f"{number}.toml")) == one
     design = model.effective_design()

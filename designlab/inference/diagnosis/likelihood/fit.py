@@ -303,7 +303,8 @@ class Fitter:
             if p.shape:
                 continue  # its pictures are of its usual value, from which its bounds may be far
             room = AT_BOUND * (p.high - p.low)
-            if (values[p.name] - p.low < room and not p.one_sided) or p.high - values[p.name] < room:
+            below, above = values[p.name] - p.low < room, p.high - values[p.name] < room
+            if (below and not p.one_sided) or (above and not p.whole):
                 found.append(p.name)
         return tuple(found)
 

@@ -84,10 +84,10 @@ def is_far(fitter: Fitter, state: State, reach: float = FAR_SD) -> bool:
     if len(rendered) > 1 and not stands.keys() >= rendered.keys():
         return True  # no picture of one effect shows what several do together
     for name, values in rendered.items():
+        moved = name in stands
         for p in fitter.forward.parameters[name]:
-            if p.shape:
+            if p.shape and not moved:
                 continue  # what only shapes an effect is known least, and cannot be far alone
-            moved = name in stands
             away = abs(values[p.name] - (stands[name][p.name] if moved else p.null)) / p.sd
             # About null derivatives are known best; pictures rendered elsewhere are exact there alone.
             if away > (reach if moved else FAR_SD):

@@ -27,7 +27,14 @@ def _kernel(rig: Rig, values: Values) -> Rig:
 def _layer(rig: Rig) -> Known:
     gel_mm = rig.gel.thickness_mm
     thickness = PlantedParameter(gel_mm, gel_mm / 4, gel_mm / 2, 3 * gel_mm, "mm", shape=True)
-    return {"share": PlantedParameter(0.0, 0.5, 0.0, 1.0), "thickness_mm": thickness}
+    skin = PlantedParameter(rig.gel.skin_mm, 0.05, 0.0, 0.5, "mm", shape=True)
+    return {"share": PlantedParameter(0.0, 0.5, 0.0, 1.0), "thickness_mm": thickness, "skin_length_mm": skin}
+
+
+def _with_layer(rig: Rig, values: Values) -> Rig:
+    places = {"share": "share", "thickness_mm": "thickness_mm", "skin_length_mm": "skin_mm"}
+    fields: dict[str, Any] = {places[name]: value for name, value in values.items()}
+    return replace(rig, gel=replace(rig.gel, **fields))
 
 
 def _of_gel(parameter: str, known: PlantedParameter, changed: str, *, ratio: bool) -> Planted:
@@ -55,9 +62,7 @@ CONTACT = {
             tail_mm=("tail_mm", PlantedParameter(0.7, 0.15, 0.1, 3.0, "mm", shape=True)),
         )
     ),
-    "contact_layer": _of_kernels(
-        Planted(_layer, lambda rig, values: replace(rig, gel=replace(rig.gel, **values)))
-    ),
+    "contact_layer": _of_kernels(Planted(_layer, _with_layer)),
     "gel_thickness": _of_gel(
         "thickness_ratio", PlantedParameter(1.0, 0.15, 0.5, 2.0), "thickness_mm", ratio=True
     ),
