@@ -149,6 +149,15 @@ def test_a_step_reaches_the_least_penalised_misfit() -> None:
     assert fallen == pytest.approx(objective(np.zeros(3)) - best.fun, rel=1e-6)
 
 
+def test_a_step_bears_information_that_rounding_has_made_negative() -> None:
+    """Differences of large sums in single precision: the information of one direction is -3 in place of 0."""
+    gram = np.diag([1e8, 50.0, -3.0])
+    whole = System(tuple(Unknown("a", str(k), 1.0) for k in range(3)), gram, np.ones(3), 0.0, np.zeros(3))
+    step, _ = whole.step(np.full(3, -0.01), np.full(3, 0.01))
+    assert (np.abs(step) <= 0.01).all()
+    np.testing.assert_allclose(step[:2], [1e-8, 0.01], rtol=1e-6)
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_a_step_leaves_a_bound_where_what_is_held_elsewhere_asks_for_it(seed: int) -> None:
     random = np.random.default_rng(seed)

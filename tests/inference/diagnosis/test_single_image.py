@@ -81,8 +81,8 @@ class TestPlanted:
 
     def test_evidence_against_other_effects_is_stated_with_its_error(self, reports):
         report, _ = reports["mixed"]
-        (said,) = (note for note in report.notes if note.startswith("colour_mixing: evidence for it"))
-        leads = re.findall(r"(\w+) ([-\d.]+) \+- ([\d.]+)", said.partition("blocks: ")[2])
+        (said,) = (note for note in report.notes if note.startswith("colour_mixing explains the blocks"))
+        leads = re.findall(r"(\w+) \(by ([-\d.]+) ± ([\d.]+)\)", said)
         rivals = {name: (float(value), float(se)) for name, value, se in leads}
         assert {"black_level", "response_curve", "vignetting"} <= set(rivals)
         assert all(value > 2 * se > 0 for value, se in rivals.values())

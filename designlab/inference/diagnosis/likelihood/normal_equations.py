@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 from scipy.optimize import lsq_linear
 
 from designlab.core.types import Array
@@ -16,6 +15,7 @@ from designlab.inference.diagnosis.likelihood.noise import SMOOTH_ALIKE, Noise, 
 # Neighbouring values share the small errors that no noise model lists, so that their number says too much:
 # the likelihood is raised to the power of one over this (coarsened posterior, Miller and Dunson 2019).
 ALIKE = 32.0
+MOST_TURNS = 10  # of each unknown to a bound and back
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +74,17 @@ class System:
         found = np.asarray(np.linalg.solve(matrix, right), dtype=float)
         low, high = low - self.now, high - self.now
         if (found < low).any() or (found > high).any():
-            root = np.linalg.cholesky(matrix)
-            turned = solve_triangular(root, right, lower=True)
-            # Bounds are met but for rounding errors.
-            found = np.clip(lsq_linear(root.T, turned, (low, high), method="bvls").x, low, high)
+            # Sums in single precision may take from the information what the priors hold: one at the least.
+            values, vectors = np.linalg.eigh(matrix)
+            roots = np.sqrt(np.maximum(values, 1.0))
+            nearest = lsq_linear(
+                roots[:, None] * vectors.T,
+                vectors.T @ right / roots,
+                (low, high),
+                method="bvls",
+                max_iter=MOST_TURNS * len(right),
+            )
+            found = np.clip(nearest.x, low, high)  # met but for rounding errors
         return found, float(2 * right @ found - found @ matrix @ found)
 
 

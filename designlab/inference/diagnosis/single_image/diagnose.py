@@ -221,13 +221,13 @@ def _rivals(member: Member) -> str:
     """Say how much better an effect explains the blocks than others of its class did in its place."""
     stage = effect(member.name).stage
     told = ", ".join(
-        f"{name} {lead.value:.3g} +- {lead.se:.2g}"
+        f"{name} (by {lead.value:.3g} ± {lead.se:.2g})"
         for name, lead in sorted(member.beside.items(), key=lambda item: item[1].value)
         if effect(name).stage == stage or name in member.equals
     )
     return (
-        f"{member.name}: evidence for it in place of others, a difference of log scores with its standard "
-        f"error between blocks: {told or 'no other of its class was tried'}"
+        f"{member.name} explains the blocks better than {told or 'no other effect, since none was tried'}; "
+        "in brackets the evidence, a difference of log scores, and its standard error between blocks"
     )
 
 

@@ -260,16 +260,17 @@ class FrameSearch:
     def _gain(self, before: Array, after: Array) -> Gain:
         """Fall of the misfit as a share of the gap; its error from the spread between blocks."""
         falls = (before - after) / self.gap
-        error = standard_error(falls)
+        value, error = float(falls.mean()), standard_error(falls)
         squares = 1.0 - float(after.mean() / before.mean())
-        value = float(falls.mean())
         return Gain(value, error, float((falls > 0).mean()), squares, value, error)
 
     def _refused(self, base: FittedModel, attempt: FittedCandidate) -> str:
         """Why a candidate does not pass beside a model; empty if it does."""
         evidence = attempt.evidence
-        if not _seen(evidence):
-            return f"evidence {evidence.value:.3g} +- {evidence.se:.2g}, below {DECISIVE:g} or not sure"
+        if evidence.value <= DECISIVE:
+            return f"evidence {evidence.value:.3g}, below {DECISIVE:g}"
+        if not evidence.sure:
+            return f"evidence {evidence.value:.3g} is not sure, give or take {evidence.se:.2g}"
         left = float(self.blocks(base).mean()) - self.floor(base)
         least = LEAST_SHARE * left / self.gap
         if attempt.gain.value < least:
