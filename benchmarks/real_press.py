@@ -29,6 +29,7 @@ from designlab.measurement import Measurement, load_measurement
 from designlab.measurement.blocks import TRAIN, block_uses
 from designlab.measurement.compare import compare_model, rendered
 from designlab.measurement.frames import PoseSigma
+from designlab.measurement.residuals import BLOCKS_PX, block_sums
 from designlab.measurement.shots import DEFAULT_SIGMA, POSE
 from designlab.sensor.design import Design, preset
 from designlab.simulation.effects.model import SensorModel
@@ -43,7 +44,6 @@ LEAKS = ("optics.coating_transmittance", "optics.backing_reflectance")
 LEAK = ("optics.coating_transmittance=0.2+-0.1",)
 PLACE = ("leds.height_mm=8.79+-1", "leds.radius_mm=12.59+-1")
 PUBLISHED = {"depth_mm": 0.50, "camera.horizontal_fov_deg": 53.3}
-BLOCKS_PX = (1, 2, 4, 8, 16)  # sums over which tell how many values are independent
 HELD_MM = 1e-5
 REGION_95 = 5.991  # of chi squared with 2 degrees of freedom
 
@@ -202,12 +202,6 @@ def loss(found: Calibration, other: Calibration, measurement: Measurement) -> fl
         independent = own.size * float((own**2).sum()) / spread
         total += independent * float(np.log((more[..., channel] ** 2).sum() / (own**2).sum()))
     return total
-
-
-def block_sums(values: NDArray[np.float64], size: int) -> NDArray[np.float64]:
-    """Sums over square blocks."""
-    rows, columns = (np.arange(0, count, size) for count in values.shape)
-    return np.asarray(np.add.reduceat(np.add.reduceat(values, rows, axis=0), columns, axis=1))
 
 
 def misplaced(found: Calibration, measurement: Measurement) -> float:

@@ -49,11 +49,16 @@ def _bounds(metadata: Sequence[Any]) -> tuple[float, float]:
     low, high = -math.inf, math.inf
     for rule in metadata:
         if isinstance(rule, annotated_types.Ge):
-            low = float(rule.ge)  # type: ignore[arg-type]
+            low = _number(rule.ge)
         elif isinstance(rule, annotated_types.Gt):
-            low = float(rule.gt) + OPEN_END * max(abs(float(rule.gt)), 1.0)  # type: ignore[arg-type]
+            low = _number(rule.gt) + OPEN_END * max(abs(_number(rule.gt)), 1.0)
         elif isinstance(rule, annotated_types.Le):
-            high = float(rule.le)  # type: ignore[arg-type]
+            high = _number(rule.le)
         elif isinstance(rule, annotated_types.Lt):
-            high = float(rule.lt) - OPEN_END * max(abs(float(rule.lt)), 1.0)  # type: ignore[arg-type]
+            high = _number(rule.lt) - OPEN_END * max(abs(_number(rule.lt)), 1.0)
     return low, high
+
+
+def _number(bound: Any) -> float:
+    """Bound of a field that holds numbers: the rule knows of it only that values compare with it."""
+    return float(bound)

@@ -54,6 +54,7 @@ def compare(simulated: ArrayLike, real: ArrayLike) -> dict[str, Any]:
     names = "RGB" if real.shape[-1] == 3 else "Y"
     channels = {
         name: {**_pixelwise(simulated[..., index], real[..., index])}
+        | {"ssim": _ssim(simulated[..., index], real[..., index])}
         | _structure(simulated[..., index], real[..., index])
         for index, name in enumerate(names)
     }
@@ -79,28 +80,22 @@ def compare_within(simulated: Array, real: Array, mask: Mask) -> dict[str, float
     mapping of str to float
         ``structure_corr``, ``structure_snr_db`` (means of the channels) and ``snr_db``.
     """
-    rows, columns = mask.shape
-    y, x = np.meshgrid(np.linspace(-1, 1, rows), np.linspace(-1, 1, columns), indexing="ij")
-    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)[mask]
-    s, r = simulated[mask], real[mask]
-    detail_s, detail_r = (v - terms @ np.linalg.lstsq(terms, v, rcond=None)[0] for v in (s, r))
-    power_s, power_r = (detail_s**2).sum(axis=0), (detail_r**2).sum(axis=0)
-    corr = (detail_s * detail_r).sum(axis=0) / np.sqrt(power_s * power_r)
-    ratio = power_r / ((detail_r - detail_s) ** 2).sum(axis=0)
-    return {
-        "structure_corr": float(corr.mean()),
-        "structure_snr_db": float(10 * np.log10(ratio).mean()),
-        "snr_db": float(10 * np.log10((r**2).sum() / ((r - s) ** 2).sum())),
-    }
+    each = [_structure(simulated[..., k], real[..., k], mask) for k in range(simulated.shape[-1])]
+    means = {name: float(np.mean([figures[name] for figures in each])) for name in each[0]}
+    return {**means, "snr_db": _pixelwise(simulated[mask], real[mask])["snr_db"]}
 
 
-def remove_quadratic_field(channel: ArrayLike) -> Array:
-    """Subtract the least-squares field 1, x, y, x^2, xy, y^2 from a channel, shape (rows, columns)."""
+def remove_quadratic_field(channel: ArrayLike, mask: Mask | None = None) -> Array:
+    """Subtract the least-squares field 1, x, y, x^2, xy, y^2 from a channel, shape (rows, columns).
+
+    The field is that of the values within a mask, where there is one.
+    """
     channel = np.asarray(channel, dtype=float)
+    used = np.ones(channel.size, dtype=bool) if mask is None else np.ravel(mask)
     rows, columns = channel.shape
     y, x = np.meshgrid(np.linspace(-1, 1, rows), np.linspace(-1, 1, columns), indexing="ij")
     terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1).reshape(-1, 6)
-    coefficients = np.linalg.lstsq(terms, channel.ravel(), rcond=None)[0]
+    coefficients = np.linalg.lstsq(terms[used], channel.ravel()[used], rcond=None)[0]
     return np.asarray(channel - (terms @ coefficients).reshape(rows, columns))
 
 
@@ -286,8 +281,10 @@ def _pixelwise(simulated: Array, real: Array) -> dict[str, float]:
     }
 
 
-def _structure(simulated: Array, real: Array) -> dict[str, float]:
-    s, r = remove_quadratic_field(simulated), remove_quadratic_field(real)
+def _structure(simulated: Array, real: Array, mask: Mask | None = None) -> dict[str, float]:
+    part = ... if mask is None else mask
+    s, r = (remove_quadratic_field(image, mask)[part] for image in (simulated, real))
+    simulated, real = simulated[part], real[part]
     power_s, power_r = float(np.sum(s**2)), float(np.sum(r**2))
     structured = power_r > _NO_STRUCTURE * np.sum(real**2)
     if not structured:
@@ -296,7 +293,7 @@ def _structure(simulated: Array, real: Array) -> dict[str, float]:
         flat = power_s <= _NO_STRUCTURE * np.sum(simulated**2)
         corr = 0.0 if flat else float(np.sum(s * r) / np.sqrt(power_s * power_r))
         snr_db = _ratio_db(power_r, np.sum((r - s) ** 2))
-    return {"ssim": _ssim(simulated, real), "structure_corr": corr, "structure_snr_db": snr_db}
+    return {"structure_corr": corr, "structure_snr_db": snr_db}
 
 
 def _ssim(simulated: Array, real: Array) -> float:

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from designlab.core.progress import silent
-from designlab.core.types import Array, Mask, Progress
+from designlab.core.types import Array, Progress
 from designlab.inference.calibration.directional import Directional
 from designlab.inference.calibration.fields import PROBE, SharedField
 from designlab.inference.calibration.imaging import How, Rendered, Touched
+from designlab.measurement.residuals import spread_of
 from designlab.measurement.shots import Shot
 from designlab.measurement.transfer import MODEL_ERROR, normal_equations, predicted, transfer_and_floor
 from designlab.simulation.contact.press import Press
@@ -18,9 +19,7 @@ from designlab.simulation.contact.surface import Mechanics
 from designlab.simulation.simulator import Simulator
 
 BRIGHT = 99.0  # percentile
-BLOCKS_PX = (1, 2, 4, 8, 16)  # within which errors may go together; tried for how far they do
 LEAST_BLOCK_PX = 8  # of standard errors
-LARGER = 1.1  # variance over that of smaller blocks from which larger ones are needed
 
 Imaging = Rendered | Directional
 """A model of pictures that can be calibrated."""
@@ -241,40 +240,6 @@ class Problem:
             total += float(((state.pose(number)[sigma > 0] / sigma[sigma > 0]) ** 2).sum())
             total += self.force_residual(state, number) ** 2
         return float(total)
-
-
-def spread_of(left: Array, valid: Mask) -> tuple[Array, int]:
-    """How much more sums of residuals vary than if values erred independently by their standard deviation.
-
-    Parameters
-    ----------
-    left : array, shape (rows, columns, 3)
-        Residuals over their standard deviations, 0 where they are not valid.
-    valid : bool array, shape (rows, columns, 3)
-        Values that count.
-
-    Returns
-    -------
-    array, shape (3,)
-        Variance per value of sums over square blocks, of those blocks where it is largest.
-    int
-        Side of the smallest blocks (px) whose sums vary about as much as those of any.
-    """
-    spreads = np.array([_of_blocks(left, valid, size) for size in BLOCKS_PX])
-    means = spreads.mean(axis=1)
-    needed = next(size for size, mean in zip(BLOCKS_PX, means, strict=True) if mean * LARGER > means.max())
-    return spreads.max(axis=0), needed
-
-
-def _of_blocks(values: Array, valid: Mask, size: int) -> Array:
-    """Variance per value of sums over blocks of `size` squared pixels, of each channel."""
-    rows, columns = (np.arange(0, count, size) for count in values.shape[:2])
-
-    def sums(field: Array) -> Array:
-        return np.asarray(np.add.reduceat(np.add.reduceat(field, rows, axis=0), columns, axis=1))
-
-    counted = sums(valid.astype(float)).sum(axis=(0, 1))
-    return np.asarray((sums(values) ** 2).sum(axis=(0, 1)) / np.maximum(counted, 1.0))
 
 
 def _level(shot: Shot) -> Array:

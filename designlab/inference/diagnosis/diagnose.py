@@ -52,6 +52,7 @@ OVERLAPPING = 0.5  # share of an effect's signature from which a pair is reporte
 USUAL_SELECT = 6  # presses to choose by of the sets that confidence was learnt from
 UNEXPLAINED_ABOVE = 0.5  # leftover share of the gap from which nothing is named
 PARTIAL_ABOVE = 0.015  # leftover share from which an explanation is partial
+OF_PIXELS = tuple(e.name for e in CATALOGUE if e.per_pixel)  # with a number of their own for each pixel
 NAMELESS = ("unexplained", "at_floor")  # verdicts that name nothing
 AT_FLOOR = 1.3  # mean squared residual over the floor below which there is no gap to explain
 NEAR = 0.75  # likewise, below which names leave nothing to explain; sets that hide nothing are below it
@@ -271,18 +272,13 @@ def _names(model: SensorModel, catalogue: Sequence[str] | None, seen: Observatio
     present = {applied.name for applied in model.effects if not effect(applied.name).drawn}
     wanted = _wanted(catalogue, seen)
     if len({shot.view for shot in seen.shots}) > 1:
-        present.update(_of_pixels())  # which frames of several crops do not share
+        present.update(OF_PIXELS)  # which frames of several crops do not share
     presses = seen.presses
     return [
         name
         for name in wanted
         if name not in present and effect(name).parameters_under(model.design, presses)
     ]
-
-
-def _of_pixels() -> list[str]:
-    """Effects with a number of their own for every pixel."""
-    return [e.name for e in CATALOGUE if e.per_pixel]
 
 
 def _wanted(catalogue: Sequence[str] | None, seen: Observations) -> list[str]:
@@ -364,7 +360,7 @@ def _notes(seen: Observations, measurement: Measurement, model: SensorModel) -> 
     notes = list(seen.notes)
     if len({shot.view for shot in seen.shots}) > 1:
         notes += [
-            f"{name} was not tried: frames show several parts of the camera's sensor" for name in _of_pixels()
+            f"{name} was not tried: frames show several parts of the camera's sensor" for name in OF_PIXELS
         ]
     stated = measurement.design()
     if stated is not None and stated.digest != model.design.digest:

@@ -9,7 +9,7 @@ from designlab.app import cli
 from designlab.inference.calibration import calibrate
 from designlab.inference.calibration.fields import SharedField, shared_fields
 from designlab.inference.calibration.imaging import Rendered
-from designlab.inference.calibration.problem import Problem, spread_of
+from designlab.inference.calibration.problem import Problem
 from designlab.inference.calibration.solve import Layout, covariance, fit
 from designlab.measurement import (
     MeasuredFrame,
@@ -30,20 +30,6 @@ from geometries.probes import parse
 DESIGN = preset("gelsight-2020-flat")
 TRANSFER = np.array([[900.0, 40.0, 0.0], [150.0, 1400.0, 90.0], [0.0, 60.0, 2000.0]])
 FLOOR = np.array([0.01, 0.02, 0.0])
-
-
-def test_residuals_that_go_together_count_by_the_blocks_in_which_they_do():
-    random = np.random.default_rng(3)
-    alone = random.standard_normal((384, 384, 3))
-    together = np.kron(3.0 * random.standard_normal((96, 96, 3)), np.ones((4, 4, 1)))
-    valid = np.ones(alone.shape, dtype=bool)
-    spread, needed = spread_of(alone, valid)
-    np.testing.assert_allclose(spread, 1.0, rtol=0.2)
-    assert needed == 1
-    # A sum over a block of 16 that err alike by 3 has the variance 9 x 16^2, 9 x 16 a value.
-    spread, needed = spread_of(together, valid)
-    np.testing.assert_allclose(spread, 9.0 * 16, rtol=0.2)
-    assert needed == 4
 
 
 class Spots(Problem):

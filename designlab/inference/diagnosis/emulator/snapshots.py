@@ -479,9 +479,10 @@ def _denoised(change: LightDerivative, drawn: Single, quiet: Single, spread: Sin
 def _quadratic(here: Single, sides: Sequence[tuple[Single, float]], group: int | None) -> LightDerivative:
     """Quadratic through the light here and at two other places, or a straight line to a single one."""
     chosen = slice(None) if group is None else group
-    (a, s), (b, t) = ((light[chosen] - here[chosen], at) for light, at in (*sides, *sides)[:2])
-    if len(sides) == 1:
+    (a, s), *other = ((light[chosen] - here[chosen], at) for light, at in sides)
+    if not other:
         return LightDerivative(np.ascontiguousarray(a / np.float32(s)), np.zeros_like(a), group, abs(s))
+    ((b, t),) = other
     second = (b / np.float32(t) - a / np.float32(s)) / np.float32(t - s)
     first = a / np.float32(s) - np.float32(s) * second
     reach = max(abs(s), abs(t))

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from designlab.core.types import Array
-from designlab.inference.calibration.problem import spread_of
 from designlab.inference.diagnosis.emulator.difference_stencil import NEAR_SD
 from designlab.inference.diagnosis.emulator.snapshots import POSE_STEP, Bank, Snapshot, fill, moved
 from designlab.inference.diagnosis.emulator.state import State, Unknown, Values
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.likelihood.normal_equations import ALIKE
 from designlab.measurement.blocks import TRAIN
+from designlab.measurement.residuals import spread_of
 from designlab.measurement.shots import POSE, Shot
 from designlab.simulation.effects import CATALOGUE, SensorModel, effect
 from designlab.simulation.render_cache import Renders
