@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from designlab.inference.diagnosis.emulator.forward import Forward
-from designlab.inference.diagnosis.emulator.snapshots import fill
+from designlab.inference.diagnosis.emulator.rendering import fill
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.measurement.shots import Shot
 from designlab.sensor.design import preset

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from designlab.inference.diagnosis.emulator.snapshots import Bank, moved
+from designlab.inference.diagnosis.emulator.rendering import moved
+from designlab.inference.diagnosis.emulator.snapshots import Bank
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.measurement.shots import Shot, Use
 from designlab.sensor.design import preset

@@ -7,7 +7,7 @@ import designlab as dl
 from designlab.evaluation.protocol import EvaluationProtocol
 from designlab.inference.calibration import calibrate
 from designlab.inference.diagnosis.emulator.forward import Forward
-from designlab.inference.diagnosis.emulator.snapshots import fill
+from designlab.inference.diagnosis.emulator.rendering import fill
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.measurement import MeasuredFrame, Measurement, load_measurement, write_measurement
 from designlab.measurement.shots import observe

@@ -12,7 +12,7 @@ from designlab.core.progress import silent
 from designlab.core.run_folder import claim
 from designlab.core.store import remove_partial
 from designlab.core.types import Progress
-from designlab.inference.diagnosis.emulator.snapshots import fill
+from designlab.inference.diagnosis.emulator.rendering import fill
 from designlab.inference.diagnosis.likelihood.empirical_errors import left_of_nothing
 from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD, Fit, Fitter
 from designlab.inference.diagnosis.result import (

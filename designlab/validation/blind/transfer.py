@@ -11,7 +11,7 @@ import numpy as np
 from designlab.core.progress import silent
 from designlab.core.types import Progress
 from designlab.inference.diagnosis.diagnose import COLUMNS, SAMPLES
-from designlab.inference.diagnosis.emulator.snapshots import fill
+from designlab.inference.diagnosis.emulator.rendering import fill
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.likelihood.noise import Noise
 from designlab.inference.diagnosis.result import Level

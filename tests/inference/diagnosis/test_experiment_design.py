@@ -6,7 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from designlab.inference.diagnosis.emulator.snapshots import Bank, fill
+from designlab.inference.diagnosis.emulator.rendering import fill
+from designlab.inference.diagnosis.emulator.snapshots import Bank
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.result import Found, Value

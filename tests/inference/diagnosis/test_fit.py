@@ -7,7 +7,8 @@ import pytest
 from scipy.fft import idctn
 
 from designlab.inference.diagnosis.emulator.forward import Forward
-from designlab.inference.diagnosis.emulator.snapshots import POSE_STEP, Bank, around, fill, moved, resized
+from designlab.inference.diagnosis.emulator.rendering import around, fill, moved, resized
+from designlab.inference.diagnosis.emulator.snapshots import POSE_STEP, Bank
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State, Unknown
 from designlab.inference.diagnosis.likelihood.empirical_errors import unlisted_sd
 from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD, Fitter

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from designlab.inference.diagnosis.emulator.forward import Forward
-from designlab.inference.diagnosis.emulator.snapshots import Bank, fill
+from designlab.inference.diagnosis.emulator.rendering import fill
+from designlab.inference.diagnosis.emulator.snapshots import Bank
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fitter, with_strength
 from designlab.inference.diagnosis.likelihood.fixed_pattern import found_pattern, in_few_waves

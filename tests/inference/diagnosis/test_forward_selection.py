@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from designlab.inference.diagnosis.emulator.snapshots import Bank, fill, moved
+from designlab.inference.diagnosis.emulator.rendering import fill, moved
+from designlab.inference.diagnosis.emulator.snapshots import Bank
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter
 from designlab.inference.diagnosis.likelihood.normal_equations import System

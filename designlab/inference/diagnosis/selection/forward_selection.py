@@ -8,7 +8,7 @@ import numpy as np
 
 from designlab.core.progress import silent
 from designlab.core.types import Progress
-from designlab.inference.diagnosis.emulator.snapshots import fill
+from designlab.inference.diagnosis.emulator.rendering import fill
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State
 from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter, with_strength
 from designlab.inference.diagnosis.likelihood.fixed_pattern import found_pattern

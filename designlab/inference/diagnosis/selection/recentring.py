@@ -7,12 +7,8 @@ import numpy as np
 
 from designlab.core.types import Array, Single
 from designlab.inference.diagnosis.emulator.forward import Forward
-from designlab.inference.diagnosis.emulator.snapshots import (
-    POSE_STEP,
-    SHARPER,
-    LocalCorrection,
-    rendered_at,
-)
+from designlab.inference.diagnosis.emulator.rendering import rendered_at
+from designlab.inference.diagnosis.emulator.snapshots import POSE_STEP, SHARPER, LocalCorrection
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.selection.held_out import judge

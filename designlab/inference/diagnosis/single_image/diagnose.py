@@ -14,7 +14,7 @@ from typing import Any
 
 from designlab.core.metrics import compare_within
 from designlab.core.types import Array
-from designlab.inference.diagnosis.emulator.snapshots import moved
+from designlab.inference.diagnosis.emulator.rendering import moved
 from designlab.inference.diagnosis.result import (
     Advice,
     Found,

@@ -8,7 +8,8 @@ import numpy as np
 
 from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.difference_stencil import NEAR_SD
-from designlab.inference.diagnosis.emulator.snapshots import POSE_STEP, Bank, Snapshot, fill, moved
+from designlab.inference.diagnosis.emulator.rendering import fill, moved
+from designlab.inference.diagnosis.emulator.snapshots import POSE_STEP, Bank, Snapshot
 from designlab.inference.diagnosis.emulator.state import State, Unknown, Values
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.likelihood.normal_equations import ALIKE

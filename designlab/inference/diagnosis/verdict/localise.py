@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from designlab.core.types import Array
-from designlab.inference.diagnosis.emulator.snapshots import moved
+from designlab.inference.diagnosis.emulator.rendering import moved
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.result import Where
