@@ -122,6 +122,7 @@ def diagnose(
     noted = check_comparable(measurement, model, trust)
     seen = observe_apart(measurement, model.effective_design(), columns=columns)
     names = _names(model, catalogue, seen)
+    noted = (*noted, *_untried(catalogue, model, seen))
     folder = renders or out / "renders"
     if not resume:
         shutil.rmtree(folder, ignore_errors=True)
@@ -154,7 +155,6 @@ def diagnose(
         candidates=tuple(found.search.tried),
         notes=(
             *_notes(seen, measurement, model),
-            *_too_deep(catalogue, model, seen),
             *_chance(given.fitter),
             *_along(last),
             *_confounded(effects, model.effective_design()),
@@ -288,11 +288,13 @@ def _wanted(catalogue: Sequence[str] | None, seen: Observations) -> list[str]:
     return [effect(name).name for name in catalogue]
 
 
-def _too_deep(catalogue: Sequence[str] | None, model: SensorModel, seen: Observations) -> Iterator[str]:
-    """Note effects that presses of these depths leave no range."""
+def _untried(catalogue: Sequence[str] | None, model: SensorModel, seen: Observations) -> Iterator[str]:
+    """Note effects asked for that the design cannot have, and those that these presses leave no range."""
     for name in _wanted(catalogue, seen):
-        bounds = effect(name).parameters(model.design)
-        if bounds and not effect(name).parameters_under(model.design, seen.presses):
+        if not effect(name).parameters(model.design):
+            if catalogue is not None:
+                yield f"{name} was not tried: the design {model.design.name or 'given'} cannot have it"
+        elif not effect(name).parameters_under(model.design, seen.presses):
             yield f"{name} was not tried: the gel is too thin for presses as deep as these"
 
 

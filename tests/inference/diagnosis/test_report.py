@@ -20,6 +20,7 @@ from designlab.inference.diagnosis.diagnose import (
     _provenance,
     _settled,
     _sure,
+    _untried,
     verdict_of,
 )
 from designlab.inference.diagnosis.emulator.state import State
@@ -460,6 +461,9 @@ def test_effects_of_elastic_gels_are_tried_of_these_alone_and_some_only_by_name(
     assert not set(asked) & set(_names(kernel, None, seen))
     assert _names(kernel, asked, seen) == asked[:3]
     assert _names(elastic, asked, seen) == asked[1:]
+    (said,) = _untried(asked, kernel, seen)
+    assert said == "friction was not tried: the design gelsight-2020-flat cannot have it"
+    assert not list(_untried(None, kernel, seen))
     # Nothing was learnt of single pictures without some effects.
     press = Press(probe=parse("triangle:5"), depth_mm=0.5)
     alone = replace(seen, shots=(SimpleNamespace(lit=np.ones(3), ball=None, press=press, view=None),))
