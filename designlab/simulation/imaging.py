@@ -6,7 +6,7 @@ which the others act. A simulated frame is light behind the optics. Evaluation r
 Comparison and diagnosis ask for the signal that is expected without noise; calibration mixes frames by a
 transfer and a floor that it fits. So a step on light that is added here is seen by all, one on the signal by
 all but calibration. Pictures that are kept on disk hold the steps on light: a change of these needs a higher
-`render.session.LIGHTFIELD_VERSION`.
+`render_cache.PICTURES_VERSION`.
 
 Effects on the signal belong to the electronics. They act on what a pixel has collected, its noise included,
 and before the converter cuts and rounds it, as in the linear camera model of the standard EMVA 1288: so a

@@ -17,6 +17,7 @@ from designlab.simulation.effects.model import SensorModel, effect
 from designlab.simulation.render.session import LIGHTFIELD_VERSION
 from designlab.simulation.simulator import Simulator
 
+PICTURES_VERSION = 1  # raise when a change of shading or of steps on light makes kept pictures wrong
 SIMULATORS_KEPT = 4
 NEXT_SEED = 1000  # between the seeds of repeated pictures: light transport counts on from a seed
 
@@ -184,4 +185,4 @@ def _changes_light(applied: Effect) -> bool:
 @cache
 def _versions() -> list[str]:
     programs = [importlib.metadata.version(package) for package in ("designlab", "mitsuba")]
-    return [*programs, str(LIGHTFIELD_VERSION)]
+    return [*programs, str(LIGHTFIELD_VERSION), str(PICTURES_VERSION)]
