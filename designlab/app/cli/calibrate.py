@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from designlab.app.cli.console import Result
 from designlab.app.cli.shared import source_named, table
-from designlab.core.progress import bar
+from designlab.core.progress import IN_PERCENT, bar
 from designlab.core.run_folder import require_writable
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def calibrate(args: Namespace) -> Result:
     measurement = load_measurement(args.measurement)
     model = _start(args)
     require_writable(args.out, made_with=RESULT)
-    with bar("picture") as progress, source_named(args.model):
+    with bar(form=IN_PERCENT, keep=True) as progress, source_named(args.model):
         found = fit(
             measurement,
             model,

@@ -1,11 +1,12 @@
 """Directional light predicts pictures without light transport; it is fitted in the same way."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from pydantic import BaseModel
 
+from designlab.core.progress import Work
 from designlab.core.types import Array
 from designlab.inference.calibration.fields import WITHIN
 from designlab.inference.calibration.imaging import How, Touched
@@ -23,6 +24,7 @@ class Directional:
     """One component for the diffuse reflection of each light, for Phong one more for each lobe."""
 
     light: DirectionalLight
+    work: Work = field(default_factory=Work, repr=False, compare=False)
 
     unit = "1"  # shares of full scale
     step_share = 0.2  # small: nothing is drawn, and directions, depth and view nearly make up for each other
@@ -75,11 +77,13 @@ class Directional:
     ) -> Array:
         """Shade; nothing is drawn."""
         assert not isinstance(touched, LightProbe)  # left out where shots are gathered
-        return self.light.replace(changes).components(touched, view, fine=how == "fine")
+        found = self.light.replace(changes).components(touched, view, fine=how == "fine")
+        self.work.step()
+        return found
 
     def at(self, changes: Mapping[str, float]) -> "Directional":
         """Return light of other directions."""
-        return Directional(self.light.replace(changes))
+        return replace(self, light=self.light.replace(changes))
 
     def factors(self) -> Array:
         """Return the model's own."""

@@ -6,13 +6,14 @@ asks of it, `directional.Directional` answers as well.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 from pydantic import BaseModel
 
 from designlab.core.memory import remembered
+from designlab.core.progress import Work
 from designlab.core.types import Array
 from designlab.measurement.light_probe.ball import LightProbe
 from designlab.measurement.light_probe.picture import light_probe
@@ -56,6 +57,8 @@ class Rendered:
         Level of each channel above the camera's black level.
     known : dict
         Pictures kept, since much of what is asked for was asked before.
+    work : Work
+        What pictures are a part of; its unit is a picture.
     """
 
     design: Design
@@ -63,6 +66,7 @@ class Rendered:
     probe_samples: int = 64
     beyond: Array = field(default_factory=lambda: np.zeros(3))
     known: dict[object, Array] = field(default_factory=dict, repr=False, compare=False)
+    work: Work = field(default_factory=Work, repr=False, compare=False)
 
     kind = "rendered"
     unit = "mm2 sr"  # of one over radiance at unit flux
@@ -148,19 +152,21 @@ class Rendered:
         def simulated() -> Array:
             design = self.design.replace(changes)
             if isinstance(touched, LightProbe):
-                seen = light_probe(design, touched, view=view, samples=self.probe_samples, seed=seed)
-                return seen.basis.astype(float)
-            simulator = Simulator(design, view=view, samples=self.samples, seed=seed)
-            if how == "fine":
-                simulator.pitch_mm /= 2
-            return simulator.frame(touched).basis.astype(float)
+                basis = light_probe(design, touched, view=view, samples=self.probe_samples, seed=seed).basis
+            else:
+                simulator = Simulator(design, view=view, samples=self.samples, seed=seed)
+                if how == "fine":
+                    simulator.pitch_mm /= 2
+                basis = simulator.frame(touched).basis
+            self.work.step()
+            return basis.astype(float)
 
         key = (tuple(sorted(changes.items())), touched, view, seed, how == "fine")
         return remembered(self.known, key, simulated, most=MOST_KNOWN)
 
     def at(self, changes: Mapping[str, float]) -> "Rendered":
         """Return the model with changed numbers."""
-        return Rendered(self.design.replace(changes), self.samples, self.probe_samples, self.beyond)
+        return replace(self, design=self.design.replace(changes), known={})
 
     def factors(self) -> Array:
         """Return factors of the model as given, (3, components): exposure x mixing x flux.

@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from designlab.core.progress import silent
-from designlab.core.types import Array, Progress
+from designlab.core.types import Array
 from designlab.inference.calibration.directional import Directional
 from designlab.inference.calibration.fields import PROBE, SharedField
 from designlab.inference.calibration.imaging import How, Rendered, Touched
@@ -52,31 +51,17 @@ class Problem:
         Numbers of the imaging's model that are free.
     seed : int
         Seed of the simulation.
-    progress : callable, optional
-        Called with the stage, pictures done and pictures expected in it.
     """
 
     def __init__(
-        self,
-        imaging: Imaging,
-        shots: tuple[Shot, ...],
-        fields: tuple[SharedField, ...],
-        *,
-        seed: int,
-        progress: Progress = silent,
+        self, imaging: Imaging, shots: tuple[Shot, ...], fields: tuple[SharedField, ...], *, seed: int
     ) -> None:
-        self.imaging, self.shots, self.fields = imaging, shots, fields
-        self.seed, self.progress = seed, progress
-        self.stage, self.done, self.expected = "", 0, 1
+        self.imaging, self.shots, self.fields, self.seed = imaging, shots, fields, seed
         self.weighed = False
         self.lits = [imaging.lit(shot) for shot in shots]
         self.stated = [np.sqrt(shot.variance + (MODEL_ERROR * _level(shot)) ** 2) for shot in shots]
         self.sigmas = list(self.stated)
         self.blocks_px = [LEAST_BLOCK_PX] * len(shots)
-
-    def begin(self, stage: str, expected: int) -> None:
-        """Name what is done now and how many pictures it takes, as far as is known."""
-        self.stage, self.done, self.expected = stage, 0, expected
 
     def hold(self, numbers: Sequence[int]) -> None:
         """Keep the poses of some shots where a state has them."""
@@ -124,25 +109,19 @@ class Problem:
     def _values(self, shared: Array) -> dict[str, float]:
         return {f.path: float(value) for f, value in zip(self.fields, shared, strict=True)}
 
-    def _lengths(self, shared: Array) -> dict[str, float]:
-        """Values of the shared fields of the probe by their names."""
+    def _press(self, shot: Shot, shared: Array) -> Press | None:
+        """Press of a shot, of a probe with values of the shared fields."""
+        if shot.press is None:
+            return None
         values = self._values(shared).items()
-        return {path.removeprefix(PROBE): value for path, value in values if path.startswith(PROBE)}
+        own = {path.removeprefix(PROBE): value for path, value in values if path.startswith(PROBE)}
+        return shot.press.model_copy(update={"probe": shot.press.probe.model_copy(update=own)})
 
     def settled(self, shared: Array) -> "Problem":
         """Return the problem of the poses alone, with the shared fields at values."""
-        lengths = self._lengths(shared)
-        shots = tuple(
-            replace(
-                shot,
-                press=shot.press.model_copy(update={"probe": shot.press.probe.model_copy(update=lengths)}),
-            )
-            if shot.press is not None and lengths
-            else shot
-            for shot in self.shots
-        )
+        shots = tuple(replace(shot, press=self._press(shot, shared)) for shot in self.shots)
         imaging = self.imaging.at(self.changes(shared))
-        return Problem(imaging, shots, (), seed=self.seed, progress=self.progress)
+        return Problem(imaging, shots, (), seed=self.seed)
 
     def sees(self, field: SharedField, shot: Shot) -> bool:
         """Whether a shot can depend on a shared field."""
@@ -157,11 +136,8 @@ class Problem:
         if shot.ball is not None:
             at = (shot.ball.centre_mm[0] + x, shot.ball.centre_mm[1] + y)
             return shot.ball.model_copy(update={"centre_mm": at, "lowest_mm": shot.ball.lowest_mm + depth})
-        press = shot.press
-        if press is None:
-            return None
-        probe = press.probe.model_copy(update=self._lengths(state.shared))
-        return press.model_copy(update={"probe": probe}).moved(x, y, depth, yaw)
+        press = self._press(shot, state.shared)
+        return None if press is None else press.moved(x, y, depth, yaw)
 
     def force_n(self, state: CalibrationState, number: int) -> float:
         """Force of a press of an elastic gel (N)."""
@@ -194,14 +170,8 @@ class Problem:
     ) -> Array:
         """Pictures of the components; the same random numbers each time, unless others are asked for."""
         shot, touched = self.shots[number], self.touched(state, number)
-        changes = {
-            path: value for path, value in self.changes(state.shared).items() if self.imaging.sees(path, shot)
-        }
-        found = self.imaging.basis(changes, touched, shot.view, seed=self.seed + other_seed, how=how)
-        self.done += 1
-        self.expected = max(self.expected, self.done)
-        self.progress(self.stage, self.done, self.expected)
-        return found
+        changes = {p: v for p, v in self.changes(state.shared).items() if self.imaging.sees(p, shot)}
+        return self.imaging.basis(changes, touched, shot.view, seed=self.seed + other_seed, how=how)
 
     def bases(self, state: CalibrationState, numbers: Sequence[int]) -> dict[int, Array]:
         """Unit-power pictures of several shots."""

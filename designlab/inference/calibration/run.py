@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from designlab.core import metrics
-from designlab.core.progress import silent
+from designlab.core.progress import Work, silent
 from designlab.core.types import Array, Mask, Progress
 from designlab.inference.calibration.directional import Directional
 from designlab.inference.calibration.fields import WITHIN, SharedField, shared_fields
@@ -78,7 +78,7 @@ def calibrate(
     trust : sequence of str
         Names of suspicions, see `measurement.quality.suspicion`, that are known and right as they are.
     progress : callable, optional
-        Called with the stage, pictures done and pictures expected in it.
+        Called with what is being done, and how much of everything is done in thousandths.
 
     Raises
     ------
@@ -99,32 +99,42 @@ def calibrate(
     probes = [press.probe for press in seen.presses]
     fields = shared_fields(imaging.model, usual if free is None else free, probes)
     _check_modulus(fields, [seen.shots[number] for number in fitted])
-    problem = Problem(imaging, within(mask, seen.shots), fields, seed=seed, progress=progress)
+    coarsely = columns // 2 >= LEAST_COLUMNS
+    work = Work(progress, _costs(seen, fields, coarsely))
+    imaging = replace(imaging, work=work)
+    problem = Problem(imaging, within(mask, seen.shots), fields, seed=seed)
     _check(measurement, problem, fitted)
+    work.begin("model as given")
     given = _given(measurement, problem, imaging.level() - seen.black_level)
     if renders:  # a model without light transport misses pictures for reasons of its own
         trusted += refuse(measurement, _faults(measurement, problem, seen), trust)
     balls = seen.of("light_probe")
+    work.begin("light probe")
     state = _reflecting(problem, _placed(problem, problem.start(), balls), fitted)
     problem.hold(balls)
-    if columns // 2 >= LEAST_COLUMNS:
+    work.begin("trying scales")
+    if coarsely:
         shots = observe(measurement, design, columns=columns // 2, light_probes=renders).shots
-        coarse = Problem(imaging, within(mask, shots), fields, seed=seed, progress=progress)
+        coarse = Problem(imaging, within(mask, shots), fields, seed=seed)
         coarse.hold(balls)
         state = _scaled(coarse, state, fitted)
-        coarse.begin("fitting coarsely", 2 * len(fitted) * (1 + COARSE_STEPS * _moves(coarse)))
+        work.begin("fitting coarsely")
         state, _ = _weighed(coarse, state, fitted, steps=COARSE_STEPS)
     else:
         state = _scaled(problem, state, fitted)
-    state, bases = _fitted(problem, state, fitted)
+    work.begin("fitting")
+    state, bases = _weighed(problem, state, fitted, steps=MOST_STEPS)
+    work.begin("errors")
     layout = Layout(problem, fitted, held_out=False)
     spread, simulated = covariance(problem, layout, state, bases)
+    work.begin("held-out presses")
     state, bases = _registered(problem, state, bases, seen.of("select", "final"))
     total = spread + simulated
     parameters = _parameters(problem, layout, state, np.sqrt(np.diag(total)))
     deviation = np.sqrt(np.diag(spread))
     correlation = spread / np.outer(deviation, deviation)
     level = state.floor + seen.black_level
+    work.end()
     return Calibration(
         model=imaging.finished(problem.changes(state.shared), state.transfer, level, measurement.name),
         parameters=parameters,
@@ -150,17 +160,6 @@ def calibrate(
     )
 
 
-def _fitted(
-    problem: Problem, state: CalibrationState, fitted: Sequence[int]
-) -> tuple[CalibrationState, dict[int, Array]]:
-    """Fit in full resolution; also the pictures at the end."""
-    moves = _moves(problem)
-    problem.begin("fitting", len(fitted) * (1 + 4 * moves))
-    state, bases = _weighed(problem, state, fitted, steps=MOST_STEPS)
-    problem.begin("errors", len(fitted) * (1 + moves))
-    return state, bases
-
-
 def _weighed(
     problem: Problem, state: CalibrationState, fitted: Sequence[int], *, steps: int
 ) -> tuple[CalibrationState, dict[int, Array]]:
@@ -183,16 +182,27 @@ def _registered(
 ) -> tuple[CalibrationState, dict[int, Array]]:
     """Find the poses of held-out presses, with all else as it was fitted."""
     fixed = problem.settled(state.shared)
-    fixed.begin("held-out presses", len(held_out) * 20)
     for number in held_out:
         found, own = fit(fixed, replace(state, shared=np.zeros(0)), [number], held_out=True, rough=True)
         state, bases = replace(state, poses={**state.poses, **found.poses}), bases | own
     return state, bases
 
 
-def _moves(problem: Problem) -> int:
-    """About how many pictures of each shot a step takes."""
-    return len(problem.fields) + 5
+def _costs(seen: Observations, fields: Sequence[SharedField], coarsely: bool) -> dict[str, float]:
+    """About how many pictures each part of a calibration takes; the untouched gel is one in all frames."""
+    uses = ("light_probe", "train"), ("light_probe",), ("select", "final")
+    fitted, balls, held_out = (len(seen.of(*use)) for use in uses)
+    fitted += 1
+    of_step = fitted * (1 + len(fields) + len(POSE))
+    return {
+        "model as given": fitted + held_out,
+        "light probe": 2 * PROBE_STEPS * balls,
+        "trying scales": fitted * len(SCALES) * any(f.path.removeprefix(WITHIN) == SCALE for f in fields),
+        "fitting coarsely": 2.5 * of_step * coarsely,
+        "fitting": 1.5 * of_step,
+        "errors": 4 * fitted,
+        "held-out presses": 8 * held_out,
+    }
 
 
 def _imaging(model: Design | SensorModel | DirectionalLight, samples: int) -> Imaging:
@@ -238,7 +248,6 @@ def _check(measurement: Measurement, problem: Problem, fitted: Sequence[int]) ->
 
 def _given(measurement: Measurement, problem: Problem, floor: Array) -> dict[int, Array]:
     """Signals of the model as given, at the stated poses."""
-    problem.begin("model as given", len(problem.shots))
     bases = {}
     for number, shot in enumerate(problem.shots):
         try:
@@ -270,7 +279,6 @@ def _placed(problem: Problem, state: CalibrationState, balls: Sequence[int]) -> 
     """
     from skimage.registration import phase_cross_correlation
 
-    problem.begin("light probe", len(balls) * 3 * PROBE_STEPS)
     for number in balls:
         # Narrow images of LEDs leave a fit little to hold on to: first move by what the picture is shifted.
         shot = problem.shots[number]
@@ -316,7 +324,6 @@ def _scaled(problem: Problem, state: CalibrationState, fitted: Sequence[int]) ->
         return state
     place = paths.index(SCALE)
     field, pinhole = problem.fields[place], problem.imaging.design.camera.lens == "pinhole"
-    problem.begin("trying scales", len(SCALES) * len(fitted))
     found = []
     for scale in SCALES:
         shared = state.shared.copy()

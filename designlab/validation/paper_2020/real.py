@@ -56,9 +56,10 @@ def real(folder: str | Path, size: Size, seed: int = 1, progress: Progress = sil
     from designlab.report.calibration_pictures import residual_plot
     from designlab.report.figures import write_figure
 
-    progress = named(progress, "fit, ")
     measurement, columns = load_measurement(place), COLUMNS[size.name]
-    found = calibrate(measurement, preset(SENSOR), columns=columns, seed=seed, progress=progress)
+    found = calibrate(
+        measurement, preset(SENSOR), columns=columns, seed=seed, progress=named(progress, "fitting, ")
+    )
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     write_figure(residual_plot(found), folder / PICTURE)
@@ -67,7 +68,9 @@ def real(folder: str | Path, size: Size, seed: int = 1, progress: Progress = sil
         "after": (found.model, at_poses(measurement, poses_of(found))),
     }
     pairs = {
-        name: compare_model(model, own, samples=SAMPLES, seed=seed, progress=progress).pairs
+        name: compare_model(
+            model, own, samples=SAMPLES, seed=seed, progress=named(progress, f"comparing {name}, ")
+        ).pairs
         for name, (model, own) in models.items()
     }
     frames = []

@@ -129,26 +129,20 @@ def stage_progress(progress: Progress, stage: Experiment, size: Size, done: floa
 
 
 class Growing:
-    """Share of an experiment that is done, from parts that each count their steps anew, several times."""
+    """Share of an experiment that is done, from parts that each count their own steps."""
 
     def __init__(self, parts: Mapping[str, float]) -> None:
-        self.parts = parts
-        self.what, self.begun, self.level, self.share = "", "", 0.0, 0.0
+        self.parts, self.share = parts, 0.0
 
     def __call__(self, what: str, done: int, of: int) -> float:
         """Return the share after a step of what is being done; it never falls."""
-        inside = min(done / max(of, 1), 1.0)
-        part = next((name for name in self.parts if what.startswith(name)), None)
-        if part is not None:
-            if part != self.begun:
-                self.begun, self.what, self.level = part, what, 0.0
-            elif what != self.what:  # how many rounds follow is not known: each takes half of what is left
-                self.what, self.level = what, (1 + self.level) / 2
-            names = list(self.parts)
-            before = sum(self.parts[name] for name in names[: names.index(part)])
-            inside = self.parts[part] * (self.level + (1 - self.level) / 2 * inside)
-            inside = (before + inside) / sum(self.parts.values())
-        self.share = max(self.share, inside)
+        begun, share = 0.0, min(done / max(of, 1), 1.0)
+        for name, cost in self.parts.items():
+            if what.startswith(name):
+                share = (begun + cost * share) / sum(self.parts.values())
+                break
+            begun += cost
+        self.share = max(self.share, share)
         return self.share
 
 
@@ -171,7 +165,8 @@ def _accuracy_parts(size: Size) -> dict[str, float]:
     parts: dict[str, float] = {}
     for sensor in (SENSORS[shape] for shape in SENSORS if shape in size.shapes_of_gel):
         parts[f"{sensor}: photographing"] = photographing
-        parts |= dict.fromkeys((f"{sensor}: {model}" for model in MODELS), 1.0)
+        for model in MODELS:
+            parts |= {f"{sensor}: {model}: ": 0.9, f"{sensor}: {model}, comparing: ": 0.1}
     return parts
 
 
@@ -188,6 +183,9 @@ STAGES: dict[str, Experiment] = {
     ),
     "timing": Experiment("time of pictures", timing, lambda size: 900 if size.name == "full" else 30),
     "real": Experiment(
-        "real picture", real, lambda size: 60 if size.name == "full" else 35, lambda size: {"fit": 1.0}
+        "real picture",
+        real,
+        lambda size: 60 if size.name == "full" else 35,
+        lambda size: {"fitting": 0.9, "comparing": 0.1},
     ),
 }

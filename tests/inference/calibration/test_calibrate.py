@@ -26,6 +26,7 @@ from designlab.simulation.contact.press import Press
 from designlab.simulation.effects.model import AppliedEffect, SensorModel, load_model
 from designlab.simulation.simulator import Simulator
 from geometries.probes import parse
+from tests.helpers.told import Told
 
 DESIGN = preset("gelsight-2020-flat")
 TRANSFER = np.array([[900.0, 40.0, 0.0], [150.0, 1400.0, 90.0], [0.0, 60.0, 2000.0]])
@@ -254,8 +255,13 @@ def made_set(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def found(made_set):
-    return calibrate(made_set, DESIGN, columns=SIDE, samples=96, seed=5)
+def told():
+    return Told()
+
+
+@pytest.fixture(scope="module")
+def found(made_set, told):
+    return calibrate(made_set, DESIGN, columns=SIDE, samples=96, seed=5, progress=told)
 
 
 @pytest.mark.renders
@@ -271,6 +277,10 @@ class TestMadeSensor:
             assert abs(values[name].value - true) < 3 * values[name].se, name
         assert values["contact.kernel_length_mm"].se < 0.01
         assert values["camera.horizontal_fov_deg"].se < 0.3
+
+    def test_the_share_that_is_done_only_rises(self, found, told):
+        told.assert_only_rises()
+        assert {"model as given", "trying scales", "fitting", "errors"} <= set(told.said)
 
     def test_transfer_within_one_percent_of_its_largest_and_floor(self, found):
         np.testing.assert_allclose(found.transfer, TRANSFER, atol=0.01 * TRANSFER.max(axis=0).min())
