@@ -6,9 +6,9 @@ from functools import cache
 from pathlib import Path
 
 from designlab.core.memory import remembered
-from designlab.core.progress import silent
+from designlab.core.progress import Work
 from designlab.core.store import digest, read_cache, write_cache
-from designlab.core.types import Progress, Single
+from designlab.core.types import Single
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press
@@ -37,6 +37,11 @@ class Quality:
     mesh: float = 1.0
     samples: float = 1.0
 
+    @property
+    def cost(self) -> float:
+        """About the time that a picture takes, over that of a usual one."""
+        return (1.0 + self.mesh**2) / 2
+
 
 USUAL = Quality()
 FINE = Quality(mesh=2.0)
@@ -59,23 +64,17 @@ class Renders:
         Samples per pixel and LED group.
     seed : int
         Seed of the light transport.
+    work : Work, optional
+        What pictures are a part of; its unit is a usual picture.
     """
 
     folder: Path
     samples: int
     seed: int
-    progress: Progress = silent
-    stage: str = ""
-    expected: int = 0
+    work: Work = field(default_factory=Work)
     rendered: int = 0
     _kept: dict[str, Single] = field(default_factory=dict)
     _simulators: dict[str, Simulator] = field(default_factory=dict)
-    _asked: int = 0
-
-    def begin(self, stage: str, expected: int) -> None:
-        """Start a stage of about `expected` pictures, for the progress shown."""
-        self.stage, self.expected, self._asked = stage, expected, 0
-        self._tell()
 
     def basis(
         self,
@@ -113,14 +112,15 @@ class Renders:
         key = digest(_transport(model, press), press, mesh, *settings, _versions(), *shared)
         if key not in self._kept:
             stored = read_cache(key, folder=self.folder)
-            if not stored:
+            if stored:
+                self.work.skip(quality.cost)
+            else:
                 self.rendered += 1
                 simulator = self.simulator(model, view, quality=quality, repeat=repeat, like=like)
                 stored = {"basis": simulator.frame(press).basis}
                 write_cache(key, stored, folder=self.folder)
+                self.work.step(quality.cost)
             self._kept[key] = stored["basis"]
-            self._asked += 1
-            self._tell()
         return self._kept[key]
 
     def simulator(
@@ -151,10 +151,6 @@ class Renders:
 
     def _seed(self, repeat: int) -> int:
         return self.seed + NEXT_SEED * repeat
-
-    def _tell(self) -> None:
-        self.expected = max(self.expected, self._asked)
-        self.progress(self.stage, self._asked, self.expected)
 
 
 def _transport(model: SensorModel, press: Press | None) -> list[object]:

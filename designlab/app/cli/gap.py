@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 from designlab.app.cli.console import Result
 from designlab.app.cli.shared import table
-from designlab.core.progress import bar
+from designlab.core.progress import IN_PERCENT, THOUSANDTHS, bar, part_of
 from designlab.core.run_folder import require_writable
 
 if TYPE_CHECKING:
     from designlab.inference.diagnosis import GapReport
     from designlab.validation.blind import Crew, Trial
+
+WRITING = 30  # thousandths of a diagnosis that its report takes
 
 
 def plant(args: Namespace) -> Result:
@@ -95,18 +97,21 @@ def diagnose(args: Namespace) -> Result:
     measurement = load_measurement(args.measurement)
     model = load_model(args.model)
     page = Path(args.out) / "report.html"
-    with bar("picture") as progress:
+    with bar(form=IN_PERCENT, keep=True) as progress:
+        finding = THOUSANDTHS - WRITING
         found = find(
             measurement,
             model,
             out=args.out,
             seed=args.seed,
-            progress=progress,
+            progress=part_of(progress, "", begun=0, cost=finding, total=THOUSANDTHS),
             renders=None if args.renders is None else Path(args.renders),
             trust=args.trust,
             catalogue=args.effects,
         )
+        progress("writing the report", finding, THOUSANDTHS)
         content = write_diagnosis(found, page=page)
+        progress("done", THOUSANDTHS, THOUSANDTHS)
     return Result(content | {"report": str(page)}, f"{_summary(found)}\nreport: {page}")
 
 

@@ -30,8 +30,6 @@ HIDDEN = {"led_position": {"radial_mm": 1.0, "height_mm": 0.8}}
 PROBE = "sphere:4"
 TRIED = ("led_position", "contact_kernel", "vignetting", "black_level", "colour_mixing", "response_curve")
 """Effects the demo tries; a diagnosis tries all, which takes minutes longer."""
-DIAGNOSIS_PICTURES = 190
-"""About as many pictures as a diagnosis of this size renders; only the time left depends on it."""
 
 _SECONDS = {"evaluation": 18, "parts": 8, "study": 18 * TRIALS + 10, "gap": 60, "real": 15}
 """What stages take on two cores, in relation to each other; only the time left depends on it."""
@@ -215,27 +213,12 @@ def _gap(state: Demo, within: Progress) -> dict[str, Any]:
             SensorModel.of(state.design),
             out=folder,
             seed=state.seed,
-            progress=_cumulative(within),
+            progress=within,
             columns=96,
             catalogue=TRIED,
         )
         gap_report(write_diagnosis(found), report)
     return {**read_json(folder / "report.json"), "hidden": unseal(measured)["effects"]}
-
-
-def _cumulative(within: Progress) -> Progress:
-    """Add up the parts of a diagnosis, each of which counts its pictures from zero."""
-    now, before, last = "", 0, 0
-
-    def progress(what: str, done: int, of: int) -> None:
-        nonlocal now, before, last
-        part = what.partition(":")[0]
-        if part != now:
-            now, before = part, before + last
-        last = done
-        within(what, min(before + done, DIAGNOSIS_PICTURES), DIAGNOSIS_PICTURES)
-
-    return progress
 
 
 def _real(state: Demo, within: Progress) -> dict[str, Any]:

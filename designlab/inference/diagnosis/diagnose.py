@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from designlab.core.progress import silent
+from designlab.core.progress import Work, silent
 from designlab.core.run_folder import claim
 from designlab.core.store import remove_partial
 from designlab.core.types import Progress
-from designlab.inference.diagnosis.emulator.rendering import fill
+from designlab.inference.diagnosis.emulator.rendering import cost_to_fill, fill
 from designlab.inference.diagnosis.likelihood.empirical_errors import left_of_nothing
 from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD, Fit, Fitter
 from designlab.inference.diagnosis.result import (
@@ -90,7 +90,7 @@ def diagnose(
     seed : int
         Seed of rendering; the same seed gives the same report.
     progress : callable, optional
-        Called with the stage, pictures done and pictures expected in it.
+        Called with what is being done, and how much of everything is done in thousandths.
     resume : bool
         Whether pictures of an earlier, interrupted run are used.
     catalogue : sequence of str, optional
@@ -128,13 +128,15 @@ def diagnose(
         shutil.rmtree(folder, ignore_errors=True)
         (out / RUN).unlink(missing_ok=True)
     _claim(out, measurement, model, seed)
-    source = Renders(folder, samples, seed, progress)
+    work = Work(progress, _costs(model, seen, names))
+    work.begin("model as given")
+    source = Renders(folder, samples, seed, work)
     examined = examine(measurement, model, seen, source, noted, trust)
     if is_single(seen):
         return diagnose_single(
             seen, measurement, model, names=names, source=source, examined=examined, out=out
         )
-    found = _explained(seen, model, names, source, progress)
+    found = _explained(seen, model, names, source)
     given, last = found.given, found.last
     train = seen.of("dark", "background", "train")
     intervals = {name: values(last.fitter, last.fit, name, train) for name in last.fit.state.values}
@@ -168,6 +170,7 @@ def diagnose(
     report = weakened(_sure(report, len(seen.of("select"))), examined, names, alike)
     better = updated(last.fitter, last.fit, measurement, seen, report, intervals, seed=seed, samples=samples)
     before, after = ((stand.fitter, end.state) for stand, end in zip((given, last), found.ends, strict=True))
+    work.end()
     return replace(report, updated=better, shown=compared(source, before, after))
 
 
@@ -197,23 +200,24 @@ class _Explanation:
         return [] if self.verdict in NAMELESS else self.search.winners
 
 
-def _explained(
-    seen: Observations, model: SensorModel, names: Sequence[str], source: Renders, progress: Progress
-) -> _Explanation:
+def _explained(seen: Observations, model: SensorModel, names: Sequence[str], source: Renders) -> _Explanation:
     """Search for effects, fit those found exactly, and judge by presses that had no say in it."""
     train, select, final = seen.of("dark", "background", "train"), seen.of("select"), seen.of("final")
+    source.work.begin("pictures of the model")
     shown = fill(source, model, seen.shots, names, both=False)
     fitter = placed(source, Fitter(shown), train, [*select, *final])
     start = fitter.fit(fitter.start(train), (), train).state
     fitter.measure(start)
-    search = ForwardSelection(fitter, names, train, select, source, progress=progress)
+    source.work.begin("searching")
+    search = ForwardSelection(fitter, names, train, select, source, work=source.work)
     best, before, after = search.run(start)
     as_good = [winner.coherence_set for winner in search.winners]
     verdict = verdict_of(as_good, before.mean, after.mean, float(after.floor.mean()))
     given = last = _Stand(search.given, replace(best, state=before.state), before)
+    source.work.begin("refining")
     if verdict not in NAMELESS:
         last = _last_fit(source, given, _Stand(search.fitter, best, after), train, select)
-    source.begin("report", 1)
+    source.work.begin("conclusions")
     ends = [judge(stand.fitter, stand.fit.state, final) for stand in (given, last)]
     trained = [judge(stand.fitter, stand.fit.state, seen.of("train")) for stand in (given, last)]
     gap = {
@@ -251,6 +255,18 @@ def _sure(report: GapReport, presses: int) -> GapReport:
         for place, found in enumerate(report.effects)
     )
     return replace(report, effects=tuple(effects))
+
+
+def _costs(model: SensorModel, seen: Observations, names: Sequence[str]) -> dict[str, float]:
+    """What parts of a diagnosis cost about, in usual pictures; how long a search takes is not known."""
+    screened, shown = cost_to_fill(model, seen.shots, names), len({(s.press, s.view) for s in seen.shots})
+    return {
+        "model as given": shown,
+        "pictures of the model": screened,
+        "searching": screened / 3 + 14 * shown,
+        "refining": 5 * shown,
+        "conclusions": 5,
+    }
 
 
 def _claim(out: Path, measurement: Measurement, model: SensorModel, seed: int) -> None:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from designlab.core.progress import Work
 from designlab.inference.diagnosis.emulator.rendering import fill, moved
 from designlab.inference.diagnosis.emulator.snapshots import Bank
 from designlab.inference.diagnosis.emulator.state import State
@@ -36,6 +37,7 @@ from tests.helpers.small_sensor import (
     seeing,
     shots,
 )
+from tests.helpers.told import Told
 
 pytestmark = pytest.mark.renders
 
@@ -86,14 +88,15 @@ def test_the_effect_that_is_there_is_named_with_its_values(bank, name) -> None:
     train, select = [0, 1, 2], [3]
     start = fitter.fit(fitter.start(train), (), train).state
     fitter.measure(start)
-    told: list[tuple[str, int, int]] = []
-    search = ForwardSelection(fitter, NAMES, train, select, progress=lambda *step: told.append(step))
+    told = Told()
+    search = ForwardSelection(fitter, NAMES, train, select, work=Work(told))
     best, before, after = search.run(start)
     assert search.winners[0].name == name
     fitted = [c.name for c in search.tried if c.seconds is not None and c.round == 1]
-    assert [what for what, *_ in told[: 1 + len(fitted)]] == [f"effects: {n}" for n in ("screening", *fitted)]
-    assert [done for _, done, _ in told] == list(range(len(told)))
-    assert all(done < total for _, done, total in told)
+    assert told.said[: 1 + len(fitted)] == ["screening effects", *(f"trying {n}" for n in fitted)]
+    shares = [share for _, share in told]
+    assert shares == sorted(shares)
+    assert 0.0 < shares[-1] < 1.0
     for parameter, value in VALUES[name].items():
         sd = next(p.sd for p in effect(name).parameters(DESIGN) if p.name == parameter)
         assert best.state.values[name][parameter] == pytest.approx(value, abs=0.15 * sd), parameter

@@ -14,6 +14,7 @@ from designlab.report.diagnosis_folder import write_diagnosis
 from designlab.sensor.design import preset
 from designlab.validation.synthetic import plant
 from tests.helpers.processes import until
+from tests.helpers.told import Told
 
 pytestmark = [pytest.mark.faults, pytest.mark.renders]
 
@@ -61,10 +62,16 @@ def measured(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def whole(measured):
+def told():
+    """What a run tells that nothing interrupted."""
+    return Told()
+
+
+@pytest.fixture(scope="module")
+def whole(measured, told):
     """Report of a run that nothing interrupted, and what it leaves in its folder."""
     out = measured.with_name("whole")
-    found = diagnose(load_measurement(measured), DESIGN, out=out, seed=SEED, **SETTINGS)
+    found = diagnose(load_measurement(measured), DESIGN, out=out, seed=SEED, progress=told, **SETTINGS)
     write_diagnosis(found, pictures=False)
     return contents(out), pictures(out)
 
@@ -171,6 +178,11 @@ def test_a_run_killed_between_its_results_leaves_no_report(start, whole, measure
     assert again.provenance["rendered"] == 0
     write_diagnosis(again, pictures=False)
     assert_alike(contents(out), report)
+
+
+def test_the_share_that_is_done_only_rises(whole, told):
+    told.assert_only_rises()
+    assert {"pictures of the model", "trying vignetting", "refining"} <= set(told.said)
 
 
 def test_a_folder_of_another_diagnosis_is_refused(whole, measured):

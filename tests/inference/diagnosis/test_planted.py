@@ -76,9 +76,12 @@ def test_an_interrupted_diagnosis_goes_on_where_it_stopped(tmp_path) -> None:
     class Stop(Exception):
         pass
 
+    told: list[tuple[str, int]] = []
+
     def interrupt(stage: str, done: int, total: int) -> None:
         assert 0 <= done <= total
-        if (stage, done) == ("pictures", 12):
+        told.append((stage, done))
+        if len(told) > 12:
             raise Stop
 
     few = {"catalogue": ("contact_kernel", "black_level"), "columns": 32}
@@ -88,7 +91,7 @@ def test_an_interrupted_diagnosis_goes_on_where_it_stopped(tmp_path) -> None:
     assert not (out / "report.json").exists()
     assert not (out / "model.toml").exists()
     kept = len(list((out / "renders").iterdir()))
-    assert kept >= 11
+    assert kept >= 10
     resumed = diagnosed(tmp_path, {}, **few)
     rendered = resumed.provenance["rendered"]
     assert len(list((out / "renders").iterdir())) == kept + rendered

@@ -15,6 +15,7 @@ from designlab.report.diagnosis_folder import write_diagnosis
 from designlab.report.gap_text import statement
 from designlab.sensor.design import preset
 from designlab.validation.synthetic import answer_path, plant
+from tests.helpers.told import Told
 
 DESIGN = preset("gelsight-2020-flat")
 PRESS = {"probe": "triangle:5", "depth_mm": 0.5, "centre_mm": (0.5, -0.5), "yaw_deg": 20.0}
@@ -43,7 +44,13 @@ def alone(folder, effects):
 
 
 @pytest.fixture(scope="module")
-def reports(tmp_path_factory):
+def told():
+    """What the diagnoses tell."""
+    return {name: Told() for name in ("mixed", "nothing")}
+
+
+@pytest.fixture(scope="module")
+def reports(tmp_path_factory, told):
     """Diagnoses, as found and as written, of mixed colours and of nothing hidden, on shared renders."""
     folder = tmp_path_factory.mktemp("single")
     found = {}
@@ -58,6 +65,7 @@ def reports(tmp_path_factory):
             samples=64,
             columns=COLUMNS,
             renders=folder / "renders",
+            progress=told[name],
         )
         found[name] = report, write_diagnosis(report)
     return found
@@ -78,6 +86,11 @@ class TestPlanted:
         for split in ("select", "final"):
             level = report.gap[split]
             assert level.after - level.floor < 0.15 * (level.before - level.floor), split
+
+    def test_the_share_that_is_done_only_rises(self, reports, told):
+        told["mixed"].assert_only_rises()
+        told["nothing"].assert_only_rises()  # its pictures are there already
+        assert "trying colour_mixing" in told["mixed"].said
 
     def test_evidence_against_other_effects_is_stated_with_its_error(self, reports):
         report, _ = reports["mixed"]

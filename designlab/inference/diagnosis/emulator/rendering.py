@@ -71,6 +71,15 @@ def fill(
 _filled: dict[str, tuple["Snapshot", ...]] = {}
 
 
+def cost_to_fill(given: SensorModel, shots: Sequence[Shot], effects: Sequence[str]) -> float:
+    """About what it costs to `fill` a bank on one side of null, in usual pictures."""
+    shown = dict.fromkeys((shot.press, shot.view) for shot in shots)
+    pressed = [press for press, _ in shown if press is not None]
+    ends = [_quality(given, step.effect).cost for step in _stencil(given, pressed, effects, {})]
+    each = 2 + _repeats(given) + FINE.cost + sum(ends)
+    return len(shown) * each + len(pressed) * 2 * (len(POSE) + 1)
+
+
 def rendered_at(
     renders: Renders,
     bank: Bank,
@@ -95,7 +104,6 @@ def rendered_at(
     """
     model = _with(bank.model, values)
     lamp = _Lamp(renders, bank.model)
-    renders.begin("pictures", len(poses))
     for number, pose in poses.items():
         shot = bank.shots[number]
         press = shot.press
@@ -117,20 +125,12 @@ def _fill(
     both: bool,
 ) -> tuple["Snapshot", ...]:
     pressed = [press for press, _ in shown if press is not None]
-    chosen = [
-        step
-        for name in effects
-        for step in steps(
-            effect(name), effect(name).parameters_under(given.design, pressed), origin.get(name)
-        )
-    ]
+    chosen = _stencil(given, pressed, effects, origin)
     model = _with(given, origin)
     camera = given.effective_design().camera
     wider = [view.grown(MARGIN_PX, camera) for _, view in shown]
     presses = [(press, view) for (press, _), (view, _) in zip(shown, wider, strict=True)]
     repeats = _repeats(given)
-    each = (2 + repeats if repeats else 3) + (1 + both) * len(chosen)
-    renders.begin("pictures", len(presses) * each + len(pressed) * 2 * (len(POSE) + 1))
     # One model after the other: what its light is shaded from is large and not kept for long.
     lamp = _Lamp(renders, given)
     for press, view in presses:
@@ -145,7 +145,7 @@ def _fill(
     for repeat in range(1, 1 + repeats):
         for press, view in presses:
             renders.basis(given, press, view, repeat=repeat)
-    if any(lamp.quality(step.effect) == DRAFT for step in chosen):
+    if any(_quality(given, step.effect) == DRAFT for step in chosen):
         for press, view in presses:
             lamp.light(model, press, view, quality=DRAFT)
     for step in chosen:
@@ -153,11 +153,21 @@ def _fill(
             varied = _with(model, {step.effect: step.ends[end]})
             for press, view in presses:
                 if press is not None or not effect(step.effect).needs_touch:
-                    lamp.light(varied, press, view, quality=lamp.quality(step.effect))
+                    lamp.light(varied, press, view, quality=_quality(given, step.effect))
     return tuple(
         _picture(lamp, model, press, *view, chosen, finer, both)
         for (press, _), view in zip(presses, wider, strict=True)
     )
+
+
+def _stencil(
+    given: SensorModel, pressed: Sequence[Press], effects: Sequence[str], origin: Mapping[str, Values]
+) -> list[StencilStep]:
+    return [
+        step
+        for e in map(effect, effects)
+        for step in steps(e, e.parameters_under(given.design, pressed), origin.get(e.name))
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,13 +190,6 @@ class _Lamp:
         )
         return np.asarray(found * (ours / theirs).astype(np.float32)[:, None, None])
 
-    def quality(self, name: str) -> Quality:
-        """Of pictures that tell how light changes with an effect.
-
-        Where light comes through a core, noise of the photons is taken off by pictures of the usual quality.
-        """
-        return DRAFT if effect(name).stage in DRAFTED and not _repeats(self.given) else USUAL
-
     def repeated(self, press: Press | None, view: View) -> Single | None:
         """Pictures of the given model with other random numbers, (repeats, groups, rows, columns)."""
         numbers = range(1, 1 + _repeats(self.given))
@@ -201,6 +204,14 @@ class _Lamp:
             assert untouched is not None
             self._denoisers[view] = fit_denoiser(untouched)
         return self._denoisers[view]
+
+
+def _quality(given: SensorModel, name: str) -> Quality:
+    """Quality of pictures that tell how light changes with an effect.
+
+    Where light comes through a core, noise of the photons is taken off by pictures of the usual quality.
+    """
+    return DRAFT if effect(name).stage in DRAFTED and not _repeats(given) else USUAL
 
 
 def _with(model: SensorModel, effects: Mapping[str, Values]) -> SensorModel:
@@ -229,9 +240,9 @@ def _picture(
 
         def lit(values: Values, step: StencilStep = step) -> Single:
             varied = _with(model, {step.effect: values})
-            return lamp.light(varied, press, view, quality=lamp.quality(step.effect))
+            return lamp.light(varied, press, view, quality=_quality(lamp.given, step.effect))
 
-        near = lamp.light(model, press, view, quality=lamp.quality(step.effect)) if sees else here
+        near = lamp.light(model, press, view, quality=_quality(lamp.given, step.effect)) if sees else here
         taken = {end: lit(step.ends[end]) if sees else here for end in step.taken(both=both)}
         for number, p in enumerate(step.parameters):
             group = model.design.group_names.index(p.group) if p.group else None

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from designlab.core.progress import silent
-from designlab.core.types import Progress
+from designlab.core.progress import Work
 from designlab.inference.diagnosis.emulator.rendering import fill
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State
 from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter, with_strength
@@ -78,8 +77,8 @@ class ForwardSelection:
         Shots to fit to, and to judge by.
     source : Renders, optional
         Where pictures of what was fitted far from null come from; those about null must do when absent.
-    progress : callable, optional
-        Called with what is done now, steps done, and steps in all as far as is known.
+    work : Work, optional
+        What the search is the current part of; its unit is a usual picture.
     """
 
     fitter: Fitter
@@ -91,9 +90,8 @@ class ForwardSelection:
     winners: list[Winner] = field(default_factory=list)
     overlaps: Overlaps = field(default_factory=dict)
     gap: float = 0.0
-    progress: Progress = silent
+    work: Work = field(default_factory=Work)
     screened: list[dict[str, float]] = field(default_factory=list)
-    _steps: int = 0
     _reached: dict[str, State] = field(default_factory=dict)
     given: Fitter = field(init=False)
     _whole: set[str] = field(default_factory=set)
@@ -122,8 +120,9 @@ class ForwardSelection:
         return best, first, now
 
     def _round(self, number: int, base: Fit, now: Judged) -> JudgedCandidate | None:
-        self._tell("screening", 1 + FITTED)
+        self.work.tell("screening effects")
         screened, overlapping = screen(self.fitter, base.state, self.names, self.train)
+        self.work.step(len(self.train))
         self.overlaps = self.overlaps or overlapping
         self.screened.append(screened)
         amount = {f"{RIVAL}.amount": base.state.numerical}
@@ -134,21 +133,19 @@ class ForwardSelection:
         least = TRIED_ANYWAY if all_leave_much(now) else 0
         promising = [n for k, n in enumerate(order[:FITTED]) if k < least or screened[n] >= PROMISING]
         self._know(promising)
-        attempts = []
-        for place, name in enumerate(promising):
-            self._tell(name, len(promising) - place)
-            attempts.append(self._attempt(name, base, now))
+        attempts = [self._attempt(name, base, now) for name in promising]
         # What is screened tells little of what moves edges: that is tried wherever much is left.
         for mover in self._movers:
             if mover in promising or mover not in order:
                 continue
             if all_leave_much(now, *(a.judged for a in attempts)):
-                self._tell(mover, 1)
                 attempts.append(self._attempt(mover, base, now))
         tried = {attempt.name for attempt in attempts}
         for name in order:
             if name not in tried:
                 self.tried.append(Candidate(number, name, "screened out", evidence=screened[name]))
+        if attempts:
+            self.work.tell("trying the best again")
         attempts, own, base, now = self._contended(attempts, base, now)
         most = max((attempt.evidence for attempt in attempts), default=0.0)
         rivals = {a.name: a.judged.state for a in attempts if self._contends(a, most)}
@@ -414,7 +411,9 @@ class ForwardSelection:
 
     def _attempt(self, name: str, base: Fit, now: Judged) -> JudgedCandidate:
         begun = time.perf_counter()
+        self.work.tell(f"trying {name}")
         found = self._judged(name, base, now, self._beginning(name, base.state), self.fitter)
+        self.work.step(len(self.train) / 4)
         return replace(found, seconds=time.perf_counter() - begun)
 
     def _judged(self, name: str, base: Fit, now: Judged, begin: State, fitter: Fitter) -> JudgedCandidate:
@@ -454,11 +453,6 @@ class ForwardSelection:
             return replace(base, poses={})  # a wrong model may have driven poses far off
         before = self._reached[name]
         return replace(base.with_values(name, before.values[name]), poses=before.poses)
-
-    def _tell(self, what: str, left: int) -> None:
-        """Report that a step begins, after which `left` - 1 are known to follow."""
-        self.progress(f"effects: {what}", self._steps, self._steps + left)
-        self._steps += 1
 
     def _note(self, number: int, attempt: JudgedCandidate, outcome: str) -> None:
         values = attempt.fit.state.values.get(attempt.name, {})

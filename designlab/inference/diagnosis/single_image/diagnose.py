@@ -89,13 +89,14 @@ def diagnose_single(
         If the light of a group does not fit at all.
     """
     begun = time.perf_counter()
+    source.work.begin("pictures of the model")
     seen = in_blocks(seen, parity=parity)
     search = FrameSearch(source, model, seen.shots, names)
     given, best = search.run()
     verdict = _verdict(search, given, best)
     if verdict in ("unexplained", "at_floor"):
         best, search.members = given, []
-    source.begin("report", 1)
+    source.work.begin("conclusions")
     given.fitter.noises = best.fitter.noises
     found = {name: values(best.fitter, best.fit, name, (TRAIN,)) for name in best.state.values}
     effects = tuple(
@@ -128,8 +129,8 @@ def diagnose_single(
         best.fitter, best.fit, measurement, seen, report, found, seed=source.seed, samples=source.samples
     )
     figures, shown = _compared(measurement, seen, model, better, given, best, source, parity)
-    made = dict(report.provenance)
-    made["blocks"] = {"parity": parity, "structure": figures}
+    source.work.end()
+    made = {**report.provenance, "blocks": {"parity": parity, "structure": figures}}
     return replace(
         report,
         updated=better,

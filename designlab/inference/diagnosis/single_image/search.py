@@ -136,6 +136,7 @@ class FrameSearch:
                 break
             if nearby is None:
                 nearby = self._nearby(now, open_)
+                self.source.work.begin("searching")
             found = self._round(number, now, nearby, [n for n in open_ if n not in now.state.values])
             if found is None:
                 break
@@ -238,12 +239,14 @@ class FrameSearch:
     def _attempt(self, name: str, base: FittedModel, begin: FittedModel) -> FittedCandidate:
         """Fit a candidate beside the effects of a model, about where it stood before, and judge it."""
         begun = time.perf_counter()
+        self.source.work.tell(f"trying {name}")
         names = (*base.state.values, name)
         if begin is base:
             stand = self._fitted(begin, names)
         else:
             stand = self._settled(begin, names, alike=base.fitter.alike)
         gain, evidence = self._gain(self.blocks(base), self.blocks(stand)), self.evidence(stand, base)
+        self.source.work.step(0.5)
         return FittedCandidate(name, stand, gain, evidence, time.perf_counter() - begun)
 
     def evidence(self, one: FittedModel, other: FittedModel) -> Evidence:

@@ -75,7 +75,6 @@ def examine(
     design = model.effective_design()
 
     def pictures(asked: Sequence[tuple[Press | None, View]]) -> list[Array]:
-        renders.begin("checks", len(asked))
         return [renders.basis(model, press, view).astype(float) for press, view in asked]
 
     found = against_model(
