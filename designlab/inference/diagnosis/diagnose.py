@@ -14,7 +14,7 @@ from designlab.core.store import remove_partial
 from designlab.core.types import Progress
 from designlab.inference.diagnosis.emulator.rendering import cost_to_fill, fill
 from designlab.inference.diagnosis.likelihood.empirical_errors import left_of_nothing
-from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD, Fit, Fitter
+from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD, Fitter
 from designlab.inference.diagnosis.result import (
     Control,
     Found,
@@ -25,7 +25,7 @@ from designlab.inference.diagnosis.result import (
     provenance,
 )
 from designlab.inference.diagnosis.selection.forward_selection import ForwardSelection, Winner
-from designlab.inference.diagnosis.selection.held_out import Judged, judge, level
+from designlab.inference.diagnosis.selection.held_out import Judged, Stand, judge, level
 from designlab.inference.diagnosis.selection.negative_control import control
 from designlab.inference.diagnosis.selection.recentring import placed
 from designlab.inference.diagnosis.selection.refine import refined
@@ -175,21 +175,12 @@ def diagnose(
 
 
 @dataclass(frozen=True, eq=False)
-class _Stand:
-    """A model where a fit has left it, and the select presses judged by it."""
-
-    fitter: Fitter
-    fit: Fit
-    judged: Judged
-
-
-@dataclass(frozen=True, eq=False)
 class _Explanation:
     """Where a search has ended: the model as given, the corrected one, and the final presses by either."""
 
     search: ForwardSelection
-    given: _Stand
-    last: _Stand
+    given: Stand
+    last: Stand
     verdict: Verdict
     gap: Mapping[str, Level]
     ends: Sequence[Judged]
@@ -210,13 +201,12 @@ def _explained(seen: Observations, model: SensorModel, names: Sequence[str], sou
     fitter.measure(start)
     source.work.begin("searching")
     search = ForwardSelection(fitter, names, train, select, source, work=source.work)
-    best, before, after = search.run(start)
+    given, found = search.run(start)
     as_good = [winner.coherence_set for winner in search.winners]
+    before, after = given.judged, found.judged
     verdict = verdict_of(as_good, before.mean, after.mean, float(after.floor.mean()))
-    given = last = _Stand(search.given, replace(best, state=before.state), before)
     source.work.begin("refining")
-    if verdict not in NAMELESS:
-        last = _last_fit(source, given, _Stand(search.fitter, best, after), train, select)
+    last = given if verdict in NAMELESS else _last_fit(source, given, found, train, select)
     source.work.begin("conclusions")
     ends = [judge(stand.fitter, stand.fit.state, final) for stand in (given, last)]
     trained = [judge(stand.fitter, stand.fit.state, seen.of("train")) for stand in (given, last)]
@@ -337,11 +327,11 @@ def verdict_of(alike: Sequence[Sequence[str]], before: float, after: float, floo
 
 
 def _last_fit(
-    source: Renders, given: _Stand, searched: _Stand, train: Sequence[int], select: Sequence[int]
-) -> _Stand:
+    source: Renders, given: Stand, searched: Stand, train: Sequence[int], select: Sequence[int]
+) -> Stand:
     """Fit what a search has found exactly, unless the select presses speak against it."""
     fitter, fit = refined(source, searched.fitter, searched.fit, train)
-    last = _Stand(fitter, fit, judge(fitter, fit.state, select))
+    last = Stand(fitter, fit, train, judge(fitter, fit.state, select))
     means = (stand.judged.mean for stand in (given, searched, last))
     return searched if _gives_back(*means) else last
 
@@ -402,7 +392,7 @@ def _chance(fitter: Fitter) -> Iterator[str]:
         )
 
 
-def _along(last: _Stand) -> Iterator[str]:
+def _along(last: Stand) -> Iterator[str]:
     """Note probes that seem to be of another size than stated, and a lens that shifts colours much."""
     share = last.fit.state.fringes
     if abs(share) > OTHER_SD * FRINGES_SD:

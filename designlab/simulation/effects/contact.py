@@ -97,7 +97,6 @@ class ContactLayer(Effect):
     changes: ClassVar[tuple[Part, ...]] = ("surface",)
     transferable: ClassVar[bool] = True  # how gels work
     contact_models: ClassVar[tuple[str, ...]] = ("kernel",)
-    by_name: ClassVar[bool] = True  # the race has learnt its thresholds without
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """Share of the layer; thickness, known to a quarter where nobody measured it; skin (estimates)."""
@@ -221,7 +220,7 @@ class ProbeEdge(Effect):
     summary: ClassVar[str] = "edges of probes are rounder than stated"
     changes: ClassVar[tuple[Part, ...]] = ("press",)
     transferable: ClassVar[bool] = False  # how these probes were made
-    by_name: ClassVar[bool] = True  # the race has learnt its thresholds without
+    by_name: ClassVar[bool] = True  # nothing of several presses was learnt with it
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """A bead of a 0.4 mm nozzle leaves 0.1 to 0.3 mm (estimate)."""

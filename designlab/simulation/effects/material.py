@@ -121,7 +121,7 @@ class Wetting(Effect):
     changes: ClassVar[tuple[Part, ...]] = ("design",)
     transferable: ClassVar[bool] = True  # what the coating is made of
     needs_touch: ClassVar[bool] = True
-    by_name: ClassVar[bool] = True  # the race has learnt its thresholds without
+    by_name: ClassVar[bool] = True  # nothing of several presses was learnt with it
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """As much as the released press of 2020 asks for, see the preset ``gelsight-2020-flat-elastic``."""

@@ -11,8 +11,8 @@ from designlab.inference.diagnosis.emulator.snapshots import Bank
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.result import Found, Value
-from designlab.inference.diagnosis.selection.acceptance import JudgedCandidate
-from designlab.inference.diagnosis.selection.held_out import gain, judge
+from designlab.inference.diagnosis.selection.criterion import Evidence, JudgedCandidate, lead
+from designlab.inference.diagnosis.selection.held_out import Stand, gain, judge
 from designlab.inference.diagnosis.verdict.experiment_design import (
     doubt_of,
     separating,
@@ -45,15 +45,20 @@ def fitted(bank) -> tuple[JudgedCandidate, JudgedCandidate]:
     fitter = Fitter(bank)
     start = fitter.fit(fitter.start(TRAIN), (), TRAIN).state
     fitter.measure(start)
-    base = judge(fitter, start, [3])
     made = []
-    for name, evidence in (("albedo_field", 60.0), ("vignetting", 57.0)):
+    for name in NAMES:
         fit = fitter.fit(start, [name], TRAIN)
-        judged = judge(fitter, fit.state, [3])
-        made.append(
-            JudgedCandidate(name, base.gap, fitter, fit, judged, gain(base, judged, base.gap), evidence)
-        )
-    return made[0], made[1]
+        stand = Stand(fitter, fit, TRAIN, judge(fitter, fit.state, [3]))
+        share = gain(stand.judged, stand.judged, 1.0)
+        made.append(JudgedCandidate(name, stand, share, Evidence(60.0, 0.0), 0.0, 1.0))
+    return ahead(made[0], made[1], 3.0)
+
+
+def ahead(
+    true: JudgedCandidate, wrong: JudgedCandidate, by: float
+) -> tuple[JudgedCandidate, JudgedCandidate]:
+    """The two with prices by which the truth leads as much as asked."""
+    return replace(true, price=true.price + lead(true, wrong).value - by), wrong
 
 
 def action(bank: Bank, like: int, lit: np.ndarray) -> Action:
@@ -66,12 +71,14 @@ def risen(bank: Bank, actions: list[Action], true: JudgedCandidate, wrong: Judge
     taken = replace(bank, shots=(*bank.shots, *(a.shot for a in actions)), place=place)
     further = range(len(bank.shots), len(taken.shots))
     predict = Fitter(taken).forward.predict
-    new = [replace(a.shot, signal=predict(true.fit.state, n)) for n, a in zip(further, actions, strict=True)]
+    new = [
+        replace(a.shot, signal=predict(true.stand.state, n)) for n, a in zip(further, actions, strict=True)
+    ]
     fitter = Fitter(replace(taken, shots=(*bank.shots, *new)))
-    fitter.measure(true.fit.state)
-    fitter.noises[: len(bank.shots)] = true.fitter.noises
+    fitter.measure(true.stand.state)
+    fitter.noises[: len(bank.shots)] = true.stand.fitter.noises
     right, other = (
-        fitter.fit(a.fit.state, [a.name], [*TRAIN, *further]).objective - a.fit.objective
+        fitter.fit(a.stand.state, [a.name], [*TRAIN, *further]).objective - a.stand.fit.objective
         for a in (true, wrong)
     )
     return 0.5 * (other - right)
@@ -87,7 +94,7 @@ def test_frames_tell_at_least_what_was_predicted(bank, fitted) -> None:
         assert predicted > before + 5.0
         assert predicted <= risen(bank, actions[:count], *fitted) <= 3.0 * predicted
         before = predicted
-    assert doubt.needed == pytest.approx(6.0 - 3.0)  # a tenth of the evidence, of which it has some
+    assert doubt.needed == pytest.approx(6.0 - 3.0)  # of which it has some
 
 
 def test_what_shows_neither_effect_tells_nothing(bank, fitted) -> None:
@@ -102,35 +109,36 @@ def test_a_frame_without_light_tells_no_black_level_below_zero(bank, fitted, lev
     """Counts end at zero: what lies below is seen only in values from which something was subtracted."""
     right, wrong = fitted
     levels = {"R": level, "G": 0.0, "B": 0.0}
-    state = wrong.fit.state.without("vignetting").with_values("black_level", levels)
-    true = replace(right, name="black_level", fit=replace(right.fit, state=state))
+    state = wrong.stand.state.without("vignetting").with_values("black_level", levels)
+    fit = replace(right.stand.fit, state=state)
+    true = replace(right, name="black_level", stand=replace(right.stand, fit=fit))
     dark = action(bank, 0, np.zeros(3))
     dark = replace(dark, shot=replace(dark.shot, clips=(clips,) * 3))
-    lead = doubt_of(true, wrong, [dark]).lead([0])
-    assert lead > 5.0 if tells else lead == pytest.approx(0.0, abs=1e-3)
+    told = doubt_of(true, wrong, [dark]).lead([0])
+    assert told > 5.0 if tells else told == pytest.approx(0.0, abs=1e-3)
 
 
 def test_frames_are_asked_for_until_they_suffice(fitted) -> None:
     """More where the doubt is greater, each once, and the words say where they may not do."""
     true, wrong = fitted
-    asked = separating(true.fitter, [true, wrong])
+    asked = separating(true.stand.fitter, [true, wrong])
     assert asked.separation_sd is not None
-    assert 0.5 * asked.separation_sd**2 >= 9.0
+    assert 0.5 * asked.separation_sd**2 >= 9.0  # of the wrong one too, which is 3 behind
     assert "may not" not in asked.text
-    far = [replace(each, evidence=10 * each.evidence) for each in fitted]
-    more = separating(true.fitter, far)
+    far = ahead(true, wrong, -40.0)
+    more = separating(true.stand.fitter, far)
     assert len(more.frames) > len(asked.frames)
     assert len({str(frame) for frame in more.frames}) == len(more.frames)
     assert more.minutes > asked.minutes
-    endless = [replace(each, evidence=1e4 * each.evidence) for each in fitted]
-    assert separating(true.fitter, endless).text.endswith("; even that may not tell them apart")
+    endless = ahead(true, wrong, -1e5)
+    assert separating(true.stand.fitter, endless).text.endswith("; even that may not tell them apart")
 
 
 def test_all_that_there_is_may_be_asked_for(fitted, monkeypatch) -> None:
     true, wrong = fitted
     monkeypatch.setattr("designlab.inference.diagnosis.verdict.experiment_design.MOST_FRAMES", 1000)
-    endless = [replace(each, evidence=1e4 * each.evidence) for each in (true, wrong)]
-    frames = separating(true.fitter, endless).frames
+    endless = ahead(true, wrong, -1e5)
+    frames = separating(true.stand.fitter, endless).frames
     # Backgrounds alone, short and turned, two places of presses with each group; dark shows neither effect.
     assert len(frames) == 11
     assert {"kind": "dark", "leds": []} not in frames
@@ -138,14 +146,14 @@ def test_all_that_there_is_may_be_asked_for(fitted, monkeypatch) -> None:
 
 def test_where_no_frame_tells_anything_that_is_said(fitted) -> None:
     true, _ = fitted
-    asked = separating(true.fitter, [true, replace(true)])
+    asked = separating(true.stand.fitter, [true, replace(true)])
     assert not asked.frames
     assert asked.text.startswith("no frame is known")
 
 
 def test_frames_that_differ_by_their_light_are_said_at_once(fitted) -> None:
-    far = [replace(each, evidence=1e4 * each.evidence) for each in fitted]
-    text = separating(far[0].fitter, far).text
+    far = ahead(*fitted, -1e5)
+    text = separating(far[0].stand.fitter, far).text
     pressed = [part for part in text.split("; ") if part.startswith("sphere:4 pressed 0.6 mm deep")]
     assert len(pressed) == 1
     assert pressed[0].endswith(" LEDs, each alone")
@@ -155,7 +163,7 @@ def test_frames_that_differ_by_their_light_are_said_at_once(fitted) -> None:
 @pytest.mark.parametrize("dark", [True, False])
 @pytest.mark.parametrize("level", [-0.01, 0.01])
 def test_a_black_level_below_zero_is_looked_for_in_light_of_single_groups(fitted, level, dark) -> None:
-    fitter = fitted[0].fitter
+    fitter = fitted[0].stand.fitter
     off = replace(fitter.bank.shots[0], lit=np.zeros(3), clips=(True, True, True))
     taken = (*fitter.bank.shots, *([off] if dark else []))
     seen = Observations(taken, np.zeros(3), "repeated frames", True, dark, ())

@@ -13,7 +13,7 @@ from designlab.inference.diagnosis.likelihood.fit import Fitter, with_strength
 from designlab.inference.diagnosis.likelihood.fixed_pattern import found_pattern, in_few_waves
 from designlab.inference.diagnosis.likelihood.monte_carlo_noise import monte_carlo_noise
 from designlab.inference.diagnosis.likelihood.noise import DARK_LIGHT
-from designlab.inference.diagnosis.selection.acceptance import MOST_IN_WAVES
+from designlab.inference.diagnosis.selection.criterion import MOST_IN_WAVES
 from designlab.inference.diagnosis.selection.forward_selection import ForwardSelection
 from designlab.inference.diagnosis.selection.held_out import judge
 from designlab.inference.diagnosis.selection.screening import scan_of, with_scanned

@@ -38,11 +38,8 @@ from designlab.inference.diagnosis.result import (
     Value,
     Where,
 )
-from designlab.inference.diagnosis.selection.acceptance import AS_GOOD, DECISIVE, LATER_DECISIVE
-from designlab.inference.diagnosis.selection.forward_selection import MOST_EFFECTS, OVERLAP
-from designlab.inference.diagnosis.selection.held_out import LEAST_IMPROVED, LEAST_SHARE
+from designlab.inference.diagnosis.selection.criterion import LEAST_SHARE, OF_BLOCKS, OF_PRESSES, SURE_SE
 from designlab.inference.diagnosis.single_image import diagnose as single
-from designlab.inference.diagnosis.single_image import search
 from designlab.inference.diagnosis.single_image.frame_fitter import SCALE_SD
 from designlab.inference.diagnosis.verdict.confidence import SIGNS, confidence
 from designlab.measurement.blocks import BLOCKS
@@ -143,15 +140,15 @@ def test_the_thresholds_that_are_documented_are_those_of_the_code() -> None:
         f"`at_floor` lies below {AT_FLOOR:g} floors; `partial` leaves at least {NEAR:g} floors",
         f"and more than {100 * PARTIAL_ABOVE:g} % of the gap",
         f"divided by {ALIKE:g} since",
-        f"within {AS_GOOD:g} of its evidence",
-        f"about {100 * OVERLAP:g} % of what the best does",
-        f"its evidence is {DECISIVE:g}, if it surely closes {100 * LEAST_SHARE:g} %",
-        f"improves {100 * LEAST_IMPROVED:g} % of select presses",
-        f"for up to {MOST_EFFECTS} effects; later ones need an evidence of {LATER_DECISIVE:g}",
+        f"within {OF_PRESSES.as_good:g} of its evidence",
+        f"within {SURE_SE:g} standard errors",
+        f"its evidence is {OF_PRESSES.evidence:g} and {SURE_SE:g} standard errors",
+        f"close {100 * LEAST_SHARE:g} % of what is left",
+        f"for up to {OF_PRESSES.most_effects} effects",
         f"{BLOCKS} blocks across",
         f"free to {100 * SCALE_SD:g} %",
-        f"needs evidence of {search.DECISIVE:g}",
-        f"up to {search.MOST_EFFECTS} effects join, and `at_floor` lies below {single.AT_FLOOR:g} floors",
+        f"needs evidence of {OF_BLOCKS.evidence:g}",
+        f"up to {OF_BLOCKS.most_effects} effects join, and `at_floor` lies below {single.AT_FLOOR:g} floors",
         f"sizes of probes (to {100 * SIZE_SD:g} %), lateral colour (to {100 * FRINGES_SD:g} %)",
     ):
         assert words in text, words
@@ -454,13 +451,13 @@ def test_effects_of_elastic_gels_are_tried_of_these_alone_and_some_only_by_name(
     elastic, kernel = (SensorModel(design=preset(f"gelsight-2020-flat{kind}")) for kind in ("-elastic", ""))
     seen = Observations((), np.zeros(3), "", repeats=False, dark=False, notes=())
     own = {"gel_thickness", "friction", "skin_length"}
-    of_kernels = {"contact_kernel", "contact_profile"}
+    of_kernels = {"contact_kernel", "contact_profile", "contact_layer"}
     assert set(_names(elastic, None, seen)) - set(_names(kernel, None, seen)) == own
     assert set(_names(kernel, None, seen)) - set(_names(elastic, None, seen)) == of_kernels
-    asked = ["contact_layer", "probe_edge", "probe_size", "friction"]
+    asked = ["wetting", "probe_edge", "probe_size", "friction"]
     assert not set(asked) & set(_names(kernel, None, seen))
     assert _names(kernel, asked, seen) == asked[:3]
-    assert _names(elastic, asked, seen) == asked[1:]
+    assert _names(elastic, asked, seen) == asked
     (said,) = _untried(asked, kernel, seen)
     assert said == "friction was not tried: the design gelsight-2020-flat cannot have it"
     assert not list(_untried(None, kernel, seen))

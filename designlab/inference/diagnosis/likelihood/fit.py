@@ -111,6 +111,15 @@ class Fitter:
             for n, shot in enumerate(self.bank.shots)
         ]
 
+    def chance(self, shots: Sequence[int]) -> tuple[float, float]:
+        """Misfit that noise of the camera leaves of shots, and how many independent values they have."""
+        least = values = 0.0
+        for number in shots:
+            valid, own = self.bank.shots[number].valid, self.noises[number]
+            least += float(((own.camera / own.sigma) ** 2)[valid].sum())
+            values += float(valid.sum())
+        return least / self.alike, values / self.alike
+
     def unknowns(
         self, state: State, names: Collection[str], shots: Sequence[int], *, gains: bool = True
     ) -> list[Unknown]:
@@ -307,6 +316,21 @@ class Fitter:
             if (below and not p.one_sided) or (above and not p.whole):
                 found.append(p.name)
         return tuple(found)
+
+
+def log_score(misfit: Array | float, least: Array | float, values: Array | float) -> Array:
+    """Log score of shots whose errors may be larger than they are known to be.
+
+    Half the misfit beyond the noise of the camera, as of Gaussian errors, where that is little. What is more
+    than there are values counts by its logarithm, as of errors of an unknown size (Student's distribution):
+    a wrong model must not gain the more by a share of its misfit, the larger that is.
+
+    Parameters
+    ----------
+    misfit, least, values : array or float
+        Penalised misfit; what noise leaves of it; number of independent values.
+    """
+    return np.asarray(-0.5 * values * np.log1p(np.maximum(misfit - np.asarray(least), 0.0) / values))
 
 
 def _within_trust(found: System, step: Array, low: Array, high: Array) -> Array:

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from designlab.core.types import Array
 from designlab.inference.diagnosis.likelihood.normal_equations import System
 
 Overlaps = Mapping[tuple[str, str], float]
@@ -12,7 +11,7 @@ Overlaps = Mapping[tuple[str, str], float]
 FLAT_PRIOR = 1e-6  # of a signature: a direction that the other hardly has is none
 
 
-def overlaps(found: System, names: Sequence[str], steps: Mapping[str, Array] | None = None) -> Overlaps:
+def overlaps(found: System, names: Sequence[str]) -> Overlaps:
     """Share of each effect's signature that each other effect can bring about on the same shots.
 
     What gains, poses and the simulation's own errors can bring about is taken out before. 1 means that no
@@ -23,10 +22,7 @@ def overlaps(found: System, names: Sequence[str], steps: Mapping[str, Array] | N
     found : System
         Normal equations of the effects and of all that is fitted along.
     names : sequence of str
-        Effects to compare.
-    steps : mapping of str to array, optional
-        How large an effect's parameters are, in prior standard deviations; the mean over all of unit length
-        when absent.
+        Effects to compare; the mean over all values of unit length.
 
     Returns
     -------
@@ -41,10 +37,7 @@ def overlaps(found: System, names: Sequence[str], steps: Mapping[str, Array] | N
     table = {}
     for a in own:
         one = [position[k] for k in places[a]]
-        whole = information[np.ix_(one, one)]
-        step = None if steps is None else steps.get(a)
-        weight = np.eye(len(one)) if step is None else np.outer(step, step)
-        norm = float(np.sum(whole * weight))
+        norm = float(np.trace(information[np.ix_(one, one)]))
         for b in own:
             if a == b or norm <= 0:
                 continue
@@ -53,5 +46,5 @@ def overlaps(found: System, names: Sequence[str], steps: Mapping[str, Array] | N
             cross = information[np.ix_(other, one)]
             ridge = FLAT_PRIOR * np.trace(inner) / len(other) * np.eye(len(other))
             explained = cross.T @ np.linalg.solve(inner + ridge, cross)
-            table[a, b] = float(np.clip(np.sum(explained * weight) / norm, 0.0, 1.0))
+            table[a, b] = float(np.clip(np.trace(explained) / norm, 0.0, 1.0))
     return table

@@ -25,7 +25,7 @@ from designlab.inference.diagnosis.result import (
     provenance,
 )
 from designlab.inference.diagnosis.single_image.frame_fitter import SCALE
-from designlab.inference.diagnosis.single_image.search import FittedModel, FrameSearch, Member
+from designlab.inference.diagnosis.single_image.search import FittedPicture, FrameSearch, Member
 from designlab.inference.diagnosis.verdict.data_checks import Examined, looking_alike, weakened
 from designlab.inference.diagnosis.verdict.intervals import values
 from designlab.inference.diagnosis.verdict.localise import localise
@@ -140,7 +140,7 @@ def diagnose_single(
     )
 
 
-def _verdict(search: FrameSearch, given: FittedModel, best: FittedModel) -> Verdict:
+def _verdict(search: FrameSearch, given: FittedPicture, best: FittedPicture) -> Verdict:
     """Judge by the blocks that chose; more than partial or ambiguous one picture cannot give."""
     floor = search.floor(best)
     before, after = (float(search.blocks(stand).mean()) for stand in (given, best))
@@ -159,8 +159,8 @@ def _compared(
     seen: Observations,
     model: SensorModel,
     updated: SensorModel,
-    given: FittedModel,
-    best: FittedModel,
+    given: FittedPicture,
+    best: FittedPicture,
     source: Renders,
     parity: int,
 ) -> tuple[Figures, PictureComparison]:
@@ -186,7 +186,7 @@ def _compared(
     return figures, PictureComparison(real, **images, fitted=uses == TRAIN)
 
 
-def _words(search: FrameSearch, best: FittedModel, figures: Figures) -> list[str]:
+def _words(search: FrameSearch, best: FittedPicture, figures: Figures) -> list[str]:
     """What the picture shows, in sentences."""
     words = []
     classes: dict[str, list[str]] = {}
@@ -232,7 +232,7 @@ def _rivals(member: Member) -> str:
     )
 
 
-def _registered(best: FittedModel) -> list[str]:
+def _registered(best: FittedPicture) -> list[str]:
     """Where the press was found, and how bright the light."""
     away, sigma = best.fitter.stated(best.state), best.fitter.bank.shots[TRAIN].pose_sigma
     press = ", ".join(f"{axis} {value:+.3f}" for axis, value in zip(POSE, away, strict=True))

@@ -8,66 +8,35 @@ effect that joins.
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.snapshots import Snapshot
-from designlab.inference.diagnosis.emulator.state import State
-from designlab.inference.diagnosis.likelihood.fit import Fit
 from designlab.inference.diagnosis.result import Candidate
+from designlab.inference.diagnosis.selection.criterion import OF_BLOCKS, Evidence, JudgedCandidate
 from designlab.inference.diagnosis.selection.forward_selection import fitted
-from designlab.inference.diagnosis.selection.held_out import LEAST_SHARE, Gain, standard_error
+from designlab.inference.diagnosis.selection.held_out import FittedModel, Gain, standard_error
 from designlab.inference.diagnosis.single_image.frame_fitter import SCALE, FrameFitter, centred
 from designlab.measurement.blocks import SELECT, TRAIN, block_numbers
 from designlab.measurement.shots import POSE, Shot
 from designlab.simulation.effects import SensorModel, effect
 from designlab.simulation.render_cache import Renders
 
-MOST_EFFECTS = 6  # beside the scale
 ENVELOPE = 1.3  # mean squared residual over the floor below which no further effect is looked for
 SETTLING = 4  # times that pictures are rendered anew about what was found
-SURE_SE = 2.0  # standard errors from which evidence is sure
-DECISIVE = 5.0  # natural logarithm of a likelihood ratio that is very strong (Kass and Raftery 1995)
-CONTENDING = 0.25  # of the most evidence from which a candidate is fitted where it stands
 SETTLED = 0.05  # change of the number of values that count as one below which it stays
 
 
 @dataclass(frozen=True, eq=False)
-class FittedModel:
-    """A fit with the pictures it is combined from."""
+class FittedPicture(FittedModel):
+    """A fit to a single picture."""
 
     fitter: FrameFitter
-    fit: Fit
-
-    @property
-    def state(self) -> State:
-        """Where the fit ended."""
-        return self.fit.state
 
 
-class Evidence(NamedTuple):
-    """Difference of the log scores of two fits with its standard error, from the spread between blocks."""
-
-    value: float
-    se: float
-
-    @property
-    def sure(self) -> bool:
-        """Whether one fit surely does better."""
-        return self.value > SURE_SE * self.se
-
-
-@dataclass(frozen=True, eq=False)
-class FittedCandidate:
-    """A candidate, fitted, what it takes away on the blocks that judge, and its evidence."""
-
-    name: str
-    stand: FittedModel
-    gain: Gain
-    evidence: Evidence
-    seconds: float = 0.0
+Attempt = JudgedCandidate[FittedPicture]
+"""A candidate of a single picture, judged by its blocks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +77,7 @@ class FrameSearch:
     gap: float = 1.0
     _found: dict[str, Member] = field(default_factory=dict)
 
-    def run(self) -> tuple[FittedModel, FittedModel]:
+    def run(self) -> tuple[FittedPicture, FittedPicture]:
         """Register, add effects until none passes, drop those that are not needed any more.
 
         Returns
@@ -121,7 +90,7 @@ class FrameSearch:
         now = given
         if SCALE in self.names:
             # From the stated pose too: a wrong scale may have driven it far off.
-            stated = FittedModel(given.fitter.about(stated.fitter.bank, stated.fitter.away), stated.fit)
+            stated = FittedPicture(given.fitter.about(stated.fitter.bank, stated.fitter.away), stated.fit)
             starts = [self._fitted(stand, (SCALE,)) for stand in (given, stated)]
             now = self._settled(min(starts, key=lambda stand: stand.fit.objective), (SCALE,))
         # Near the floor shares of the gap would be shares of next to nothing.
@@ -131,7 +100,7 @@ class FrameSearch:
             if why := effect(name).unseen_alone:
                 self.tried.append(Candidate(0, name, f"not tried, {why}"))
         nearby = None
-        for number in range(1, MOST_EFFECTS + 1):
+        for number in range(1, OF_BLOCKS.most_effects + 1):
             if float(self.blocks(now).mean()) < ENVELOPE * self.floor(now):
                 break
             if nearby is None:
@@ -143,12 +112,12 @@ class FrameSearch:
             now = self._settled(found.stand, (*now.state.values, found.name))
         return given, self._needed(now)
 
-    def blocks(self, stand: FittedModel, use: int = SELECT) -> Array:
+    def blocks(self, stand: FittedPicture, use: int = SELECT) -> Array:
         """Mean squared residual of each block of a use, in units of noise and granted errors."""
         sums, counts = self._squares(stand, use)
         return sums / counts
 
-    def _squares(self, stand: FittedModel, use: int) -> tuple[Array, Array]:
+    def _squares(self, stand: FittedPicture, use: int) -> tuple[Array, Array]:
         """Sum of the squared residuals of each block of a use, and how many these are."""
         shot, noise = stand.fitter.bank.shots[use], stand.fitter.noises[use]
         left = ((shot.signal - stand.fitter.forward.predict(stand.state, use)) / noise.sigma) ** 2
@@ -157,36 +126,36 @@ class FrameSearch:
         sums, counts = np.bincount(place, left[shot.valid]), np.bincount(place)
         return np.asarray(sums[counts > 0]), counts[counts > 0].astype(float)
 
-    def floor(self, stand: FittedModel, use: int = SELECT) -> float:
+    def floor(self, stand: FittedPicture, use: int = SELECT) -> float:
         """Mean squared residual that grain and granted errors leave."""
         shot, noise = stand.fitter.bank.shots[use], stand.fitter.noises[use]
         return float(((noise.granted / noise.sigma) ** 2)[shot.valid].mean())
 
-    def _stated(self) -> FittedModel:
+    def _stated(self) -> FittedPicture:
         """Fit light and pose about the stated pose."""
         away = np.zeros(len(POSE))
         fitter = FrameFitter(centred(self.source, self.model, self.shots, (), away, {}), away)
         fit = fitter.fit(fitter.start([TRAIN]), (), [TRAIN])
         fitter.measure(fit.state)
-        return FittedModel(fitter, fitter.fit(fit.state, (), [TRAIN]))
+        return FittedPicture(fitter, fitter.fit(fit.state, (), [TRAIN]))
 
-    def _fitted(self, stand: FittedModel, names: Sequence[str]) -> FittedModel:
-        return FittedModel(stand.fitter, stand.fitter.fit(stand.state, names, [TRAIN]))
+    def _fitted(self, stand: FittedPicture, names: Sequence[str]) -> FittedPicture:
+        return FittedPicture(stand.fitter, stand.fitter.fit(stand.state, names, [TRAIN]))
 
-    def _nearby(self, stand: FittedModel, names: Sequence[str]) -> Snapshot:
+    def _nearby(self, stand: FittedPicture, names: Sequence[str]) -> Snapshot:
         """Render changes of the picture of a fit, that of a finer mesh too."""
         away = stand.fitter.away
         return centred(self.source, self.model, self.shots, names, away, {}, finer=True).pictures[0]
 
-    def _about(self, stand: FittedModel, names: Sequence[str]) -> FrameFitter:
+    def _about(self, stand: FittedPicture, names: Sequence[str]) -> FrameFitter:
         """Fitter about pictures rendered where a fit ended."""
         away, values = stand.fitter.stated(stand.state), stand.state.values
         bank = centred(self.source, self.model, self.shots, names, away, values)
         return stand.fitter.about(bank, away)
 
     def _settled(
-        self, stand: FittedModel, names: Sequence[str], *, alike: float | None = None
-    ) -> FittedModel:
+        self, stand: FittedPicture, names: Sequence[str], *, alike: float | None = None
+    ) -> FittedPicture:
         """Fit effects about pictures rendered anew where the last fit ended, until it stays within reach.
 
         Values count by what is left of them there, which changes with the fit in turn; where `alike` is
@@ -201,42 +170,42 @@ class FrameSearch:
                 break
             if not near:
                 rendered = [name for name in names if effect(name).rendered]
-                fitter = self._about(FittedModel(fitter, stand.fit), rendered)
+                fitter = self._about(FittedPicture(fitter, stand.fit), rendered)
                 state = replace(state, poses={})
-            stand = FittedModel(fitter, fitter.fit(state, names, [TRAIN]))
+            stand = FittedPicture(fitter, fitter.fit(state, names, [TRAIN]))
         return stand
 
     def _round(
-        self, number: int, now: FittedModel, nearby: Snapshot, names: Sequence[str]
-    ) -> FittedCandidate | None:
-        base = FittedModel(now.fitter.knowing(nearby), now.fit)
+        self, number: int, now: FittedPicture, nearby: Snapshot, names: Sequence[str]
+    ) -> Attempt | None:
+        base = FittedPicture(now.fitter.knowing(nearby), now.fit)
         attempts = [self._attempt(name, base, base) for name in names]
         if not attempts:
             return None
         # Pictures about the model without an effect tell little of one that moves walls, say: what may be the
         # best is fitted again where it stands.
-        most = max(each.evidence.value for each in attempts)
+        least = OF_BLOCKS.contending * max(each.evidence.value for each in attempts)
         attempts = [
-            self._attempt(each.name, base, each.stand) if each.evidence.value > CONTENDING * most else each
+            self._attempt(each.name, base, each.stand) if each.evidence.value > least else each
             for each in attempts
         ]
         attempts.sort(key=lambda each: -each.evidence.value)
-        passed = []
-        for attempt in attempts:
-            reason = self._refused(base, attempt)
+        reasons = [OF_BLOCKS.refused(attempt) for attempt in attempts]
+        for reason, attempt in zip(reasons, attempts, strict=True):
             self._note(number, attempt, reason or "passed")
-            if not reason:
-                passed.append(attempt)
+        passed = [attempt for reason, attempt in zip(reasons, attempts, strict=True) if not reason]
         if not passed:
             return None
-        best = passed[0]
-        beside = {a.name: self.evidence(best.stand, a.stand) for a in attempts if a is not best}
-        strong = (a for a in attempts if a.evidence.value > DECISIVE)
-        equals = tuple(a.name for a in strong if a is best or not beside[a.name].sure)
-        self._found[best.name] = Member(best.name, best.gain, equals, beside)
+
+        def lead(one: Attempt, other: Attempt) -> Evidence:
+            return self.evidence(one.stand, other.stand)
+
+        best, equal = OF_BLOCKS.chosen(passed, lead, now.fitter.forward.parameters)
+        beside = {a.name: lead(best, a) for a in attempts if a is not best}
+        self._found[best.name] = Member(best.name, best.gain, tuple(a.name for a in equal), beside)
         return best
 
-    def _attempt(self, name: str, base: FittedModel, begin: FittedModel) -> FittedCandidate:
+    def _attempt(self, name: str, base: FittedPicture, begin: FittedPicture) -> Attempt:
         """Fit a candidate beside the effects of a model, about where it stood before, and judge it."""
         begun = time.perf_counter()
         self.source.work.tell(f"trying {name}")
@@ -247,9 +216,11 @@ class FrameSearch:
             stand = self._settled(begin, names, alike=base.fitter.alike)
         gain, evidence = self._gain(self.blocks(base), self.blocks(stand)), self.evidence(stand, base)
         self.source.work.step(0.5)
-        return FittedCandidate(name, stand, gain, evidence, time.perf_counter() - begun)
+        left = (float(self.blocks(base).mean()) - self.floor(base)) / self.gap
+        seconds = time.perf_counter() - begun
+        return Attempt(name, stand, gain, evidence, held_out=gain.value, left=left, seconds=seconds)
 
-    def evidence(self, one: FittedModel, other: FittedModel) -> Evidence:
+    def evidence(self, one: FittedPicture, other: FittedPicture) -> Evidence:
         """By how much one fit of blocks explains them better than another, priors of its values included."""
         scores, priors = [], []
         for stand in (one, other):
@@ -263,26 +234,9 @@ class FrameSearch:
     def _gain(self, before: Array, after: Array) -> Gain:
         """Fall of the misfit as a share of the gap; its error from the spread between blocks."""
         falls = (before - after) / self.gap
-        value, error = float(falls.mean()), standard_error(falls)
-        squares = 1.0 - float(after.mean() / before.mean())
-        return Gain(value, error, float((falls > 0).mean()), squares, value, error)
+        return Gain(float(falls.mean()), standard_error(falls), float((falls > 0).mean()))
 
-    def _refused(self, base: FittedModel, attempt: FittedCandidate) -> str:
-        """Why a candidate does not pass beside a model; empty if it does."""
-        evidence = attempt.evidence
-        if evidence.value <= DECISIVE:
-            return f"evidence {evidence.value:.3g}, below {DECISIVE:g}"
-        if not evidence.sure:
-            return f"evidence {evidence.value:.3g} is not sure, give or take {evidence.se:.2g}"
-        left = float(self.blocks(base).mean()) - self.floor(base)
-        least = LEAST_SHARE * left / self.gap
-        if attempt.gain.value < least:
-            return f"closes {attempt.gain.value:.1%} of the gap, less than {least:.1%}"
-        if bound := base.fitter.at_bound(attempt.stand.state, attempt.name):
-            return f"at the bound of {', '.join(bound)}"
-        return ""
-
-    def _needed(self, now: FittedModel) -> FittedModel:
+    def _needed(self, now: FittedPicture) -> FittedPicture:
         """Leave out effects, the least first, without which the blocks that judge are fitted as well."""
         while now.state.values:
             names = list(now.state.values)
@@ -295,25 +249,26 @@ class FrameSearch:
             least = min(names, key=lambda name: evidence[name].value)
             if _seen(evidence[least]):
                 break
-            self.tried.append(Candidate(MOST_EFFECTS + 1, least, "left out again, others do without"))
+            last = OF_BLOCKS.most_effects + 1
+            self.tried.append(Candidate(last, least, "left out again, others do without"))
             values = {n: v for n, v in now.state.values.items() if n != least}
             less = replace(now.state, values=values)
             rendered = [name for name in values if effect(name).rendered]
-            fitter = self._about(FittedModel(now.fitter, replace(now.fit, state=less)), rendered)
+            fitter = self._about(FittedPicture(now.fitter, replace(now.fit, state=less)), rendered)
             state = replace(less, poses={})
-            now = self._settled(FittedModel(fitter, fitter.fit(state, list(values), [TRAIN])), list(values))
+            now = self._settled(FittedPicture(fitter, fitter.fit(state, list(values), [TRAIN])), list(values))
         if not now.state.values:
             self.members = []
         return now
 
-    def _without(self, now: FittedModel, name: str) -> FittedModel:
+    def _without(self, now: FittedPicture, name: str) -> FittedPicture:
         """Fit all effects but one anew."""
         null = effect(name).null(self.model.design)
         state = now.state.with_values(name, null)
         fit = now.fitter.fit(state, [n for n in state.values if n != name], (TRAIN,))
-        return FittedModel(now.fitter, fit)
+        return FittedPicture(now.fitter, fit)
 
-    def _note(self, number: int, attempt: FittedCandidate, outcome: str) -> None:
+    def _note(self, number: int, attempt: Attempt, outcome: str) -> None:
         values = attempt.stand.state.values[attempt.name]
         evidence, seconds = attempt.evidence.value, attempt.seconds
         self.tried.append(fitted(number, attempt.name, outcome, attempt.gain, values, evidence, seconds))
@@ -321,4 +276,4 @@ class FrameSearch:
 
 def _seen(evidence: Evidence) -> bool:
     """Whether evidence suffices for an effect."""
-    return evidence.sure and evidence.value > DECISIVE
+    return evidence.sure and evidence.value > OF_BLOCKS.evidence

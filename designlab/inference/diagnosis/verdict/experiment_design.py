@@ -11,7 +11,8 @@ from designlab.inference.diagnosis.emulator.forward import Forward
 from designlab.inference.diagnosis.likelihood.fit import Fitter
 from designlab.inference.diagnosis.likelihood.noise import noise
 from designlab.inference.diagnosis.result import Advice
-from designlab.inference.diagnosis.selection.acceptance import JudgedCandidate, least_lead
+from designlab.inference.diagnosis.selection.criterion import OF_PRESSES, SURE_SE, JudgedCandidate, lead
+from designlab.inference.diagnosis.selection.held_out import Stand
 from designlab.measurement.frames_to_take import Action, frames_to_take, in_words
 from designlab.measurement.usable_frames import without_cut
 
@@ -20,7 +21,7 @@ LEAST_USE = 0.1  # rise of the logarithm of the Bayes factor below which no fram
 SURELY = 1.5  # times what is needed: predicted frames do not have what the model lacks in all real ones
 
 
-def separating(fitter: Fitter, equals: Sequence[JudgedCandidate]) -> Advice:
+def separating(fitter: Fitter, equals: Sequence[JudgedCandidate[Stand]]) -> Advice:
     """Frames that would leave one of several effects, whichever is true, in the least time.
 
     Parameters
@@ -96,19 +97,19 @@ class Doubt:
         return 0.5 * float(misfit - right @ np.linalg.solve(matrix, right))
 
 
-def doubt_of(true: JudgedCandidate, wrong: JudgedCandidate, actions: Sequence[Action]) -> Doubt:
+def doubt_of(true: JudgedCandidate[Stand], wrong: JudgedCandidate[Stand], actions: Sequence[Action]) -> Doubt:
     """What frames would tell if one attempt is true and another is wrong."""
-    here = range(len(wrong.fitter.bank.shots), len(wrong.fitter.bank.shots) + len(actions))
-    told = _taking(true.fitter, actions)
-    taken, noises = [], [*wrong.fitter.noises]
+    here = range(len(wrong.stand.fitter.bank.shots), len(wrong.stand.fitter.bank.shots) + len(actions))
+    told = _taking(true.stand.fitter, actions)
+    taken, noises = [], [*wrong.stand.fitter.noises]
     for number, action in zip(here, actions, strict=True):
-        signal = told.predict(true.fit.state, number)
+        signal = told.predict(true.stand.state, number)
         shot = without_cut(replace(action.shot, signal=signal, valid=np.ones(signal.shape, dtype=bool)))
-        random = wrong.fitter.noises[action.like].random
-        noises.append(noise(shot, signal, told.untouched(true.fit.state, number), told.black, random))
+        random = wrong.stand.fitter.noises[action.like].random
+        noises.append(noise(shot, signal, told.untouched(true.stand.state, number), told.black, random))
         taken.append(replace(action, shot=shot))
-    fitter = wrong.fitter.of(_taking(wrong.fitter, taken).bank, noises)
-    state, found = wrong.fit.state, wrong.fit.system
+    fitter = wrong.stand.fitter.of(_taking(wrong.stand.fitter, taken).bank, noises)
+    state, found = wrong.stand.state, wrong.stand.fit.system
     shared = [k for k, u in enumerate(found.unknowns) if u.shot < 0]
     information, _ = found.reduced(shared)
     ours = [found.unknowns[k] for k in shared]
@@ -118,7 +119,8 @@ def doubt_of(true: JudgedCandidate, wrong: JudgedCandidate, actions: Sequence[Ac
         both = replace(fitter.system(state, [number], [*ours, *own]), now=np.zeros(len(ours) + len(own)))
         _, fallen = both.only(lambda u: u.shot >= 0).step(*fitter.bounds(own))
         frames.append((*both.reduced(range(len(ours))), both.misfit - fallen))
-    needed = least_lead(true.evidence) - (true.evidence - wrong.evidence)
+    ahead = lead(true, wrong)
+    needed = max(OF_PRESSES.as_good, SURE_SE * ahead.se) - ahead.value
     return Doubt(needed, information + np.eye(len(shared)), frames)
 
 
