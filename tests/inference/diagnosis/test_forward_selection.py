@@ -294,13 +294,25 @@ def test_small_misfits_count_as_of_gaussian_errors_and_large_ones_by_their_ratio
 
 
 def test_the_error_of_evidence_is_that_of_a_sum_over_all_shots(measured) -> None:
-    base, better = (stand(measured, "", left) for left in ([140.0, 150.0, 160.0], [120.0, 140.0, 130.0]))
+    left = [140.0, 140.0, 140.0]
+    base, better = (stand(measured, "", own) for own in (left, [120.0, 130.0, 110.0]))
     apart = better.judged.scores - base.judged.scores
     found = difference(better, base, price=2.0)
     assert found.value == pytest.approx(apart.sum() - 2.0)
     assert found.se == pytest.approx(apart.std(ddof=1) * np.sqrt(1 + 3))
     assert difference(base, better).value == pytest.approx(-apart.sum())
-    assert difference(*(stand(measured, "", [left]) for left in (140.0, 150.0))).se == 0.0  # one tells none
+    assert difference(*(stand(measured, "", [own]) for own in (140.0, 150.0))).se == 0.0  # one tells none
+
+
+def test_presses_that_gain_as_much_as_they_leave_agree(measured) -> None:
+    """Presses differ in how much they show of an effect: that is no error."""
+    base = stand(measured, "", [104.0, 120.0, 180.0])
+    for share, told in ((0.5, 0.05), (0.9, 0.05)):
+        left = 100.0 + (1 - share) * np.array([4.0, 20.0, 80.0])
+        found = difference(stand(measured, "", left.tolist()), base)
+        assert found.se < told * found.value
+    uneven = difference(stand(measured, "", [104.0, 140.0, 100.0]), base)
+    assert not uneven.sure
 
 
 def test_where_much_is_left_what_promises_most_is_fitted_whatever_the_screen_says(bank, monkeypatch) -> None:

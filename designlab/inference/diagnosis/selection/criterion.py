@@ -13,6 +13,7 @@ S = TypeVar("S", bound=FittedModel)
 
 SURE_SE = 2.0  # standard errors from which evidence is sure: 95 % of normal errors
 LEAST_SHARE = 0.03  # of the gap that is left: an effect that closes less may be there, but is of no use
+TINY = 1e-9  # log score of shots that leave no more than noise
 MOST_IN_WAVES = 0.25  # of the fine energy of a pattern; of white noise it is 0.09, of moire or JPEG most
 
 
@@ -139,16 +140,22 @@ OF_BLOCKS = Criterion(evidence=5.0, as_good=0.0, contending=0.25, likely=False, 
 def difference(one: Stand, other: Stand, *, price: float = 0.0) -> Evidence:
     """Evidence for one fit of several shots against another.
 
+    The error is that of a ratio estimate (Cochran 1977, chapter 6): presses are expected to gain in
+    proportion to what the other fit leaves of each, since they differ in how much they show of an effect.
+
     Parameters
     ----------
     price : float
         Logarithm of evidence that the freedom of the first, beyond that of the other, takes.
     """
-    apart = one.judged.scores - other.judged.scores
+    apart, left = one.judged.scores - other.judged.scores, -other.judged.scores
     value = one.score - other.score + float(apart.sum()) - price
+    if len(apart) < 2:
+        return Evidence(value, 0.0)
+    spread = apart - left * float(apart.sum()) / max(float(left.sum()), TINY)
     # Shots fitted to differ as held-out ones do.
     shots = len(one.train) + len(apart)
-    return Evidence(value, float(apart.std(ddof=1)) * np.sqrt(shots) if len(apart) > 1 else 0.0)
+    return Evidence(value, float(np.sqrt((spread**2).sum() / (len(apart) - 1) * shots)))
 
 
 def lead(one: JudgedCandidate[Stand], other: JudgedCandidate[Stand]) -> Evidence:
