@@ -318,19 +318,20 @@ class Fitter:
         return tuple(found)
 
 
-def log_score(misfit: Array | float, least: Array | float, values: Array | float) -> Array:
-    """Log score of shots whose errors may be larger than they are known to be.
+def log_score(misfit: Array | float, values: Array | float) -> Array:
+    """Log score of shots whose errors are at least as large as they are known to be.
 
-    Half the misfit beyond the noise of the camera, as of Gaussian errors, where that is little. What is more
-    than there are values counts by its logarithm, as of errors of an unknown size (Student's distribution):
-    a wrong model must not gain the more by a share of its misfit, the larger that is.
+    The likelihood of Gaussian errors at their most likely size, which is what was granted where no more is
+    left. Beyond, a share of the misfit counts the same, however large the misfit is: a wrong model must not
+    gain the more by taking a little of it away, the more it leaves.
 
     Parameters
     ----------
-    misfit, least, values : array or float
-        Penalised misfit; what noise leaves of it; number of independent values.
+    misfit, values : array or float
+        Penalised misfit in units of errors known, and number of independent values.
     """
-    return np.asarray(-0.5 * values * np.log1p(np.maximum(misfit - np.asarray(least), 0.0) / values))
+    size = np.maximum(np.asarray(misfit) / values, 1.0)
+    return np.asarray(-0.5 * (misfit / size + values * np.log(size)))
 
 
 def _within_trust(found: System, step: Array, low: Array, high: Array) -> Array:

@@ -116,17 +116,16 @@ class Criterion:
         Returns
         -------
         JudgedCandidate, tuple of JudgedCandidate
-            The simplest of those that do as well as the most likely, and all of these, itself first.
+            The simplest of those that are not surely behind the most likely, and all that do as well, itself
+            first.
         """
         most_likely = max(passed, key=lambda attempt: attempt.evidence.value)
-
-        def as_good(other: JudgedCandidate[S]) -> bool:
-            ahead = lead(most_likely, other)
-            return ahead.value <= self.as_good or not ahead.sure
-
-        equal = [a for a in passed if a is most_likely or as_good(a)]
+        behind = {a.name: lead(most_likely, a) for a in passed if a is not most_likely}
+        equal = [a for a in passed if a.name not in behind or not behind[a.name].sure]
         best = min(equal, key=lambda a: (len(parameters[a.name]), -a.evidence.value))
-        return best, tuple(sorted(equal, key=lambda a: (a is not best, -a.evidence.value)))
+        close = [a for a in passed if a not in equal and behind[a.name].value <= self.as_good]
+        others = [a for a in (*equal, *close) if a is not best]
+        return best, (best, *sorted(others, key=lambda a: -a.evidence.value))
 
 
 OF_PRESSES = Criterion(evidence=16.0, as_good=6.0, contending=0.5, likely=True, most_effects=4)
@@ -141,18 +140,18 @@ def difference(one: Stand, other: Stand, *, price: float = 0.0) -> Evidence:
     """Evidence for one fit of several shots against another.
 
     The error is that of a ratio estimate (Cochran 1977, chapter 6): presses are expected to gain in
-    proportion to what the other fit leaves of each, since they differ in how much they show of an effect.
+    proportion to what the other fit lacks of each, since they differ in how much they show of an effect.
 
     Parameters
     ----------
     price : float
         Logarithm of evidence that the freedom of the first, beyond that of the other, takes.
     """
-    apart, left = one.judged.scores - other.judged.scores, -other.judged.scores
+    apart, lost = one.judged.scores - other.judged.scores, np.maximum(other.judged.lost, TINY)
     value = one.score - other.score + float(apart.sum()) - price
     if len(apart) < 2:
         return Evidence(value, 0.0)
-    spread = apart - left * float(apart.sum()) / max(float(left.sum()), TINY)
+    spread = apart - lost * float(apart.sum() / lost.sum())
     # Shots fitted to differ as held-out ones do.
     shots = len(one.train) + len(apart)
     return Evidence(value, float(np.sqrt((spread**2).sum() / (len(apart) - 1) * shots)))

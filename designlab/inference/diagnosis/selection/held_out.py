@@ -52,7 +52,12 @@ class Judged:
     @property
     def scores(self) -> Array:
         """Log score of each shot."""
-        return log_score(self.objective, self.least, self.values)
+        return log_score(self.objective, self.values)
+
+    @property
+    def lost(self) -> Array:
+        """Log score that each shot lacks of one which leaves no more than noise."""
+        return log_score(self.least, self.values) - self.scores
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +83,8 @@ class Stand(FittedModel):
     @property
     def score(self) -> float:
         """Log score of the shots fitted to."""
-        return float(log_score(self.fit.objective, *self.fitter.chance(self.train)))
+        _, values = self.fitter.chance(self.train)
+        return float(log_score(self.fit.objective, values))
 
 
 @dataclass(frozen=True)
