@@ -139,8 +139,9 @@ OF_BLOCKS = Criterion(evidence=5.0, as_good=0.0, contending=0.25, likely=False, 
 def difference(one: Stand, other: Stand, *, price: float = 0.0) -> Evidence:
     """Evidence for one fit of several shots against another.
 
-    The error is that of a ratio estimate (Cochran 1977, chapter 6): presses are expected to gain in
-    proportion to what the other fit lacks of each, since they differ in how much they show of an effect.
+    Presses differ in how much they show of an effect. So they are expected to gain alike or in proportion to
+    what the other fit lacks of each, whichever fits better; the error is what is left (that of a ratio
+    estimate, Cochran 1977, chapter 6).
 
     Parameters
     ----------
@@ -151,10 +152,11 @@ def difference(one: Stand, other: Stand, *, price: float = 0.0) -> Evidence:
     value = one.score - other.score + float(apart.sum()) - price
     if len(apart) < 2:
         return Evidence(value, 0.0)
-    spread = apart - lost * float(apart.sum() / lost.sum())
+    spreads = [apart - part * (apart.sum() / part.sum()) for part in (np.ones(len(apart)), lost)]
+    least = min(float((spread**2).sum()) for spread in spreads)
     # Shots fitted to differ as held-out ones do.
     shots = len(one.train) + len(apart)
-    return Evidence(value, float(np.sqrt((spread**2).sum() / (len(apart) - 1) * shots)))
+    return Evidence(value, float(np.sqrt(least / (len(apart) - 1) * shots)))
 
 
 def lead(one: JudgedCandidate[Stand], other: JudgedCandidate[Stand]) -> Evidence:
