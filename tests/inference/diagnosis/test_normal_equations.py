@@ -196,4 +196,3 @@ def test_a_part_is_brought_about_by_the_whole_but_not_the_other_way_round() -> N
     table = overlaps(found, ["a", "b"])
     assert table["a", "b"] == pytest.approx(1.0, abs=1e-3)
     assert table["b", "a"] == pytest.approx(0.5, abs=1e-3)
-    assert overlaps(found, ["a", "b"], {"b": np.array([0.0, 2.0])})["b", "a"] == pytest.approx(0.0, abs=1e-3)
