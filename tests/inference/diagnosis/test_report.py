@@ -144,7 +144,7 @@ def test_the_thresholds_that_are_documented_are_those_of_the_code() -> None:
         f"within {SURE_SE:g} standard errors",
         f"its evidence is {OF_PRESSES.evidence:g} and {SURE_SE:g} standard errors",
         f"close {100 * LEAST_SHARE:g} % of what is left",
-        f"for up to {OF_PRESSES.most_effects} effects",
+        f"for up to {OF_PRESSES.most_effects} effects; later ones need an evidence of {OF_PRESSES.later:g}",
         f"{BLOCKS} blocks across",
         f"free to {100 * SCALE_SD:g} %",
         f"needs evidence of {OF_BLOCKS.evidence:g}",
