@@ -38,7 +38,13 @@ from designlab.inference.diagnosis.result import (
     Value,
     Where,
 )
-from designlab.inference.diagnosis.selection.criterion import LEAST_SHARE, OF_BLOCKS, OF_PRESSES, SURE_SE
+from designlab.inference.diagnosis.selection.criterion import (
+    LEAST_OF_FIRST,
+    LEAST_SHARE,
+    OF_BLOCKS,
+    OF_PRESSES,
+    SURE_SE,
+)
 from designlab.inference.diagnosis.single_image import diagnose as single
 from designlab.inference.diagnosis.single_image.frame_fitter import SCALE_SD
 from designlab.inference.diagnosis.verdict.confidence import SIGNS, confidence
@@ -143,7 +149,7 @@ def test_the_thresholds_that_are_documented_are_those_of_the_code() -> None:
         f"within {OF_PRESSES.as_good:g} of its evidence",
         f"within {SURE_SE:g} standard errors",
         f"its evidence is {OF_PRESSES.evidence:g} and {SURE_SE:g} standard errors",
-        f"close {100 * LEAST_SHARE:g} % of what is left",
+        f"close {100 * LEAST_SHARE:g} % of what is left ({100 * LEAST_OF_FIRST:g} % of the first gap)",
         f"for up to {OF_PRESSES.most_effects} effects; later ones need an evidence of {OF_PRESSES.later:g}",
         f"{BLOCKS} blocks across",
         f"free to {100 * SCALE_SD:g} %",

@@ -13,6 +13,7 @@ S = TypeVar("S", bound=FittedModel)
 
 SURE_SE = 2.0  # standard errors from which evidence is sure: 95 % of normal errors
 LEAST_SHARE = 0.03  # of the gap that is left: an effect that closes less may be there, but is of no use
+LEAST_OF_FIRST = 0.005  # likewise of the first gap: what the model of another effect misses may be as much
 TINY = 1e-9  # log score of shots that leave no more than noise
 MOST_IN_WAVES = 0.25  # of the fine energy of a pattern; of white noise it is 0.09, of moire or JPEG most
 
@@ -86,7 +87,7 @@ class Criterion:
             return f"evidence {value:.3g} is not sure, give or take {se:.2g}"
         if attempt.held_out <= 0:
             return f"what was held out speaks against it, with an evidence of {-attempt.held_out:.3g}"
-        share, least = attempt.gain.value, LEAST_SHARE * attempt.left
+        share, least = attempt.gain.value, max(LEAST_SHARE * attempt.left, LEAST_OF_FIRST)
         if share < least:
             gone = f"closes {share:.1%}" if share >= 0 else f"adds {-share:.1%} instead of closing any"
             return f"{gone} of the gap, less than {least:.1%}"
