@@ -366,8 +366,8 @@ def test_why_a_candidate_does_not_join(measured) -> None:
     assert reason([255.0, 257.0, 253.0], told=100.0).startswith("what was held out speaks against it")
     assert reason([248.0, 250.0, 246.0], told=100.0).startswith("closes 1.3% of the gap, less than 3.0%")
     assert not reason([245.0, 247.0, 243.0], told=100.0, left=0.3)  # 3.3 % of what is left
-    little = reason([249.0, 251.0, 247.0], told=100.0, left=0.1)  # 4 % of what is left
-    assert little.startswith("closes 0.4% of the gap, less than 0.5%")
+    little = reason([245.0, 247.0, 243.0], told=100.0, left=0.1)  # as much, but of little
+    assert little.startswith("closes 0.3% of the gap, less than 0.5%")
     assert not reason([160.0, 162.0, 158.0])
 
 
