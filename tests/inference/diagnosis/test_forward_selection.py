@@ -371,6 +371,17 @@ def test_why_a_candidate_does_not_join(measured) -> None:
     assert not reason([160.0, 162.0, 158.0])
 
 
+def test_beside_others_an_effect_has_to_show_more(measured) -> None:
+    alone = attempt(measured, "albedo_field", [230.0, 232.0, 228.0], [250.0, 252.0, 248.0])
+    assert OF_PRESSES.evidence < alone.evidence.value == pytest.approx(30.0)
+    both = alone.stand.state.with_values("vignetting", effect("vignetting").null(DESIGN))
+    beside = replace(alone, stand=replace(alone.stand, fit=replace(alone.stand.fit, state=both)))
+    seen = alone.evidence._replace(value=31.0)
+    assert not OF_PRESSES.refused(alone)
+    assert OF_PRESSES.refused(beside) == "evidence 30, below 30"
+    assert not OF_PRESSES.refused(replace(beside, evidence=seen))
+
+
 def test_a_value_at_its_bound_does_not_join(measured) -> None:
     made = attempt(measured, "vignetting", [160.0, 162.0, 158.0], [250.0, 252.0, 248.0])
     most = next(p.high for p in effect("vignetting").parameters(DESIGN))
