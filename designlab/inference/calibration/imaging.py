@@ -32,13 +32,15 @@ ALBEDO = "optics.membrane_albedo"
 NODES, BRIGHTEST = (0.7, 1.4), 0.95  # reflectances that are simulated where they are free, of the given ones
 MOST_LEVEL = 0.99  # black level of a camera
 MOST_KNOWN = 160  # pictures kept
+UNBIASED_SAMPLES = 128  # per pixel and LED group
 
 Touched = Press | LightProbe | None
 """What a shot shows: an indentation, a light probe in the place of the gel, or the untouched gel."""
 
 
-How = Literal["usual", "rough", "fine"]
-"""As usual; less exactly, which is good enough for derivatives; on a mesh of half the pitch."""
+How = Literal["usual", "rough", "fine", "unbiased"]
+"""As usual; less exactly, which is good enough for derivatives; on a mesh of half the pitch; without the bias
+of the usual light transport."""
 
 
 @dataclass(frozen=True)
@@ -129,6 +131,8 @@ class Rendered:
         line through two keeps the fit free of the noise that tracing the light anew for each would bring.
         """
         rest = {path: value for path, value in changes.items() if not path.startswith(ALBEDO)}
+        if how == "unbiased":
+            return self._picture(changes, touched, view, seed, how)
         if len(rest) == len(changes) or isinstance(touched, LightProbe):
             return self._picture(rest, touched, view, seed, how)
         given = np.array(self.design.per_group("membrane_albedo"))
@@ -154,14 +158,20 @@ class Rendered:
             if isinstance(touched, LightProbe):
                 basis = light_probe(design, touched, view=view, samples=self.probe_samples, seed=seed).basis
             else:
-                simulator = Simulator(design, view=view, samples=self.samples, seed=seed)
+                simulator = Simulator(
+                    design,
+                    view=view,
+                    samples=UNBIASED_SAMPLES if how == "unbiased" else self.samples,
+                    seed=seed,
+                    estimator="reference" if how == "unbiased" else "fast",
+                )
                 if how == "fine":
                     simulator.pitch_mm /= 2
                 basis = simulator.frame(touched).basis
             self.work.step()
             return basis.astype(float)
 
-        key = (tuple(sorted(changes.items())), touched, view, seed, how == "fine")
+        key = (tuple(sorted(changes.items())), touched, view, seed, "usual" if how == "rough" else how)
         return remembered(self.known, key, simulated, most=MOST_KNOWN)
 
     def at(self, changes: Mapping[str, float]) -> "Rendered":

@@ -19,6 +19,8 @@ from designlab.simulation.simulator import Simulator
 
 BRIGHT = 99.0  # percentile
 LEAST_BLOCK_PX = 8  # of standard errors
+DRAWS = 4  # of unbiased light, whose noise they tell
+OF_MESH = 4 / 3  # error of a mesh over what half its pitch changes, where it goes with the pitch squared
 
 Imaging = Rendered | Directional
 """A model of pictures that can be calibrated."""
@@ -62,6 +64,8 @@ class Problem:
         self.stated = [np.sqrt(shot.variance + (MODEL_ERROR * _level(shot)) ** 2) for shot in shots]
         self.sigmas = list(self.stated)
         self.blocks_px = [LEAST_BLOCK_PX] * len(shots)
+        self.corrections: dict[int, Array] = {}
+        self.doubts: dict[int, Array] = {}
 
     def hold(self, numbers: Sequence[int]) -> None:
         """Keep the poses of some shots where a state has them."""
@@ -165,13 +169,33 @@ class Problem:
             return 0.0
         return (shot.force_n - self.force_n(state, number)) / shot.force_sigma_n
 
-    def basis(
-        self, state: CalibrationState, number: int, *, other_seed: bool = False, how: How = "usual"
-    ) -> Array:
+    def correct(self, state: CalibrationState, numbers: Sequence[int]) -> None:
+        """Correct the pictures of some shots, from now on, by what exact ones have beyond them at a state.
+
+        Exact are unbiased light and a mesh without pitch, whose error follows from half the pitch (Richardson
+        extrapolation). A fit so needs few exact pictures: defect correction (Stetter 1978,
+        doi:10.1007/BF01432879). Kept in `doubts` are errors that stay, each of one standard deviation: the
+        noise of unbiased light, whose mean is taken, and the step from half the pitch to none.
+        """
+        for number in numbers:
+            usual = self.pictures(state, number)
+            drawn = np.array([self.pictures(state, number, seed=k, how="unbiased") for k in range(DRAWS)])
+            mean, mesh = drawn.mean(axis=0), np.zeros_like(usual)
+            if self.shots[number].press is not None:
+                mesh = self.pictures(state, number, how="fine") - usual
+            noise = (drawn - mean) / math.sqrt(DRAWS * (DRAWS - 1))
+            self.doubts[number] = np.stack([*noise, (OF_MESH - 1.0) * mesh])
+            self.corrections[number] = mean - usual + OF_MESH * mesh
+
+    def pictures(self, state: CalibrationState, number: int, *, seed: int = 0, how: How = "usual") -> Array:
         """Pictures of the components; the same random numbers each time, unless others are asked for."""
         shot, touched = self.shots[number], self.touched(state, number)
         changes = {p: v for p, v in self.changes(state.shared).items() if self.imaging.sees(p, shot)}
-        return self.imaging.basis(changes, touched, shot.view, seed=self.seed + other_seed, how=how)
+        return self.imaging.basis(changes, touched, shot.view, seed=self.seed + seed, how=how)
+
+    def basis(self, state: CalibrationState, number: int, *, how: How = "usual") -> Array:
+        """Pictures of the components, corrected where `correct` was asked to."""
+        return self.pictures(state, number, how=how) + self.corrections.get(number, 0.0)
 
     def bases(self, state: CalibrationState, numbers: Sequence[int]) -> dict[int, Array]:
         """Unit-power pictures of several shots."""

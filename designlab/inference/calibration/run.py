@@ -14,7 +14,7 @@ from designlab.inference.calibration.fields import WITHIN, SharedField, shared_f
 from designlab.inference.calibration.imaging import ALBEDO, MODULUS, SCALE, Rendered
 from designlab.inference.calibration.problem import CalibrationState, Imaging, Problem
 from designlab.inference.calibration.result import Calibration, FittedParameter, FrameResult
-from designlab.inference.calibration.solve import MOST_STEPS, Layout, covariance, fit
+from designlab.inference.calibration.solve import FINE_GAIN, MOST_STEPS, ROUGH_GAIN, Layout, covariance, fit
 from designlab.measurement import Measurement, MeasurementError, Suspicion, check, refuse
 from designlab.measurement.light_probe.ball import LightProbe
 from designlab.measurement.quality.model_check import against_model
@@ -27,7 +27,7 @@ from designlab.simulation.optics.viewing_rays import rays
 from designlab.simulation.simulator import RenderFailed
 
 SCALES = (0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 1.0, 1.05, 1.1)  # of the tangent of half the field of view
-COARSE_STEPS, PROBE_STEPS = 8, 8
+COARSE_STEPS, PROBE_STEPS, CORRECTED_STEPS = 8, 8, 2
 MOST_WEIGHINGS = 4
 SETTLED = 0.05  # change of standard deviations below which they stay; they are known to a few per cent
 ENTANGLED = 0.95  # correlation of errors that is worth a note
@@ -124,11 +124,15 @@ def calibrate(
         state = _scaled(problem, state, fitted)
     work.begin("fitting")
     state, bases = _weighed(problem, state, fitted, steps=MOST_STEPS)
+    work.begin("correcting")
+    problem.correct(state, fitted)
+    problem.weigh(state, problem.bases(state, fitted))
+    state, bases = fit(problem, state, fitted, steps=CORRECTED_STEPS, least_gain=FINE_GAIN)
     work.begin("errors")
     layout = Layout(problem, fitted, held_out=False)
     spread, simulated = covariance(problem, layout, state, bases)
     work.begin("held-out presses")
-    state, bases = _registered(problem, state, bases, seen.of("select", "final"))
+    state, bases = _registered(problem, state, fitted, seen.of("select", "final"))
     total = spread + simulated
     parameters = _parameters(problem, layout, state, np.sqrt(np.diag(total)))
     deviation = np.sqrt(np.diag(spread))
@@ -178,12 +182,13 @@ def _weighed(
 
 
 def _registered(
-    problem: Problem, state: CalibrationState, bases: dict[int, Array], held_out: Sequence[int]
+    problem: Problem, state: CalibrationState, fitted: Sequence[int], held_out: Sequence[int]
 ) -> tuple[CalibrationState, dict[int, Array]]:
-    """Find the poses of held-out presses, with all else as it was fitted."""
-    fixed = problem.settled(state.shared)
+    """Find the poses of held-out presses, with all else as it was fitted; and pictures as usual of all."""
+    fixed, settled = problem.settled(state.shared), replace(state, shared=np.zeros(0))
+    bases = fixed.bases(settled, fitted)
     for number in held_out:
-        found, own = fit(fixed, replace(state, shared=np.zeros(0)), [number], held_out=True, rough=True)
+        found, own = fit(fixed, settled, [number], held_out=True, least_gain=ROUGH_GAIN)
         state, bases = replace(state, poses={**state.poses, **found.poses}), bases | own
     return state, bases
 
@@ -200,7 +205,8 @@ def _costs(seen: Observations, fields: Sequence[SharedField], coarsely: bool) ->
         "trying scales": fitted * len(SCALES) * any(f.path.removeprefix(WITHIN) == SCALE for f in fields),
         "fitting coarsely": 2.5 * of_step * coarsely,
         "fitting": 1.5 * of_step,
-        "errors": 4 * fitted,
+        "correcting": 8 * fitted + of_step,
+        "errors": fitted,
         "held-out presses": 8 * held_out,
     }
 

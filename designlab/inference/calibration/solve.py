@@ -13,19 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.core.types import Array
-from designlab.inference.calibration.problem import CalibrationState, Problem
+from designlab.inference.calibration.problem import DRAWS, CalibrationState, Problem
 from designlab.measurement.transfer import RELATIVE_RANK, predicted
 
 POSE_STEP = np.array([0.05, 0.05, 0.02, 0.5])  # mm, mm, mm, deg: finite differences
 LONGEST = 5.0  # finite-difference steps that one Gauss-Newton step may take
 DAMPING = 1e-3
 LEAST_LIGHT, LEAST_CURVATURE = 1e-10, 1e-9  # keep equations solvable where two groups, or fields, look alike
-LEAST_GAIN = 0.3  # of the mean square that is expected: a step of about half an error ends the search
-ROUGH = 30.0  # times that ends a first search
+# Of the mean square that is expected; 0.3 ends a search by a step of about half an error.
+LEAST_GAIN, ROUGH_GAIN, FINE_GAIN = 0.3, 9.0, 0.01
 STEEP = 0.5  # fall of the objective above which derivatives are good for another step
 MOST_STEPS = 14
 MOST_TRIES = 4
-OF_MESH = 4 / 3  # error of a mesh over what half its pitch changes, where it goes with the pitch squared
 MOST_LEVERAGE = 0.99  # of a block on its own prediction
 BLIND_SHARE = 1e-6  # of an unknown in such directions, above which pictures do not tell it
 
@@ -80,7 +79,7 @@ def fit(
     *,
     held_out: bool = False,
     steps: int = MOST_STEPS,
-    rough: bool = False,
+    least_gain: float = LEAST_GAIN,
 ) -> tuple[CalibrationState, dict[int, Array]]:
     """Fit shared fields, poses, transfer and floor to some shots; of those held out, the poses alone.
 
@@ -92,8 +91,8 @@ def fit(
         Whether their poses alone are free.
     steps : int
         Most steps.
-    rough : bool
-        Whether it may end early, another fit being to follow.
+    least_gain : float
+        Fall of the objective below which the search ends.
 
     Returns
     -------
@@ -111,7 +110,7 @@ def fit(
         slopes = slopes or differences(problem, layout, state, bases)
         normal = linearise(problem, layout, state, bases, slopes)
         before, tries = best, 0
-        least = LEAST_GAIN * (1.0 if problem.weighed else best / values) * (ROUGH if rough else 1.0)
+        least = least_gain * (1.0 if problem.weighed else best / values)
         while (tries := tries + 1) <= MOST_TRIES:
             step, hoped = _step(layout, normal, state, damping)
             if hoped < least:
@@ -291,9 +290,8 @@ def covariance(
 
     The first is a sandwich over blocks of pixels as large as errors reach: those in one block may be of any
     size and go together. Residuals of a block are less than its errors, the more it decides by itself, and
-    are raised accordingly (Bell and McCaffrey 2002, CR2). The second is from one simulation with other random
-    numbers, and one on a mesh of half the pitch. Both are NaN for what stands at zero, is not seen, or can
-    be made up for by others exactly.
+    are raised accordingly (Bell and McCaffrey 2002, CR2). The second is what a corrected problem leaves in
+    doubt. Both are NaN for what stands at zero, is not seen, or can be made up for by others exactly.
     """
     normal = linearise(problem, layout, state, bases, differences(problem, layout, state, bases))
     active = _active(layout, normal, state)
@@ -305,24 +303,19 @@ def covariance(
         vectors[:, told] / values[told] @ vectors[:, told].T / np.outer(scale, scale)
     )
     blind = (vectors[:, ~told] ** 2).sum(axis=1) > BLIND_SHARE
-    middle, noise, mesh = normal.prior.copy(), np.zeros(layout.size), np.zeros(layout.size)
+    middle, doubts = normal.prior.copy(), np.zeros((DRAWS + 1, layout.size))
     for number, (residual, places, derivative) in normal.parts.items():
         kept = [k for k, place in enumerate(places) if place in set(active.tolist())]
         own, columns = np.array(places)[kept], derivative[:, kept]
         score = _scores(problem, number, residual, columns, inverse[np.ix_(own, own)])
         middle[np.ix_(own, own)] += score.T @ score
-        other = problem.residual(state, number, problem.basis(state, number, other_seed=True))
-        noise[own] += columns.T @ (other - residual)
-        if problem.shots[number].press is not None:
-            finer = problem.residual(state, number, problem.basis(state, number, how="fine"))
-            mesh[own] += columns.T @ (finer - residual)
+        for doubt, error in zip(doubts, problem.doubts.get(number, ()), strict=False):
+            doubt[own] += columns.T @ (problem.residual(state, number, bases[number] + error) - residual)
     unknown = np.full(layout.size, np.nan)
     unknown[active[~blind]] = 1.0
-    noise, mesh = inverse @ noise, inverse @ mesh * OF_MESH
-    # A difference of two random numbers has twice the variance of one.
-    simulated = np.outer(noise, noise) / 2 + np.outer(mesh, mesh)
+    errors = doubts @ inverse
     known = np.outer(unknown, unknown)
-    return inverse @ middle @ inverse * known, simulated * known
+    return inverse @ middle @ inverse * known, errors.T @ errors * known
 
 
 def _scores(problem: Problem, number: int, residual: Array, derivative: Array, inverse: Array) -> Array:

@@ -18,7 +18,7 @@ from designlab.simulation.simulator import Simulator
 from geometries.probes import parse
 
 Pixels = NDArray[np.float32]
-PITCH_MM = 0.025  # of the membrane; a simulator on its own takes up to 0.05 mm
+PITCH_MM = 0.0125  # of the membrane; a simulator on its own takes 0.025 to 0.05 mm
 MIRRORED = 0.6  # share of full scale for the brightest of a light probe, whose exposure is set by it
 
 
