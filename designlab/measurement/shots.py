@@ -1,6 +1,6 @@
 """From a measurement to what a model can be compared with: linear signals, their noise, poses and splits."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -49,6 +49,8 @@ class Shot:
         Relative exposure times whether a group is on.
     signal, variance : array, shape (rows, columns, 3)
         Linear signal above the black level and its variance, as shares of full scale.
+    photon : array, shape (3,)
+        By how much the variance rises with the signal.
     valid : bool array, shape (rows, columns, 3)
         Values that are not saturated.
     dark_sigma : array, shape (3,)
@@ -79,6 +81,16 @@ class Shot:
     clips: tuple[bool, bool, bool] = (False, False, False)
     force_n: float = 0.0
     force_sigma_n: float = np.inf
+    photon: Array = field(default_factory=lambda: np.zeros(3))
+
+    def variance_at(self, signal: Array) -> Array:
+        """Variance where the signal is what a model says, (rows, columns, 3).
+
+        Weights by the noisy signal itself favour values that noise has lowered, and bias a fit by that.
+        """
+        return np.asarray(
+            self.variance + self.photon * (np.maximum(signal, 0.0) - np.maximum(self.signal, 0.0))
+        )
 
     @property
     def clip_sigma(self) -> Array:
@@ -384,7 +396,10 @@ def _shot(
     lit = exposure * np.array(on, dtype=float)
     files = tuple(f.file for f in same)
     turn = frame.gel_rotation_deg or 0.0
-    shot = Shot(files, use, press, sigma, lit, view, signal, variance, valid, dark_sigma, ball, turn, clips)
+    shot = Shot(
+        files, use, press, sigma, lit, view, signal, variance, valid, dark_sigma, ball, turn, clips,
+        photon=noise.photon / len(same) / factor**2,
+    )  # fmt: skip
     if frame.force_n is None or frame.depth_mm is None:
         return shot
     if design.contact.model == "kernel":

@@ -61,7 +61,7 @@ class Problem:
         self.imaging, self.shots, self.fields, self.seed = imaging, shots, fields, seed
         self.weighed = False
         self.lits = [imaging.lit(shot) for shot in shots]
-        self.stated = [np.sqrt(shot.variance + (MODEL_ERROR * _level(shot)) ** 2) for shot in shots]
+        self.stated = [_stated(shot, shot.signal) for shot in shots]
         self.sigmas = list(self.stated)
         self.blocks_px = [LEAST_BLOCK_PX] * len(shots)
         self.corrections: dict[int, Array] = {}
@@ -89,11 +89,12 @@ class Problem:
         """
         change = 0.0
         for number, basis in bases.items():
-            shot, stated = self.shots[number], self.stated[number]
-            left = np.where(shot.valid, (shot.signal - self.predict(state, number, basis)) / stated, 0.0)
+            shot, expected = self.shots[number], self.predict(state, number, basis)
+            stated = self.stated[number] = _stated(shot, expected)
+            left = np.where(shot.valid, (shot.signal - expected) / stated, 0.0)
             spread, needed = spread_of(left, shot.valid)
             self.blocks_px[number] = max(needed, LEAST_BLOCK_PX)
-            weighed = np.maximum(stated * np.sqrt(spread), np.sqrt(shot.variance))
+            weighed = np.maximum(stated * np.sqrt(spread), np.sqrt(shot.variance_at(expected)))
             change = max(change, float(np.abs(weighed / self.sigmas[number] - 1.0).max()))
             self.sigmas[number] = weighed
         self.weighed = True
@@ -234,6 +235,11 @@ class Problem:
             total += float(((state.pose(number)[sigma > 0] / sigma[sigma > 0]) ** 2).sum())
             total += self.force_residual(state, number) ** 2
         return float(total)
+
+
+def _stated(shot: Shot, signal: Array) -> Array:
+    """Standard deviation of noise and model error, where the signal is what a model says."""
+    return np.asarray(np.sqrt(shot.variance_at(signal) + (MODEL_ERROR * _level(shot)) ** 2))
 
 
 def _level(shot: Shot) -> Array:

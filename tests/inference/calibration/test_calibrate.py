@@ -167,6 +167,33 @@ class TestCorrection:
         assert np.abs(errors.mean(axis=0) / errors.std(axis=0)).max() < 3.5 * 0.16
 
 
+def test_weights_by_the_models_signal_do_not_lower_the_light_of_noisy_pictures():
+    """At 50 electrons, weights by the noisy signal itself lower the light by one electron in 50 and more."""
+    photon, read = 1.0 / 50.0, 0.01**2
+    sensor, signal = TestSolver().problem(1, prior=0.0)
+    shape, empty = signal.shape, sensor.shots[0]
+    signal = predicted(TestSolver.LIGHT, np.full(3, 0.5), np.ones(3), sensor.basis(sensor.start(), 0))
+    rng = np.random.default_rng(4)
+    light = []
+    for told in (np.full(3, photon), np.zeros(3)):
+        taken = np.stack([rng.poisson(signal / photon) * photon for _ in range(16)])
+        taken = taken + np.sqrt(read) * rng.standard_normal((16, *shape))
+        fitted = []
+        for picture in taken:
+            variance = read + photon * np.maximum(picture, 0.0)
+            shot = replace(empty, signal=picture, variance=variance, photon=told)
+            problem = Spots(sensor.imaging, (shot,), sensor.fields, seed=0)
+            state, bases = problem.start(), problem.bases(problem.start(), [0])
+            for _ in range(3):
+                state = problem.lit_best(state, bases)
+                problem.weigh(state, bases)
+            fitted.append(state.floor.mean() / 0.5 - 1.0)
+        light.append(fitted)
+    by_model, by_signal = (np.mean(fitted) for fitted in light)
+    assert by_signal < -0.02
+    assert abs(by_model) < 0.003
+
+
 class TestFields:
     def test_bounds_and_unit_come_from_the_design(self):
         (field,) = shared_fields(DESIGN, ["contact.kernel_length_mm"])
