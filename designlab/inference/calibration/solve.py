@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri, stdtrit
 
 from designlab.core.types import Array
 from designlab.inference.calibration.problem import DRAWS, CalibrationState, Problem
@@ -26,6 +27,7 @@ STEEP = 0.5  # fall of the objective above which derivatives are good for anothe
 MOST_STEPS = 14
 MOST_TRIES = 4
 MOST_LEVERAGE = 0.99  # of a block on its own prediction
+UPPER = 0.975  # end of a 95 % interval
 BLIND_SHARE = 1e-6  # of an unknown in such directions, above which pictures do not tell it
 
 
@@ -290,8 +292,11 @@ def covariance(
 
     The first is a sandwich over blocks of pixels as large as errors reach: those in one block may be of any
     size and go together. Residuals of a block are less than its errors, the more it decides by itself, and
-    are raised accordingly (Bell and McCaffrey 2002, CR2). The second is what a corrected problem leaves in
-    doubt. Both are NaN for what stands at zero, is not seen, or can be made up for by others exactly.
+    are raised accordingly (Bell and McCaffrey 2002, CR2). Few blocks tell such an error badly: it is raised
+    as Student's t is over the normal distribution at 95 %, with as many degrees of freedom as blocks decide
+    an unknown (Carter, Schnepel and Steigerwald 2017, doi:10.1162/REST_a_00639). The second is what a
+    corrected problem leaves in doubt. Both are NaN for what stands at zero, is not seen, or can be made up
+    for by others exactly.
     """
     normal = linearise(problem, layout, state, bases, differences(problem, layout, state, bases))
     active = _active(layout, normal, state)
@@ -303,35 +308,52 @@ def covariance(
         vectors[:, told] / values[told] @ vectors[:, told].T / np.outer(scale, scale)
     )
     blind = (vectors[:, ~told] ** 2).sum(axis=1) > BLIND_SHARE
-    middle, doubts = normal.prior.copy(), np.zeros((DRAWS + 1, layout.size))
+    middle, doubts = np.zeros_like(inverse), np.zeros((DRAWS + 1, layout.size))
+    decided: list[Array] = [np.zeros((0, layout.size))]
     for number, (residual, places, derivative) in normal.parts.items():
         kept = [k for k, place in enumerate(places) if place in set(active.tolist())]
         own, columns = np.array(places)[kept], derivative[:, kept]
-        score = _scores(problem, number, residual, columns, inverse[np.ix_(own, own)])
+        blocks = _blocks(problem, number)
+        score = _scores(blocks, residual, columns, inverse[np.ix_(own, own)])
         middle[np.ix_(own, own)] += score.T @ score
+        moves = columns @ inverse[own]
+        decided.append(np.array([(moves[block] ** 2).sum(axis=0) for block in blocks]))
         for doubt, error in zip(doubts, problem.doubts.get(number, ()), strict=False):
             doubt[own] += columns.T @ (problem.residual(state, number, bases[number] + error) - residual)
     unknown = np.full(layout.size, np.nan)
     unknown[active[~blind]] = 1.0
+    raised = _raised(np.concatenate(decided))
+    spread = inverse @ normal.prior @ inverse + inverse @ middle @ inverse * np.outer(raised, raised)
     errors = doubts @ inverse
     known = np.outer(unknown, unknown)
-    return inverse @ middle @ inverse * known, errors.T @ errors * known
+    return spread * known, errors.T @ errors * known
 
 
-def _scores(problem: Problem, number: int, residual: Array, derivative: Array, inverse: Array) -> Array:
-    """Gradient of each block of a shot, (blocks, unknowns), with its residuals r as (1 - H)^(-1/2) r.
+def _raised(decided: Array) -> Array:
+    """Student's t over the normal distribution at 95 %, from what each block decides, (blocks, unknowns)."""
+    whole, squares = decided.sum(axis=0), (decided**2).sum(axis=0)
+    freedom = np.divide(whole**2, squares, out=np.full(len(whole), np.inf), where=squares > 0)
+    return np.asarray(stdtrit(freedom, UPPER) / ndtri(UPPER))
 
-    H = J C J' is the block's own part of the hat matrix, J its derivatives, C the inverse normal matrix.
-    """
+
+def _blocks(problem: Problem, number: int) -> list[NDArray[np.intp]]:
+    """Numbers of the values of each block of a shot, among those that are valid."""
     shot = problem.shots[number]
     row, column = np.indices(shot.signal.shape[:2]) // problem.blocks_px[number]
     label = np.broadcast_to((row * (column.max() + 1) + column)[..., None], shot.signal.shape)[shot.valid]
     order = np.argsort(label, kind="stable")
-    edges = np.flatnonzero(np.diff(label[order])) + 1
+    return np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+
+
+def _scores(blocks: Sequence[NDArray[np.intp]], residual: Array, derivative: Array, inverse: Array) -> Array:
+    """Gradient of each block, (blocks, unknowns), with its residuals r as (1 - H)^(-1/2) r.
+
+    H = J C J' is the block's own part of the hat matrix, J its derivatives, C the inverse normal matrix.
+    """
     values, vectors = np.linalg.eigh(inverse)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     found = []
-    for block in np.split(order, edges):
+    for block in blocks:
         # J' f(J C J') r follows from the small matrix R' J' J R with C = R R'.
         turned = derivative[block] @ root
         hat, basis = np.linalg.eigh(turned.T @ turned)
