@@ -175,10 +175,12 @@ def linearise(
         places, dark = [*slopes[number]], np.zeros(3)
         changes = (predicted(state.transfer, dark, lit, slope) for slope in slopes[number].values())
         columns = [(change / sigma)[shot.valid] for change in changes]
+        # As the derivatives beside them, without corrections: both span what they span in the model alone.
+        usual = basis - problem.corrections.get(number, 0.0)
         for channel in range(3 if layout.linear else 0):
             for column in range(layout.groups + 1):
                 light = np.zeros_like(sigma)
-                light[..., channel] = 1.0 if column == layout.groups else lit[column] * basis[column]
+                light[..., channel] = 1.0 if column == layout.groups else lit[column] * usual[column]
                 places.append(layout.light(channel, column))
                 columns.append((light / sigma)[shot.valid])
         residual = problem.residual(state, number, basis)

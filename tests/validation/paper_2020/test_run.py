@@ -8,7 +8,7 @@ import pytest
 from designlab.app import cli
 from designlab.validation.paper_2020 import run
 from designlab.validation.paper_2020.probe import probe
-from designlab.validation.paper_2020.run import STAGES, Experiment, Growing, reproduce
+from designlab.validation.paper_2020.run import RESULTS, STAGES, Experiment, Growing, reproduce
 from designlab.validation.paper_2020.sizes import SIZES
 from designlab.validation.paper_2020.timing import PAPER_MS, timing
 
@@ -123,7 +123,7 @@ def test_the_command_prints_what_was_found_or_one_line(quick, tmp_path, monkeypa
         assert (out / found[name].rpartition("/")[2]).is_file()
     assert cli.main(["reproduce", "--out", str(out)]) == 2
     assert (
-        "holds a reproduction of another size (results 1, seed 1); choose another folder"
+        f"holds a reproduction of another size (results {RESULTS}, seed 1); choose another folder"
         in capfd.readouterr().err
     )
     assert cli.main(["reproduce", "--out", str(tmp_path)]) == 2
