@@ -6,6 +6,7 @@ import pytest
 import designlab as dl
 from designlab.evaluation.protocol import EvaluationProtocol
 from designlab.inference.calibration import calibrate
+from designlab.inference.calibration.problem import Problem
 from designlab.inference.diagnosis.emulator.forward import Forward
 from designlab.inference.diagnosis.emulator.rendering import fill
 from designlab.inference.diagnosis.emulator.state import State
@@ -223,12 +224,13 @@ class TestAStepAddedInOnePlace:
         # The darkest place over the mean: the right half is darker by a fifth, the mean by a tenth.
         assert dusty.uniformity_u0.value < 0.95 * plain.uniformity_u0.value
 
-    def test_is_seen_in_a_calibration(self, add, tmp_path) -> None:
+    def test_is_seen_in_a_calibration(self, add, tmp_path, monkeypatch) -> None:
+        # The pictures are the fast simulator's own, which exact ones would not correct but spoil.
+        monkeypatch.setattr(Problem, "correct", lambda *_: None)
         add(Dust(), before=Mixing)
         measurement = photographed(tmp_path / "m")
         with_dust = calibrate(measurement, DESIGN, columns=SIDE, samples=16, seed=7, free=())
-        # These are fast pictures, which the fit holds for wrong by a thousandth.
-        assert all(frame.after["snr_db"] > 55 for frame in with_dust.frames)
+        assert all(frame.after["snr_db"] > 60 for frame in with_dust.frames)
         imaging.CHAIN = tuple(step for step in imaging.CHAIN if not isinstance(step, Dust))
         without = calibrate(measurement, DESIGN, columns=SIDE, samples=16, seed=7, free=())
         assert all(frame.after["snr_db"] < 25 for frame in without.frames)

@@ -14,7 +14,10 @@ FRAME_KEYS = ("file", "use", "held_out", "pose", "before", "after")  # of a fram
 
 @dataclass(frozen=True)
 class FittedParameter:
-    """One fitted number; its standard error is None where the value stands at zero or nothing shows it."""
+    """One fitted number; its standard error is None where the value stands at zero or nothing shows it.
+
+    The value give or take 1.96 standard errors is an interval of 95 %.
+    """
 
     name: str
     unit: str

@@ -34,6 +34,9 @@ ENTANGLED = 0.95  # correlation of errors that is worth a note
 DARKEST, BRIGHTEST = 0.02, 0.98  # reflectance to start from
 LEAST_COLUMNS = 64  # of a picture that a first, coarse fit is worth making on
 
+Number = tuple[str, str, float]
+"""Name, unit and value."""
+
 
 def calibrate(
     measurement: Measurement,
@@ -54,7 +57,8 @@ def calibrate(
     ``camera.horizontal_fov_deg`` is free, the best of several scales of the picture is the start. Fitted are
     backgrounds, light probes and training presses; of the other presses the pose alone. Every value has its
     noise and 1 % of its channel's mean signal in the picture as standard deviation (of a light probe, of the
-    bright end), more where the model leaves more, every pose the measurement's prior.
+    bright end), more where the model leaves more, every pose the measurement's prior. The last steps are
+    taken with pictures corrected by exact ones, see `problem.Problem.correct`.
 
     Parameters
     ----------
@@ -130,20 +134,21 @@ def calibrate(
     state, bases = fit(problem, state, fitted, steps=CORRECTED_STEPS, least_gain=FINE_GAIN)
     work.begin("errors")
     layout = Layout(problem, fitted, held_out=False)
-    spread, simulated = covariance(problem, layout, state, bases)
+    products, gradients = _products(problem, layout, state)
+    spread, simulated = covariance(problem, layout, state, bases, gradients)
     work.begin("held-out presses")
     state, bases = _registered(problem, state, fitted, seen.of("select", "final"))
-    total = spread + simulated
-    parameters = _parameters(problem, layout, state, np.sqrt(np.diag(total)))
+    errors = np.sqrt(np.diag(spread + simulated))
+    parameters = _fitted(_unknowns(problem, layout, state), errors[: layout.size])
     deviation = np.sqrt(np.diag(spread))
-    correlation = spread / np.outer(deviation, deviation)
+    correlation = (spread / np.outer(deviation, deviation))[: layout.size, : layout.size]
     level = state.floor + seen.black_level
     work.end()
     return Calibration(
         model=imaging.finished(problem.changes(state.shared), state.transfer, level, measurement.name),
         parameters=parameters,
         correlation=correlation,
-        products=_products(problem, layout, state, total),
+        products=_fitted(products, errors[layout.size :]),
         frames=tuple(
             _frame_result(problem, state, n, shot.valid, given[n], bases[n])
             for n, shot in enumerate(seen.shots)
@@ -347,11 +352,16 @@ def _misfit(problem: Problem, state: CalibrationState, fitted: Sequence[int]) ->
     return problem.objective(problem.lit_best(state, bases), bases)
 
 
-def _parameters(
-    problem: Problem, layout: Layout, state: CalibrationState, deviation: Array
-) -> tuple[FittedParameter, ...]:
+def _fitted(numbers: Sequence[Number], errors: Array) -> tuple[FittedParameter, ...]:
+    return tuple(
+        FittedParameter(name, unit, value, float(se) if math.isfinite(se) else None)
+        for (name, unit, value), se in zip(numbers, errors, strict=True)
+    )
+
+
+def _unknowns(problem: Problem, layout: Layout, state: CalibrationState) -> list[Number]:
     """Name every unknown, in the order of the layout."""
-    named: list[tuple[str, str, float]] = [
+    named: list[Number] = [
         (field.path, field.unit, float(value))
         for field, value in zip(problem.fields, state.shared, strict=True)
     ]
@@ -365,34 +375,27 @@ def _parameters(
                 (f"transfer.{letter}.{name}", problem.imaging.unit, float(state.transfer[channel, group]))
             )
         named.append((f"floor.{letter}", "1", float(state.floor[channel])))
-    return tuple(
-        FittedParameter(name, unit, value, float(se) if math.isfinite(se) else None)
-        for (name, unit, value), se in zip(named, deviation, strict=True)
-    )
+    return named
 
 
-def _products(
-    problem: Problem, layout: Layout, state: CalibrationState, covariance: Array
-) -> tuple[FittedParameter, ...]:
-    """Transfer times reflectance, with the error that the two have together."""
+def _products(problem: Problem, layout: Layout, state: CalibrationState) -> tuple[list[Number], Array]:
+    """Transfer times reflectance: names, units and values, and gradients by all unknowns."""
     model = problem.imaging.model
     if not isinstance(model, Design):
-        return ()
+        return [], np.zeros((0, layout.size))
     albedo = np.array(model.replace(problem.changes(state.shared)).per_group("membrane_albedo"))
     places = {f.path: n for n, f in enumerate(problem.fields)}
-    found = []
+    named, gradients = [], []
     for channel, letter in enumerate(CHANNELS):
         for group, name in enumerate(model.group_names):
             gradient = np.zeros(layout.size)
             gradient[layout.light(channel, group)] = albedo[group]
             if (place := places.get(f"{ALBEDO}.{group}")) is not None:
                 gradient[place] = state.transfer[channel, group]
-            used = np.flatnonzero(gradient)
-            variance = float(gradient[used] @ covariance[np.ix_(used, used)] @ gradient[used])
+            gradients.append(gradient)
             value = float(state.transfer[channel, group] * albedo[group])
-            se = math.sqrt(variance) if math.isfinite(variance) and value > 0 else None
-            found.append(FittedParameter(f"product.{letter}.{name}", "mm2 sr", value, se))
-    return tuple(found)
+            named.append((f"product.{letter}.{name}", "mm2 sr", value))
+    return named, np.array(gradients)
 
 
 def _pose(problem: Problem, state: CalibrationState, number: int) -> dict[str, float]:

@@ -288,15 +288,21 @@ def moved(problem: Problem, layout: Layout, state: CalibrationState, step: Array
 
 
 def covariance(
-    problem: Problem, layout: Layout, state: CalibrationState, bases: Mapping[int, Array]
+    problem: Problem,
+    layout: Layout,
+    state: CalibrationState,
+    bases: Mapping[int, Array],
+    beside: Array | None = None,
 ) -> tuple[Array, Array]:
-    """Covariance of all unknowns, and its part that the simulator's own errors bring.
+    """Covariance of all unknowns and of numbers made of them, and what the simulator's own errors add to it.
+
+    `beside` has the gradient of each such number, (numbers, unknowns); they follow the unknowns.
 
     The first is a sandwich over blocks of pixels as large as errors reach: those in one block may be of any
     size and go together. Residuals of a block are less than its errors, the more it decides by itself, and
     are raised accordingly (Bell and McCaffrey 2002, CR2). Few blocks tell such an error badly: it is raised
     as Student's t is over the normal distribution at 95 %, with as many degrees of freedom as blocks decide
-    an unknown (Carter, Schnepel and Steigerwald 2017, doi:10.1162/REST_a_00639). The second is what a
+    a number (Carter, Schnepel and Steigerwald 2017, doi:10.1162/REST_a_00639). The second is what a
     corrected problem leaves in doubt. Both are NaN for what stands at zero, is not seen, or can be made up
     for by others exactly.
     """
@@ -310,29 +316,31 @@ def covariance(
         vectors[:, told] / values[told] @ vectors[:, told].T / np.outer(scale, scale)
     )
     blind = (vectors[:, ~told] ** 2).sum(axis=1) > BLIND_SHARE
+    numbers = np.eye(layout.size) if beside is None else np.vstack([np.eye(layout.size), beside])
+    reach = numbers @ inverse
     middle, doubts = np.zeros_like(inverse), np.zeros((DRAWS + 1, layout.size))
-    decided: list[Array] = [np.zeros((0, layout.size))]
+    decided = [np.zeros((0, len(numbers)))]
     for number, (residual, places, derivative) in normal.parts.items():
         kept = [k for k, place in enumerate(places) if place in set(active.tolist())]
         own, columns = np.array(places)[kept], derivative[:, kept]
         blocks = _blocks(problem, number)
         score = _scores(blocks, residual, columns, inverse[np.ix_(own, own)])
         middle[np.ix_(own, own)] += score.T @ score
-        moves = columns @ inverse[own]
+        moves = columns @ reach[:, own].T
         decided.append(np.array([(moves[block] ** 2).sum(axis=0) for block in blocks]))
         for doubt, error in zip(doubts, problem.doubts.get(number, ()), strict=False):
             doubt[own] += columns.T @ (problem.residual(state, number, bases[number] + error) - residual)
-    unknown = np.full(layout.size, np.nan)
-    unknown[active[~blind]] = 1.0
-    raised = _raised(np.concatenate(decided))
-    spread = inverse @ normal.prior @ inverse + inverse @ middle @ inverse * np.outer(raised, raised)
-    errors = doubts @ inverse
-    known = np.outer(unknown, unknown)
-    return spread * known, errors.T @ errors * known
+    untold = np.ones(layout.size, dtype=bool)
+    untold[active[~blind]] = False
+    known = np.where((numbers[:, untold] != 0).any(axis=1), np.nan, 1.0)
+    by_few = _students_t(np.concatenate(decided))
+    spread = reach @ normal.prior @ reach.T + reach @ middle @ reach.T * np.outer(by_few, by_few)
+    errors = doubts @ reach.T
+    return spread * np.outer(known, known), errors.T @ errors * np.outer(known, known)
 
 
-def _raised(decided: Array) -> Array:
-    """Student's t over the normal distribution at 95 %, from what each block decides, (blocks, unknowns)."""
+def _students_t(decided: Array) -> Array:
+    """Student's t over the normal distribution at 95 %, from what each block decides, (blocks, numbers)."""
     whole, squares = decided.sum(axis=0), (decided**2).sum(axis=0)
     freedom = np.divide(whole**2, squares, out=np.full(len(whole), np.inf), where=squares > 0)
     return np.asarray(stdtrit(freedom, UPPER) / ndtri(UPPER))

@@ -218,12 +218,17 @@ def test_intervals_of_few_blocks_hold_the_truth_as_often_as_stated():
         )  # fmt: skip
         problem = Patches(sensor.imaging, (shot,), (), seed=0)
         state = problem.lit_best(problem.start(), {0: basis})
-        spread, _ = covariance(problem, Layout(problem, [0], held_out=False), state, {0: basis})
+        band = np.zeros((1, 12))
+        band[0, [0, 3]] = 1.0  # red in the first band: transfer and floor, whose errors nearly cancel
+        layout = Layout(problem, [0], held_out=False)
+        spread, _ = covariance(problem, layout, state, {0: basis}, band)
         error = np.column_stack([state.transfer - light, state.floor - 0.3]).ravel()
+        error = np.append(error, band @ error)
         held.append(np.abs(error) < 1.96 * np.sqrt(np.diag(spread)))
-    share = np.reshape(np.mean(held, axis=0), (3, 4))
+    share, of_band = np.reshape(np.mean(held, axis=0)[:-1], (3, 4)), np.mean(held, axis=0)[-1]
     assert (share[:, :3] > 0.92).all()
     assert (share < 0.98).all()
+    assert of_band == pytest.approx(share[:, 3].mean(), abs=0.02)  # three blocks, as for the floor
 
 
 class TestFields:
