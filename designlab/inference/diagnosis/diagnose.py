@@ -308,7 +308,7 @@ def verdict_of(alike: Sequence[Sequence[str]], before: float, after: float, floo
     """Verdict by the select presses alone.
 
     The floor is what the simulation may be wrong by. What sets that hide nothing leave is less: names that
-    leave more than that have not explained all.
+    leave more than that have not explained all. Where there is no gap to explain, none is unexplained.
 
     Parameters
     ----------
@@ -319,7 +319,7 @@ def verdict_of(alike: Sequence[Sequence[str]], before: float, after: float, floo
     """
     if not alike:
         return "at_floor" if after < AT_FLOOR * floor else "unexplained"
-    if _left(before, after, floor) > UNEXPLAINED_ABOVE:
+    if after >= AT_FLOOR * floor and _left(before, after, floor) > UNEXPLAINED_ABOVE:
         return "unexplained"
     if after >= NEAR * floor and _left(before, after, left_of_nothing() * floor) > PARTIAL_ABOVE:
         return "partial"

@@ -213,6 +213,11 @@ class Effect:
         )
 
     @property
+    def exact(self) -> bool:
+        """Whether it acts on finished pictures alone, as in the simulation: nothing is seen anew or moved."""
+        return not (self.rendered or self.warps or self.reposes)
+
+    @property
     def drawn(self) -> bool:
         """Whether it acts by what one unit or picture alone has, whose strength alone its values hold."""
         return self.draws is not None or bool(self.per_pixel)

@@ -8,12 +8,13 @@ import numpy as np
 
 from designlab.inference.diagnosis.likelihood.fixed_pattern import in_few_waves
 from designlab.inference.diagnosis.selection.held_out import FittedModel, Gain, Stand
+from designlab.simulation.effects import effect
 
 S = TypeVar("S", bound=FittedModel)
 
 SURE_SE = 2.0  # standard errors from which evidence is sure: 95 % of normal errors
 LEAST_SHARE = 0.03  # of the gap that is left: an effect that closes less may be there, but is of no use
-LEAST_OF_FIRST = 0.005  # likewise of the first gap: what the model of another effect misses may be as much
+LEAST_OF_FIRST = 0.005  # of the first gap: pictures of an effect that is not exact may miss as much
 TINY = 1e-9  # log score of shots that leave no more than noise
 MOST_IN_WAVES = 0.25  # of the fine energy of a pattern; of white noise it is 0.09, of moire or JPEG most
 
@@ -87,7 +88,9 @@ class Criterion:
             return f"evidence {value:.3g} is not sure, give or take {se:.2g}"
         if attempt.held_out <= 0:
             return f"what was held out speaks against it, with an evidence of {-attempt.held_out:.3g}"
-        share, least = attempt.gain.value, max(LEAST_SHARE * attempt.left, LEAST_OF_FIRST)
+        others = attempt.stand.state.without(attempt.name).values
+        missed = 0.0 if all(effect(name).exact for name in others) else LEAST_OF_FIRST
+        share, least = attempt.gain.value, max(LEAST_SHARE * attempt.left, missed)
         if share < least:
             gone = f"closes {share:.1%}" if share >= 0 else f"adds {-share:.1%} instead of closing any"
             return f"{gone} of the gap, less than {least:.1%}"
