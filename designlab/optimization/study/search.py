@@ -324,8 +324,8 @@ class StudyRun:
             self._own.add(trial.number)
             trial.set_user_attr(RUN, self._luck[0])
         if "slot" not in trial.user_attrs:
-            trial.set_user_attr("slot", slot)
             trial.set_user_attr(METHOD, name)
+            trial.set_user_attr("slot", slot)  # last: what has a slot is tried again as it is after a death
         return trial
 
     def _free_slot(self) -> tuple[int, int]:

@@ -46,6 +46,14 @@ if __name__ == "__main__":
     if "LARGEST_FILE" in os.environ:
         import resource
         resource.setrlimit(resource.RLIMIT_FSIZE, (int(os.environ["LARGEST_FILE"]),) * 2)
+    if "DIES_SIGNING" in os.environ:
+        import optuna
+        signed = optuna.trial.Trial.set_user_attr
+        def sign(trial, name, value):
+            signed(trial, name, value)
+            if trial.number == int(os.environ["DIES_SIGNING"]):
+                os.kill(os.getpid(), signal.SIGKILL)
+        optuna.trial.Trial.set_user_attr = sign
     run_study(load_study(folder + ".toml"), out=folder, workers=workers, progress=False, evaluator=evaluator)
 """
 
@@ -122,6 +130,14 @@ def test_killed_studies_end_like_one_that_was_not(tmp_path, start, processes):
     # A design is evaluated again only if the kill fell between the end of its evaluation and its storage.
     assert sum(ended.values()) <= TRIALS + kills
     assert len(ended) == TRIALS
+
+
+@pytest.mark.slow
+def test_a_trial_that_is_drawn_but_not_signed_is_drawn_again(tmp_path, start, processes):
+    processes.finish(start("whole"))
+    assert start("cut", DIES_SIGNING="3").wait() < 0
+    processes.finish(start("cut"))
+    pd.testing.assert_frame_equal(complete(tmp_path / "cut"), complete(tmp_path / "whole"))
 
 
 @pytest.mark.slow
