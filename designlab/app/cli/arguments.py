@@ -305,6 +305,11 @@ def _add_gap(add: Any) -> None:
         action="append",
         default=[],
     )
+    dirt = (
+        "light off by 1 to 5 %, grain, gaps between LEDs, other boards, rounded edges, poses read off the "
+        "picture"
+    )
+    _option(plant, "--dirt", f"a sensor as labs have them: {dirt}")
     _option(plant, "--flat-field", "add a frame of uniform light")
     _option(plant, "--columns N", "image width in pixels", type=_whole(8, 2048), default=96)
     _out(plant, "folder to make; the answer is written beside it")
@@ -350,6 +355,11 @@ def _add_gap(add: Any) -> None:
         "--again",
         "run sets of a pool that was opened once more by later code, for its time and what it changes; "
         "no opening, since the sets are known",
+    )
+    _option(
+        benchmark,
+        "--dirt",
+        f"sensors as labs have them, in --pool calibration and test: {dirt}",
     )
     _option(benchmark, "--shard K/N", "the k-th of n parts of the pool, 1/4 to 4/4 (default: all)")
     _option(

@@ -52,6 +52,7 @@ def plant(args: Namespace) -> Result:
             columns=args.columns,
             flat_field=args.flat_field,
             outside=outside,
+            dirt=args.dirt,
             progress=progress,
         )
     data = {"measurement": str(folder), "answer": str(answer_path(folder)), "seal": str(seal_path(folder))}
@@ -162,7 +163,8 @@ def benchmark(args: Namespace) -> Result:
 
 def _title(args: Namespace) -> str:
     """Heading of the page about a pool, or about the part of it that was run."""
-    part = [f"part {args.shard}"] if args.shard else []
+    part = ["sensors with a lab's dirt"] if args.dirt else []
+    part += [f"part {args.shard}"] if args.shard else []
     part += [f"sets that match {args.only}"] if args.only else []
     part += [f"kit {args.kit}"] if args.kit != "hour" else []
     part += ["opened before, run again by later code"] if args.again else []
@@ -196,10 +198,14 @@ def _trials(args: Namespace) -> "list[Trial]":
         raise ValueError("--again: is for --pool test")
     if args.base and args.pool not in ("development", "power"):
         raise ValueError(f"--base: --pool {args.pool} has seeds of its own")
+    if args.dirt and args.pool not in ("calibration", "test"):
+        raise ValueError("--dirt: is for --pool calibration and --pool test")
     if args.pool == "test":
-        pool = sealed(frozen(args.frozen, again=args.again))
-    elif args.pool in ("quick", "calibration"):
-        pool = {"quick": quick, "calibration": calibration}[args.pool]()
+        pool = sealed(frozen(args.frozen, again=args.again), dirt=args.dirt)
+    elif args.pool == "calibration":
+        pool = calibration(dirt=args.dirt)
+    elif args.pool == "quick":
+        pool = quick()
     elif args.pool == "power":
         pool = power(base=args.base)
     else:

@@ -51,7 +51,7 @@ class Trial:
 
     `without` names effects that are taken out of the catalogue before the set is diagnosed, `kit` the frames
     that are used of it (see `KITS`), `further` are frames taken besides, `size` is small for pools that only
-    show that all works.
+    show that all works, `dirt` says whether the sensor has a lab's dirt (see `synthetic.dirt`).
     """
 
     name: str
@@ -64,6 +64,7 @@ class Trial:
     kit: str = "hour"
     further: tuple[Mapping[str, Any], ...] = ()
     size: Literal["full", "small"] = "full"
+    dirt: bool = False
 
     @property
     def label(self) -> str:

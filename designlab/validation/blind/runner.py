@@ -195,6 +195,7 @@ def _planted(trial: Trial, folder: Path) -> Path:
         further=trial.further,
         columns=COLUMNS if trial.size == "full" else SMALL_COLUMNS,
         kit="hour" if trial.size == "full" else "small",
+        dirt=trial.dirt,
     )
 
 

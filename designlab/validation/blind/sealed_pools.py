@@ -25,6 +25,10 @@ PAIR_STRENGTH = 1.0  # prior standard deviations, each; more where that is below
 CALIBRATION_SEED = 50_000
 CALIBRATION = {"nothing": 30, "single": 66, "pair": 20, "outside": 16, "left_out": 18}
 TEST = {"nothing": 120, "single": 160, "pair": 40, "outside": 60, "left_out": 60}
+DIRTY_SEED = 70_000
+DIRTY_CALIBRATION = {"nothing": 30, "single": 66, "pair": 20, "outside": 16}
+DIRTY_TEST = {"nothing": 120, "single": 120, "pair": 40, "outside": 60}
+IN_DIRT = (1.0, 2.0)  # prior standard deviations of effects beside dirt, in turn, where limits are below
 
 CONFOUNDED = (
     ("veiling_glare", "black_level"),
@@ -41,21 +45,33 @@ CONFOUNDED = (
 """Pairs of which one does much of what the other does."""
 
 
-def calibration() -> list[Trial]:
-    """Pool to learn from: the families of the test pool, fewer of each, other seeds."""
+def calibration(*, dirt: bool = False) -> list[Trial]:
+    """Pool to learn from: the families of the test pool, fewer of each, other seeds.
+
+    Parameters
+    ----------
+    dirt : bool
+        Whether sensors have a lab's dirt.
+    """
+    if dirt:
+        return _pool("dirty-calibration", DIRTY_CALIBRATION, DIRTY_SEED, KIT_SEED, dirt=True)
     return _pool("calibration", CALIBRATION, CALIBRATION_SEED, KIT_SEED)
 
 
-def sealed(commit: str) -> list[Trial]:
+def sealed(commit: str, *, dirt: bool = False) -> list[Trial]:
     """Pool of the test.
 
     Parameters
     ----------
     commit : str
         Full hash of the commit that froze the thresholds.
+    dirt : bool
+        Whether sensors have a lab's dirt; such sets have seeds of their own.
     """
-    number = int.from_bytes(hashlib.sha256(commit.encode()).digest()[:6])
-    return _pool("test", TEST, 1_000_000 + number % 10**12, 1_000 + number % 10**6)
+    text = f"{commit} with dirt" if dirt else commit
+    number = int.from_bytes(hashlib.sha256(text.encode()).digest()[:6])
+    name, sizes = ("dirty-test", DIRTY_TEST) if dirt else ("test", TEST)
+    return _pool(name, sizes, 1_000_000 + number % 10**12, 1_000 + number % 10**6, dirt=dirt)
 
 
 @cache
@@ -68,9 +84,9 @@ def detection_limits() -> dict[str, dict[str, float]]:
     return {kind: limit["designs"] for kind, limit in json.loads(text).items()}
 
 
-def strength(kind: str, design: str) -> float:
-    """Strength of a single effect in these pools (prior standard deviations)."""
-    return float(min(OVER_LIMIT * detection_limits()[kind][design], STRONG))
+def strength(kind: str, design: str, least: float = 0.0) -> float:
+    """Strength of an effect in these pools (prior standard deviations), `least` where that is more."""
+    return float(max(min(OVER_LIMIT * detection_limits()[kind][design], STRONG), least))
 
 
 def pairs() -> Iterator[tuple[str, str]]:
@@ -95,7 +111,7 @@ def classes() -> dict[str, tuple[str, ...]]:
     return found
 
 
-def _pool(name: str, sizes: dict[str, int], first: int, kit_seed: int) -> list[Trial]:
+def _pool(name: str, sizes: dict[str, int], first: int, kit_seed: int, *, dirt: bool = False) -> list[Trial]:
     seeds = count(first)
 
     def trial(family: str, number: int, design: int, **hidden: Any) -> Trial:
@@ -104,6 +120,7 @@ def _pool(name: str, sizes: dict[str, int], first: int, kit_seed: int) -> list[T
             AIR[design % 2],
             next(seeds),
             kit_seed=kit_seed,
+            dirt=dirt,
             **hidden,
         )
 
@@ -112,18 +129,20 @@ def _pool(name: str, sizes: dict[str, int], first: int, kit_seed: int) -> list[T
         turn, place = divmod(k, len(NAMED_KINDS))
         kind = NAMED_KINDS[place]
         design = turn + place
-        found.append(trial("single", k, design, effects={kind: strength(kind, AIR[design % 2])}))
+        # Dirt of the size of a small effect hides it, whoever looks.
+        least = IN_DIRT[(turn // 2 + place) % len(IN_DIRT)] if dirt else 0.0
+        found.append(trial("single", k, design, effects={kind: strength(kind, AIR[design % 2], least)}))
     for k, pair in enumerate(islice(pairs(), sizes["pair"])):
         turn, place = divmod(k // 2, len(CONFOUNDED))
         design = turn + place
-        hidden = {kind: max(PAIR_STRENGTH, strength(kind, AIR[design % 2])) for kind in pair}
+        hidden = {kind: strength(kind, AIR[design % 2], PAIR_STRENGTH) for kind in pair}
         found.append(trial("pair", k, design, effects=hidden))
     kinds = outside_kinds()
     for k in range(sizes["outside"]):
         turn, place = divmod(k, len(kinds))
         found.append(trial("outside", k, turn + place, outside={kinds[place]: 1.0}))
     stages = list(classes().values())
-    for k in range(sizes["left_out"]):
+    for k in range(sizes.get("left_out", 0)):
         turn, place = divmod(k, len(stages))
         round_, number = divmod(turn, len(stages[place]))
         kind = stages[place][number]

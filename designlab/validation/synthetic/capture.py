@@ -8,7 +8,7 @@ from designlab.core.types import Array
 from designlab.sensor.camera import View
 from designlab.validation.synthetic import lens
 from designlab.validation.synthetic.capture_plan import PlannedShot
-from designlab.validation.synthetic.electronics import Converter, flicker, fringes
+from designlab.validation.synthetic.electronics import Converter, flicker, fringes, grain
 from designlab.validation.synthetic.generator_sensor import Rig
 from designlab.validation.synthetic.indenter import Indenter
 from designlab.validation.synthetic.raycast import Caster
@@ -31,9 +31,13 @@ class CaptureSession:
         Flux of every group over its nominal one.
     random : Generator
         Source of what varies by frame: brightness, phase of flicker; and of the fixed pattern.
+    grain_seed : int
+        Seed of the grain of single frames.
     """
 
-    def __init__(self, rig: Rig, view: View, *, gain: Array, random: np.random.Generator) -> None:
+    def __init__(
+        self, rig: Rig, view: View, *, gain: Array, random: np.random.Generator, grain_seed: int = 0
+    ) -> None:
         self._rig, self.view, self._gain, self._random = rig, view, gain, random
         self._casters = {0.0: Caster(rig, view)}
         self._cast: dict[tuple[float, Indenter | None], Array] = {}
@@ -43,6 +47,8 @@ class CaptureSession:
         pattern = random.standard_normal((view.rows, view.columns, 3))
         pattern = np.round((pattern - pattern.mean()) / pattern.std(), DIGITS)
         self._pattern = pattern if rig.sensor.pattern_rms else np.zeros_like(pattern)
+        self._grain_seed = grain_seed
+        self._states: list[tuple[float, Indenter | None, tuple[float, ...]]] = []
         self._fringes = fringes(view, amplitude=rig.sensor.moire)
         brightest = float(np.percentile(self._mixed(None, 0.0, np.ones(len(gain))), 99.5))
         self.exposure = rig.camera.exposure or BRIGHT / brightest
@@ -63,7 +69,7 @@ class CaptureSession:
             light = light * flicker(
                 view, amplitude=sensor.banding, period_rows=sensor.period_rows, phase=phase
             )
-        light = light * self._fringes
+        light = light * self._fringes * self._grain(shot, light)
         light = light + sensor.smear * light.mean(axis=0, keepdims=True)
         self._drawn[shot.file] = {"drift": drift, "phase": phase}
         return self._converter.report(light, random, correlated=correlated)
@@ -78,6 +84,17 @@ class CaptureSession:
         if sensor.pattern_rms:
             found["fixed_pattern_map"] = self._pattern.tolist()
         return found
+
+    def _grain(self, shot: PlannedShot, light: Array) -> Array | float:
+        """Grain that frames of one state share: gel, press and lit groups."""
+        sensor = self._rig.sensor
+        if not (sensor.grain_rms or sensor.sampling_rms) or not light.any():
+            return 1.0
+        state = (shot.gel_deg, shot.indenter, tuple(shot.lit.tolist()))
+        if state not in self._states:
+            self._states.append(state)
+        random = np.random.default_rng([self._grain_seed, self._states.index(state)])
+        return grain(light, sensor, random)
 
     def _flat_field(self) -> Array:
         """What uniform light looks like through the lens."""

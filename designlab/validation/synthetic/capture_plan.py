@@ -87,8 +87,14 @@ def stated_presses(design: Design, kit: str, random: np.random.Generator) -> lis
     return found
 
 
-def true_press(rig: Rig, press: Mapping[str, Any], random: np.random.Generator) -> Indenter:
-    """Indentation that is really there when the metadata say `press`.
+def true_press(
+    rig: Rig,
+    press: Mapping[str, Any],
+    random: np.random.Generator,
+    *,
+    sigma: Mapping[str, float] = SIGMA,
+) -> Indenter:
+    """Indentation that is really there when the metadata say `press`, give or take `sigma`.
 
     Raises
     ------
@@ -113,9 +119,9 @@ def true_press(rig: Rig, press: Mapping[str, Any], random: np.random.Generator) 
         beside = Indenter(probes.sphere(diameter_mm=diameter), depth, (place[0], place[1]))
     return Indenter(
         probe,
-        max(float(press["depth_mm"]) + contact.deeper_mm + SIGMA["depth_mm"] * error[0], 0.01),
-        (x + SIGMA["centre_mm"] * error[1], y + SIGMA["centre_mm"] * error[2]),
-        float(press.get("yaw_deg", 0.0)) + SIGMA["yaw_deg"] * error[3],
+        max(float(press["depth_mm"]) + contact.deeper_mm + sigma["depth_mm"] * error[0], 0.01),
+        (x + sigma["centre_mm"] * error[1], y + sigma["centre_mm"] * error[2]),
+        float(press.get("yaw_deg", 0.0)) + sigma["yaw_deg"] * error[3],
         other=_instead(probe) if contact.wrong else None,
         wrong=contact.wrong,
         beside=beside,
@@ -135,7 +141,13 @@ def _instead(probe: Probe) -> Probe:
 
 
 def shots(
-    rig: Rig, kit: str, stated: list[dict[str, Any]], true: list[Indenter], *, flat_field: bool
+    rig: Rig,
+    kit: str,
+    stated: list[dict[str, Any]],
+    true: list[Indenter],
+    *,
+    flat_field: bool,
+    sigma: Mapping[str, float] = SIGMA,
 ) -> list[PlannedShot]:
     """Frames in the order in which they are taken: backgrounds lie between the presses."""
     groups = len(rig.flux_mw)
@@ -144,10 +156,9 @@ def shots(
     def background(name: str, lit: Array = everything, **more: Any) -> PlannedShot:
         return PlannedShot({"file": f"background-{name}.exr", "kind": "background", **more}, None, lit)
 
+    known = {"sigma": dict(sigma)}
     presses = [
-        PlannedShot(
-            {"file": f"press-{number:02d}.exr", "kind": "press", **press, "sigma": SIGMA}, one, everything
-        )
+        PlannedShot({"file": f"press-{number:02d}.exr", "kind": "press", **press, **known}, one, everything)
         for number, (press, one) in enumerate(zip(stated, true, strict=True), start=1)
     ]
     between = [background(str(number), repeat=number) for number in range(BACKGROUNDS[kit])]
@@ -174,7 +185,14 @@ def shots(
     return found
 
 
-def further_shot(rig: Rig, frame: Mapping[str, Any], number: int, random: np.random.Generator) -> PlannedShot:
+def further_shot(
+    rig: Rig,
+    frame: Mapping[str, Any],
+    number: int,
+    random: np.random.Generator,
+    *,
+    sigma: Mapping[str, float] = SIGMA,
+) -> PlannedShot:
     """Frame that is taken after those of a kit.
 
     Parameters
@@ -201,4 +219,5 @@ def further_shot(rig: Rig, frame: Mapping[str, Any], number: int, random: np.ran
     gel_deg = float(fields.get("gel_rotation_deg", 0.0))
     if kind != "press":
         return PlannedShot(metadata, None, lit, exposure, gel_deg)
-    return PlannedShot({**metadata, "sigma": SIGMA}, true_press(rig, fields, random), lit, exposure, gel_deg)
+    true = true_press(rig, fields, random, sigma=sigma)
+    return PlannedShot({**metadata, "sigma": dict(sigma)}, true, lit, exposure, gel_deg)

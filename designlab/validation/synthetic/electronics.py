@@ -2,6 +2,7 @@
 
 import numpy as np
 from scipy.fft import dctn, idctn
+from scipy.ndimage import gaussian_filter
 
 from designlab.core.types import Array
 from designlab.sensor.camera import Camera, View
@@ -11,6 +12,7 @@ NEIGHBOUR = 1 / 3  # weight of the next pixel, by which neighbours correlate wit
 FEW_E = 1000.0  # electrons below which photons are counted one by one
 LEVELS = 4096  # of the sampled curve of a converter
 DEVIATES = np.linspace(-5.0, 5.0, 121)  # of the Gaussian noise of one sensor pixel
+LEAST_LIGHT = 0.01  # of the mean, below which noise of sampling grows no more
 BLOCK = 8
 STEPS = np.add.outer(np.arange(BLOCK), np.arange(BLOCK)) * 6.0 + 10.0  # of an 8 bit block transform
 
@@ -131,3 +133,11 @@ def fringes(view: View, *, amplitude: float) -> Array:
     row, column = np.mgrid[: view.rows, : view.columns] / view.columns
     phase = 2 * np.pi * (9 * column + 5 * row + 6 * (column - 0.3) ** 2 + 4 * (row - 0.5) ** 2)
     return np.stack([1 + amplitude * np.sin(phase + shift) for shift in (0.0, 2.1, 4.2)], axis=-1)
+
+
+def grain(light: Array, sensor: Sensor, random: np.random.Generator) -> Array:
+    """Factor of every value of a frame: grain of a size, and noise that is as that of photons."""
+    fine = gaussian_filter(random.standard_normal(light.shape), (sensor.grain_px, sensor.grain_px, 0))
+    white = random.standard_normal(light.shape)
+    few = np.sqrt(light.mean() / np.maximum(light, LEAST_LIGHT * light.mean()))
+    return np.asarray(1 + sensor.grain_rms * fine / fine.std() + sensor.sampling_rms * few * white)

@@ -19,11 +19,13 @@ from designlab.sensor.design import Design, dumps, preset, preset_names
 from designlab.validation.synthetic.capture import CaptureSession
 from designlab.validation.synthetic.capture_plan import (
     PLACES,
+    SIGMA,
     further_shot,
     shots,
     stated_presses,
     true_press,
 )
+from designlab.validation.synthetic.dirt import READ_OFF, add_dirt
 from designlab.validation.synthetic.effects import apply
 from designlab.validation.synthetic.generator_sensor import Rig
 from designlab.validation.synthetic.unmodelled import add_outside, add_unlisted
@@ -47,6 +49,7 @@ def plant(
     further: Sequence[Mapping[str, Any]] = (),
     outside: Mapping[str, float] | None = None,
     unlisted: bool | Mapping[str, float] = True,
+    dirt: bool = False,
     progress: Progress = silent,
 ) -> Path:
     """Generate a measurement folder of a sensor that differs from its design by hidden effects.
@@ -90,6 +93,8 @@ def plant(
         Departures that no catalogue lists, kind to strength, see `unmodelled.outside_kinds`.
     unlisted : bool or mapping
         Whether to add small departures (or which, kind to strength).
+    dirt : bool
+        Whether the sensor has a lab's dirt too, see `dirt.add_dirt`, and its poses are read off the picture.
     progress : callable, optional
         Called with what is being done, the number of frames done and their total.
 
@@ -107,22 +112,30 @@ def plant(
     """
     out = Path(out)
     _require_usable(design, columns, kit)
-    _, random_pose, random_gain, random_noise, random_frames, random_outside, random_unlisted = streams(seed)
+    _, random_pose, random_gain, random_noise, random_frames, random_outside, *others = streams(seed)
+    random_unlisted, random_dirt = others
     rig, truth = apply(Rig.of(design), effects)
     rig, beyond = add_outside(rig, outside or {}, random=random_outside)
     small: dict[str, Any] = {}
     if unlisted is not False:
         asked = None if unlisted is True else unlisted
         rig, small = add_unlisted(rig, asked, random=random_unlisted)
+    found_dirt: dict[str, Any] = {}
+    if dirt:
+        rig, found_dirt = add_dirt(rig, random=random_dirt)
+    sigma = READ_OFF if dirt else SIGMA
     crop, view = cropped_view(design, columns)
     gain = 1 + GAIN_ERROR * random_gain.uniform(-1, 1, len(rig.flux_mw))
     random_place = streams(seed if kit_seed is None else kit_seed)[0]
     stated = stated_presses(design, kit, random_place) if presses is None else [dict(p) for p in presses]
-    true = [true_press(rig, press, random_pose) for press in stated]
-    planned = shots(rig, kit, stated, true, flat_field=flat_field)
-    later = [further_shot(rig, frame, number, random_pose) for number, frame in enumerate(further, start=1)]
+    true = [true_press(rig, press, random_pose, sigma=sigma) for press in stated]
+    planned = shots(rig, kit, stated, true, flat_field=flat_field, sigma=sigma)
+    later = [
+        further_shot(rig, frame, number, random_pose, sigma=sigma)
+        for number, frame in enumerate(further, start=1)
+    ]
     planned += later
-    session = CaptureSession(rig, view, gain=gain, random=random_frames)
+    session = CaptureSession(rig, view, gain=gain, random=random_frames, grain_seed=seed)
     frames, images = [], {}
     for number, shot in enumerate(planned):
         frame_noise = np.random.default_rng(int(random_noise.integers(2**63)))
@@ -135,6 +148,7 @@ def plant(
         "effects": truth,
         "outside": beyond,
         "unlisted": small,
+        "dirt": found_dirt,
         "design": design.digest,
         "seed": seed,
         "kit_seed": kit_seed,
@@ -193,8 +207,8 @@ def unseal(out: str | Path) -> dict[str, Any]:
 
 
 def streams(seed: int) -> list[np.random.Generator]:
-    """Sources of stated places, poses, gains, noise, what varies by frame, what is outside, unlisted."""
-    return [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(7)]
+    """Sources of stated places, poses, gains, noise, what varies by frame, and outside, unlisted, dirt."""
+    return [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(8)]
 
 
 def cropped_view(design: Design, columns: int) -> tuple[list[int], View]:

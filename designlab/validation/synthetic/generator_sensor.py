@@ -129,6 +129,11 @@ class Sensor:
         Amplitude of coloured fringes.
     jpeg : float
         Coarseness of a block transform that the picture went through; 0 for none.
+    grain_rms, grain_px : float
+        Relative grain that a state of the sensor has alone, the same in repeats, and the blur it went through
+        (standard deviation, output pixels).
+    sampling_rms : float
+        Likewise, white and of the size of photon noise: relative at the mean light of a frame.
     """
 
     black: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -141,6 +146,9 @@ class Sensor:
     sag: float = 0.0
     moire: float = 0.0
     jpeg: float = 0.0
+    grain_rms: float = 0.0
+    grain_px: float = 0.0
+    sampling_rms: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +158,9 @@ class Rig:
     `face_flux` is the flux of every emitting rectangle over its nominal one, `exponent` that of the cosine
     law of each group's intensity, `turn` the rotation of the camera (3, 3) about its centre of projection;
     `waves` are ripples of the membrane: rows of wave numbers (x, y; 1/mm), amplitude (mm) and phase;
-    `grain` is the place (x, y), radius and height (mm) of a grain that lies on the gel.
+    `grain` is the place (x, y), radius and height (mm) of a grain that lies on the gel; `light_waves` are
+    smooth departures of each group's light over the gel, fixed to the housing: (groups, waves) rows of wave
+    numbers (x, y; 1/mm), relative amplitude and phase.
     """
 
     emitters: Rectangles
@@ -176,6 +186,7 @@ class Rig:
     lens: TrueLens = field(default_factory=TrueLens)
     sensor: Sensor = field(default_factory=Sensor)
     waves: Array = field(default_factory=lambda: np.zeros((0, 4)))
+    light_waves: Array = field(default_factory=lambda: np.zeros((0, 0, 4)))
     grain: tuple[float, float, float, float] | None = None
     glass: ImmersedParts | None = None
 
@@ -253,6 +264,13 @@ class Rig:
             place = turn * complex(*grain[:2])
             grain = (place.real, place.imag, *grain[2:])
         return replace(self, coat=replace(self.coat, turn_deg=angle_deg), waves=waves, grain=grain)
+
+    def light_share(self, x: Array, y: Array) -> Array | float:
+        """Light of each group over what its LEDs send to points of the membrane, (groups, points)."""
+        if not self.light_waves.size:
+            return 1.0
+        along_x, along_y, rise, phase = (part[..., None] for part in np.moveaxis(self.light_waves, -1, 0))
+        return np.asarray(1 + (rise * np.cos(along_x * x + along_y * y + phase)).sum(axis=1))
 
     @property
     def gel_is_patterned(self) -> bool:

@@ -133,7 +133,8 @@ class Caster:
         if self._rig.glass is not None:
             way_mm = t * np.sqrt(1 + self._rays.tan_x**2 + self._rays.tan_y**2)
             passed = passed * np.exp(-self._rig.glass.gel_absorption_per_mm[:, None] * way_mm)
-        radiance = reflectances(self._rig, surface, x, y) / np.pi * np.where(membrane, irradiance, 0.0)
+        irradiance = np.where(membrane, irradiance * self._rig.light_share(x, y), 0.0)
+        radiance = reflectances(self._rig, surface, x, y) / np.pi * irradiance
         return radiance * self._grain * passed + self._veil
 
     def _near(self, pressed: "Pressed | ImmersedMembraneLight", x: Array, y: Array) -> NDArray[np.bool_]:

@@ -16,6 +16,8 @@ from designlab.validation.blind.pool import AIR, Trial, shard
 from designlab.validation.blind.score import same
 from designlab.validation.blind.sealed_pools import (
     CONFOUNDED,
+    DIRTY_TEST,
+    IN_DIRT,
     NAMED_KINDS,
     OVER_LIMIT,
     STRONG,
@@ -27,6 +29,7 @@ from designlab.validation.synthetic.unmodelled import outside_kinds
 
 COMMIT = "0123456789abcdef0123456789abcdef01234567"
 POOL = sealed(COMMIT)
+DIRTY = sealed(COMMIT, dirt=True)
 
 
 def family(trial: Trial) -> str:
@@ -75,14 +78,30 @@ def test_outside_and_left_out_sets_hide_what_the_catalogue_lacks() -> None:
         assert trial.effects == {trial.kind: 3.0}
 
 
+def test_sensors_with_a_labs_dirt_have_a_pool_of_their_own() -> None:
+    assert Counter(trial.name.split("-")[2] for trial in DIRTY) == DIRTY_TEST
+    assert all(trial.dirt for trial in [*DIRTY, *calibration(dirt=True)])
+    assert not any(trial.dirt for trial in [*POOL, *calibration()])
+    single = [trial for trial in DIRTY if trial.name.startswith("dirty-test-single")]
+    assert len({trial.kind for trial in single}) >= 20
+    for kind in NAMED_KINDS:
+        hidden = {(trial.design, trial.effects[kind]) for trial in single if trial.kind == kind}
+        assert {design for design, _ in hidden} == set(AIR)
+        for design, strength in hidden:
+            limit = min(OVER_LIMIT * detection_limits()[kind][design], STRONG)
+            assert strength in [max(limit, least) for least in IN_DIRT]
+    usual = Counter(strength for trial in single for strength in trial.effects.values())
+    assert all(usual[strength] > len(single) / 4 for strength in IN_DIRT)
+
+
 def test_no_two_pools_share_a_set() -> None:
-    pools = [POOL, sealed(COMMIT[::-1]), calibration(), development(), power()]
+    pools = [POOL, sealed(COMMIT[::-1]), DIRTY, calibration(), calibration(dirt=True), development(), power()]
     seeds = [seed for pool in pools for seed in {trial.seed for trial in pool}]
     assert len(seeds) == len(set(seeds)) == sum(len(pool) for pool in pools)
     assert sealed(COMMIT) == POOL
-    places = {trial.kit_seed for pool in pools[:2] for trial in pool}
-    assert len(places) == 2  # where the test presses, nobody has seen
-    assert places.isdisjoint({trial.kit_seed for pool in pools[2:] for trial in pool})
+    places = {trial.kit_seed for pool in pools[:3] for trial in pool}
+    assert len(places) == 3  # where the test presses, nobody has seen
+    assert places.isdisjoint({trial.kit_seed for pool in pools[3:] for trial in pool})
 
 
 def test_shards_are_parts_of_one_pool_with_sets_of_all_families() -> None:
@@ -185,6 +204,7 @@ def test_only_the_checkout_itself_will_do(checkout: Path) -> None:
         (["--pool", "test", "--frozen", "no-such-commit"], "no-such-commit"),
         (["--pool", "calibration", "--base", "7"], "--base"),
         (["--pool", "calibration", "--again"], "--again"),
+        (["--pool", "power", "--dirt"], "--dirt"),
         (["--shard", "5/4"], "5/4"),
         (["--shard", "half"], "half"),
         (["--shard", "999/1000"], "999/1000"),
