@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from designlab.core.types import Array
 from designlab.validation.synthetic.generator_sensor import Rectangles, Rig
@@ -58,7 +59,7 @@ def add_dirt(rig: Rig, *, random: np.random.Generator) -> tuple[Rig, Values]:
     sizes = 1 + random.uniform(-BOARD_SIZE, BOARD_SIZE, (len(rig.boards.half), 2))
     reflects = 1 + random.uniform(-BOARD_REFLECTANCE, BOARD_REFLECTANCE, len(rig.board_reflectance))
     wall_mm = _drawn(WALL_MM, random)
-    grain = {
+    grain: Values = {
         "grain_rms": _drawn(GRAIN_RMS, random),
         "grain_px": float(random.uniform(*GRAIN_PX)),
         "sampling_rms": _drawn(SAMPLING_RMS, random),
@@ -99,7 +100,7 @@ def _light_waves(rig: Rig, rms: float, random: np.random.Generator) -> Array:
     return np.stack([number.real, number.imag, amplitude, random.uniform(0, 2 * np.pi, shape)], axis=-1)
 
 
-def _with_gaps(strips: Rectangles, lit: float) -> tuple[Rectangles, Array]:
+def _with_gaps(strips: Rectangles, lit: float) -> tuple[Rectangles, NDArray[np.int64]]:
     """Cut strips into LEDs with gaps between, and how many of each: they send the light of the whole."""
     counts = np.maximum(np.round(2 * strips.half[:, 0] / PACKAGE_MM).astype(int), 1)
     centre, half = [], []
@@ -109,8 +110,15 @@ def _with_gaps(strips: Rectangles, lit: float) -> tuple[Rectangles, Array]:
         place = (2 * np.arange(count) + 1 - count) / count * width
         centre.append(middle + place[:, None] * across)
         half.append(np.broadcast_to([lit * width / count, height], (count, 2)))
-    cut = Rectangles(*(np.repeat(part, counts, axis=0) for part in strips))
-    return cut._replace(centre=np.concatenate(centre), half=np.concatenate(half)), counts
+    cut = Rectangles(
+        group=np.repeat(strips.group, counts),
+        centre=np.concatenate(centre),
+        normal=np.repeat(strips.normal, counts, axis=0),
+        across=np.repeat(strips.across, counts, axis=0),
+        down=np.repeat(strips.down, counts, axis=0),
+        half=np.concatenate(half),
+    )
+    return cut, counts
 
 
 def _with_walls(boards: Rectangles, wall_mm: float) -> Rectangles:
