@@ -306,7 +306,7 @@ def _add_gap(add: Any) -> None:
         default=[],
     )
     dirt = (
-        "light off by 1 to 5 %, grain, gaps between LEDs, other boards, rounded edges, poses read off the "
+        "light off by 1 to 5 %%, grain, gaps between LEDs, other boards, rounded edges, poses read off the "
         "picture"
     )
     _option(plant, "--dirt", f"a sensor as labs have them: {dirt}")
