@@ -48,7 +48,7 @@ class CaptureSession:
         pattern = np.round((pattern - pattern.mean()) / pattern.std(), DIGITS)
         self._pattern = pattern if rig.sensor.pattern_rms else np.zeros_like(pattern)
         self._grain_seed = grain_seed
-        self._states: list[tuple[float, Indenter | None, tuple[float, ...]]] = []
+        self._states: dict[tuple[float, Indenter | None, tuple[float, ...]], int] = {}
         self._fringes = fringes(view, amplitude=rig.sensor.moire)
         brightest = float(np.percentile(self._mixed(None, 0.0, np.ones(len(gain))), 99.5))
         self.exposure = rig.camera.exposure or BRIGHT / brightest
@@ -91,10 +91,8 @@ class CaptureSession:
         if not (sensor.grain_rms or sensor.sampling_rms) or not light.any():
             return 1.0
         state = (shot.gel_deg, shot.indenter, tuple(shot.lit.tolist()))
-        if state not in self._states:
-            self._states.append(state)
-        random = np.random.default_rng([self._grain_seed, self._states.index(state)])
-        return grain(light, sensor, random)
+        number = self._states.setdefault(state, len(self._states))
+        return grain(light, sensor, np.random.default_rng([self._grain_seed, number]))
 
     def _flat_field(self) -> Array:
         """What uniform light looks like through the lens."""

@@ -52,7 +52,7 @@ def add_dirt(rig: Rig, *, random: np.random.Generator) -> tuple[Rig, Values]:
         If light reaches the gel through a core.
     """
     if rig.glass is not None:
-        raise ValueError("dirt: is known of sensors in air alone; light of this one goes through a core")
+        raise ValueError("dirt: optics.light_path must be 'air', is 'core'")
     rms = _drawn(LIGHT_RMS, random)
     lit = _drawn(LIT, random)
     edge_mm = _drawn(EDGE_MM, random)

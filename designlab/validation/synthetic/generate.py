@@ -112,8 +112,8 @@ def plant(
     """
     out = Path(out)
     _require_usable(design, columns, kit)
-    _, random_pose, random_gain, random_noise, random_frames, random_outside, *others = streams(seed)
-    random_unlisted, random_dirt = others
+    _, random_pose, random_gain, random_noise, random_frames, *departing = streams(seed)
+    random_outside, random_unlisted, random_dirt = departing
     rig, truth = apply(Rig.of(design), effects)
     rig, beyond = add_outside(rig, outside or {}, random=random_outside)
     small: dict[str, Any] = {}
