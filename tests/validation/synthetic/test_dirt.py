@@ -89,7 +89,7 @@ def test_dirt_leaves_the_sensor_it_came_to_as_it_was() -> None:
 
 def test_dirt_of_a_core_is_not_known() -> None:
     behind = Rig.of(preset("gelsight-2020-flat-core"))
-    with pytest.raises(ValueError, match="dirt: optics.light_path must be 'air', is 'core'"):
+    with pytest.raises(ValueError, match=r"dirt: optics\.light_path must be 'air', is 'core'"):
         add_dirt(behind, random=np.random.default_rng(0))
 
 
