@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable, Sequence
 
-from designlab.inference.diagnosis.result import Control, Found, GapReport, Level, Where
+from designlab.inference.diagnosis.result import Control, Found, GapReport, Level, Unexplained, Where
 
 SPREAD = 1.5  # times the mean of its channel and frames, from which a region stands out
 MOST_PLACES = 3
@@ -17,6 +17,9 @@ CALIBRATED = (
 )
 ONE_PICTURE = "of one picture; nothing is known of how often such names are right"
 USUAL = "usual where nothing is missing"
+SMOOTH = "boards, walls, gaps between LEDs, uneven coating"
+GRAIN = "dust, compression, sampling of a simulation"
+EDGES = "shape of the probe, pose, contact"
 OUTSIDE = (
     "dirt or a hair on the gel, a second contact, marks printed on it, a reflection of an LED in the lens, "
     "another object than stated, pictures that were compressed"
@@ -39,6 +42,8 @@ def statement(report: GapReport) -> tuple[str, ...]:
         said.append(f"With reserve: {'; '.join(others)}.")
     if report.effects:
         said.append(_gone(final, report.control, report.effects))
+    if report.unexplained is not None and report.verdict != "at_floor":
+        said.append(left(report.unexplained))
     if report.verdict != "at_floor" and report.where:
         said.append(places(report.where))
     said.extend(_to_do(report))
@@ -115,6 +120,42 @@ def _gone(final: Level, control: Control | None, effects: Sequence[Found]) -> st
             f"against {own}), {taken(control.removed)}."
         )
     return said
+
+
+def left(rest: Unexplained) -> str:
+    """What the effects named leave of the gap, and what it looks like."""
+    said = []
+    if rest.share is not None:
+        interval = "" if rest.low is None or rest.high is None else f" ({between(rest.low, rest.high)})"
+        said.append(f"No effect explains {percent(rest.share)}{interval} of the gap.")
+    looks = {
+        "smooth": f"a smooth departure of each group's light, {percent(rest.smooth_rms)} of it: {SMOOTH}",
+        "grain": f"grain of single frames, {percent(rest.grain_rms)} of their light: {GRAIN}",
+        "edges": f"at the edges of presses: {EDGES}",
+    }
+    parts = [
+        f"{percent(rest.parts[kind])} {words}"
+        for kind, words in looks.items()
+        if rest.parts.get(kind, 0.0) >= SEEN
+    ]
+    if parts:
+        said.append(f"What is left beyond noise looks like this: {'; '.join(parts)}.")
+    if rest.group is not None:
+        said.append(f"Light of the LED group {rest.group} alone leaves far more than that of the others.")
+    if rest.frame is not None:
+        said.append(f"Frame {rest.frame} leaves far more than the others: look at it.")
+    return " ".join(said)
+
+
+def between(low: float, high: float) -> str:
+    """Write an interval of shares.
+
+    Examples
+    --------
+    >>> between(0.08, 0.16)
+    '8 to 16 %'
+    """
+    return f"{percent(low).removesuffix(' %')} to {percent(high)}"
 
 
 def places(where: Sequence[Where]) -> str:

@@ -13,14 +13,15 @@ from designlab.core.run_folder import claim
 from designlab.core.store import remove_partial
 from designlab.core.types import Progress
 from designlab.inference.diagnosis.emulator.rendering import cost_to_fill, fill
-from designlab.inference.diagnosis.likelihood.empirical_errors import left_of_nothing
 from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD, Fitter
+from designlab.inference.diagnosis.likelihood.grain import grain
 from designlab.inference.diagnosis.result import (
     Control,
     Found,
     GapReport,
     Level,
     Overlap,
+    Unexplained,
     Verdict,
     provenance,
 )
@@ -36,6 +37,7 @@ from designlab.inference.diagnosis.verdict.data_checks import examine, looking_a
 from designlab.inference.diagnosis.verdict.intervals import values
 from designlab.inference.diagnosis.verdict.localise import localise
 from designlab.inference.diagnosis.verdict.next_measurement import advise
+from designlab.inference.diagnosis.verdict.unexplained import unexplained
 from designlab.inference.diagnosis.verdict.update import updated
 from designlab.measurement import Measurement
 from designlab.measurement.quality.comparable import check_comparable
@@ -51,11 +53,10 @@ COLUMNS = 96  # those that all limits and confidence were learnt at: evidence gr
 OVERLAPPING = 0.5  # share of an effect's signature from which a pair is reported
 USUAL_SELECT = 6  # presses to choose by of the sets that confidence was learnt from
 UNEXPLAINED_ABOVE = 0.5  # leftover share of the gap from which nothing is named
-PARTIAL_ABOVE = 0.015  # leftover share from which an explanation is partial
 OF_PIXELS = tuple(e.name for e in CATALOGUE if e.per_pixel)  # with a number of their own for each pixel
 NAMELESS = ("unexplained", "at_floor")  # verdicts that name nothing
+SURE_ENOUGH = 0.5  # confidence in the first name from which it is named without reserve
 AT_FLOOR = 1.3  # mean squared residual over the floor below which there is no gap to explain
-NEAR = 0.75  # likewise, below which names leave nothing to explain; sets that hide nothing are below it
 GIVEN_BACK = 0.1  # of what a search removes of the gap, which the last fit must not give back
 OTHER_SD = 2.5  # usual errors of what is fitted along from which it is worth a note
 
@@ -159,11 +160,13 @@ def diagnose(
             *_notes(seen, measurement, model),
             *_chance(given.fitter),
             *_along(last),
+            *_unusual(last, effects),
             *_confounded(effects, model.effective_design()),
         ),
         provenance=_provenance(seen, measurement, model, source, begun),
         seen=seen,
         control=wrong,
+        unexplained=_unexplained(found, seen.of("final")),
         overlaps=_overlaps(found.search),
     )
     alike = looking_alike(effects, seen, model.effective_design())
@@ -198,18 +201,21 @@ def _explained(seen: Observations, model: SensorModel, names: Sequence[str], sou
     shown = fill(source, model, seen.shots, names, both=False)
     fitter = placed(source, Fitter(shown), train, [*select, *final])
     start = fitter.fit(fitter.start(train), (), train).state
+    fitter.grain = grain(fitter, start, [*train, *select])
+    fitter.measure(start)
+    start = fitter.fit(start, (), train).state
     fitter.measure(start)
     source.work.begin("searching")
     search = ForwardSelection(fitter, names, train, select, source, work=source.work)
     given, found = search.run(start)
     as_good = [winner.coherence_set for winner in search.winners]
     before, after = given.judged, found.judged
-    verdict = verdict_of(as_good, before.mean, after.mean, float(after.floor.mean()))
+    verdict = verdict_of(as_good, level(before, after))
     source.work.begin("refining")
     last = given if verdict in NAMELESS else _last_fit(source, given, found, train, select)
     source.work.begin("conclusions")
-    ends = [judge(stand.fitter, stand.fit.state, final) for stand in (given, last)]
-    trained = [judge(stand.fitter, stand.fit.state, seen.of("train")) for stand in (given, last)]
+    ends = [judge(stand.fitter, stand.fit, final) for stand in (given, last)]
+    trained = [judge(stand.fitter, stand.fit, seen.of("train")) for stand in (given, last)]
     gap = {
         "train": level(*trained),
         "select": level(given.judged, last.judged),
@@ -232,19 +238,32 @@ def _control(found: _Explanation, seen: Observations, *, seed: int) -> Control |
         train=seen.of("dark", "background", "train"),
         final=seen.of("final"),
         before=found.ends[0],
+        corrected=found.ends[1],
     )
 
 
+def _unexplained(found: _Explanation, final: Sequence[int]) -> Unexplained:
+    """Say what is left, of all presses where they stand."""
+    last, (before, after) = found.last, found.ends
+    states = dict.fromkeys(range(len(last.fitter.bank.shots)), last.judged.state)
+    states |= dict.fromkeys(final, after.state)
+    held_out = [(found.given.judged, last.judged), (before, after)]
+    return unexplained(last.fitter, states, held_out)
+
+
 def _sure(report: GapReport, presses: int) -> GapReport:
-    """Say how sure each name is."""
+    """Say how sure each name is; one that is more likely wrong than right explains a part at best."""
     content = report.to_json()
+    verdict = report.verdict
+    if report.effects and confidence(content, 0) < SURE_ENOUGH:
+        verdict = "partial"
     # Few presses cannot make anything certain (rule of succession), whatever many have taught.
     most = (presses + 1) / (presses + 2) if presses < USUAL_SELECT else 1.0
     effects = (
         replace(found, confidence=min(confidence(content, place), most))
         for place, found in enumerate(report.effects)
     )
-    return replace(report, effects=tuple(effects))
+    return replace(report, verdict=verdict, effects=tuple(effects))
 
 
 def _costs(model: SensorModel, seen: Observations, names: Sequence[str]) -> dict[str, float]:
@@ -304,25 +323,24 @@ def _untried(catalogue: Sequence[str] | None, model: SensorModel, seen: Observat
             yield f"{name} was not tried: the gel is too thin for presses as deep as these"
 
 
-def verdict_of(alike: Sequence[Sequence[str]], before: float, after: float, floor: float) -> Verdict:
-    """Verdict by the select presses alone.
+def verdict_of(alike: Sequence[Sequence[str]], gap: Level) -> Verdict:
+    """Verdict by presses that were not fitted to, before anything is said of how sure names are.
 
-    The floor is what the simulation may be wrong by. What sets that hide nothing leave is less: names that
-    leave more than that have not explained all. Where there is no gap to explain, none is unexplained.
+    The floor is what the simulation may be wrong by. Names that leave more than half of what is not noise,
+    grain or smooth errors of light have explained nothing. Where there is no gap, none is unexplained.
 
     Parameters
     ----------
     alike : sequence of sequence of str
         Of each effect found, those that do as well.
-    before, after, floor : float
-        Mean squared residuals of the model as given and of the corrected one, and the floor.
+    gap : Level
+        Of these presses.
     """
     if not alike:
-        return "at_floor" if after < AT_FLOOR * floor else "unexplained"
-    if after >= AT_FLOOR * floor and _left(before, after, floor) > UNEXPLAINED_ABOVE:
+        return "at_floor" if gap.after < AT_FLOOR * gap.floor else "unexplained"
+    left = max(gap.after - gap.usual, 0.0) / max(gap.before - gap.usual, 1e-12)
+    if gap.after >= AT_FLOOR * gap.floor and left > UNEXPLAINED_ABOVE:
         return "unexplained"
-    if after >= NEAR * floor and _left(before, after, left_of_nothing() * floor) > PARTIAL_ABOVE:
-        return "partial"
     return "ambiguous" if any(len(names) > 1 for names in alike) else "named"
 
 
@@ -331,7 +349,7 @@ def _last_fit(
 ) -> Stand:
     """Fit what a search has found exactly, unless the select presses speak against it."""
     fitter, fit = refined(source, searched.fitter, searched.fit, train)
-    last = Stand(fitter, fit, train, judge(fitter, fit.state, select))
+    last = Stand(fitter, fit, train, judge(fitter, fit, select))
     means = (stand.judged.mean for stand in (given, searched, last))
     return searched if _gives_back(*means) else last
 
@@ -346,14 +364,8 @@ def _settled(verdict: Verdict, alike: Sequence[Sequence[str]], gap: Mapping[str,
     if verdict == "at_floor":
         others = max(gap[name].before / gap[name].floor for name in ("train", "final"))
         return verdict if others < AT_FLOOR else "unexplained"
-    final = gap["final"]
-    own = verdict_of(alike, final.before, final.after, final.floor)
+    own = verdict_of(alike, gap["final"])
     return "partial" if verdict in ("named", "ambiguous") and own in ("partial", "unexplained") else verdict
-
-
-def _left(before: float, after: float, level: float) -> float:
-    """Share of the excess over a level that is left."""
-    return max(after - level, 0.0) / max(before - level, 1e-12)
 
 
 def _overlaps(search: ForwardSelection) -> tuple[Overlap, ...]:
@@ -402,6 +414,19 @@ def _along(last: Stand) -> Iterator[str]:
         if abs(larger) > OTHER_SD * SIZE_SD:
             than = "larger" if larger > 0 else "smaller"
             yield f"probe {probe} fits best {abs(larger):.1%} {than} than stated: measure it"
+
+
+def _unusual(last: Stand, effects: Sequence[Found]) -> Iterator[str]:
+    """Note values far larger than is usual of built sensors."""
+    for found in effects:
+        bound = last.fitter.at_bound(last.state, found.name)
+        far = dict.fromkeys([*last.fitter.beyond_prior(last.state, found.name), *bound])
+        if far:
+            limit = ", at the end of its range" if bound else ""
+            yield (
+                f"{found.name}: {', '.join(far)} far larger than usual of built sensors{limit}: check that "
+                "part of the sensor, and what the design says of it"
+            )
 
 
 def _confounded(effects: Sequence[Found], design: Design) -> Iterator[str]:

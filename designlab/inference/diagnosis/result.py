@@ -120,6 +120,35 @@ class Level:
 
 
 @dataclass(frozen=True)
+class Unexplained:
+    """What the effects named leave of the gap, and what it looks like.
+
+    Attributes
+    ----------
+    share, low, high : float or None
+        Share of the gap on presses that were not fitted to, and its 95 % interval; None where there is no gap
+        or too few presses tell.
+    smooth_rms : float
+        Smooth departure of the light of each LED group over the picture, relative.
+    grain_rms : float
+        Grain of single frames that repeats share, relative to their light.
+    parts : mapping of str to float
+        Shares of all that is left beyond noise of the camera: ``smooth``, ``grain``, ``edges`` of presses.
+    frame, group : str or None
+        A frame, or the frame of an LED group, that leaves far more than the others.
+    """
+
+    share: float | None
+    low: float | None
+    high: float | None
+    smooth_rms: float
+    grain_rms: float
+    parts: Mapping[str, float]
+    frame: str | None = None
+    group: str | None = None
+
+
+@dataclass(frozen=True)
 class Candidate:
     """One candidate that was tried, accepted or not; `gain` and `se` are shares of the first gap.
 
@@ -265,6 +294,7 @@ class GapReport:
     provenance: Mapping[str, Any]
     seen: Observations = field(compare=False)
     control: Control | None = None
+    unexplained: Unexplained | None = None
     overlaps: tuple[Overlap, ...] = ()
     checks: tuple[FrameCheck, ...] = ()
     reserves: tuple[str, ...] = ()
@@ -280,6 +310,7 @@ class GapReport:
             "where": [vars(where) for where in self.where],
             "gap": {split: vars(level) | {"removed": level.removed} for split, level in self.gap.items()},
             "control": None if self.control is None else vars(self.control),
+            "unexplained": None if self.unexplained is None else asdict(self.unexplained),
             "next_measurement": str(self.next_measurement),
             "next": vars(self.next_measurement),
             "overlaps": [vars(overlap) for overlap in self.overlaps],

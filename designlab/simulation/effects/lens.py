@@ -116,7 +116,7 @@ class VignettingEffect(Effect):
         """Small lenses lose 20 to 55 % at the corner (libcamera's ov5647 table)."""
         return (
             EffectParameter(
-                "corner_loss", "1", 0.0, 0.25, 0.0, 0.8, "share lost at the full picture's corner, as r^2"
+                "corner_loss", "1", 0.0, 0.25, 0.0, 0.98, "share lost at the full picture's corner, as r^2"
             ),
         )
 

@@ -16,10 +16,8 @@ from designlab.simulation.effects import effect
 from designlab.validation.blind.runner import Outcome
 from designlab.validation.blind.score import (
     BINS,
-    WITHOUT_RESERVE,
     all_named,
     equal_mass,
-    family,
     record,
     same,
 )
@@ -60,51 +58,30 @@ def learnt(outcomes: Iterable[Outcome]) -> dict[str, Any]:
     Effects of which it has too few sets keep what was known of them.
     """
     outcomes = list(outcomes)
-    nothing = left_of_nothing(outcomes)
     return {
-        "left_of_nothing": nothing,
         "unlisted_sd": dict(sorted({**known()["unlisted_sd"], **unlisted_sd(outcomes)}.items())),
-        "confidence": shares_right(outcomes, nothing),
+        "confidence": shares_right(outcomes),
     }
 
 
-def left_of_nothing(outcomes: Iterable[Outcome]) -> float:
-    """Squared residual over the floor in the median of sets that hide nothing.
-
-    Raises
-    ------
-    ValueError
-        If there is no such set.
-    """
-    levels = [o.gap["select"] for o in outcomes if family(o.trial) == "nothing" and o.gap]
-    if not levels:
-        raise ValueError("pool: no set that hides nothing, so that nothing tells what such leave")
-    return round(float(np.median([level["before"] / level["floor"] for level in levels])), 3)
-
-
-def shares_right(outcomes: Iterable[Outcome], nothing: float) -> dict[str, Any]:
+def shares_right(outcomes: Iterable[Outcome]) -> dict[str, Any]:
     """Weights of the signs of a name (logistic regression), and the share of right names along their sum.
 
     A sign counts in the direction that is known of it or not at all. The sums are cut into bins of equal
     mass; the shares of right names in them, half a right and half a wrong name added to each bin (Jeffreys'
-    prior), are made to rise (isotonic regression). Names of partial verdicts are no part of it: they are
-    right far less often, and have one share, `partial`.
+    prior), are made to rise (isotonic regression).
 
     Parameters
     ----------
     outcomes : iterable of Outcome
         Of all families.
-    nothing : float
-        Squared residual over the floor that is usual where nothing is missing.
 
     Raises
     ------
     ValueError
         If too few names were given.
     """
-    outcomes = list(outcomes)
-    seen, right = named((o for o in outcomes if o.verdict in WITHOUT_RESERVE), nothing)
-    _, of_partial = named((o for o in outcomes if o.verdict == "partial"), nothing)
+    seen, right = named(outcomes)
     if len(right) < FEWEST * BINS:
         raise ValueError(f"pool: {len(right)} names teach nothing, {FEWEST * BINS} are needed")
     direction = np.array(list(SIGNS.values()), dtype=float)
@@ -128,7 +105,6 @@ def shares_right(outcomes: Iterable[Outcome], nothing: float) -> dict[str, Any]:
         "scores": [round(float(total[part].mean()), 4) for part in bins],
         "right": [round(float(each), 4) for each in rising],
         "names": len(right),
-        "partial": round(_share(of_partial), 4),
     }
 
 
@@ -137,14 +113,12 @@ def _share(right: NDArray[np.bool_]) -> float:
     return float((right.sum() + 0.5) / (len(right) + 1))
 
 
-def named(outcomes: Iterable[Outcome], nothing: float) -> tuple[Array, NDArray[np.bool_]]:
+def named(outcomes: Iterable[Outcome]) -> tuple[Array, NDArray[np.bool_]]:
     """Signs of every name that was given (names, signs), and whether it was right."""
     rows, right = [], []
     for o in outcomes:
         for place, (name, alike) in enumerate(zip(o.named, o.sets, strict=True)):
-            level = o.gap["select"]
-            left = level["after"] / (nothing * level["floor"])
-            rows.append(signs(name, alike, o.candidates, left=left, later=place > 0))
+            rows.append(signs(name, alike, o.candidates, gap=o.gap["select"], later=place > 0))
             right.append(any(same(name, truth) for truth in o.trial["effects"]))
     return np.array(rows).reshape(-1, len(SIGNS)), np.array(right, dtype=bool)
 

@@ -160,13 +160,14 @@ def predicted(measurement: Measurement, models: Sequence[SensorModel], renders: 
         seen = replace(seen, shots=tuple(shot for shot in seen.shots if shot.use != "train"))
         registered, final = seen.of("dark", "background", "select"), seen.of("final")
         fitter = Fitter(fill(renders, model, seen.shots, ()))
+        fitter.fits_smooth = False
         state = fitter.start(registered)
         if noises:
             fitter.noises = noises
         else:
             fitter.measure(fitter.fit(state, (), registered).state)
             noises = fitter.noises
-        found.append(judge(fitter, fitter.fit(state, (), registered).state, final))
+        found.append(judge(fitter, fitter.fit(state, (), registered), final))
     return found
 
 

@@ -48,7 +48,7 @@ def fitted(bank) -> tuple[JudgedCandidate, JudgedCandidate]:
     made = []
     for name in NAMES:
         fit = fitter.fit(start, [name], TRAIN)
-        stand = Stand(fitter, fit, TRAIN, judge(fitter, fit.state, [3]))
+        stand = Stand(fitter, fit, TRAIN, judge(fitter, fit, [3]))
         share = gain(stand.judged, stand.judged, 1.0)
         made.append(JudgedCandidate(name, stand, share, Evidence(60.0, 0.0), 0.0, 1.0))
     return ahead(made[0], made[1], 3.0)

@@ -160,8 +160,8 @@ def test_grain_of_the_simulation_is_no_pattern_of_the_sensor(grainy) -> None:
     blind = Fitter(replace(grainy, pictures=tuple(replace(p, spread=None) for p in grainy.pictures)))
     assert found_pattern(blind, blind.fit(blind.start(train), (), train).state, train).evidence > 10
     fitter = Fitter(grainy)
-    start = fitter.fit(fitter.start(train), (), train).state
-    assert found_pattern(fitter, start, train).evidence < 0
+    start = fitter.fit(fitter.start(train), (), train)
+    assert found_pattern(fitter, start.state, train).evidence < 0
     left = judge(fitter, start, [3])
     assert left.mean < 1.3 * left.floor.mean()
 

@@ -94,7 +94,7 @@ def test_the_effect_that_is_there_is_named_with_its_values(bank, name) -> None:
         sd = next(p.sd for p in effect(name).parameters(DESIGN) if p.name == parameter)
         assert best.state.values[name][parameter] == pytest.approx(value, abs=0.15 * sd), parameter
     assert gain(before, after, before.gap).value > 0.8
-    left = judge(fitter, best.state, [4])
+    left = judge(fitter, best.fit, [4])
     assert left.mean < 3 * left.floor.mean()
 
 
@@ -139,7 +139,7 @@ def begun(fitter, renders):
     start = fitter.fit(fitter.start(train), (), train)
     fitter.measure(start.state)
     search = ForwardSelection(fitter, NAMES, train, select, renders)
-    base = Stand(fitter, start, train, judge(fitter, start.state, select))
+    base = Stand(fitter, start, train, judge(fitter, start, select))
     search.gap = base.judged.gap
     return search, base
 
@@ -220,11 +220,12 @@ def test_the_last_fit_is_closer_than_that_of_the_search(bank, renders) -> None:
 def test_the_control_is_a_wrong_effect_of_the_same_size_and_closes_little(bank) -> None:
     fitter = seeing(bank, applied("vignetting"))
     train, final = [0, 1, 2], [4]
-    start = fitter.fit(fitter.start(train), (), train).state
-    fitter.measure(start)
+    start = fitter.fit(fitter.start(train), (), train)
+    fitter.measure(start.state)
+    right = judge(fitter, fitter.fit(start.state, ["vignetting"], train), final)
     found = control(
         fitter,
-        start,
+        start.state,
         named=["vignetting"],
         as_good=["vignetting"],
         tried=["vignetting", "albedo_field", "contact_kernel", "banding"],
@@ -232,6 +233,7 @@ def test_the_control_is_a_wrong_effect_of_the_same_size_and_closes_little(bank) 
         train=train,
         final=final,
         before=judge(fitter, start, final),
+        corrected=right,
     )
     # of one parameter each: banding has two of its own for every picture besides
     assert (found.name, found.parameters) == ("contact_kernel", 1)
@@ -239,7 +241,7 @@ def test_the_control_is_a_wrong_effect_of_the_same_size_and_closes_little(bank) 
     assert (
         control(
             fitter,
-            start,
+            start.state,
             named=["vignetting"],
             as_good=["vignetting", "albedo_field"],
             tried=["vignetting", "albedo_field"],
@@ -247,6 +249,7 @@ def test_the_control_is_a_wrong_effect_of_the_same_size_and_closes_little(bank) 
             train=train,
             final=final,
             before=judge(fitter, start, final),
+            corrected=right,
         )
         is None
     )
@@ -264,7 +267,7 @@ def judged(objective: list[float]) -> Judged:
     """Held-out shots of a thousand values each, of which noise leaves a hundred of the misfit."""
     values = np.array(objective)
     none = np.zeros(len(values))
-    return Judged(State(GAINS), values / 10, none + 1.0, values, none + 100.0, none + 1000.0)
+    return Judged(State(GAINS), values / 10, none + 1.0, none, values, none + 100.0, none + 1000.0)
 
 
 def stand(fitter: Fitter, name: str, objective: list[float]) -> Stand:

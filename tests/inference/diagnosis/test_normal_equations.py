@@ -4,19 +4,27 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.fft import dct
+from scipy.fft import dct, idctn
 from scipy.stats import multivariate_normal
 
-from designlab.inference.diagnosis.emulator.state import Unknown
+from designlab.inference.diagnosis.emulator.state import State, Unknown
 from designlab.inference.diagnosis.likelihood.noise import (
+    LONG_LENGTH,
     SHOT_BUDGET,
     SMOOTH_ALIKE,
     SMOOTH_BUDGET,
+    SMOOTH_LENGTH,
     MonteCarloNoise,
     Noise,
     spectrum,
 )
-from designlab.inference.diagnosis.likelihood.normal_equations import ALIKE, System, log_evidence, system
+from designlab.inference.diagnosis.likelihood.normal_equations import (
+    ALIKE,
+    System,
+    fitted_size,
+    log_evidence,
+    system,
+)
 from designlab.inference.diagnosis.selection.confounding import overlaps
 
 ROWS, COLUMNS = 5, 6
@@ -43,7 +51,10 @@ class Known:
 
 def noises(level: float, grain: MonteCarloNoise | None = None) -> list[Noise]:
     sigma = np.full(SHAPE, 0.5)  # of every value
-    return [Noise(sigma, sigma, sigma, np.full(3, level * (1 + n)), grain) for n in range(2)]
+    groups = level * np.array([[0.9, 0.2, 0.3], [0.1, 0.8, 0.7]])
+    return [
+        Noise(sigma, sigma, sigma, np.full(3, level * (1 + n)), groups * (1 + n), grain) for n in range(2)
+    ]
 
 
 def correlation(power: np.ndarray) -> np.ndarray:
@@ -53,9 +64,9 @@ def correlation(power: np.ndarray) -> np.ndarray:
     return transform.T @ np.diag(power.ravel()) @ transform
 
 
-def smooth_covariance(*, with_mean: bool = True) -> np.ndarray:
+def smooth_covariance(length: float = SMOOTH_LENGTH, *, with_mean: bool = True) -> np.ndarray:
     """Covariance over the pixels of a picture of the smooth error of unit variance, (pixels, pixels)."""
-    power = spectrum((ROWS, COLUMNS))
+    power = spectrum((ROWS, COLUMNS), length)
     power[0, 0] *= with_mean
     return correlation(power)
 
@@ -72,8 +83,13 @@ def coarse() -> np.ndarray:
     return np.asarray(power / power.mean())
 
 
-@pytest.mark.parametrize(("grainy", "alike"), [(0.0, ALIKE), (0.9, ALIKE), (0.0, 1.0)])
-def test_normal_equations_are_those_of_the_dense_covariance(grainy: float, alike: float) -> None:
+@pytest.mark.parametrize(
+    ("grainy", "alike", "smooth_rms"),
+    [(0.0, ALIKE, 0.0), (0.9, ALIKE, 0.0), (0.0, 1.0, 0.0), (0.0, ALIKE, 0.02), (0.9, 1.0, 0.02)],
+)
+def test_normal_equations_are_those_of_the_dense_covariance(
+    grainy: float, alike: float, smooth_rms: float
+) -> None:
     # Of the variance of every value `grainy` is grain; 0.1 and, where twice as bright, 0.4 are shared.
     power, relative = coarse(), 0.1 / 200.0**2
     grain = (
@@ -82,12 +98,19 @@ def test_normal_equations_are_those_of_the_dense_covariance(grainy: float, alike
         else None
     )
     known, own = Known(3), noises(200.0, grain)
-    found = system(known, None, [0, 1], UNKNOWNS, own, np.zeros(3), alike=alike)  # type: ignore[arg-type]
+    state = State(np.ones(2), smooth_rms=smooth_rms)
+    found = system(known, state, [0, 1], UNKNOWNS, own, np.zeros(3), alike=alike)  # type: ignore[arg-type]
     # Of a misfit divided by `alike`, smooth errors are to weigh as if divided by no more than `SMOOTH_ALIKE`.
     granted = SMOOTH_BUDGET**2 * min(SMOOTH_ALIKE / alike, 1.0)
     smooth, rough = smooth_covariance(), correlation(power)
-    gram, right, misfit = np.zeros((3, 3)), np.zeros(3), 0.0
+    gram, right, misfit, logdet = np.zeros((3, 3)), np.zeros(3), 0.0, 0.0
     for channel in range(3):
+        added = np.zeros((2 * ROWS * COLUMNS,) * 2)
+        for group in range(2):
+            lit = [noise.group_levels[group, channel] for noise in own]
+            # The size of these is fitted, so that they count in full.
+            long = smooth_covariance(LONG_LENGTH, with_mean=False) / alike
+            added += smooth_rms**2 * np.kron(np.outer(lit, lit), long)
         levels = [noise.level[channel] for noise in own]
         apart = [
             (1 - grainy) * np.eye(ROWS * COLUMNS) + (SHOT_BUDGET * level) ** 2 * smooth for level in levels
@@ -98,7 +121,9 @@ def test_normal_equations_are_those_of_the_dense_covariance(grainy: float, alike
                 apart[k] += (grainy - relative * level**2) * rough
             shared += relative * np.kron(np.outer(levels, levels), rough)
         zero = np.zeros_like(smooth)
-        inverse = np.linalg.inv(np.block([[apart[0], zero], [zero, apart[1]]]) + shared)
+        without = np.block([[apart[0], zero], [zero, apart[1]]]) + shared
+        inverse = np.linalg.inv(without + added)
+        logdet += np.linalg.slogdet(without + added)[1] - np.linalg.slogdet(without)[1]
         scale = (known.valid[..., channel] / 0.5).reshape(2, -1)
         rows = np.concatenate(
             [known.derivatives[n, ..., channel].reshape(3, -1).T * scale[n][:, None] for n in range(2)]
@@ -109,7 +134,44 @@ def test_normal_equations_are_those_of_the_dense_covariance(grainy: float, alike
         misfit += left @ inverse @ left
     np.testing.assert_allclose(alike * found.gram, gram, rtol=2e-4, atol=2e-4 * np.abs(gram).max())
     np.testing.assert_allclose(alike * found.right, right, atol=2e-4 * np.abs(gram).max())
-    assert alike * found.misfit == pytest.approx(misfit, rel=1e-4)
+    assert alike * (found.misfit - logdet) == pytest.approx(misfit, rel=1e-4)
+
+
+def test_what_is_judged_given_other_shots_adds_up_to_both_together() -> None:
+    known, own, state = Known(3), noises(200.0), State(np.ones(2), smooth_rms=0.02)
+    both, first = (
+        system(known, state, shots, UNKNOWNS, own, np.zeros(3))  # type: ignore[arg-type]
+        for shots in ([0, 1], [0])
+    )
+    second = system(known, state, [1], UNKNOWNS, own, np.zeros(3), known=first.shared)  # type: ignore[arg-type]
+    alone = system(known, state, [1], UNKNOWNS, own, np.zeros(3))  # type: ignore[arg-type]
+    assert first.misfit + second.misfit == pytest.approx(both.misfit, rel=1e-6)
+    assert abs(alone.misfit - second.misfit) > 0.01 * both.misfit
+
+
+@pytest.mark.parametrize("hidden", [0.0, 0.01, 0.04])
+def test_the_size_of_smooth_errors_of_groups_is_found(hidden: float) -> None:
+    """Pictures lit by one group each and by both; the light of each is off by a smooth error of its own."""
+    random = np.random.default_rng(5)
+    shape, lit, sigma = (48, 64, 3), ([1, 0], [0, 1], [1, 1], [1, 1]), 0.002
+    power = np.sqrt(spectrum((48, 64), LONG_LENGTH))[..., None]
+    fields = [idctn(power * random.standard_normal(shape), axes=(0, 1), norm="ortho") for _ in range(2)]
+    light = np.array([[0.9, 0.2, 0.0], [0.0, 0.3, 0.8]])
+    shots, own = [], []
+    for groups in lit:
+        parts = [on * colour * np.ones(shape) for on, colour in zip(groups, light, strict=True)]
+        error = sum(part * hidden * field for part, field in zip(parts, fields, strict=True))
+        shots.append(SimpleNamespace(signal=error + sigma * random.standard_normal(shape), valid=error < 1))
+        levels = np.array([part.mean(axis=(0, 1)) for part in parts]) / sigma
+        all_ = np.full(shape, sigma)
+        own.append(Noise(all_, all_, all_, levels.sum(axis=0), levels))
+    known = SimpleNamespace(
+        bank=SimpleNamespace(shots=shots), linear=lambda *_: (np.zeros(shape), np.zeros((0, *shape)))
+    )
+    state = State(np.ones(2))
+    found = system(known, state, range(4), (), own, np.zeros(0), alike=1.0)  # type: ignore[arg-type]
+    # Where nothing is hidden, chance makes half of the most likely sizes more than none.
+    assert fitted_size(found.shared.values(), 1.0) == pytest.approx(hidden, rel=0.25, abs=0.003)
 
 
 def test_evidence_is_the_ratio_of_marginal_likelihoods() -> None:

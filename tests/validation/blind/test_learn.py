@@ -6,16 +6,15 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
-from designlab.inference.diagnosis.likelihood.empirical_errors import known, left_of_nothing
+from designlab.inference.diagnosis.likelihood.empirical_errors import known
 from designlab.inference.diagnosis.verdict.confidence import SIGNS
 from designlab.validation.blind import Outcome, Trial, development, power
 from designlab.validation.blind.detection import limits
 from designlab.validation.blind.learn import learnt, named, shares_right, spread, unlisted_sd
-from designlab.validation.blind.learn import left_of_nothing as left_of
 from designlab.validation.blind.pool import AIR, STRENGTHS
 from designlab.validation.blind.score import reliability
 from designlab.validation.synthetic import effects as planted
-from tests.helpers.outcomes import FLOOR, outcome
+from tests.helpers.outcomes import outcome
 
 
 def tried(trial: Trial, name: str, *, after: float, gain: float, rival: float) -> Outcome:
@@ -40,14 +39,14 @@ def test_confidence_is_the_share_of_right_names_among_those_alike() -> None:
             found.append(tried(hidden, name, after=float(np.exp(left)), gain=gain, rival=rival))
         return found
 
-    taught = shares_right(drawn(400), left_of_nothing())
+    taught = shares_right(drawn(400))
     weights = taught["weights"]
     assert weights["left"] < -1.5
     assert weights["gain"] > 0.4
     assert abs(weights["margin"]) < 0.3
     assert weights["set"] == weights["later"] == 0.0  # the same of all
     assert np.all(np.diff(taught["right"]) >= 0)
-    seen, right = named(drawn(2000), left_of_nothing())
+    seen, right = named(drawn(2000))
     said = np.interp(seen @ [weights[name] for name in SIGNS], taught["scores"], taught["right"])
     error = reliability(list(zip(said, right, strict=True)))
     assert error is not None
@@ -55,15 +54,13 @@ def test_confidence_is_the_share_of_right_names_among_those_alike() -> None:
     assert error["bins"][0]["right"] < 0.4 < 0.9 < error["bins"][-1]["right"]
 
 
-def test_names_of_partial_verdicts_have_a_share_of_their_own() -> None:
-    """They are wrong most of the time, which must not make those given without reserve less sure."""
+def test_names_of_partial_verdicts_count_like_all_others() -> None:
     hidden = Trial("single", AIR[0], 1, {"vignetting": 1.0})
-    sure = [tried(hidden, "vignetting", after=1.0, gain=0.9, rival=9.0) for _ in range(20)]
-    doubtful = [tried(hidden, "led_tilt", after=1.0, gain=0.9, rival=9.0) for _ in range(8)]
-    doubtful += [tried(hidden, "vignetting", after=1.0, gain=0.9, rival=9.0)]
-    taught = shares_right([*sure, *(replace(o, verdict="partial") for o in doubtful)], left_of_nothing())
-    assert (taught["right"], taught["partial"]) == ([pytest.approx(20.5 / 21, abs=1e-4)], 0.15)
-    assert taught["names"] == 20
+    right = [tried(hidden, "vignetting", after=1.0, gain=0.9, rival=9.0) for _ in range(20)]
+    wrong = [tried(hidden, "led_tilt", after=9.0, gain=0.9, rival=9.0) for _ in range(20)]
+    taught = shares_right([*right, *(replace(o, verdict="partial") for o in wrong)])
+    assert taught["names"] == 40
+    assert taught["right"][0] < 0.1 < 0.9 < taught["right"][-1]
 
 
 def test_a_sign_cannot_count_against_what_is_known_of_it() -> None:
@@ -71,25 +68,21 @@ def test_a_sign_cannot_count_against_what_is_known_of_it() -> None:
     hidden = Trial("single", AIR[0], 1, {"vignetting": 1.0})
     few = [tried(hidden, "vignetting", after=5.0 + k, gain=0.5, rival=1.0) for k in range(8)]
     few += [tried(hidden, "led_tilt", after=1.0 + 0.1 * k, gain=0.5, rival=1.0) for k in range(8)]
-    taught = shares_right(few, left_of_nothing())
+    taught = shares_right(few)
     assert taught["weights"]["left"] == 0.0
     assert taught["right"] == [0.5]  # nothing tells them apart, in whatever order they come
-    assert shares_right(few[::-1], left_of_nothing())["right"] == [0.5]
+    assert shares_right(few[::-1])["right"] == [0.5]
     with pytest.raises(ValueError, match="4 names teach nothing, 15 are needed"):
-        shares_right(few[:4], left_of_nothing())
+        shares_right(few[:4])
 
 
 def test_a_pool_teaches_what_it_shows_and_keeps_the_rest() -> None:
     nothing = [outcome(Trial(f"n{k}", AIR[0], k), verdict="at_floor", sets=[]) for k in range(3)]
-    assert left_of(nothing) == pytest.approx(11.0 / FLOOR, abs=1e-3)
-    with pytest.raises(ValueError, match="no set that hides nothing"):
-        left_of([])
     hidden = Trial("single", AIR[0], 1, {"vignetting": 1.0})
     one = tried(hidden, "vignetting", after=1.0, gain=0.5, rival=1.0)
     far = outcome(hidden, verdict="named", sets=[["vignetting"]], corner_loss=1.0)
     shown = replace(one, truth=far.truth, parameters=far.parameters)
     found = learnt([*nothing, *[shown] * 15])
-    assert found["left_of_nothing"] == left_of(nothing)
     assert found["confidence"]["names"] == 15
     before = known()["unlisted_sd"]
     assert found["unlisted_sd"].keys() == before.keys()

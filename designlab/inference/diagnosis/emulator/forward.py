@@ -65,6 +65,12 @@ class Forward:
         warped = self._warped(state, number, self.bank.of(next(bare, number)).light)
         return self._of_optics(state, number, self._after_warp(state, number, warped))
 
+    def of_groups(self, state: State, number: int) -> Array:
+        """Signal that each LED group adds to a shot, (groups, rows, columns, 3)."""
+        gains = [Unknown("gain", name, 1.0) for name in self.design.group_names]
+        slopes = self.linear(state, number, gains)[1]
+        return np.asarray(slopes * state.gains[:, None, None, None])
+
     def light(self, state: State, number: int) -> Single:
         """Light of every group in front of the camera, before what the camera's optics do.
 

@@ -53,6 +53,8 @@ class State:
         By how much probes are larger than stated, relative, by their text.
     fringes : float
         By how much the lens magnifies red more, and blue less, than green, relative.
+    smooth_rms : float
+        Size of the smooth error of light that all shots share, beyond what is granted, relative.
     """
 
     gains: Array
@@ -63,6 +65,7 @@ class State:
     numerical: float = 0.0
     sizes: Mapping[str, float] = field(default_factory=dict)
     fringes: float = 0.0
+    smooth_rms: float = 0.0
 
     def pose(self, number: int) -> Array:
         """Departure of a shot's pose."""

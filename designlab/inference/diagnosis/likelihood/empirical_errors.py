@@ -30,20 +30,10 @@ def unlisted_sd(effect: str, parameter: str, *, shape: bool) -> float:
     return spreads.get(f"{effect}.{parameter}", shared) if shape else shared
 
 
-def left_of_nothing() -> float:
-    """Mean squared residual over the floor that is usual of sets in which nothing is hidden."""
-    return float(known()["left_of_nothing"])
-
-
 def shares_right() -> tuple[dict[str, float], list[float], list[float]]:
     """Weights of the signs of a name, and along their weighted sum the share of names that were right."""
     found = known()["confidence"]
     return found["weights"], found["scores"], found["right"]
-
-
-def share_of_partial() -> float:
-    """Share of names of partial verdicts that were right."""
-    return float(known()["confidence"]["partial"])
 
 
 @cache

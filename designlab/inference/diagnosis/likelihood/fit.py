@@ -1,7 +1,8 @@
 """A fit moves the unknowns of a measurement by damped Gauss-Newton steps."""
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +13,13 @@ from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State, U
 from designlab.inference.diagnosis.likelihood.empirical_errors import unlisted_sd
 from designlab.inference.diagnosis.likelihood.monte_carlo_noise import monte_carlo_noise
 from designlab.inference.diagnosis.likelihood.noise import SMOOTH_ALIKE, Noise, noise
-from designlab.inference.diagnosis.likelihood.normal_equations import ALIKE, System, system
+from designlab.inference.diagnosis.likelihood.normal_equations import (
+    ALIKE,
+    Shared,
+    System,
+    fitted_size,
+    system,
+)
 from designlab.measurement.shots import POSE
 from designlab.sensor.design import DesignError
 from designlab.simulation.effects import CATALOGUE, EffectParameter, effect
@@ -54,7 +61,13 @@ class Fitter:
         Of each shot, see `measure`.
     alike, smooth_alike : float
         Neighbouring values that count as one, see `normal_equations.ALIKE`, and the same for smooth errors.
+    grain : float
+        Of single frames, relative to their light, see `grain.grain`.
+    known : mapping of shape to Shared
+        What other shots have shown of the error that all share, see `given`.
     """
+
+    fits_smooth = True  # the size of the smooth error that shots share
 
     def __init__(self, bank: Bank) -> None:
         self.bank = bank
@@ -62,11 +75,14 @@ class Fitter:
         self.noises: list[Noise] = []
         self.alike = ALIKE
         self.smooth_alike = SMOOTH_ALIKE
+        self.grain = 0.0
+        self.known: Mapping[tuple[int, ...], Shared] = {}
 
     def of(self, bank: Bank, noises: list[Noise]) -> "Fitter":
         """Fitter of other pictures and noise that counts values as this one does."""
         other = Fitter(bank)
         other.noises, other.alike, other.smooth_alike = noises, self.alike, self.smooth_alike
+        other.grain = self.grain
         return other
 
     def start(self, shots: Sequence[int]) -> State:
@@ -107,7 +123,15 @@ class Fitter:
         forward, black = self.forward, self.forward.black
         random = monte_carlo_noise(forward, state)
         self.noises = [
-            noise(shot, forward.predict(state, n), forward.untouched(state, n), black, random[n])
+            noise(
+                shot,
+                forward.predict(state, n),
+                forward.untouched(state, n),
+                forward.of_groups(state, n),
+                black,
+                random[n],
+                grain=self.grain,
+            )
             for n, shot in enumerate(self.bank.shots)
         ]
 
@@ -119,6 +143,13 @@ class Fitter:
             least += float(((own.camera / own.sigma) ** 2)[valid].sum())
             values += float(valid.sum())
         return least / self.alike, values / self.alike
+
+    def of_smooth(self, found: "Fit") -> float:
+        """Logarithm of the Bayes factor of the smooth error that shots share, against none of it."""
+        if not self.fits_smooth:
+            return 0.0
+        parts = [part.explained(found.state.smooth_rms) for part in found.system.shared.values()]
+        return sum(0.5 * float(less / self.alike - logdet) for less, logdet in parts)
 
     def unknowns(
         self, state: State, names: Collection[str], shots: Sequence[int], *, gains: bool = True
@@ -160,6 +191,12 @@ class Fitter:
                     found += [Unknown(e.name, str(k), e.draws.sd, number) for k in range(e.draws.count)]
         return found
 
+    def given(self, known: Mapping[tuple[int, ...], Shared]) -> "Fitter":
+        """Return the same for shots that are judged given what others have shown of the error all share."""
+        other = copy(self)
+        other.known = known
+        return other
+
     def system(self, state: State, shots: Sequence[int], unknowns: Sequence[Unknown]) -> System:
         """Normal equations at a state."""
         now = np.array([self._now(state, u) for u in unknowns])
@@ -172,6 +209,7 @@ class Fitter:
             now,
             alike=self.alike,
             smooth_alike=self.smooth_alike,
+            known=self.known,
         )
 
     def _now(self, state: State, u: Unknown) -> float:
@@ -235,7 +273,16 @@ class Fitter:
                 p = self.forward.parameter(u)
                 own_values = values.setdefault(u.effect, effect(u.effect).null(self.bank.model.design))
                 own_values[p.name] = p.value_at(p.coordinate(own_values[p.name]) + float(change))
-        return State(gains, values, poses, drawn, state.patterns, numerical, sizes, fringes)
+        return replace(
+            state,
+            gains=gains,
+            values=values,
+            poses=poses,
+            drawn=drawn,
+            numerical=numerical,
+            sizes=sizes,
+            fringes=fringes,
+        )
 
     def fit(
         self,
@@ -255,7 +302,7 @@ class Fitter:
         shots : sequence of int
             Shots to fit to.
         gains : bool
-            Whether gains are fitted.
+            Whether gains are fitted, and the size of the smooth error that shots share.
         held : collection of str
             Effects of the state whose own draws of each shot are fitted though their parameters stay.
         """
@@ -264,9 +311,8 @@ class Fitter:
             if name not in state.values and name in self.forward.parameters:
                 state = state.with_values(name, effect(name).null(self.bank.model.design))
         unknowns = self.unknowns(state, wanted, shots, gains=gains)
-        found = self.system(state, shots, unknowns)
+        state, found, objective = self._sized(state, shots, unknowns, fitted=gains)
         low, high = self.bounds(unknowns)
-        objective = found.misfit + float(found.now @ found.now)
         for _ in range(ITERATIONS):
             step, predicted = found.step(low, high)
             if predicted < 2 * SETTLED:
@@ -280,12 +326,23 @@ class Fitter:
                 step = step * 0.4
             else:
                 break
-            fallen = objective - reached
-            state, objective = there, reached
-            found = self.system(state, shots, unknowns)
-            if fallen < max(2 * SETTLED, SETTLED_SHARE * objective):
+            before = objective
+            state, found, objective = self._sized(there, shots, unknowns, fitted=gains)
+            if before - objective < max(2 * SETTLED, SETTLED_SHARE * before):
                 break
         return Fit(state, found, objective)
+
+    def _sized(
+        self, state: State, shots: Sequence[int], unknowns: Sequence[Unknown], *, fitted: bool
+    ) -> tuple[State, System, float]:
+        """State with the likeliest size of the smooth error, if that is fitted, and what it gives."""
+        found = self.system(state, shots, unknowns)
+        if fitted and self.fits_smooth:
+            likely = fitted_size(found.shared.values(), self.alike)
+            if likely != state.smooth_rms:
+                state = replace(state, smooth_rms=likely)
+                found = self.system(state, shots, unknowns)
+        return state, found, found.misfit + float(found.now @ found.now)
 
     def _objective(self, state: State, shots: Sequence[int], unknowns: Sequence[Unknown]) -> float:
         """Penalised misfit; infinite where no such sensor can be."""

@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fitter
-from designlab.inference.diagnosis.likelihood.noise import Noise, transformed
+from designlab.inference.diagnosis.likelihood.noise import LONG_LENGTH, Noise, spectrum, transformed
 from designlab.inference.diagnosis.likelihood.normal_equations import ALIKE
 
 STRENGTHS = np.geomspace(3e-4, 0.1, 26)  # relative
@@ -88,11 +88,17 @@ def _common(fitter: Fitter, state: State, shots: Sequence[int]) -> tuple[Array, 
     for noise, left, light in _residuals(fitter, state, shots):
         # A pattern is relative to the light however dark it is; smooth errors are granted more.
         level = np.sqrt((light**2).mean(axis=(0, 1)))
-        diagonal, granted = noise.alone, noise.common()
+        diagonal, granted = noise.alone, _common_error(noise, state)
         weight += level**2 / diagonal
         right += level * transformed(left) / diagonal
         shared += level * noise.level / diagonal
     return right / weight, 1.0 / weight + granted * (shared / weight) ** 2
+
+
+def _common_error(noise: Noise, state: State) -> Array:
+    """Variance of coefficients that all shots share without a pattern, relative to the light."""
+    long = spectrum(noise.sigma.shape[:2], LONG_LENGTH)
+    return noise.common() + state.smooth_rms**2 * long[..., None]
 
 
 def _estimated(fitter: Fitter, state: State, shots: Sequence[int], rms: float) -> Array:
@@ -103,7 +109,7 @@ def _estimated(fitter: Fitter, state: State, shots: Sequence[int], rms: float) -
     shape = fitter.bank.shots[shots[0]].signal.shape
     weight, right = np.full(shape, rms**-2), np.zeros(shape)
     for noise, left, light in _residuals(fitter, state, shots):
-        variance = noise.alone + noise.common() * noise.level**2
+        variance = noise.alone + _common_error(noise, state) * noise.level**2
         rough = idctn(transformed(left) / variance, axes=(0, 1), norm="ortho")
         weight += light**2
         right += light * rough

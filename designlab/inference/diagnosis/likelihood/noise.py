@@ -5,6 +5,11 @@ changes: they belong to the standard deviation of every value. The fourth is smo
 same in all frames, as that of a light source known to a limited accuracy is; fits count it as covariance, so
 that small effects of large pictures are not taken for certain. Behind a core light is counted in photons, and
 Monte Carlo noise comes on top: it is measured, and mostly the same in all frames, see `monte_carlo_noise`.
+
+No real sensor is lit just as its drawing says: strips have gaps, boards and walls reflect. So the smooth
+error has a further part, of longer waves, whose size is fitted with every model, see
+`normal_equations.fitted_size`; and single frames have grain that repeats share, whose size is measured, see
+`grain`.
 """
 
 from dataclasses import dataclass
@@ -27,6 +32,7 @@ SHOT_BUDGET = 0.001  # smooth error of each frame, relative
 # Like `normal_equations.ALIKE`: their covariance has counted already how much values err alike.
 SMOOTH_ALIKE = 2.0
 SMOOTH_LENGTH = 0.15  # of smooth errors, over the picture's width
+LONG_LENGTH = 0.25  # likewise, of the part whose size is fitted: boards and walls act from afar
 EDGE_WIDTH_PX = 0.7
 DARK_LIGHT = 0.03  # of full scale: below, smooth errors are absolute
 LEAST_VARIANCE = 0.02  # of a coefficient: what is estimated may not make it certain
@@ -60,11 +66,13 @@ class Noise:
     sigma : array, shape (rows, columns, 3)
         Of a value: camera and white errors of the simulation.
     camera : array, shape (rows, columns, 3)
-        Of the camera alone.
+        Of camera and grain alone.
     granted : array, shape (rows, columns, 3)
-        Of camera and smooth errors: what a model that is right is expected to miss by.
+        Of camera, grain and smooth errors granted: what a model that is right is expected to miss by.
     level : array, shape (3,)
         Root mean square of signal over sigma, what smooth relative errors are multiples of.
+    group_levels : array, shape (groups, 3)
+        The same of the signal that each LED group adds.
     random : MonteCarloNoise or None
         Random error of the simulation, part of sigma; None where it is below what is granted anyway.
     shot : float
@@ -75,6 +83,7 @@ class Noise:
     camera: Array
     granted: Array
     level: Array
+    group_levels: Array
     random: MonteCarloNoise | None = None
     shot: float = SHOT_BUDGET
 
@@ -88,6 +97,11 @@ class Noise:
         share = ((self.random.sigma / self.sigma) ** 2).mean(axis=(0, 1))
         own = np.maximum(share - self.random.shared * self.level**2, 0.0)
         return np.asarray(np.maximum(found - share + own * self.random.power[..., None], LEAST_VARIANCE))
+
+    @property
+    def levels(self) -> Array:
+        """Levels of what shots may have in common, (1 + groups, 3): of all light, and of each group's."""
+        return np.concatenate([self.level[None], self.group_levels])
 
     def common(self, *, mean: bool = True, share: float = 1.0) -> Array:
         """Variance of coefficients, relative to the light, that all shots share, (rows, columns, 3).
@@ -106,27 +120,35 @@ def noise(
     shot: Shot,
     predicted: Array,
     untouched: Array,
+    of_groups: Array,
     black: Array | float,
     random: MonteCarloNoise | None = None,
+    *,
+    grain: float = 0.0,
 ) -> Noise:
-    """Noise of a shot about a prediction, and about that of the untouched gel (rows, columns, 3)."""
+    """Noise of a shot about a prediction, and about that of the untouched gel (rows, columns, 3).
+
+    `of_groups` is what each LED group adds to the signal (groups, rows, columns, 3); `grain` is relative to
+    the light.
+    """
     light = predicted - black
     curvature = np.stack([gaussian_laplace(light[..., c], EDGE_WIDTH_PX) for c in range(3)], axis=-1)
     budget = np.hypot(SIGNAL_BUDGET * light, EDGE_BUDGET * curvature)
     budget = np.hypot(budget, CONTACT_BUDGET * (predicted - untouched))
-    camera = np.sqrt(shot.variance)
+    camera = np.hypot(np.sqrt(shot.variance), grain * light)
     traced = 0.0 if random is None else random.sigma
     sigma = np.hypot(np.hypot(camera, budget), traced)
     lit = np.hypot(light, DARK_LIGHT)
     level = np.sqrt(np.where(shot.valid, (lit / sigma) ** 2, 0.0).mean(axis=(0, 1)))
+    group_levels = np.sqrt(np.where(shot.valid, (of_groups / sigma) ** 2, 0.0).mean(axis=(1, 2)))
     granted = np.hypot(np.hypot(camera, np.hypot(SMOOTH_BUDGET, SHOT_BUDGET) * lit), traced)
-    return Noise(sigma, camera, granted, level, random)
+    return Noise(sigma, camera, granted, level, group_levels, random)
 
 
-def spectrum(shape: tuple[int, int]) -> Array:
+def spectrum(shape: tuple[int, int], length: float = SMOOTH_LENGTH) -> Array:
     """Power of a smooth error of unit variance in the coefficients of a cosine transform, (rows, columns)."""
     rows, columns = shape
-    length_px = SMOOTH_LENGTH * columns
+    length_px = length * columns
     ky, kx = np.pi * np.arange(rows) / rows, np.pi * np.arange(columns) / columns
     power = np.exp(-((ky[:, None] ** 2 + kx[None, :] ** 2) * length_px**2) / 2)
     return np.asarray(power / power.mean())

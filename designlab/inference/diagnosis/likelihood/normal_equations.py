@@ -1,7 +1,7 @@
 """Normal equations of all unknowns over many shots give steps, reduced information and evidence."""
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +10,89 @@ from scipy.optimize import lsq_linear
 from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.forward import Forward
 from designlab.inference.diagnosis.emulator.state import State, Unknown
-from designlab.inference.diagnosis.likelihood.noise import SMOOTH_ALIKE, Noise, transformed
+from designlab.inference.diagnosis.likelihood.noise import (
+    LONG_LENGTH,
+    SMOOTH_ALIKE,
+    Noise,
+    spectrum,
+    transformed,
+)
 
 # Neighbouring values share the small errors that no noise model lists, so that their number says too much:
 # the likelihood is raised to the power of one over this (coarsened posterior, Miller and Dunson 2019).
 ALIKE = 32.0
 MOST_TURNS = 10  # of each unknown to a bound and back
+SIZES = np.array([0.0, *np.geomspace(0.002, 0.1, 60)])  # of a smooth error, relative, that are tried
+WEAK = 1e-4  # power of long waves, over the most, that tells nothing of their size
+WEAKEST = 1e-9  # power of smooth errors, over the most, that is none
+
+
+@dataclass(frozen=True, eq=False)
+class Shared:
+    """What shots of one size show of smooth errors that they have in common, by coefficient and channel.
+
+    There is one of all light, of a size that is granted, and one of the light of each LED group, whose size
+    is fitted; errors here are relative to the light.
+
+    Attributes
+    ----------
+    total : array, shape (1 + groups, n)
+        Sum of what is left of the shots, weighed by how much each tells of each error.
+    weight : array, shape (1 + groups, 1 + groups, n)
+        Information about the errors.
+    granted, long : array, shape (n,)
+        Variance of the error granted, and of those of unit size whose size is fitted.
+    """
+
+    total: Array
+    weight: Array
+    granted: Array
+    long: Array
+
+    def factors(self, smooth_rms: Array | float) -> tuple[Array, Array]:
+        """Root of the errors' prior variance (1 + groups, n), and a triangular root of their information.
+
+        That is of shape (n, 1 + groups, 1 + groups), of errors in units of that root. Sizes may have an axis
+        of their own, which comes first.
+        """
+        fitted = np.multiply.outer(np.asarray(smooth_rms), np.sqrt(self.long))
+        granted = np.broadcast_to(np.sqrt(self.granted), fitted.shape)
+        root = np.stack([granted, *[fitted] * (len(self.total) - 1)], axis=-2)
+        inner = root[..., :, None, :] * self.weight * root[..., None, :, :]
+        return root, np.linalg.cholesky(np.moveaxis(inner, -1, -3) + np.eye(len(self.total)))
+
+    def explained(self, smooth_rms: Array | float) -> tuple[Array, Array]:
+        """How much less shots are off by with such errors, and the logarithm of their determinant."""
+        root, lower = self.factors(smooth_rms)
+        right = np.moveaxis(root * self.total, -2, -1)[..., None]
+        less = (np.linalg.solve(lower, right) ** 2).sum(axis=(-3, -2, -1))
+        return less, 2 * np.log(np.diagonal(lower, axis1=-2, axis2=-1)).sum(axis=(-2, -1))
+
+    def only(self, told: NDArray[np.bool_]) -> "Shared":
+        """Return the same of some of the coefficients."""
+        return Shared(self.total[:, told], self.weight[..., told], self.granted[told], self.long[told])
+
+    def beside(self, known: "Shared") -> "Shared":
+        """Return the same of these shots and others."""
+        return replace(self, total=self.total + known.total, weight=self.weight + known.weight)
+
+
+def fitted_size(parts: Iterable[Shared], alike: float) -> float:
+    """Most likely size of the smooth errors of the light of LED groups, relative.
+
+    Parameters
+    ----------
+    parts : iterable of Shared
+        Of shots of each size.
+    alike : float
+        Neighbouring values that count as one.
+    """
+    lost = np.zeros(len(SIZES))
+    for part in parts:
+        told = part.long > WEAK * part.long.max()
+        less, logdet = part.only(told).explained(SIZES)
+        lost += logdet - less / alike
+    return float(SIZES[int(np.argmin(lost))])
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +108,11 @@ class System:
     right : array, shape (n,)
         Its product with the step that fits best, priors left aside.
     misfit : float
-        Squared residual at the state, coarsened.
+        Squared residual at the state, coarsened, and the logarithm of the determinant of its covariance.
     now : array, shape (n,)
         Where the unknowns are, in prior standard deviations from null.
+    shared : mapping of shape to Shared
+        What the shots show of the error that they have in common.
     """
 
     unknowns: tuple[Unknown, ...]
@@ -41,6 +120,7 @@ class System:
     right: Array
     misfit: float
     now: Array
+    shared: Mapping[tuple[int, ...], Shared] = field(default_factory=dict)
 
     def reduced(self, kept: Sequence[int]) -> tuple[Array, Array]:
         """Information and right side of some unknowns, the others fitted along under their priors."""
@@ -98,20 +178,20 @@ def system(
     *,
     alike: float = ALIKE,
     smooth_alike: float = SMOOTH_ALIKE,
+    known: Mapping[tuple[int, ...], Shared] | None = None,
 ) -> System:
     """Set up the normal equations of unknowns over shots at a state.
 
     Values are whitened by their noise, transformed by cosines, in which smooth errors are independent, and
     weighed by the inverse of the covariance: of each coefficient it is what a shot has alone on the diagonal
     and what all have in common beyond (Sherman and Morrison 1950). All is divided by `alike`, but smooth
-    errors count as if divided by `smooth_alike`.
+    errors granted count as if divided by `smooth_alike`, and those whose size is fitted are not divided.
+    `known` is what other shots have shown of the common error: the likelihood is that of these given those.
     """
     share = min(1.0, smooth_alike / alike)
     size = len(unknowns)
     gram, right, misfit = np.zeros((size, size)), np.zeros(size), 0.0
-    common: dict[tuple[int, ...], NDArray[np.float32]] = {}
-    weight: dict[tuple[int, ...], Array] = {}
-    latest: dict[tuple[int, ...], Noise] = {}
+    common: dict[tuple[int, ...], _Sums] = {}
     for number in shots:
         shot, own = forward.bank.shots[number], noises[number]
         used = [k for k, u in enumerate(unknowns) if u.shot in (-1, number)]
@@ -124,22 +204,55 @@ def system(
         gram[np.ix_(used, used)] += part[:-1, :-1]
         right[used] += part[:-1, -1]
         misfit += float(part[-1, -1])
-        # What all shots have in common: their sum, weighed by how bright each is.
-        key, bright = shot.signal.shape[:2], own.level / own.alone
-        total = common.setdefault(key, np.zeros((size + 1, *key, 3), dtype=np.float32))
-        total[[*used, size]] += coefficients * bright.astype(np.float32)
-        weight[key] = weight.get(key, np.zeros((*key, 3))) + own.level * bright
-        latest[key] = own
-    for key, total in common.items():
-        # The mean of all is what gains are fitted for.
-        budget = latest[key].common(mean=False, share=share)
-        root = np.sqrt(budget / (1.0 + budget * weight[key])).astype(np.float32)
-        shared = (total * root).reshape(size + 1, -1)
-        part = np.asarray(shared @ shared.T, dtype=float)
+        key = shot.signal.shape[:2]
+        if key not in common:
+            common[key] = _Sums(own, size, share, alike)
+        common[key].add(coefficients, [*used, size], own)
+    logdet, shared = 0.0, {}
+    for key, sums in common.items():
+        shown = shared[key] = sums.shared()
+        if before := (known or {}).get(key):
+            shown = shown.beside(before)
+            sums.total[:, -1] += before.total
+            less, less_logdet = before.explained(state.smooth_rms)
+            misfit, logdet = misfit + float(less), logdet - float(less_logdet - before.explained(0.0)[1])
+        logdet += float(shown.explained(state.smooth_rms)[1] - shown.explained(0.0)[1])
+        root, lower = shown.factors(state.smooth_rms)
+        sides = np.moveaxis(root[:, None] * sums.total, -1, 0)  # (n, 1 + groups, unknowns and residual)
+        combined = np.linalg.solve(lower, sides).reshape(-1, size + 1)
+        part = combined.T @ combined
         gram -= part[:-1, :-1]
         right -= part[:-1, -1]
         misfit -= float(part[-1, -1])
-    return System(tuple(unknowns), gram / alike, right / alike, misfit / alike, now)
+    return System(tuple(unknowns), gram / alike, right / alike, misfit / alike + logdet, now, shared)
+
+
+class _Sums:
+    """Sums over shots of one size of what tells the errors that they have in common."""
+
+    def __init__(self, noise: Noise, unknowns: int, share: float, alike: float) -> None:
+        # The mean of all is what gains are fitted for.
+        granted = noise.common(mean=False, share=share)
+        long = np.repeat(spectrum(noise.sigma.shape[:2], LONG_LENGTH)[..., None], 3, axis=-1) / alike
+        long[0, 0] = 0.0
+        # Smooth errors have few coefficients.
+        self.strong = granted > WEAKEST * granted.max()
+        self.granted, self.long = granted[self.strong], long[self.strong]
+        sources = len(noise.levels)
+        self.total = np.zeros((sources, unknowns + 1, len(self.granted)))
+        self.weight = np.zeros((sources, sources, len(self.granted)))
+
+    def add(self, coefficients: NDArray[np.float32], used: Sequence[int], noise: Noise) -> None:
+        """Add a shot: coefficients of columns and of what is left, and which of the unknowns they are of."""
+        alone = np.broadcast_to(noise.alone, self.strong.shape)[self.strong]
+        levels = np.broadcast_to(noise.levels[:, None, None], (len(noise.levels), *self.strong.shape))
+        levels = levels[:, self.strong]
+        self.total[:, used] += (levels / alone)[:, None] * coefficients[:, self.strong]
+        self.weight += levels[:, None] * levels / alone
+
+    def shared(self) -> Shared:
+        """What the shots show."""
+        return Shared(self.total[:, -1].copy(), self.weight, self.granted, self.long)
 
 
 def log_evidence(information: Array, right: Array) -> float:

@@ -66,7 +66,9 @@ class Criterion:
     contending : float
         Of the most evidence, from which a candidate may turn out to be the best.
     likely : bool
-        Whether an effect must have values that are likely of built sensors.
+        Whether an effect must have values that are likely of built sensors, unless it closes the gap.
+    of_smooth : float
+        Share of the evidence for smooth errors of light that evidence for an effect must exceed as well.
     most_effects : int
         That may join.
     """
@@ -76,14 +78,21 @@ class Criterion:
     as_good: float
     contending: float
     likely: bool
+    of_smooth: float
     most_effects: int
 
     def refused(self, attempt: JudgedCandidate[S]) -> str:
         """Why a candidate does not join the model; empty if it does."""
+        return self.unproven(attempt) or self.unusual(attempt)
+
+    def unproven(self, attempt: JudgedCandidate[S]) -> str:
+        """Why the shots do not show that a candidate is there; empty if they do."""
         value, se = attempt.evidence
         needed = self.evidence if len(attempt.stand.state.values) <= 1 else self.later
+        # What is taken for a smooth error may hold as much of an effect that is not there.
+        needed += self.of_smooth * max(attempt.stand.fitter.of_smooth(attempt.stand.fit), 0.0)
         if value <= needed:
-            return f"evidence {value:.3g}, below {needed:g}"
+            return f"evidence {value:.3g}, below {needed:.3g}"
         if not attempt.evidence.sure:
             return f"evidence {value:.3g} is not sure, give or take {se:.2g}"
         if attempt.held_out <= 0:
@@ -94,12 +103,16 @@ class Criterion:
         if share < least:
             gone = f"closes {share:.1%}" if share >= 0 else f"adds {-share:.1%} instead of closing any"
             return f"{gone} of the gap, less than {least:.1%}"
+        pattern = attempt.stand.state.patterns.get(attempt.name)
+        if pattern is not None and (waves := in_few_waves(pattern)) > MOST_IN_WAVES:
+            return f"{waves:.0%} of it lie in few waves, which no sensor's own pattern does"
+        return ""
+
+    def unusual(self, attempt: JudgedCandidate[S]) -> str:
+        """What of a candidate's values is not likely of built sensors; empty if nothing is."""
         fitter, state = attempt.stand.fitter, attempt.stand.state
         if bound := fitter.at_bound(state, attempt.name):
             return f"at the bound of {', '.join(bound)}"
-        pattern = state.patterns.get(attempt.name)
-        if pattern is not None and (waves := in_few_waves(pattern)) > MOST_IN_WAVES:
-            return f"{waves:.0%} of it lie in few waves, which no sensor's own pattern does"
         if self.likely and (far := fitter.beyond_prior(state, attempt.name)):
             return f"beyond what is likely of {', '.join(far)}"
         return ""
@@ -134,12 +147,16 @@ class Criterion:
         return best, (best, *sorted(others, key=lambda a: -a.evidence.value))
 
 
-OF_PRESSES = Criterion(evidence=16.0, later=30.0, as_good=6.0, contending=0.5, likely=True, most_effects=4)
+OF_PRESSES = Criterion(
+    evidence=16.0, later=30.0, as_good=6.0, contending=0.5, likely=True, of_smooth=0.01, most_effects=4
+)
 """Of generated sets of known strengths, names that were invented had an evidence of 12 and 15; of the right
 ones, one in 150 had less than 18. What models of other effects miss has a shape that a later one may take up:
 later names that were wrong had 28 to 53, right ones of eleven pairs 61 and more. By how much values err alike
 is a round number, and evidence with it: hence 6. The other numbers are estimates."""
-OF_BLOCKS = Criterion(evidence=5.0, later=5.0, as_good=0.0, contending=0.25, likely=False, most_effects=6)
+OF_BLOCKS = Criterion(
+    evidence=5.0, later=5.0, as_good=0.0, contending=0.25, likely=False, of_smooth=0.0, most_effects=6
+)
 """Five is very strong (Kass and Raftery 1995); how much values err alike is measured in the picture."""
 
 

@@ -36,6 +36,8 @@ PROMISING = 5.0  # logarithm of the Bayes factor by linear approximation from wh
 TRIED_ANYWAY = 2  # most promising ones that are fitted whatever that says, where much is left
 MOVER_CONTENDING = 0.1  # of the most evidence: pictures about null tell little of what moves edges
 RECENTRINGS = 2  # times that pictures of one that may win are rendered anew where it stands
+CLOSED = 0.3  # excess of the squared residual below which a gap is closed
+FAR_AHEAD = 2.0  # times the evidence of any other that values not likely of built sensors have to show
 RIVAL = "numerical"
 Attempt = JudgedCandidate[Stand]
 """A candidate of several presses."""
@@ -46,13 +48,18 @@ class Winner:
     """An effect that was accepted, and the share of the gap it closed.
 
     `equals` are the attempts that do as well, its own first; `rivals` those that might have been accepted in
-    its place, and where their fits ended.
+    its place, and where their fits ended; `unusual` says that its values are not likely of built sensors.
     """
 
     name: str
     equals: tuple[Attempt, ...]
     gain: float
     rivals: Mapping[str, State] = field(default_factory=dict)
+    unusual: bool = False
+
+    def refused(self, attempt: Attempt) -> str:
+        """Why it does not stay in the model; empty if it does."""
+        return OF_PRESSES.unproven(attempt) if self.unusual else OF_PRESSES.refused(attempt)
 
     @property
     def coherence_set(self) -> tuple[str, ...]:
@@ -118,7 +125,7 @@ class ForwardSelection:
     def _stand(self, fitter: Fitter, state: State, names: Sequence[str]) -> Stand:
         """Fit effects with the pictures of a fitter, and judge the held-out shots."""
         fit = fitter.fit(state, names, self.train)
-        return Stand(fitter, fit, self.train, judge(fitter, fit.state, self.select))
+        return Stand(fitter, fit, self.train, judge(fitter, fit, self.select))
 
     def _round(self, number: int, base: Stand) -> Attempt | None:
         self.work.tell("screening effects")
@@ -150,11 +157,11 @@ class ForwardSelection:
         attempts, base = self._contended(attempts, base)
         most = max((attempt.evidence.value for attempt in attempts), default=0.0)
         rivals = {a.name: a.stand.judged.state for a in attempts if self._contends(a, most)}
-        passed = self._passed(number, attempts)
-        if not passed:
+        passed, unusual = self._passed(number, attempts)
+        if unusual is None and not passed:
             return None
-        best, equal = self._best(passed)
-        self.winners.append(Winner(best.name, equal, best.gain.value, rivals))
+        best, equal = self._best(passed) if unusual is None else (unusual, (unusual,))
+        self.winners.append(Winner(best.name, equal, best.gain.value, rivals, unusual is not None))
         near = self._near(best.stand.fitter, best.stand.judged.state, exactly=True)
         return best if near is None else self._judged(best.name, base, best.stand.state, near)
 
@@ -171,12 +178,26 @@ class ForwardSelection:
             self.fitter = self.given if alone else own
         return self.fitter
 
-    def _passed(self, number: int, attempts: Sequence[Attempt]) -> list[Attempt]:
-        """Attempts that pass; why others do not is noted."""
+    def _passed(self, number: int, attempts: Sequence[Attempt]) -> tuple[list[Attempt], Attempt | None]:
+        """Attempts that pass, and the one that does so far ahead of all though its values are not likely.
+
+        Why others do not is noted.
+        """
         reasons = [OF_PRESSES.refused(attempt) for attempt in attempts]
+        passed = [attempt for reason, attempt in zip(reasons, attempts, strict=True) if not reason]
+        unusual = self._closing(attempts)
         for reason, attempt in zip(reasons, attempts, strict=True):
-            self._note(number, attempt, reason or "passed")
-        return [attempt for reason, attempt in zip(reasons, attempts, strict=True) if not reason]
+            self._note(number, attempt, reason if reason and attempt is not unusual else "passed")
+        return passed, unusual
+
+    def _closing(self, attempts: Sequence[Attempt]) -> Attempt | None:
+        """Attempt with values that are not likely of built sensors that closes the gap as no other does."""
+        if not attempts:
+            return None
+        first, *others = sorted(attempts, key=lambda attempt: -attempt.evidence.value)
+        ahead = all(first.evidence.value > FAR_AHEAD * other.evidence.value for other in others)
+        closes = first.stand.judged.excess < CLOSED and not OF_PRESSES.unproven(first)
+        return first if ahead and closes and OF_PRESSES.unusual(first) else None
 
     def _best(self, passed: Sequence[Attempt]) -> tuple[Attempt, tuple[Attempt, ...]]:
         """The best of those that pass, and all that do as well, itself first."""
@@ -268,7 +289,7 @@ class ForwardSelection:
             without = self._without(best, winner.name)
             attempt = self._compared(winner.name, without, best)
             rivals = self._rivals(winner, attempt, without)
-            if reason := OF_PRESSES.refused(attempt):
+            if reason := winner.refused(attempt):
                 self._note(number, attempt, f"dropped: {reason}")
                 self.winners.remove(winner)
                 best = without
@@ -360,7 +381,7 @@ class ForwardSelection:
         found = replace(found, state=with_strength(found.state, name))
         if not fitter.at_bound(found.state, name):
             self._reached[name] = found.state
-        stand = Stand(fitter, found, self.train, judge(fitter, found.state, self.select))
+        stand = Stand(fitter, found, self.train, judge(fitter, found, self.select))
         return self._compared(name, base, stand, price=price)
 
     def _compared(self, name: str, base: Stand, stand: Stand, *, price: float | None = None) -> Attempt:

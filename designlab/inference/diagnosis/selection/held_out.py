@@ -7,9 +7,10 @@ import numpy as np
 
 from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.state import State
-from designlab.inference.diagnosis.likelihood.empirical_errors import left_of_nothing
 from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter, log_score
 from designlab.inference.diagnosis.result import Level
+
+USUAL = 1.05  # times what noise and grain leave: sets that hide nothing leave 1.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,11 +24,11 @@ class Judged:
     per_shot : array, shape (shots,)
         Mean squared residual of each, in units of camera noise and white error of the simulation.
     floor : array, shape (shots,)
-        What noise of the camera and the errors granted to the simulation leave of it.
+        What noise of the camera, grain, and the errors granted to the simulation leave of it.
     objective : array, shape (shots,)
         Penalised misfit of each, smooth errors counted as covariance.
     least : array, shape (shots,)
-        What noise of the camera leaves of that.
+        What noise of the camera and grain leave of that.
     values : array, shape (shots,)
         Number of independent values of each.
     """
@@ -43,6 +44,11 @@ class Judged:
     def gap(self) -> float:
         """Mean misfit of a shot beyond the noise of the camera."""
         return max(float((self.objective - self.least).mean()), 1.0)
+
+    @property
+    def excess(self) -> float:
+        """Squared residual of a value beyond noise, grain and smooth errors of light, and what is usual."""
+        return max(float((self.objective - USUAL * self.least).sum() / self.values.sum()), 0.0)
 
     @property
     def mean(self) -> float:
@@ -99,21 +105,26 @@ class Gain:
     improved: float
 
 
-def judge(fitter: Fitter, state: State, shots: Sequence[int]) -> Judged:
-    """Register each shot by itself, with what it has alone, and compare."""
+def judge(fitter: Fitter, fit: Fit, shots: Sequence[int]) -> Judged:
+    """Register each shot by itself, with what it has alone, and compare.
+
+    What the shots fitted to show of the error that all share is known then: counted for each shot anew, it
+    would be evidence as often as there are shots.
+    """
     rows = np.empty((5, len(shots)))
+    own, state = fitter.given(fit.system.shared), fit.state
     for place, number in enumerate(shots):
-        found = fitter.fit(state, (), [number], gains=False, held=tuple(state.values))
+        found = own.fit(state, (), [number], gains=False, held=tuple(state.values))
         state = found.state
-        squares, granted = squared(fitter, state, number)
         least, values = fitter.chance([number])
+        squares, granted = squared(fitter, state, number)
         rows[:, place] = squares, granted, found.objective, least, values
     return Judged(state, *rows)
 
 
 def all_leave_much(*judged: Judged) -> bool:
     """Whether every one of several states leaves more than is left where nothing is hidden."""
-    return all(each.mean > left_of_nothing() * each.floor.mean() for each in judged)
+    return all(each.excess > 0 for each in judged)
 
 
 def squared(fitter: Fitter, state: State, number: int) -> tuple[float, float]:
@@ -124,10 +135,13 @@ def squared(fitter: Fitter, state: State, number: int) -> tuple[float, float]:
     return float((left[shot.valid] ** 2).mean()), float(granted[shot.valid].mean())
 
 
-def level(before: Judged, after: Judged) -> Level:
-    """Mean squared residuals of two states on the same shots."""
-    floor = float(before.floor.mean())
-    return Level(before.mean, after.mean, floor, left_of_nothing() * floor)
+def level(before: Judged, after: Judged, *, corrected: Judged | None = None) -> Level:
+    """Mean squared residuals of two states on the same shots.
+
+    Usual is what the corrected model, which is the second unless it is given, leaves but for its excess.
+    """
+    best = corrected or after
+    return Level(before.mean, after.mean, float(before.floor.mean()), best.mean - best.excess)
 
 
 def gain(base: Judged, other: Judged, gap: float) -> Gain:

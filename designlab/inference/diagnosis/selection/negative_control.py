@@ -23,6 +23,7 @@ def control(
     train: Sequence[int],
     final: Sequence[int],
     before: Judged,
+    corrected: Judged,
 ) -> Control | None:
     """Fit a wrong effect as the right one was fitted, and judge it on the presses that decide nothing.
 
@@ -39,8 +40,8 @@ def control(
         All effects that were tried.
     seed : int
         Of the choice among several; another for every measurement.
-    before : Judged
-        The final presses with the model as given.
+    before, corrected : Judged
+        The final presses with the model as given, and with the effects named.
 
     Returns
     -------
@@ -57,6 +58,6 @@ def control(
     close = sorted(name for name in wrong if abs(sizes[name] - wanted) == nearest)
     name = close[int(np.random.default_rng([seed, wanted]).integers(len(close)))]
     found = fitter.fit(replace(start, poses={}), [name], train)
-    after = judge(fitter, found.state, final)
-    removed = level(before, after).removed
+    after = judge(fitter, found, final)
+    removed = level(before, after, corrected=corrected).removed
     return None if removed is None else Control(name, removed, sizes[name])

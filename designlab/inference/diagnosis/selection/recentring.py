@@ -131,9 +131,9 @@ def placed(source: Renders, fitter: Fitter, train: Sequence[int], others: Sequen
         Shots that gains are fitted to, and all others with a press, which are registered each by itself.
     """
     for _ in range(PLACINGS):
-        state = fitter.fit(fitter.start(train), (), train).state
-        fitter.measure(state)
-        state = judge(fitter, state, others).state
+        found = fitter.fit(fitter.start(train), (), train)
+        fitter.measure(found.state)
+        state = judge(fitter, found, others).state
         far = beyond(fitter, state, [*train, *others])
         if not far:
             break

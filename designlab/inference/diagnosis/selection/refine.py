@@ -45,7 +45,7 @@ def refined(source: Renders, fitter: Fitter, found: Fit, train: Sequence[int]) -
         near = exact_fitter(source, near, now.state, train)
         now = near.fit(now.state, names, train)
     others = [number for number in range(len(fitter.bank.shots)) if number not in train]
-    registered = judge(near, now.state, others).state
+    registered = judge(near, now, others).state
     if near.bank.stands or looks_elsewhere(near, registered, others):
         near = exact_fitter(source, near, registered, others)
     elif far := beyond(near, registered, others):

@@ -34,6 +34,8 @@ class FrameFitter(Fitter):
         Departure of the press of the bank from the stated one.
     """
 
+    fits_smooth = False  # one picture does not tell it from the shape of a press
+
     def __init__(self, bank: Bank, away: Array) -> None:
         super().__init__(bank)
         self.away = away

@@ -10,23 +10,22 @@ from typing import Any
 import numpy as np
 
 from designlab.core.types import Array
-from designlab.inference.diagnosis.likelihood.empirical_errors import share_of_partial, shares_right
+from designlab.inference.diagnosis.likelihood.empirical_errors import shares_right
 
-SIGNS = {"left": -1, "set": -1, "margin": 1, "gain": 1, "later": -1}
+SIGNS = {"left": -1, "share": -1, "set": -1, "margin": 1, "gain": 1, "later": -1}
 """What is looked at, and whether more of it speaks for a name or against it.
 
-left: logarithm of the squared residual over what sets leave that hide nothing; set: logarithm of the number
-of effects that do as well; margin: logarithm of the evidence over that of the best other effect of the round;
-gain: logarithm of the share of the gap; later: whether another effect was found before.
+left: logarithm of one and the squared residual beyond what is usual; share: logarithm of the part of the gap
+that this is; set: logarithm of the number of effects that do as well; margin: logarithm of the evidence over
+that of the best other effect of the round; gain: logarithm of the share of the gap; later: whether another
+effect was found before.
 """
 DROPPED = "dropped"  # begins the outcome of effects that later ones made needless
-MOST_LEFT, MOST_MARGIN, LEAST_GAIN = 4.0, 3.0, 1e-3
+MOST_LEFT, LEAST_SHARE, MOST_MARGIN, LEAST_GAIN = 4.0, 1e-3, 3.0, 1e-3
 
 
 def confidence(report: Mapping[str, Any], place: int) -> float:
     """Share of right names among those that looked like one of a report's.
-
-    Where a report says that it explains a part only, names are right as seldom as those of such reports.
 
     Parameters
     ----------
@@ -42,16 +41,20 @@ def confidence(report: Mapping[str, Any], place: int) -> float:
         found["name"],
         found["coherence_set"],
         report["candidates"],
-        left=level["after"] / level["usual"],
+        gap=level,
         later=place > 0,
     )
     total = float(seen @ np.array([weights[name] for name in SIGNS]))
-    share = float(np.interp(total, scores, right))
-    return round(min(share, share_of_partial()) if report["verdict"] == "partial" else share, 3)
+    return round(float(np.interp(total, scores, right)), 3)
 
 
 def signs(
-    name: str, alike: Sequence[str], candidates: Sequence[Mapping[str, Any]], *, left: float, later: bool
+    name: str,
+    alike: Sequence[str],
+    candidates: Sequence[Mapping[str, Any]],
+    *,
+    gap: Mapping[str, float],
+    later: bool,
 ) -> Array:
     """What a report shows for or against one of its names, in the order of `SIGNS`.
 
@@ -63,8 +66,8 @@ def signs(
         Effects that do as well, itself included.
     candidates : sequence of mapping
         All that were tried.
-    left : float
-        Squared residual of the select presses over what is usual where nothing is missing.
+    gap : mapping of str to float
+        Squared residuals of the select presses, the fields of `Level`.
     later : bool
         Whether another of the effects named was found before.
     """
@@ -74,10 +77,13 @@ def signs(
         for c in candidates
         if c["round"] == taken["round"] and c["name"] not in alike and _tried(c)
     ]
+    left = max(gap["after"] - gap["usual"], 0.0)
+    share = left / max(gap["before"] - gap["usual"], 1e-9)
     margin = np.log((max(taken["evidence"], 0.0) + 1) / (max([0.0, *rivals]) + 1))
     return np.array(
         [
-            np.clip(np.log(left), 0.0, MOST_LEFT),
+            min(np.log1p(left), MOST_LEFT),
+            np.log(np.clip(share, LEAST_SHARE, 1.0)),
             np.log(len(alike)),
             np.clip(margin, -MOST_MARGIN, MOST_MARGIN),
             np.log(max(taken["gain"], LEAST_GAIN)),

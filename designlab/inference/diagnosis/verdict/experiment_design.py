@@ -103,13 +103,15 @@ def doubt_of(true: JudgedCandidate[Stand], wrong: JudgedCandidate[Stand], action
     told = _taking(true.stand.fitter, actions)
     taken, noises = [], [*wrong.stand.fitter.noises]
     for number, action in zip(here, actions, strict=True):
-        signal = told.predict(true.stand.state, number)
+        state = true.stand.state
+        signal = told.predict(state, number)
         shot = without_cut(replace(action.shot, signal=signal, valid=np.ones(signal.shape, dtype=bool)))
-        random = wrong.stand.fitter.noises[action.like].random
-        noises.append(noise(shot, signal, told.untouched(true.stand.state, number), told.black, random))
+        random, grain = wrong.stand.fitter.noises[action.like].random, wrong.stand.fitter.grain
+        bare, of_groups = told.untouched(state, number), told.of_groups(state, number)
+        noises.append(noise(shot, signal, bare, of_groups, told.black, random, grain=grain))
         taken.append(replace(action, shot=shot))
-    fitter = wrong.stand.fitter.of(_taking(wrong.stand.fitter, taken).bank, noises)
     state, found = wrong.stand.state, wrong.stand.fit.system
+    fitter = wrong.stand.fitter.of(_taking(wrong.stand.fitter, taken).bank, noises).given(found.shared)
     shared = [k for k, u in enumerate(found.unknowns) if u.shot < 0]
     information, _ = found.reduced(shared)
     ours = [found.unknowns[k] for k in shared]
