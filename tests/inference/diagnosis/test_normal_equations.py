@@ -51,10 +51,9 @@ class Known:
 
 def noises(level: float, grain: MonteCarloNoise | None = None) -> list[Noise]:
     sigma = np.full(SHAPE, 0.5)  # of every value
-    groups = level * np.array([[0.9, 0.2, 0.3], [0.1, 0.8, 0.7]])
-    return [
-        Noise(sigma, sigma, sigma, np.full(3, level * (1 + n)), groups * (1 + n), grain) for n in range(2)
-    ]
+    lit = level * np.array([[1.0, 1.0, 1.0], [0.9, 0.2, 0.3], [0.1, 0.8, 0.7]])
+    bright = np.full(3, 1.2 * level)
+    return [Noise(sigma, sigma, sigma, bright * (1 + n), lit * (1 + n), grain) for n in range(2)]
 
 
 def correlation(power: np.ndarray) -> np.ndarray:
@@ -107,13 +106,14 @@ def test_normal_equations_are_those_of_the_dense_covariance(
     for channel in range(3):
         added = np.zeros((2 * ROWS * COLUMNS,) * 2)
         for group in range(2):
-            lit = [noise.group_levels[group, channel] for noise in own]
+            lit = [noise.levels[1 + group, channel] for noise in own]
             # The size of these is fitted, so that they count in full.
             long = smooth_covariance(LONG_LENGTH, with_mean=False) / alike
             added += smooth_rms**2 * np.kron(np.outer(lit, lit), long)
-        levels = [noise.level[channel] for noise in own]
+        levels = [noise.levels[0, channel] for noise in own]
         apart = [
-            (1 - grainy) * np.eye(ROWS * COLUMNS) + (SHOT_BUDGET * level) ** 2 * smooth for level in levels
+            (1 - grainy) * np.eye(ROWS * COLUMNS) + (SHOT_BUDGET * noise.level[channel]) ** 2 * smooth
+            for noise in own
         ]
         shared = granted * np.kron(np.outer(levels, levels), smooth_covariance(with_mean=False))
         if grainy:
@@ -162,9 +162,9 @@ def test_the_size_of_smooth_errors_of_groups_is_found(hidden: float) -> None:
         parts = [on * colour * np.ones(shape) for on, colour in zip(groups, light, strict=True)]
         error = sum(part * hidden * field for part, field in zip(parts, fields, strict=True))
         shots.append(SimpleNamespace(signal=error + sigma * random.standard_normal(shape), valid=error < 1))
-        levels = np.array([part.mean(axis=(0, 1)) for part in parts]) / sigma
+        levels = np.array([part.mean(axis=(0, 1)) for part in (sum(parts), *parts)]) / sigma
         all_ = np.full(shape, sigma)
-        own.append(Noise(all_, all_, all_, levels.sum(axis=0), levels))
+        own.append(Noise(all_, all_, all_, levels[0], levels))
     known = SimpleNamespace(
         bank=SimpleNamespace(shots=shots), linear=lambda *_: (np.zeros(shape), np.zeros((0, *shape)))
     )

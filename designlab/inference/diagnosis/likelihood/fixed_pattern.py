@@ -83,16 +83,14 @@ def _residuals(fitter: Fitter, state: State, shots: Sequence[int]) -> Iterator[t
 def _common(fitter: Fitter, state: State, shots: Sequence[int]) -> tuple[Array, Array]:
     """Coefficients of what shots have in common relative to their light, and variances without a pattern."""
     shape = fitter.bank.shots[shots[0]].signal.shape
-    weight, right, shared = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    weight, right = np.zeros(shape), np.zeros(shape)
     granted: Array | float = 0.0
-    for noise, left, light in _residuals(fitter, state, shots):
-        # A pattern is relative to the light however dark it is; smooth errors are granted more.
-        level = np.sqrt((light**2).mean(axis=(0, 1)))
+    for noise, left, _ in _residuals(fitter, state, shots):
+        level = noise.levels[0]
         diagonal, granted = noise.alone, _common_error(noise, state)
         weight += level**2 / diagonal
         right += level * transformed(left) / diagonal
-        shared += level * noise.level / diagonal
-    return right / weight, 1.0 / weight + granted * (shared / weight) ** 2
+    return right / weight, 1.0 / weight + granted
 
 
 def _common_error(noise: Noise, state: State) -> Array:
@@ -109,7 +107,7 @@ def _estimated(fitter: Fitter, state: State, shots: Sequence[int], rms: float) -
     shape = fitter.bank.shots[shots[0]].signal.shape
     weight, right = np.full(shape, rms**-2), np.zeros(shape)
     for noise, left, light in _residuals(fitter, state, shots):
-        variance = noise.alone + _common_error(noise, state) * noise.level**2
+        variance = noise.alone + _common_error(noise, state) * noise.levels[0] ** 2
         rough = idctn(transformed(left) / variance, axes=(0, 1), norm="ortho")
         weight += light**2
         right += light * rough

@@ -70,9 +70,11 @@ class Noise:
     granted : array, shape (rows, columns, 3)
         Of camera, grain and smooth errors granted: what a model that is right is expected to miss by.
     level : array, shape (3,)
-        Root mean square of signal over sigma, what smooth relative errors are multiples of.
-    group_levels : array, shape (groups, 3)
-        The same of the signal that each LED group adds.
+        Root mean square of signal over sigma, what smooth relative errors of the shot are multiples of. Dark
+        signal counts as if it were brighter, for errors that are not relative.
+    levels : array, shape (1 + groups, 3)
+        Root mean square of light over sigma, what smooth errors that shots share are multiples of: of all
+        light, and of that of each LED group.
     random : MonteCarloNoise or None
         Random error of the simulation, part of sigma; None where it is below what is granted anyway.
     shot : float
@@ -83,7 +85,7 @@ class Noise:
     camera: Array
     granted: Array
     level: Array
-    group_levels: Array
+    levels: Array
     random: MonteCarloNoise | None = None
     shot: float = SHOT_BUDGET
 
@@ -95,13 +97,8 @@ class Noise:
         if self.random is None:
             return found
         share = ((self.random.sigma / self.sigma) ** 2).mean(axis=(0, 1))
-        own = np.maximum(share - self.random.shared * self.level**2, 0.0)
+        own = np.maximum(share - self.random.shared * self.levels[0] ** 2, 0.0)
         return np.asarray(np.maximum(found - share + own * self.random.power[..., None], LEAST_VARIANCE))
-
-    @property
-    def levels(self) -> Array:
-        """Levels of what shots may have in common, (1 + groups, 3): of all light, and of each group's."""
-        return np.concatenate([self.level[None], self.group_levels])
 
     def common(self, *, mean: bool = True, share: float = 1.0) -> Array:
         """Variance of coefficients, relative to the light, that all shots share, (rows, columns, 3).
@@ -140,9 +137,10 @@ def noise(
     sigma = np.hypot(np.hypot(camera, budget), traced)
     lit = np.hypot(light, DARK_LIGHT)
     level = np.sqrt(np.where(shot.valid, (lit / sigma) ** 2, 0.0).mean(axis=(0, 1)))
-    group_levels = np.sqrt(np.where(shot.valid, (of_groups / sigma) ** 2, 0.0).mean(axis=(1, 2)))
+    sources = np.concatenate([light[None], of_groups])
+    levels = np.sqrt(np.where(shot.valid, (sources / sigma) ** 2, 0.0).mean(axis=(1, 2)))
     granted = np.hypot(np.hypot(camera, np.hypot(SMOOTH_BUDGET, SHOT_BUDGET) * lit), traced)
-    return Noise(sigma, camera, granted, level, group_levels, random)
+    return Noise(sigma, camera, granted, level, levels, random)
 
 
 def spectrum(shape: tuple[int, int], length: float = SMOOTH_LENGTH) -> Array:
