@@ -398,13 +398,43 @@ def test_what_pictures_of_another_effect_may_miss_does_not_count(measured) -> No
         assert not reason(other)
 
 
-def test_a_value_at_its_bound_does_not_join(measured) -> None:
-    made = attempt(measured, "vignetting", [160.0, 162.0, 158.0], [250.0, 252.0, 248.0])
+def test_where_light_is_off_by_smooth_errors_an_effect_has_to_show_more(measured, monkeypatch) -> None:
+    made = attempt(measured, "albedo_field", [160.0, 162.0, 158.0], [250.0, 252.0, 248.0])
+    assert made.evidence.value == pytest.approx(135.0)
+    monkeypatch.setattr(Fitter, "of_smooth", lambda *_: 11_800.0)  # of which it needs a hundredth besides
+    assert not OF_PRESSES.refused(made)
+    monkeypatch.setattr(Fitter, "of_smooth", lambda *_: 12_000.0)
+    assert OF_PRESSES.refused(made) == "evidence 135, below 136"
+
+
+def at_bound(fitter: Fitter, left: float) -> JudgedCandidate:
+    """A candidate whose value is at its bound."""
+    made = attempt(fitter, "vignetting", [left, left + 2.0, left - 2.0], [1250.0, 1252.0, 1248.0])
     most = next(p.high for p in effect("vignetting").parameters(DESIGN))
     fit = replace(made.stand.fit, state=State(GAINS).with_values("vignetting", {"corner_loss": most}))
-    assert (
-        OF_PRESSES.refused(replace(made, stand=replace(made.stand, fit=fit))) == "at the bound of corner_loss"
+    return replace(made, stand=replace(made.stand, fit=fit))
+
+
+def test_a_value_at_its_bound_does_not_join(measured) -> None:
+    assert OF_PRESSES.refused(at_bound(measured, 450.0)) == "at the bound of corner_loss"
+
+
+def test_far_ahead_and_with_nothing_left_a_value_at_its_bound_joins(measured) -> None:
+    search = ForwardSelection(measured, NAMES, [0], [3], gap=1000.0)
+    closing, leaving = at_bound(measured, 160.0), at_bound(measured, 450.0)
+    far, near = (
+        attempt(measured, "albedo_field", [left, left + 2.0, left - 2.0], [1250.0, 1252.0, 1248.0])
+        for left in (1200.0, 600.0)
     )
+    assert search._passed(1, [closing, far]) == ([far], closing)
+    assert search.tried[-2].outcome == "passed"
+    assert search._passed(1, [closing, near]) == ([near], None)
+    assert search._passed(1, [leaving, far]) == ([far], None)
+    assert search.tried[-2].outcome == "at the bound of corner_loss"
+    # Later rounds do not ask again for what is usual.
+    found = Winner("vignetting", (closing,), 0.9, unusual=True)
+    assert not found.refused(closing)
+    assert replace(found, unusual=False).refused(closing) == "at the bound of corner_loss"
 
 
 def test_a_rival_that_surely_does_more_beside_the_others_takes_an_effects_place(
