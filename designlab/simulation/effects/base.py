@@ -230,6 +230,14 @@ class Effect:
         """Return the parameters, some for each LED group; none for a design that the effect cannot change."""
         raise NotImplementedError  # abstract: every effect defines its own
 
+    def finer_parameters(self, design: Design) -> tuple[EffectParameter, ...]:
+        """Return parameters of a finer form, which few sensors need.
+
+        A diagnosis fits them only where that is worth their freedom; values that lack them stand for their
+        nulls.
+        """
+        return ()
+
     def parameters_under(self, design: Design, presses: Iterable[Press]) -> tuple[EffectParameter, ...]:
         """Return the parameters with the bounds that presses leave them; none if they leave no range."""
         return self.parameters(design)
@@ -275,7 +283,11 @@ class Effect:
 
     def acts(self, values: Values, design: Design) -> bool:
         """Whether values differ from the identity."""
-        return any(values[p.name] != p.null for p in self.parameters(design) if not p.shape)
+        return any(
+            values.get(p.name, p.null) != p.null
+            for p in (*self.parameters(design), *self.finer_parameters(design))
+            if not p.shape
+        )
 
 
 def at_least(parameters: Sequence[EffectParameter], **least: float) -> tuple[EffectParameter, ...]:

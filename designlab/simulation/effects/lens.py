@@ -116,13 +116,22 @@ class VignettingEffect(Effect):
         """Small lenses lose 20 to 55 % at the corner (libcamera's ov5647 table)."""
         return (
             EffectParameter(
-                "corner_loss", "1", 0.0, 0.25, 0.0, 0.98, "share lost at the full picture's corner, as r^2"
+                "corner_loss", "1", 0.0, 0.25, 0.0, 0.98, "share lost at the full picture's corner"
+            ),
+        )
+
+    def finer_parameters(self, design: Design) -> tuple[EffectParameter, ...]:
+        """Lenses of several elements fall off more steeply than by the square, misplaced stops less."""
+        return (
+            EffectParameter(
+                "power", "1", 2.0, 0.7, 1.0, 6.0, "power of r that the loss rises with (estimate)", shape=True
             ),
         )
 
     def on_light(self, light: Light, values: Values, sight: Sight) -> Light:
-        """Multiply by 1 - loss r^2."""
-        factor = 1.0 - values["corner_loss"] * _radius(sight.design, sight.view) ** 2
+        """Multiply by 1 - loss r^power."""
+        power = values.get("power", 2.0)
+        factor = 1.0 - values["corner_loss"] * _radius(sight.design, sight.view) ** power
         return np.asarray(light * factor, dtype=light.dtype)
 
 

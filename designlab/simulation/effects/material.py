@@ -1,16 +1,21 @@
 """Effects of the membrane's coating."""
 
+from functools import lru_cache
+from itertools import product
 from typing import ClassVar
 
 import numpy as np
 
+from designlab.core.types import Array
 from designlab.sensor.design import Design
 from designlab.sensor.optical_constants import internal_reflectance
 from designlab.simulation.effects.base import Effect, EffectParameter, Light, Part, Sight, Stage, Values
 
+BLOT_WAVES = 6, 5  # half waves over the area's width and height from which none is part of a blot
+
 
 class AlbedoField(Effect):
-    """The coating is uneven: its reflectance varies slowly over the membrane."""
+    """The coating is uneven: its reflectance varies slowly over the membrane, or in a blot."""
 
     name: ClassVar[str] = "albedo_field"
     stage: ClassVar[Stage] = "material"
@@ -27,6 +32,13 @@ class AlbedoField(Effect):
             for term in ("x", "y", "xx", "xy", "yy")
         )
 
+    def finer_parameters(self, design: Design) -> tuple[EffectParameter, ...]:
+        """Half waves beyond the quadratic, down to some 3 mm of 16: a blot is made of all (estimate)."""
+        return tuple(
+            EffectParameter(name, "1", 0.0, 0.03, -0.5, 0.5, f"relative reflectance, {k} and {m} half waves")
+            for name, k, m in _blot_waves()
+        )
+
     def on_light(self, light: Light, values: Values, sight: Sight) -> Light:
         """Multiply by the field at the membrane point a pixel sees; light that goes round is not changed."""
         return np.asarray(light * (1.0 + albedo_field(values, sight)), dtype=light.dtype)
@@ -39,7 +51,21 @@ def albedo_field(values: Values, sight: Sight) -> Light:
     width, height = sight.design.sensing_area_mm
     u, v = 2 * place.real / width, 2 * place.imag / height
     terms = {"x": u, "y": v, "xx": u**2 - 1 / 3, "xy": u * v, "yy": v**2 - 1 / 3}
-    return np.asarray(sum(values[name] * term for name, term in terms.items()))
+    field: Array = np.asarray(sum(values[name] * term for name, term in terms.items()))
+    for name, k, m in _blot_waves():
+        if amplitude := values.get(name, 0.0):
+            field = field + amplitude * np.cos(np.pi * k * (u + 1) / 2) * np.cos(np.pi * m * (v + 1) / 2)
+    return field
+
+
+@lru_cache(maxsize=1)
+def _blot_waves() -> tuple[tuple[str, int, int], ...]:
+    """Name of each half wave of a blot, and how many of them lie along x and y."""
+    most_x, most_y = BLOT_WAVES
+    orders = product(range(most_x), range(most_y))
+    return tuple(
+        (f"wave_{k}_{m}", k, m) for k, m in orders if k + m > 2 and (k / most_x) ** 2 + (m / most_y) ** 2 < 1
+    )
 
 
 class SpecularCoat(Effect):

@@ -75,14 +75,15 @@ class SensorModel(Spec):
     @model_validator(mode="after")
     def _values_fit(self) -> Self:
         for applied in self.effects:
+            finer = {p.name: p for p in effect(applied.name).finer_parameters(self.design)}
             parameters = {p.name: p for p in effect(applied.name).parameters(self.design)}
-            if set(applied.values) != set(parameters):
+            if set(applied.values) - set(finer) != set(parameters):
                 raise ValueError(
                     f"effects.{applied.name}.values: needs exactly {', '.join(parameters)}, "
                     f"got {', '.join(applied.values)}"
                 )
             for name, value in applied.values.items():
-                p = parameters[name]
+                p = (parameters | finer)[name]
                 if not p.low <= value <= p.high:
                     raise ValueError(
                         f"effects.{applied.name}.values.{name}: lies between {p.low:g} and {p.high:g} "
@@ -207,7 +208,7 @@ class SensorModel(Spec):
         return self._changed(effects=effects, covariance=None)
 
     def _parameters(self, name: str) -> tuple[EffectParameter, ...]:
-        return effect(name).parameters(self.design)
+        return (*effect(name).parameters(self.design), *effect(name).finer_parameters(self.design))
 
     def _changed(self, **changes: Any) -> Self:
         content = {name: getattr(self, name) for name in type(self).model_fields}

@@ -44,8 +44,9 @@ class Forward:
         self._edged: dict[tuple[int, Key], tuple[Light, Light] | None] = {}
         self.flux = np.array([group.flux_mw for group in self.design.leds.groups])
         presses = [shot.press for shot in bank.shots if shot.press is not None]
+        given = bank.model.design
         self.parameters: dict[str, tuple[EffectParameter, ...]] = {
-            e.name: e.parameters_under(bank.model.design, presses) for e in CATALOGUE
+            e.name: (*e.parameters_under(given, presses), *e.finer_parameters(given)) for e in CATALOGUE
         }
 
     @property
@@ -101,6 +102,7 @@ class Forward:
         return {
             p.name: p.coordinate(values[p.name]) - p.coordinate(origin.get(p.name, p.null))
             for p in self.parameters[name]
+            if p.name in values
         }
 
     def values(self, state: State, name: str) -> Mapping[str, float]:

@@ -158,13 +158,14 @@ class Fitter:
 
         That error is a rival of every effect and is fitted with each: what a finer mesh explains is none. So
         are sizes of probes, which no lab knows exactly: a smaller punch looks as if the lens magnified less;
-        and lateral colour, which no lens is without: it shifts the light of each colour its own way.
+        and lateral colour, which no lens is without: it shifts the light of each colour its own way. Of an
+        effect's finer form those are unknown that the state has.
         """
         found = [
             Unknown(name, p.name, p.sd)
             for name in names
             for p in self.forward.parameters.get(name, ())
-            if not effect(name).drawn
+            if not effect(name).drawn and p.name in self.forward.values(state, name)
         ]
         if gains:
             found.append(Unknown("numerical", "amount", 1.0))
@@ -359,14 +360,14 @@ class Fitter:
         def most(p: EffectParameter) -> float:
             return float(p.sd * (BEYOND_SD + SURELY * unlisted_sd(name, p.name, shape=p.shape)))
 
-        own = (p for p in self.forward.parameters[name] if not p.shape)
+        own = (p for p in self.forward.parameters[name] if p.name in values and not p.shape)
         return tuple(p.name for p in own if abs(values[p.name] - p.null) > most(p))
 
     def at_bound(self, state: State, name: str) -> tuple[str, ...]:
         """Names of parameters of an effect that ended at a bound which is not their null."""
         values, found = state.values[name], []
         for p in self.forward.parameters[name]:
-            if p.shape:
+            if p.shape or p.name not in values:
                 continue  # its pictures are of its usual value, from which its bounds may be far
             room = AT_BOUND * (p.high - p.low)
             below, above = values[p.name] - p.low < room, p.high - values[p.name] < room

@@ -1,6 +1,6 @@
 """The criterion says what an effect must show to join a model, and which effects are not told apart."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic, NamedTuple, TypeVar
 
@@ -121,7 +121,6 @@ class Criterion:
         self,
         passed: Sequence[JudgedCandidate[S]],
         lead: Callable[[JudgedCandidate[S], JudgedCandidate[S]], Evidence],
-        parameters: Mapping[str, Collection[object]],
     ) -> tuple[JudgedCandidate[S], tuple[JudgedCandidate[S], ...]]:
         """Choose among candidates that pass.
 
@@ -129,8 +128,6 @@ class Criterion:
         ----------
         lead : callable
             Evidence for one of them against another.
-        parameters : mapping of str to collection
-            What effects have to be fitted.
 
         Returns
         -------
@@ -141,7 +138,7 @@ class Criterion:
         most_likely = max(passed, key=lambda attempt: attempt.evidence.value)
         behind = {a.name: lead(most_likely, a) for a in passed if a is not most_likely}
         equal = [a for a in passed if a.name not in behind or not behind[a.name].sure]
-        best = min(equal, key=lambda a: (len(parameters[a.name]), -a.evidence.value))
+        best = min(equal, key=lambda a: (len(a.stand.state.values[a.name]), -a.evidence.value))
         close = [a for a in passed if a not in equal and behind[a.name].value <= self.as_good]
         others = [a for a in (*equal, *close) if a is not best]
         return best, (best, *sorted(others, key=lambda a: -a.evidence.value))

@@ -38,6 +38,7 @@ MOVER_CONTENDING = 0.1  # of the most evidence: pictures about null tell little 
 RECENTRINGS = 2  # times that pictures of one that may win are rendered anew where it stands
 CLOSED = 0.3  # excess of the squared residual below which a gap is closed
 FAR_AHEAD = 2.0  # times the evidence of any other that values not likely of built sensors have to show
+FINER_WORTH = 6.0  # evidence that a finer form of an effect has to show: by less, nothing is told apart
 RIVAL = "numerical"
 Attempt = JudgedCandidate[Stand]
 """A candidate of several presses."""
@@ -201,7 +202,7 @@ class ForwardSelection:
 
     def _best(self, passed: Sequence[Attempt]) -> tuple[Attempt, tuple[Attempt, ...]]:
         """The best of those that pass, and all that do as well, itself first."""
-        return OF_PRESSES.chosen(passed, lead, self.fitter.forward.parameters)
+        return OF_PRESSES.chosen(passed, lead)
 
     def _contended(self, attempts: list[Attempt], base: Stand) -> tuple[list[Attempt], Stand]:
         """Fit those that may win again where they stand, if pictures about null are far from there.
@@ -382,7 +383,19 @@ class ForwardSelection:
         if not fitter.at_bound(found.state, name):
             self._reached[name] = found.state
         stand = Stand(fitter, found, self.train, judge(fitter, found, self.select))
-        return self._compared(name, base, stand, price=price)
+        return self._in_finer_form(self._compared(name, base, stand, price=price), base)
+
+    def _in_finer_form(self, attempt: Attempt, base: Stand) -> Attempt:
+        """The candidate with the parameters of its finer form, if these are worth their freedom."""
+        fitter, state, name = attempt.stand.fitter, attempt.stand.state, attempt.name
+        values = state.values[name]
+        finer = {p.name: p.null for p in fitter.forward.parameters[name] if p.name not in values}
+        if not finer or attempt.evidence.value <= FINER_WORTH:
+            return attempt
+        found = fitter.fit(state.with_values(name, {**values, **finer}), list(state.values), self.train)
+        stand = Stand(fitter, found, self.train, judge(fitter, found, self.select))
+        other = self._compared(name, base, stand)
+        return other if other.evidence.value > attempt.evidence.value + FINER_WORTH else attempt
 
     def _compared(self, name: str, base: Stand, stand: Stand, *, price: float | None = None) -> Attempt:
         """A candidate against the model without it."""
@@ -415,7 +428,8 @@ class ForwardSelection:
         if name not in self._reached:
             return replace(base, poses={})  # a wrong model may have driven poses far off
         before = self._reached[name]
-        return replace(base.with_values(name, before.values[name]), poses=before.poses)
+        values = {p: before.values[name][p] for p in effect(name).null(self.fitter.bank.model.design)}
+        return replace(base.with_values(name, values), poses=before.poses)
 
     def _note(self, number: int, attempt: Attempt, outcome: str) -> None:
         values = attempt.stand.state.values.get(attempt.name, {})

@@ -49,8 +49,8 @@ def control(
         None where no effect is left to compare with.
     """
     # With a number of its own for every picture or pixel, an effect has no size to compare.
-    sizes = {name: len(fitter.forward.parameters[name]) for name in tried if not effect(name).drawn}
-    wanted = sum(len(fitter.forward.parameters[name]) for name in named)
+    sizes = {n: len(effect(n).null(fitter.forward.design)) for n in tried if not effect(n).drawn}
+    wanted = sum(len(effect(n).null(fitter.forward.design)) for n in named)
     wrong = [name for name in sizes if name not in as_good and name not in named]
     if not wrong:
         return None

@@ -82,7 +82,7 @@ def is_far(fitter: Fitter, state: State, reach: float = FAR_SD) -> bool:
     for name, values in rendered.items():
         moved = name in stands
         for p in fitter.forward.parameters[name]:
-            if p.shape and not moved:
+            if (p.shape and not moved) or p.name not in values:
                 continue  # what only shapes an effect is known least, and cannot be far alone
             away = abs(values[p.name] - (stands[name][p.name] if moved else p.null)) / p.sd
             # About null derivatives are known best; pictures rendered elsewhere are exact there alone.
@@ -102,6 +102,7 @@ def looks_elsewhere(fitter: Fitter, state: State, shots: Sequence[int]) -> bool:
         for name, values in state.values.items()
         if effect(name).warps
         for p in forward.parameters[name]
+        if p.name in values
     ]
     if max(looks, default=0.0) <= FAR_SD:
         return False

@@ -200,7 +200,7 @@ class FrameSearch:
         def lead(one: Attempt, other: Attempt) -> Evidence:
             return self.evidence(one.stand, other.stand)
 
-        best, equal = OF_BLOCKS.chosen(passed, lead, now.fitter.forward.parameters)
+        best, equal = OF_BLOCKS.chosen(passed, lead)
         beside = {a.name: lead(best, a) for a in attempts if a is not best}
         self._found[best.name] = Member(best.name, best.gain, tuple(a.name for a in equal), beside)
         return best

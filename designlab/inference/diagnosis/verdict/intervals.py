@@ -39,7 +39,7 @@ def values(fitter: Fitter, fit: Fit, name: str, train: Sequence[int]) -> dict[st
     else:
         ends = _of_parameters(fitter, fit, name)
     fitted, parameters = fit.state.values[name], fitter.forward.parameters[name]
-    return {p.name: _value(name, p, fitted[p.name], ends.get(p.name)) for p in parameters}
+    return {p.name: _value(name, p, fitted[p.name], ends.get(p.name)) for p in parameters if p.name in fitted}
 
 
 def _value(name: str, p: EffectParameter, value: float, ends: Ends | None) -> Value:

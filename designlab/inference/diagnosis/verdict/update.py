@@ -55,7 +55,7 @@ def updated(
                 values={p: v.value for p, v in fitted.items()},
                 low={p: v.low for p, v in fitted.items() if v.low is not None},
                 high={p: v.high for p, v in fitted.items() if v.high is not None},
-                bounds={p.name: (p.low, p.high) for p in parameters},
+                bounds={p.name: (p.low, p.high) for p in parameters if p.name in fitted},
                 coherence_set=sets.get(name, ()),
                 found_in=measurement.name,
             )
