@@ -21,6 +21,8 @@ _RATES = {
     "right_first": "the right name first",
     "all_named": "all named",
     "truth_in_set": "all in the reported sets",
+    "sure": "a first name with a confidence of 0.9 or more",
+    "further_wrong": "a further name that is wrong",
     "intervals_hold": "95 % intervals hold the truth",
     "named_or_ambiguous": "a name without reserve, or several to choose from",
     "abstained": "unexplained, partial or refused",
@@ -32,7 +34,7 @@ _MEDIANS = {
     "value_error_median": "error of values over their distance from null, median",
 }
 _RELIABILITY = (
-    "Names given without reserve, in bins of equal mass: how sure the reports were of them, and the share "
+    "Names given, in bins of equal mass: how sure the reports were of them, and the share "
     "that was right, with its 95 % interval. On the line both agree."
 )
 _LIMITS = (
@@ -60,6 +62,11 @@ def pool_report(score: Mapping[str, Any], target: str | Path, *, title: str) -> 
     if sure is not None:
         plot = write_figure(reliability_plot(sure["bins"]), folder / "reliability.png")
         words = f"Mean distance of the two over {sure['names']} names: {sure['error']:.3f}."
+        if (relied := score["sure_names"]) is not None:
+            ends = f"{relied['low']:.1%} to {relied['high']:.1%}"
+            words += f" Of {relied['sets']} names with 0.9 or more {relied['share']:.1%} ({ends}) were right."
+        if (curve := score["risk_coverage"]) is not None:
+            words += f" Area under the risk-coverage curve of first names: {curve['area']:.4f}."
         said = (paragraph(words), picture(plot, _RELIABILITY))
     if limits:
         limited = (picture(write_figure(limits_plot(limits), folder / "limits.png"), _LIMITS),)

@@ -230,12 +230,15 @@ def _rates(found: dict[str, Any]) -> list[str]:
         "nothing hidden, a name given": found["nothing"]["named"],
         "one effect hidden, right name first": single["right_first"],
         "one effect hidden, in the reported set": single["truth_in_set"],
+        "one effect hidden, named with a confidence of 0.9 or more": single["sure"],
+        "one effect hidden, a further name that is wrong": single["further_wrong"],
         "two effects hidden, both named": pair["all_named"],
         "outside the catalogue, a name without reserve": found["outside"]["named_or_ambiguous"],
         "outside the catalogue, unexplained, partial or refused": found["outside"]["abstained"],
         "left out of the catalogue, another named": found["left_out"]["named"],
         "left out of the catalogue, ambiguous or another named": found["left_out"]["named_or_ambiguous"],
         "intervals that hold the truth": single["intervals_hold"],
+        "names with a confidence of 0.9 or more that are right": found["sure_names"],
     }
     lines = [f"{what}: {_share(of)}" for what, of in said.items() if of is not None]
     medians = {
@@ -252,6 +255,10 @@ def _rates(found: dict[str, Any]) -> list[str]:
     if found["confidence"] is not None:
         lines.append(
             f"confidence of {found['confidence']['names']} names off by {found['confidence']['error']:.2f}"
+        )
+    if (curve := found["risk_coverage"]) is not None:
+        lines.append(
+            f"area under the risk-coverage curve of {curve['names']} first names: {curve['area']:.4f}"
         )
     return lines
 

@@ -14,7 +14,7 @@ from designlab.validation.blind.detection import in_units, limits
 from designlab.validation.blind.pool import AIR
 from designlab.validation.blind.runner import Outcome
 
-Row = Mapping[str, Any]
+Row = dict[str, Any]
 """What is kept of a set, see `record`."""
 
 CLASSES: tuple[frozenset[str], ...] = (frozenset({"lens_distortion", "camera_pose"}),)
@@ -25,6 +25,7 @@ A camera brought nearer magnifies: on both presets it brings about 99.5 % of wha
 WITHOUT_RESERVE = ("named", "ambiguous")
 ABSTAINED = ("unexplained", "partial", "refused")  # verdicts that say that not all is known
 BINS = 5  # of equal mass, for the error of the confidence
+SURE = 0.9  # confidence from which a name is meant to be relied upon
 
 
 def score(outcomes: Iterable[Outcome]) -> dict[str, Any]:
@@ -40,7 +41,8 @@ def scored(rows: Iterable[Row]) -> dict[str, Any]:
     dict
         `nothing`, `single`, `pair`, `outside` and `left_out` (sets whose effect was taken out of the
         catalogue): numbers of sets, rates with their 95 % interval, medians; `confidence`: how it agrees
-        with how often names are right; `confusion`: for each thing hidden, how often which name came first,
+        with how often names are right; `sure_names`: how often names of a confidence of 0.9 or more are
+        right; `risk_coverage`: see there; `confusion`: for each thing hidden, how often which name came first,
         or which verdict where none did; `limits`: see `detection.Limit`, of effects planted at several
         strengths; `codes`: digests of the code that ran them, one unless a pool went on after a change;
         `rows`: the records.
@@ -49,6 +51,8 @@ def scored(rows: Iterable[Row]) -> dict[str, Any]:
     families = {name: [row for row in rows if row["family"] == name] for name in _FAMILIES}
     return {name: _FAMILIES[name](sets) for name, sets in families.items()} | {
         "confidence": reliability(sure(rows)),
+        "sure_names": rate(right for confidence, right in sure(rows) if confidence >= SURE),
+        "risk_coverage": risk_coverage(rows),
         "confusion": _confusion(rows),
         "limits": _limits(families["single"]),
         "codes": sorted({row["code"] for row in rows}),
@@ -105,6 +109,8 @@ def _hidden(sets: Sequence[Row]) -> dict[str, Any]:
         "right_first": rate(_first_right(row) for row in sets),
         "all_named": rate(all_named(row) for row in sets),
         "truth_in_set": rate(_in_set(row) for row in sets),
+        "sure": rate(bool(row["named"]) and row["confidence"][0] >= SURE for row in sets),
+        "further_wrong": rate(_further_wrong(row) for row in sets),
         "set_size_mean": float(np.mean(sizes)) if sizes else None,
         "gap_removed_median": float(np.median(removed)) if removed else None,
         "control_removed_median": float(np.median(controls)) if controls else None,
@@ -133,13 +139,39 @@ _FAMILIES: dict[str, Callable[[Sequence[Row]], dict[str, Any]]] = {
 
 
 def sure(rows: Iterable[Row]) -> list[tuple[float, bool]]:
-    """Confidence of every name given without reserve, and whether it was right."""
+    """Confidence of every name given, and whether it was right."""
     return [
         (confidence, any(same(name, truth) for truth in row["hidden"]))
         for row in rows
-        if row["verdict"] in WITHOUT_RESERVE
         for name, confidence in zip(row["named"], row["confidence"], strict=True)
     ]
+
+
+def risk_coverage(rows: Iterable[Row]) -> dict[str, Any] | None:
+    """Area under the curve of risk over coverage of first names (Geifman and El-Yaniv, NIPS 2017).
+
+    The most confident names are taken first, equal ones in the worst order: the wrong ones before the right.
+    The risk is the share of wrong names among those taken, the area its mean over how many are.
+
+    Returns
+    -------
+    dict or None
+        `area`; `names`, their number; `wrong`, the share of wrong ones, which is the risk of taking all.
+
+    Examples
+    --------
+    >>> row = {"hidden": {"banding": 1.0}, "verdict": "named"}
+    >>> right = row | {"named": ["banding"], "confidence": [0.9]}
+    >>> wrong = row | {"named": ["led_tilt"], "confidence": [0.5]}
+    >>> risk_coverage([wrong, right])["area"]
+    0.25
+    """
+    firsts = [row | {"named": row["named"][:1], "confidence": row["confidence"][:1]} for row in rows]
+    said = sorted(sure(firsts), key=lambda name: (-name[0], name[1]))
+    if not said:
+        return None
+    risks = np.cumsum([not right for _, right in said]) / np.arange(1, len(said) + 1)
+    return {"area": float(risks.mean()), "names": len(said), "wrong": float(risks[-1])}
 
 
 def reliability(said: Sequence[tuple[float, bool]]) -> dict[str, Any] | None:
@@ -227,6 +259,11 @@ def same(one: str, other: str) -> bool:
 
 def _first_right(row: Row) -> bool:
     return bool(row["named"]) and any(same(row["named"][0], truth) for truth in row["hidden"])
+
+
+def _further_wrong(row: Row) -> bool:
+    """Whether an effect was named besides the first that is not there."""
+    return any(not any(same(name, truth) for truth in row["hidden"]) for name in row["named"][1:])
 
 
 def all_named(row: Row) -> bool:

@@ -98,6 +98,23 @@ def test_the_effect_that_is_there_is_named_with_its_values(bank, name) -> None:
     assert left.mean < 3 * left.floor.mean()
 
 
+def test_a_finer_form_is_fitted_where_it_is_needed(bank) -> None:
+    coat = VALUES["albedo_field"]
+    for added in ({}, {"wave_3_0": -0.08, "wave_2_2": 0.06}):
+        model = AppliedEffect(name="albedo_field", values=coat | added)
+        fitter = seeing(bank, SensorModel(design=DESIGN, effects=(model,)))
+        train, select = [0, 1, 2], [3]
+        start = fitter.fit(fitter.start(train), (), train).state
+        fitter.measure(start)
+        search = ForwardSelection(fitter, NAMES, train, select)
+        _, best = search.run(start)
+        assert search.winners[0].name == "albedo_field"
+        found = best.state.values["albedo_field"]
+        assert (len(found) > len(coat)) == bool(added)
+        for name, value in added.items():
+            assert found[name] == pytest.approx(value, abs=0.008)
+
+
 def test_nothing_is_named_where_nothing_is_hidden(bank) -> None:
     fitter = seeing(bank, SensorModel.of(DESIGN))
     start = fitter.fit(fitter.start([0, 1, 2]), (), [0, 1, 2]).state

@@ -579,6 +579,16 @@ def test_vignetting_is_the_cameras_own_polynomial() -> None:
         np.testing.assert_allclose(found, np.broadcast_to(expected, shape), rtol=1e-12)
 
 
+def test_vignetting_of_another_power() -> None:
+    seen = Sight(DESIGN, DESIGN.camera.full_view()._replace(columns=9, rows=7), *sight_rest())
+    even = np.ones((3, 7, 9))
+    square, other = (
+        1 - effect("vignetting").on_light(even, {"corner_loss": 0.3} | power, seen)
+        for power in ({}, {"power": 4.0})
+    )
+    np.testing.assert_allclose(other, square**2 / 0.3, atol=1e-12)
+
+
 def sight_rest() -> tuple[tuple[np.ndarray, np.ndarray], tuple[float, float]]:
     return (np.zeros((7, 9)), np.zeros((7, 9))), (0.1, 0.1)
 
@@ -645,8 +655,25 @@ def test_albedo_field_has_no_mean_over_the_area_and_is_the_polynomial() -> None:
         assert found[-1, -1] == pytest.approx(0.2 * corner, rel=0.02)
 
 
+def test_a_blot_is_a_finer_form_of_an_uneven_coating() -> None:
+    """A round blot of 2 mm (standard deviation) is made of the half waves and the quadratic."""
+    width, height = DESIGN.sensing_area_mm
+    place = np.meshgrid(np.linspace(-width / 2, width / 2, 80), np.linspace(-height / 2, height / 2, 60))
+    seen = Sight(DESIGN, DESIGN.view(24), (place[0], place[1]), (0.2, 0.2))
+    coat = effect("albedo_field")
+    null = coat.null(DESIGN)
+    names = [*null, *(p.name for p in coat.finer_parameters(DESIGN))]
+    basis = np.stack([albedo_field(null | {name: 1.0}, seen).ravel() for name in names], axis=1)
+    blot = np.exp(-((place[0] - 3.0) ** 2 + (place[1] - 1.5) ** 2) / 8).ravel()
+    blot -= blot.mean()
+    left = blot - basis @ np.linalg.lstsq(basis, blot)[0]
+    of_quadratic = blot - basis[:, : len(null)] @ np.linalg.lstsq(basis[:, : len(null)], blot)[0]
+    assert np.sqrt((left**2).mean()) < 0.12 * np.sqrt((blot**2).mean())
+    assert np.sqrt((of_quadratic**2).mean()) > 0.5 * np.sqrt((blot**2).mean())
+
+
 def test_albedo_field_turns_with_the_gel() -> None:
-    values = effect("albedo_field").null(DESIGN) | {"x": 0.1, "xy": -0.05, "yy": 0.07}
+    values = effect("albedo_field").null(DESIGN) | {"x": 0.1, "xy": -0.05, "yy": 0.07, "wave_3_1": 0.05}
     x, y = np.array([[2.0, -3.0, 1.0]]), np.array([[1.0, 0.5, -4.0]])
     turn = np.exp(1j * np.radians(40.0))
     moved = turn * (x + 1j * y)

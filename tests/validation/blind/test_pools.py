@@ -16,6 +16,7 @@ from designlab.sensor.design import preset
 from designlab.simulation.effects import effect
 from designlab.validation.blind import (
     Crew,
+    Outcome,
     Transferred,
     Trial,
     development,
@@ -150,6 +151,32 @@ def test_names_sets_gaps_and_intervals_are_counted() -> None:
     assert found["confusion"]["vignetting, not in the catalogue"] == {"unexplained": 1, "albedo_field": 1}
     assert found["confusion"]["vignetting"] == {"vignetting": 1, "albedo_field": 1}
     assert single["gap_removed_median"] == pytest.approx((0.9 + 0.4) / 2)
+
+
+def test_what_names_with_much_confidence_are_worth_is_counted() -> None:
+    def said(hidden: str, names: list[str], *confidence: float) -> Outcome:
+        trial = Trial("t", AIR[0], 1, {hidden: 1.0} if hidden else {})
+        made = outcome(trial, verdict="named", sets=[[name] for name in names])
+        return replace(made, confidence=list(confidence))
+
+    found = score(
+        [
+            said("vignetting", ["vignetting"], 0.95),
+            said("vignetting", ["vignetting", "banding"], 0.9, 0.7),
+            said("vignetting", ["led_tilt"], 0.9),
+            said("vignetting", ["vignetting"], 0.6),
+            said("", ["led_tilt"], 0.4),
+            said("banding", []),
+        ]
+    )
+    single = found["single"]
+    assert [single[k]["share"] for k in ("sure", "further_wrong")] == [3 / 5, 1 / 5]
+    assert (found["sure_names"]["share"], found["sure_names"]["sets"]) == (pytest.approx(2 / 3), 3)
+    # Taken in turn: right, wrong (of two alike the worse), right, right, wrong.
+    curve = found["risk_coverage"]
+    assert curve["area"] == pytest.approx((0 + 1 / 2 + 1 / 3 + 1 / 4 + 2 / 5) / 5)
+    assert (curve["names"], curve["wrong"]) == (5, 2 / 5)
+    assert score([said("banding", [])])["risk_coverage"] is None
 
 
 def test_confidence_is_compared_with_how_often_names_are_right() -> None:
