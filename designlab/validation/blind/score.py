@@ -42,8 +42,8 @@ def scored(rows: Iterable[Row]) -> dict[str, Any]:
         `nothing`, `single`, `pair`, `outside` and `left_out` (sets whose effect was taken out of the
         catalogue): numbers of sets, rates with their 95 % interval, medians; `confidence`: how it agrees
         with how often names are right; `sure_names`: how often names of a confidence of 0.9 or more are
-        right; `risk_coverage`: see there; `confusion`: for each thing hidden, how often which name came first,
-        or which verdict where none did; `limits`: see `detection.Limit`, of effects planted at several
+        right; `risk_coverage`: see there; `confusion`: for each thing hidden, how often which name came
+        first, or which verdict where none did; `limits`: see `detection.Limit`, of effects planted at several
         strengths; `codes`: digests of the code that ran them, one unless a pool went on after a change;
         `rows`: the records.
     """
