@@ -415,13 +415,11 @@ def test_what_pictures_of_another_effect_may_miss_does_not_count(measured) -> No
         assert not reason(other)
 
 
-def test_where_light_is_off_by_smooth_errors_an_effect_has_to_show_more(measured, monkeypatch) -> None:
+def test_where_light_is_off_by_smooth_errors_an_effect_has_to_show_more(measured) -> None:
     made = attempt(measured, "albedo_field", [160.0, 162.0, 158.0], [250.0, 252.0, 248.0])
     assert made.evidence.value == pytest.approx(135.0)
-    monkeypatch.setattr(Fitter, "of_smooth", lambda *_: 11_800.0)  # of which it needs a hundredth besides
-    assert not OF_PRESSES.refused(made)
-    monkeypatch.setattr(Fitter, "of_smooth", lambda *_: 12_000.0)
-    assert OF_PRESSES.refused(made) == "evidence 135, below 136"
+    assert not OF_PRESSES.refused(replace(made, smooth=7_800.0))  # of which it needs 1.5 % besides
+    assert OF_PRESSES.refused(replace(made, smooth=8_000.0)) == "evidence 135, below 136"
 
 
 def at_bound(fitter: Fitter, left: float) -> JudgedCandidate:

@@ -40,7 +40,8 @@ class JudgedCandidate(Generic[S]):
 
     `evidence` is for it against the model without it, on what it was fitted to and on what judges together,
     less its `price` for the freedom that it brings; `held_out` is the part of what judges; `left` is the
-    gap that it began from, as a share of the first; `seconds` is what a first attempt took.
+    gap that it began from, as a share of the first; `smooth` the evidence for smooth errors of light there;
+    `seconds` is what a first attempt took.
     """
 
     name: str
@@ -50,6 +51,7 @@ class JudgedCandidate(Generic[S]):
     held_out: float
     left: float
     price: float = 0.0
+    smooth: float = 0.0
     seconds: float | None = None
 
 
@@ -90,7 +92,7 @@ class Criterion:
         value, se = attempt.evidence
         needed = self.evidence if len(attempt.stand.state.values) <= 1 else self.later
         # What is taken for a smooth error may hold as much of an effect that is not there.
-        needed += self.of_smooth * max(attempt.stand.fitter.of_smooth(attempt.stand.fit), 0.0)
+        needed += self.of_smooth * max(attempt.smooth, 0.0)
         if value <= needed:
             return f"evidence {value:.3g}, below {needed:.3g}"
         if not attempt.evidence.sure:
@@ -145,7 +147,7 @@ class Criterion:
 
 
 OF_PRESSES = Criterion(
-    evidence=16.0, later=30.0, as_good=6.0, contending=0.5, likely=True, of_smooth=0.01, most_effects=4
+    evidence=16.0, later=30.0, as_good=6.0, contending=0.5, likely=True, of_smooth=0.015, most_effects=4
 )
 """Of generated sets of known strengths, names that were invented had an evidence of 12 and 15; of the right
 ones, one in 150 had less than 18. What models of other effects miss has a shape that a later one may take up:

@@ -409,6 +409,7 @@ class ForwardSelection:
             held_out=float((stand.judged.scores - base.judged.scores).sum()),
             left=base.judged.gap / self.gap,
             price=price,
+            smooth=base.fitter.of_smooth(base.fit),
         )
 
     def _occam(self, found: Fit, name: str) -> float:
