@@ -13,6 +13,7 @@ from pydantic import Field, ValidationError, ValidationInfo, field_validator, mo
 
 from designlab.core.images import ImageError, from_srgb, read_image
 from designlab.core.store import digest
+from designlab.measurement.depths import cap_depth_mm
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design, DesignError, explain, load, loads, preset_names
 from designlab.simulation.contact.press import Press
@@ -231,15 +232,22 @@ class Measurement(Spec):
         column, row = frame.centre_px
         return (column - columns / 2) * self.mm_per_px, (rows / 2 - row) * self.mm_per_px
 
+    def contact_radius_mm(self, frame: MeasuredFrame) -> float | None:
+        """Radius of the contact read off the image (mm), None where unknown."""
+        if frame.contact_radius_px is None or self.mm_per_px is None:
+            return None
+        return frame.contact_radius_px * self.mm_per_px
+
     def press(self, frame: MeasuredFrame) -> Press | None:
         """Indentation that a frame shows as far as its metadata tell; None for a frame without contact.
 
-        A frame that states both depth and force is pressed to its depth; one without a depth by its force.
+        A frame that states both depth and force is pressed to its depth; one without a depth by its force;
+        a ball of which neither is known as deep as it cuts the membrane in the circle that was read off.
 
         Raises
         ------
         MeasurementError
-            If the size of the probe, its centre, or both its depth and its force are unknown.
+            If the size of the probe, its centre, or all of depth, force and circle are unknown.
         """
         if frame.probe is None:
             return None
@@ -248,16 +256,20 @@ class Measurement(Spec):
         if mesh is None and ":" not in text:
             raise self.error(frame, "probe: its size is unknown, write kind:size_mm", frame.probe)
         centre = self.centre_mm(frame)
-        deep = frame.force_n if frame.depth_mm is None else frame.depth_mm
-        for field, value in (("depth_mm", deep), ("centre_mm", centre)):
+        depth_mm, radius_mm = frame.depth_mm, self.contact_radius_mm(frame)
+        known = depth_mm or frame.force_n or radius_mm
+        for field, value in (("depth_mm", known), ("centre_mm", centre)):
             if value is None:
                 raise self.error(frame, f"{field}: unknown, so the press cannot be simulated", None)
         try:
+            probe = probes.parse(text)
+            if depth_mm is None and frame.force_n is None and radius_mm is not None:
+                depth_mm = cap_depth_mm(probe, radius_mm)
             return Press.model_validate(
                 {
-                    "probe": probes.parse(text),
-                    "depth_mm": frame.depth_mm,
-                    "force_n": frame.force_n if frame.depth_mm is None else None,
+                    "probe": probe,
+                    "depth_mm": depth_mm,
+                    "force_n": frame.force_n if depth_mm is None else None,
                     "centre_mm": centre,
                     # A probe of revolution looks the same at every yaw; for others zero is a start.
                     "yaw_deg": frame.yaw_deg or 0.0,

@@ -6,6 +6,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from designlab.core.types import Array, Mask
+from designlab.measurement.depths import by_circle
 from designlab.measurement.frames import FULL_SCALE, MeasuredFrame, Measurement, MeasurementError, alike
 from designlab.measurement.light import ball_of
 from designlab.measurement.light_probe.ball import LightProbe
@@ -390,7 +391,9 @@ def _shot(
     exposure = 1.0 if frame.exposure is None else frame.exposure
     on = [name in frame.leds if frame.leds is not None else True for name in design.group_names]
     press = measurement.press(frame) if ball is None else None
-    sigma = np.zeros(4) if press is None else _pose_sigma(frame, press.probe, notes)
+    sigma = np.zeros(4)
+    if press is not None:
+        press, sigma = _posed(measurement, frame, press, design, notes)
     if ball is not None:
         sigma = _ball_sigma(frame, notes)
     lit = exposure * np.array(on, dtype=float)
@@ -405,7 +408,7 @@ def _shot(
     if design.contact.model == "kernel":
         notes.append(f"{frame.file}: its force_n is not used, contact by the smoothing kernel knows no force")
         return shot
-    return replace(shot, force_n=frame.force_n, force_sigma_n=_force_sigma_n(frame, frame.force_n, notes))
+    return replace(shot, force_n=frame.force_n, force_sigma_n=force_sigma_n(frame, frame.force_n, notes))
 
 
 def binned(values: Array, factor: int) -> Array:
@@ -415,6 +418,26 @@ def binned(values: Array, factor: int) -> Array:
     rows, columns = values.shape[0] // factor, values.shape[1] // factor
     cut = values[: rows * factor, : columns * factor]
     return np.asarray(cut.reshape(rows, factor, columns, factor, -1).mean(axis=(1, 3)))
+
+
+def _posed(
+    measurement: Measurement, frame: MeasuredFrame, press: Press, design: Design, notes: list[str]
+) -> tuple[Press, Array]:
+    """Press and doubt of its pose; a depth that is not stated is that of the circle read off the image."""
+    sigma = _pose_sigma(frame, press.probe, notes)
+    radius_mm = measurement.contact_radius_mm(frame)
+    if frame.depth_mm is None and frame.force_n is None and radius_mm is not None:
+        try:
+            press, doubt = by_circle(press, design, radius_mm)
+        except ValueError as error:
+            raise measurement.error(frame, f"contact_radius_px: {error}", frame.contact_radius_px) from None
+        stated = None if frame.sigma is None else frame.sigma.depth_mm
+        sigma[2] = doubt if stated is None else stated
+        notes.append(
+            f"{frame.file}: its depth is that of the contact circle, {press.stated_depth_mm:.3g} mm, give or "
+            f"take {sigma[2]:.2g}"
+        )
+    return press, sigma
 
 
 def _pose_sigma(frame: MeasuredFrame, probe: Probe, notes: list[str]) -> Array:
@@ -440,8 +463,8 @@ def _pose_sigma(frame: MeasuredFrame, probe: Probe, notes: list[str]) -> Array:
     return np.array(sigma, dtype=float)
 
 
-def _force_sigma_n(frame: MeasuredFrame, force_n: float, notes: list[str]) -> float:
-    """Doubt of a measured force (N)."""
+def force_sigma_n(frame: MeasuredFrame, force_n: float, notes: list[str]) -> float:
+    """Doubt of a measured force (N); a note says where it is not stated."""
     if frame.sigma is not None and frame.sigma.force_n is not None:
         return frame.sigma.force_n
     notes.append(

@@ -6,7 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from designlab.measurement import Measurement, MeasurementError
-from designlab.measurement.shots import Observations, Shot, observe
+from designlab.measurement.depths import by_force
+from designlab.measurement.shots import Observations, Shot, force_sigma_n, observe
+from designlab.mechanics.contact import NotConverged
 from designlab.sensor.design import Design
 
 LEAST_PLACES = 3
@@ -21,21 +23,32 @@ def observe_apart(measurement: Measurement, design: Design, *, columns: int) -> 
     MeasurementError
         As `observe`, or if a background or presses for training, selection and final numbers are missing.
     """
-    seen = _with_depths(observe(measurement, design, columns=columns, apart=True))
+    seen = _with_depths(measurement, observe(measurement, design, columns=columns, apart=True), design)
     if not is_single(seen):
         _require_enough(measurement, seen.shots)
     return replace(seen, shots=tuple(without_cut(shot) for shot in seen.shots))
 
 
-def _with_depths(seen: Observations) -> Observations:
-    """Leave out presses that state their force alone: depths are fitted about stated ones."""
-    kept, notes = [], []
+def _with_depths(measurement: Measurement, seen: Observations, design: Design) -> Observations:
+    """Press to a depth what states its force alone: depths are fitted about the one the gel lets it go."""
+    frames = {frame.file: frame for frame in measurement.frames}
+    kept, notes = [], [*seen.notes]
     for shot in seen.shots:
-        if shot.press is not None and shot.press.depth_mm is None:
-            notes.append(f"{', '.join(shot.files)}: left out, depth_mm is not stated, force_n alone")
-        else:
-            kept.append(shot)
-    return replace(seen, shots=tuple(kept), notes=(*seen.notes, *notes))
+        press, frame = shot.press, frames[shot.files[0]]
+        if press is not None and press.force_n is not None:
+            try:
+                press, doubt = by_force(press, design, force_sigma_n(frame, press.force_n, notes))
+            except (ValueError, NotConverged) as error:
+                raise measurement.error(frame, f"force_n: {error}", frame.force_n) from None
+            sigma = shot.pose_sigma.copy()
+            sigma[2] = doubt
+            shot = replace(shot, press=press, pose_sigma=sigma)
+            notes.append(
+                f"{frame.file}: its depth is that of its force, {press.stated_depth_mm:.3g} mm, give or take "
+                f"{doubt:.2g}"
+            )
+        kept.append(shot)
+    return replace(seen, shots=tuple(kept), notes=tuple(notes))
 
 
 def is_single(seen: Observations) -> bool:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.measurement.frames import FULL_SCALE, Measurement
+from designlab.measurement.frames import FULL_SCALE, MeasuredFrame, Measurement
 from designlab.measurement.quality.additivity import added_light
 from designlab.measurement.quality.damage import damage
 from designlab.measurement.quality.suspicion import Suspicion
@@ -48,7 +48,7 @@ def _poses(measurement: Measurement) -> list[Suspicion]:
             name
             for name, known in (
                 ("probe size", frame.probe is None or ":" in frame.probe or "." in frame.probe),
-                ("depth_mm", frame.depth_mm is not None or frame.force_n is not None),
+                ("depth_mm", _depth_is_known(measurement, frame)),
                 ("centre_mm", measurement.centre_mm(frame) is not None),
             )
             if not known
@@ -63,11 +63,17 @@ def _poses(measurement: Measurement) -> list[Suspicion]:
             f"{' and '.join(unknown)} unknown, so nothing can be compared with the picture",
             "where or how deep the probe was pressed was not noted, or measurement.toml is half filled in",
             "give probe = kind:size_mm, depth_mm or force_n, and centre_mm, as well as they are known, and "
-            "in sigma how well; or delete these frames",
+            "in sigma how well; of a ball centre_px, contact_radius_px and mm_per_px will do; or delete "
+            "these frames",
             strong=none_left,
         )
         for unknown, files in lost.items()
     ]
+
+
+def _depth_is_known(measurement: Measurement, frame: MeasuredFrame) -> bool:
+    circle = measurement.contact_radius_mm(frame) is not None and (frame.probe or "").startswith("sphere")
+    return frame.depth_mm is not None or frame.force_n is not None or circle
 
 
 def _saturation(measurement: Measurement) -> list[Suspicion]:

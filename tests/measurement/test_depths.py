@@ -1,0 +1,74 @@
+"""Depths of presses that state none."""
+
+import math
+
+import pytest
+
+from designlab.measurement import Measurement, MeasurementError
+from designlab.measurement.depths import by_circle, by_force, cap_depth_mm
+from designlab.measurement.frames import MeasuredFrame
+from designlab.sensor.design import preset
+from designlab.simulation.contact.indentation import indent
+from designlab.simulation.contact.press import Press
+from geometries.probes import parse
+
+FLAT, ELASTIC = preset("gelsight-2020-flat"), preset("gelsight-2020-flat-elastic")
+BALL = parse("sphere:5")
+
+
+def mechanics(press: Press):
+    contact = indent(ELASTIC.elastomer, ELASTIC.contact, press, area_mm=ELASTIC.sensing_area_mm, pitch_mm=0.1)
+    assert contact.mechanics is not None
+    return contact.mechanics
+
+
+def test_a_press_by_force_goes_as_deep_as_one_to_that_depth_takes() -> None:
+    stated = Press(probe=BALL, depth_mm=0.6, centre_mm=(1.0, -1.0))
+    force = mechanics(stated).force_n
+    by = Press(probe=BALL, force_n=force, centre_mm=(1.0, -1.0))
+    found, sure = by_force(by, ELASTIC, 0.0)
+    assert found.stated_depth_mm == pytest.approx(0.6, rel=0.01)
+    assert found.force_n is None
+    # A tenth more of force and a fifth more of modulus; a thin layer is stiffer than Hertz's power of 2/3.
+    _, unsure = by_force(by, ELASTIC, 0.1 * force)
+    assert 0.4 * 0.2 * 0.6 < sure < 0.67 * 0.2 * 0.6
+    assert unsure == pytest.approx(sure * math.hypot(0.1, 0.2) / 0.2)
+
+
+def test_a_kernel_knows_no_force() -> None:
+    with pytest.raises(ValueError, match="knows no force"):
+        by_force(Press(probe=BALL, force_n=1.0), FLAT, 0.1)
+
+
+def test_a_circle_tells_the_depth_of_a_ball() -> None:
+    """Where the gel follows the ball it is that of the cap; an elastic gel touches a smaller circle."""
+    of_cap = Press(probe=BALL, depth_mm=cap_depth_mm(BALL, 1.5))
+    rigid, _ = by_circle(of_cap, FLAT, 1.5)
+    assert rigid.stated_depth_mm == pytest.approx(0.5)
+    elastic, doubt = by_circle(of_cap, ELASTIC, 1.5)
+    assert mechanics(elastic).contact_radius_mm == pytest.approx(1.5, rel=0.02)
+    assert 0.5 < elastic.stated_depth_mm < 1.0  # Hertz: a^2 = R d, twice the cap's depth
+    assert doubt == pytest.approx(0.2 * elastic.stated_depth_mm)
+
+
+def frame(**fields: object) -> tuple[Measurement, MeasuredFrame]:
+    one = MeasuredFrame(file="p.exr", kind="press", centre_mm=(0.0, 0.0), contact_radius_px=30, **fields)
+    return Measurement(frames=(one,), mm_per_px=0.05), one
+
+
+def test_a_frame_with_a_circle_is_a_press() -> None:
+    measurement, one = frame(probe="sphere:5")
+    press = measurement.press(one)
+    assert press is not None
+    assert press.depth_mm == pytest.approx(0.5)
+    by = frame(probe="sphere:5", force_n=2.0)
+    assert by[0].press(by[1]).force_n == 2.0  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    ("probe", "words"), [("star:5", "of a sphere alone"), ("sphere:2.8", "below the ball's radius of 1.4 mm")]
+)
+def test_a_circle_that_tells_no_depth_is_named(probe: str, words: str) -> None:
+    measurement, one = frame(probe=probe)
+    with pytest.raises(MeasurementError, match=words):
+        measurement.press(one)
