@@ -73,9 +73,7 @@ def by_circle(press: Press, design: Design, radius_mm: float) -> tuple[Press, fl
     depth_mm = press.stated_depth_mm
     if design.contact.model == "layer":
         for _ in range(ROUNDS):
-            near, far = (
-                _mechanics(press, design, depth_mm=d)[1] for d in (depth_mm / STEP, depth_mm * STEP)
-            )
+            near, far = (_mechanics(press, design, depth_mm=d)[1] for d in (depth_mm / STEP, depth_mm * STEP))
             power = math.log(far / near) / (2 * math.log(STEP))
             depth_mm *= (radius_mm / math.sqrt(near * far)) ** (1 / power)
     return _to_depth(press, depth_mm), 2 * CIRCLE_SHARE * depth_mm

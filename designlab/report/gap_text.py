@@ -42,8 +42,9 @@ def statement(report: GapReport) -> tuple[str, ...]:
         said.append(f"With reserve: {'; '.join(others)}.")
     if report.effects:
         said.append(_gone(final, report.control, report.effects))
-    if report.unexplained is not None and report.verdict != "at_floor":
-        said.append(left(report.unexplained))
+    rest = report.unexplained
+    if rest is not None and report.verdict != "at_floor" and (rest.share is None or rest.share >= SEEN):
+        said.append(left(rest))
     if report.verdict != "at_floor" and report.where:
         said.append(places(report.where))
     said.extend(_to_do(report))

@@ -13,7 +13,7 @@ from designlab.core.run_folder import claim
 from designlab.core.store import remove_partial
 from designlab.core.types import Progress
 from designlab.inference.diagnosis.emulator.rendering import cost_to_fill, fill
-from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD, Fitter
+from designlab.inference.diagnosis.likelihood.fit import DIRTY, FRINGES_SD, SIZE_SD, Fitter
 from designlab.inference.diagnosis.likelihood.grain import grain
 from designlab.inference.diagnosis.result import (
     Control,
@@ -203,7 +203,9 @@ def _explained(seen: Observations, model: SensorModel, names: Sequence[str], sou
     start = fitter.fit(fitter.start(train), (), train).state
     fitter.grain = grain(fitter, start, [*train, *select])
     fitter.measure(start)
-    start = fitter.fit(start, (), train).state
+    begun = fitter.fit(start, (), train)
+    fitter.dirty = fitter.of_smooth(begun) > DIRTY
+    start = begun.state
     fitter.measure(start)
     source.work.begin("searching")
     search = ForwardSelection(fitter, names, train, select, source, work=source.work)

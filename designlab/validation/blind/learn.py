@@ -1,6 +1,6 @@
 """Learning from a pool gives what the unlisted does to values, and how often names are right."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,8 +10,9 @@ from scipy.special import log_expit
 
 from designlab.core.types import Array
 from designlab.inference.diagnosis.likelihood.empirical_errors import known
+from designlab.inference.diagnosis.selection.criterion import AGAINST
 from designlab.inference.diagnosis.verdict.confidence import SIGNS, signs
-from designlab.sensor.design import preset
+from designlab.sensor.design import Design, preset
 from designlab.simulation.effects import effect
 from designlab.validation.blind.runner import Outcome
 from designlab.validation.blind.score import (
@@ -32,10 +33,12 @@ def unlisted_sd(outcomes: Iterable[Outcome]) -> dict[str, float]:
     """Standard deviation of what no catalogue lists in fitted values, in prior standard deviations.
 
     One for each effect, and for each parameter that only shapes one; see `spread`. A set counts if all that
-    it hides was named: otherwise a value may stand for what was not.
+    it hides was named, otherwise a value may stand for what was not, and if its sensor is clean; see
+    `dirt_sd` of others.
     """
     found: dict[str, dict[int, list[tuple[float, float]]]] = {}  # by parameter and set
-    for number, o in enumerate(o for o in outcomes if all_named(record(o))):
+    clean = (o for o in outcomes if not o.trial["dirt"])
+    for number, o in enumerate(o for o in clean if all_named(record(o))):
         for name, truth in o.truth["effects"].items():
             values = o.parameters.get(name, {})
             for p in effect(name).parameters(preset(o.trial["design"])):
@@ -60,8 +63,40 @@ def learnt(outcomes: Iterable[Outcome]) -> dict[str, Any]:
     outcomes = list(outcomes)
     return {
         "unlisted_sd": dict(sorted({**known()["unlisted_sd"], **unlisted_sd(outcomes)}.items())),
+        "dirt_sd": dict(sorted({**known()["dirt_sd"], **dirt_sd(outcomes)}.items())),
         "confidence": shares_right(outcomes),
     }
+
+
+def dirt_sd(outcomes: Iterable[Outcome]) -> dict[str, float]:
+    """Value that a lab's dirt gives to an effect that is not there, in prior standard deviations.
+
+    The root mean square of what was fitted where nothing is hidden; fits that held-out presses spoke against
+    do not count.
+    """
+    squares: dict[str, list[float]] = {}
+    for o in outcomes:
+        if o.trial["effects"] or o.trial["outside"] or not o.trial["dirt"]:
+            continue
+        for tried in o.candidates:
+            fitted = tried["round"] == 1 and tried["gain"] is not None and not effect(tried["name"]).drawn
+            if fitted and not tried["outcome"].startswith(AGAINST):
+                squares.setdefault(tried["name"], []).append(_mean_square(tried, preset(o.trial["design"])))
+    return {
+        name: round(float(np.sqrt(np.mean(found))), 4)
+        for name, found in sorted(squares.items())
+        if len(found) >= FEWEST
+    }
+
+
+def _mean_square(tried: Mapping[str, Any], design: Design) -> float:
+    """Mean square of the fitted values of an effect, each in prior standard deviations."""
+    values = [
+        p.coordinate(tried["parameters"][f"{tried['name']}.{p.name}"])
+        for p in effect(tried["name"]).parameters(design)
+        if not p.shape
+    ]
+    return float(np.mean(np.square(values)))
 
 
 def shares_right(outcomes: Iterable[Outcome]) -> dict[str, Any]:

@@ -5,6 +5,7 @@ in the same way in all frames, and by how much only sets with known answers tell
 """
 
 import json
+import math
 from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
@@ -14,7 +15,7 @@ FILE = "empirical_errors.json"
 """Written by ``designlab gap benchmark --pool calibration``."""
 
 
-def unlisted_sd(effect: str, parameter: str, *, shape: bool) -> float:
+def unlisted_sd(effect: str, parameter: str, *, shape: bool, dirty: bool = False) -> float:
     """Standard deviation of what the unlisted does to a fitted value, in prior standard deviations.
 
     Parameters
@@ -24,10 +25,22 @@ def unlisted_sd(effect: str, parameter: str, *, shape: bool) -> float:
     shape : bool
         Whether the parameter only says how another acts: such have values of their own, all others of an
         effect share one.
+    dirty : bool
+        Whether the sensor has a lab's dirt.
     """
     spreads: dict[str, float] = known()["unlisted_sd"]
     shared = spreads.get(effect, sorted(spreads.values())[len(spreads) // 2])
-    return spreads.get(f"{effect}.{parameter}", shared) if shape else shared
+    if shape:
+        return spreads.get(f"{effect}.{parameter}", shared)
+    return math.hypot(shared, dirt_sd(effect)) if dirty else shared
+
+
+def dirt_sd(effect: str) -> float:
+    """Value that a lab's dirt gives to an effect that is not there (root mean square, prior deviations).
+
+    0 of effects that dirt does not look like.
+    """
+    return float(known()["dirt_sd"].get(effect, 0.0))
 
 
 def shares_right() -> tuple[dict[str, float], list[float], list[float]]:

@@ -5,12 +5,13 @@ from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.forward import Forward
 from designlab.inference.diagnosis.emulator.snapshots import Bank
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State, Unknown
-from designlab.inference.diagnosis.likelihood.empirical_errors import unlisted_sd
+from designlab.inference.diagnosis.likelihood.empirical_errors import dirt_sd, unlisted_sd
 from designlab.inference.diagnosis.likelihood.monte_carlo_noise import monte_carlo_noise
 from designlab.inference.diagnosis.likelihood.noise import SMOOTH_ALIKE, Noise, noise
 from designlab.inference.diagnosis.likelihood.normal_equations import (
@@ -30,6 +31,8 @@ FRINGES_SD = 0.002  # of lateral colour, relative: a fifth of a pixel at the edg
 BOUND_SD = 5.0  # of poses, sizes of probes and lateral colour
 BEYOND_SD = 3.0  # prior standard deviations from null that speak against an effect
 SURELY = 2.0  # standard deviations by which what no catalogue lists may have moved a value that far
+BY_CHANCE = 0.0027  # of three standard deviations
+DIRTY = 100.0  # evidence for smooth errors of light from which a sensor has a lab's dirt
 AT_BOUND = 0.01  # share of a parameter's range that counts as its bound
 ITERATIONS = 12
 ALONG = ("gain", "numerical", SIZE, FRINGES)  # fitted with every effect
@@ -65,6 +68,8 @@ class Fitter:
         Of single frames, relative to their light, see `grain.grain`.
     known : mapping of shape to Shared
         What other shots have shown of the error that all share, see `given`.
+    dirty : bool
+        Whether the sensor has a lab's dirt, which moves values further than what clean ones have unlisted.
     """
 
     fits_smooth = True  # the size of the smooth error that shots share
@@ -77,12 +82,13 @@ class Fitter:
         self.smooth_alike = SMOOTH_ALIKE
         self.grain = 0.0
         self.known: Mapping[tuple[int, ...], Shared] = {}
+        self.dirty = False
 
     def of(self, bank: Bank, noises: list[Noise]) -> "Fitter":
         """Fitter of other pictures and noise that counts values as this one does."""
         other = Fitter(bank)
         other.noises, other.alike, other.smooth_alike = noises, self.alike, self.smooth_alike
-        other.grain = self.grain
+        other.grain, other.dirty = self.grain, self.dirty
         return other
 
     def start(self, shots: Sequence[int]) -> State:
@@ -358,10 +364,29 @@ class Fitter:
         values = state.values[name]
 
         def most(p: EffectParameter) -> float:
-            return float(p.sd * (BEYOND_SD + SURELY * unlisted_sd(name, p.name, shape=p.shape)))
+            return float(p.sd * (BEYOND_SD + SURELY * self.unlisted_sd(name, p)))
 
         own = (p for p in self.forward.parameters[name] if p.name in values and not p.shape)
         return tuple(p.name for p in own if abs(values[p.name] - p.null) > most(p))
+
+    def unlisted_sd(self, name: str, p: EffectParameter) -> float:
+        """What no catalogue lists does to a fitted value, in prior standard deviations."""
+        return unlisted_sd(name, p.name, shape=p.shape, dirty=self.dirty)
+
+    def beyond_dirt(self, found: Fit, name: str) -> bool:
+        """Whether an effect is surely larger than what a lab's dirt makes of it by itself (Wald's test)."""
+        if not self.dirty or not dirt_sd(name):
+            return True
+        shapes = {p.name for p in self.forward.parameters[name] if p.shape}
+        unknowns = found.system.unknowns
+        places = [
+            k for k, u in enumerate(unknowns) if u.effect == name and u.shot < 0 and u.name not in shapes
+        ]
+        away = np.array([self._now(found.state, unknowns[k]) for k in places])
+        information, _ = found.system.reduced(places)
+        covariance = np.linalg.inv(information + np.eye(len(places)))
+        covariance += dirt_sd(name) ** 2 * np.eye(len(places))
+        return bool(away @ np.linalg.solve(covariance, away) > chdtri(len(places), BY_CHANCE))
 
     def at_bound(self, state: State, name: str) -> tuple[str, ...]:
         """Names of parameters of an effect that ended at a bound which is not their null."""

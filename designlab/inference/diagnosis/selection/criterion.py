@@ -15,6 +15,7 @@ S = TypeVar("S", bound=FittedModel)
 SURE_SE = 2.0  # standard errors from which evidence is sure: 95 % of normal errors
 LEAST_SHARE = 0.03  # of the gap that is left: an effect that closes less may be there, but is of no use
 LEAST_OF_FIRST = 0.005  # of the first gap: pictures of an effect that is not exact may miss as much
+AGAINST = "what was held out speaks against it"  # begins why a candidate does not join
 TINY = 1e-9  # log score of shots that leave no more than noise
 MOST_IN_WAVES = 0.25  # of the fine energy of a pattern; of white noise it is 0.09, of moire or JPEG most
 
@@ -97,8 +98,10 @@ class Criterion:
             return f"evidence {value:.3g}, below {needed:.3g}"
         if not attempt.evidence.sure:
             return f"evidence {value:.3g} is not sure, give or take {se:.2g}"
+        if not attempt.stand.fitter.beyond_dirt(attempt.stand.fit, attempt.name):
+            return "no larger than what dirt makes of it"
         if attempt.held_out <= 0:
-            return f"what was held out speaks against it, with an evidence of {-attempt.held_out:.3g}"
+            return f"{AGAINST}, with an evidence of {-attempt.held_out:.3g}"
         others = attempt.stand.state.without(attempt.name).values
         missed = 0.0 if all(effect(name).exact for name in others) else LEAST_OF_FIRST
         share, least = attempt.gain.value, max(LEAST_SHARE * attempt.left, missed)
@@ -147,7 +150,7 @@ class Criterion:
 
 
 OF_PRESSES = Criterion(
-    evidence=16.0, later=30.0, as_good=6.0, contending=0.5, likely=True, of_smooth=0.015, most_effects=4
+    evidence=16.0, later=30.0, as_good=6.0, contending=0.5, likely=True, of_smooth=0.01, most_effects=4
 )
 """Of generated sets of known strengths, names that were invented had an evidence of 12 and 15; of the right
 ones, one in 150 had less than 18. What models of other effects miss has a shape that a later one may take up:

@@ -9,7 +9,6 @@ import numpy as np
 
 from designlab.core.intervals import NORMAL, Ends, of_amplitudes, of_deviation
 from designlab.inference.diagnosis.emulator.state import State, Unknown
-from designlab.inference.diagnosis.likelihood.empirical_errors import unlisted_sd
 from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter
 from designlab.inference.diagnosis.likelihood.fixed_pattern import strengths_as_good
 from designlab.inference.diagnosis.likelihood.normal_equations import ALIKE
@@ -39,15 +38,19 @@ def values(fitter: Fitter, fit: Fit, name: str, train: Sequence[int]) -> dict[st
     else:
         ends = _of_parameters(fitter, fit, name)
     fitted, parameters = fit.state.values[name], fitter.forward.parameters[name]
-    return {p.name: _value(name, p, fitted[p.name], ends.get(p.name)) for p in parameters if p.name in fitted}
+    return {
+        p.name: _value(fitter.unlisted_sd(name, p), p, fitted[p.name], ends.get(p.name))
+        for p in parameters
+        if p.name in fitted
+    }
 
 
-def _value(name: str, p: EffectParameter, value: float, ends: Ends | None) -> Value:
+def _value(unlisted_sd: float, p: EffectParameter, value: float, ends: Ends | None) -> Value:
     if ends is None:
         return Value(value, None, None, p.unit, p.null, p.sd, (p.low, p.high), None)
     low, high = min(ends[0], value), max(ends[1], value)
     fit_sd = (high - low) / (2 * NORMAL)
-    away = NORMAL * p.sd * unlisted_sd(name, p.name, shape=p.shape)
+    away = NORMAL * p.sd * unlisted_sd
     low, high = value - np.hypot(value - low, away), value + np.hypot(high - value, away)
     return Value(value, _within(p, low), _within(p, high), p.unit, p.null, p.sd, (p.low, p.high), fit_sd)
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from designlab.core import __version__
-from designlab.inference.diagnosis.likelihood.empirical_errors import unlisted_sd
 from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter
 from designlab.inference.diagnosis.result import GapReport, Value
 from designlab.measurement import Measurement
@@ -100,7 +99,10 @@ def covariance(fitter: Fitter, best: Fit) -> Covariance | None:
     fitted = [(u.effect, known[u.effect][u.name]) for u in (unknowns[k] for k in places)]
     unit = np.array([p.sd**2 if p.squared else p.sd for _, p in fitted])
     matrix = (matrix + matrix.T) / 2 * np.outer(unit, unit)
-    unlisted = [_unlisted_variance(name, p, best.state.values[name][p.name]) for name, p in fitted]
+    unlisted = [
+        _unlisted_variance(fitter.unlisted_sd(name, p), p, best.state.values[name][p.name])
+        for name, p in fitted
+    ]
     wider = np.sqrt(1 + np.array(unlisted) / np.diag(matrix))
     matrix = matrix * np.outer(wider, wider)
     return Covariance(
@@ -109,9 +111,9 @@ def covariance(fitter: Fitter, best: Fit) -> Covariance | None:
     )
 
 
-def _unlisted_variance(name: str, p: EffectParameter, value: float) -> float:
+def _unlisted_variance(unlisted_sd: float, p: EffectParameter, value: float) -> float:
     """Variance of a value by what no catalogue lists; of a squared parameter that of its square."""
-    variance = (p.sd * unlisted_sd(name, p.name, shape=p.shape)) ** 2
+    variance = (p.sd * unlisted_sd) ** 2
     return 4 * value**2 * variance + 2 * variance**2 if p.squared else variance
 
 
