@@ -1,5 +1,6 @@
 """What of a fit goes into the new model."""
 
+from collections.abc import Iterator
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,6 +20,7 @@ from geometries.probes import sphere, triangle
 
 DESIGN = preset("gelsight-2020-flat")
 BLUR_UM, OFFSET = 90.0, 0.01
+UNLISTED: dict[str, float] = {}
 
 
 def fitted() -> tuple[SimpleNamespace, Fit]:
@@ -35,19 +37,17 @@ def fitted() -> tuple[SimpleNamespace, Fit]:
     levels = {"R": OFFSET, "G": 0.0, "B": 0.0}
     state = State(np.ones(3), values={"point_spread": {"sigma_um": BLUR_UM}, "black_level": levels})
     parameters = {name: effect(name).parameters(DESIGN) for name in state.values}
-    return SimpleNamespace(forward=SimpleNamespace(parameters=parameters)), Fit(state, system, 0.0)
+    fitter = SimpleNamespace(
+        forward=SimpleNamespace(parameters=parameters), unlisted_sd=lambda name, _: UNLISTED.get(name, 0.0)
+    )
+    return fitter, Fit(state, system, 0.0)
 
 
 @pytest.fixture
-def unlisted(monkeypatch) -> dict[str, float]:
+def unlisted() -> Iterator[dict[str, float]]:
     """What the unlisted does to values (prior standard deviations): nothing, unless a test says so."""
-    known: dict[str, float] = {}
-    for module in ("update", "intervals"):
-        monkeypatch.setattr(
-            f"designlab.inference.diagnosis.verdict.{module}.unlisted_sd",
-            lambda name, parameter, *, shape: known.get(name, 0.0),
-        )
-    return known
+    yield UNLISTED
+    UNLISTED.clear()
 
 
 def test_the_covariance_is_that_of_all_unknowns_fitted_together(unlisted) -> None:

@@ -10,7 +10,7 @@ from designlab.inference.diagnosis.likelihood.empirical_errors import known
 from designlab.inference.diagnosis.verdict.confidence import SIGNS
 from designlab.validation.blind import Outcome, Trial, development, power
 from designlab.validation.blind.detection import limits
-from designlab.validation.blind.learn import learnt, named, shares_right, spread, unlisted_sd
+from designlab.validation.blind.learn import dirt_sd, learnt, named, shares_right, spread, unlisted_sd
 from designlab.validation.blind.pool import AIR, STRENGTHS
 from designlab.validation.blind.score import reliability
 from designlab.validation.synthetic import effects as planted
@@ -88,6 +88,37 @@ def test_a_pool_teaches_what_it_shows_and_keeps_the_rest() -> None:
     assert found["unlisted_sd"].keys() == before.keys()
     assert {k for k, v in found["unlisted_sd"].items() if v != before[k]} == {"vignetting"}
     assert found["unlisted_sd"]["vignetting"] == pytest.approx(0.4, rel=0.1)  # a tenth, of 0.25 each
+
+
+def test_dirt_teaches_what_it_looks_like() -> None:
+    """The root mean square of what is fitted where nothing is hidden, unless held-out presses object."""
+
+    def empty(
+        number: int, loss: float, outcome_: str = "evidence 9, below 20", *, dirt: bool = True
+    ) -> Outcome:
+        made = outcome(Trial(f"n{number}", AIR[0], number, dirt=dirt), verdict="unexplained", sets=[])
+        candidates = [
+            {
+                "name": name,
+                "round": 1,
+                "outcome": outcome_,
+                "gain": 0.1,
+                "evidence": 9.0,
+                "parameters": values,
+            }
+            for name, values in (
+                ("vignetting", {"vignetting.corner_loss": loss}),
+                ("banding", {"banding.amplitude": 0.1, "banding.period_rows": 300.0}),
+            )
+        ]
+        rival = {"name": "numerical", "round": 1, "outcome": "fitted", "gain": None, "evidence": None}
+        return replace(made, candidates=[*candidates, rival])
+
+    against = "what was held out speaks against it, with an evidence of 3"
+    few = [empty(0, 0.1), empty(1, 0.2), empty(2, 9.0, against), empty(3, 9.0, dirt=False)]
+    assert dirt_sd(few) == {}
+    # A quarter of the light at the corner is usual.
+    assert dirt_sd([*few, empty(4, 0.2)]) == {"vignetting": pytest.approx(np.sqrt(0.09 / 3) / 0.25, abs=1e-4)}
 
 
 def test_the_error_that_fits_do_not_know_is_found_again() -> None:
