@@ -255,11 +255,11 @@ def _usable(
         notes.append("frames without crop_px are taken to show the whole sensor")
     if frame.kind == "press":
         try:
-            measurement.press(frame)
+            press = measurement.press(frame)
         except MeasurementError as error:
             notes.append(f"{frame.file}: left out, {error}")
             return False
-        if frame.depth_mm is None and design.contact.model == "kernel":
+        if press is not None and press.depth_mm is None and design.contact.model == "kernel":
             notes.append(
                 f"{frame.file}: left out, its depth_mm is unknown and contact by the smoothing kernel knows "
                 "no force"

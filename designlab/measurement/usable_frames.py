@@ -24,6 +24,7 @@ def observe_apart(measurement: Measurement, design: Design, *, columns: int) -> 
         As `observe`, or if a background or presses for training, selection and final numbers are missing.
     """
     seen = _with_depths(measurement, observe(measurement, design, columns=columns, apart=True), design)
+    seen = _alone(seen)
     if not is_single(seen):
         _require_enough(measurement, seen.shots)
     return replace(seen, shots=tuple(without_cut(shot) for shot in seen.shots))
@@ -49,6 +50,21 @@ def _with_depths(measurement: Measurement, seen: Observations, design: Design) -
             )
         kept.append(shot)
     return replace(seen, shots=tuple(kept), notes=tuple(notes))
+
+
+def _alone(seen: Observations) -> Observations:
+    """Leave out the untouched gel where there is one press: nothing tells then that an effect is not of it."""
+    pressed = [shot for shot in seen.shots if shot.press is not None]
+    lit = [shot for shot in seen.shots if shot.press is None and shot.lit.any() and shot.ball is None]
+    if len(pressed) != 1 or not lit:
+        return seen
+    files = ", ".join(file for shot in lit for file in shot.files)
+    note = (
+        f"{files}: left out beside a single press, which is diagnosed by itself; with presses at "
+        f"{LEAST_PLACES} places or more they would be used"
+    )
+    kept = tuple(shot for shot in seen.shots if shot not in lit)
+    return replace(seen, shots=kept, notes=(*seen.notes, note))
 
 
 def is_single(seen: Observations) -> bool:

@@ -11,12 +11,13 @@ from designlab.measurement import (
 )
 from designlab.measurement.quality.invariants import invariants
 from designlab.measurement.shots import observe, within
-from designlab.measurement.usable_frames import observe_apart
+from designlab.measurement.usable_frames import is_single, observe_apart
 from designlab.sensor.camera import Camera
 from designlab.sensor.design import preset
+from designlab.simulation.contact.indentation import indent
 from designlab.simulation.imaging import Capture, noise_sigma, reported
 
-DESIGN = preset("gelsight-2020-flat")
+DESIGN, ELASTIC = preset("gelsight-2020-flat"), preset("gelsight-2020-flat-elastic")
 ROWS, COLUMNS, BINNED = 90, 120, 81.0
 CROP = (700, 500, COLUMNS * 9, ROWS * 9)
 PLACES = ((-4.0, -3.0), (4.0, -2.0), (0.0, 3.0))
@@ -228,8 +229,6 @@ def test_frames_that_cannot_be_compared_are_left_out_by_name(tmp_path, fields, r
 
 
 class TestForces:
-    ELASTIC = preset("gelsight-2020-flat-elastic")
-
     def shot_of(self, folder, design, **fields):
         at = {"kind": "press", "probe": "sphere:4", "centre_mm": (1.0, 1.0), "split": "train"}
         seen = observe(measured(folder, extra=[("f.exr", 0.2, at | fields)]), design, columns=128)
@@ -237,17 +236,17 @@ class TestForces:
 
     def test_depth_and_force_make_a_press_to_the_depth_with_a_measured_force(self, tmp_path) -> None:
         fields = {"depth_mm": 0.5, "force_n": 2.0, "sigma": {"force_n": 0.1}}
-        shot, _ = self.shot_of(tmp_path / "m", self.ELASTIC, **fields)
+        shot, _ = self.shot_of(tmp_path / "m", ELASTIC, **fields)
         assert (shot.press.depth_mm, shot.press.force_n) == (0.5, None)
         assert (shot.force_n, shot.force_sigma_n) == (2.0, 0.1)
 
     def test_a_doubt_that_is_not_stated_is_a_share_of_the_force_and_said(self, tmp_path) -> None:
-        shot, notes = self.shot_of(tmp_path / "m", self.ELASTIC, depth_mm=0.5, force_n=2.0)
+        shot, notes = self.shot_of(tmp_path / "m", ELASTIC, depth_mm=0.5, force_n=2.0)
         assert shot.force_sigma_n == pytest.approx(0.1)
         assert any("f.exr: how well force_n is known" in note for note in notes)
 
     def test_a_force_alone_makes_a_press_by_force_of_fixed_depth(self, tmp_path) -> None:
-        shot, _ = self.shot_of(tmp_path / "m", self.ELASTIC, force_n=2.0, shear_mm=(0.1, 0.0), twist_deg=3.0)
+        shot, _ = self.shot_of(tmp_path / "m", ELASTIC, force_n=2.0, shear_mm=(0.1, 0.0), twist_deg=3.0)
         assert (shot.press.depth_mm, shot.press.force_n) == (None, 2.0)
         assert (shot.press.shear_mm, shot.press.twist_deg) == ((0.1, 0.0), 3.0)
         assert shot.pose_sigma[2] == 0.0
@@ -306,3 +305,40 @@ def test_channels_cut_at_zero_are_not_compared_where_they_are_dark(tmp_path) -> 
     dark = next(shot for shot in seen.shots if shot.files == ("off.exr",))
     assert not dark.valid.any()
     assert all(shot.valid.all() for shot in seen.shots if shot.press is not None)
+
+
+@pytest.mark.parametrize("design", [DESIGN, ELASTIC])
+def test_a_ball_without_depth_stands_where_its_contact_circle_says(tmp_path, design) -> None:
+    fields = {"kind": "press", "probe": "sphere:4", "centre_mm": (1.0, 1.0), "contact_radius_px": 9.0}
+    folder = measured(tmp_path / "m", extra=[("c.exr", 0.2, fields)])
+    seen = observe(folder.model_copy(update={"mm_per_px": 0.1}), design, columns=128)
+    shot = next(shot for shot in seen.shots if shot.files == ("c.exr",))
+    depth_mm = shot.press.stated_depth_mm
+    if design is DESIGN:
+        assert depth_mm == pytest.approx(2.0 - np.sqrt(4.0 - 0.81))
+    else:
+        assert depth_mm > 0.25  # an elastic gel sinks around the ball
+    assert shot.pose_sigma[2] == pytest.approx(0.2 * depth_mm)
+    assert any("c.exr: its depth is that of the contact circle" in note for note in seen.notes)
+
+
+def test_a_diagnosis_presses_by_force_to_the_depth_that_it_takes(tmp_path) -> None:
+    fields = {"kind": "press", "probe": "sphere:4", "centre_mm": (1.0, 1.0), "force_n": 2.0}
+    seen = observe_apart(measured(tmp_path / "m", extra=[("f.exr", 0.2, fields)]), ELASTIC, columns=128)
+    shot = next(shot for shot in seen.shots if shot.files == ("f.exr",))
+    surface = indent(
+        ELASTIC.elastomer, ELASTIC.contact, shot.press, area_mm=ELASTIC.sensing_area_mm, pitch_mm=0.1
+    )
+    assert surface.mechanics is not None
+    assert surface.mechanics.force_n == pytest.approx(2.0, rel=0.02)
+    assert shot.pose_sigma[2] > 0.05 * shot.press.stated_depth_mm
+    assert any("f.exr: its depth is that of its force" in note for note in seen.notes)
+
+
+def test_a_single_press_is_diagnosed_by_itself_whatever_backgrounds_there_are(tmp_path) -> None:
+    folder = measured(tmp_path / "m")
+    frames = tuple(frame for frame in folder.frames if frame.file not in ("press-1.exr", "press-2.exr"))
+    seen = observe_apart(folder.model_copy(update={"frames": frames}), DESIGN, columns=128)
+    assert is_single(seen)
+    assert seen.noise_source == "repeated frames"
+    assert any("background-0.exr" in note and "left out beside a single press" in note for note in seen.notes)
