@@ -53,7 +53,7 @@ def _with_depths(measurement: Measurement, seen: Observations, design: Design) -
 
 
 def _alone(seen: Observations) -> Observations:
-    """Leave out the untouched gel where there is one press: nothing tells then that an effect is not of it."""
+    """Leave out the untouched gel where there is one press: no other press tells what that one has alone."""
     pressed = [shot for shot in seen.shots if shot.press is not None]
     lit = [shot for shot in seen.shots if shot.press is None and shot.lit.any() and shot.ball is None]
     if len(pressed) != 1 or not lit:

@@ -13,7 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from designlab.simulation.effects import CATALOGUE
+from designlab.inference.diagnosis.likelihood.empirical_errors import surely_beyond_dirt
+from designlab.sensor.design import preset
+from designlab.simulation.effects import CATALOGUE, effect
 from designlab.validation.blind.pool import AIR, KINDS, KIT_SEED, MORE_KINDS, Trial
 from designlab.validation.blind.score import same
 from designlab.validation.synthetic.unmodelled import outside_kinds
@@ -29,6 +31,7 @@ DIRTY_SEED = 70_000
 DIRTY_CALIBRATION = {"nothing": 30, "single": 66, "pair": 20, "outside": 16}
 DIRTY_TEST = {"nothing": 120, "single": 120, "pair": 40, "outside": 60}
 IN_DIRT = (1.0, 2.0)  # prior standard deviations of effects beside dirt, in turn, where limits are below
+OVER_DIRT = 1.5  # likewise, over that from which effects are surely larger than what dirt makes of them
 
 CONFOUNDED = (
     ("veiling_glare", "black_level"),
@@ -89,6 +92,12 @@ def strength(kind: str, design: str, least: float = 0.0) -> float:
     return float(max(min(OVER_LIMIT * detection_limits()[kind][design], STRONG), least))
 
 
+def in_dirt(kind: str, design: str) -> float:
+    """Least strength of an effect beside dirt: what is smaller, dirt hides from whoever looks."""
+    parameters = [p for p in effect(kind).parameters(preset(design)) if not p.shape]
+    return OVER_DIRT * surely_beyond_dirt(kind, len(parameters))
+
+
 def pairs() -> Iterator[tuple[str, str]]:
     """Pairs of effects that can be told apart: every second one from the list of the most confounded."""
     alike = [pair for pair in CONFOUNDED if not same(*pair)]
@@ -129,13 +138,17 @@ def _pool(name: str, sizes: dict[str, int], first: int, kit_seed: int, *, dirt: 
         turn, place = divmod(k, len(NAMED_KINDS))
         kind = NAMED_KINDS[place]
         design = turn + place
-        # Dirt of the size of a small effect hides it, whoever looks.
-        least = IN_DIRT[(turn // 2 + place) % len(IN_DIRT)] if dirt else 0.0
+        least = 0.0
+        if dirt:
+            least = max(IN_DIRT[(turn // 2 + place) % len(IN_DIRT)], in_dirt(kind, AIR[design % 2]))
         found.append(trial("single", k, design, effects={kind: strength(kind, AIR[design % 2], least)}))
     for k, pair in enumerate(islice(pairs(), sizes["pair"])):
         turn, place = divmod(k // 2, len(CONFOUNDED))
         design = turn + place
-        hidden = {kind: strength(kind, AIR[design % 2], PAIR_STRENGTH) for kind in pair}
+        hidden = {}
+        for kind in pair:
+            least = in_dirt(kind, AIR[design % 2]) if dirt else 0.0
+            hidden[kind] = strength(kind, AIR[design % 2], max(PAIR_STRENGTH, least))
         found.append(trial("pair", k, design, effects=hidden))
     kinds = outside_kinds()
     for k in range(sizes["outside"]):

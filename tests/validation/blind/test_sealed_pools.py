@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from designlab.app import cli
-from designlab.inference.diagnosis.likelihood.empirical_errors import unlisted_sd
+from designlab.inference.diagnosis.likelihood.empirical_errors import dirt_sd, unlisted_sd
 from designlab.sensor.design import preset
 from designlab.simulation.effects import effect
 from designlab.validation.blind import calibration, development, power, sealed
@@ -23,6 +23,7 @@ from designlab.validation.blind.sealed_pools import (
     STRONG,
     TEST,
     detection_limits,
+    in_dirt,
 )
 from designlab.validation.synthetic import effects as planted
 from designlab.validation.synthetic.unmodelled import outside_kinds
@@ -89,9 +90,13 @@ def test_sensors_with_a_labs_dirt_have_a_pool_of_their_own() -> None:
         assert {design for design, _ in hidden} == set(AIR)
         for design, strength in hidden:
             limit = min(OVER_LIMIT * detection_limits()[kind][design], STRONG)
-            assert strength in [max(limit, least) for least in IN_DIRT]
+            beyond = in_dirt(kind, design)
+            assert strength in [max(limit, beyond, least) for least in IN_DIRT]
     usual = Counter(strength for trial in single for strength in trial.effects.values())
-    assert all(usual[strength] > len(single) / 4 for strength in IN_DIRT)
+    assert all(usual[strength] > len(single) / 8 for strength in IN_DIRT)
+    # Of a fall-off of the lens, three standard deviations of what dirt makes of it, and half as much again.
+    assert in_dirt("vignetting", AIR[0]) == pytest.approx(4.5 * dirt_sd("vignetting"), rel=1e-3)
+    assert in_dirt("black_level", AIR[0]) == 0.0
 
 
 def test_no_two_pools_share_a_set() -> None:

@@ -11,6 +11,9 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
+from scipy.special import chdtri
+
+BY_CHANCE = 0.0027  # of three standard deviations
 FILE = "empirical_errors.json"
 """Written by ``designlab gap benchmark --pool calibration``."""
 
@@ -41,6 +44,21 @@ def dirt_sd(effect: str) -> float:
     0 of effects that dirt does not look like.
     """
     return float(known()["dirt_sd"].get(effect, 0.0))
+
+
+def surely_beyond_dirt(effect: str, parameters: int) -> float:
+    """Distance from null from which an effect is surely larger than what dirt makes of it.
+
+    Prior standard deviations, three standard deviations of chance, a fit without errors.
+
+    Parameters
+    ----------
+    effect : str
+        Its name.
+    parameters : int
+        How many it has that do not only shape it.
+    """
+    return dirt_sd(effect) * math.sqrt(chdtri(parameters, BY_CHANCE))
 
 
 def shares_right() -> tuple[dict[str, float], list[float], list[float]]:

@@ -11,7 +11,7 @@ from designlab.core.types import Array
 from designlab.inference.diagnosis.emulator.forward import Forward
 from designlab.inference.diagnosis.emulator.snapshots import Bank
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State, Unknown
-from designlab.inference.diagnosis.likelihood.empirical_errors import dirt_sd, unlisted_sd
+from designlab.inference.diagnosis.likelihood.empirical_errors import BY_CHANCE, dirt_sd, unlisted_sd
 from designlab.inference.diagnosis.likelihood.monte_carlo_noise import monte_carlo_noise
 from designlab.inference.diagnosis.likelihood.noise import SMOOTH_ALIKE, Noise, noise
 from designlab.inference.diagnosis.likelihood.normal_equations import (
@@ -31,7 +31,6 @@ FRINGES_SD = 0.002  # of lateral colour, relative: a fifth of a pixel at the edg
 BOUND_SD = 5.0  # of poses, sizes of probes and lateral colour
 BEYOND_SD = 3.0  # prior standard deviations from null that speak against an effect
 SURELY = 2.0  # standard deviations by which what no catalogue lists may have moved a value that far
-BY_CHANCE = 0.0027  # of three standard deviations
 DIRTY = 100.0  # evidence for smooth errors of light from which a sensor has a lab's dirt
 AT_BOUND = 0.01  # share of a parameter's range that counts as its bound
 ITERATIONS = 12
