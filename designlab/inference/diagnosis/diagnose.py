@@ -13,7 +13,7 @@ from designlab.core.run_folder import claim
 from designlab.core.store import remove_partial
 from designlab.core.types import Progress
 from designlab.inference.diagnosis.emulator.rendering import cost_to_fill, fill
-from designlab.inference.diagnosis.likelihood.fit import DIRTY, FRINGES_SD, SIZE_SD, Fitter
+from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD, Fitter
 from designlab.inference.diagnosis.likelihood.grain import grain
 from designlab.inference.diagnosis.result import (
     Control,
@@ -203,9 +203,7 @@ def _explained(seen: Observations, model: SensorModel, names: Sequence[str], sou
     start = fitter.fit(fitter.start(train), (), train).state
     fitter.grain = grain(fitter, start, [*train, *select])
     fitter.measure(start)
-    begun = fitter.fit(start, (), train)
-    fitter.dirty = fitter.of_smooth(begun) > DIRTY
-    start = begun.state
+    start = fitter.fit(start, (), train).state
     fitter.measure(start)
     source.work.begin("searching")
     search = ForwardSelection(fitter, names, train, select, source, work=source.work)
@@ -422,7 +420,7 @@ def _unusual(last: Stand, effects: Sequence[Found]) -> Iterator[str]:
     """Note values far larger than is usual of built sensors."""
     for found in effects:
         bound = last.fitter.at_bound(last.state, found.name)
-        far = dict.fromkeys([*last.fitter.beyond_prior(last.state, found.name), *bound])
+        far = dict.fromkeys([*last.fitter.beyond_prior(last.fit, found.name), *bound])
         if far:
             limit = ", at the end of its range" if bound else ""
             yield (

@@ -11,7 +11,7 @@ from designlab.inference.diagnosis.emulator.rendering import around, fill, moved
 from designlab.inference.diagnosis.emulator.snapshots import POSE_STEP, Bank
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State, Unknown
 from designlab.inference.diagnosis.likelihood.empirical_errors import dirt_sd, unlisted_sd
-from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD, Fit, Fitter
+from designlab.inference.diagnosis.likelihood.fit import DIRTY, FRINGES_SD, SIZE_SD, Fit, Fitter
 from designlab.inference.diagnosis.likelihood.noise import SHOT_BUDGET, spectrum
 from designlab.inference.diagnosis.likelihood.normal_equations import System
 from designlab.inference.diagnosis.likelihood.repeats import shot_error
@@ -228,10 +228,11 @@ def test_values_are_unlikely_only_where_what_no_catalogue_lists_cannot_have_move
     moved = unlisted_sd("vignetting", p.name, shape=False)
     for usual, expected in ((3.0, ()), (3.0 + moved, ()), (3.0 + 3.0 * moved, (p.name,))):
         state = State(GAINS).with_values("vignetting", {p.name: p.null + usual * p.sd})
-        assert fitter.beyond_prior(state, "vignetting") == expected
+        found = Fit(state, System((), np.zeros((0, 0)), np.zeros(0), 0.0, np.zeros(0)), 0.0)
+        assert fitter.beyond_prior(found, "vignetting") == expected
 
 
-def test_on_a_sensor_with_dirt_an_effect_counts_beyond_what_dirt_makes_of_it(bank) -> None:
+def test_on_a_sensor_with_dirt_an_effect_counts_beyond_what_dirt_makes_of_it(bank, monkeypatch) -> None:
     fitter, by_itself, stated = Fitter(bank), dirt_sd("vignetting"), 0.05
     assert by_itself > 0.2
     p = next(p for p in fitter.forward.parameters["vignetting"] if not p.shape)
@@ -245,11 +246,15 @@ def test_on_a_sensor_with_dirt_an_effect_counts_beyond_what_dirt_makes_of_it(ban
         return fitter.beyond_dirt(Fit(state, system, 0.0), "vignetting")
 
     assert counts(0.1)
-    fitter.dirty = True
+    monkeypatch.setattr(Fitter, "of_smooth", lambda *_: 2.0 * DIRTY)
+    assert counts(0.1)  # without grain, smooth errors may be an effect
+    fitter.grain = 0.01
     assert [counts(usual) for usual in (0.1, 0.98 * three, 1.02 * three)] == [False, False, True]
-    assert fitter.unlisted_sd("vignetting", p) > unlisted_sd("vignetting", p.name, shape=False)
-    # Dirt does not look like a black level.
-    assert fitter.beyond_dirt(Fit(State(GAINS), system, 0.0), "black_level")
+    found = Fit(State(GAINS), system, 0.0)
+    assert fitter.unlisted_sd(found, "vignetting", p) > unlisted_sd("vignetting", p.name, shape=False)
+    assert fitter.beyond_dirt(found, "black_level")  # dirt does not look like one
+    monkeypatch.setattr(Fitter, "of_smooth", lambda *_: 0.5 * DIRTY)
+    assert counts(0.1)
 
 
 def test_presses_far_from_where_they_were_stated_are_rendered_there(bank, renders) -> None:

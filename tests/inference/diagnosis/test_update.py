@@ -38,7 +38,8 @@ def fitted() -> tuple[SimpleNamespace, Fit]:
     state = State(np.ones(3), values={"point_spread": {"sigma_um": BLUR_UM}, "black_level": levels})
     parameters = {name: effect(name).parameters(DESIGN) for name in state.values}
     fitter = SimpleNamespace(
-        forward=SimpleNamespace(parameters=parameters), unlisted_sd=lambda name, _: UNLISTED.get(name, 0.0)
+        forward=SimpleNamespace(parameters=parameters),
+        unlisted_sd=lambda _, name, __: UNLISTED.get(name, 0.0),
     )
     return fitter, Fit(state, system, 0.0)
 

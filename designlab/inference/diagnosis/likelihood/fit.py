@@ -67,8 +67,6 @@ class Fitter:
         Of single frames, relative to their light, see `grain.grain`.
     known : mapping of shape to Shared
         What other shots have shown of the error that all share, see `given`.
-    dirty : bool
-        Whether the sensor has a lab's dirt, which moves values further than what clean ones have unlisted.
     """
 
     fits_smooth = True  # the size of the smooth error that shots share
@@ -81,13 +79,12 @@ class Fitter:
         self.smooth_alike = SMOOTH_ALIKE
         self.grain = 0.0
         self.known: Mapping[tuple[int, ...], Shared] = {}
-        self.dirty = False
 
     def of(self, bank: Bank, noises: list[Noise]) -> "Fitter":
         """Fitter of other pictures and noise that counts values as this one does."""
         other = Fitter(bank)
         other.noises, other.alike, other.smooth_alike = noises, self.alike, self.smooth_alike
-        other.grain, other.dirty = self.grain, self.dirty
+        other.grain = self.grain
         return other
 
     def start(self, shots: Sequence[int]) -> State:
@@ -358,23 +355,30 @@ class Fitter:
         except DesignError:
             return float("inf")
 
-    def beyond_prior(self, state: State, name: str) -> tuple[str, ...]:
+    def beyond_prior(self, found: Fit, name: str) -> tuple[str, ...]:
         """Names of parameters of an effect that are surely further from null than its prior makes likely."""
-        values = state.values[name]
+        values = found.state.values[name]
 
         def most(p: EffectParameter) -> float:
-            return float(p.sd * (BEYOND_SD + SURELY * self.unlisted_sd(name, p)))
+            return float(p.sd * (BEYOND_SD + SURELY * self.unlisted_sd(found, name, p)))
 
         own = (p for p in self.forward.parameters[name] if p.name in values and not p.shape)
         return tuple(p.name for p in own if abs(values[p.name] - p.null) > most(p))
 
-    def unlisted_sd(self, name: str, p: EffectParameter) -> float:
+    def dirty(self, found: Fit) -> bool:
+        """Whether the sensor has a lab's dirt, beside the effects of a fit: grain and smooth errors of light.
+
+        Smooth errors alone may be an effect that is still missing.
+        """
+        return self.grain > 0 and self.of_smooth(found) > DIRTY
+
+    def unlisted_sd(self, found: Fit, name: str, p: EffectParameter) -> float:
         """What no catalogue lists does to a fitted value, in prior standard deviations."""
-        return unlisted_sd(name, p.name, shape=p.shape, dirty=self.dirty)
+        return unlisted_sd(name, p.name, shape=p.shape, dirty=self.dirty(found))
 
     def beyond_dirt(self, found: Fit, name: str) -> bool:
         """Whether an effect is surely larger than what a lab's dirt makes of it by itself (Wald's test)."""
-        if not self.dirty or not dirt_sd(name):
+        if not dirt_sd(name) or not self.dirty(found):
             return True
         shapes = {p.name for p in self.forward.parameters[name] if p.shape}
         unknowns = found.system.unknowns

@@ -118,7 +118,7 @@ class Criterion:
         fitter, state = attempt.stand.fitter, attempt.stand.state
         if bound := fitter.at_bound(state, attempt.name):
             return f"at the bound of {', '.join(bound)}"
-        if self.likely and (far := fitter.beyond_prior(state, attempt.name)):
+        if self.likely and (far := fitter.beyond_prior(attempt.stand.fit, attempt.name)):
             return f"beyond what is likely of {', '.join(far)}"
         return ""
 

@@ -201,7 +201,7 @@ def _words(search: FrameSearch, best: FittedPicture, figures: Figures) -> list[s
         )
     words += [_rivals(member) for member in search.members if member.beside]
     for member in search.members:
-        far = best.fitter.beyond_prior(best.state, member.name)
+        far = best.fitter.beyond_prior(best.fit, member.name)
         bound = best.fitter.at_bound(best.state, member.name)
         if far or bound:
             words.append(

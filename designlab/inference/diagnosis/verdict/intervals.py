@@ -39,7 +39,7 @@ def values(fitter: Fitter, fit: Fit, name: str, train: Sequence[int]) -> dict[st
         ends = _of_parameters(fitter, fit, name)
     fitted, parameters = fit.state.values[name], fitter.forward.parameters[name]
     return {
-        p.name: _value(fitter.unlisted_sd(name, p), p, fitted[p.name], ends.get(p.name))
+        p.name: _value(fitter.unlisted_sd(fit, name, p), p, fitted[p.name], ends.get(p.name))
         for p in parameters
         if p.name in fitted
     }

@@ -100,7 +100,7 @@ def covariance(fitter: Fitter, best: Fit) -> Covariance | None:
     unit = np.array([p.sd**2 if p.squared else p.sd for _, p in fitted])
     matrix = (matrix + matrix.T) / 2 * np.outer(unit, unit)
     unlisted = [
-        _unlisted_variance(fitter.unlisted_sd(name, p), p, best.state.values[name][p.name])
+        _unlisted_variance(fitter.unlisted_sd(best, name, p), p, best.state.values[name][p.name])
         for name, p in fitted
     ]
     wider = np.sqrt(1 + np.array(unlisted) / np.diag(matrix))
