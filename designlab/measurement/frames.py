@@ -26,6 +26,8 @@ FULL_SCALE = 0.999  # values above are saturated
 SAME_PLACE_MM = 0.25  # presses nearer than this share most of their light field, so they share a split
 SAME_PLACE_PX = 5.0
 
+MOST_COUNTS = 1024  # different values of a file of ten bits; of more bits rounding is not seen
+ENOUGH = 300_000  # values that show all counts
 Split = Literal["train", "select", "final"]
 Pixels = NDArray[np.float32]
 
@@ -183,9 +185,25 @@ class Measurement(Spec):
         MeasurementError
             If the response is unknown.
         """
-        values = self.image(frame)
         if self.response == "unknown":
             raise MeasurementError(f"{self.folder}: field response: must be known to get linear values")
+        return self._linear(self.image(frame))
+
+    def rounding(self, frame: MeasuredFrame) -> Pixels:
+        """Standard deviation of the error that rounding to whole counts leaves, in linear values.
+
+        0 where a file has too many different values to be rounded, as 16 bits and floats have.
+        """
+        values = self.image(frame)
+        counts = np.unique(values.ravel()[:: max(1, values.size // ENOUGH)])
+        if len(counts) > MOST_COUNTS or len(counts) < 2:
+            return np.zeros_like(values)
+        half = np.float32(np.diff(counts).min() / 2)
+        width = self._linear(values + half) - self._linear(np.maximum(values - half, 0.0))
+        return np.asarray(width / np.sqrt(np.float32(12)))
+
+    def _linear(self, values: Pixels) -> Pixels:
+        """Undo the response."""
         if self.response == "linear":
             return values
         if self.response == "srgb":

@@ -26,6 +26,7 @@ ROUND = ("sphere", "cone")  # probes of revolution look the same at every yaw
 PROBE_COLUMNS = 160  # of a light probe
 BURIED = 0.02  # of the stated variance of dark values: less is no noise but a cut
 APART_PX = 4
+LEAST_LIGHT = 0.01  # of full scale, that rounding is compared with
 LEFT_OUT = {
     "flat_field": "a flat_field frame shows lens and camera alone, not the sensor's light",
     "light_probe": "a light_probe frame shows the light without the gel: it is for calibrate",
@@ -41,6 +42,8 @@ class Shot:
     ----------
     files : tuple of str
         The frames averaged.
+    rounding : float
+        Error that rounding to whole counts leaves, relative to the light, in the median.
     press : Press or None
         Nominal indentation; None for the untouched gel.
     pose_sigma : array, shape (4,)
@@ -83,6 +86,7 @@ class Shot:
     force_n: float = 0.0
     force_sigma_n: float = np.inf
     photon: Array = field(default_factory=lambda: np.zeros(3))
+    rounding: float = 0.0
 
     def variance_at(self, signal: Array) -> Array:
         """Variance where the signal is what a model says, (rows, columns, 3).
@@ -380,6 +384,7 @@ def _shot(
     clips, dark_sigma = (red, green, blue), np.sqrt(noise.read)
     view = measurement.view(frame, design)
     # A ball mirrors LEDs with sharp edges, whose light coarse pixels do not hold.
+    rounding = measurement.rounding(frame)
     factor = int(np.ceil(view.columns / (columns if ball is None else max(columns, PROBE_COLUMNS))))
     if factor > 1:
         notes.append(f"frames are binned {factor} x {factor} to at most {columns} columns")
@@ -402,6 +407,7 @@ def _shot(
     shot = Shot(
         files, use, press, sigma, lit, view, signal, variance, valid, dark_sigma, ball, turn, clips,
         photon=noise.photon / len(same) / factor**2,
+        rounding=float(np.median(rounding / np.maximum(raw - black, LEAST_LIGHT))) / factor,
     )  # fmt: skip
     if frame.force_n is None or frame.depth_mm is None:
         return shot

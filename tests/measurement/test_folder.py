@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import tomli_w
 
-from designlab.core.images import from_srgb, write_image
+from designlab.core.images import from_srgb, to_srgb, write_image
 from designlab.measurement import (
     MeasuredFrame,
     Measurement,
@@ -87,6 +87,27 @@ def test_images_are_read_only_and_follow_the_file(tmp_path):
 def test_response_is_undone(tmp_path, response, expected):
     measurement = load_measurement(write(tmp_path / "set", good_frames(), response=response))
     assert measurement.linear(measurement.frames[0]) == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("response", ["linear", "srgb"])
+def test_the_error_of_rounding_is_told_from_the_counts_of_a_file(tmp_path, response):
+    light = np.random.default_rng(0).uniform(0.2, 0.6, (90, 120, 3))
+    encoded = to_srgb(light) if response == "srgb" else light
+    frames = [
+        {"file": "8.png", "kind": "background"},
+        {"file": "32.exr", "kind": "background", "exposure": 2.0},
+    ]
+    folder = tmp_path / "set"
+    folder.mkdir()
+    write_image(folder / "8.png", encoded)
+    write_image(folder / "32.exr", encoded.astype(np.float32))
+    measurement = load_measurement(write(folder, frames, response=response))
+    rounded, whole = measurement.frames
+    missed, told = measurement.linear(rounded) - light, measurement.rounding(rounded)
+    for part in (light < 0.4, light > 0.4):
+        rms = np.sqrt((missed[part] ** 2).mean())
+        assert np.sqrt((told[part] ** 2).mean()) == pytest.approx(rms, rel=0.03)
+    assert not measurement.rounding(whole).any()
 
 
 def test_unknown_response_gives_no_linear_values(tmp_path):

@@ -422,6 +422,20 @@ def test_where_light_is_off_by_smooth_errors_an_effect_has_to_show_more(measured
     assert OF_PRESSES.refused(replace(made, smooth=12_600.0)) == "evidence 135, below 136"
 
 
+def test_a_pattern_that_rounding_makes_is_none_of_the_sensor(measured) -> None:
+    made = attempt(measured, "fixed_pattern", [160.0, 162.0, 158.0], [250.0, 252.0, 248.0])
+    pattern = np.random.default_rng(0).standard_normal(measured.bank.shots[0].signal.shape)
+
+    def reason(rounding: float) -> str:
+        shots = tuple(replace(shot, rounding=rounding) for shot in measured.bank.shots)
+        fitter = measured.of(replace(measured.bank, shots=shots), measured.noises)
+        fit = replace(made.stand.fit, state=State(GAINS).with_pattern("fixed_pattern", pattern, 0.002))
+        return OF_PRESSES.refused(replace(made, stand=replace(made.stand, fitter=fitter, fit=fit)))
+
+    assert reason(0.003) == "no more than the rounding of these files, 0.30% of their light"
+    assert not reason(0.001)
+
+
 def at_bound(fitter: Fitter, left: float) -> JudgedCandidate:
     """A candidate whose value is at its bound."""
     made = attempt(fitter, "vignetting", [left, left + 2.0, left - 2.0], [1250.0, 1252.0, 1248.0])

@@ -111,6 +111,8 @@ class Criterion:
         pattern = attempt.stand.state.patterns.get(attempt.name)
         if pattern is not None and (waves := in_few_waves(pattern)) > MOST_IN_WAVES:
             return f"{waves:.0%} of it lie in few waves, which no sensor's own pattern does"
+        if pattern is not None and (rounding := _no_more_than_rounding(attempt)):
+            return f"no more than the rounding of these files, {rounding:.2%} of their light"
         return ""
 
     def unusual(self, attempt: JudgedCandidate[S]) -> str:
@@ -159,6 +161,17 @@ OF_BLOCKS = Criterion(
     evidence=5.0, later=5.0, as_good=0.0, contending=0.25, likely=False, of_smooth=0.0, most_effects=6
 )
 """Five is very strong (Kass and Raftery 1995); how much values err alike is measured in the picture."""
+
+
+def _no_more_than_rounding(attempt: JudgedCandidate[S]) -> float:
+    """Relative error of rounding if a pattern is no stronger; 0 if it is.
+
+    Where nothing is pressed all pictures are rounded alike.
+    """
+    state, shots = attempt.stand.state, attempt.stand.fitter.bank.shots
+    rounding = float(np.median([shot.rounding for shot in shots if shot.lit.any()]))
+    strength = state.values[attempt.name][effect(attempt.name).per_pixel]
+    return rounding if strength <= rounding else 0.0
 
 
 def difference(one: Stand, other: Stand, *, price: float = 0.0) -> Evidence:
