@@ -47,7 +47,7 @@ def gap_bars(gap: Mapping[str, Mapping[str, float]], titles: Mapping[str, str]) 
         _text(
             LEFT + room / 2,
             height - 3,
-            "squared residual over what is usual where nothing is missing",
+            "squared residual over what noise, grain and smooth errors leave",
             anchor="middle",
             colour=SOFT,
             size=12,

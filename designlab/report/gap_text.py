@@ -10,13 +10,15 @@ MOST_PLACES = 3
 ONE_CHANNEL = 0.6
 FRAMES = {"press": "in presses", "background": "on the untouched gel", "dark": "with the LEDs off"}
 EVEN_Z = 0.5  # mean in standard deviations below which a region is neither brighter nor darker
+EVEN = 0.5  # confidence in a name that is as likely right as wrong
+PASSES = 0.02  # of the squared residual: less beyond noise, grain and smooth errors is nothing
 SEEN = 0.05  # of the excess: less is not worth a sentence
 CALIBRATED = (
     "the share of right names among those that looked like it on generated sets with known answers, less "
     "where frames are missing, few or doubtful"
 )
 ONE_PICTURE = "of one picture; nothing is known of how often such names are right"
-USUAL = "usual where nothing is missing"
+USUAL = "noise, grain and smooth errors of light"
 SMOOTH = "boards, walls, gaps between LEDs, uneven coating"
 GRAIN = "dust, compression, sampling of a simulation"
 EDGES = "shape of the probe, pose, contact"
@@ -44,7 +46,7 @@ def statement(report: GapReport) -> tuple[str, ...]:
         said.append(_gone(final, report.control, report.effects))
     rest = report.unexplained
     if rest is not None and report.verdict != "at_floor" and (rest.share is None or rest.share >= SEEN):
-        said.append(left(rest))
+        said.append(left(rest, named=bool(report.effects)))
     if report.verdict != "at_floor" and report.where:
         said.append(places(report.where))
     said.extend(_to_do(report))
@@ -75,12 +77,22 @@ def _missing(report: GapReport) -> str:
             f"{'; '.join(report.barred)}."
         )
     if report.verdict == "partial":
-        return f"Part of the gap is explained: the model lacks {effects}. The rest is more than is {USUAL}."
+        if report.effects[0].confidence < EVEN:
+            return f"The model may lack {effects}, but that is more likely wrong than right."
+        return (
+            f"Part of the gap is explained: the model lacks {effects}. The rest is more than {USUAL} leave."
+        )
     if report.verdict == "at_floor":
         return (
             "Simulation and measurement agree: the squared residual on the final presses is "
             f"{final.before / final.floor:.2g} times what noise and the errors granted to the simulation "
             "leave."
+        )
+    if final.after - final.usual < PASSES * final.after:
+        return (
+            "No effect of the catalogue is seen. The squared residual on the final presses is "
+            f"{number(final.after / final.floor)} times its floor, but all of it passes for {USUAL}, which "
+            "every sensor has."
         )
     return (
         "The gap is real but unexplained: the squared residual on the final presses is "
@@ -111,7 +123,8 @@ def _gone(final: Level, control: Control | None, effects: Sequence[Found]) -> st
     share = "all" if removed >= 1 else percent(removed)
     said = (
         f"On the final presses, which decided nothing, {share} of the gap is gone: squared residual "
-        f"{number(final.before)} before, {number(final.after)} after; {number(final.usual)} is {USUAL}."
+        f"{number(final.before)} before, {number(final.after)} after, where {USUAL} leave "
+        f"{number(final.usual)}."
     )
     if control is not None:
         own = sum(len(effect.parameters) for effect in effects)
@@ -123,12 +136,16 @@ def _gone(final: Level, control: Control | None, effects: Sequence[Found]) -> st
     return said
 
 
-def left(rest: Unexplained) -> str:
-    """What the effects named leave of the gap, and what it looks like."""
+def left(rest: Unexplained, *, named: bool) -> str:
+    """What effects leave, if any were named, of all that noise and grain do not, and what it looks like."""
     said = []
-    if rest.share is not None:
-        interval = "" if rest.low is None or rest.high is None else f" ({between(rest.low, rest.high)})"
-        said.append(f"No effect explains {percent(rest.share)}{interval} of the gap.")
+    if rest.share is not None and named:
+        ends = None if rest.low is None or rest.high is None else between(rest.low, rest.high)
+        interval = f" ({ends})" if ends and "to" in ends else ""
+        said.append(
+            f"Of all that is beyond noise and grain, smooth errors of light included, {percent(rest.share)}"
+            f"{interval} is left."
+        )
     looks = {
         "smooth": f"a smooth departure of each group's light, {percent(rest.smooth_rms)} of it: {SMOOTH}",
         "grain": f"grain of single frames, {percent(rest.grain_rms)} of their light: {GRAIN}",
@@ -140,7 +157,7 @@ def left(rest: Unexplained) -> str:
         if rest.parts.get(kind, 0.0) >= SEEN
     ]
     if parts:
-        said.append(f"What is left beyond noise looks like this: {'; '.join(parts)}.")
+        said.append(f"{'What is left' if named else 'It'} looks like this: {'; '.join(parts)}.")
     if rest.group is not None:
         said.append(f"Light of the LED group {rest.group} alone leaves far more than that of the others.")
     if rest.frame is not None:
@@ -155,8 +172,11 @@ def between(low: float, high: float) -> str:
     --------
     >>> between(0.08, 0.16)
     '8 to 16 %'
+    >>> between(0.131, 0.132)
+    '13 %'
     """
-    return f"{percent(low).removesuffix(' %')} to {percent(high)}"
+    ends = percent(low), percent(high)
+    return ends[1] if ends[0] == ends[1] else f"{ends[0].removesuffix(' %')} to {ends[1]}"
 
 
 def places(where: Sequence[Where]) -> str:

@@ -185,6 +185,21 @@ def test_the_fields_of_the_provenance_are_those_that_a_diagnosis_writes(tmp_path
             "The model lacks one",
         ),
         (
+            {"verdict": "partial", "effects": (replace(FOUND, confidence=0.3),)},
+            ["The model may lack vignetting", "more likely wrong than right"],
+            "Part of the gap",
+        ),
+        (
+            {
+                "verdict": "unexplained",
+                "effects": (),
+                "control": None,
+                "gap": {split: Level(8.0, 8.0, 1.0, 7.9) for split in REPORT.gap},
+            },
+            ["No effect of the catalogue is seen", "8 times its floor", "passes for noise, grain"],
+            "real but unexplained",
+        ),
+        (
             {
                 "verdict": "ambiguous",
                 "effects": (replace(FOUND, coherence_set=("vignetting", "albedo_field")),),
@@ -240,11 +255,11 @@ def test_a_gap_below_the_floor_is_told_of_like_any_other() -> None:
     levels = {split: Level(0.9, 0.61, 1.0, 0.58) for split in REPORT.gap}
     below = replace(REPORT, gap=levels, provenance={})
     text = " ".join(statement(below))
-    said = "91 % of the gap is gone: squared residual 0.9 before, 0.61 after; 0.58 is usual where nothing"
+    said = "91 % of the gap is gone: squared residual 0.9 before, 0.61 after, where noise, grain"
     assert said in text
     assert "takes away 12 %" in text
     text = " ".join(statement(replace(below, verdict="partial")))
-    assert "The rest is more than is usual where nothing is missing" in text
+    assert "The rest is more than noise, grain and smooth errors of light leave" in text
 
 
 ONE, SEVERAL = [("vignetting",)], [("vignetting",), ("led_tilt", "led_profile")]
