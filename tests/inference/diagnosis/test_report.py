@@ -195,6 +195,7 @@ def test_the_fields_of_the_provenance_are_those_that_a_diagnosis_writes(tmp_path
                 "effects": (),
                 "control": None,
                 "gap": {split: Level(8.0, 8.0, 1.0, 7.9) for split in REPORT.gap},
+                "provenance": {},
             },
             ["No effect of the catalogue is seen", "8 times its floor", "passes for noise, grain"],
             "real but unexplained",
