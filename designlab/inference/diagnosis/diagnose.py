@@ -56,6 +56,7 @@ UNEXPLAINED_ABOVE = 0.5  # leftover share of the gap from which nothing is named
 OF_PIXELS = tuple(e.name for e in CATALOGUE if e.per_pixel)  # with a number of their own for each pixel
 NAMELESS = ("unexplained", "at_floor")  # verdicts that name nothing
 SURE_ENOUGH = 0.5  # confidence in the first name from which it is named without reserve
+CLOSED = 0.3  # squared residual over the floor, beyond what is usual, below which hardly anything is left
 AT_FLOOR = 1.3  # mean squared residual over the floor below which there is no gap to explain
 GIVEN_BACK = 0.1  # of what a search removes of the gap, which the last fit must not give back
 OTHER_SD = 2.5  # usual errors of what is fitted along from which it is worth a note
@@ -327,7 +328,8 @@ def verdict_of(alike: Sequence[Sequence[str]], gap: Level) -> Verdict:
     """Verdict by presses that were not fitted to, before anything is said of how sure names are.
 
     The floor is what the simulation may be wrong by. Names that leave more than half of what is not noise,
-    grain or smooth errors of light have explained nothing. Where there is no gap, none is unexplained.
+    grain or smooth errors of light have explained nothing. Where there is no gap, or where hardly anything
+    is left, none is unexplained.
 
     Parameters
     ----------
@@ -338,8 +340,9 @@ def verdict_of(alike: Sequence[Sequence[str]], gap: Level) -> Verdict:
     """
     if not alike:
         return "at_floor" if gap.after < AT_FLOOR * gap.floor else "unexplained"
-    left = max(gap.after - gap.usual, 0.0) / max(gap.before - gap.usual, 1e-12)
-    if gap.after >= AT_FLOOR * gap.floor and left > UNEXPLAINED_ABOVE:
+    left = max(gap.after - gap.usual, 0.0)
+    much = gap.after >= AT_FLOOR * gap.floor and left > CLOSED * gap.floor
+    if much and left > UNEXPLAINED_ABOVE * (gap.before - gap.usual):
         return "unexplained"
     return "ambiguous" if any(len(names) > 1 for names in alike) else "named"
 

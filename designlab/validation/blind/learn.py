@@ -26,6 +26,7 @@ from designlab.validation.blind.score import (
 GRID = np.geomspace(1e-3, 3.0, 400)  # prior standard deviations
 USUAL = 0.05  # likewise: scale of the half-Cauchy prior
 FEWEST = 3  # sets that tell an effect's error
+FEWEST_DIRTY = 2  # that tell what dirt looks like
 WEIGHT_SD = 2.0  # of the logarithm of odds, what a sign may usually count from one end to the other
 
 
@@ -85,7 +86,7 @@ def dirt_sd(outcomes: Iterable[Outcome]) -> dict[str, float]:
     return {
         name: round(float(np.sqrt(np.mean(found))), 4)
         for name, found in sorted(squares.items())
-        if len(found) >= FEWEST
+        if len(found) >= FEWEST_DIRTY
     }
 
 

@@ -276,6 +276,7 @@ ONE, SEVERAL = [("vignetting",)], [("vignetting",), ("led_tilt", "led_profile")]
         (ONE, 9.0, 5.5, "unexplained"),  # more than half is left
         (ONE, 1.1, 1.08, "named"),  # nearly nothing is closed, and no gap is left
         (ONE, 1.4, 1.35, "unexplained"),
+        (ONE, 1.4, 0.87, "named"),
         (SEVERAL, 9.0, 0.7, "ambiguous"),
         (SEVERAL, 9.0, 5.5, "unexplained"),
     ],
