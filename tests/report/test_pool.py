@@ -34,7 +34,7 @@ def test_the_page_shows_rates_confidence_limits_and_every_set(tmp_path: Path) ->
         "led tilt, not in the catalogue",
         "vignetting 8, led tilt 4",
         "albedo_field",
-        "over 12 names",
+        "over 13 names",
     ):
         assert words in text, words
     assert text.count("<img") == 2

@@ -12,7 +12,12 @@ from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter, log_score
 from designlab.inference.diagnosis.likelihood.normal_equations import System
 from designlab.inference.diagnosis.result import Candidate
-from designlab.inference.diagnosis.selection.criterion import OF_PRESSES, JudgedCandidate, difference
+from designlab.inference.diagnosis.selection.criterion import (
+    LIKE_DIRT,
+    OF_PRESSES,
+    JudgedCandidate,
+    difference,
+)
 from designlab.inference.diagnosis.selection.forward_selection import ForwardSelection, Winner
 from designlab.inference.diagnosis.selection.held_out import Judged, Stand, gain, judge
 from designlab.inference.diagnosis.selection.negative_control import control
@@ -420,6 +425,19 @@ def test_where_light_is_off_by_smooth_errors_an_effect_has_to_show_more(measured
     assert made.evidence.value == pytest.approx(135.0)
     assert not OF_PRESSES.refused(replace(made, smooth=12_400.0))  # of which it needs 1 % besides
     assert OF_PRESSES.refused(replace(made, smooth=12_600.0)) == "evidence 135, below 136"
+
+
+def test_what_explains_less_than_dirt_in_the_guise_of_another_does_not_join(measured, monkeypatch) -> None:
+    search = ForwardSelection(measured, NAMES, [0], [3], gap=1000.0)
+    before = [1250.0, 1252.0, 1248.0]
+    veil, strong, weak = (
+        attempt(measured, name, [left, left + 2.0, left - 2.0], before)
+        for name, left in (("vignetting", 600.0), ("albedo_field", 400.0), ("contact_kernel", 800.0))
+    )
+    monkeypatch.setattr(Fitter, "beyond_dirt", lambda *a: a[-1] != "vignetting")
+    assert search._passed(1, [veil, weak]) == ([], None)
+    assert [c.outcome for c in search.tried] == [LIKE_DIRT, "less evidence than vignetting, which dirt makes"]
+    assert search._passed(1, [veil, strong, weak]) == ([strong], None)
 
 
 def test_a_pattern_that_rounding_makes_is_none_of_the_sensor(measured) -> None:

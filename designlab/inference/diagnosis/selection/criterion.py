@@ -15,6 +15,7 @@ S = TypeVar("S", bound=FittedModel)
 SURE_SE = 2.0  # standard errors from which evidence is sure: 95 % of normal errors
 LEAST_SHARE = 0.03  # of the gap that is left: an effect that closes less may be there, but is of no use
 LEAST_OF_FIRST = 0.005  # of the first gap: pictures of an effect that is not exact may miss as much
+LIKE_DIRT = "no larger than what dirt makes of it"  # why a candidate does not join
 AGAINST = "what was held out speaks against it"  # begins why a candidate does not join
 TINY = 1e-9  # log score of shots that leave no more than noise
 MOST_IN_WAVES = 0.25  # of the fine energy of a pattern; of white noise it is 0.09, of moire or JPEG most
@@ -99,7 +100,7 @@ class Criterion:
         if not attempt.evidence.sure:
             return f"evidence {value:.3g} is not sure, give or take {se:.2g}"
         if not attempt.stand.fitter.beyond_dirt(attempt.stand.fit, attempt.name):
-            return "no larger than what dirt makes of it"
+            return LIKE_DIRT
         if attempt.held_out <= 0:
             return f"{AGAINST}, with an evidence of {-attempt.held_out:.3g}"
         others = attempt.stand.state.without(attempt.name).values

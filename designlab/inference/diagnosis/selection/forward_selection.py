@@ -14,6 +14,7 @@ from designlab.inference.diagnosis.likelihood.fixed_pattern import found_pattern
 from designlab.inference.diagnosis.result import Candidate
 from designlab.inference.diagnosis.selection.confounding import Overlaps
 from designlab.inference.diagnosis.selection.criterion import (
+    LIKE_DIRT,
     OF_PRESSES,
     JudgedCandidate,
     difference,
@@ -185,6 +186,10 @@ class ForwardSelection:
         Why others do not is noted.
         """
         reasons = [OF_PRESSES.refused(attempt) for attempt in attempts]
+        dirt = [a for a, reason in zip(attempts, reasons, strict=True) if reason == LIKE_DIRT]
+        likeliest = max(dirt, key=lambda a: a.evidence.value, default=None)
+        if likeliest is not None:
+            reasons = [reason or _behind(a, likeliest) for a, reason in zip(attempts, reasons, strict=True)]
         passed = [attempt for reason, attempt in zip(reasons, attempts, strict=True) if not reason]
         unusual = self._closing(attempts)
         for reason, attempt in zip(reasons, attempts, strict=True):
@@ -438,6 +443,13 @@ class ForwardSelection:
         self.tried.append(
             fitted(number, attempt.name, outcome, attempt.gain, values, evidence, attempt.seconds)
         )
+
+
+def _behind(attempt: Attempt, dirt: Attempt) -> str:
+    """Why a candidate does not join beside dirt that looks like another; empty if it explains more."""
+    if attempt.evidence.value > dirt.evidence.value:
+        return ""
+    return f"less evidence than {dirt.name}, which dirt makes"
 
 
 def fitted(
