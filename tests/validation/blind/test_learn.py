@@ -7,7 +7,7 @@ import pytest
 from scipy.special import expit
 
 from designlab.inference.diagnosis.likelihood.empirical_errors import known
-from designlab.inference.diagnosis.verdict.confidence import SIGNS
+from designlab.inference.diagnosis.verdict.confidence import SIGNS, share_right
 from designlab.validation.blind import Outcome, Trial, development, power
 from designlab.validation.blind.detection import limits
 from designlab.validation.blind.learn import dirt_sd, learnt, named, shares_right, spread, unlisted_sd
@@ -52,6 +52,12 @@ def test_confidence_is_the_share_of_right_names_among_those_alike() -> None:
     assert error is not None
     assert error["error"] < 0.05
     assert error["bins"][0]["right"] < 0.4 < 0.9 < error["bins"][-1]["right"]
+
+
+def test_confidence_falls_below_all_that_was_seen_as_the_regression_says() -> None:
+    scores, right = [-1.0, 0.0, 2.0], [0.5, 0.8, 0.9]
+    said = [share_right(total, scores, right) for total in (-4.0, -1.0, -0.5, 2.0, 9.0)]
+    assert said == pytest.approx([1 / (1 + np.exp(3.0)), 0.5, 0.65, 0.9, 0.9])
 
 
 def test_names_of_partial_verdicts_count_like_all_others() -> None:

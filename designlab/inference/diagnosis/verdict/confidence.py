@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.special import expit, logit
 
 from designlab.core.types import Array
 from designlab.inference.diagnosis.likelihood.empirical_errors import shares_right
@@ -45,7 +46,17 @@ def confidence(report: Mapping[str, Any], place: int) -> float:
         later=place > 0,
     )
     total = float(seen @ np.array([weights[name] for name in SIGNS]))
-    return round(float(np.interp(total, scores, right)), 3)
+    return round(share_right(total, scores, right), 3)
+
+
+def share_right(total: float, scores: Sequence[float], right: Sequence[float]) -> float:
+    """Share of right names at a sum of signs, by the shares at others.
+
+    Below all of these it falls as the logistic regression that gave the weights says.
+    """
+    if total < scores[0]:
+        return float(expit(logit(right[0]) + total - scores[0]))
+    return float(np.interp(total, scores, right))
 
 
 def signs(
