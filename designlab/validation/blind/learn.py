@@ -11,7 +11,7 @@ from scipy.special import log_expit
 from designlab.core.types import Array
 from designlab.inference.diagnosis.likelihood.empirical_errors import known
 from designlab.inference.diagnosis.selection.criterion import AGAINST
-from designlab.inference.diagnosis.verdict.confidence import SIGNS, signs
+from designlab.inference.diagnosis.verdict.confidence import SIGNS, SPANS, signs
 from designlab.sensor.design import Design, preset
 from designlab.simulation.effects import effect
 from designlab.validation.blind.runner import Outcome
@@ -27,7 +27,7 @@ GRID = np.geomspace(1e-3, 3.0, 400)  # prior standard deviations
 USUAL = 0.05  # likewise: scale of the half-Cauchy prior
 FEWEST = 3  # sets that tell an effect's error
 FEWEST_DIRTY = 2  # that tell what dirt looks like
-WEIGHT_SD = 2.0  # of the logarithm of odds, what a sign may usually count from one end to the other
+WEIGHT_SD = 4.0  # of the logarithm of odds, what a sign may usually count from one end to the other
 
 
 def unlisted_sd(outcomes: Iterable[Outcome]) -> dict[str, float]:
@@ -121,8 +121,8 @@ def shares_right(outcomes: Iterable[Outcome]) -> dict[str, Any]:
     if len(right) < FEWEST * BINS:
         raise ValueError(f"pool: {len(right)} names teach nothing, {FEWEST * BINS} are needed")
     direction = np.array(list(SIGNS.values()), dtype=float)
-    span = np.ptp(seen, axis=0)
-    scale = np.where(span > 0, span, 1.0)
+    # The whole range, not that of these names: sensors that leave more than any of them must not be doomed.
+    scale = np.array([SPANS[name] for name in SIGNS])
     scaled = (seen - seen.mean(axis=0)) / scale
 
     def lost(weights: Array) -> float:

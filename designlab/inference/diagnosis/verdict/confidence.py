@@ -23,6 +23,16 @@ effect was found before.
 """
 DROPPED = "dropped"  # begins the outcome of effects that later ones made needless
 MOST_LEFT, LEAST_SHARE, MOST_MARGIN, LEAST_GAIN = 4.0, 1e-3, 3.0, 1e-3
+MOST_ALIKE = 5  # effects that do as well, of usual reports
+SPANS = {
+    "left": MOST_LEFT,
+    "share": -float(np.log(LEAST_SHARE)),
+    "set": float(np.log(MOST_ALIKE)),
+    "margin": 2 * MOST_MARGIN,
+    "gain": -float(np.log(LEAST_GAIN)),
+    "later": 1.0,
+}
+"""From one end of each sign to the other."""
 
 
 def confidence(report: Mapping[str, Any], place: int) -> float:
