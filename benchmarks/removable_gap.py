@@ -39,7 +39,8 @@ def main() -> None:
     for path in sorted((args.folder / "outcomes").glob("*.json")):
         outcome = read_json(path)
         trial = outcome["trial"]
-        if not args.only.search(trial["name"]) or trial["without"] or not _comparable(outcome["truth"]):
+        other = trial["without"] or trial["kit"] != "hour" or not _comparable(outcome["truth"])
+        if other or not args.only.search(trial["name"]):
             continue
         before, after, true = _residuals(args.folder, path.stem, trial["design"], outcome["truth"]["effects"])
         if before - true < LEAST * before:

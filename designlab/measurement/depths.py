@@ -9,9 +9,10 @@ from geometries.probes import Probe
 
 MODULUS_SHARE = 0.2  # that a gel's modulus is off by: batches of one silicone differ so (estimate)
 CIRCLE_SHARE = 0.1  # that circles read off pictures are off by: those of 22 real balls were 10.4 % too large
-STEP = 1.1  # ratio of forces, or of depths, between which contacts are interpolated
+STEP = 1.1  # ratio of forces that tells how the depth rises with them
 PITCH_MM = 0.1
-ROUNDS = 3
+FINE = 15  # points of a circle's radius
+ROUNDS = 6
 
 
 def cap_depth_mm(probe: Probe, radius_mm: float) -> float:
@@ -72,10 +73,10 @@ def by_circle(press: Press, design: Design, radius_mm: float) -> tuple[Press, fl
     """
     depth_mm = press.stated_depth_mm
     if design.contact.model == "layer":
+        pitch_mm = min(PITCH_MM, radius_mm / FINE)
         for _ in range(ROUNDS):
-            near, far = (_mechanics(press, design, depth_mm=d)[1] for d in (depth_mm / STEP, depth_mm * STEP))
-            power = math.log(far / near) / (2 * math.log(STEP))
-            depth_mm *= (radius_mm / math.sqrt(near * far)) ** (1 / power)
+            touched = _mechanics(press, design, depth_mm=depth_mm, pitch_mm=pitch_mm)[1]
+            depth_mm *= (radius_mm / touched) ** 2  # Hertz's power; that of a thin layer is hardly another
     return _to_depth(press, depth_mm), 2 * CIRCLE_SHARE * depth_mm
 
 
@@ -84,12 +85,17 @@ def _to_depth(press: Press, depth_mm: float) -> Press:
 
 
 def _mechanics(
-    press: Press, design: Design, *, force_n: float | None = None, depth_mm: float | None = None
+    press: Press,
+    design: Design,
+    *,
+    force_n: float | None = None,
+    depth_mm: float | None = None,
+    pitch_mm: float = PITCH_MM,
 ) -> tuple[float, float]:
     """Depth and contact radius (mm) of a press to another depth or with another force."""
     other = press.model_copy(update={"depth_mm": depth_mm, "force_n": force_n})
     surface = indent(
-        design.elastomer, design.contact, other, area_mm=design.sensing_area_mm, pitch_mm=PITCH_MM
+        design.elastomer, design.contact, other, area_mm=design.sensing_area_mm, pitch_mm=pitch_mm
     )
     if surface.mechanics is None:
         raise ValueError("force_n: contact by the smoothing kernel knows no force")

@@ -29,7 +29,7 @@ def grain_variances(left: Sequence[Array], variance: Sequence[Array]) -> list[fl
     Returns
     -------
     list of float
-        None where there are less than three states.
+        Empty where there are less than three states.
 
     Examples
     --------

@@ -11,6 +11,7 @@ from designlab.measurement.frames import FULL_SCALE, MeasuredFrame, Measurement,
 from designlab.measurement.light import ball_of
 from designlab.measurement.light_probe.ball import LightProbe
 from designlab.measurement.sizes import check_leds
+from designlab.mechanics.contact import NotConverged
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press
@@ -435,7 +436,7 @@ def _posed(
     if frame.depth_mm is None and frame.force_n is None and radius_mm is not None:
         try:
             press, doubt = by_circle(press, design, radius_mm)
-        except ValueError as error:
+        except (ValueError, NotConverged) as error:
             raise measurement.error(frame, f"contact_radius_px: {error}", frame.contact_radius_px) from None
         stated = None if frame.sigma is None else frame.sigma.depth_mm
         sigma[2] = doubt if stated is None else stated
@@ -458,10 +459,10 @@ def _pose_sigma(frame: MeasuredFrame, probe: Probe, notes: list[str]) -> Array:
     if frame.depth_mm is None:
         depth = sigma[2] = 0.0
     if centre is None or depth is None:
-        notes.append(
-            f"{frame.file}: how well the pose is known is not stated; taken as "
-            f"{DEFAULT_SIGMA[0]:g} mm and {DEFAULT_SIGMA[2]:g} mm in depth"
+        taken = f"{DEFAULT_SIGMA[0]:g} mm" + (
+            "" if frame.depth_mm is None else f" and {DEFAULT_SIGMA[2]:g} mm in depth"
         )
+        notes.append(f"{frame.file}: how well the pose is known is not stated; taken as {taken}")
     if probe.kind in ROUND:
         sigma[3] = 0.0
     elif frame.yaw_deg is None:

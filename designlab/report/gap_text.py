@@ -46,7 +46,7 @@ def statement(report: GapReport) -> tuple[str, ...]:
         said.append(_gone(final, report.control, report.effects))
     rest = report.unexplained
     if rest is not None and report.verdict != "at_floor" and (rest.share is None or rest.share >= SEEN):
-        said.append(left(rest, named=bool(report.effects)))
+        said += [words] if (words := left(rest, named=bool(report.effects))) else []
     if report.verdict != "at_floor" and report.where:
         said.append(places(report.where))
     said.extend(_to_do(report))
@@ -77,7 +77,7 @@ def _missing(report: GapReport) -> str:
             f"{'; '.join(report.barred)}."
         )
     if report.verdict == "partial":
-        if report.effects[0].confidence < EVEN:
+        if "blocks" not in report.provenance and report.effects[0].confidence < EVEN:
             return f"The model may lack {effects}, but that is more likely wrong than right."
         return (
             f"Part of the gap is explained: the model lacks {effects}. The rest is more than {USUAL} leave."
@@ -146,8 +146,9 @@ def left(rest: Unexplained, *, named: bool) -> str:
             f"Of all that is beyond noise and grain, smooth errors of light included, {percent(rest.share)}"
             f"{interval} is left."
         )
+    size = f", {percent(rest.smooth_rms)} of it" if rest.smooth_rms else ""
     looks = {
-        "smooth": f"a smooth departure of each group's light, {percent(rest.smooth_rms)} of it: {SMOOTH}",
+        "smooth": f"a smooth departure of each group's light{size}: {SMOOTH}",
         "grain": f"grain of single frames, {percent(rest.grain_rms)} of their light: {GRAIN}",
         "edges": f"at the edges of presses: {EDGES}",
     }
@@ -250,7 +251,7 @@ def _to_do(report: GapReport) -> list[str]:
     if report.barred:
         return ["Settle what the reserve is about, with other frames, before you rely on the name."]
     if report.verdict == "partial":
-        return ["The updated model is better but not right; look at what is left before designing with it."]
+        return ["Look at what is left before you design with the updated model."]
     if report.verdict == "ambiguous":
         return [
             f"The updated model holds {' and '.join(effect.name for effect in report.effects)}. It predicts "

@@ -368,7 +368,7 @@ def _settled(verdict: Verdict, alike: Sequence[Sequence[str]], gap: Mapping[str,
         others = max(gap[name].before / gap[name].floor for name in ("train", "final"))
         return verdict if others < AT_FLOOR else "unexplained"
     own = verdict_of(alike, gap["final"])
-    return "partial" if verdict in ("named", "ambiguous") and own in ("partial", "unexplained") else verdict
+    return "partial" if verdict in ("named", "ambiguous") and own == "unexplained" else verdict
 
 
 def _overlaps(search: ForwardSelection) -> tuple[Overlap, ...]:

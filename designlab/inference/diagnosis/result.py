@@ -103,8 +103,8 @@ class Where:
 class Level:
     """Mean squared residual in units of the noise: given model, updated model, and the floor.
 
-    The floor is what noise and the errors granted to the simulation may leave, `usual` what is left where
-    nothing is missing.
+    The floor is what noise, grain and the errors granted to the simulation may leave, `usual` what the
+    updated model leaves as noise, grain and smooth errors of light.
     """
 
     before: float

@@ -78,8 +78,9 @@ class SensorModel(Spec):
             finer = {p.name: p for p in effect(applied.name).finer_parameters(self.design)}
             parameters = {p.name: p for p in effect(applied.name).parameters(self.design)}
             if set(applied.values) - set(finer) != set(parameters):
+                beside = f"may have {', '.join(finer)} beside, " if finer else ""
                 raise ValueError(
-                    f"effects.{applied.name}.values: needs exactly {', '.join(parameters)}, "
+                    f"effects.{applied.name}.values: needs exactly {', '.join(parameters)}, {beside}"
                     f"got {', '.join(applied.values)}"
                 )
             for name, value in applied.values.items():

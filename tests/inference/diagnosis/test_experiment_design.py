@@ -175,3 +175,12 @@ def test_a_black_level_below_zero_is_looked_for_in_light_of_single_groups(fitted
     asked = advise(fitter, seen, SimpleNamespace(winners=[]), "named", [found])
     alone = [{"kind": "background", "leds": [name]} for name in DESIGN.group_names]
     assert list(asked.frames) == ([] if dark else [DARK]) + (alone if level < 0 else [])
+
+
+def test_the_freedom_of_smooth_errors_is_no_lead_of_either_effect(bank, fitted) -> None:
+    true, _ = fitted
+    fit = true.stand.fit
+    loose = replace(fit, state=replace(fit.state, smooth_rms=0.02))
+    both = replace(true, stand=replace(true.stand, fit=loose))
+    for lit in (np.ones(3), np.eye(3)[1]):
+        assert doubt_of(both, both, [action(bank, 0, lit)]).lead([0]) == pytest.approx(0.0, abs=0.05)

@@ -181,11 +181,11 @@ def test_the_fields_of_the_provenance_are_those_that_a_diagnosis_writes(tmp_path
         ({}, ["The model lacks vignetting (corners are darker).", "90 % of the gap is gone", "0.88"], "or"),
         (
             {"verdict": "partial"},
-            ["Part of the gap is explained", "better but not right"],
+            ["Part of the gap is explained", "Look at what is left before you design"],
             "The model lacks one",
         ),
         (
-            {"verdict": "partial", "effects": (replace(FOUND, confidence=0.3),)},
+            {"verdict": "partial", "effects": (replace(FOUND, confidence=0.3),), "provenance": {}},
             ["The model may lack vignetting", "more likely wrong than right"],
             "Part of the gap",
         ),

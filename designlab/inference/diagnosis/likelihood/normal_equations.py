@@ -113,6 +113,8 @@ class System:
         Where the unknowns are, in prior standard deviations from null.
     shared : mapping of shape to Shared
         What the shots show of the error that they have in common.
+    logdet : float
+        The logarithm that is part of the misfit; the shots' values have no say in it.
     """
 
     unknowns: tuple[Unknown, ...]
@@ -121,6 +123,7 @@ class System:
     misfit: float
     now: Array
     shared: Mapping[tuple[int, ...], Shared] = field(default_factory=dict)
+    logdet: float = 0.0
 
     def reduced(self, kept: Sequence[int]) -> tuple[Array, Array]:
         """Information and right side of some unknowns, the others fitted along under their priors."""
@@ -224,7 +227,7 @@ def system(
         gram -= part[:-1, :-1]
         right -= part[:-1, -1]
         misfit -= float(part[-1, -1])
-    return System(tuple(unknowns), gram / alike, right / alike, misfit / alike + logdet, now, shared)
+    return System(tuple(unknowns), gram / alike, right / alike, misfit / alike + logdet, now, shared, logdet)
 
 
 class _Sums:

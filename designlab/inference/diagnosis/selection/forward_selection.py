@@ -309,7 +309,8 @@ class ForwardSelection:
                 self._note(number, attempt, f"dropped: {leader.name} does more beside the others")
                 self._note(number, leader, "passed")
                 best = leader.stand
-            found = replace(winner, name=leader.name, equals=equal)
+            unusual = winner.unusual and leader is attempt
+            found = replace(winner, name=leader.name, equals=equal, unusual=unusual)
             self.winners[self.winners.index(winner)] = found
         return best
 

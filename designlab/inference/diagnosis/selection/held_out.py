@@ -10,6 +10,7 @@ from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter, log_score
 from designlab.inference.diagnosis.result import Level
 
+LEAST_USUAL = 0.1  # of the floor: no model leaves less
 USUAL = 1.05  # times what noise and grain leave: sets that hide nothing leave 1.02
 
 
@@ -140,8 +141,8 @@ def level(before: Judged, after: Judged, *, corrected: Judged | None = None) -> 
 
     Usual is what the corrected model, which is the second unless it is given, leaves but for its excess.
     """
-    best = corrected or after
-    return Level(before.mean, after.mean, float(before.floor.mean()), best.mean - best.excess)
+    best, floor = corrected or after, float(before.floor.mean())
+    return Level(before.mean, after.mean, floor, max(best.mean - best.excess, LEAST_USUAL * floor))
 
 
 def gain(base: Judged, other: Judged, gap: float) -> Gain:

@@ -166,7 +166,7 @@ def _compared(
 ) -> tuple[Figures, PictureComparison]:
     """Figures of the models on the blocks, rendered anew in full resolution, and the pictures."""
     frame = next(f for f in measurement.frames if f.file == seen.shots[TRAIN].files[0])
-    press = measurement.press(frame)
+    press = seen.shots[TRAIN].press
     assert press is not None
     real = measurement.linear(frame).astype(float)
     view = measurement.view(frame, model.effective_design())

@@ -112,6 +112,8 @@ def doubt_of(true: JudgedCandidate[Stand], wrong: JudgedCandidate[Stand], action
         taken.append(replace(action, shot=shot))
     state, found = wrong.stand.state, wrong.stand.fit.system
     fitter = wrong.stand.fitter.of(_taking(wrong.stand.fitter, taken).bank, noises).given(found.shared)
+    right = true.stand.fitter.of(_taking(true.stand.fitter, taken).bank, noises)
+    right = right.given(true.stand.fit.system.shared)
     shared = [k for k, u in enumerate(found.unknowns) if u.shot < 0]
     information, _ = found.reduced(shared)
     ours = [found.unknowns[k] for k in shared]
@@ -120,7 +122,9 @@ def doubt_of(true: JudgedCandidate[Stand], wrong: JudgedCandidate[Stand], action
         own = [u for u in fitter.unknowns(state, state.values, [number], gains=False) if u.shot == number]
         both = replace(fitter.system(state, [number], [*ours, *own]), now=np.zeros(len(ours) + len(own)))
         _, fallen = both.only(lambda u: u.shot >= 0).step(*fitter.bounds(own))
-        frames.append((*both.reduced(range(len(ours))), both.misfit - fallen))
+        # The true effect misses nothing; what the freedom of its smooth error costs is no lead of it.
+        missed = both.misfit - fallen - right.system(true.stand.state, [number], ()).logdet
+        frames.append((*both.reduced(range(len(ours))), missed))
     ahead = lead(true, wrong)
     needed = max(OF_PRESSES.as_good, SURE_SE * ahead.se) - ahead.value
     return Doubt(needed, information + np.eye(len(shared)), frames)

@@ -44,7 +44,7 @@ def unexplained(
             for kind in ("smooth", "grain", "edges")
         }
     apart = {n: own for n, own in left.items() if fitter.bank.shots[n].press is None}
-    groups = {n: own for n, own in apart.items() if fitter.bank.shots[n].lit.sum() == 1}
+    groups = {n: own for n, own in apart.items() if (fitter.bank.shots[n].lit > 0).sum() == 1}
     names = fitter.forward.design.group_names
     frame = _standing_out({n: own for n, own in left.items() if n not in groups}, total)
     group = _standing_out(groups, total) if len(groups) > 1 else None
