@@ -260,8 +260,8 @@ def _usable(
         notes.append("frames without crop_px are taken to show the whole sensor")
     if frame.kind == "press":
         try:
-            press = measurement.press(frame)
-        except MeasurementError as error:
+            press, _ = _posed(measurement, frame, design)
+        except (ValueError, NotConverged) as error:
             notes.append(f"{frame.file}: left out, {error}")
             return False
         if press is not None and press.depth_mm is None and design.contact.model == "kernel":
@@ -396,10 +396,14 @@ def _shot(
     view = view._replace(width_px=width * scale_x, height_px=rows * scale_y, columns=width, rows=rows)
     exposure = 1.0 if frame.exposure is None else frame.exposure
     on = [name in frame.leds if frame.leds is not None else True for name in design.group_names]
-    press = measurement.press(frame) if ball is None else None
-    sigma = np.zeros(4)
-    if press is not None:
-        press, sigma = _posed(measurement, frame, press, design, notes)
+    press, doubt = _posed(measurement, frame, design) if ball is None else (None, None)
+    sigma = np.zeros(4) if press is None else _pose_sigma(frame, press.probe, notes)
+    if press is not None and doubt is not None:
+        sigma[2] = doubt
+        notes.append(
+            f"{frame.file}: its depth is that of the contact circle, {press.stated_depth_mm:.3g} mm, give or "
+            f"take {doubt:.2g}"
+        )
     if ball is not None:
         sigma = _ball_sigma(frame, notes)
     lit = exposure * np.array(on, dtype=float)
@@ -428,23 +432,21 @@ def binned(values: Array, factor: int) -> Array:
 
 
 def _posed(
-    measurement: Measurement, frame: MeasuredFrame, press: Press, design: Design, notes: list[str]
-) -> tuple[Press, Array]:
-    """Press and doubt of its pose; a depth that is not stated is that of the circle read off the image."""
-    sigma = _pose_sigma(frame, press.probe, notes)
-    radius_mm = measurement.contact_radius_mm(frame)
-    if frame.depth_mm is None and frame.force_n is None and radius_mm is not None:
-        try:
-            press, doubt = by_circle(press, design, radius_mm)
-        except (ValueError, NotConverged) as error:
-            raise measurement.error(frame, f"contact_radius_px: {error}", frame.contact_radius_px) from None
-        stated = None if frame.sigma is None else frame.sigma.depth_mm
-        sigma[2] = doubt if stated is None else stated
-        notes.append(
-            f"{frame.file}: its depth is that of the contact circle, {press.stated_depth_mm:.3g} mm, give or "
-            f"take {sigma[2]:.2g}"
-        )
-    return press, sigma
+    measurement: Measurement, frame: MeasuredFrame, design: Design
+) -> tuple[Press | None, float | None]:
+    """Press that a frame shows, and the doubt of its depth where the circle read off the image tells it.
+
+    Raises
+    ------
+    ValueError, NotConverged
+        If it cannot be simulated.
+    """
+    press, radius_mm = measurement.press(frame), measurement.contact_radius_mm(frame)
+    if press is None or radius_mm is None or frame.depth_mm is not None or frame.force_n is not None:
+        return press, None
+    press, doubt = by_circle(press, design, radius_mm)
+    stated = None if frame.sigma is None else frame.sigma.depth_mm
+    return press, doubt if stated is None else stated
 
 
 def _pose_sigma(frame: MeasuredFrame, probe: Probe, notes: list[str]) -> Array:

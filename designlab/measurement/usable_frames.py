@@ -40,7 +40,8 @@ def _with_depths(measurement: Measurement, seen: Observations, design: Design) -
             try:
                 press, doubt = by_force(press, design, force_sigma_n(frame, press.force_n, notes))
             except (ValueError, NotConverged) as error:
-                raise measurement.error(frame, f"force_n: {error}", frame.force_n) from None
+                notes.append(f"{frame.file}: left out, its force tells no depth: {error}")
+                continue
             sigma = shot.pose_sigma.copy()
             sigma[2] = doubt
             shot = replace(shot, press=press, pose_sigma=sigma)
@@ -53,18 +54,21 @@ def _with_depths(measurement: Measurement, seen: Observations, design: Design) -
 
 
 def _alone(seen: Observations) -> Observations:
-    """Leave out the untouched gel where there is one press: no other press tells what that one has alone."""
+    """Keep one picture of a press that is the only one: no other press tells what it has alone."""
     pressed = [shot for shot in seen.shots if shot.press is not None]
-    lit = [shot for shot in seen.shots if shot.press is None and shot.lit.any() and shot.ball is None]
-    if len(pressed) != 1 or not lit:
+    if len({shot.press for shot in pressed}) != 1:
         return seen
-    files = ", ".join(file for shot in lit for file in shot.files)
+    kept = max(pressed, key=lambda shot: float(shot.lit.sum()))
+    beside = [shot for shot in seen.shots if shot is not kept and shot.lit.any() and shot.ball is None]
+    if not beside:
+        return seen
+    files = ", ".join(file for shot in beside for file in shot.files)
     note = (
-        f"{files}: left out beside a single press, which is diagnosed by itself; with presses at "
-        f"{LEAST_PLACES} places or more they would be used"
+        f"{files}: left out beside {', '.join(kept.files)}, the only press, which is diagnosed by itself; "
+        f"with presses at {LEAST_PLACES} places or more they would be used"
     )
-    kept = tuple(shot for shot in seen.shots if shot not in lit)
-    return replace(seen, shots=kept, notes=(*seen.notes, note))
+    shots = tuple(shot for shot in seen.shots if shot not in beside)
+    return replace(seen, shots=shots, notes=(*seen.notes, note))
 
 
 def is_single(seen: Observations) -> bool:

@@ -4,13 +4,13 @@ import re
 from collections.abc import Iterable, Sequence
 
 from designlab.inference.diagnosis.result import Control, Found, GapReport, Level, Unexplained, Where
+from designlab.inference.diagnosis.verdict.confidence import SURE_ENOUGH
 
 SPREAD = 1.5  # times the mean of its channel and frames, from which a region stands out
 MOST_PLACES = 3
 ONE_CHANNEL = 0.6
 FRAMES = {"press": "in presses", "background": "on the untouched gel", "dark": "with the LEDs off"}
 EVEN_Z = 0.5  # mean in standard deviations below which a region is neither brighter nor darker
-EVEN = 0.5  # confidence in a name that is as likely right as wrong
 PASSES = 0.02  # of the squared residual: less beyond noise, grain and smooth errors is nothing
 SEEN = 0.05  # of the excess: less is not worth a sentence
 CALIBRATED = (
@@ -46,7 +46,7 @@ def statement(report: GapReport) -> tuple[str, ...]:
         said.append(_gone(final, report.control, report.effects))
     rest = report.unexplained
     if rest is not None and report.verdict != "at_floor" and (rest.share is None or rest.share >= SEEN):
-        said += [words] if (words := left(rest, named=bool(report.effects))) else []
+        said.append(left(rest, named=bool(report.effects)))
     if report.verdict != "at_floor" and report.where:
         said.append(places(report.where))
     said.extend(_to_do(report))
@@ -54,7 +54,7 @@ def statement(report: GapReport) -> tuple[str, ...]:
         said = [text.replace("final presses", "final blocks of the picture") for text in said]
         said = [text.replace(USUAL, "its grain and what the simulation may be wrong by") for text in said]
         said.append("n = 1: one picture of one press. What was found is consistent with it, not validated.")
-    return tuple(said)
+    return tuple(text for text in said if text)
 
 
 def _missing(report: GapReport) -> str:
@@ -77,7 +77,7 @@ def _missing(report: GapReport) -> str:
             f"{'; '.join(report.barred)}."
         )
     if report.verdict == "partial":
-        if "blocks" not in report.provenance and report.effects[0].confidence < EVEN:
+        if "blocks" not in report.provenance and report.effects[0].confidence < SURE_ENOUGH:
             return f"The model may lack {effects}, but that is more likely wrong than right."
         return (
             f"Part of the gap is explained: the model lacks {effects}. The rest is more than {USUAL} leave."

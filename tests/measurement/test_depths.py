@@ -61,8 +61,10 @@ def test_a_frame_with_a_circle_is_a_press() -> None:
     press = measurement.press(one)
     assert press is not None
     assert press.depth_mm == pytest.approx(0.5)
-    by = frame(probe="sphere:5", force_n=2.0)
-    assert by[0].press(by[1]).force_n == 2.0  # type: ignore[union-attr]
+    measurement, one = frame(probe="sphere:5", force_n=2.0)
+    press = measurement.press(one)
+    assert press is not None
+    assert press.force_n == 2.0
 
 
 @pytest.mark.parametrize(

@@ -268,10 +268,14 @@ def test_unknown_response_is_refused(tmp_path) -> None:
 
 
 def test_too_few_places_are_refused(tmp_path) -> None:
+    deeper = {"kind": "press", "probe": "sphere:4", "depth_mm": 0.7, "centre_mm": (0.0, 0.0)}
+    extra = [("deeper.exr", 0.2, deeper)]
     with pytest.raises(
         MeasurementError, match=r"presses at 3 places or more .* none is left for select, final"
     ):
-        observe_apart(measured(tmp_path / "m", centre_mm=(0.0, 0.0), split=None), DESIGN, columns=128)
+        observe_apart(
+            measured(tmp_path / "m", centre_mm=(0.0, 0.0), split=None, extra=extra), DESIGN, columns=128
+        )
 
 
 def test_presses_are_split_by_place(tmp_path) -> None:
@@ -335,10 +339,33 @@ def test_a_diagnosis_presses_by_force_to_the_depth_that_it_takes(tmp_path) -> No
     assert any("f.exr: its depth is that of its force" in note for note in seen.notes)
 
 
-def test_a_single_press_is_diagnosed_by_itself_whatever_backgrounds_there_are(tmp_path) -> None:
-    folder = measured(tmp_path / "m")
+@pytest.mark.parametrize("times", [1, 3])
+def test_a_single_press_is_diagnosed_by_itself_whatever_backgrounds_there_are(tmp_path, times) -> None:
+    again = {"kind": "press", "probe": "sphere:4", "depth_mm": 0.5, "centre_mm": PLACES[0], "split": "train"}
+    extra = [(f"again-{k}.exr", 0.2, again | {"repeat": k}) for k in range(1, times)]
+    folder = measured(tmp_path / "m", extra=extra)
     frames = tuple(frame for frame in folder.frames if frame.file not in ("press-1.exr", "press-2.exr"))
     seen = observe_apart(folder.model_copy(update={"frames": frames}), DESIGN, columns=128)
     assert is_single(seen)
     assert seen.noise_source == "repeated frames"
-    assert any("background-0.exr" in note and "left out beside a single press" in note for note in seen.notes)
+    (note,) = (note for note in seen.notes if "the only press" in note)
+    assert "background-0.exr" in note
+    assert ("again-" in note) == (times > 1)
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"contact_radius_px": 21.0}, "below the ball's radius"),
+        ({"contact_radius_px": 19.9}, "less than the gel is thick"),
+        ({"force_n": 900.0}, "its force tells no depth"),
+    ],
+)
+def test_a_press_whose_depth_cannot_be_told_is_left_out_by_name(tmp_path, fields, words) -> None:
+    press = {"kind": "press", "probe": "sphere:12", "centre_mm": (0.0, 0.0)} | fields
+    if "force_n" in fields:
+        press["probe"] = "sphere:4"
+    folder = measured(tmp_path / "m", extra=[("odd.exr", 0.2, press)])
+    seen = observe_apart(folder.model_copy(update={"mm_per_px": 0.3}), ELASTIC, columns=128)
+    assert all("odd.exr" not in shot.files for shot in seen.shots)
+    assert any("odd.exr: left out" in note and words in note for note in seen.notes)

@@ -26,13 +26,13 @@ from designlab.inference.diagnosis.result import (
     provenance,
 )
 from designlab.inference.diagnosis.selection.forward_selection import ForwardSelection, Winner
-from designlab.inference.diagnosis.selection.held_out import Judged, Stand, judge, level
+from designlab.inference.diagnosis.selection.held_out import CLOSED, Judged, Stand, judge, level
 from designlab.inference.diagnosis.selection.negative_control import control
 from designlab.inference.diagnosis.selection.recentring import placed
 from designlab.inference.diagnosis.selection.refine import refined
 from designlab.inference.diagnosis.single_image.diagnose import diagnose_single
 from designlab.inference.diagnosis.verdict.comparison import compared
-from designlab.inference.diagnosis.verdict.confidence import confidence
+from designlab.inference.diagnosis.verdict.confidence import SURE_ENOUGH, confidence
 from designlab.inference.diagnosis.verdict.data_checks import examine, looking_alike, weakened
 from designlab.inference.diagnosis.verdict.intervals import values
 from designlab.inference.diagnosis.verdict.localise import localise
@@ -55,8 +55,6 @@ USUAL_SELECT = 6  # presses to choose by of the sets that confidence was learnt 
 UNEXPLAINED_ABOVE = 0.5  # leftover share of the gap from which nothing is named
 OF_PIXELS = tuple(e.name for e in CATALOGUE if e.per_pixel)  # with a number of their own for each pixel
 NAMELESS = ("unexplained", "at_floor")  # verdicts that name nothing
-SURE_ENOUGH = 0.5  # confidence in the first name from which it is named without reserve
-CLOSED = 0.3  # squared residual over the floor, beyond what is usual, below which hardly anything is left
 AT_FLOOR = 1.3  # mean squared residual over the floor below which there is no gap to explain
 GIVEN_BACK = 0.1  # of what a search removes of the gap, which the last fit must not give back
 OTHER_SD = 2.5  # usual errors of what is fitted along from which it is worth a note
@@ -420,15 +418,15 @@ def _along(last: Stand) -> Iterator[str]:
 
 
 def _unusual(last: Stand, effects: Sequence[Found]) -> Iterator[str]:
-    """Note values far larger than is usual of built sensors."""
+    """Note values far beyond what is usual of built sensors."""
     for found in effects:
         bound = last.fitter.at_bound(last.state, found.name)
         far = dict.fromkeys([*last.fitter.beyond_prior(last.fit, found.name), *bound])
         if far:
             limit = ", at the end of its range" if bound else ""
             yield (
-                f"{found.name}: {', '.join(far)} far larger than usual of built sensors{limit}: check that "
-                "part of the sensor, and what the design says of it"
+                f"{found.name}: {', '.join(far)} far beyond what is usual of built sensors{limit}: check "
+                "that part of the sensor, and what the design says of it"
             )
 
 

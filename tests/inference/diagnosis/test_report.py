@@ -20,11 +20,12 @@ from designlab.inference.diagnosis.diagnose import (
     _settled,
     _sure,
     _untried,
+    _unusual,
     verdict_of,
 )
 from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.empirical_errors import shares_right
-from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD
+from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD, Fitter
 from designlab.inference.diagnosis.likelihood.normal_equations import ALIKE
 from designlab.inference.diagnosis.result import (
     Advice,
@@ -57,7 +58,7 @@ from designlab.report.gap_plots import gap_bars, interval_bar
 from designlab.report.gap_text import places, statement
 from designlab.sensor.design import preset
 from designlab.simulation.contact.press import Press
-from designlab.simulation.effects import SensorModel
+from designlab.simulation.effects import SensorModel, effect
 from designlab.simulation.render_cache import Renders
 from geometries.probes import parse
 from tests import ROOT
@@ -141,6 +142,28 @@ def test_every_field_that_is_written_is_documented_and_the_other_way_round() -> 
         within = "" if inside == "report" else f"{inside.strip('`')}."
         documented |= {within + name for name in re.findall(r"`([^`]+)`", fields)}
     assert documented == paths(report_content(REPORT, {"where.png": "where"}))
+
+
+@pytest.mark.parametrize(
+    ("loss", "words"),
+    [
+        (0.3, None),
+        (0.9, "vignetting: corner_loss far beyond what is usual of built sensors: check that part"),
+        (0.98, "vignetting: corner_loss far beyond what is usual of built sensors, at the end of its range"),
+    ],
+)
+def test_values_far_beyond_the_usual_are_noted(loss, words) -> None:
+    """A quarter of the light is usual at the corner."""
+    fitter = Fitter.__new__(Fitter)
+    fitter.grain = 0.0
+    fitter.forward = SimpleNamespace(
+        parameters={"vignetting": effect("vignetting").parameters(preset("gelsight-2020-flat"))}
+    )
+    state = State(np.ones(3)).with_values("vignetting", {"corner_loss": loss})
+    stand = SimpleNamespace(fitter=fitter, state=state, fit=SimpleNamespace(state=state))
+    notes = list(_unusual(stand, [FOUND]))  # type: ignore[arg-type]
+    assert len(notes) == (words is not None)
+    assert all(note.startswith(words) for note in notes)
 
 
 def test_the_thresholds_that_are_documented_are_those_of_the_code() -> None:

@@ -138,7 +138,7 @@ class Fitter:
         ]
 
     def chance(self, shots: Sequence[int]) -> tuple[float, float]:
-        """Misfit that noise of the camera leaves of shots, and how many independent values they have."""
+        """Misfit that noise of camera and grain leave of shots, and how many independent values they are."""
         least = values = 0.0
         for number in shots:
             valid, own = self.bank.shots[number].valid, self.noises[number]

@@ -20,7 +20,14 @@ from designlab.inference.diagnosis.selection.criterion import (
     difference,
     lead,
 )
-from designlab.inference.diagnosis.selection.held_out import Gain, Stand, all_leave_much, gain, judge
+from designlab.inference.diagnosis.selection.held_out import (
+    CLOSED,
+    Gain,
+    Stand,
+    all_leave_much,
+    gain,
+    judge,
+)
 from designlab.inference.diagnosis.selection.recentring import (
     beyond,
     exact_fitter,
@@ -37,9 +44,7 @@ PROMISING = 5.0  # logarithm of the Bayes factor by linear approximation from wh
 TRIED_ANYWAY = 2  # most promising ones that are fitted whatever that says, where much is left
 MOVER_CONTENDING = 0.1  # of the most evidence: pictures about null tell little of what moves edges
 RECENTRINGS = 2  # times that pictures of one that may win are rendered anew where it stands
-CLOSED = 0.3  # excess of the squared residual below which a gap is closed
 FAR_AHEAD = 2.0  # times the evidence of any other that values not likely of built sensors have to show
-FINER_WORTH = 6.0  # evidence that a finer form of an effect has to show: by less, nothing is told apart
 RIVAL = "numerical"
 Attempt = JudgedCandidate[Stand]
 """A candidate of several presses."""
@@ -392,16 +397,16 @@ class ForwardSelection:
         return self._in_finer_form(self._compared(name, base, stand, price=price), base)
 
     def _in_finer_form(self, attempt: Attempt, base: Stand) -> Attempt:
-        """The candidate with the parameters of its finer form, if these are worth their freedom."""
+        """The candidate with the parameters of its finer form, if these surely do better than without."""
         fitter, state, name = attempt.stand.fitter, attempt.stand.state, attempt.name
         values = state.values[name]
         finer = {p.name: p.null for p in fitter.forward.parameters[name] if p.name not in values}
-        if not finer or attempt.evidence.value <= FINER_WORTH:
+        if not finer or attempt.evidence.value <= OF_PRESSES.as_good:
             return attempt
         found = fitter.fit(state.with_values(name, {**values, **finer}), list(state.values), self.train)
         stand = Stand(fitter, found, self.train, judge(fitter, found, self.select))
         other = self._compared(name, base, stand)
-        return other if other.evidence.value > attempt.evidence.value + FINER_WORTH else attempt
+        return other if other.evidence.value > attempt.evidence.value + OF_PRESSES.as_good else attempt
 
     def _compared(self, name: str, base: Stand, stand: Stand, *, price: float | None = None) -> Attempt:
         """A candidate against the model without it."""

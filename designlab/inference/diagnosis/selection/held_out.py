@@ -10,6 +10,7 @@ from designlab.inference.diagnosis.emulator.state import State
 from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter, log_score
 from designlab.inference.diagnosis.result import Level
 
+CLOSED = 0.3  # squared residual beyond what is usual, below which a gap is closed
 LEAST_USUAL = 0.1  # of the floor: no model leaves less
 USUAL = 1.05  # times what noise and grain leave: sets that hide nothing leave 1.02
 
@@ -43,7 +44,7 @@ class Judged:
 
     @property
     def gap(self) -> float:
-        """Mean misfit of a shot beyond the noise of the camera."""
+        """Mean misfit of a shot beyond noise of the camera and grain."""
         return max(float((self.objective - self.least).mean()), 1.0)
 
     @property

@@ -21,6 +21,7 @@ that this is; set: logarithm of the number of effects that do as well; margin: l
 that of the best other effect of the round; gain: logarithm of the share of the gap; later: whether another
 effect was found before.
 """
+SURE_ENOUGH = 0.5  # confidence from which a name stands without reserve: it is as likely right as wrong
 DROPPED = "dropped"  # begins the outcome of effects that later ones made needless
 MOST_LEFT, LEAST_SHARE, MOST_MARGIN, LEAST_GAIN = 4.0, 1e-3, 3.0, 1e-3
 MOST_ALIKE = 5  # effects that do as well, of usual reports
