@@ -26,7 +26,7 @@ def observe_apart(measurement: Measurement, design: Design, *, columns: int) -> 
     seen = _with_depths(measurement, observe(measurement, design, columns=columns, apart=True), design)
     seen = _alone(seen)
     if not is_single(seen):
-        _require_enough(measurement, seen.shots)
+        _require_enough(measurement, seen)
     return replace(seen, shots=tuple(without_cut(shot) for shot in seen.shots))
 
 
@@ -94,12 +94,18 @@ def end_at_zero(shots: Sequence[Shot]) -> tuple[bool, bool, bool]:
     return red, green, blue
 
 
-def _require_enough(measurement: Measurement, shots: tuple[Shot, ...]) -> None:
+def _require_enough(measurement: Measurement, seen: Observations) -> None:
+    shots = seen.shots
     if not any(shot.press is None and shot.lit.any() for shot in shots):
         raise MeasurementError(f"{measurement.folder}: field frame: a background with LEDs on is needed")
     missing = [use for use in ("train", "select", "final") if not any(shot.use == use for shot in shots)]
     if missing:
+        presses = {frame.file for frame in measurement.frames if frame.kind == "press"}
+        lost = [note for note in seen.notes if ": left out" in note and note.partition(":")[0] in presses]
+        why = f". {lost[0]}" if lost else ""
+        others = f"; {len(lost) - 1} more are left out" if len(lost) > 1 else ""
         raise MeasurementError(
             f"{measurement.folder}: field frame: usable presses at {LEAST_PLACES} places or more are needed, "
-            f"so that an effect fitted at one is judged at others; none is left for {', '.join(missing)}"
+            f"so that an effect fitted at one is judged at others; none is left for {', '.join(missing)}{why}"
+            f"{others}"
         )
