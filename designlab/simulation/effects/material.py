@@ -5,6 +5,7 @@ from itertools import product
 from typing import ClassVar
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebval2d
 
 from designlab.core.types import Array
 from designlab.sensor.design import Design
@@ -52,9 +53,11 @@ def albedo_field(values: Values, sight: Sight) -> Light:
     u, v = 2 * place.real / width, 2 * place.imag / height
     terms = {"x": u, "y": v, "xx": u**2 - 1 / 3, "xy": u * v, "yy": v**2 - 1 / 3}
     field: Array = np.asarray(sum(values[name] * term for name, term in terms.items()))
+    amplitudes = np.zeros(BLOT_WAVES)
     for name, k, m in _blot_waves():
-        if amplitude := values.get(name, 0.0):
-            field = field + amplitude * np.cos(np.pi * k * (u + 1) / 2) * np.cos(np.pi * m * (v + 1) / 2)
+        amplitudes[k, m] = values.get(name, 0.0)
+    if amplitudes.any():  # Chebyshev polynomials of cosines are the waves
+        field = field + chebval2d(np.cos(np.pi * (u + 1) / 2), np.cos(np.pi * (v + 1) / 2), amplitudes)
     return field
 
 

@@ -11,6 +11,7 @@ from designlab.inference.diagnosis.emulator.rendering import fill
 from designlab.inference.diagnosis.emulator.state import FRINGES, SIZE, State
 from designlab.inference.diagnosis.likelihood.fit import Fit, Fitter, with_strength
 from designlab.inference.diagnosis.likelihood.fixed_pattern import found_pattern
+from designlab.inference.diagnosis.likelihood.normal_equations import log_evidence
 from designlab.inference.diagnosis.result import Candidate
 from designlab.inference.diagnosis.selection.confounding import Overlaps
 from designlab.inference.diagnosis.selection.criterion import (
@@ -397,13 +398,21 @@ class ForwardSelection:
         return self._in_finer_form(self._compared(name, base, stand, price=price), base)
 
     def _in_finer_form(self, attempt: Attempt, base: Stand) -> Attempt:
-        """The candidate with the parameters of its finer form, if these surely do better than without."""
+        """The candidate with the parameters of its finer form, if these surely do better than without.
+
+        They are not fitted where derivatives at the candidate tell that they do not.
+        """
         fitter, state, name = attempt.stand.fitter, attempt.stand.state, attempt.name
         values = state.values[name]
         finer = {p.name: p.null for p in fitter.forward.parameters[name] if p.name not in values}
         if not finer or attempt.evidence.value <= OF_PRESSES.as_good:
             return attempt
-        found = fitter.fit(state.with_values(name, {**values, **finer}), list(state.values), self.train)
+        begin = state.with_values(name, {**values, **finer})
+        unknowns = fitter.unknowns(begin, list(begin.values), self.train)
+        places = [k for k, u in enumerate(unknowns) if u.effect == name and u.name in finer]
+        if log_evidence(*fitter.system(begin, self.train, unknowns).reduced(places)) <= 0:
+            return attempt
+        found = fitter.fit(begin, list(begin.values), self.train)
         stand = Stand(fitter, found, self.train, judge(fitter, found, self.select))
         other = self._compared(name, base, stand)
         return other if other.evidence.value > attempt.evidence.value + OF_PRESSES.as_good else attempt
