@@ -30,6 +30,7 @@ from designlab.inference.diagnosis.selection.held_out import (
     judge,
 )
 from designlab.inference.diagnosis.selection.recentring import (
+    FAR_SD,
     beyond,
     exact_fitter,
     is_exact,
@@ -45,6 +46,8 @@ PROMISING = 5.0  # logarithm of the Bayes factor by linear approximation from wh
 TRIED_ANYWAY = 2  # most promising ones that are fitted whatever that says, where much is left
 MOVER_CONTENDING = 0.1  # of the most evidence: pictures about null tell little of what moves edges
 RECENTRINGS = 2  # times that pictures of one that may win are rendered anew where it stands
+SETTLINGS = 3  # likewise, of the one that joins
+STAYS_SD = 0.1  # prior standard deviations that its values may still be from where its pictures are exact
 FAR_AHEAD = 2.0  # times the evidence of any other that values not likely of built sensors have to show
 RIVAL = "numerical"
 Attempt = JudgedCandidate[Stand]
@@ -170,8 +173,20 @@ class ForwardSelection:
             return None
         best, equal = self._best(passed) if unusual is None else (unusual, (unusual,))
         self.winners.append(Winner(best.name, equal, best.gain.value, rivals, unusual is not None))
-        near = self._near(best.stand.fitter, best.stand.judged.state, exactly=True)
-        return best if near is None else self._judged(best.name, base, best.stand.state, near)
+        return self._settled(best, base)
+
+    def _settled(self, best: Attempt, base: Stand) -> Attempt:
+        """The best candidate with pictures rendered where it stands, until it stays there.
+
+        What pictures rendered elsewhere lack of it must not pass for a further effect.
+        """
+        for _ in range(SETTLINGS):
+            stand = best.stand
+            near = self._near(stand.fitter, stand.judged.state, exactly=True, reach=STAYS_SD)
+            if near is None:
+                break
+            best = self._judged(best.name, base, stand.state, near)
+        return best
 
     def _knowing(self, names: Sequence[str]) -> Fitter:
         """Render either side of null of effects to be fitted; to screen them one was enough."""
@@ -271,7 +286,9 @@ class ForwardSelection:
         """
         return next(iter(self._movers), "")
 
-    def _near(self, fitter: Fitter, state: State, *, exactly: bool = False) -> Fitter | None:
+    def _near(
+        self, fitter: Fitter, state: State, *, exactly: bool = False, reach: float = FAR_SD
+    ) -> Fitter | None:
         """Fitter whose pictures are rendered where a state stands; None if its own are near enough.
 
         Parameters
@@ -279,12 +296,14 @@ class ForwardSelection:
         exactly : bool
             Whether only pictures of all that is rendered together are near enough: what is tried beside it
             gets these, and must not take up what others lack.
+        reach : float
+            How far values may be from where pictures were rendered anew, in prior standard deviations.
         """
         shots = [*self.train, *self.select]
         if self.source is None:
             return None
         missing = exactly and not fitter.bank.stands.keys() >= state.rendered.keys()
-        far = missing or is_far(fitter, state) or looks_elsewhere(fitter, state, shots)
+        far = missing or is_far(fitter, state, reach) or looks_elsewhere(fitter, state, shots)
         return self._exact(fitter, state) if far or beyond(fitter, state, shots) else None
 
     def _exact(self, fitter: Fitter, state: State) -> Fitter:
