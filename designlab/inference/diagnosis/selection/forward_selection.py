@@ -480,8 +480,8 @@ class ForwardSelection:
 
 
 def _behind(attempt: Attempt, dirt: Attempt) -> str:
-    """Why a candidate does not join beside dirt that looks like another; empty if it explains more."""
-    if attempt.evidence.value > dirt.evidence.value:
+    """Why a candidate does not join beside dirt that looks like another; empty if it does as well or better."""
+    if attempt.evidence.value > dirt.evidence.value - OF_PRESSES.as_good:
         return ""
     return f"less evidence than {dirt.name}, which dirt makes"
 
