@@ -77,6 +77,8 @@ class LedArray(Spec):
     """Height of the package or board."""
     body_thickness_mm: float = quantity(1.0, unit="mm", gt=0, le=50)
     """Thickness of the package or board, behind the emitting face."""
+    relative_flux: bool = False
+    """Whether fluxes are relative to each other, with no electrical power behind them."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

@@ -88,6 +88,9 @@ class Score:
         Time that each part took, in s.
     warnings : sequence of str
         Where a sensor model was used beyond what it was fitted to, and what of it is not simulated.
+    made_from, not_buildable : str
+        Preset that the design was made from, with the differences, and why it cannot be built as simulated;
+        empty where there is neither.
     """
 
     design: str
@@ -103,6 +106,8 @@ class Score:
     worst: Mapping[str, Place] = field(default_factory=dict)
     presses: Mapping[str, Sequence[float]] = field(default_factory=dict)
     warnings: Sequence[str] = ()
+    made_from: str = ""
+    not_buildable: str = ""
 
     def __getattr__(self, name: str) -> Estimate:
         """Look a score up by name."""
@@ -115,6 +120,8 @@ class Score:
         """Return the content as plain data."""
         return {
             "design": self.design,
+            "made_from": self.made_from,
+            "not_buildable": self.not_buildable,
             "digest": self.digest,
             "fidelity": self.fidelity,
             "seed": self.seed,
@@ -261,6 +268,8 @@ def evaluate(
         worst=found.worst,
         presses=of_presses,
         warnings=(*model.warnings([*pressed.calibration, *pressed.test]), *_beyond(frames)),
+        made_from=simulator.design.lineage,
+        not_buildable=simulator.design.not_buildable,
     )
     return Evaluation(
         score, simulator.design, found.protocol.exposure, frames.untouched[0], found.gel.maps, found.presses

@@ -15,7 +15,7 @@ LEVEL = 0.95
 class Difference(NamedTuple):
     """Score of the second design minus that of the first, with its standard error, both in `unit`.
 
-    `least` is the difference that chance alone exceeds once in twenty times.
+    `least` is the difference that chance alone exceeds in some score of all once in twenty times.
     """
 
     value: float
@@ -34,7 +34,8 @@ def differences(first: Score, second: Score) -> dict[str, Difference]:
 
     Equal plans and seeds make equal presses (the same probes at the same places, equally deep) and the same
     noise. Scores of presses are compared press by press, so that what makes a press hard for both designs
-    cancels. Render noise of the two counts as independent.
+    cancels. Render noise of the two counts as independent. What counts as a difference allows for the number
+    of scores that are compared (Bonferroni).
 
     Raises
     ------
@@ -49,6 +50,8 @@ def differences(first: Score, second: Score) -> dict[str, Difference]:
             raise ValueError(f"{name}: must be the same for both designs, got {a!r} and {b!r}")
     chosen = _paired(first, second)
     found = {}
+    shared = sum(name in second.scores for name in first.scores)
+    tail = (1 - LEVEL) / 2 / max(shared, 1)
     for name, a in first.scores.items():
         b = second.scores.get(name)
         if b is None:
@@ -61,7 +64,7 @@ def differences(first: Score, second: Score) -> dict[str, Difference]:
             se = float(np.hypot(chosen[name], np.hypot(a.bias_bound or 0.0, b.bias_bound or 0.0)))
         else:
             se = float(np.hypot(a.se, b.se))
-        least = float(student.ppf((1 + LEVEL) / 2, freedom)) * se
+        least = float(student.isf(tail, freedom)) * se
         found[name] = Difference(b.value - a.value, se, least, a.unit)
     return found
 

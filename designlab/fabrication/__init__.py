@@ -33,7 +33,7 @@ from designlab.fabrication.parts import (
 )
 from designlab.fabrication.tables import bill, led_rows, readme, write_csv
 from designlab.fabrication.triangles import OPTICAL_THINNING_MM, THINNING_MM, printable, read, write_3mf
-from designlab.sensor.design import Design, dumps
+from designlab.sensor.design import Design, InfeasibleDesign, dumps
 from designlab.sensor.feasibility import MINIMUM_WALL_MM
 from designlab.sensor.optical_constants import material
 from designlab.simulation.effects.model import SensorModel
@@ -89,7 +89,7 @@ def export(
     Raises
     ------
     InfeasibleDesign
-        If the design breaks a rule and `allow_infeasible` is false.
+        If the design breaks a rule or cannot be built as it is simulated, and `allow_infeasible` is false.
     ValueError
         If `out` holds something else, or a probe is unknown; names path or probe and rule.
     RuntimeError
@@ -98,6 +98,11 @@ def export(
     design, notes = to_make(design)
     if not allow_infeasible:
         design.require_feasible()
+        if design.not_buildable:
+            raise InfeasibleDesign(
+                f"design {design.name!r} is {design.not_buildable}; remedy: start from a sensor with "
+                'optics.light_path = "core", such as the preset default, or allow infeasible designs'
+            )
     chosen = list(dict.fromkeys(probe_library.parse(p) if isinstance(p, str) else p for p in probes))
     names = [probe_name(probe) for probe in chosen]
     if len(set(names)) < len(names):
@@ -161,6 +166,7 @@ def _write(
         "kind": KIND,
         "format": 1,
         "design": design.name,
+        "made_from": design.lineage,
         "digest": design.digest,
         "versions": {package: installed_version(package) for package in PROGRAMS},
         "parts": described,
@@ -174,6 +180,7 @@ def _write(
         },
         "warnings": [
             *notes,
+            *([design.not_buildable] if design.not_buildable else []),
             *(f"rule {rule} is violated by {margin:.3g} mm" for rule, margin in broken.items()),
             *(f"{c.part} overlap by {c.value:.3g} mm3 ({c.note})" for c in overlaps if c.note),
         ],

@@ -37,6 +37,7 @@ CASTING_SURPLUS = 1.3
 def led_rows(design: Design) -> list[dict[str, Any]]:
     """One row an emitting strip: group, LED, place, direction, wavelength and share of the group's flux."""
     strips = len(design.leds.emitting_spans_mm)
+    flux = "relative_flux" if design.leds.relative_flux else "flux_mw"
     found = emitters(design.leds)
     area = [0.0] * len(design.leds.groups)
     for emitter in found:
@@ -58,7 +59,7 @@ def led_rows(design: Design) -> list[dict[str, Any]]:
                 "width_mm": 2 * emitter.half_width_mm,
                 "height_mm": 2 * emitter.half_height_mm,
                 "wavelength_nm": group.wavelength_nm,
-                "flux_mw": group.flux_mw * emitter.area_mm2 / area[emitter.group],
+                flux: group.flux_mw * emitter.area_mm2 / area[emitter.group],
             }
         )
     # 1 nm is far below any machine's step; adding zero turns -0.0 into 0.0.
@@ -86,7 +87,8 @@ def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[st
     board = f"{leds.body_width_mm:g} x {leds.body_height_mm:g} x {leds.body_thickness_mm:g} mm"
     for group in leds.groups:
         count = group.count * len(group.azimuth_deg)
-        text = f"{group.wavelength_nm:g} nm {leds.package}, {board}, {group.flux_mw / count:.4g} mW each"
+        flux = "relative, no power is known" if leds.relative_flux else f"{group.flux_mw / count:.4g} mW each"
+        text = f"{group.wavelength_nm:g} nm {leds.package}, {board}, {flux}"
         bought = group.part or leds.part
         if bought is not None:
             text = f"{part(bought).maker} {part(bought).number}, {text}"
@@ -141,7 +143,8 @@ def readme(design: Design, manifest: Mapping[str, Any]) -> str:
         coupling=_STOCK["coupling"].get(design.leds.coupling, ""),
         warnings="\n".join(f"- {warning}" for warning in manifest["warnings"] or ["none"]),
     )
-    lines = [design.name, *textwrap.wrap(design.description, 100), f"design digest {design.digest}", ""]
+    about = [*textwrap.wrap(design.description, 100), *textwrap.wrap(design.lineage, 100)]
+    lines = [design.name, *about, f"design digest {design.digest}", ""]
     for line in text.splitlines():
         lines += textwrap.wrap(line, 100, subsequent_indent="  ") if line.startswith("- ") else [line]
     return "\n".join(lines) + "\n"

@@ -1,17 +1,30 @@
 """The page about an evaluation: a verdict first, then maps, all figures, rules and time."""
 
-import html
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from designlab.core.store import write_atomic
 from designlab.evaluation.press_plan import PressPlan
-from designlab.report.page import Column, Html, Section, facts, gallery, page, paragraph, picture, table
+from designlab.report.page import (
+    Column,
+    Html,
+    Lead,
+    Section,
+    facts,
+    gallery,
+    page,
+    pair,
+    paragraph,
+    picture,
+    rounded,
+    table,
+    under,
+    word,
+)
 from designlab.report.yardsticks import judged, row, summary, worst_place
 from designlab.sensor.feasibility import RULES
 
-_COLOURS = {"good": "#2f855a", "fair": "#b7791f", "poor": "#c53030"}
 _MAPS = {
     "background.png": "What the camera sees of the untouched gel, brightened to its own white",
     "information.png": "Information limit: least tilt of a flat membrane that camera noise alone makes up; "
@@ -42,35 +55,71 @@ def evaluation_report(
     worst = score.get("worst", {})
     depths_mm = score.get("presses", {}).get("depth_mm", ())
     rows = judged(score["scores"], depths_mm)
-    verdict = [
-        *([paragraph(summary(rows))] if rows else []),
-        *(paragraph(worst_place(kind, place)) for kind, place in worst.items()),
-        *([_verdict_table(rows)] if rows else []),
-    ]
+    worst_press = worst.get("press", {}).get("press")
+    places = tuple(paragraph(worst_place(kind, place)) for kind, place in worst.items())
     sections = [
-        Section("Verdict", tuple(verdict)),
-        Section("Where", _maps(pictures)),
-        Section("Test presses", _presses(pictures, worst.get("press", {}).get("press"))),
+        Section("Main scores", (_verdict_table(rows),) if rows else ()),
+        Section("Where it is worst", (*places, *_maps(pictures))),
+        Section("Test presses", _presses(pictures, worst_press), folded=True),
         Section(
             "All scores",
             (_scores(score["scores"], depths_mm), *_groups(score.get("groups", {})), _settings(score)),
+            folded=True,
         ),
-        Section("Rules", (_margins(score["margins"]),) if score.get("margins") else ()),
-        Section("Time", (_seconds(score["seconds"]),) if score.get("seconds") else ()),
+        Section("Rules", (_margins(score["margins"]),) if score.get("margins") else (), folded=True),
+        Section("Time", (_seconds(score["seconds"]),) if score.get("seconds") else (), folded=True),
     ]
-    subtitle = f"fidelity {score.get('fidelity', '')}, seed {score.get('seed', '')}"
-    return write_atomic(target, page(f"Design: {score['design']}", sections, subtitle=subtitle))
+    about = [score.get("made_from", ""), score.get("not_buildable", "")]
+    about.append(f"fidelity {score.get('fidelity', '')}, seed {score.get('seed', '')}")
+    lead = _lead(score, rows, pictures, worst_press)
+    text = page(f"Design: {score['design']}", sections, subtitle="; ".join(filter(None, about)), lead=lead)
+    return write_atomic(target, text)
+
+
+def _lead(
+    score: Mapping[str, Any],
+    rows: list[dict[str, Any]],
+    pictures: Mapping[Path, str],
+    worst: int | None,
+) -> Lead | None:
+    """How well the sensor feels, in two sentences, with the press that it reconstructs worst."""
+    if not rows:
+        return None
+    told = {
+        name: f"{words} {rounded(each['value'], each['se'])} {unit}"
+        for name, words, unit in (
+            ("normal_error_mean_deg", "surface normals are off by", "deg in the mean"),
+            ("height_rmse_um", "heights by", "µm RMS"),
+        )
+        if (each := score["scores"].get(name)) is not None
+    }
+    errors = ", ".join(told.values())
+    answer = (
+        f"{errors[:1].upper()}{errors[1:]}, on presses that the calibration has not seen." if errors else ""
+    )
+    verdicts = {entry["verdict"].partition(",")[0] for entry in rows}
+    kind = next((each for each in ("poor", "fair") if each in verdicts), "good")
+    others = {path: caption for path, caption in pictures.items() if path.name not in _MAPS}
+    shown = [path for path in others if worst is not None and path.name.startswith(f"press-{worst + 1:02d}-")]
+    shown += [path for path in pictures if path.name == "background.png"]
+    return Lead(
+        question="How well would this sensor feel?",
+        answer=tuple(paragraph(text) for text in (answer, summary(rows)) if text),
+        picture=picture(shown[0], pictures[shown[0]]) if shown else None,
+        next_words="Change a figure of the design, and see in which scores it differs:",
+        next_command="designlab evaluate design.toml changed.toml --compare --out compared",
+        word={"good": "good", "fair": "fair", "poor": "weak somewhere"}[kind],
+        kind=kind,
+    )
 
 
 def _verdict_table(rows: list[dict[str, Any]]) -> Html:
     shown = [
         {
             **entry,
-            "what": Html(
-                f'{html.escape(entry["title"])}<br><span class="note">{html.escape(entry["meaning"])}</span>'
-            ),
+            "what": under(entry["title"], entry["meaning"]),
             "word": _coloured(entry["verdict"]),
-            "why": Html(f'<span class="note">{html.escape(entry["limits"])}</span>'),
+            "why": under("", entry["limits"]),
         }
         for entry in rows
     ]
@@ -84,17 +133,14 @@ def _verdict_table(rows: list[dict[str, Any]]) -> Html:
 
 
 def _coloured(verdict: str) -> Html:
-    colour = _COLOURS.get(verdict.partition(",")[0], "inherit")
-    return Html(f'<strong style="color: {colour}">{html.escape(verdict)}</strong>')
+    return word(verdict, verdict.partition(",")[0])
 
 
 def _maps(pictures: Mapping[Path, str]) -> tuple[Html, ...]:
     named = {path.name: path for path in pictures}
     blocks = []
     beside = [picture(named[n], _MAPS[n]) for n in ("background.png", "information.png") if n in named]
-    if beside:
-        two = "display: grid; grid-template-columns: 1fr 1fr; gap: 1.2rem"
-        blocks.append(Html(f'<div style="{two}">{"".join(beside)}</div>'))
+    blocks += [pair(*beside)] if len(beside) > 1 else beside
     blocks += [picture(named[n], _MAPS[n]) for n in ("errors.png", "uniformity.png") if n in named]
     return tuple(blocks)
 

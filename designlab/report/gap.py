@@ -1,30 +1,43 @@
 """The page about a gap, from the data that its command prints as JSON."""
 
-import html
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from designlab.core.store import write_atomic
+from designlab.inference.diagnosis.selection.criterion import OF_PRESSES
 from designlab.report.gap_plots import gap_bars, interval_bar
 from designlab.report.page import (
     Column,
     Html,
+    Lead,
     Section,
     facts,
+    heading,
     label,
+    listed,
     page,
     paragraph,
     picture,
     rounded,
     table,
+    unbroken,
+    word,
 )
 
 MOST_PLACES = 12
 STANDS_OUT = 1.5  # times the mean of its channel and frames
+BARELY = 0.02  # times what every sensor leaves: less beyond is nothing
 
-_COLOURS = {"named": "#2f855a", "at_floor": "#2f855a", "unexplained": "#c53030"}
-_OTHER_COLOUR = "#b7791f"
+_KINDS = {"named": "good", "at_floor": "good", "unexplained": "poor"}
+_OTHER_KIND = "fair"
+_WORDS = {
+    "named": "cause named",
+    "ambiguous": "two causes or more fit",
+    "partial": "partly explained",
+    "unexplained": "not explained",
+    "at_floor": "no gap",
+}
 _FRAMES = {"background": "untouched gel", "press": "presses", "dark": "LEDs off"}
 _SPLITS = {"train": "fitted to", "select": "chosen by", "final": "final"}
 _GAP = (
@@ -46,8 +59,8 @@ _PARAMETERS = (
 )
 _CANDIDATES = (
     "Evidence: logarithm of the Bayes factor against the model without the effect, divided by how many "
-    "neighbouring values err alike; 16 or more is needed, 30 beside other effects. Gain: share of the first "
-    "gap closed on presses that the candidate was not fitted to."
+    f"neighbouring values err alike; {OF_PRESSES.evidence:g} or more is needed, {OF_PRESSES.later:g} beside "
+    "other effects. Gain: share of the first gap closed on presses that the candidate was not fitted to."
 )
 
 
@@ -65,34 +78,67 @@ def gap_report(report: Mapping[str, Any], target: str | Path) -> Path:
     shown = {path.name: picture(path, caption) for path, caption in files.items()}
     places = shown.pop("where.png", None)
     made = report["provenance"]
+    first, *others = report["statement"]
     content = [
-        Section("Verdict", _verdict(report)),
-        Section("Where the gap is", (*([places] if places else []), *_where(report["where"]))),
-        Section("Gap before and after", _gap(report["gap"], report["control"])),
         Section("What was found", _effects(report["effects"])),
+        Section("In words", tuple(paragraph(_closed(text)) for text in others)),
+        Section("Gap before and after", _gap(report["gap"], report["control"])),
+        Section("Where the gap is", (*([places] if places else []), *_where(report["where"]))),
         Section("Measured, simulated, left over", tuple(shown.values())),
         Section("What to measure next", _next(report)),
-        Section("What this cannot know", _limits(report["limits"], report["overlaps"])),
-        Section("Every candidate tried", _candidates(report)),
-        Section("Checks of the measurement", _checks(report["checks"])),
-        Section("Notes", tuple(paragraph(note) for note in report["notes"])),
-        Section("How it was made", (_made(made),)),
+        Section("What this cannot know", _limits(report["limits"], report["overlaps"]), folded=True),
+        Section("Every candidate tried", _candidates(report), folded=True),
+        Section("Checks of the measurement", _checks(report["checks"]), folded=True),
+        Section("Notes", tuple(paragraph(note) for note in report["notes"]), folded=True),
+        Section("How it was made", (_made(made, report["model"]),), folded=True),
     ]
-    title, subtitle = "Gap between simulation and measurement", f"measurement {made['measurement']}"
-    return write_atomic(target, page(title, content, subtitle=subtitle))
-
-
-def _verdict(report: Mapping[str, Any]) -> tuple[Html, ...]:
-    word = report["verdict"]
-    colour = _COLOURS.get(word, _OTHER_COLOUR)
-    first, *others = report["statement"]
-    lead = (
-        f'<p style="font-size:1.15rem;border-left:4px solid {colour};padding-left:.8rem">'
-        f'<strong style="color:{colour}">{html.escape(word.replace("_", " "))}</strong><br>'
-        f"{html.escape(first)}</p>"
+    verdict = report["verdict"]
+    removed = _removed(report["gap"].get("final", {}))
+    words, command = _what_next(report)
+    lead = Lead(
+        question="What does the model lack that the sensor has?",
+        answer=(paragraph(_closed(first)), *([paragraph(removed)] if removed else [])),
+        picture=next(iter(shown.values()), places),
+        next_words=words,
+        next_command=command,
+        word=_WORDS.get(verdict, verdict),
+        kind=_KINDS.get(verdict, _OTHER_KIND),
     )
-    model = {"updated model": Html(f"<code>{html.escape(report['model'])}</code>")}
-    return (Html(lead), *(paragraph(text.replace(" %", "\u00a0%")) for text in others), facts(model))
+    title, subtitle = "Gap between simulation and measurement", f"measurement {made['measurement']}"
+    return write_atomic(target, page(title, content, subtitle=subtitle, lead=lead))
+
+
+def _closed(text: str) -> str:
+    """The text, with no line break between a figure and its per cent sign."""
+    return text.replace(" %", "\u00a0%")
+
+
+def _removed(final: Mapping[str, float]) -> str:
+    """How far the gap closes on presses that decided nothing."""
+    if not final:
+        return ""
+    before, after = (max(final[name] / final["usual"] - 1, 0.0) for name in ("before", "after"))
+    if before < BARELY:
+        return "On the final presses no more is left than noise, grain and smooth errors of light."
+    return (
+        f"On presses that decided nothing the excess falls from {before:.2g} to {after:.1g}. (Excess: "
+        "squared residual over what noise, grain and smooth errors of light leave; 0 is no gap.)"
+    )
+
+
+def _what_next(report: Mapping[str, Any]) -> tuple[str, str]:
+    """What to do after a verdict, and the command that does it."""
+    if report["verdict"] in ("named", "partial") and report["effects"]:
+        return (
+            "Score the sensor as it is, effects included:",
+            f"designlab evaluate {report['model']} --out as-it-is",
+        )
+    if report.get("next_measurement"):
+        text = (report.get("next") or {}).get("text") or report["next_measurement"]
+        return f"{text[:1].upper()}{text[1:]}.", ""
+    if report["verdict"] == "at_floor":
+        return "Trust the model for this sensor: design with it.", ""
+    return "Look at the pictures of what is left for dirt, marks, a second contact, or another object.", ""
 
 
 def _where(where: Sequence[Mapping[str, Any]]) -> tuple[Html, ...]:
@@ -102,7 +148,7 @@ def _where(where: Sequence[Mapping[str, Any]]) -> tuple[Html, ...]:
         {
             "region": place["region"],
             "channel": place["channel"],
-            "frames": _unbroken(_FRAMES.get(place["frames"], place["frames"])),
+            "frames": unbroken(_FRAMES.get(place["frames"], place["frames"])),
             "share": round(100 * place["share"], 1),
             "area": round(100 * place["area"], 1),
             "times": _times(place),
@@ -188,7 +234,7 @@ def _effects(effects: Sequence[Mapping[str, Any]]) -> tuple[Html, ...]:
                     "parameter": label(name, "" if p.get("unit") == "1" else p.get("unit", "")),
                     "value": p["value"],
                     "interval": _interval(p),
-                    "bounds": _unbroken(f"{p['bounds'][0]:g} to {p['bounds'][1]:g}") if "bounds" in p else "",
+                    "bounds": unbroken(f"{p['bounds'][0]:g} to {p['bounds'][1]:g}") if "bounds" in p else "",
                     "drawing": interval_bar(p) if "bounds" in p else "",
                     "confidence": f"{effect['confidence']:.2f}" if first else "",
                     "others": (others or "none") if first else "",
@@ -213,12 +259,8 @@ def _effects(effects: Sequence[Mapping[str, Any]]) -> tuple[Html, ...]:
 
 def _interval(p: Mapping[str, Any]) -> Html:
     if p.get("low") is None or p.get("high") is None:
-        return _unbroken("not known")
-    return _unbroken(f"{rounded(p['low'])} to {rounded(p['high'])}")
-
-
-def _unbroken(text: str) -> Html:
-    return Html(f'<span style="white-space:nowrap">{html.escape(text)}</span>')
+        return unbroken("not known")
+    return unbroken(f"{rounded(p['low'])} to {rounded(p['high'])}")
 
 
 def _next(report: Mapping[str, Any]) -> tuple[Html, ...]:
@@ -263,12 +305,12 @@ def _candidates(report: Mapping[str, Any]) -> tuple[Html, ...]:
             {
                 **c,
                 "values": _fitted(c),
-                "outcome": Html("<strong>accepted</strong>") if c["name"] == best else c["outcome"],
+                "outcome": word("accepted", "good") if c["name"] == best else c["outcome"],
                 "improved": f"{100 * c['improved']:.0f} %" if c.get("improved") is not None else None,
             }
             for c in sorted(fitted, key=lambda c: -c["evidence"])
         ]
-        blocks.append(Html(f"<h3>Round {number}</h3>"))
+        blocks.append(heading(f"Round {number}"))
         if rows:
             blocks.append(table(rows, columns))
         screened = sorted(
@@ -306,7 +348,7 @@ def _checks(checks: Sequence[Mapping[str, Any]]) -> tuple[Html, ...]:
         return ()
     words = {
         True: "holds",
-        False: Html('<strong style="color: #c53030">fails</strong>'),
+        False: word("fails", "poor"),
         None: "no frames for it",
     }
     rows = [
@@ -322,7 +364,7 @@ def _checks(checks: Sequence[Mapping[str, Any]]) -> tuple[Html, ...]:
 
 
 def _limits(limits: Sequence[str], overlaps: Sequence[Mapping[str, Any]]) -> tuple[Html, ...]:
-    shown = (_list(limits),) if limits else ()
+    shown = (listed(limits),) if limits else ()
     if not overlaps:
         return shown
     columns = [
@@ -334,23 +376,18 @@ def _limits(limits: Sequence[str], overlaps: Sequence[Mapping[str, Any]]) -> tup
     return (*shown, table(rows, columns))
 
 
-def _list(lines: Sequence[str]) -> Html:
-    return Html(f"<ul>{''.join(f'<li>{html.escape(line)}</li>' for line in lines)}</ul>")
-
-
-def _made(made: Mapping[str, Any]) -> Html:
+def _made(made: Mapping[str, Any], model: str) -> Html:
     frames = {use: len(files) for use, files in made.get("frames", {}).items() if files}
     return facts(
         {
+            "updated model": model,
             "frames": ", ".join(f"{number} {use}" for use, number in frames.items()),
             "noise": made.get("noise", ""),
             "floor": made.get("floor", ""),
             "pictures rendered": made.get("rendered", ""),
             "samples per pixel": made.get("samples", ""),
             "time": f"{made['seconds']:g} s" if "seconds" in made else "",
-            "model as given": Html(f"<code>{html.escape(made['model'][:16])}</code>")
-            if made.get("model")
-            else "",
+            "model as given": made["model"][:16] if made.get("model") else "",
             "seed": made.get("seed", ""),
         }
     )

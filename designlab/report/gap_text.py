@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 
 from designlab.inference.diagnosis.result import Control, Found, GapReport, Level, Unexplained, Where
 from designlab.inference.diagnosis.verdict.confidence import SURE_ENOUGH
+from designlab.report.effect_words import told
 
 SPREAD = 1.5  # times the mean of its channel and frames, from which a region stands out
 MOST_PLACES = 3
@@ -103,7 +104,8 @@ def _missing(report: GapReport) -> str:
 
 
 def _called(effect: Found) -> str:
-    return f"{effect.name} ({effect.summary})" if effect.summary else effect.name
+    what = told(effect) or effect.summary
+    return f"{effect.name} ({what})" if what else effect.name
 
 
 def _how_sure(report: GapReport) -> list[str]:

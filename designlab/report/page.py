@@ -1,7 +1,7 @@
 """Building blocks of a page: one HTML file that needs no network, with tables, pictures and figures."""
 
 import base64
-import html
+import gzip
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -10,10 +10,13 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from markupsafe import Markup
+
 from designlab.core import __version__
 
 if TYPE_CHECKING:
     import plotly.graph_objects
+    from jinja2 import Template
 
 
 def _text(name: str) -> str:
@@ -21,6 +24,8 @@ def _text(name: str) -> str:
     return files(__package__).joinpath(name).read_text(encoding="utf-8")
 
 
+Html = Markup
+"""Text that is HTML already; every other text is escaped."""
 FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
 COLOURS = ("#1f5fa8", "#d1541e", "#2f855a", "#7b4ea3", "#b7791f", "#4a5568")
 """Colours of figures, in order: blue, orange, green, purple, ochre, grey."""
@@ -28,17 +33,41 @@ COLOURS = ("#1f5fa8", "#d1541e", "#2f855a", "#7b4ea3", "#b7791f", "#4a5568")
 _STYLE = "\n" + _text("page.css").replace("FONT", FONT)
 
 
-class Html(str):
-    """Text that is HTML already; every other text is escaped."""
-
-    __slots__ = ()
-
-
 class Section(NamedTuple):
-    """A heading and the blocks below it: results of the functions of this module."""
+    """A heading and the blocks below it: results of the functions of this module.
+
+    A folded section shows its heading until somebody opens it.
+    """
 
     title: str
     blocks: tuple[Html, ...]
+    folded: bool = False
+
+
+class Lead(NamedTuple):
+    """The first screen of a page: a question, its answer, a picture, and what to do next.
+
+    Parameters
+    ----------
+    question : str
+        What the reader wants to know.
+    answer : tuple of Html
+        One or two paragraphs of a sentence each, with figure, unit and interval.
+    picture : Html, optional
+        The picture that shows it.
+    next_words, next_command : str
+        What to do next, and the command that does it.
+    word, kind : str
+        A verdict in a word, and whether it is "good", "fair", "poor" or nothing of the kind.
+    """
+
+    question: str
+    answer: tuple[Html, ...]
+    picture: Html | None = None
+    next_words: str = ""
+    next_command: str = ""
+    word: str = ""
+    kind: str = ""
 
 
 class Column(NamedTuple):
@@ -50,7 +79,22 @@ class Column(NamedTuple):
     se: str = ""
 
 
-def page(title: str, sections: Iterable[Section], *, subtitle: str = "") -> Html:
+class _Head(NamedTuple):
+    """Heading of a column as the template needs it."""
+
+    title: str
+    unit: str
+    numeric: bool
+
+
+def page(
+    title: str,
+    sections: Iterable[Section],
+    *,
+    subtitle: str = "",
+    lead: Lead | None = None,
+    links: Sequence[Html] = (),
+) -> Html:
     """Assemble a page.
 
     Parameters
@@ -59,43 +103,33 @@ def page(title: str, sections: Iterable[Section], *, subtitle: str = "") -> Html
         Heading and the line below it.
     sections : iterable of Section
         The content; sections without blocks are left out.
+    lead : Lead, optional
+        The first screen.
+    links : sequence of Html
+        Links to other pages, above the heading.
 
     Returns
     -------
     Html
         A complete document: style, pictures and scripts are inside it.
     """
-    body = "".join(
-        f"<section><h2>{html.escape(section.title)}</h2>{''.join(section.blocks)}</section>"
-        for section in sections
-        if section.blocks
-    )
-    script = f"<script>{_plotly_script()}</script>" if 'class="plotly' in body else ""
-    below = f'<p class="subtitle">{html.escape(subtitle)}</p>' if subtitle else ""
-    return Html(
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f'<link rel="icon" href="data:,"><title>{html.escape(title)}</title>'
-        f"<style>{_STYLE}</style>{script}</head><body><main><h1>{html.escape(title)}</h1>{below}"
-        f"{body}<footer>designlab {__version__}</footer></main></body></html>\n"
-    )
+    sections = [section for section in sections if section.blocks]
+    shown = [block for section in sections for block in section.blocks]
+    shown += [lead.picture] if lead is not None and lead.picture is not None else []
+    scripts = [Html(_plotly_script())] if any('class="plotly' in block for block in shown) else []
+    scripts += [Html(_OPEN_LARGE)] if any('class="large"' in block for block in shown) else []
+    made = _block("page", title, subtitle, lead, sections, links, Html(_STYLE), scripts, __version__)
+    return Html(made.lstrip())
 
 
 def paragraph(text: str, *, note: bool = False) -> Html:
     """One paragraph; text between backquotes is set as code."""
-    parts = html.escape(text).split("`")
-    marked = "".join(f"<code>{part}</code>" if index % 2 else part for index, part in enumerate(parts))
-    return Html(f'<p class="note">{marked}</p>' if note else f"<p>{marked}</p>")
+    return _block("paragraph", text.split("`"), note)
 
 
 def facts(values: Mapping[str, Any]) -> Html:
     """Names and values, one pair a line; empty values are left out."""
-    pairs = "".join(
-        f"<dt>{html.escape(name)}</dt><dd>{_escaped(value)}</dd>"
-        for name, value in values.items()
-        if value != ""
-    )
-    return Html(f"<dl>{pairs}</dl>")
+    return _block("facts", [(name, value) for name, value in values.items() if value != ""])
 
 
 def table(rows: Sequence[Mapping[str, Any]], columns: Sequence[Column | str], *, caption: str = "") -> Html:
@@ -109,29 +143,19 @@ def table(rows: Sequence[Mapping[str, Any]], columns: Sequence[Column | str], *,
         What to show, in order; a bare key serves as its own heading.
     """
     chosen = [column if isinstance(column, Column) else Column(column, column) for column in columns]
-    numeric = {c.key: any(_is_number(row.get(c.key)) for row in rows) for c in chosen}
-    head = "".join(
-        f"<th{_number_class(numeric[c.key])}>{html.escape(c.title)}"
-        + (f'<span class="unit">{html.escape(c.unit)}</span>' if c.unit not in ("", "1") else "")
-        + "</th>"
+    heads = [
+        _Head(c.title, "" if c.unit == "1" else c.unit, any(_is_number(row.get(c.key)) for row in rows))
         for c in chosen
-    )
-    body = "".join(
-        "<tr>"
-        + "".join(
-            f"<td{_number_class(numeric[c.key])}>{_cell(row.get(c.key), row.get(c.se))}</td>" for c in chosen
-        )
-        + "</tr>"
+    ]
+    cells = [
+        [(head, _cell(row.get(c.key), row.get(c.se))) for head, c in zip(heads, chosen, strict=True)]
         for row in rows
-    )
-    above = f"<caption>{html.escape(caption)}</caption>" if caption else ""
-    return Html(
-        f'<div class="scroll"><table>{above}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
-    )
+    ]
+    return _block("table", heads, cells, caption)
 
 
 def picture(source: str | Path | bytes, caption: str, *, alt: str = "") -> Html:
-    """A picture, kept inside the page.
+    """A picture, kept inside the page; it opens large.
 
     Parameters
     ----------
@@ -154,16 +178,48 @@ def picture(source: str | Path | bytes, caption: str, *, alt: str = "") -> Html:
             raise ValueError(f"{path}: a page takes pictures as {', '.join(kinds)}")
         kind, data = kinds[path.suffix.lower()], path.read_bytes()
     encoded = base64.b64encode(data).decode()
-    return Html(
-        f'<figure><img alt="{html.escape(alt or caption, quote=True)}" '
-        f'src="data:image/{kind};base64,{encoded}">{_caption(caption)}</figure>'
-    )
+    return _block("picture", f"data:image/{kind};base64,{encoded}", alt or caption, caption)
 
 
 def gallery(pictures: Iterable[Html]) -> Html:
     """Pictures side by side."""
-    inside = "".join(pictures)
-    return Html(f'<div class="gallery">{inside}</div>' if inside else "")
+    shown = list(pictures)
+    return _block("gallery", shown) if shown else Html("")
+
+
+def pair(left: Html, right: Html) -> Html:
+    """Two blocks side by side where there is room."""
+    return _block("pair", left, right)
+
+
+def heading(text: str) -> Html:
+    """A heading within a section."""
+    return _block("heading", text)
+
+
+def listed(lines: Iterable[str]) -> Html:
+    """Lines of a list."""
+    return _block("listed", list(lines))
+
+
+def word(text: str, kind: str) -> Html:
+    """A word of a verdict: `kind` is "good", "fair" or "poor"."""
+    return _block("word", text, kind)
+
+
+def under(text: str, below: str) -> Html:
+    """Text with a note under it."""
+    return _block("under", text, below)
+
+
+def unbroken(text: str) -> Html:
+    """Text that stays on one line."""
+    return _block("unbroken", text)
+
+
+def link(target: str, text: str) -> Html:
+    """A link to a file beside the page."""
+    return _block("link", target, text)
 
 
 def plotly_figure(
@@ -195,19 +251,17 @@ def plotly_figure(
         config={"displaylogo": False, "responsive": True, "modeBarButtons": [["toImage", "resetScale2d"]]},
         post_script=[_SHOW_PICTURES] if pictures else None,
     )
+    drawn = drawn.replace('<script type="text/javascript">', '<script type="text/figure">')
     encoded = {
         key: f"data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}"
         for key, path in (pictures or {}).items()
     }
-    beside = (
-        f'<img class="pointed" alt="" hidden><script type="application/json">{json.dumps(encoded)}</script>'
-        if encoded
-        else ""
-    )
-    return Html(f'<figure class="plotly">{beside}{drawn}{_caption(caption)}</figure>')
+    beside = Html(json.dumps(encoded)) if encoded else None  # base64 and trial numbers, nothing to escape
+    return _block("plot", Html(drawn), beside, caption)
 
 
 _SHOW_PICTURES = "\n" + _text("show_pictures.js")
+_OPEN_LARGE = "\n" + _text("open_large.js")
 
 
 def label(name: str, unit: str = "") -> str:
@@ -241,18 +295,15 @@ def rounded(value: float, se: float | None = None) -> str:
     return f"{value:.{decimals}f} ± {se:.{decimals}f}"
 
 
-def _cell(value: Any, se: Any) -> str:
+def _cell(value: Any, se: Any) -> tuple[Any, str]:
+    """A value for people, and its standard error."""
     if value is None or value != value:
-        return "–"
+        return "–", ""
     if not _is_number(value):
-        return _escaped(value)
+        return value if isinstance(value, Html) else str(value), ""
     text = rounded(float(value), float(se) if _is_number(se) else None)
-    number, sign, error = text.partition(" ± ")
-    return f'{number}<span class="se"> ± {error}</span>' if sign else number
-
-
-def _escaped(value: Any) -> str:
-    return value if isinstance(value, Html) else html.escape(str(value))
+    number, _, error = text.partition(" ± ")
+    return number, error
 
 
 def _is_number(value: Any) -> bool:
@@ -261,17 +312,24 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, numbers.Real) and not isinstance(value, bool)
 
 
-def _number_class(numeric: bool) -> str:
-    return ' class="number"' if numeric else ""
+def _block(name: str, *content: Any) -> Html:
+    """A block of the template."""
+    made: str = getattr(_template().module, name)(*content)
+    return Html(made)
 
 
-def _caption(text: str) -> str:
-    return f"<figcaption>{html.escape(text)}</figcaption>" if text else ""
+@cache
+def _template() -> "Template":
+    import jinja2
+
+    return jinja2.Environment(
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
+    ).from_string(_text("blocks.html"))
 
 
 @cache
 def _plotly_script() -> str:
     from plotly.offline import get_plotlyjs
 
-    script: str = get_plotlyjs()
-    return script
+    packed = gzip.compress(get_plotlyjs().encode(), mtime=0)
+    return _text("unpack.js").replace("PACKED", base64.b64encode(packed).decode())

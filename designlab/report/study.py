@@ -15,6 +15,7 @@ from designlab.report import study_plots
 from designlab.report.page import (
     Column,
     Html,
+    Lead,
     Section,
     facts,
     gallery,
@@ -24,6 +25,8 @@ from designlab.report.page import (
     picture,
     plotly_figure,
     table,
+    unbroken,
+    word,
 )
 from designlab.sensor.design import dumps
 from designlab.sensor.feasibility import RULES
@@ -65,19 +68,20 @@ def study_report(
             _depict(found, int(number))
     study = found.study
     sections = [
-        Section("Result", _result(found)),
-        Section("Shortlist", _shortlist(found)),
         Section("Confirmed with fresh seeds", _confirmation(found)),
+        Section("Shortlist", _shortlist(found)),
         Section("Trade-off", _trade_off(found)),
-        Section("Parameters of all designs", _parallel(found)),
-        Section("Scores over parameters", _slices(found)),
         Section("What matters", _importance(found)),
-        Section("Progress", _progress(found)),
-        Section("Designs left out", _rejections(found)),
-        Section("The search", _definition(found)),
+        Section("Best of the search", _result(found)),
+        Section("Parameters of all designs", _parallel(found), folded=True),
+        Section("Scores over parameters", _slices(found), folded=True),
+        Section("Progress", _progress(found), folded=True),
+        Section("Designs left out", _rejections(found), folded=True),
+        Section("The search", _definition(found), folded=True),
     ]
     subtitle = f"{found.evaluated} designs evaluated, starting from {study.base.name}"
-    return write_atomic(path, page(f"Study: {study.name}", sections, subtitle=subtitle))
+    text = page(f"Study: {study.name}", sections, subtitle=subtitle, lead=_lead(found))
+    return write_atomic(path, text)
 
 
 def _result(results: Results) -> tuple[Html, ...]:
@@ -175,8 +179,12 @@ def _confirmation(results: Results) -> tuple[Html, ...]:
             **{str(name): value for name, value in row.items()},
             "design": f"trial {row['trial']}",
             "score": label(results.study.called(row["objective"]), units.get(row["objective"], "")),
-            "gain": f"{row['gain']:.0%}" if row["gain"] == row["gain"] else "–",
-            "apart": "yes" if row["apart"] else "no",
+            "change": _change(row),
+            "verdict": word("better", "good")
+            if row["better"]
+            else word("worse", "poor")
+            if row["seen"]
+            else "no difference seen",
             "breaks": ", ".join(row["violated"] or ()) or "–",
         }
         for row in gains.to_dict(orient="records")
@@ -186,18 +194,70 @@ def _confirmation(results: Results) -> tuple[Html, ...]:
         Column("score", "score"),
         Column("base", "base design", se="base_se"),
         Column("value", "design", se="value_se"),
-        Column("gain", "better by"),
-        Column("apart", "95 % intervals apart"),
+        Column("change", "difference (interval)"),
+        Column("verdict", ""),
         Column("breaks", "breaks"),
     ]
     fidelity = gains["fidelity"].iloc[0]
     text = (
-        f"Evaluated again at {fidelity} fidelity with random numbers that had no part in the search. A "
-        "design is better by the share of what the base lacks: of a score that is at most 1 its distance "
-        "from 1, of one to minimise its value."
+        f"Evaluated again at {fidelity} fidelity with random numbers that had no part in the search. "
+        "Intervals of the differences hold all together in 95 of 100 studies."
     )
     words = results.curse_in_words(lambda name: label(name, units.get(name, "")))
     return (table(rows, columns), paragraph(text), *map(paragraph, words))
+
+
+def _change(gain: Mapping[Any, Any]) -> Html:
+    """Difference from the base with its interval."""
+    return unbroken(f"{gain['difference']:+.3g} ({gain['low']:+.3g} to {gain['high']:+.3g})")
+
+
+def _lead(results: Results) -> Lead:
+    """Whether the search found something better, by designs that were evaluated again."""
+    study, gains, units = results.study, results.gains(), results.units
+    question = f"Is there a better sensor than {study.base.name}?"
+    start = f"designlab study run {results.folder}"
+    if results.picks.empty:
+        text = "No design that keeps the constraints has been evaluated yet."
+        return Lead(question, (paragraph(text),), None, "Go on with the search:", start)
+    number = int(results.picks.iloc[0]["trial"])
+    file = trial_folder(results.folder, number) / "design.toml"
+    depicted = trial_folder(results.folder, number) / "press.png"
+    shown = picture(depicted, f"Trial {number}: {_CAPTIONS['press']}") if depicted.is_file() else None
+    if gains.empty:
+        text = (
+            f"The search has evaluated {results.evaluated} designs. Its best were not evaluated again, so "
+            "part of what they gain is chance."
+        )
+        return Lead(
+            question,
+            (paragraph(text),),
+            shown,
+            "Evaluate the best again with the base:",
+            f"designlab evaluate {study.base.name} {file} --compare",
+            "not confirmed",
+            "fair",
+        )
+    told, better = [], False
+    for trial, rows in gains.groupby("trial", sort=False):
+        parts = []
+        for row in rows.to_dict(orient="records"):
+            better = better or bool(row["better"])
+            name = label(study.called(row["objective"]), units.get(row["objective"], ""))
+            way = "no difference seen" if not row["seen"] else "better" if row["better"] else "worse"
+            parts.append(f"{name} {row['base']:.3g} -> {row['value']:.3g} ({way})")
+        told.append(f"Trial {trial} against {study.base.name}: {'; '.join(parts)}.")
+    fidelity = gains["fidelity"].iloc[0]
+    note = f"Both were evaluated again at {fidelity} fidelity with fresh random numbers."
+    return Lead(
+        question,
+        (*map(paragraph, told), paragraph(note, note=True)),
+        shown,
+        "Get the files to make one:",
+        f"designlab export {file} --out parts",
+        "yes, in some scores" if better else "none seen",
+        "good" if better else "fair",
+    )
 
 
 def _trade_off(results: Results) -> tuple[Html, ...]:

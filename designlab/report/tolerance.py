@@ -5,7 +5,18 @@ from typing import TYPE_CHECKING, Any
 
 from designlab.core.store import write_atomic
 from designlab.optimization.tolerance import Tolerance
-from designlab.report.page import COLOURS, Column, Html, Section, label, page, paragraph, plotly_figure, table
+from designlab.report.page import (
+    COLOURS,
+    Column,
+    Html,
+    Lead,
+    Section,
+    label,
+    page,
+    paragraph,
+    plotly_figure,
+    table,
+)
 from designlab.report.yardsticks import YARDSTICKS
 
 if TYPE_CHECKING:
@@ -30,32 +41,57 @@ def tolerance_report(found: Tolerance, target: str | Path) -> Path:
         HTML file to write; it needs no other file and no network.
     """
     copies = len(found.copies)
+    yields = [_yield(found, name) for name in found.headline()]
     sections = [
-        Section("Result", _result(found)),
-        Section("Yield", tuple(_yield(found, name) for name in found.headline())),
         Section("What is to blame", _blame(found)),
-        Section("All scores", (_scores(found),)),
-        Section("What differs between copies", (_spreads(found),)),
-        Section("Copies that cannot be built, or not be evaluated", _left_out(found)),
+        Section("Yield of the other scores", tuple(yields[1:])),
+        Section("All scores", (_scores(found),), folded=True),
+        Section("What differs between copies", (_spreads(found),), folded=True),
+        Section("Copies that cannot be built, or not be evaluated", _left_out(found), folded=True),
     ]
     subtitle = f"{copies} copies of {found.design}, {_CALIBRATED[found.calibrate]}"
-    return write_atomic(Path(target), page(f"Tolerance: {found.design}", sections, subtitle=subtitle))
+    lead = Lead(
+        question="How many copies of this design will be good?",
+        answer=tuple(paragraph(text) for text in (_result(found), _worst(found)) if text),
+        picture=yields[0] if yields else None,
+        next_words="Tighten what is to blame, in a file of terms, and draw the copies again:",
+        next_command="designlab tolerance design.toml --terms terms.toml --out again",
+    )
+    text = page(f"Tolerance: {found.design}", sections, subtitle=subtitle, lead=lead)
+    return write_atomic(Path(target), text)
 
 
-def _result(found: Tolerance) -> tuple[Html, ...]:
-    if not found.spec:
-        return (paragraph("No specification was given: yield is shown for every value of the scores below."),)
+def _worst(found: Tolerance) -> str:
+    """Which spread is most to blame for the spread of the first score."""
+    for name in found.headline():
+        blame = found.offenders(name)
+        if blame is not None and len(blame):
+            first = blame.iloc[0]
+            return (
+                f"Most of the spread of {label(name)} comes from {_thing(first['input'])}: "
+                f"{100 * first['share']:.0f} % of the variance, give or take {100 * first['ci']:.0f}."
+            )
+    return ""
+
+
+def _result(found: Tolerance) -> str:
     if found.good().empty:
-        return (paragraph("No copy could be evaluated."),)
+        return "No copy could be evaluated."
+    if not found.spec:
+        name = found.headline()[0]
+        own = found.to_json()["scores"][name]
+        return (
+            f"Nine of ten copies have a {label(name, own['unit'])} between {own['low_5']:.3g} and "
+            f"{own['high_95']:.3g}; the drawing has {own['nominal']:.3g}. No specification was given."
+        )
     share = found.passed()
     bounds = "; ".join(
         f"{label(name, found.units[name])} {bound.text()}" for name, bound in found.spec.items()
     )
-    text = (
-        f"{share['share']:.1%} of the copies are good (95 % interval {share['low']:.1%} to "
-        f"{share['high']:.1%}): they can be built and have {bounds}."
+    return (
+        f"{share['share']:.0%} of the copies are good (95 % interval {share['low']:.0%} to "
+        f"{share['high']:.0%}): they can be built and have {bounds}."
     )
-    return (paragraph(text),)
 
 
 def _yield(found: Tolerance, name: str) -> Html:

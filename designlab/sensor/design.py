@@ -6,6 +6,7 @@ import math
 import tomllib
 import warnings
 from collections.abc import Mapping, Sequence
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -29,6 +30,10 @@ from geometries.leds import LedArray
 from geometries.spec import FOLDER, Spec
 
 CHANNELS = ("R", "G", "B")
+LABELS: Any = {"name": True, "description": True, "parent": True, "leds": {"relative_flux"}}
+"""Fields that change neither light nor contact nor any part."""
+CHANGED = " with "  # joins the name of a design and what was changed in it
+FEW_CHANGES = 2  # so many are listed in a name
 EDGE_POINTS = 33  # on each edge of the sensing area, where the lens distorts
 PER_GROUP = (
     "membrane_albedo",
@@ -69,6 +74,8 @@ class Design(Spec):
         Short name.
     description : str
         What it is and where its figures come from.
+    parent : str, optional
+        Preset that it was made from.
     gelcore : Gelcore
         The rigid clear body.
     elastomer : Elastomer
@@ -99,6 +106,8 @@ class Design(Spec):
     """Short name."""
     description: str = ""
     """What it is and where its figures come from."""
+    parent: str | None = None
+    """Preset that it was made from; absent for presets and for designs without one."""
     gelcore: Gelcore = Field(default_factory=lambda: Gelcore())
     """The rigid clear body."""
     elastomer: Elastomer = Field(default_factory=lambda: Elastomer())
@@ -176,12 +185,36 @@ class Design(Spec):
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the canonical content, without name and description."""
+        """SHA-256 of the canonical content: all that light, contact or CAD depend on."""
         # What is absent does not count: fields that a later version adds leave old designs as they are.
-        content = self.model_dump(mode="json", exclude={"name", "description"}, exclude_none=True)
+        content = self.model_dump(mode="json", exclude=LABELS, exclude_none=True)
         if self.contact.model == "kernel":
             del content["contact"]["model"]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+    @property
+    def changes(self) -> dict[str, tuple[Any, Any]]:
+        """Fields in which it differs from its parent: dotted path to the parent's value and its own."""
+        return {} if self.parent is None else differences(self, preset(self.parent))
+
+    @property
+    def lineage(self) -> str:
+        """What it was made from and how it differs, in words; empty for a design without parent."""
+        if self.parent is None:
+            return ""
+        told = [f"{path} {_shown(old)} -> {_shown(new)}" for path, (old, new) in self.changes.items()]
+        return f"made from preset {self.parent}: " + ("; ".join(told) or "nothing changed")
+
+    @property
+    def not_buildable(self) -> str:
+        """Why it cannot be built as it is simulated; empty if it can, as far as is checked."""
+        if self.optics.light_path == "core":
+            return ""
+        published = "published" if self.name in preset_names() else "simulated"
+        return (
+            f"not buildable as {published}: its light does not see the gelcore "
+            '(optics.light_path = "air"), and its LEDs may stand in it'
+        )
 
     @property
     def group_names(self) -> tuple[str, ...]:
@@ -229,6 +262,9 @@ class Design(Spec):
     def replace(self, changes: Mapping[str, Any]) -> "Design":
         """Return a validated copy with fields replaced.
 
+        A copy that differs says so in its name, unless one is given among the changes, and knows the preset
+        that it was made from as its `parent`.
+
         Parameters
         ----------
         changes : mapping
@@ -245,7 +281,8 @@ class Design(Spec):
         for path in changes:
             if path.startswith("leds.") and path.endswith(".part"):
                 led_catalogue.forget(content["leds"], path, given=changes)
-        return _validated(content, "replace()")
+        found = _validated(content, "replace()")
+        return found if "name" in changes or found.digest == self.digest else _told_apart(found, self)
 
     def view(self, columns: int) -> View:
         """Rectangle of the sensor that shows the sensing area in `columns` columns of square pixels."""
@@ -360,6 +397,42 @@ class Design(Spec):
             raise InfeasibleDesign(f"design {self.name!r} is infeasible: {reasons}", broken)
 
 
+def _told_apart(changed: Design, original: Design) -> Design:
+    """The changed design with a name of its own and the preset that it was made from."""
+    parent = original.parent
+    if parent is None and original.name in preset_names():
+        parent = original.name
+    if parent is not None and changed.digest == preset(parent).digest:
+        return changed.model_copy(update={"name": parent, "parent": None})
+    base = original.name.split(CHANGED)[0]
+    told = differences(changed, preset(parent) if parent == base else original)
+    short = [f"{path} {new:g}" for path, (_, new) in told.items() if isinstance(new, int | float)]
+    what = ", ".join(short) if len(short) == len(told) <= FEW_CHANGES else f"{len(told)} changes"
+    return changed.model_copy(update={"name": f"{base}{CHANGED}{what}", "parent": parent})
+
+
+def differences(design: Design, other: Design) -> dict[str, tuple[Any, Any]]:
+    """Fields in which a design differs from another: dotted path to the other's value and its own."""
+    theirs, own = (_flat(d.model_dump(mode="json", exclude=LABELS)) for d in (other, design))
+    paths = dict.fromkeys([*own, *theirs])
+    return {p: (theirs.get(p), own.get(p)) for p in paths if theirs.get(p) != own.get(p)}
+
+
+def _flat(content: Any, path: str = "") -> dict[str, Any]:
+    """Leaves of nested content by dotted path; lists of plain values are leaves."""
+    if isinstance(content, Mapping):
+        parts = content.items()
+    elif isinstance(content, list) and any(isinstance(item, Mapping) for item in content):
+        parts = {str(k): item for k, item in enumerate(content)}.items()
+    else:
+        return {path: content}
+    return {
+        leaf: value
+        for key, part in parts
+        for leaf, value in _flat(part, f"{path}.{key}" if path else str(key)).items()
+    }
+
+
 def assign(content: dict[str, Any], path: str, value: Any) -> None:
     """Set a nested entry given by dotted path; list positions are numbers (``leds.groups.0.flux_mw``).
 
@@ -430,6 +503,11 @@ def _follows_from_another(problem: Any, error: ValidationError) -> bool:
     )
 
 
+def _shown(value: Any) -> str:
+    """A value of a field for people."""
+    return f"{value:g}" if isinstance(value, float) else "none" if value is None else _shorten(value)
+
+
 def _shorten(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
@@ -494,7 +572,15 @@ def load(name_or_path: str | Path) -> Design:
         ) from None
     except (OSError, UnicodeDecodeError) as error:
         raise DesignError(f"{name_or_path}: cannot be read as text: {error}") from None
-    return loads(text, source=str(path), folder=path.parent)
+    design = loads(text, source=str(path), folder=path.parent)
+    if (
+        design.name in preset_names()
+        and design.parent is None
+        and design.digest != preset(design.name).digest
+    ):
+        # An edited copy of a preset must not pass for it.
+        return design.model_copy(update={"name": path.stem, "parent": design.name})
+    return design
 
 
 def dumps(design: Design) -> str:
@@ -519,6 +605,7 @@ def preset_text(name: str) -> str:
     return resources.files("designlab.sensor.presets").joinpath(f"{name}.toml").read_text(encoding="utf-8")
 
 
+@cache
 def preset(name: str) -> Design:
     """Load a published or built-in sensor by name.
 

@@ -10,7 +10,7 @@ from designlab.core.progress import Work
 from designlab.core.store import digest, read_cache, write_cache
 from designlab.core.types import Single
 from designlab.sensor.camera import View
-from designlab.sensor.design import Design
+from designlab.sensor.design import LABELS, Design
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects.base import Effect
 from designlab.simulation.effects.model import SensorModel, effect
@@ -157,7 +157,7 @@ def _transport(model: SensorModel, press: Press | None) -> list[object]:
     """What decides light transport: not mixing, power or camera noise, and no contact without a press."""
     design: Design = model.effective_design()
     # What is absent does not count: fields that a later version adds leave kept pictures as they are.
-    left_out = {"name", "description", "mixing", "housing"}
+    left_out = {**LABELS, "mixing": True, "housing": True}
     content = design.model_dump(mode="json", exclude=left_out, exclude_none=True)
     if press is None:
         del content["contact"]

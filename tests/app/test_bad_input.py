@@ -161,7 +161,8 @@ class TestArguments:
             (["render", FLAT, "-o", "x.png", "--columns", "1"], ["--columns", "16"]),
             (["presets", "nope"], ["nope", FLAT]),
             (["init", "x", "--preset", "nope"], ["nope", FLAT]),
-            (["export", FLAT, "--out", "x", "--probe", "ball:4"], ["ball", "sphere"]),
+            (["export", "default", "--out", "x", "--probe", "ball:4"], ["ball", "sphere"]),
+            (["export", FLAT, "--out", "x"], ["not buildable as published", "gelcore", "default"]),
             (["gap", "plant", "--effect", "magic", "--out", "x"], ["magic", "led_position"]),
             (
                 ["gap", "plant", "--effect", "led_position:up=1", "--out", "x"],

@@ -118,7 +118,10 @@ class TestOutput:
     def test_presets_are_listed_and_printed(self, run, run_json):
         status, out, _ = run("presets")
         assert status == 0
-        assert [line.split()[0] for line in out.splitlines()] == list(preset_names())
+        named = [line.split()[0] for line in out.splitlines() if line[0] != " "]
+        assert named == list(preset_names())
+        marked = [line for line in out.splitlines() if "not buildable as published" in line]
+        assert len(marked) == 4  # the replays of scenes whose light meets no core
         status, found = run_json("presets", "gelsight-2020-flat")
         assert found["digest"] == preset("gelsight-2020-flat").digest
         assert tomllib.loads(found["toml"])["name"] == "gelsight-2020-flat"
@@ -260,11 +263,13 @@ class TestInit:
 
     def test_design_and_study_are_valid(self, folder):
         design = load(folder / "design.toml")
-        assert design.digest == preset("gelsight-2020-flat").digest
+        assert design.digest == preset("default").digest
+        assert (design.name, design.parent) == (folder.name, "default")
+        assert design.not_buildable == ""
         design.require_feasible()
         study = load_study(folder / "study.toml")
         assert study.base.digest == design.digest
-        assert set(study.parameters) == {"leds.height_mm", "leds.tilt_deg"}
+        assert set(study.parameters) == {"leds.height_mm", "leds.pitch_mm"}
 
     def test_another_preset(self, run, tmp_path):
         assert run("init", tmp_path / "dome", "--preset", "gelsight-2020-dome")[0] == 0
@@ -272,7 +277,7 @@ class TestInit:
 
     def test_measurement_template_loads_once_the_pictures_are_there(self, folder):
         template = folder / "measurement" / "measurement.toml"
-        camera = preset("gelsight-2020-flat").camera
+        camera = preset("default").camera
         random = np.random.default_rng(0)
         shape = (camera.height_px // 12, camera.width_px // 12, 3)
         files = [frame["file"] for frame in tomllib.loads(template.read_text())["frame"]]

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from designlab.evaluation.evaluate import Score
 from designlab.evaluation.illumination_scores import Estimate, TransportError
@@ -55,7 +56,13 @@ def test_scores_of_the_untouched_gel_count_as_independent():
     found = differences(one, other)["uniformity_u0"]
     assert found.se == pytest.approx(0.05)
     assert not found.differs
-    assert differences(one, score(figures, uniformity=(0.61, 0.04)))["uniformity_u0"].differs
+    assert differences(one, score(figures, uniformity=(0.65, 0.04)))["uniformity_u0"].differs
+
+
+def test_the_least_difference_allows_for_the_number_of_scores():
+    one, other = score(presses(0)), score(presses(0), uniformity=(0.59, 0.04))
+    found = differences(one, other)["uniformity_u0"]
+    assert found.least / found.se == pytest.approx(norm.isf(0.025 / len(one.scores)))
 
 
 def test_designs_that_do_not_differ_are_called_different_once_in_twenty_times():
@@ -64,9 +71,9 @@ def test_designs_that_do_not_differ_are_called_different_once_in_twenty_times():
         base = presses(seed)
         noise = np.random.default_rng([seed, 1]).normal(0.0, 0.5, size=(2, *base.shape))
         found = differences(score(base + noise[0]), score(base + noise[1]))
-        calls.append([found[name].differs for name in ("normal_error_median_deg", "height_mae_um")])
-    # 600 calls, 5 % expected: within three standard errors
-    assert 0.023 < np.mean(calls) < 0.077
+        calls.append(any(each.differs for each in found.values()))
+    # 300 comparisons, at most 5 % expected: within three standard errors, and not far below
+    assert 0.005 < np.mean(calls) < 0.05 + 0.038
 
 
 def test_other_seeds_are_refused():

@@ -1,6 +1,7 @@
 """Pages: complete in one file, escaped, with rounded numbers, units and working figures."""
 
 import base64
+import gzip
 import html.parser
 import math
 import re
@@ -14,10 +15,12 @@ from designlab.optimization.study import Parameter, Study, run_study
 from designlab.report.evaluation import evaluation_report
 from designlab.report.page import (
     Column,
+    Lead,
     Section,
     facts,
     gallery,
     label,
+    link,
     page,
     paragraph,
     picture,
@@ -112,8 +115,11 @@ def test_a_page_needs_no_other_file_and_escapes_what_it_shows():
             Section("Empty", ()),
         ],
         subtitle=hostile,
+        lead=Lead(hostile, (paragraph(hostile),), None, hostile, hostile, hostile, "good"),
+        links=[link(f"data:{hostile}", hostile)],
     )
-    assert "<script" not in text
+    assert "<script>alert" not in text
+    assert text.count("<script") == 1  # what opens pictures large
     checker = check(text)
     assert "Empty" not in " ".join(checker.text)
     assert "1.25" in words(text)
@@ -126,11 +132,15 @@ def test_a_page_needs_no_other_file_and_escapes_what_it_shows():
 @pytest.mark.slow
 def test_the_script_of_figures_is_in_the_page_once():
     import plotly.graph_objects as go
+    from plotly.offline import get_plotlyjs
 
     figures = [plotly_figure(go.Figure(go.Scatter(x=[1, 2], y=[3, 4])), f"figure {k}") for k in range(2)]
     with_figures = page("a", [Section("Figures", tuple(figures))])
-    assert with_figures.count("<script>/**\n* plotly.js") == 1
-    assert len(with_figures) > 1e6
+    packed = re.findall(r'atob\("([^"]+)"\)', with_figures)
+    assert len(packed) == 1
+    assert gzip.decompress(base64.b64decode(packed[0])).decode() == get_plotlyjs()
+    assert 1e6 < len(with_figures) < 3e6
+    assert with_figures.count('<script type="text/figure">') == 2
     assert len(page("a", [Section("Text", (paragraph("b"),))])) < 1e4
     assert not re.search(r"<script[^>]*\ssrc=", with_figures)
 
@@ -254,7 +264,7 @@ def test_the_page_of_an_evaluation_starts_with_a_verdict_and_the_worst_place(tmp
     text = evaluation_report(score, tmp_path / "page.html").read_text("utf-8")
     shown = words(text)
     assert "2 of 4 main scores are good. Poor: uniformity U0, coverage." in shown
-    assert shown.index("Verdict") < shown.index("Untouched gel: worst at (3.1, -2.0) mm, dark")
+    assert shown.index("Main scores") < shown.index("Untouched gel: worst at (3.1, -2.0) mm, dark")
     assert "information limit 1.8 deg, 2.0 times the median" in shown
     assert "Test presses: worst at (3.1, -2.0) mm (star:6, red), shadowed" in shown
     assert "0.251 ± 0.010 good, borderline good at least 0.25, fair 0.125" in shown
@@ -262,9 +272,11 @@ def test_the_page_of_an_evaluation_starts_with_a_verdict_and_the_worst_place(tmp
     assert shown.count("stray light") == 0
     assert shown.count("stray share 0.000 ± 0.010 good") == 1
     assert "red 0.200 ± 0.010 blue 0.350 ± 0.010" in shown
+    assert "Surface normals are off by 3.00 ± 0.20 deg in the mean, on presses" in shown
     captions = [image["alt"] for image in check(text).images]
-    assert captions[0].startswith("What the camera sees")
-    assert captions[4:] == ["press 02 star: the press with the worst place", "press 01 sphere"]
+    assert captions[0] == "press 02 star"  # with the answer
+    assert captions[1].startswith("What the camera sees")
+    assert captions[5:] == ["press 02 star: the press with the worst place", "press 01 sphere"]
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ _GAP = "designlab.app.cli.gap"
 
 _LARGEST_SEED = 2**31 - 1
 
-_PRESET = "gelsight-2020-flat"
+_PRESET = "default"
 _AGAIN = "run the same command again to resume"
 
 _EPILOGUE = """\

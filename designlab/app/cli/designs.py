@@ -29,9 +29,16 @@ def presets(args: Namespace) -> Result:
         return Result(
             {"name": args.name, "digest": preset(args.name).digest, "toml": text}, text.rstrip("\n")
         )
-    listed = [{"name": name, "description": preset(name).description} for name in preset_names()]
+    listed = [
+        {"name": name, "description": preset(name).description, "not_buildable": preset(name).not_buildable}
+        for name in preset_names()
+    ]
     width = max(len(entry["name"]) for entry in listed)
-    lines = [f"{entry['name']:<{width}}  {entry['description']}" for entry in listed]
+    lines = []
+    for entry in listed:
+        lines.append(f"{entry['name']:<{width}}  {entry['description']}")
+        if entry["not_buildable"]:
+            lines.append(f"{'':<{width}}  {entry['not_buildable']}")
     return Result({"presets": listed}, "\n".join(lines))
 
 
@@ -106,8 +113,9 @@ def evaluate(args: Namespace) -> Result:
 def _against(args: Namespace) -> Result:
     """Score two designs with the same presses and random numbers, and tell where they differ."""
     from designlab.evaluation.paired_comparison import differences, same_presses
+    from designlab.report.comparison import comparison_report, verdict
     from designlab.report.page import rounded
-    from designlab.report.yardsticks import YARDSTICKS, row
+    from designlab.report.yardsticks import row
     from designlab.simulation.effects.model import load_model
 
     sources = {"first": args.design, "second": args.other}
@@ -122,17 +130,12 @@ def _against(args: Namespace) -> Result:
     rows = []
     for name, difference in found.items():
         a, b = (scores[place].scores[name] for place in sources)
-        verdict = "no difference seen"
-        if difference.differs:
-            known = YARDSTICKS.get(name)
-            up = None if known is None else known.rising
-            verdict = (
-                "differs" if up is None else f"{'OTHER' if (difference.value > 0) == up else 'DESIGN'} better"
-            )
+        said = verdict(name, difference)
+        said = {"first": "DESIGN better", "second": "OTHER better"}.get(said, said)
         depths_mm = [depth for score in scores.values() for depth in score.presses.get("depth_mm", ())]
         title = row(name, {"value": a.value, "se": a.se, "unit": a.unit}, depths_mm)["title"]
         change = rounded(difference.value, difference.se)
-        rows.append((title, rounded(a.value, a.se), rounded(b.value, b.se), change, verdict))
+        rows.append((title, rounded(a.value, a.se), rounded(b.value, b.se), change, said))
     same = same_presses(models["first"], models["second"], plan)
     shared = "same presses and" if same else "presses that effects of the models change, same"
     data: dict[str, Any] = {place: score.to_json() for place, score in scores.items()} | {
@@ -142,10 +145,13 @@ def _against(args: Namespace) -> Result:
         f"DESIGN: {args.design}, OTHER: {args.other}; {shared} random numbers, seed {args.seed}",
         f"presses: {plan.text()}",
         table(("score", "DESIGN", "OTHER", "OTHER - DESIGN", "verdict"), rows),
-        "chance alone makes one in twenty of the scores that do not differ look different",
+        "verdicts allow for the number of scores: chance makes one of them wrong in one comparison of twenty",
         *(f"warning: {place}: {w}" for place, score in scores.items() for w in score.warnings),
-        *(f"report: {folder / PAGE}" for folder in folders.values() if folder is not None),
     ]
+    if args.out is not None:
+        kept = {place: folder for place, folder in folders.items() if folder is not None}
+        data["report"] = str(comparison_report(scores, found, kept, Path(args.out) / PAGE))
+        text.append(f"report: {data['report']}")
     return Result(data, "\n".join(text))
 
 

@@ -1,5 +1,7 @@
 """Commands for the first hour: doctor, init, demo."""
 
+import json
+import re
 from argparse import Namespace
 from importlib import resources
 from pathlib import Path
@@ -25,7 +27,7 @@ def init(args: Namespace) -> Result:
     target = Path(args.folder)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
         raise ValueError(f"{target}: exists already; choose a folder that does not, nothing is overwritten")
-    contents = {Path("design.toml"): preset_text(args.preset).encode()}
+    contents = {Path("design.toml"): _named(preset_text(args.preset), target.resolve().name, args.preset)}
     with resources.as_file(resources.files("designlab.app").joinpath("templates")) as templates:
         for path in templates.rglob("*"):
             if path.is_file():
@@ -36,6 +38,12 @@ def init(args: Namespace) -> Result:
     files = sorted(name.as_posix() for name in contents)
     lines = [f"{target}:", *(f"  {file}" for file in files), f"next: read {target / 'README.md'}"]
     return Result({"folder": str(target), "files": files}, "\n".join(lines))
+
+
+def _named(text: str, name: str, parent: str) -> bytes:
+    """TOML of a preset under a name of its own."""
+    own = f'name = {json.dumps(name)}\nparent = "{parent}"  # the preset it was made from'
+    return re.sub(r"^name = .*$", lambda _: own, text, count=1, flags=re.MULTILINE).encode()
 
 
 def demo(args: Namespace) -> Result:

@@ -147,11 +147,7 @@ def _confirmed(results: "Results") -> list[str]:
     fidelity = results.reached
     if fidelity is None:
         return []
-    better = {
-        (g["trial"], g["objective"]): f" ({g['gain']:+.0%})"
-        for _, g in results.gains().iterrows()
-        if g["gain"] == g["gain"]  # of what the base lacks nothing of, there is no share
-    }
+    better = {(g["trial"], g["objective"]): f", {_difference(g)}" for _, g in results.gains().iterrows()}
     rows = [
         (
             "base" if row["trial"] == BASE else f"{row['trial']}",
@@ -165,6 +161,13 @@ def _confirmed(results: "Results") -> list[str]:
         table(("trial", *(results.study.called(name) for name in objectives), "breaks"), rows),
     ]
     return lines + results.curse_in_words()
+
+
+def _difference(gain: "pd.Series[Any]") -> str:
+    """How a confirmed design differs from the base, if chance would not make as much."""
+    if not gain["seen"]:
+        return "no difference seen"
+    return f"{'better' if gain['better'] else 'worse'} by {abs(gain['difference']):.2g}"
 
 
 def _score(row: "pd.Series[Any]", name: str) -> str:

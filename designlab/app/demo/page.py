@@ -31,7 +31,7 @@ def index_page(out: Path, design: Design, seed: int, found: Mapping[str, Mapping
     score, parts, study, gap, real = (found[name] for name in ("evaluation", "parts", "study", "gap", "real"))
     scores = [{"score": label(name, e["unit"]), **e} for name, e in score["scores"].items()]
     start: dict[str, Any] = {"trial": None, "pick": "the design as it is"}
-    for path in ("leds.height_mm", "leds.tilt_deg"):
+    for path in ("leds.height_mm", "leds.pitch_mm"):
         start[path] = attrgetter(path)(design)
     for name in ("uniformity_u0", "normal_error_median_deg"):
         start |= {name: score["scores"][name]["value"], f"{name}_se": score["scores"][name]["se"]}
@@ -39,7 +39,7 @@ def index_page(out: Path, design: Design, seed: int, found: Mapping[str, Mapping
         Column("trial", "trial"),
         Column("pick", "why"),
         Column("leds.height_mm", "LED height", "mm"),
-        Column("leds.tilt_deg", "LED tilt", "deg"),
+        Column("leds.pitch_mm", "LED spacing", "mm"),
         Column("uniformity_u0", "uniformity U0", se="uniformity_u0_se"),
         Column("normal_error_median_deg", "normal error", "deg", se="normal_error_median_deg_se"),
     ]

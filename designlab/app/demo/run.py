@@ -19,13 +19,14 @@ from designlab.sensor.design import Design, preset
 if TYPE_CHECKING:
     from designlab.evaluation.evaluate import Score
 
-SENSOR = "gelsight-2020-flat"
+SENSOR = "default"
+MEASURED = "gelsight-2020-flat"  # sensor that the real pictures are of
 MEASURED_VARIABLE = "DESIGNLAB_MEASURED"
 """Environment variable that names a folder of real pictures; without it that stage is left out."""
 
 MARKER = "demo.json"
 TRIALS = 8
-PARAMETERS = {"leds.height_mm": (5.0, 14.0), "leds.tilt_deg": (-10.0, 60.0)}
+PARAMETERS = {"leds.height_mm": (2.0, 7.0), "leds.pitch_mm": (3.2, 6.5)}
 HIDDEN = {"led_position": {"radial_mm": 1.0, "height_mm": 0.8}}
 PROBE = "sphere:4"
 TRIED = ("led_position", "contact_kernel", "vignetting", "black_level", "colour_mixing", "response_curve")
@@ -164,7 +165,7 @@ def _study(state: Demo, within: Progress) -> dict[str, Any]:
 
     folder = state.out / "study"
     study = Study(
-        name="LED height and tilt",
+        name="LED height and spacing",
         base=state.design,
         parameters={path: Parameter(low=low, high=high) for path, (low, high) in PARAMETERS.items()},
         trials=TRIALS,
@@ -235,7 +236,10 @@ def _real(state: Demo, within: Progress) -> dict[str, Any]:
 
     def compared() -> dict[str, Any]:
         found = compare_model(
-            state.design, load_measurement(Path(named) / "gelsight-flat"), seed=state.seed, progress=within
+            preset(MEASURED),
+            load_measurement(Path(named) / "gelsight-flat"),
+            seed=state.seed,
+            progress=within,
         )
         folder.mkdir(parents=True, exist_ok=True)
         for pair in found.pairs:

@@ -382,14 +382,19 @@ def test_the_page_shows_variants_bounds_and_what_was_confirmed(tmp_path):
     gains = results.gains()
     assert list(gains["fidelity"]) == ["reference"]
     (gain,) = gains.to_dict(orient="records")
-    assert gain["gain"] == pytest.approx(1 - (1 - gain["value"]) / (1 - gain["base"]))
-    assert gain["apart"]
+    room = 1.959964 * math.hypot(gain["base_se"], gain["value_se"])  # one design, one objective
+    assert gain["difference"] == pytest.approx(gain["value"] - gain["base"])
+    assert gain["high"] - gain["low"] == pytest.approx(2 * room)
+    assert gain["seen"]
+    assert gain["better"]
     text = study_report(results, tmp_path / "page.html", pictures=False).read_text("utf-8")
     shown = " ".join(re.sub("<script.*?</script>|<[^>]*>", " ", text, flags=re.S).split())
     broken = int(results.frame["violated"].notna().sum())
     assert f"{broken} evaluated designs break a constraint" in shown
     assert "Confirmed with fresh seeds" in shown
-    assert f"{gain['gain']:.0%} yes" in shown
+    assert f"{gain['difference']:+.3g} ({gain['low']:+.3g} to {gain['high']:+.3g}) better" in shown
+    assert "Is there a better sensor" in shown
+    assert "yes, in some scores" in shown
     assert "elastomer.radius_mm (variant dome)" in shown
     assert "nan" not in shown.lower()
     best = history(results.frame, study.objectives).iloc[-1]["uniformity_u0"]
@@ -397,7 +402,7 @@ def test_the_page_shows_variants_bounds_and_what_was_confirmed(tmp_path):
 
 
 @pytest.mark.slow
-def test_of_what_the_base_lacks_nothing_of_there_is_no_share(tmp_path):
+def test_where_nothing_differs_no_difference_is_seen(tmp_path):
     def perfect(design, *, fidelity, seed):
         return Score({"uniformity_u0": Estimate(0.0, 0.0)})
 
@@ -409,5 +414,6 @@ def test_of_what_the_base_lacks_nothing_of_there_is_no_share(tmp_path):
         plan=Plan(promoted=1, confirmed=1, seeds=1),
     )
     results = run(study, tmp_path / "out", perfect)
-    assert results.gains()["gain"].isna().all()
-    study_report(results, tmp_path / "page.html", pictures=False)
+    assert not results.gains()["seen"].any()
+    page = study_report(results, tmp_path / "page.html", pictures=False)
+    assert "no difference seen" in page.read_text("utf-8")

@@ -480,7 +480,7 @@ class ForwardSelection:
 
 
 def _behind(attempt: Attempt, dirt: Attempt) -> str:
-    """Why a candidate does not join beside dirt that looks like another; empty if it does as well or better."""
+    """Why a candidate does not join beside dirt that looks like another; empty if it does as well."""
     if attempt.evidence.value > dirt.evidence.value - OF_PRESSES.as_good:
         return ""
     return f"less evidence than {dirt.name}, which dirt makes"
