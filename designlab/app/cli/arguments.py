@@ -257,6 +257,8 @@ def _add_study(add: Any) -> None:
     _workers(run)
     _presses(run)
     _option(run, "--trials N", "designs in all, instead of the study's own", type=_whole(1, 100_000))
+    _option(run, "--budget TIME", "time in all, such as 10min: fewer designs and a shorter confirmation")
+    _option(run, "--no-confirm", "do not evaluate the best designs again")
     _option(run, "--rebuild", "make a new record of the scores kept; the old one stays")
 
 

@@ -2,6 +2,7 @@
 
 import os
 import shlex
+import sys
 from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +20,15 @@ if TYPE_CHECKING:
 def run(args: Namespace) -> Result:
     """Run or resume a study."""
     from designlab.evaluation.illumination_scores import SCORES
-    from designlab.optimization.study import StudyError, StudyInterrupted, load_study, run_study
+    from designlab.optimization.study import (
+        StudyError,
+        StudyInterrupted,
+        load_results,
+        load_study,
+        run_study,
+    )
+    from designlab.optimization.study.effort import Effort, budget_s, within
+    from designlab.optimization.study.folder import RECORD_FILE
 
     given = Path(args.study)
     folder = _folder(given, args.out)
@@ -31,19 +40,28 @@ def run(args: Namespace) -> Result:
         study.require_scores(SCORES)
     except StudyError as error:
         raise StudyError(f"{file}: {error}") from None
+    wanted = study.trials if args.trials is None else args.trials
+    study = study.model_copy(update={"trials": wanted})
+    if args.no_confirm:
+        study = study.model_copy(update={"plan": study.plan.model_copy(update={"promoted": 0})})
+    if args.budget:
+        study, wanted = within(study, budget_s(args.budget))
+    kept = (folder / RECORD_FILE).is_file() and not args.storage and not args.rebuild
+    done = load_results(folder).evaluated if kept else 0
+    print(Effort.of(study, trials=wanted, done=done).text(), file=sys.stderr)
     try:
         results = run_study(
             study,
             out=folder,
             workers=args.workers,
-            trials=args.trials,
+            trials=wanted,
             storage=args.storage,
             rebuild=args.rebuild,
         )
     except StudyInterrupted as interrupt:
         text = str(interrupt).partition(";")[0]
         raise StudyInterrupted(f"{text}; to resume: {_again(args)}") from None
-    return Result(results.to_json(), summary(results, study.trials if args.trials is None else args.trials))
+    return Result(results.to_json(), summary(results, wanted))
 
 
 def _again(args: Namespace) -> str:
@@ -54,6 +72,8 @@ def _again(args: Namespace) -> str:
     words += ["--depth-mm", str(args.depth_mm)] if args.depth_mm else []
     words += ["--force-n", str(args.force_n)] if args.force_n else []
     words += ["--trials", str(args.trials)] if args.trials else []
+    words += ["--budget", args.budget] if args.budget else []
+    words += ["--no-confirm"] if args.no_confirm else []
     if args.storage and args.storage != os.environ.get(STORAGE_VARIABLE):
         words += ["--storage", "URL"]  # it may hold a password
     return shlex.join(words)

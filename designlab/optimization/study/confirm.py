@@ -15,7 +15,7 @@ from designlab.core.workers import finished
 from designlab.optimization.outcome import Evaluator, evaluate_design
 from designlab.optimization.study.definition import BASE, Study
 from designlab.optimization.study.folder import confirmation_path
-from designlab.optimization.study.results import CONFIRMING, Results
+from designlab.optimization.study.results import CONFIRMING, Results, levels
 from designlab.optimization.study.shortlist import picks
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def confirm(
     """Evaluate the best designs again, by the study's plan; what is there already is kept.
 
     The best of the search are evaluated with a fresh seed at its own fidelity, which tells what of their
-    scores was chance, and at standard fidelity; the best of those at the highest; each beside the base.
+    scores was chance, and at those above; the best at the highest of the plan; each beside the base.
     """
     study = results.study
     if not study.plan.promoted or results.pareto.empty:
@@ -45,7 +45,7 @@ def confirm(
     best = picks(results.frame, study.objectives, most=study.plan.promoted, parameters=study.varied)
     promoted = tuple(int(trial) for trial in best["trial"])
     again = partial(_run, results, evaluator, workers, interrupts, progress)
-    *first, last = dict.fromkeys((*CONFIRMING[CONFIRMING.index(study.fidelity) :], CONFIRMING[-1]))
+    *first, last = levels(study)
     for fidelity in first or [last]:
         again((BASE, *promoted), fidelity, fresh(study, fidelity, 1))
         confirmed = results.confirmed

@@ -54,9 +54,11 @@ class Plan(Spec):
     promoted: int = Field(8, ge=0, le=100)
     """Designs of the search that go on to standard fidelity; 0: none."""
     confirmed: int = Field(3, ge=1, le=100)
-    """Designs of those that go to reference fidelity."""
+    """Designs of those that go to the highest fidelity."""
     seeds: int = Field(2, ge=1, le=50)
-    """Seeds at reference fidelity."""
+    """Seeds at the highest fidelity."""
+    highest: Literal["standard", "reference"] = "reference"
+    """Highest fidelity of the confirmation; reference takes minutes a design."""
 
 
 class Study(Spec):

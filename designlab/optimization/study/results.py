@@ -30,6 +30,7 @@ CONFIRMING = ("fast", "standard", "reference")
 
 LEVEL = 0.95  # of the intervals of differences, all of them together
 
+
 DEADLY = "the process that evaluated it died twice"
 
 _FEWEST_FOR_IMPORTANCE = 10
@@ -306,6 +307,12 @@ def load_results(out: str | Path, *, storage: str | None = None) -> Results:
         frame[name] = frame[name].astype(object).where(frame[name].notna(), None)
     # Columns set one by one lie apart, and pandas warns of a hundred such.
     return Results(folder, study, frame.copy(), units, tuple(warnings), storage)
+
+
+def levels(study: Study) -> tuple[str, ...]:
+    """Fidelities at which the best designs of a study are evaluated again, in this order."""
+    first, last = (CONFIRMING.index(fidelity) for fidelity in (study.fidelity, study.plan.highest))
+    return CONFIRMING[first : last + 1] or (study.fidelity,)
 
 
 def confirmed(records: Iterable[Mapping[str, Any]]) -> "pd.DataFrame":
