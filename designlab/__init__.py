@@ -10,6 +10,10 @@ from typing import TYPE_CHECKING, Any
 from designlab.core import __version__ as __version__
 
 if TYPE_CHECKING:
+    from designlab.app.python import compare as compare
+    from designlab.app.python import diagnose as diagnose
+    from designlab.app.python import draw as draw
+    from designlab.app.python import export as export
     from designlab.evaluation.evaluate import Score as Score
     from designlab.measurement.light_probe.ball import LightProbe as LightProbe
     from designlab.measurement.light_probe.picture import light_probe as light_probe
@@ -24,11 +28,22 @@ if TYPE_CHECKING:
     from designlab.simulation.contact.surface import Surface as Surface
     from designlab.simulation.simulator import render as render
     from geometries.probes import Probe as Probe
+    from geometries.probes import bars as bars
+    from geometries.probes import cone as cone
+    from geometries.probes import cylinder as cylinder
+    from geometries.probes import dots as dots
+    from geometries.probes import from_file as from_file
+    from geometries.probes import prism as prism
     from geometries.probes import sphere as sphere
     from geometries.probes import star as star
     from geometries.probes import triangle as triangle
+    from geometries.probes import wave as wave
 
 _HOMES = {
+    "compare": "designlab.app.python",
+    "diagnose": "designlab.app.python",
+    "draw": "designlab.app.python",
+    "export": "designlab.app.python",
     "Design": "designlab.sensor.design",
     "load": "designlab.sensor.design",
     "preset": "designlab.sensor.design",
@@ -43,9 +58,16 @@ _HOMES = {
     "optimise": "designlab.optimization.study",
     "tolerance": "designlab.optimization.tolerance",
     "Probe": "geometries.probes",
+    "bars": "geometries.probes",
+    "cone": "geometries.probes",
+    "cylinder": "geometries.probes",
+    "dots": "geometries.probes",
+    "from_file": "geometries.probes",
+    "prism": "geometries.probes",
     "sphere": "geometries.probes",
     "star": "geometries.probes",
     "triangle": "geometries.probes",
+    "wave": "geometries.probes",
 }
 
 __all__ = sorted(_HOMES)

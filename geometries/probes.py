@@ -221,7 +221,7 @@ def _number(value: str, what: str, text: str) -> float:
         raise ValueError(f"probe: the {what} must be a number in mm, is {value!r} in {text!r}") from None
 
 
-def sphere(*, diameter_mm: float) -> Probe:
+def sphere(diameter_mm: float) -> Probe:
     """Make a ball, on a round shank of its diameter.
 
     Parameters
@@ -241,7 +241,7 @@ def sphere(*, diameter_mm: float) -> Probe:
     return Probe(kind="sphere", size_mm=diameter_mm)
 
 
-def triangle(*, side_mm: float, edge_radius_mm: float = 0.0) -> Probe:
+def triangle(side_mm: float, *, edge_radius_mm: float = 0.0) -> Probe:
     """Make a flat equilateral triangle with a corner at +y.
 
     Parameters
@@ -263,7 +263,7 @@ def triangle(*, side_mm: float, edge_radius_mm: float = 0.0) -> Probe:
     return Probe(kind="triangle", size_mm=side_mm, edge_radius_mm=edge_radius_mm)
 
 
-def star(*, diameter_mm: float, edge_radius_mm: float = 0.0) -> Probe:
+def star(diameter_mm: float, *, edge_radius_mm: float = 0.0) -> Probe:
     """Make a flat five-pointed star with a tip at +y.
 
     Parameters
@@ -285,38 +285,143 @@ def star(*, diameter_mm: float, edge_radius_mm: float = 0.0) -> Probe:
     return Probe(kind="star", size_mm=diameter_mm, edge_radius_mm=edge_radius_mm)
 
 
-def cylinder(*, diameter_mm: float) -> Probe:
-    """Lying cylinder along x, twice as long as its diameter."""
+def cylinder(diameter_mm: float) -> Probe:
+    """Make a cylinder that lies along x, twice as long as its diameter.
+
+    Parameters
+    ----------
+    diameter_mm : float
+        Diameter in mm, above 0.05, at most 100.
+
+    Returns
+    -------
+    Probe
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If a length is out of its bounds.
+    """
     return Probe(kind="cylinder", size_mm=diameter_mm)
 
 
-def cone(*, base_mm: float, edge_radius_mm: float = 0.0) -> Probe:
-    """Cone of 90 deg apex angle with a rounded point; the size is the diameter of its base."""
+def cone(base_mm: float, *, edge_radius_mm: float = 0.0) -> Probe:
+    """Make a cone of 90 deg apex angle, its point sharp or rounded.
+
+    Parameters
+    ----------
+    base_mm : float
+        Diameter of its base in mm, above 0.05, at most 100.
+    edge_radius_mm : float
+        Radius of the edge in mm, see `Probe`.
+
+    Returns
+    -------
+    Probe
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If a length is out of its bounds.
+    """
     return Probe(kind="cone", size_mm=base_mm, edge_radius_mm=edge_radius_mm)
 
 
-def prism(*, width_mm: float, edge_radius_mm: float = 0.0) -> Probe:
-    """Lying ridge with a 90 deg edge along x, sharp or rounded, twice as long as wide; its ends are sharp."""
+def prism(width_mm: float, *, edge_radius_mm: float = 0.0) -> Probe:
+    """Make a lying ridge with an edge of 90 deg along x, twice as long as wide.
+
+    Parameters
+    ----------
+    width_mm : float
+        Width of its base along y in mm, above 0.05, at most 100.
+    edge_radius_mm : float
+        Radius of the edge in mm, see `Probe`.
+
+    Returns
+    -------
+    Probe
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If a length is out of its bounds.
+    """
     return Probe(kind="prism", size_mm=width_mm, edge_radius_mm=edge_radius_mm)
 
 
-def dots(*, pitch_mm: float) -> Probe:
-    """3 x 3 hemispheres on a square plate; the size is the distance between neighbours."""
+def dots(pitch_mm: float) -> Probe:
+    """Make nine hemispheres, 3 x 3, on a square plate.
+
+    Parameters
+    ----------
+    pitch_mm : float
+        Distance between neighbours in mm, above 0.05, at most 100.
+
+    Returns
+    -------
+    Probe
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If a length is out of its bounds.
+    """
     return Probe(kind="dots", size_mm=pitch_mm)
 
 
-def bars(*, distance_mm: float) -> Probe:
-    """Two flat bars along y, as far apart as wide; the size is the distance between their axes."""
+def bars(distance_mm: float) -> Probe:
+    """Make two flat bars along y, as far apart as wide.
+
+    Parameters
+    ----------
+    distance_mm : float
+        Distance between their axes in mm, above 0.05, at most 100.
+
+    Returns
+    -------
+    Probe
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If a length is out of its bounds.
+    """
     return Probe(kind="bars", size_mm=distance_mm)
 
 
-def wave(*, wavelength_mm: float) -> Probe:
-    """Sinusoidal ridges along y, 3 x 3 wavelengths, a crest at x = 0."""
+def wave(wavelength_mm: float) -> Probe:
+    """Make sinusoidal ridges along y, 3 x 3 wavelengths, a crest at x = 0.
+
+    Parameters
+    ----------
+    wavelength_mm : float
+        Wavelength in mm, above 0.05, at most 100.
+
+    Returns
+    -------
+    Probe
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If a length is out of its bounds.
+    """
     return Probe(kind="wave", size_mm=wavelength_mm)
 
 
 def from_file(path: str | Path, *, size_mm: float | None = None) -> Probe:
-    """Body of an STL or OBJ file, pressed with its +z side; `size_mm` scales it, see `SIZES`.
+    """Make a probe of a mesh file, pressed with its +z side.
+
+    Parameters
+    ----------
+    path : str or Path
+        STL or OBJ file, in mm.
+    size_mm : float, optional
+        Larger extent along x or y in mm, to which it is scaled; its own when absent.
+
+    Returns
+    -------
+    Probe
 
     Raises
     ------

@@ -1,5 +1,6 @@
 """Images as arrays, and the files they live in."""
 
+import io
 import os
 import tempfile
 from collections.abc import Callable
@@ -141,6 +142,15 @@ def tone_map(linear: NDArray[Any], white: float | None = None) -> NDArray[np.uin
     if not white > 0:
         raise ImageError(f"white: must be positive, got {white:g}")
     return np.asarray(np.round(255 * to_srgb(np.clip(linear / white, 0.0, 1.0))), dtype=np.uint8)
+
+
+def png_bytes(pixels: NDArray[np.uint8]) -> bytes:
+    """An 8-bit picture, (rows, columns, 3), as the bytes of a PNG file."""
+    from PIL import Image
+
+    written = io.BytesIO()
+    Image.fromarray(pixels).save(written, "PNG")
+    return written.getvalue()
 
 
 def resize_area(image: NDArray[Any], rows: int, columns: int) -> NDArray[Any]:

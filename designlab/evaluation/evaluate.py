@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import count, islice
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -28,6 +28,9 @@ from designlab.simulation.contact.surface import Surface
 from designlab.simulation.effects.model import SensorModel
 from designlab.simulation.render.estimators import Estimator
 from designlab.simulation.simulator import Frame, Simulator, exposure
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SCALAR_COLUMNS = 160  # of pictures that ``scalar_rgb`` has to path-trace, four times as fast
 
@@ -115,6 +118,21 @@ class Score:
         if name in scores:
             return scores[name]
         raise AttributeError(f"no score {name!r}; there are {', '.join(scores)}")
+
+    def __repr__(self) -> str:
+        """Name, effort and number of scores in a line."""
+        return f"Score({self.design!r}, {self.fidelity}, seed {self.seed}: {len(self.scores)} scores)"
+
+    def table(self) -> "pd.DataFrame":
+        """All scores as a table: value, standard error and unit of each."""
+        import pandas as pd
+
+        rows = [(name, e.value, e.se, e.unit) for name, e in self.scores.items()]
+        return pd.DataFrame(rows, columns=["score", "value", "se", "unit"]).set_index("score")
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows of it."""
+        return self.table().to_html(float_format="{:.4g}".format)
 
     def to_json(self) -> dict[str, Any]:
         """Return the content as plain data."""

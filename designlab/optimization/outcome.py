@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, TypeVar
 
 from designlab.core.plain import plain
 from designlab.sensor.design import Design, DesignError, InfeasibleDesign
+from designlab.sensor.feasibility import RULES
 
 if TYPE_CHECKING:
     from designlab.evaluation.press_plan import PressPlan
@@ -78,6 +79,11 @@ def prepared(make: Callable[[], Subject], *, as_built: bool = False) -> Prepared
         return Prepared(None, str(error).removeprefix("replace(): "))
     broken = design.broken(as_built=as_built)
     return Prepared(None, ", ".join(broken), broken) if broken else Prepared(subject)
+
+
+def told(broken: Mapping[str, float]) -> str:
+    """Rules that a design breaks, by how much, and what they demand."""
+    return "; ".join(f"{rule} by {margin:.2g} mm: {RULES[rule]}" for rule, margin in broken.items())
 
 
 def evaluate_design(

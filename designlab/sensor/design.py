@@ -18,6 +18,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 from designlab.sensor import led_catalogue
 from designlab.sensor.camera import Camera, View
 from designlab.sensor.contact import CONTACT_MODELS, Contact, ContactModelAssumed, LayerContact, with_model
+from designlab.sensor.design_fields import commented, described, nearest
 from designlab.sensor.feasibility import RULES, SEEN, margins
 from designlab.sensor.optical_constants import material
 from designlab.sensor.optical_properties import Optics
@@ -191,6 +192,16 @@ class Design(Spec):
         if self.contact.model == "kernel":
             del content["contact"]["model"]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+    def __repr__(self) -> str:
+        """The design in a line: name, and what decides most of it."""
+        groups = ", ".join(f"{g.name} {g.count * len(g.azimuth_deg)}" for g in self.leds.groups)
+        return (
+            f"Design({self.name!r}: {self.elastomer.shape} gel {self.elastomer.thickness_mm:g} mm, "
+            f"LEDs {groups}, {self.sensing_area_mm[0]:g} x {self.sensing_area_mm[1]:g} mm)"
+        )
+
+    __str__ = __repr__
 
     @property
     def changes(self) -> dict[str, tuple[Any, Any]]:
@@ -397,6 +408,9 @@ class Design(Spec):
             raise InfeasibleDesign(f"design {self.name!r} is infeasible: {reasons}", broken)
 
 
+Design.__doc__ = f"{Design.__doc__}\n    Notes\n    -----\n    Every field:\n\n{described(Design)}\n"
+
+
 def _told_apart(changed: Design, original: Design) -> Design:
     """The changed design with a name of its own and the preset that it was made from."""
     parent = original.parent
@@ -452,7 +466,9 @@ def assign(content: dict[str, Any], path: str, value: Any) -> None:
         end = int(last) if isinstance(node, list) else last
         _ = node[end]
     except (KeyError, IndexError, ValueError, TypeError):
-        raise DesignError(f"no field {path!r} in a design") from None
+        meant = nearest(Design, path)
+        hint = f"; did you mean {meant!r}?" if meant else ""
+        raise DesignError(f"no field {path!r} in a design{hint}") from None
     node[end] = value
 
 
@@ -584,10 +600,10 @@ def load(name_or_path: str | Path) -> Design:
 
 
 def dumps(design: Design) -> str:
-    """Write a design as TOML text, complete, with every default spelled out."""
+    """Write a design as TOML text, complete, with every default spelled out and a comment to each field."""
     import tomli_w
 
-    return tomli_w.dumps(design.model_dump(mode="json", exclude_none=True))
+    return commented(tomli_w.dumps(design.model_dump(mode="json", exclude_none=True)), Design)
 
 
 def preset_names() -> tuple[str, ...]:

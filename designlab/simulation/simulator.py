@@ -1,13 +1,15 @@
 """The one composition: press, scene, effects, light transport, mixing, camera."""
 
+import base64
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from designlab.core.images import png_bytes, tone_map
 from designlab.core.types import Array
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
@@ -75,6 +77,31 @@ class Frame:
     def mixed(self) -> NDArray[np.float32]:
         """Linear radiance of the camera channels, shape (rows, columns, 3)."""
         return np.asarray(mixed(self.basis, self.weights), dtype=np.float32)
+
+    def show(self) -> Any:
+        """Draw what the camera sees, brightened to its own white, and its height; returns the figure."""
+        import matplotlib.pyplot as plt
+
+        figure, (seen, height) = plt.subplots(1, 2, figsize=(9, 3.4), layout="constrained")
+        seen.imshow(tone_map(self.mixed))
+        seen.set_title("camera")
+        drawn = height.imshow(self.height_mm)
+        height.set_title("height")
+        figure.colorbar(drawn, ax=height, label="mm")
+        for axes in (seen, height):
+            axes.set_axis_off()
+        return figure
+
+    def __repr__(self) -> str:
+        """Press and size of the picture in a line."""
+        rows, columns = self.basis.shape[1:]
+        press = "untouched gel" if self.press is None else self.press.probe.text
+        return f"Frame({press}, {columns} x {rows} px, {len(self.basis)} LED groups)"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows of it: the picture."""
+        encoded = base64.b64encode(png_bytes(tone_map(self.mixed))).decode()
+        return f'<img alt="{self!r}" src="data:image/png;base64,{encoded}">'
 
     @property
     def mechanics(self) -> Mechanics | None:
@@ -385,7 +412,7 @@ def render(
     *,
     columns: int = 320,
     samples: int = 64,
-    seed: int,
+    seed: int = 0,
 ) -> Frame:
     """Simulate one picture of the sensing area.
 

@@ -6,14 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 from designlab.app.cli.console import Result
 from designlab.app.cli.shared import table
-from designlab.core.progress import IN_PERCENT, THOUSANDTHS, bar, part_of
+from designlab.core.progress import IN_PERCENT, bar
 from designlab.core.run_folder import require_writable
 
 if TYPE_CHECKING:
     from designlab.inference.diagnosis import GapReport
     from designlab.validation.blind import Crew, Trial
-
-WRITING = 30  # thousandths of a diagnosis that its report takes
 
 
 def plant(args: Namespace) -> Result:
@@ -90,30 +88,21 @@ def _outside(text: str) -> tuple[str, float]:
 
 def diagnose(args: Namespace) -> Result:
     """Name the effects a model lacks."""
-    from designlab.inference.diagnosis import diagnose as find
-    from designlab.measurement import load_measurement
-    from designlab.report.diagnosis_folder import write_diagnosis
-    from designlab.simulation.effects.model import load_model
+    from designlab.app.python import PAGE, diagnosed
 
-    measurement = load_measurement(args.measurement)
-    model = load_model(args.model)
-    page = Path(args.out) / "report.html"
+    page = Path(args.out) / PAGE
     with bar(form=IN_PERCENT, keep=True) as progress:
-        finding = THOUSANDTHS - WRITING
-        found = find(
-            measurement,
-            model,
-            out=args.out,
+        found, content = diagnosed(
+            args.measurement,
+            args.model,
+            args.out,
             seed=args.seed,
-            progress=part_of(progress, "", begun=0, cost=finding, total=THOUSANDTHS),
-            renders=None if args.renders is None else Path(args.renders),
+            effects=args.effects,
             trust=args.trust,
-            catalogue=args.effects,
+            renders=args.renders,
+            progress=progress,
         )
-        progress("writing the report", finding, THOUSANDTHS)
-        content = write_diagnosis(found, page=page)
-        progress("done", THOUSANDTHS, THOUSANDTHS)
-    return Result(content | {"report": str(page)}, f"{_summary(found)}\nreport: {page}")
+    return Result({**content, "report": str(page)}, f"{_summary(found)}\nreport: {page}")
 
 
 def benchmark(args: Namespace) -> Result:

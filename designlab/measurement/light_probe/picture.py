@@ -61,7 +61,7 @@ def light_probe(
     *,
     columns: int = 400,
     samples: int = 64,
-    seed: int,
+    seed: int = 0,
     view: View | None = None,
 ) -> ProbePicture:
     """Simulate the picture of a chrome ball in a sensor without its gel.

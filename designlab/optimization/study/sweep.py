@@ -15,7 +15,7 @@ from designlab.core.store import digest, read_json, write_json
 from designlab.core.workers import finished
 from designlab.evaluation.press_plan import PressPlan
 from designlab.optimization.constraint import Bound
-from designlab.optimization.outcome import Evaluator, Simulated, evaluate_design, prepared
+from designlab.optimization.outcome import Evaluator, Simulated, evaluate_design, prepared, told
 from designlab.optimization.study.definition import AREA, Plan, Sampler, Study, StudyError, carried
 from designlab.optimization.study.parameter import Parameter
 from designlab.optimization.study.results import Results
@@ -50,6 +50,7 @@ def sweep(
     progress: bool = True,
     evaluator: Evaluator | None = None,
     out: str | Path | None = None,
+    also: Mapping[str, Sequence[str]] | None = None,
 ) -> "pd.DataFrame":
     """Evaluate every combination of the given values.
 
@@ -80,13 +81,17 @@ def sweep(
     out : str or Path, optional
         Folder that keeps each row as soon as it is finished: the same call goes on there, also with more
         values. Without it nothing is kept.
+    also : mapping, optional
+        Fields that take the value of a swept one too, for example
+        ``{"gelcore.width_mm": ["elastomer.width_mm"]}``.
 
     Returns
     -------
     DataFrame
-        One row a design: a column for each field, ``feasible``, ``reason`` (why a design was not evaluated,
-        else empty), and for each score its value and ``<score>_se``. Infeasible designs are not evaluated.
-        ``warnings``, where a model is used beyond what it was fitted to.
+        One row a design: a column for each field, ``feasible``, ``reason`` (why a design was not evaluated:
+        rules it breaks, by how many mm, and what they demand; else empty), and for each score its value and
+        ``<score>_se``. Infeasible designs are not evaluated. ``warnings``, where a model is used beyond what
+        it was fitted to.
 
     Raises
     ------
@@ -104,7 +109,13 @@ def sweep(
     grid = {path: list(chosen) for path, chosen in values.items()}
     if not grid or not all(grid.values()):
         raise ValueError("values: give at least one field, and at least one value for each")
-    combinations = [dict(zip(grid, chosen, strict=True)) for chosen in itertools.product(*grid.values())]
+    with_it = {path: list(others) for path, others in (also or {}).items()}
+    if unswept := sorted(set(with_it) - set(grid)):
+        raise ValueError(f"also: {unswept[0]} is not swept; swept are {', '.join(grid)}")
+    combinations = []
+    for chosen in itertools.product(*grid.values()):
+        one = dict(zip(grid, chosen, strict=True))
+        combinations.append(one | {o: one[path] for path, others in with_it.items() for o in others})
     presses = PressPlan.of(*_corners(design, combinations), depth_mm=depth_mm, force_n=force_n)
     scored = evaluator or Simulated(presses=presses)
     paths: list[Path | None] = [None] * len(combinations)
@@ -174,11 +185,11 @@ def _sweep_row(
     seed: int,
 ) -> dict[str, Any]:
     start = base if isinstance(base, Design) else base.transferable()
-    subject, reason, _ = prepared(lambda: start.replace(values))
+    subject, reason, broken = prepared(lambda: start.replace(values))
     if reason.startswith("no field"):
         raise DesignError(reason)
     if subject is None:
-        return {"feasible": False, "reason": reason}
+        return {"feasible": False, "reason": told(broken) or reason}
     outcome = evaluate_design(evaluator, subject, fidelity, seed)
     if "scores" not in outcome:
         reason = outcome.get("infeasible") or outcome["failed"]

@@ -1,11 +1,11 @@
 """A press: which probe, how deep or with which force, and where."""
 
 import math
-from typing import Self
+from typing import Any, Self
 
-from pydantic import model_validator
+from pydantic import field_validator, model_validator
 
-from geometries.probes import Probe
+from geometries.probes import Probe, parse
 from geometries.spec import Spec, quantity
 
 LEAST_DEPTH_MM = 0.01  # of a press that errors of depth would lift off the gel
@@ -16,8 +16,8 @@ class Press(Spec):
 
     Parameters
     ----------
-    probe : Probe
-        The indenter.
+    probe : Probe or str
+        The indenter, or its text, such as ``"sphere:4"``.
     depth_mm : float, optional
         Largest penetration below the undeformed membrane, along z, in mm; at most 20.
     force_n : float, optional
@@ -51,6 +51,11 @@ class Press(Spec):
     """How far the probe is then moved sideways (x, y) (mm)."""
     twist_deg: float = quantity(0.0, unit="deg", ge=-90, le=90)
     """How far it is then turned about its axis, counter-clockwise in the image."""
+
+    @field_validator("probe", mode="before")
+    @classmethod
+    def _from_text(cls, probe: Any) -> Any:
+        return parse(probe) if isinstance(probe, str) else probe
 
     @model_validator(mode="after")
     def _depth_or_force(self) -> Self:
