@@ -17,7 +17,7 @@ from designlab.simulation.simulator import Simulator
 from geometries.probes import parse
 
 TARGET = Path(__file__).parents[1] / "docs" / "images" / "sensor-and-presses.jpg"
-SENSOR = "gelsight-2020-flat"
+SENSOR = "default"
 PRESSES = (
     ("sphere:5", 0.8, 0),
     ("star:6", 0.8, 10),

@@ -329,3 +329,45 @@ def test_the_script_runs(tmp_path):
     for word in ("uniformity", "normal error", "deg", "radiance", "leds.tilt_deg"):
         assert word in done.stdout
     assert list(tmp_path.iterdir()) == []
+
+
+INSIDE = re.findall(
+    r"^\| ([a-z ]+) \| [a-z ]+ \|$",
+    (ROOT / "docs" / "writing.md").read_text(encoding="utf-8").partition("## Words that stay inside")[2],
+    re.MULTILINE,
+)[1:]
+FOR_USERS = (
+    "api",
+    "contact",
+    "fabrication",
+    "gallery",
+    "gap",
+    "geometry",
+    "how-it-works",
+    "measuring",
+    "optics",
+)
+SHOWN = sorted(
+    [
+        *(ROOT / "docs" / f"{name}.md" for name in (*FOR_USERS, "presets", "scale", "studies")),
+        ROOT / "README.md",
+        *(ROOT / "designlab" / "report").glob("*.toml"),
+        *(ROOT / "designlab" / "report").glob("*.html"),
+        *(ROOT / "designlab" / "app" / "templates").glob("*.md"),
+        ROOT / "designlab" / "report" / "gap_text.py",
+        *(ROOT / "designlab" / "app" / "cli").glob("*.py"),
+    ]
+)
+
+
+@pytest.mark.parametrize("path", SHOWN, ids=lambda path: path.name)
+def test_what_people_read_has_no_word_that_stays_inside(path):
+    assert len(INSIDE) > 5
+    text = " ".join(re.sub(r"`[^`]*`", "", path.read_text(encoding="utf-8")).split()).lower()
+    assert [word for word in INSIDE if word in text] == []
+
+
+def test_fifteen_sentences_are_shown_before_and_after():
+    told = (ROOT / "docs" / "writing.md").read_text(encoding="utf-8")
+    rows = told.partition("## Before and after")[2].partition("## ")[0]
+    assert len(re.findall(r"^\| (?!before|---)", rows, re.MULTILINE)) == 15

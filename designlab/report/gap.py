@@ -320,9 +320,7 @@ def _candidates(report: Mapping[str, Any]) -> tuple[Html, ...]:
         if screened:
             listed = ", ".join(f"`{c['name']}` {c['evidence']:.3g}" for c in screened)
             blocks.append(
-                paragraph(
-                    f"Screened out before fitting, with their evidence by linear approximation: {listed}."
-                )
+                paragraph(f"Set aside before fitting, with their evidence by linear approximation: {listed}.")
             )
         blocks += [
             paragraph(f"`{c['name']}`: {c['outcome']}{_amount(c)}.")

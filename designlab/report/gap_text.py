@@ -74,7 +74,7 @@ def _missing(report: GapReport) -> str:
         )
     if report.barred:
         return (
-            f"The model seems to lack {effects}, but this measurement does not bear a name without reserve: "
+            f"The model may lack {effects}, but this measurement is too weak to be sure: "
             f"{'; '.join(report.barred)}."
         )
     if report.verdict == "partial":
@@ -122,9 +122,9 @@ def _gone(final: Level, control: Control | None, effects: Sequence[Found]) -> st
     removed = final.removed
     if removed is None:
         return "On the final presses, which decided nothing, there was no gap to begin with."
-    share = "all" if removed >= 1 else percent(removed)
+    share = "All" if removed >= 1 else percent(removed)
     said = (
-        f"On the final presses, which decided nothing, {share} of the gap is gone: squared residual "
+        f"{share} of the gap is gone on the final presses, which decided nothing: squared residual "
         f"{number(final.before)} before, {number(final.after)} after, where {USUAL} leave "
         f"{number(final.usual)}."
     )

@@ -145,7 +145,7 @@ def press(shown: Reconstruction, extent: Extent, mark: Place | None = None) -> "
     drawn = panels[1, 0].imshow(error_deg, extent=extent, cmap="magma_r", vmin=0, vmax=15)
     panels[1, 0].set_facecolor(NOT_COUNTED)
     figure.colorbar(drawn, ax=panels[1, 0], label="normal error (deg)", extend="max")
-    _label(panels[1, 0], "Error over the grown contact")
+    _label(panels[1, 0], "Error on and around the contact")
     if mark is not None:
         _mark(panels[1, 0], mark, extent)
     top = float(true_height_mm.max())

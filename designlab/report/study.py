@@ -120,8 +120,8 @@ def _result(results: Results) -> tuple[Html, ...]:
     waiting = counts["running"] + counts["waiting"]
     text = (
         f"On the Pareto front: {len(results.pareto)} of {results.evaluated} evaluated designs. No other is "
-        "better than one of these in every objective. The values after ± are standard errors; they cover the "
-        "choice of presses, which is the same for all designs, so differences are surer than they suggest."
+        "better than one of these in every objective. The values after ± are standard errors. All designs "
+        "see the same presses, so differences between them are surer than these."
     )
     if study.robust is not None:
         text += f" Every value is one over {study.robust.copies} copies of the design as they would be built."

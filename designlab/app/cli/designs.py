@@ -94,7 +94,9 @@ def evaluate(args: Namespace) -> Result:
         *_verdict(data),
     ]
     if score.light.noise > GRAINY:
-        text.append("pictures are grainy: a higher --fidelity takes grain off, and what it adds to errors")
+        text.append(
+            "The pictures are noisy. A higher --fidelity removes the noise and the error that it adds."
+        )
     text += [f"warning: {warning}" for warning in score.warnings]
     if args.profile:
         text.append(str(score.light))

@@ -26,7 +26,7 @@ def init(args: Namespace) -> Result:
 
     target = Path(args.folder)
     if target.exists() and (not target.is_dir() or any(target.iterdir())):
-        raise ValueError(f"{target}: exists already; choose a folder that does not, nothing is overwritten")
+        raise ValueError(f"{target}: already exists; choose a new folder. Nothing was overwritten")
     contents = {Path("design.toml"): _named(preset_text(args.preset), target.resolve().name, args.preset)}
     with resources.as_file(resources.files("designlab.app").joinpath("templates")) as templates:
         for path in templates.rglob("*"):

@@ -201,7 +201,15 @@ def test_the_fields_of_the_provenance_are_those_that_a_diagnosis_writes(tmp_path
 @pytest.mark.parametrize(
     ("changes", "said", "unsaid"),
     [
-        ({}, ["The model lacks vignetting (corners are darker).", "90 % of the gap is gone", "0.88"], "or"),
+        (
+            {},
+            [
+                "The model lacks vignetting (the full picture's corners are 31 % (20 to 40) darker than stated).",
+                "90 % of the gap is gone",
+                "0.88",
+            ],
+            "or",
+        ),
         (
             {"verdict": "partial"},
             ["Part of the gap is explained", "Look at what is left before you design"],
@@ -237,7 +245,7 @@ def test_the_fields_of_the_provenance_are_those_that_a_diagnosis_writes(tmp_path
                 "reserves": ("no frame was repeated",),
                 "barred": ("no frame was repeated",),
             },
-            ["seems to lack vignetting", "does not bear a name without reserve: no frame was repeated."],
+            ["may lack vignetting", "this measurement is too weak to be sure: no frame was repeated."],
             "The rest",
         ),
         (
@@ -253,7 +261,10 @@ def test_the_fields_of_the_provenance_are_those_that_a_diagnosis_writes(tmp_path
                     replace(FOUND, name="led_tilt", coherence_set=("led_tilt", "led_profile")),
                 ),
             },
-            ["lacks vignetting (corners are darker), and one of several", "apart: led_tilt or led_profile."],
+            [
+                "corners are 31 % (20 to 40) darker than stated), and one of several",
+                "apart: led_tilt or led_profile.",
+            ],
             "or vignetting",
         ),
         (
@@ -279,7 +290,8 @@ def test_a_gap_below_the_floor_is_told_of_like_any_other() -> None:
     levels = {split: Level(0.9, 0.61, 1.0, 0.58) for split in REPORT.gap}
     below = replace(REPORT, gap=levels, provenance={})
     text = " ".join(statement(below))
-    said = "91 % of the gap is gone: squared residual 0.9 before, 0.61 after, where noise, grain"
+    said = "91 % of the gap is gone on the final presses, which decided nothing: squared residual "
+    said += "0.9 before, 0.61 after, where noise, grain"
     assert said in text
     assert "takes away 12 %" in text
     text = " ".join(statement(replace(below, verdict="partial")))
@@ -390,7 +402,7 @@ def test_the_page_shows_what_was_found_tried_and_not_known(tmp_path) -> None:
         "albedo_field , fitted in the same way, takes away 12 % of the gap",
         "vignetting accepted corner_loss 0.31 55 0.900 ± 0.050 100 % 2.5",
         "led_profile at the bound of red red 9 12 0.20 ± 0.10 50 % 7.5",
-        "Screened out before fitting, with their evidence by linear approximation: banding 0.3",
+        "Set aside before fitting, with their evidence by linear approximation: banding 0.3",
         "numerical : fitted with every candidate (amount 0.2)",
         "A flat field. the candidates would differ by 4 standard deviations (predicted)",
         "time in the lab about 10 min",
