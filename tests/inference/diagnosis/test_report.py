@@ -204,7 +204,7 @@ def test_the_fields_of_the_provenance_are_those_that_a_diagnosis_writes(tmp_path
         (
             {},
             [
-                "The model lacks vignetting (the full picture's corners are 31 % (20 to 40) darker than stated).",
+                "The model lacks vignetting (the full picture's corners are 31 % (20 to 40) darker than",
                 "90 % of the gap is gone",
                 "0.88",
             ],
