@@ -15,8 +15,10 @@ from tests import ROOT
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 TEMPLATE = Path(designlab.__file__).parent / "app" / "templates" / "notebook.ipynb"
 
-SWEPT = "tilts_deg = range(0, 80, 20)"
-SHORT = "tilts_deg = [10, 40]"
+SHORT = {
+    "led_tilt_sweep.ipynb": {"tilts_deg = range(0, 80, 20)": "tilts_deg = [10, 40]"},
+    TEMPLATE.name: {"heights_mm = [2.5, 4.0, 5.5, 7.0]": "heights_mm = [4, 6]"},
+}
 STORY = ROOT / "notebooks" / "corrected_model.ipynb"
 GEL = ROOT / "notebooks" / "gel.ipynb"
 SWEEPS = [path for path in NOTEBOOKS if path not in (STORY, GEL)]
@@ -63,13 +65,14 @@ def test_a_notebook_runs_to_its_end(path, tmp_path, monkeypatch):
     """Every cell runs, with fewer values swept; the last pictures are there and not empty."""
     monkeypatch.setenv("MPLBACKEND", "module://matplotlib_inline.backend_inline")
     shutil.copy(path, tmp_path)
-    (tmp_path / "design.toml").write_text(preset_text("gelsight-2020-flat"), encoding="utf-8")
-    outputs = executed(path, {SWEPT: SHORT}, tmp_path)
+    (tmp_path / "design.toml").write_text(preset_text("default"), encoding="utf-8")
+    outputs = executed(path, SHORT[path.name], tmp_path)
+    swept = re.findall(r"\d+", *SHORT[path.name].values())
     table = next(
         o.data["text/plain"] for o in outputs if "uniformity_u0" in o.get("data", {}).get("text/plain", "")
     )
     assert len(table.splitlines()[0].split()) > 3
-    assert [line.split()[1] for line in table.splitlines() if line[:1].isdigit()][:2] == ["10", "40"]
+    assert [line.split()[1] for line in table.splitlines() if line[:1].isdigit()][:2] == swept
     pictures = [base64.b64decode(o.data["image/png"]) for o in outputs if "image/png" in o.get("data", {})]
     assert len(pictures) == 2
     assert all(len(picture) > 5000 for picture in pictures)

@@ -28,6 +28,7 @@ from designlab.report.page import (
     unbroken,
     word,
 )
+from designlab.report.yardsticks import score_label
 from designlab.sensor.design import dumps
 from designlab.sensor.feasibility import RULES
 
@@ -104,7 +105,7 @@ def _result(results: Results) -> tuple[Html, ...]:
         best = results.valid.iloc[int(values.argmax() if way == "maximise" else values.argmin())]
         rows.append(
             {
-                "score": label(study.called(name), results.units.get(name, "")),
+                "score": score_label(study.called(name), results.units.get(name, "")),
                 "aim": f"{way}",
                 "start": None if start is None else start[name],
                 "start_se": None if start is None else start.get(f"{name}_se"),
@@ -144,7 +145,9 @@ def _shortlist(results: Results) -> tuple[Html, ...]:
     rows: list[dict[str, Any]] = []
     for name in (*scores, *study.varied):
         said = study.called(name) if name in scores else name
-        row: dict[str, Any] = {"quantity": label(said, units.get(name) or study.unit(name))}
+        row: dict[str, Any] = {
+            "quantity": score_label(said, units[name]) if name in units else label(said, study.unit(name))
+        }
         for title, _, design in designs:
             row |= {title: design.get(name), f"{title} se": design.get(f"{name}_se")}
         rows.append(row)
@@ -178,7 +181,7 @@ def _confirmation(results: Results) -> tuple[Html, ...]:
         {
             **{str(name): value for name, value in row.items()},
             "design": f"trial {row['trial']}",
-            "score": label(results.study.called(row["objective"]), units.get(row["objective"], "")),
+            "score": score_label(results.study.called(row["objective"]), units.get(row["objective"], "")),
             "change": _change(row),
             "verdict": word("better", "good")
             if row["better"]
@@ -203,7 +206,7 @@ def _confirmation(results: Results) -> tuple[Html, ...]:
         f"Evaluated again at {fidelity} fidelity with random numbers that had no part in the search. "
         "Intervals of the differences hold all together in 95 of 100 studies."
     )
-    words = results.curse_in_words(lambda name: label(name, units.get(name, "")))
+    words = results.curse_in_words(lambda name: score_label(name, units.get(name, "")))
     return (table(rows, columns), paragraph(text), *map(paragraph, words))
 
 
@@ -243,7 +246,7 @@ def _lead(results: Results) -> Lead:
         parts = []
         for row in rows.to_dict(orient="records"):
             better = better or bool(row["better"])
-            name = label(study.called(row["objective"]), units.get(row["objective"], ""))
+            name = score_label(study.called(row["objective"]), units.get(row["objective"], ""))
             way = "no difference seen" if not row["seen"] else "better" if row["better"] else "worse"
             parts.append(f"{name} {row['base']:.3g} -> {row['value']:.3g} ({way})")
         told.append(f"Trial {trial} against {study.base.name}: {'; '.join(parts)}.")
@@ -331,7 +334,7 @@ def _rejections(results: Results) -> tuple[Html, ...]:
     if len(broken):
         rows = [
             {
-                "score": label(name, results.units.get(name, "")),
+                "score": score_label(name, results.units.get(name, "")),
                 "bound": bound.text(),
                 "count": sum(name in names for names in broken),
             }

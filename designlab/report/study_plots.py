@@ -8,6 +8,7 @@ import numpy as np
 from designlab.optimization.study import Results, Study, history
 from designlab.optimization.study.definition import VARIANT
 from designlab.report.page import COLOURS, label, rounded
+from designlab.report.yardsticks import score_label
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -101,7 +102,9 @@ def parallel(results: Results) -> "plotly.graph_objects.Figure":
             )
     units = {path: study.unit(path) for path in study.varied} | dict(results.units)
     called = {name: study.called(name) for name in study.objectives}
-    titles = [label(called.get(name, name), units.get(name, "")).replace(" (", "<br>(") for name in names]
+    titles = [
+        score_label(called.get(name, name), units.get(name, "")).replace(" (", "<br>(") for name in names
+    ]
     figure.update_xaxes(
         tickvals=list(range(len(names))), ticktext=titles, showgrid=False, side="bottom", zeroline=False
     )
@@ -132,7 +135,7 @@ def slices(results: Results) -> tuple["plotly.graph_objects.Figure", int]:
                     hoverinfo="text", row=row, col=column + 1,
                 )  # fmt: skip
             if column == 0:
-                title = label(study.called(objective), results.units.get(objective, ""))
+                title = score_label(study.called(objective), results.units.get(objective, ""))
                 figure.update_yaxes(title_text=title.replace(" (", "<br>("), row=row, col=1)
             else:
                 figure.update_yaxes(showticklabels=False, row=row, col=column + 1)
@@ -155,7 +158,7 @@ def importance(shares: Mapping[str, Mapping[str, float]], results: Results) -> "
             y=[label(path, study.unit(path)) for path in study.varied],
             x=[100 * share.get(path, 0.0) for path in study.varied],
             orientation="h",
-            name=label(study.called(name), results.units.get(name, "")),
+            name=score_label(study.called(name), results.units.get(name, "")),
             hovertemplate="%{y}: %{x:.0f} %",
         )
     figure.update_xaxes(title="share of variation explained (%)", range=[0, 100])
@@ -183,7 +186,7 @@ def progress(results: Results) -> tuple["plotly.graph_objects.Figure", int]:
             x=order, y=best[name], mode="lines", line={"color": BLUE, "shape": "hv"}, hoverinfo="skip",
             row=row, col=1,
         )  # fmt: skip
-        title = label(results.study.called(name), results.units.get(name, "")).replace(" (", "<br>(")
+        title = score_label(results.study.called(name), results.units.get(name, "")).replace(" (", "<br>(")
         figure.update_yaxes(
             title_text=title if name in done else "hypervolume<br>(share of last)", row=row, col=1
         )
@@ -201,7 +204,7 @@ def _bars(rows: "pd.DataFrame", name: str, colour: str) -> dict[str, Any]:
 
 def _aim(results: Results, name: str) -> str:
     arrow = "larger is better →" if results.study.objectives[name] == "maximise" else "← smaller is better"
-    return f"{label(results.study.called(name), results.units.get(name, ''))}   {arrow}"
+    return f"{score_label(results.study.called(name), results.units.get(name, ''))}   {arrow}"
 
 
 def _hover(results: Results, rows: "pd.DataFrame") -> list[str]:
@@ -213,7 +216,7 @@ def _hover(results: Results, rows: "pd.DataFrame") -> list[str]:
         for name, unit in results.units.items():
             if name in row and row[name] == row[name]:
                 value = rounded(float(row[name]), float(row.get(f"{name}_se", np.nan)))
-                lines.append(f"{label(study.called(name), unit)}: {value}")
+                lines.append(f"{score_label(study.called(name), unit)}: {value}")
         for path in study.varied:
             value = row[path]
             if value is None or value != value:  # a parameter of another variant

@@ -11,13 +11,12 @@ from designlab.report.page import (
     Html,
     Lead,
     Section,
-    label,
     page,
     paragraph,
     plotly_figure,
     table,
 )
-from designlab.report.yardsticks import YARDSTICKS
+from designlab.report.yardsticks import YARDSTICKS, score_label
 
 if TYPE_CHECKING:
     import plotly.graph_objects
@@ -68,7 +67,7 @@ def _worst(found: Tolerance) -> str:
         if blame is not None and len(blame):
             first = blame.iloc[0]
             return (
-                f"Most of the spread of {label(name)} comes from {_thing(first['input'])}: "
+                f"Most of the spread of {score_label(name)} comes from {_thing(first['input'])}: "
                 f"{100 * first['share']:.0f} % of the variance, give or take {100 * first['ci']:.0f}."
             )
     return ""
@@ -81,12 +80,12 @@ def _result(found: Tolerance) -> str:
         name = found.headline()[0]
         own = found.to_json()["scores"][name]
         return (
-            f"Nine of ten copies have a {label(name, own['unit'])} between {own['low_5']:.3g} and "
+            f"Nine of ten copies have a {score_label(name, own['unit'])} between {own['low_5']:.3g} and "
             f"{own['high_95']:.3g}; the drawing has {own['nominal']:.3g}. No specification was given."
         )
     share = found.passed()
     bounds = "; ".join(
-        f"{label(name, found.units[name])} {bound.text()}" for name, bound in found.spec.items()
+        f"{score_label(name, found.units[name])} {bound.text()}" for name, bound in found.spec.items()
     )
     return (
         f"{share['share']:.0%} of the copies are good (95 % interval {share['low']:.0%} to "
@@ -109,7 +108,7 @@ def _yield(found: Tolerance, name: str) -> Html:
     way = "at or above" if at_least else "at or below"
     curve, unit = found.yield_curve(name, at_least=at_least), found.units[name]
     if curve.empty:
-        return paragraph(f"{label(name)}: no copy could be evaluated.")
+        return paragraph(f"{score_label(name)}: no copy could be evaluated.")
     figure = go.Figure()
     figure.add_scatter(
         x=curve["value"],
@@ -124,7 +123,7 @@ def _yield(found: Tolerance, name: str) -> Html:
         for end, text in ((bound.least, "at least"), (bound.most, "at most")):
             if end is not None:
                 _upright(figure, end, text, ORANGE)
-    figure.update_xaxes(title=label(name, unit))
+    figure.update_xaxes(title=score_label(name, unit))
     figure.update_yaxes(title=f"copies {way} (%)", range=[0, 102])
     figure.update_layout(margin={"l": 60, "r": 30, "t": 40, "b": 60})
     return plotly_figure(figure, height_px=340)
@@ -153,7 +152,7 @@ def _blame(found: Tolerance) -> tuple[Html, ...]:
     for name in found.headline():
         blame = found.offenders(name)
         if blame is None:
-            blocks.append(paragraph(f"{label(name)}: too few copies, or none that differ."))
+            blocks.append(paragraph(f"{score_label(name)}: too few copies, or none that differ."))
             continue
         worst = blame.head(SHOWN)
         figure = go.Figure()
@@ -165,7 +164,7 @@ def _blame(found: Tolerance) -> tuple[Html, ...]:
             marker={"color": BLUE},
             hovertemplate="%{y}: %{x:.0f} %<extra></extra>",
         )
-        figure.update_xaxes(title=f"share of the variance of {label(name)} (%)")
+        figure.update_xaxes(title=f"share of the variance of {score_label(name)} (%)")
         figure.update_yaxes(automargin=True, autorange="reversed")
         figure.update_layout(margin={"l": 20, "r": 30, "t": 10, "b": 60})
         blocks.append(plotly_figure(figure, height_px=90 + 26 * len(worst)))
@@ -179,7 +178,7 @@ def _thing(name: str) -> str:
 
 def _scores(found: Tolerance) -> Html:
     said = found.to_json()["scores"]
-    rows = [{"score": label(name, own["unit"]), **own} for name, own in said.items()]
+    rows = [{"score": score_label(name, own["unit"]), **own} for name, own in said.items()]
     columns = [
         Column("score", "score"),
         Column("nominal", "drawing"),

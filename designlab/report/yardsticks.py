@@ -62,6 +62,26 @@ class Yardstick(NamedTuple):
 _TABLES = tomllib.loads(files(__package__).joinpath("yardsticks.toml").read_text(encoding="utf-8"))
 YARDSTICKS = {name: Yardstick(**fields) for name, fields in _TABLES["scores"].items()}
 
+
+def score_label(name: str, unit: str = "") -> str:
+    """Name of a score as people read it, the same on every page, with its unit in brackets.
+
+    What a study makes of a score, such as the mean over copies, stands before it.
+
+    Examples
+    --------
+    >>> score_label("normal_error_median_deg", "deg")
+    'normal error, median (deg)'
+    >>> score_label("worst of uniformity_u0")
+    'worst of uniformity U0'
+    """
+    what, of, bare = name.rpartition(" of ")
+    known = YARDSTICKS.get(bare)
+    title = known.title if known is not None and known.title else label(bare, unit).partition(" (")[0]
+    after = "" if unit in ("", "1") else f" ({_UNITS.get(unit, unit)})"
+    return f"{what}{of}{title}{after}"
+
+
 HEADLINES = (
     "normal_error_mean_deg",
     "height_rmse_um",
@@ -95,10 +115,8 @@ def row(name: str, estimate: Mapping[str, Any], depths_mm: Sequence[float] = ())
     known = YARDSTICKS.get(name, Yardstick("", ""))
     return {
         "name": name,
-        "score": label(name, unit) + at,
-        "title": (known.title or label(name))
-        + ("" if unit in ("", "1") else f" ({_UNITS.get(unit, unit)})")
-        + at,
+        "score": score_label(name, unit) + at,
+        "title": score_label(name, unit) + at,
         "meaning": known.meaning,
         "verdict": known.verdict(estimate["value"], estimate["se"]),
         "limits": known.limits(unit),

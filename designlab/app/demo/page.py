@@ -5,7 +5,8 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from designlab.report.page import Column, Html, Section, facts, label, page, paragraph, picture, table
+from designlab.report.page import Column, Html, Section, facts, page, paragraph, picture, table
+from designlab.report.yardsticks import score_label
 from designlab.sensor.design import Design
 
 
@@ -29,7 +30,7 @@ def index_page(out: Path, design: Design, seed: int, found: Mapping[str, Mapping
         return Html(f'<a href="{relative}">{relative}</a>')
 
     score, parts, study, gap, real = (found[name] for name in ("evaluation", "parts", "study", "gap", "real"))
-    scores = [{"score": label(name, e["unit"]), **e} for name, e in score["scores"].items()]
+    scores = [{"score": score_label(name, e["unit"]), **e} for name, e in score["scores"].items()]
     start: dict[str, Any] = {"trial": None, "pick": "the design as it is"}
     for path in ("leds.height_mm", "leds.pitch_mm"):
         start[path] = attrgetter(path)(design)
