@@ -1,5 +1,6 @@
 """What the values of an effect mean in words: how much, which way, and between what."""
 
+import math
 import re
 import tomllib
 from collections.abc import Mapping
@@ -10,6 +11,7 @@ from typing import Any
 from designlab.inference.diagnosis.result import Found
 
 MOST_TOLD = 3  # values of an effect that a sentence names
+MOST_DECIMALS = 4
 
 
 def told(effect: Found) -> str:
@@ -47,19 +49,20 @@ def _told(effect: str, name: str, p: Any) -> str:
 
 def _between(p: Any, scale: float, unit: str) -> str:
     """Distance from the value without effect, with its unit and its 95 % interval."""
-    ends = sorted(abs(end - p.null) * scale for end in (p.low, p.high))
-    return f"{_short(abs(p.value - p.null) * scale)}{unit} ({_short(ends[0])} to {_short(ends[1])})"
+    low, high = sorted(abs(end - p.null) * scale for end in (p.low, p.high))
+    digits = decimals(high - low)
+    return f"{abs(p.value - p.null) * scale:.{digits}f}{unit} ({low:.{digits}f} to {high:.{digits}f})"
 
 
-def _short(value: float) -> str:
-    """Two significant digits, whole numbers from ten on.
+def decimals(width: float) -> int:
+    """Decimals that show an interval of this width: to a digit of its half.
 
     Examples
     --------
-    >>> _short(4.6123), _short(0.01234), _short(123.4)
-    ('4.6', '0.012', '123')
+    >>> decimals(1.9), decimals(0.2), decimals(22.0)
+    (1, 1, 0)
     """
-    return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
+    return min(max(0, -math.floor(math.log10(width / 2))), MOST_DECIMALS) if width > 0 else MOST_DECIMALS
 
 
 def _phrases(effect: str, name: str) -> tuple[tuple[str, str], dict[str, str]] | None:

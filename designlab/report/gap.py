@@ -121,9 +121,14 @@ def _removed(final: Mapping[str, float]) -> str:
     if before < BARELY:
         return "On the final presses no more is left than noise, grain and smooth errors of light."
     return (
-        f"On presses that decided nothing the excess falls from {before:.2g} to {after:.1g}. (Excess: "
-        "squared residual over what noise, grain and smooth errors of light leave; 0 is no gap.)"
+        f"On presses that decided nothing the excess falls from {_plain(before, 2)} to {_plain(after, 1)}. "
+        "(Excess: squared residual over what noise, grain and smooth errors of light leave; 0 is no gap.)"
     )
+
+
+def _plain(value: float, digits: int) -> str:
+    """A number with so many significant digits, never as a power of ten."""
+    return f"{float(f'{value:.{digits}g}'):.12g}"
 
 
 def _what_next(report: Mapping[str, Any]) -> tuple[str, str]:

@@ -4,6 +4,7 @@ import base64
 import gzip
 import json
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from importlib.resources import files
@@ -268,7 +269,7 @@ def plotly_figure(
         config={"displaylogo": False, "responsive": True, "modeBarButtons": [["toImage", "resetScale2d"]]},
         post_script=[_SHOW_PICTURES] if pictures else None,
     )
-    drawn = drawn.replace('<script type="text/javascript">', '<script type="text/figure">')
+    drawn = re.sub(r'<script( type="text/javascript")?>', '<script type="text/figure">', drawn)
     encoded = {
         key: f"data:image/png;base64,{base64.b64encode(path.read_bytes()).decode()}"
         for key, path in (pictures or {}).items()
@@ -279,6 +280,17 @@ def plotly_figure(
 
 _SHOW_PICTURES = "\n" + _text("show_pictures.js")
 _OPEN_LARGE = "\n" + _text("open_large.js")
+
+
+def counted(number: int, what: str) -> str:
+    """A number of things.
+
+    Examples
+    --------
+    >>> counted(1, "design"), counted(3, "design")
+    ('1 design', '3 designs')
+    """
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
 def label(name: str, unit: str = "") -> str:

@@ -1,5 +1,6 @@
 """The page about a study: what was found, the designs to compare first, and how far the search came."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from designlab.report.page import (
     Html,
     Lead,
     Section,
+    counted,
     facts,
     gallery,
     label,
@@ -28,7 +30,7 @@ from designlab.report.page import (
     unbroken,
     word,
 )
-from designlab.report.yardsticks import score_label
+from designlab.report.yardsticks import YARDSTICKS, score_label
 from designlab.sensor.design import dumps
 from designlab.sensor.feasibility import RULES
 
@@ -80,7 +82,7 @@ def study_report(
         Section("Designs left out", _rejections(found), folded=True),
         Section("The search", _definition(found), folded=True),
     ]
-    subtitle = f"{found.evaluated} designs evaluated, starting from {study.base.name}"
+    subtitle = f"{counted(found.evaluated, 'design')} evaluated, starting from {study.base.name}"
     text = page(f"Study: {study.name}", sections, subtitle=subtitle, lead=_lead(found))
     return write_atomic(path, text)
 
@@ -136,9 +138,7 @@ def _shortlist(results: Results) -> tuple[Html, ...]:
     if results.picks.empty:
         return ()
     study, units = results.study, dict(results.units)
-    designs = [
-        (f"trial {row['trial']}", row["pick"].replace("_", " "), row) for _, row in results.picks.iterrows()
-    ]
+    designs = [(f"trial {row['trial']}", _pick(row["pick"]), row) for _, row in results.picks.iterrows()]
     if results.start is not None and results.start["trial"] not in set(results.picks["trial"]):
         designs.append((f"trial {results.start['trial']}", "starting design", results.start))
     scores = [*study.objectives, *(name for name in units if name not in study.objectives)]
@@ -210,6 +210,11 @@ def _confirmation(results: Results) -> tuple[Html, ...]:
     return (table(rows, columns), paragraph(text), *map(paragraph, words))
 
 
+def _pick(pick: str) -> str:
+    """Why a design is on the shortlist, with the names of scores as people read them."""
+    return re.sub(r"\w+", lambda m: score_label(m[0]) if m[0] in YARDSTICKS else m[0].replace("_", " "), pick)
+
+
 def _change(gain: Mapping[Any, Any]) -> Html:
     """Difference from the base with its interval."""
     return unbroken(f"{gain['difference']:+.3g} ({gain['low']:+.3g} to {gain['high']:+.3g})")
@@ -229,8 +234,8 @@ def _lead(results: Results) -> Lead:
     shown = picture(depicted, f"Trial {number}: {_CAPTIONS['press']}") if depicted.is_file() else None
     if gains.empty:
         text = (
-            f"The search has evaluated {results.evaluated} designs. Its best were not evaluated again, so "
-            "part of what they gain is chance."
+            f"The search has evaluated {counted(results.evaluated, 'design')}. Its best were not evaluated "
+            "again, so part of what they gain is chance."
         )
         return Lead(
             question,

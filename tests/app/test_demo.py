@@ -10,6 +10,7 @@ import pytest
 from designlab.app import cli
 from designlab.app.demo import Demo
 from designlab.app.demo import run as demo
+from tests.helpers.browser import faults, opened
 
 
 class Links(html.parser.HTMLParser):
@@ -127,3 +128,7 @@ def test_the_whole_job_and_what_it_says(tmp_path, monkeypatch, capfd, hidden, to
     for parameter, value in again["gap"]["hidden"][name].items():
         assert effect["parameters"][parameter]["value"] == pytest.approx(value, abs=tolerance)
     assert re.search(r"Verdict of the\s+diagnosis: \w+", (out / "index.html").read_text(encoding="utf-8"))
+
+    with opened() as browser:  # skipped here, with the reason, where there is none
+        for name in ("index", "evaluation/report", "study/report", "diagnosis/report"):
+            assert faults(browser, out / f"{name}.html") == [], name

@@ -6,6 +6,7 @@ import pytest
 
 from designlab.evaluation.paired_comparison import Difference
 from designlab.report.comparison import NO_DIFFERENCE, comparison_report, verdict
+from tests.helpers.browser import faults, opened
 from tests.report.test_pages import PIXEL, check, words
 
 
@@ -56,3 +57,12 @@ def test_the_page_says_who_is_better_in_what_and_links_to_both(tmp_path):
     assert "24.0 ± 1.0 24.5 ± 1.0 +0.5 (-3 to +4) no difference seen" in shown
     (_, _, large, _) = check(page.replace('"first/', '"data:').replace('"second/', '"data:')).images
     assert large["alt"] == "flat: untouched gel"
+
+
+@pytest.mark.slow
+def test_the_page_holds_in_a_browser(tmp_path):
+    test_the_page_says_who_is_better_in_what_and_links_to_both(tmp_path)
+    for place in ("first", "second"):
+        (tmp_path / place / "report.html").write_text("<p>evaluation</p>")
+    with opened() as browser:
+        assert faults(browser, tmp_path / "report.html") == []

@@ -49,7 +49,7 @@ def test_every_parameter_but_shapes_has_a_phrase_for_both_ways(each):
             "colour_mixing",
             "R_from_green",
             value(0.021, 0.01, 0.03, sd=0.1),
-            "channel R sees 2.1 % (1 to 3) more of the green LEDs than stated",
+            "channel R sees 2 % (1 to 3) more of the green LEDs than stated",
         ),
         (
             "point_spread",

@@ -5,7 +5,19 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
-from designlab.report.page import Column, Html, Section, facts, page, paragraph, picture, table
+from designlab.report.page import (
+    Column,
+    Html,
+    Lead,
+    Section,
+    counted,
+    facts,
+    page,
+    paragraph,
+    picture,
+    rounded,
+    table,
+)
 from designlab.report.yardsticks import score_label
 from designlab.sensor.design import Design
 
@@ -52,11 +64,6 @@ def index_page(out: Path, design: Design, seed: int, found: Mapping[str, Mapping
         Section(
             "The sensor and its scores",
             (
-                *(
-                    [picture(parts["picture"], "The sensor, its housing cut open")]
-                    if parts["picture"]
-                    else []
-                ),
                 table(scores, [Column("score", "score"), Column("value", "value", se="se")]),
                 *(picture(path, caption) for path, caption in _examples(out / "evaluation").items()),
                 facts({"more": link(out / "evaluation" / "report.html")}),
@@ -100,7 +107,29 @@ def index_page(out: Path, design: Design, seed: int, found: Mapping[str, Mapping
             ),
         ),
     ]
-    return page("designlab demo", sections, subtitle=f"{design.name}, seed {seed}")
+    picked = parts["picture"] or next(iter(_examples(out / "evaluation")), None)
+    lead = Lead(
+        question="What does designlab tell of a sensor before and after it is built?",
+        answer=tuple(map(paragraph, _answers(score, study, gap))),
+        picture=picture(picked, f"The sensor {design.name}") if picked else None,
+        next_words="Begin a sensor of your own:",
+        next_command="designlab init my-sensor",
+    )
+    return page("designlab demo", sections, subtitle=f"{design.name}, seed {seed}", lead=lead)
+
+
+def _answers(score: Mapping[str, Any], study: Mapping[str, Any], gap: Mapping[str, Any]) -> list[str]:
+    """What the stages found, a sentence each."""
+    normals, heights = (score["scores"][name] for name in ("normal_error_mean_deg", "height_rmse_um"))
+    named = ", ".join(effect["name"] for effect in gap["effects"]) or "no effect"
+    hidden = ", ".join(gap["hidden"])
+    return [
+        f"Before: normals are off by {rounded(normals['value'], normals['se'])} deg in the mean, heights by "
+        f"{rounded(heights['value'], heights['se'])} µm RMS, on presses that the calibration has not seen.",
+        f"Better: a search evaluated {counted(study['trials']['complete'], 'design')}. Files to make the "
+        "sensor are written and checked.",
+        f"After: {hidden} was hidden in a generated measurement; the diagnosis named {named}.",
+    ]
 
 
 def _examples(folder: Path) -> dict[Path, str]:
