@@ -58,9 +58,7 @@ def executed(path: Path, changes: dict[str, str], folder: Path) -> list:
 
 @pytest.mark.renders
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "path", [*(pytest.param(path, marks=pytest.mark.full) for path in SWEEPS), TEMPLATE], ids=NAMES
-)
+@pytest.mark.parametrize("path", [*SWEEPS, TEMPLATE], ids=NAMES)
 def test_a_notebook_runs_to_its_end(path, tmp_path, monkeypatch):
     """Every cell runs, with fewer values swept; the last pictures are there and not empty."""
     monkeypatch.setenv("MPLBACKEND", "module://matplotlib_inline.backend_inline")
