@@ -1,4 +1,4 @@
-"""The notebooks run as a lab would run them, and are kept without their outputs."""
+"""The notebooks run as a lab would run them, and are kept with what they print and draw."""
 
 import base64
 import re
@@ -21,7 +21,8 @@ SHORT = {
 }
 STORY = ROOT / "notebooks" / "corrected_model.ipynb"
 GEL = ROOT / "notebooks" / "gel.ipynb"
-SWEEPS = [path for path in NOTEBOOKS if path not in (STORY, GEL)]
+FIRST = ROOT / "notebooks" / "my_first_sensor.ipynb"
+SWEEPS = [path for path in NOTEBOOKS if path not in (STORY, GEL, FIRST)]
 NAMES = [path.name for path in [*SWEEPS, TEMPLATE]]
 SMALLER = {
     "columns, samples, seed = 64, 128, 3": "columns, samples, seed = 24, 32, 3",
@@ -33,13 +34,19 @@ SMALLER = {
 
 
 @pytest.mark.parametrize("path", [*NOTEBOOKS, TEMPLATE], ids=lambda path: path.name)
-def test_outputs_are_stripped(path):
+def test_notebooks_are_kept_with_outputs_and_the_starter_without(path):
+    """The story of a corrected model takes minutes a run and is kept without too."""
     notebook = nbformat.read(path, as_version=4)
     nbformat.validate(notebook)
-    for cell in notebook.cells:
-        if cell.cell_type == "code":
-            assert cell.outputs == []
-            assert cell.execution_count is None
+    cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    if path in (TEMPLATE, STORY):
+        assert all(cell.outputs == [] and cell.execution_count is None for cell in cells)
+        return
+    assert [cell.execution_count for cell in cells] == list(range(1, len(cells) + 1))
+    outputs = [output for cell in cells for output in cell.outputs]
+    assert {output.output_type for output in outputs} <= {"execute_result", "display_data", "stream"}
+    assert any("image/png" in output.get("data", {}) for output in outputs)
+    assert path.stat().st_size < 1_500_000
 
 
 def executed(path: Path, changes: dict[str, str], folder: Path) -> list:
@@ -109,3 +116,19 @@ def test_the_notebook_of_the_gel_shows_what_it_says(tmp_path, monkeypatch):
     assert times[0] > times[1] > times[2] > 1
     pictures = [o for o in outputs if "image/png" in o.get("data", {})]
     assert len(pictures) == 4  # profiles, forces, the way of the skin, the camera's
+
+
+@pytest.mark.renders
+@pytest.mark.slow
+def test_the_first_sensor_goes_from_an_idea_to_parts_and_a_plan(tmp_path, monkeypatch):
+    monkeypatch.setenv("MPLBACKEND", "module://matplotlib_inline.backend_inline")
+    fewer = {"heights_mm = [4.0, 5.0, 6.0, 7.0]": "heights_mm = [5.0]"}
+    outputs = executed(FIRST, fewer, tmp_path)
+    texts = [o.data["text/plain"] for o in outputs if "text/plain" in o.get("data", {})]
+    assert "'made from preset default: elastomer.thickness_mm 2 -> 1.5'" in texts
+    assert any("leds.height_mm 6 -> 5" in text for text in texts)
+    said = "".join(o.text for o in outputs if o.output_type == "stream" and o.name == "stdout")
+    assert "checks passed" in said
+    assert "led_red        3 x 625 nm" in said
+    assert any("sphere:3.5" in text for text in texts)
+    assert (tmp_path / "parts" / "assembly.step").is_file()

@@ -293,7 +293,10 @@ class Design(Spec):
             if path.startswith("leds.") and path.endswith(".part"):
                 led_catalogue.forget(content["leds"], path, given=changes)
         found = _validated(content, "replace()")
-        return found if "name" in changes or found.digest == self.digest else _told_apart(found, self)
+        if found.digest == self.digest:
+            return found
+        told = _told_apart(found, self)
+        return told.model_copy(update={"name": found.name}) if "name" in changes else told
 
     def view(self, columns: int) -> View:
         """Rectangle of the sensor that shows the sensing area in `columns` columns of square pixels."""

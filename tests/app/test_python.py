@@ -69,6 +69,8 @@ def test_a_changed_design_has_a_name_and_knows_what_it_was_made_from(tmp_path):
     assert changed.lineage == "made from preset default: leds.height_mm 6 -> 4; leds.tilt_deg 0 -> 5"
     assert changed.replace({"leds.tilt_deg": 0.0, "leds.height_mm": 6.0}) == design
     assert design.replace({"leds.tilt_deg": 0.0}).name == "default"  # nothing changed
+    named = design.replace({"leds.tilt_deg": 5.0, "name": "mine"})
+    assert (named.name, named.lineage) == ("mine", "made from preset default: leds.tilt_deg 0 -> 5")
     file = tmp_path / "mine.toml"
     file.write_text(preset_text("default").replace("tilt_deg = 0.0", "tilt_deg = 3.0"))
     edited = load(file)  # a copy of a preset that was edited does not pass for it
