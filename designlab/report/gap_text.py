@@ -62,7 +62,13 @@ def _missing(report: GapReport) -> str:
     final = report.gap["final"]
     effects = " and ".join(_called(effect) for effect in report.effects)
     if report.verdict == "named":
-        return f"The model lacks {effects}."
+        first, *others = report.effects
+        surer = [first, *(effect for effect in others if effect.confidence >= SURE_ENOUGH)]
+        said = f"The model lacks {' and '.join(map(_called, surer))}."
+        doubtful = [_called(effect) for effect in others if effect.confidence < SURE_ENOUGH]
+        if doubtful:
+            said += f" It may lack {' and '.join(doubtful)} too, but that is more likely wrong than right."
+        return said
     if report.verdict == "ambiguous":
         choices = "; ".join(
             " or ".join(effect.coherence_set) for effect in report.effects if len(effect.coherence_set) > 1

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.inference.diagnosis.verdict.confidence import SURE_ENOUGH
 from designlab.sensor.design import preset
 from designlab.simulation.effects import effect
 from designlab.validation.blind.detection import in_units, limits
@@ -261,14 +262,20 @@ def _first_right(row: Row) -> bool:
     return bool(row["named"]) and any(same(row["named"][0], truth) for truth in row["hidden"])
 
 
+def _stated(row: Row) -> list[str]:
+    """Names that a report states: the first, and others that are as likely right as wrong."""
+    further = zip(row["named"][1:], row["confidence"][1:], strict=True)
+    return [*row["named"][:1], *(name for name, confidence in further if confidence >= SURE_ENOUGH)]
+
+
 def _further_wrong(row: Row) -> bool:
-    """Whether an effect was named besides the first that is not there."""
-    return any(not any(same(name, truth) for truth in row["hidden"]) for name in row["named"][1:])
+    """Whether an effect was stated besides the first that is not there."""
+    return any(not any(same(name, truth) for truth in row["hidden"]) for name in _stated(row)[1:])
 
 
 def all_named(row: Row) -> bool:
-    """Whether every hidden effect was named."""
-    return all(any(same(name, truth) for name in row["named"]) for truth in row["hidden"])
+    """Whether every hidden effect was stated."""
+    return all(any(same(name, truth) for name in _stated(row)) for truth in row["hidden"])
 
 
 def _in_set(row: Row) -> bool:

@@ -535,3 +535,16 @@ def test_effects_of_elastic_gels_are_tried_of_these_alone_and_some_only_by_name(
     press = Press(probe=parse("triangle:5"), depth_mm=0.5)
     alone = replace(seen, shots=(SimpleNamespace(lit=np.ones(3), ball=None, press=press, view=None),))
     assert set(asked[:3]) <= set(_names(kernel, None, alone))
+
+
+def test_a_further_name_that_is_more_likely_wrong_is_said_to_be_so() -> None:
+    """The first name stands; one beside it of less than a half is no finding."""
+    first, second = (
+        replace(REPORT.effects[0], name=name, summary=text, confidence=confidence, parameters={})
+        for name, text, confidence in (("banding", "bands", 0.9), ("camera_pose", "camera moved", 0.36))
+    )
+    (said, *_) = statement(replace(REPORT, verdict="named", effects=(first, second), provenance={}))
+    assert said == (
+        "The model lacks banding (bands). It may lack camera_pose (camera moved) too, but that is more likely "
+        "wrong than right."
+    )
