@@ -326,7 +326,7 @@ def test_the_script_runs(tmp_path):
         [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=900
     )
     assert done.returncode == 0, done.stderr
-    for word in ("uniformity", "normal error", "deg", "radiance", "leds.tilt_deg"):
+    for word in ("uniformity", "normal error", "deg", "radiance", "leds.height_mm"):
         assert word in done.stdout
     assert list(tmp_path.iterdir()) == []
 

@@ -11,6 +11,7 @@ from designlab.simulation.effects.model import SensorModel, load_model
 
 if TYPE_CHECKING:
     from designlab.inference.diagnosis.result import GapReport
+    from designlab.measurement import Measurement
     from designlab.report.view3d import ViewPicture
 
 PAGE = "report.html"
@@ -160,14 +161,17 @@ def diagnose(
     ValueError
         If the measurement cannot be used; names file, cause and remedy.
     """
+    from designlab.measurement import load_measurement
+
+    frames, given = load_measurement(measurement), _model(model)
     return diagnosed(
-        measurement, model, out, seed=seed, effects=effects, trust=trust, renders=renders, progress=progress
+        frames, given, out, seed=seed, effects=effects, trust=trust, renders=renders, progress=progress
     )[0]
 
 
 def diagnosed(
-    measurement: str | Path,
-    model: Design | SensorModel | str | Path,
+    measurement: "Measurement",
+    model: SensorModel,
     out: str | Path,
     *,
     seed: int,
@@ -179,13 +183,12 @@ def diagnosed(
     """What `diagnose` finds, and the content of its report."""
     from designlab.core.progress import THOUSANDTHS, part_of
     from designlab.inference.diagnosis import diagnose as find
-    from designlab.measurement import load_measurement
     from designlab.report.diagnosis_folder import write_diagnosis
 
     finding = THOUSANDTHS - WRITING
     found = find(
-        load_measurement(measurement),
-        _model(model),
+        measurement,
+        model,
         out=out,
         seed=seed,
         progress=part_of(progress, "", begun=0, cost=finding, total=THOUSANDTHS),

@@ -79,6 +79,8 @@ def _result(found: Tolerance) -> str:
     if not found.spec:
         name = found.headline()[0]
         own = found.to_json()["scores"][name]
+        if any(own[figure] is None for figure in ("nominal", "low_5", "high_95")):
+            return "No copy could be evaluated. No specification was given."
         return (
             f"Nine of ten copies have a {score_label(name, own['unit'])} between {own['low_5']:.3g} and "
             f"{own['high_95']:.3g}; the drawing has {own['nominal']:.3g}. No specification was given."

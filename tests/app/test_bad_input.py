@@ -336,7 +336,7 @@ def into(place):
         ["demo", "--out", place / "new"],
         ["evaluate", FLAT, "--out", place / "new"],
         ["render", FLAT, "--columns", "16", "--samples", "1", "-o", place / "new" / "x.exr"],
-        ["export", FLAT, "--out", place / "new"],
+        ["export", "default", "--out", place / "new"],
         ["study", "run", "STUDY", "--out", place / "new"],
         ["gap", "plant", "--kit", "small", "--columns", "8", "--out", place / "new"],
     )
@@ -400,7 +400,7 @@ class TestPlacesThatCannotBeWritten:
         note = written(tmp_path / "note.txt", "mine")
         for words in (
             ["evaluate", FLAT],
-            ["export", FLAT],
+            ["export", "default"],
             ["gap", "plant", "--kit", "small", "--columns", "8"],
         ):
             status, line = refused(*words, "--out", tmp_path)

@@ -457,10 +457,10 @@ class TestStudy:
         path.write_text(path.read_text().replace("trials = 24", "trials = 3"))
 
         def evaluator(design, *, fidelity, seed):
-            tilt = design.leds.tilt_deg
+            height = design.leds.height_mm
             values = {
-                "uniformity_u0": 1 / (1 + tilt**2),
-                "normal_error_median_deg": 2 + (tilt - 30) ** 2 / 900,
+                "uniformity_u0": 1 / (1 + height**2),
+                "normal_error_median_deg": 2 + (height - 6) ** 2 / 36,
                 "coverage": 1.0,
                 "saturation_share": 0.0,
             }
@@ -489,7 +489,7 @@ class TestStudy:
         assert status == 0
         assert found["trials"]["complete"] == 3
         best = max(found["pareto"], key=lambda row: row["uniformity_u0"])
-        assert best["uniformity_u0"] == pytest.approx(1 / (1 + best["leds.tilt_deg"] ** 2))
+        assert best["uniformity_u0"] == pytest.approx(1 / (1 + best["leds.height_mm"] ** 2))
         assert "3 of 3 designs evaluated" in run("study", "run", study_file.with_name("study-out"))[1]
 
     @pytest.mark.slow

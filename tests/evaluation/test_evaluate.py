@@ -116,6 +116,8 @@ def test_json_is_complete_and_strict(score, folder):
         "presses",
         "press_plan",
         "warnings",
+        "made_from",
+        "not_buildable",
     }
     assert set(content) == names
     assert content["design"] == "gelsight-2020-flat"

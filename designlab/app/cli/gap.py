@@ -89,12 +89,15 @@ def _outside(text: str) -> tuple[str, float]:
 def diagnose(args: Namespace) -> Result:
     """Name the effects a model lacks."""
     from designlab.app.python import PAGE, diagnosed
+    from designlab.measurement import load_measurement
+    from designlab.simulation.effects.model import load_model
 
+    measurement, model = load_measurement(args.measurement), load_model(args.model)
     page = Path(args.out) / PAGE
     with bar(form=IN_PERCENT, keep=True) as progress:
         found, content = diagnosed(
-            args.measurement,
-            args.model,
+            measurement,
+            model,
             args.out,
             seed=args.seed,
             effects=args.effects,

@@ -545,6 +545,6 @@ def test_a_further_name_that_is_more_likely_wrong_is_said_to_be_so() -> None:
     )
     (said, *_) = statement(replace(REPORT, verdict="named", effects=(first, second), provenance={}))
     assert said == (
-        "The model lacks banding (bands). It may lack camera_pose (camera moved) too, but that is more likely "
-        "wrong than right."
+        "The model lacks banding (bands). It may lack camera_pose (camera moved) too, but that is more "
+        "likely wrong than right."
     )

@@ -169,7 +169,7 @@ def test_studies_that_come_with_it_start_from_their_base_and_seek_scores_there_a
     """A change of a preset must not put it out of the ranges unnoticed: gains are over the base."""
     if path.parent.name == "templates":
         path = Path(shutil.copy(path, tmp_path))
-        (tmp_path / "design.toml").write_text(designs.dumps(preset("gelsight-2020-flat")), encoding="utf-8")
+        (tmp_path / "design.toml").write_text(designs.dumps(preset("default")), encoding="utf-8")
     study = load_study(path)
     start = study.start()
     assert start is not None

@@ -337,7 +337,7 @@ def test_values_of_a_robust_study_say_what_they_are(tmp_path, capsys):
     assert "mean - 1.5 sigma of uniformity_u0" in said
     assert re.search(r"0\.\d+ ± 0\.\d+", said)
     page = study_report(results, tmp_path / "page.html", pictures=False).read_text("utf-8")
-    assert "mean - 1.5 sigma of uniformity u0" in page
+    assert "mean - 1.5 sigma of uniformity U0" in page
     assert "one over 3 copies of the design" in page
     worst = study.model_copy(update={"robust": Robust(aim="worst")})
     assert (worst.called("uniformity_u0"), worst.called("x")) == ("worst of uniformity_u0", "mean of x")
