@@ -39,6 +39,7 @@ def plant(args: Namespace) -> Result:
         for name, values in wanted
     }
     outside = dict(_outside(text) for text in args.outside)
+    require_writable(args.out, made_with="measurement.toml")
     with bar("frame") as progress:
         folder = generate(
             design,
