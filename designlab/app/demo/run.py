@@ -27,12 +27,19 @@ MEASURED_VARIABLE = "DESIGNLAB_MEASURED"
 MARKER = "demo.json"
 TRIALS = 8
 PARAMETERS = {"leds.height_mm": (2.0, 7.0), "leds.pitch_mm": (3.2, 6.5)}
-HIDDEN = {"led_position": {"radial_mm": 1.0, "height_mm": 0.8}}
+HIDDEN = {"colour_mixing": {"R_from_green": 0.15, "G_from_blue": 0.2, "B_from_red": 0.1}}
 PROBE = "sphere:4"
-TRIED = ("led_position", "contact_kernel", "vignetting", "black_level", "colour_mixing", "response_curve")
+TRIED = (
+    "colour_mixing",
+    "black_level",
+    "vignetting",
+    "response_curve",
+    "veiling_glare",
+    "albedo_field",
+)
 """Effects the demo tries; a diagnosis tries all, which takes minutes longer."""
 
-_SECONDS = {"evaluation": 18, "parts": 8, "study": 18 * TRIALS + 10, "gap": 60, "real": 15}
+_SECONDS = {"evaluation": 13, "parts": 15, "study": 12 * TRIALS, "gap": 100, "real": 15}
 """What stages take on two cores, in relation to each other; only the time left depends on it."""
 
 
