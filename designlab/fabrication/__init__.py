@@ -101,7 +101,7 @@ def export(
         if design.not_buildable:
             raise InfeasibleDesign(
                 f"design {design.name!r} is {design.not_buildable}; remedy: start from a sensor with "
-                'optics.light_path = "core", such as the preset default, or allow infeasible designs'
+                'optics.light_path = "core", such as the preset default, or --allow-infeasible'
             )
     chosen = list(dict.fromkeys(probe_library.parse(p) if isinstance(p, str) else p for p in probes))
     names = [probe_name(probe) for probe in chosen]
