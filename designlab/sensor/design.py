@@ -421,7 +421,8 @@ def _told_apart(changed: Design, original: Design) -> Design:
         parent = original.name
     if parent is not None and changed.digest == preset(parent).digest:
         return changed.model_copy(update={"name": parent, "parent": None})
-    base = original.name.split(CHANGED)[0]
+    automatic = parent is not None and original.name.startswith(f"{parent}{CHANGED}")
+    base = parent if parent is not None and automatic else original.name
     told = differences(changed, preset(parent) if parent == base else original)
     short = [f"{path} {new:g}" for path, (_, new) in told.items() if isinstance(new, int | float)]
     what = ", ".join(short) if len(short) == len(told) <= FEW_CHANGES else f"{len(told)} changes"

@@ -19,6 +19,7 @@ _BOUNDS: dict[type, str] = {
     annotated_types.Le: "",
 }
 _TABLE = re.compile(r"\[+(?P<path>[^\]]+)\]+")
+_STRING = re.compile(r'"(?:\\.|[^"\\])*"')
 _ENTRY = re.compile(r"(?P<name>[A-Za-z_][\w-]*) = ")
 
 
@@ -81,7 +82,8 @@ def commented(toml: str, model: type[BaseModel]) -> str:
     for text in toml.splitlines():
         entry = _ENTRY.match(text) if depth == 0 else None
         heading = _TABLE.fullmatch(text) if depth == 0 else None
-        depth += text.count("[") - text.count("]") if heading is None else 0
+        bare = _STRING.sub("", text)  # brackets within texts close nothing
+        depth += bare.count("[") - bare.count("]") if heading is None else 0
         if heading is not None:
             table = f"{heading['path']}."
         elif entry is not None and (found := known.get(table + entry["name"])) is not None:

@@ -1,6 +1,7 @@
 """The one composition: press, scene, effects, light transport, mixing, camera."""
 
 import base64
+import html
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -101,7 +102,7 @@ class Frame:
     def _repr_html_(self) -> str:
         """What a notebook shows of it: the picture."""
         encoded = base64.b64encode(png_bytes(tone_map(self.mixed))).decode()
-        return f'<img alt="{self!r}" src="data:image/png;base64,{encoded}">'
+        return f'<img alt="{html.escape(repr(self))}" src="data:image/png;base64,{encoded}">'
 
     @property
     def mechanics(self) -> Mechanics | None:

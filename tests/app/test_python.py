@@ -51,7 +51,8 @@ def test_the_help_of_a_design_lists_every_field_with_unit_range_and_default():
 
 
 def test_a_design_is_written_with_a_comment_to_each_field_and_read_again():
-    design = dl.preset("gelsight-2020-flat-elastic").replace({"leds.groups.1.flux_mw": 5.0})
+    changes = {"leds.groups.1.flux_mw": 5.0, "description": 'an open [ and a "quote"'}
+    design = dl.preset("gelsight-2020-flat-elastic").replace(changes)
     text = dumps(design)
     assert loads(text) == design
     lines = text.splitlines()
@@ -69,6 +70,8 @@ def test_a_changed_design_has_a_name_and_knows_what_it_was_made_from(tmp_path):
     assert changed.lineage == "made from preset default: leds.height_mm 6 -> 4; leds.tilt_deg 0 -> 5"
     assert changed.replace({"leds.tilt_deg": 0.0, "leds.height_mm": 6.0}) == design
     assert design.replace({"leds.tilt_deg": 0.0}).name == "default"  # nothing changed
+    own = design.replace({"name": "gel with dots"})  # a name of one's own is kept whole
+    assert own.replace({"leds.tilt_deg": 5.0}).name == "gel with dots with leds.tilt_deg 5"
     named = design.replace({"leds.tilt_deg": 5.0, "name": "mine"})
     assert (named.name, named.lineage) == ("mine", "made from preset default: leds.tilt_deg 0 -> 5")
     file = tmp_path / "mine.toml"

@@ -42,7 +42,7 @@ def init(args: Namespace) -> Result:
 
 def _named(text: str, name: str, parent: str) -> bytes:
     """TOML of a preset under a name of its own."""
-    own = f'name = {json.dumps(name)}\nparent = "{parent}"  # the preset it was made from'
+    own = f'name = {json.dumps(name, ensure_ascii=False)}\nparent = "{parent}"  # the preset it was made from'
     return re.sub(r"^name = .*$", lambda _: own, text, count=1, flags=re.MULTILINE).encode()
 
 
