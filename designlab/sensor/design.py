@@ -480,7 +480,16 @@ def _validated(content: Mapping[str, Any], source: str, folder: Path | None = No
     try:
         return Design.model_validate(content, context={FOLDER: folder or Path()})
     except ValidationError as error:
-        raise DesignError(f"{source}: {explain(error)}") from None
+        raise DesignError(f"{source}: {explain(error)}{_meant(error)}") from None
+
+
+def _meant(error: ValidationError) -> str:
+    """The field of a design that an unknown one may mean."""
+    first = error.errors()[0]
+    if first["type"] != "extra_forbidden":
+        return ""
+    meant = nearest(Design, ".".join(_entries(first["loc"])))
+    return f"; did you mean {meant!r}?" if meant else ""
 
 
 def explain(error: ValidationError) -> str:

@@ -357,6 +357,26 @@ class TestPlacesThatCannotBeWritten:
         assert str(place) in line
         assert place.read_text() == "kept"
 
+    def test_a_comparison_is_refused_before_anything_is_rendered(self, refused, tmp_path):
+        text = preset_text("default")
+        near = written(tmp_path / "near.toml", text.replace("radius_mm = 13.3", "radius_mm = 12.0"))
+        status, line = refused("evaluate", "default", near, "--compare", "--out", tmp_path / "out")
+        assert status == 2
+        assert "near.toml" in line
+        assert "leds_clear_of_core" in line
+        (tmp_path / "mine").mkdir()
+        written(tmp_path / "mine" / "report.txt", "mine")
+        status, line = refused("evaluate", "default", FLAT, "--compare", "--out", tmp_path / "mine")
+        assert status == 2
+        assert "report.txt" in line
+        assert not (tmp_path / "out").exists()
+
+    def test_a_mistyped_field_of_a_file_is_answered_with_the_nearest(self, refused, tmp_path):
+        text = preset_text("default").replace("tilt_deg = 0.0", "tlit_deg = 0.0")
+        status, line = refused("evaluate", written(tmp_path / "mine.toml", text))
+        assert status == 2
+        assert "leds.tlit_deg: unknown field; did you mean 'leds.tilt_deg'?" in line
+
     @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
     @pytest.mark.parametrize("number", range(7))
     def test_a_read_only_folder(self, refused, study, tmp_path, number):

@@ -1,6 +1,7 @@
 """Commands about one design: presets, evaluate, render, compare, export."""
 
 from argparse import Namespace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -126,7 +127,10 @@ def _against(args: Namespace) -> Result:
     plan = _plan(args, *models.values())
     for place, model in models.items():
         with source_named(sources[place]):
+            model.effective_design().require_feasible()
             plan.require_possible(model.effective_design())
+    if args.out is not None:
+        _require_comparison(Path(args.out), [*sources, PAGE])
     scores = {place: _scored(args, models[place], sources[place], folders[place], plan) for place in sources}
     found = differences(scores["first"], scores["second"])
     rows = []
@@ -155,6 +159,18 @@ def _against(args: Namespace) -> Result:
         data["report"] = str(comparison_report(scores, found, kept, Path(args.out) / PAGE))
         text.append(f"report: {data['report']}")
     return Result(data, "\n".join(text))
+
+
+def _require_comparison(folder: Path, own: Sequence[str]) -> None:
+    """Refuse a folder with anything but what a comparison leaves there."""
+    foreign = (
+        sorted(path.name for path in folder.iterdir() if path.name not in own) if folder.is_dir() else []
+    )
+    if foreign:
+        raise ValueError(
+            f"--out: {folder} must be absent, empty or an earlier comparison, it holds {foreign[0]!r}"
+        )
+    require_writable(folder)
 
 
 def _plan(args: Namespace, *models: "SensorModel") -> "PressPlan":
