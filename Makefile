@@ -1,6 +1,7 @@
 # make demo    the main job end to end on a small budget, results in demo-out/
 # make check   what every change should pass within 90 seconds: style, types, layers, tests that render nothing
 # make test    every check but the tests of minutes each, which make test-full runs
+# make site    the documentation as a site, in build/site
 # All first create .venv (Python 3.11 or newer; PYTHON=... chooses one) and need the network for that only.
 
 BIN := .venv/bin
@@ -10,7 +11,7 @@ INSTALLED := .venv/.installed
 # environment says not to: each run, and each process that a test starts, would compile them again.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: demo check test test-full style
+.PHONY: demo check test test-full style site
 
 demo: $(INSTALLED)
 	$(BIN)/designlab demo --out demo-out
@@ -32,6 +33,10 @@ check: style
 test: style
 	@echo "== pytest"
 	@$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+
+site: $(INSTALLED)
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/site
+	@echo "open build/site/index.html"
 
 test-full: $(INSTALLED)
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m full

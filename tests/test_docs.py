@@ -10,9 +10,7 @@ import shlex
 import subprocess
 import sys
 import tomllib
-from typing import get_args
 
-import annotated_types
 import numpy as np
 import pytest
 import tomli_w
@@ -22,6 +20,7 @@ from designlab.app.cli import arguments
 from designlab.sensor.camera import Camera, Vignetting
 from designlab.sensor.contact import KernelContact, LayerContact
 from designlab.sensor.design import Design, dumps, loads, preset, preset_names, preset_text
+from designlab.sensor.gel_materials import MATERIALS as GELS
 from designlab.sensor.led_catalogue import PARTS
 from designlab.sensor.lens import Distortion
 from designlab.sensor.optical_constants import MATERIALS
@@ -38,7 +37,7 @@ from tests import ROOT
 
 PAGES = [
     *(ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")),
-    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs").rglob("*.md")),
 ]
 SCRIPTS = sorted(
     path
@@ -49,28 +48,29 @@ SCRIPTS = sorted(
 ROOMS = sorted(path.name for path in (ROOT / "designlab").iterdir() if (path / "__init__.py").is_file())
 WORDS = r"(?:\.[A-Za-z_]\w*)+"
 FOLDERS = ("designlab", "geometries", "tests", "scripts", "benchmarks", "studies", "notebooks", "docs")
+REFERENCE = ROOT / "docs" / "reference"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 OPTICS = (ROOT / "docs" / "optics.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"^```toml\n(.*?)^```", OPTICS, re.DOTALL | re.MULTILINE)
 KEPT_BY_THE_PROGRAM = {"rows", "columns", "pixels"}
 TABLES = {"gelcore", "elastomer", "leds", "housing", "contact", "optics", "camera"}  # of a design
 DESCRIBED = (
-    ("leds", LedArray, set(LedArray.model_fields)),
-    ("leds.groups", LedGroup, set(LedGroup.model_fields)),
-    ("leds.profile", AngularProfile, set(AngularProfile.model_fields)),
-    ("gelcore", Gelcore, set(Gelcore.model_fields)),
-    ("elastomer", Elastomer, set(Elastomer.model_fields)),
-    ("housing", Housing, set(Housing.model_fields)),
-    ("contact", LayerContact, set(LayerContact.model_fields)),
-    ("contact", KernelContact, set(KernelContact.model_fields)),
-    ("optics", Optics, set(Optics.model_fields)),
-    ("optics.albedo_image", AlbedoImage, set(AlbedoImage.model_fields) - KEPT_BY_THE_PROGRAM),
-    ("camera", Camera, set(Camera.model_fields)),
-    ("camera.distortion", Distortion, set(Distortion.model_fields)),
-    ("camera.vignetting", Vignetting, set(Vignetting.model_fields)),
-    ("camera.response", Response, set(Response.model_fields)),
-    ("camera.sensitivity", Sensitivity, set(Sensitivity.model_fields)),
-    ("design", Design, set(Design.model_fields) - TABLES),
+    ("leds", LedArray),
+    ("leds.groups", LedGroup),
+    ("leds.profile", AngularProfile),
+    ("gelcore", Gelcore),
+    ("elastomer", Elastomer),
+    ("housing", Housing),
+    ("contact", LayerContact),
+    ("contact", KernelContact),
+    ("optics", Optics),
+    ("optics.albedo_image", AlbedoImage),
+    ("camera", Camera),
+    ("camera.distortion", Distortion),
+    ("camera.vignetting", Vignetting),
+    ("camera.response", Response),
+    ("camera.sensitivity", Sensitivity),
+    ("design", Design),
 )
 IES = """IESNA:LM-63-2002
 TILT=NONE
@@ -116,7 +116,7 @@ def test_modules_and_names_exist(page):
     """Names that begin with designlab or geometries; those in code quotes may begin with a room."""
     text = code_of(page)
     whole = re.findall(rf"(?<![\w/.-])((?:designlab|geometries){WORDS})", text)
-    inside = re.findall(rf"`((?:{'|'.join(ROOMS)})(?!\.(?:toml|html|json)`){WORDS})`", text)
+    inside = re.findall(rf"`((?:{'|'.join(ROOMS)})(?!\.(?:[a-z]+\.)?(?:toml|html|json)`){WORDS})`", text)
     for name in [*whole, *(f"designlab.{name}" for name in inside)]:
         named(name)
 
@@ -215,33 +215,38 @@ def test_pictures_are_small_and_shown():
         assert picture.relative_to(ROOT / "docs").as_posix() in pages
 
 
-def row(prefix, name, field):
-    """Row of a field in the tables of docs/optics.md, from the field itself."""
-    unit = (field.json_schema_extra or {}).get("unit", "")
-    bounds = {}
-    for rule in field.metadata:
-        if isinstance(rule, annotated_types.Ge | annotated_types.Le):
-            bounds[type(rule).__name__[0]] = f"{getattr(rule, type(rule).__name__.lower()):g}"
-        elif isinstance(rule, annotated_types.Gt | annotated_types.Lt):
-            word = "above" if isinstance(rule, annotated_types.Gt) else "below"
-            bounds[type(rule).__name__[0]] = f"{word} {getattr(rule, type(rule).__name__.lower()):g}"
-    choices = [text for text in get_args(field.annotation) if isinstance(text, str)]
-    values = ", ".join(choices) or " to ".join(bounds[key] for key in "GL" if key in bounds)
-    default = "" if field.is_required() or field.default_factory else field.default
-    absent = (
-        "" if default in ("", (), None) else json.dumps(default) if isinstance(default, tuple) else default
-    )
-    path = name if prefix == "design" else f"{prefix}.{name}"
-    cells = f"`{path}`", unit if unit != "1" else "", values, absent, " ".join(field.description.split())
-    return "| " + " | ".join(map(str, cells)) + " |"
+@functools.cache
+def script(name):
+    """A program of the folder scripts, as a module."""
+    path = ROOT / "scripts" / f"{name}.py"
+    module = importlib.util.module_from_spec(importlib.util.spec_from_file_location(name, path))
+    sys.modules[name] = module
+    module.__spec__.loader.exec_module(module)
+    return module
 
 
-@pytest.mark.parametrize(("prefix", "model", "names"), DESCRIBED, ids=[prefix for prefix, _, _ in DESCRIBED])
-def test_every_field_of_a_design_has_its_row(prefix, model, names):
-    """A row that is missing or out of date is printed as it should stand."""
-    rows = [*OPTICS.splitlines(), *(ROOT / "docs" / "geometry.md").read_text(encoding="utf-8").splitlines()]
-    for name in names:
-        assert row(prefix, name, model.model_fields[name]) in rows
+@pytest.mark.parametrize("name", ["design", "catalogue", "effects", "scores", "api"])
+def test_generated_pages_are_what_the_code_says(name):
+    """`python scripts/reference.py` writes them anew."""
+    assert (REFERENCE / f"{name}.md").read_text(encoding="utf-8") == script("reference").PAGES[name]()
+
+
+def test_every_command_and_option_is_in_the_reference():
+    """The help's layout differs between versions of Python, its commands and options do not."""
+    told = (REFERENCE / "commands.md").read_text(encoding="utf-8")
+    for command in script("reference").parsers(arguments.parser()):
+        _, _, own = told.partition(f"## {command.prog}\n")
+        for option in re.findall(r"--[a-z][\w-]*", command.format_help()):
+            assert option in own.partition("\n## ")[0], (command.prog, option)
+
+
+@pytest.mark.parametrize(("table", "model"), DESCRIBED, ids=[table for table, _ in DESCRIBED])
+def test_every_field_of_a_design_is_in_its_table(table, model):
+    told = (REFERENCE / "design.md").read_text(encoding="utf-8").partition(f"\n## {table}\n")[2]
+    for name in model.model_fields:
+        if name not in KEPT_BY_THE_PROGRAM | TABLES:
+            path = name if table == "design" else f"{table}.{name}"
+            assert f"`{path}`" in told.partition("\n## ")[0] or f"\n## {path}\n" in told, path
 
 
 def test_every_rule_of_a_design_is_listed():
@@ -251,29 +256,20 @@ def test_every_rule_of_a_design_is_listed():
 
 
 def test_every_effect_is_listed_with_its_parameters():
-    """In the order of the catalogue, with summary, kind, parameters and their usual size."""
-    told = (ROOT / "docs" / "gap.md").read_text(encoding="utf-8")
-    rows = [
-        line.strip("| ").split(" | ")
-        for line in told.splitlines()
-        if re.match(r"\| `[a-z_]+` \| .* \| (unit|design)( \*)? \|", line)
-    ]
-    assert [line[0].strip("`") for line in rows] == [each.name for each in CATALOGUE]
+    told = (REFERENCE / "effects.md").read_text(encoding="utf-8").splitlines()
     designs = preset("gelsight-2020-flat-core"), preset("gelsight-2020-flat-elastic")
-    for each, (_, summary, parameters, kind) in zip(CATALOGUE, rows, strict=True):
-        assert summary == each.summary
-        assert kind == ("design" if each.transferable else "unit") + each.by_name * " *"
-        for p in (p for design in designs for p in each.parameters(design)):
+    for effect in CATALOGUE:
+        (line,) = [line for line in told if line.startswith(f"| `{effect.name}` | {effect.summary} |")]
+        for p in (p for design in designs for p in effect.parameters(design)):
             name = p.name.replace(p.group, "GROUP") if p.group else p.name
-            name = re.sub(r"^[RGB]_from_\w+$", "C_from_GROUP", re.sub(r"_\d+$", "_1", name))
-            assert f"`{name}`" in parameters, (each.name, name)
-            usual = re.search(rf"`{name}`[^±;]*±([\d.]+)", parameters)
-            assert p.shape or (usual and float(usual[1]) == p.sd), (each.name, name)
+            name = re.sub(r"^[RGB]_from_\w+$", "C_from_GROUP", re.sub(r"_\d+$", "_N", name))
+            assert re.search(rf"`{name}`[^±;]*±{re.escape(format(p.sd, 'g'))}\b", line), (effect.name, name)
 
 
 def test_every_material_part_and_camera_that_is_known_is_listed():
-    for name in (*MATERIALS, *PARTS, *SENSITIVITIES):
-        assert f"| `{name}` |" in OPTICS
+    told = (REFERENCE / "catalogue.md").read_text(encoding="utf-8")
+    for name in (*MATERIALS, *GELS, *PARTS, *SENSITIVITIES):
+        assert f"| `{name}` |" in told
 
 
 def merged(content, change):
@@ -298,20 +294,12 @@ def test_every_example_makes_a_design_that_can_be_built(example, tmp_path):
     assert loads(dumps(design)) == design
 
 
-def gallery():
-    path = ROOT / "scripts" / "gallery.py"
-    module = importlib.util.module_from_spec(importlib.util.spec_from_file_location("gallery", path))
-    sys.modules["gallery"] = module
-    module.__spec__.loader.exec_module(module)
-    return module
-
-
 def test_every_panel_of_the_gallery_is_a_design_of_its_own():
-    script = gallery()
+    drawn = script("gallery")
     page = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
-    for name, figure in script.FIGURES.items():
+    for name, figure in drawn.FIGURES.items():
         assert f"(images/gallery/{name}.jpg)" in page
-        panels = [script.changed(figure.preset, figure.always, panel) for panel in figure.panels]
+        panels = [drawn.changed(figure.preset, figure.always, panel) for panel in figure.panels]
         for panel in panels:
             panel.require_feasible()
         assert len({panel.digest for panel in panels}) == len(panels) > 1
@@ -320,10 +308,10 @@ def test_every_panel_of_the_gallery_is_a_design_of_its_own():
 @pytest.mark.renders
 @pytest.mark.slow
 def test_the_script_runs(tmp_path):
-    (script,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
-    assert len([line for line in script.splitlines() if line.strip()]) <= 12
+    (code,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    assert len([line for line in code.splitlines() if line.strip()]) <= 12
     done = subprocess.run(
-        [sys.executable, "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=900
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=900
     )
     assert done.returncode == 0, done.stderr
     for word in ("uniformity", "normal error", "deg", "radiance", "leds.height_mm"):
@@ -337,7 +325,6 @@ INSIDE = re.findall(
     re.MULTILINE,
 )[1:]
 FOR_USERS = (
-    "api",
     "contact",
     "fabrication",
     "gallery",
@@ -351,6 +338,7 @@ SHOWN = sorted(
     [
         *(ROOT / "docs" / f"{name}.md" for name in (*FOR_USERS, "presets", "scale", "studies")),
         ROOT / "README.md",
+        *REFERENCE.glob("*.md"),
         *(ROOT / "designlab" / "report").glob("*.toml"),
         *(ROOT / "designlab" / "report").glob("*.html"),
         *(ROOT / "designlab" / "app" / "templates").glob("*.md"),

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, field_validator, model_validator
 
+from designlab.core.store import write_atomic
 from designlab.sensor import led_catalogue
 from designlab.sensor.camera import Camera, View
 from designlab.sensor.contact import CONTACT_MODELS, Contact, ContactModelAssumed, LayerContact, with_model
@@ -297,6 +298,27 @@ class Design(Spec):
             return found
         told = _told_apart(found, self)
         return told.model_copy(update={"name": found.name}) if "name" in changes else told
+
+    def save(self, path: str | Path) -> Path:
+        """Write the design as a TOML file, complete, with a comment to each field; `load` reads it.
+
+        Parameters
+        ----------
+        path : path
+            File to write; one that is there already is replaced.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        """
+        write_atomic(Path(path), dumps(self))
+        return Path(path)
 
     def view(self, columns: int) -> View:
         """Rectangle of the sensor that shows the sensing area in `columns` columns of square pixels."""

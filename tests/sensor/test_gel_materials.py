@@ -1,7 +1,5 @@
 """The table of gels: against the figures of its sources, and as the documentation lists it."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -9,8 +7,6 @@ from designlab.mechanics.contact import press
 from designlab.mechanics.layer import ElasticLayer
 from designlab.sensor.gel_materials import MATERIALS, GelMaterial, gel_material
 from geometries.probes import profile_mm, sphere
-
-GEOMETRY = (Path(__file__).resolve().parents[2] / "docs" / "geometry.md").read_text(encoding="utf-8")
 
 MINI = {0.5: 1.6503, 1.0: 5.9641, 1.5: 13.5257, 2.0: 23.2532}
 """Depth (mm) and force (N) of a ball of 15 mm on a pad of 4 mm (feats-ai/feats)."""
@@ -107,23 +103,3 @@ def test_every_gel_has_a_source_and_lies_in_its_range() -> None:
 def test_an_unknown_gel_is_refused_with_those_known() -> None:
     with pytest.raises(ValueError, match=r"gel: unknown 'jelly'; known are gelsight-mini, solaris, "):
         gel_material("jelly")
-
-
-@pytest.mark.parametrize("name", MATERIALS)
-def test_every_gel_is_listed(name: str) -> None:
-    assert row(MATERIALS[name]) in GEOMETRY.splitlines()
-
-
-def row(gel: GelMaterial) -> str:
-    """Row of a gel in the table of docs/geometry.md."""
-    spread = "" if gel.range_mpa is None else "{:g} to {:g}".format(*gel.range_mpa)
-    cells = (
-        f"{gel.modulus_mpa:g}",
-        spread,
-        f"{gel.poisson:g}",
-        gel.shore,
-        gel.mixing_ratio,
-        gel.method,
-        gel.source,
-    )
-    return f"| `{gel.name}` | {' | '.join(cells)} |"

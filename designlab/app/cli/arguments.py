@@ -289,7 +289,7 @@ def _add_gap(add: Any) -> None:
     _option(
         plant,
         "--effect NAME[:P=V,...]",
-        "effect to hide (repeatable); without values they are drawn from the seed; none: a null set",
+        "effect to hide (repeatable); values not given are drawn from the seed; left out: nothing is hidden",
         action="append",
         default=[],
     )
