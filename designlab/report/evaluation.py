@@ -35,8 +35,20 @@ _MAPS = {
 }
 
 
+DRAWING = "sensor.png"
+"""File of the drawing of the sensor, shown where it stands beside the page."""
+
+_CAPTIONS = _MAPS | {
+    "relief.png": "The press that it feels worst: picture, the surface found from it, and a profile"
+}
+
+
 def evaluation_report(
-    score: Mapping[str, Any], target: str | Path, *, pictures: Mapping[Path, str] | None = None
+    score: Mapping[str, Any],
+    target: str | Path,
+    *,
+    pictures: Mapping[Path, str] | None = None,
+    links: Sequence[Html] = (),
 ) -> Path:
     """Write the page about one evaluation.
 
@@ -49,9 +61,13 @@ def evaluation_report(
         HTML file to write.
     pictures : mapping of path to str, optional
         Picture files and their captions; those that `evaluate` left beside the target when absent.
+    links : sequence of Html
+        Links to the pages that lead here.
     """
     if pictures is None:
         pictures = {path: path.stem.replace("-", " ") for path in sorted(Path(target).parent.glob("*.png"))}
+    drawing, felt = ([path for path in pictures if path.name == name] for name in (DRAWING, "relief.png"))
+    pictures = {path: caption for path, caption in pictures.items() if path not in [*drawing, *felt]}
     worst = score.get("worst", {})
     depths_mm = score.get("presses", {}).get("depth_mm", ())
     rows = judged(score["scores"], depths_mm)
@@ -60,6 +76,7 @@ def evaluation_report(
     sections = [
         Section("Main scores", (_verdict_table(rows),) if rows else ()),
         Section("Where it is worst", (*places, *_maps(pictures))),
+        Section("The sensor", tuple(picture(path, "The sensor, cut open") for path in drawing)),
         Section("Test presses", _presses(pictures, worst_press), folded=True),
         Section(
             "All scores",
@@ -71,17 +88,18 @@ def evaluation_report(
     ]
     about = [score.get("made_from", ""), score.get("not_buildable", "")]
     about.append(f"fidelity {score.get('fidelity', '')}, seed {score.get('seed', '')}")
-    lead = _lead(score, rows, pictures, worst_press)
-    text = page(f"Design: {score['design']}", sections, subtitle="; ".join(filter(None, about)), lead=lead)
+    lead = _lead(score, rows, felt or [p for p in pictures if p.name == "background.png"])
+    text = page(
+        f"Design: {score['design']}",
+        sections,
+        subtitle="; ".join(filter(None, about)),
+        lead=lead,
+        links=links,
+    )
     return write_atomic(target, text)
 
 
-def _lead(
-    score: Mapping[str, Any],
-    rows: list[dict[str, Any]],
-    pictures: Mapping[Path, str],
-    worst: int | None,
-) -> Lead | None:
+def _lead(score: Mapping[str, Any], rows: list[dict[str, Any]], shown: Sequence[Path]) -> Lead | None:
     """How well the sensor feels, in two sentences, with the press that it reconstructs worst."""
     if not rows:
         return None
@@ -99,13 +117,10 @@ def _lead(
     )
     verdicts = {entry["verdict"].partition(",")[0] for entry in rows}
     kind = next((each for each in ("poor", "fair") if each in verdicts), "good")
-    others = {path: caption for path, caption in pictures.items() if path.name not in _MAPS}
-    shown = [path for path in others if worst is not None and path.name.startswith(f"press-{worst + 1:02d}-")]
-    shown += [path for path in pictures if path.name == "background.png"]
     return Lead(
         question="How well would this sensor feel?",
         answer=tuple(paragraph(text) for text in (answer, summary(rows)) if text),
-        picture=picture(shown[0], pictures[shown[0]]) if shown else None,
+        picture=picture(shown[0], _CAPTIONS[shown[0].name]) if shown else None,
         next_words="Change a figure of the design, and see in which scores it differs:",
         next_command="designlab evaluate design.toml changed.toml --compare --out compared",
         word={"good": "good", "fair": "fair", "poor": "weak somewhere"}[kind],

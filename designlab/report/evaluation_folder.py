@@ -1,11 +1,7 @@
 """A design scored, and the folder that the scores and the pictures of them are left in."""
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-import numpy as np
 
 from designlab.core.progress import silent
 from designlab.core.run_folder import require_writable
@@ -15,13 +11,10 @@ from designlab.evaluation import evaluate as evaluation
 from designlab.evaluation.evaluate import Evaluation, Score
 from designlab.evaluation.press_plan import PressPlan
 from designlab.reconstruction import KernelCalibration
-from designlab.report import plots
+from designlab.report.evaluation_plots import Scale, figures
 from designlab.report.figures import write_figure
 from designlab.sensor.design import Design, dumps
 from designlab.simulation.effects.model import SensorModel
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 SCORE_FILE = "score.json"
 
@@ -100,27 +93,20 @@ def evaluate(
     return found.score
 
 
-def write_evaluation(found: Evaluation, out: Path) -> None:
-    """Write the design, the scores and pictures of them into a folder, which is replaced as a whole."""
+def write_evaluation(found: Evaluation, out: Path, *, scale: Scale | None = None) -> None:
+    """Write the design, the scores and pictures of them into a folder, which is replaced as a whole.
+
+    Parameters
+    ----------
+    found : Evaluation
+        What is written.
+    out : Path
+        The folder.
+    scale : Scale, optional
+        Ends of the scales of its pictures, which designs that are compared share.
+    """
     with atomic_folder(out, replace=True) as folder:
         write_atomic(folder / "design.toml", dumps(found.design))
         write_atomic(folder / SCORE_FILE, json.dumps(found.score.to_json(), indent=2))
-        for name, figure in _figures(found):
+        for name, figure in figures(found, scale).items():
             write_figure(figure, folder / name)
-
-
-def _figures(found: Evaluation) -> Iterator[tuple[str, "Figure"]]:
-    """Figures of an evaluation and the names of their files."""
-    untouched, gel, worst = found.untouched, found.gel, found.score.worst
-    extent = plots.extent_mm(untouched.rays.x_mm, untouched.rays.y_mm)
-    yield "background.png", plots.background(untouched.mixed * found.exposure, extent)
-    groups = dict(zip(found.design.group_names, untouched.basis, strict=True))
-    yield "uniformity.png", plots.uniformity(groups, extent)
-    limit_deg = np.where(gel.seen & ~gel.saturated, gel.limit_deg, np.nan)
-    yield "information.png", plots.information(limit_deg, extent, worst["gel"])
-    yield "errors.png", plots.errors(found.presses, extent, worst["press"])
-    for number, one in enumerate(found.presses):
-        assert one.frame.press is not None  # every test frame has one
-        mark = worst["press"] if worst["press"].press == number else None
-        name = f"press-{number + 1:02d}-{one.frame.press.probe.kind}.png"
-        yield name, plots.press(one, extent, mark)

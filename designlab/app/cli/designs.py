@@ -11,8 +11,10 @@ from designlab.core.progress import bar
 from designlab.core.run_folder import require_writable
 
 if TYPE_CHECKING:
-    from designlab.evaluation.evaluate import Score
+    from designlab.evaluation.evaluate import Evaluation
     from designlab.evaluation.press_plan import PressPlan
+    from designlab.report.evaluation_plots import Scale
+    from designlab.report.page import Html
     from designlab.simulation.contact.press import Press
     from designlab.simulation.effects.model import SensorModel
 
@@ -79,6 +81,7 @@ def parts(args: Namespace) -> Result:
 
 def evaluate(args: Namespace) -> Result:
     """Score a design, or two against each other."""
+    from designlab.report.evaluation_folder import SCORE_FILE
     from designlab.simulation.effects.model import load_model
 
     if args.compare != (args.other is not None):
@@ -87,7 +90,12 @@ def evaluate(args: Namespace) -> Result:
         return _against(args)
     out = None if args.out is None else Path(args.out)
     model = load_model(args.design)
-    score = _scored(args, model, args.design, out, _plan(args, model))
+    if out is not None:
+        require_writable(out, made_with=SCORE_FILE)
+    found = _evaluated(args, model, args.design, _plan(args, model))
+    score = found.score
+    if out is not None:
+        _write(found, out)
     data: dict[str, Any] = score.to_json()
     text = [
         f"{score.design}, fidelity {score.fidelity}, seed {score.seed}, {sum(score.seconds.values()):.0f} s",
@@ -117,13 +125,13 @@ def _against(args: Namespace) -> Result:
     """Score two designs with the same presses and random numbers, and tell where they differ."""
     from designlab.evaluation.paired_comparison import differences, same_presses
     from designlab.report.comparison import comparison_report, verdict
-    from designlab.report.page import rounded
+    from designlab.report.evaluation_plots import Scale
+    from designlab.report.page import link, rounded
     from designlab.report.yardsticks import row
     from designlab.simulation.effects.model import load_model
 
     sources = {"first": args.design, "second": args.other}
     models = {place: load_model(source) for place, source in sources.items()}
-    folders = {place: None if args.out is None else Path(args.out) / place for place in sources}
     plan = _plan(args, *models.values())
     for place, model in models.items():
         with source_named(sources[place]):
@@ -131,7 +139,8 @@ def _against(args: Namespace) -> Result:
             plan.require_possible(model.effective_design())
     if args.out is not None:
         _require_comparison(Path(args.out), [*sources, PAGE])
-    scores = {place: _scored(args, models[place], sources[place], folders[place], plan) for place in sources}
+    both = {place: _evaluated(args, models[place], sources[place], plan) for place in sources}
+    scores = {place: one.score for place, one in both.items()}
     found = differences(scores["first"], scores["second"])
     rows = []
     for name, difference in found.items():
@@ -155,8 +164,11 @@ def _against(args: Namespace) -> Result:
         *(f"warning: {place}: {w}" for place, score in scores.items() for w in score.warnings),
     ]
     if args.out is not None:
-        kept = {place: folder for place, folder in folders.items() if folder is not None}
-        data["report"] = str(comparison_report(scores, found, kept, Path(args.out) / PAGE))
+        folders = {place: Path(args.out) / place for place in sources}
+        scale = Scale.of(*both.values())
+        for place, folder in folders.items():
+            _write(both[place], folder, scale=scale, links=(link(f"../{PAGE}", "both designs"),))
+        data["report"] = str(comparison_report(scores, found, folders, Path(args.out) / PAGE))
         text.append(f"report: {data['report']}")
     return Result(data, "\n".join(text))
 
@@ -181,26 +193,36 @@ def _plan(args: Namespace, *models: "SensorModel") -> "PressPlan":
     return PressPlan.of(*designs, depth_mm=args.depth_mm, force_n=args.force_n)
 
 
-def _scored(
-    args: Namespace, model: "SensorModel", source: str, out: Path | None, plan: "PressPlan"
-) -> "Score":
-    """Score a design, and write the page about it where there is a folder for it."""
-    from designlab.report.evaluation import evaluation_report
-    from designlab.report.evaluation_folder import evaluate as score_of
+def _evaluated(args: Namespace, model: "SensorModel", source: str, plan: "PressPlan") -> "Evaluation":
+    """Score a design by the presses of a plan."""
+    from designlab.evaluation.evaluate import evaluate as score_of
 
     with bar() as progress, source_named(source):
-        score = score_of(
+        return score_of(
             model,
             fidelity=args.fidelity,
             seed=args.seed,
             presses=plan,
             all_scores=args.all_scores,
-            out=out,
             progress=progress,
         )
-    if out is not None:
-        evaluation_report(score.to_json(), out / PAGE)
-    return score
+
+
+def _write(
+    found: "Evaluation", folder: Path, *, scale: "Scale | None" = None, links: Sequence["Html"] = ()
+) -> None:
+    """Write the pictures of an evaluation, a drawing of its sensor, and the page about it."""
+    from designlab.report.evaluation import DRAWING, evaluation_report
+    from designlab.report.evaluation_folder import write_evaluation
+    from designlab.report.view3d import render_view
+
+    with bar() as progress:
+        progress("pictures", 0, 2)
+        write_evaluation(found, folder, scale=scale)
+        progress("drawing of the sensor", 1, 2)
+        render_view(found.design, folder / DRAWING)
+        evaluation_report(found.score.to_json(), folder / PAGE, links=links)
+        progress("page", 2, 2)
 
 
 def _verdict(score: dict[str, Any]) -> list[str]:

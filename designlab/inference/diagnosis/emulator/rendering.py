@@ -103,6 +103,7 @@ def rendered_at(
         As many pixels along each side.
     """
     model = _with(bank.model, values)
+    calm = _with(bank.model, {name: own for name, own in values.items() if not _traced_anew(name)})
     lamp = _Lamp(renders, bank.model)
     for number, pose in poses.items():
         shot = bank.shots[number]
@@ -112,7 +113,17 @@ def rendered_at(
             press = moved(press, pose) if pose.any() else press
         picture = bank.of(number)
         light = lamp.light(model, press, picture.view.finer(times))
-        yield number, light if picture.denoising is None else light * picture.denoising
+        if picture.denoising is None:
+            yield number, light
+        elif model == calm:
+            yield number, light * picture.denoising
+        else:
+            # Photons that go other ways bring noise of their own, which the picture's denoising leaves.
+            drawn = lamp.light(calm, press, picture.view)
+            quiet, repeated = drawn * picture.denoising, lamp.repeated(shot.press, picture.view)
+            assert repeated is not None  # where there is a denoising there are repeats
+            spread = repeated - repeated.mean(axis=0)
+            yield number, quiet + denoised_change(light - drawn, drawn, quiet, spread)
 
 
 def _fill(
