@@ -63,8 +63,22 @@ def strengths_as_good(
 
 def in_few_waves(values: Array) -> float:
     """Share of a pattern's fine energy that few waves hold: 0.09 of white noise, most of a moire."""
-    fine = transformed(values)[_frequencies(values.shape[:2]) >= COARSEST]
-    energy = np.sort(fine.ravel() ** 2)
+    return _held_by_few(_fine(values))
+
+
+def in_few_places(values: Array) -> float:
+    """Share of a pattern's fine energy that few pixels hold: 0.09 of white noise, most of a reflection."""
+    return _held_by_few(idctn(_fine(values), axes=(0, 1), norm="ortho"))
+
+
+def _fine(values: Array) -> Array:
+    """Coefficients of a pattern, its coarse ones set to zero."""
+    fine = _frequencies(values.shape[:2]) >= COARSEST
+    return np.where(fine.reshape(*fine.shape, *[1] * (values.ndim - 2)), transformed(values), 0.0)
+
+
+def _held_by_few(values: Array) -> float:
+    energy = np.sort(values[values != 0.0] ** 2)
     return float(energy[-max(1, round(FEW * energy.size)) :].sum() / energy.sum())
 
 

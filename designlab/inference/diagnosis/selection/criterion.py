@@ -6,7 +6,7 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from designlab.inference.diagnosis.likelihood.fixed_pattern import in_few_waves
+from designlab.inference.diagnosis.likelihood.fixed_pattern import in_few_places, in_few_waves
 from designlab.inference.diagnosis.selection.held_out import FittedModel, Gain, Stand
 from designlab.simulation.effects import effect
 
@@ -19,6 +19,9 @@ LIKE_DIRT = "no larger than what dirt makes of it"  # why a candidate does not j
 AGAINST = "what was held out speaks against it"  # begins why a candidate does not join
 TINY = 1e-9  # log score of shots that leave no more than noise
 MOST_IN_WAVES = 0.25  # of the fine energy of a pattern; of white noise it is 0.09, of moire or JPEG most
+MOST_IN_PLACES = (
+    0.25  # likewise; of sets of the calibration pool 0.08 of patterns, 0.85 and more of reflections
+)
 
 
 class Evidence(NamedTuple):
@@ -112,6 +115,8 @@ class Criterion:
         pattern = attempt.stand.state.patterns.get(attempt.name)
         if pattern is not None and (waves := in_few_waves(pattern)) > MOST_IN_WAVES:
             return f"{waves:.0%} of it lie in few waves, which no sensor's own pattern does"
+        if pattern is not None and (places := in_few_places(pattern)) > MOST_IN_PLACES:
+            return f"{places:.0%} of it lie in few places: a reflection, marks or hot pixels"
         if pattern is not None and (rounding := _no_more_than_rounding(attempt)):
             return f"no more than the rounding of these files, {rounding:.2%} of their light"
         return ""
