@@ -58,14 +58,6 @@ def test_a_pattern_of_few_waves_is_not_taken_for_the_sensors_own(bank, pitch_px)
     assert in_few_waves(noise + 0.1 * waves[..., None]) < MOST_IN_WAVES
     assert in_few_waves(waves[..., None] + 0.1 * noise) > 2 * MOST_IN_WAVES
 
-
-def test_a_reflection_lies_in_few_places_and_noise_does_not():
-    noise = np.random.default_rng(1).standard_normal((60, 80, 3))
-    spots = np.zeros_like(noise)
-    spots[20:24, 30:35] = 20.0
-    assert in_few_places(noise) == pytest.approx(0.09, abs=0.02)
-    assert in_few_places(noise + 0.05 * spots) < MOST_IN_PLACES
-    assert in_few_places(spots + 0.5 * noise) > 2 * MOST_IN_PLACES
     moire = tuple(replace(shot, signal=shot.signal * (1 + 0.01 * waves[..., None])) for shot in bank.shots)
     fitter = Fitter(replace(bank, shots=moire))
     start = fitter.fit(fitter.start([0, 1, 2]), (), [0, 1, 2]).state
@@ -184,3 +176,12 @@ def test_an_effect_is_found_through_grain(grainy) -> None:
     fit = fitter.fit(fitter.start(train), ["vignetting"], train)
     found = values(fitter, fit, "vignetting", train)["corner_loss"]
     assert 0.2 < found.low < 0.5 < found.high < 0.8
+
+
+def test_a_reflection_lies_in_few_places_and_noise_does_not():
+    noise = np.random.default_rng(1).standard_normal((60, 80, 3))
+    spots = np.zeros_like(noise)
+    spots[20:24, 30:35] = 20.0
+    assert in_few_places(noise) == pytest.approx(0.09, abs=0.02)
+    assert in_few_places(noise + 0.05 * spots) < MOST_IN_PLACES
+    assert in_few_places(spots + 0.5 * noise) > 2 * MOST_IN_PLACES
