@@ -169,7 +169,8 @@ def test_the_folder_holds_design_and_pictures(score, folder):
     pictures = sorted(file.name for file in folder.glob("*.png"))
     kinds = ("sphere", "triangle", "star", "cylinder", "cone", "dots")
     presses = [f"press-{number + 1:02d}-{kind}.png" for number, kind in enumerate(kinds)]
-    assert pictures == sorted(["background.png", "errors.png", "information.png", "uniformity.png", *presses])
+    maps = ["background.png", "errors.png", "information.png", "relief.png", "uniformity.png"]
+    assert pictures == sorted([*maps, *presses])
     assert all(file.stat().st_size > 5000 for file in folder.glob("*.png"))
 
 

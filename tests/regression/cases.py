@@ -145,13 +145,17 @@ def some(files: tuple[str, ...], folder: Path) -> Path:
     return folder
 
 
+def _kept(found: dict[str, Any]) -> dict[str, Any]:
+    """A calibration without its correlation, which is large and has entries near zero, and its verdict."""
+    return {
+        key: value for key, value in found.items() if key not in ("correlation", "fit_verdict", "reasons")
+    }
+
+
 def calibrate(folder: Path, design: str) -> dict[str, Any]:
     measured, out = some(ONE_PRESS, folder / "measured"), folder / "out"
     found = command("calibrate", measured, "--model", design, "--free", "--seed", 1, "--out", out)
-    del found[
-        "correlation"
-    ]  # follows from what is kept, has entries near zero, and is larger than all of that
-    return found
+    return _kept(found)
 
 
 def phong(folder: Path, design: str) -> dict[str, Any]:
@@ -160,8 +164,7 @@ def phong(folder: Path, design: str) -> dict[str, Any]:
     found = command(
         "calibrate", measured, "--model", design, "--baseline", "phong", "--free", "--seed", 1, "--out", out
     )
-    del found["correlation"]
-    return {"found": found, "compared": command("compare", out / "calibrated.toml", measured)}
+    return {"found": _kept(found), "compared": command("compare", out / "calibrated.toml", measured)}
 
 
 def diagnosis(folder: Path, design: str) -> dict[str, Any]:

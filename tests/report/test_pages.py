@@ -243,7 +243,8 @@ def estimate(value, se=0.01, unit="1"):
 
 
 def test_the_page_of_an_evaluation_starts_with_a_verdict_and_the_worst_place(tmp_path):
-    for name in ("background", "information", "errors", "uniformity", "press-01-sphere", "press-02-star"):
+    names = ("background", "information", "errors", "uniformity", "relief", "sensor")
+    for name in (*names, "press-01-sphere", "press-02-star"):
         (tmp_path / f"{name}.png").write_bytes(PIXEL)
     place = {"x_mm": 3.14, "y_mm": -2.0, "reason": "dark", "value_deg": 1.84, "times": 2.0, "detail": ""}
     score = {
@@ -274,9 +275,13 @@ def test_the_page_of_an_evaluation_starts_with_a_verdict_and_the_worst_place(tmp
     assert "red 0.200 ± 0.010 blue 0.350 ± 0.010" in shown
     assert "Surface normals are off by 3.00 ± 0.20 deg in the mean, on presses" in shown
     captions = [image["alt"] for image in check(text).images]
-    assert captions[0] == "press 02 star"  # with the answer
+    assert captions[0].startswith("The press that it feels worst")  # with the answer
     assert captions[1].startswith("What the camera sees")
-    assert captions[5:] == ["press 02 star: the press with the worst place", "press 01 sphere"]
+    assert captions[5:] == [
+        "The sensor, cut open",
+        "press 02 star: the press with the worst place",
+        "press 01 sphere",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from designlab.app.cli.console import Result
+from designlab.app.cli.console import DONE, FAILED, Result
 from designlab.app.cli.shared import source_named, table
 from designlab.core.progress import IN_PERCENT, bar
 from designlab.core.run_folder import require_writable
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from designlab.simulation.directional_light import DirectionalLight
     from designlab.simulation.effects.model import SensorModel
 
-DESIGN, RESULT, PICTURE = "calibrated.toml", "calibration.json", "residual.png"
+DESIGN, RESULT, PICTURE, PAGE = "calibrated.toml", "calibration.json", "residual.png", "report.html"
 SHOWN = ("snr_db", "structure_corr", "structure_snr_db")
 
 
@@ -22,7 +22,9 @@ def calibrate(args: Namespace) -> Result:
     """Fit light, poses and some fields of a design to a measurement, and write what was found."""
     from designlab.core.store import atomic_folder, write_atomic, write_json
     from designlab.inference.calibration import calibrate as fit
+    from designlab.inference.calibration.verdict import fit_verdict
     from designlab.measurement import load_measurement
+    from designlab.report.calibration import calibration_report
     from designlab.report.calibration_pictures import residual_plot
     from designlab.report.figures import write_figure
 
@@ -39,15 +41,23 @@ def calibrate(args: Namespace) -> Result:
             trust=args.trust,
             progress=progress,
         )
-    out = Path(args.out)
-    data = found.to_json()
+    out, verdict = Path(args.out), fit_verdict(found)
+    data = found.to_json() | {"fit_verdict": verdict.word, "reasons": list(verdict.reasons)}
     with atomic_folder(out, replace=True) as folder:
         write_atomic(folder / DESIGN, found.model.dumps())
         write_json(folder / RESULT, data)
-        write_figure(residual_plot(found), folder / PICTURE)
-    files = {"design": DESIGN, "result": RESULT, "picture": PICTURE}
+        residual = write_figure(residual_plot(found), folder / PICTURE)
+        calibration_report(found, verdict, folder / PAGE, design=str(out / DESIGN), residual=residual)
+    files = {"design": DESIGN, "result": RESULT, "picture": PICTURE, "report": PAGE}
     data["files"] = {what: str(out / name) for what, name in files.items()}
-    return Result(data, f"{_summary(found)}\ndesign: {out / DESIGN}\nresidual: {out / PICTURE}")
+    lines = [
+        f"fit: {verdict.word}",
+        *(f"reason: {reason}" for reason in verdict.reasons),
+        _summary(found),
+        f"design: {out / DESIGN}",
+        f"report: {out / PAGE}",
+    ]
+    return Result(data, "\n".join(lines), FAILED if verdict.word == "failed" else DONE)
 
 
 def _start(args: Namespace) -> "SensorModel | DirectionalLight":
