@@ -12,6 +12,8 @@ from typing import Any
 
 from designlab.core import backend, llvm
 from designlab.core.backend import installed_version
+from designlab.core.progress import silent
+from designlab.core.types import Progress
 
 PACKAGES = (
     "mitsuba",
@@ -47,8 +49,13 @@ assert image.std() > 0, "the picture is empty"
 _OFFSCREEN_TIMEOUT_S = 30
 
 
-def doctor() -> dict[str, Any]:
+def doctor(*, progress: Progress = silent) -> dict[str, Any]:
     """Examine the machine: nothing here raises, and nothing that may crash runs in this process.
+
+    Parameters
+    ----------
+    progress : callable, optional
+        Called with what is examined, how much of it is done, and of how much.
 
     Returns
     -------
@@ -59,10 +66,14 @@ def doctor() -> dict[str, Any]:
     with ThreadPoolExecutor() as pool:
         offscreen = pool.submit(_offscreen_problem)
         libraries = pool.submit(lambda: [llvm.examine(path) for path in llvm.candidate_paths()])
+        progress("packages and back end", 0, 3)
         versions = {name: installed_version(name) for name in PACKAGES}
         chosen, backend_problem = _chosen_backend()
+        progress("off-screen pictures", 1, 3)
         offscreen_problem = offscreen.result()
+        progress("libraries of LLVM", 2, 3)
         found = libraries.result()
+        progress("machine", 3, 3)
     devices = backend.cuda_devices()
     cache_problem = _unwritable(backend.cache_folder())
     absent = [name for name, version in versions.items() if version is None]

@@ -15,7 +15,8 @@ def doctor(args: Namespace) -> Result:
     from designlab.app.doctor import doctor as examine
     from designlab.app.doctor import render_text
 
-    report = examine()
+    with bar() as progress:
+        report = examine(progress=progress)
     return Result(report, render_text(report), DONE if report["ok"] else FAILED)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from designlab.app.cli.arguments import STORAGE_VARIABLE
 from designlab.app.cli.console import Result
 from designlab.app.cli.shared import table
+from designlab.core.progress import bar
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -94,9 +95,13 @@ def report(args: Namespace) -> Result:
     from designlab.report.study import study_report
 
     folder = _folder(Path(args.study), args.results)
-    results = load_results(folder, storage=args.storage)
-    page = Path(args.output) if args.output else folder / "report.html"
-    study_report(results, page)
+    with bar() as progress:
+        progress("record of the study", 0, 2)
+        results = load_results(folder, storage=args.storage)
+        page = Path(args.output) if args.output else folder / "report.html"
+        progress("page", 1, 2)
+        study_report(results, page)
+        progress("done", 2, 2)
     return Result({"report": str(page), **results.to_json()}, f"report: {page}")
 
 
