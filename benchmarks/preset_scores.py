@@ -1,23 +1,30 @@
 """All scores of all presets, as a table in Markdown.
 
-    OMP_NUM_THREADS=1 python benchmarks/preset_scores.py [--fidelity standard --seeds 3 --workers 2]
+    OMP_NUM_THREADS=1 python benchmarks/preset_scores.py [--fidelity standard --seeds 3 --workers 2] [--write]
+
+With --write the table takes the place of that in docs/presets.md, with today's date.
 
 Every preset sees presses of its own size at its own places, by the same seeds. What is printed is the mean
 over seeds and its standard error: by their spread, or as the evaluations state it if that is larger.
 """
 
 import argparse
+import datetime
 import itertools
 import math
 import os
+import re
 import statistics
 import sys
+from pathlib import Path
 
 from designlab.core.interrupts import Interrupts
 from designlab.core.workers import finished
 from designlab.evaluation.evaluate import FIDELITIES, evaluate
 from designlab.evaluation.illumination_scores import Estimate
 from designlab.sensor.design import preset, preset_names
+
+PAGE = Path(__file__).parent.parent / "docs" / "presets.md"
 
 
 def over_seeds(found: list[Estimate]) -> Estimate:
@@ -39,6 +46,7 @@ def main() -> None:
     parser.add_argument("--fidelity", choices=list(FIDELITIES), default="standard")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--write", action="store_true", help="into docs/presets.md")
     arguments = parser.parse_args()
     jobs = list(itertools.product(preset_names(), range(arguments.seeds)))
     calls = [(scores_of, name, arguments.fidelity, seed) for name, seed in jobs]
@@ -53,13 +61,20 @@ def main() -> None:
         for name, own in runs.items()
     }
     scores = list(dict.fromkeys(score for column in columns.values() for score in column))
-    print(f"| score | {' | '.join(columns)} |")
-    print(f"| --- |{' --- |' * len(columns)}")
+    lines = [f"| score | {' | '.join(columns)} |", f"| --- |{' --- |' * len(columns)}"]
     for score in scores:
         known = [column.get(score) for column in columns.values()]
         unit = next(each.unit for each in known if each is not None)
         title = f"`{score}`" if unit == "1" else f"`{score}` ({unit})"
-        print(f"| {title} | {' | '.join(map(cell, known))} |")
+        lines.append(f"| {title} | {' | '.join(map(cell, known))} |")
+    print("\n".join(lines))
+    if arguments.write:
+        text = PAGE.read_text(encoding="utf-8")
+        text = re.sub(
+            r"^\| score \|.*\n(\|.*\n)+", lambda _: "\n".join(lines) + "\n", text, flags=re.MULTILINE
+        )
+        text = re.sub(r"\d{4}-\d\d-\d\d", str(datetime.date.today()), text)
+        PAGE.write_text(text, encoding="utf-8")
 
 
 def cell(found: Estimate | None) -> str:

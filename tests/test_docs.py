@@ -319,6 +319,24 @@ def test_the_script_runs(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.renders
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["contact", "fabrication"])
+def test_code_of_a_page_runs_from_top_to_bottom(name, tmp_path, monkeypatch):
+    """That of README, tutorial and CONTRIBUTING has tests of its own."""
+    monkeypatch.chdir(tmp_path)
+    known = {}
+    blocks = code_in(ROOT / "docs" / f"{name}.md")
+    assert len(blocks) > 1
+    for block in blocks:
+        exec(compile(block, name, "exec"), known)
+
+
+def test_every_page_with_code_is_run():
+    run = {"README.md", "CONTRIBUTING.md", "tutorial.md", "contact.md", "fabrication.md"}
+    assert {page.name for page in PAGES if code_in(page)} == run
+
+
 INSIDE = re.findall(
     r"^\| ([a-z ]+) \| [a-z ]+ \|$",
     (ROOT / "docs" / "writing.md").read_text(encoding="utf-8").partition("## Words that stay inside")[2],

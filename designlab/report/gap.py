@@ -64,7 +64,7 @@ _CANDIDATES = (
 )
 
 
-def gap_report(report: Mapping[str, Any], target: str | Path) -> Path:
+def gap_report(report: Mapping[str, Any], target: str | Path, *, links: Sequence[Html] = ()) -> Path:
     """Write the page about a diagnosis.
 
     Parameters
@@ -73,6 +73,8 @@ def gap_report(report: Mapping[str, Any], target: str | Path) -> Path:
         What ``gap diagnose --json`` prints, see ``docs/gap.md``. The pictures that it names must be there.
     target : path
         HTML file to write.
+    links : sequence of Html
+        Links to the pages that lead here.
     """
     files = {Path(path): caption for path, caption in report["pictures"].items()}
     shown = {path.name: picture(path, caption) for path, caption in files.items()}
@@ -105,7 +107,7 @@ def gap_report(report: Mapping[str, Any], target: str | Path) -> Path:
         kind=_KINDS.get(verdict, _OTHER_KIND),
     )
     title, subtitle = "Gap between simulation and measurement", f"measurement {made['measurement']}"
-    return write_atomic(target, page(title, content, subtitle=subtitle, lead=lead))
+    return write_atomic(target, page(title, content, subtitle=subtitle, lead=lead, links=links))
 
 
 def _closed(text: str) -> str:

@@ -1,13 +1,15 @@
 """The page about a study: what was found, the designs to compare first, and how far the search came."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from designlab.core.progress import silent
 from designlab.core.store import write_atomic
+from designlab.core.types import Progress
 from designlab.evaluation.press_plan import PRESS_RULES
 from designlab.optimization.study import Results, importance, load_results
 from designlab.optimization.study.definition import VARIANT
@@ -39,7 +41,12 @@ _CAPTIONS = {"untouched": "untouched gel", "press": "a ball of 4 mm, pressed"}
 
 
 def study_report(
-    results: Results | str | Path, target: str | Path | None = None, *, pictures: bool = True
+    results: Results | str | Path,
+    target: str | Path | None = None,
+    *,
+    pictures: bool = True,
+    links: Sequence[Html] = (),
+    progress: Progress = silent,
 ) -> Path:
     """Write the page about a study.
 
@@ -51,6 +58,10 @@ def study_report(
         HTML file to write; ``report.html`` in the folder of the study when absent.
     pictures : bool
         Whether to render two pictures of each design of the front that has none yet (some seconds each).
+    links : sequence of Html
+        Links to the pages that lead here.
+    progress : callable, optional
+        Called with what is drawn, how much of it is done, and of how much.
 
     Returns
     -------
@@ -67,8 +78,11 @@ def study_report(
     found = results if isinstance(results, Results) else load_results(results)
     path = Path(target) if target is not None else found.folder / "report.html"
     if pictures:
-        for number in dict.fromkeys([*found.picks["trial"], *found.pareto["trial"].iloc[:MOST_DEPICTED]]):
+        shown = list(dict.fromkeys([*found.picks["trial"], *found.pareto["trial"].iloc[:MOST_DEPICTED]]))
+        for done, number in enumerate(shown):
+            progress(f"pictures of design {number}", done, len(shown))
             _depict(found, int(number))
+        progress("page", len(shown), len(shown))
     study = found.study
     sections = [
         Section("Confirmed with fresh seeds", _confirmation(found)),
@@ -83,7 +97,7 @@ def study_report(
         Section("The search", _definition(found), folded=True),
     ]
     subtitle = f"{counted(found.evaluated, 'design')} evaluated, starting from {study.base.name}"
-    text = page(f"Study: {study.name}", sections, subtitle=subtitle, lead=_lead(found))
+    text = page(f"Study: {study.name}", sections, subtitle=subtitle, lead=_lead(found), links=links)
     return write_atomic(path, text)
 
 

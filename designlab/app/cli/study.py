@@ -96,12 +96,10 @@ def report(args: Namespace) -> Result:
 
     folder = _folder(Path(args.study), args.results)
     with bar() as progress:
-        progress("record of the study", 0, 2)
+        progress("record of the study", 0, 1)
         results = load_results(folder, storage=args.storage)
         page = Path(args.output) if args.output else folder / "report.html"
-        progress("page", 1, 2)
-        study_report(results, page)
-        progress("done", 2, 2)
+        study_report(results, page, progress=progress)
     return Result({"report": str(page), **results.to_json()}, f"report: {page}")
 
 

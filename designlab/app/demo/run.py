@@ -14,6 +14,7 @@ from designlab.core.progress import THOUSANDTHS, part_of, silent
 from designlab.core.run_folder import claim, resumed
 from designlab.core.store import read_json, write_atomic
 from designlab.core.types import Progress
+from designlab.report.page import link
 from designlab.sensor.design import Design, preset
 
 if TYPE_CHECKING:
@@ -41,6 +42,8 @@ TRIED = (
 
 _SECONDS = {"evaluation": 13, "parts": 15, "study": 12 * TRIALS, "gap": 100, "real": 15}
 """What stages take on two cores, in relation to each other; only the time left depends on it."""
+
+_BACK = (link("../index.html", "all that the demo made"),)
 
 
 class _Step(NamedTuple):
@@ -140,7 +143,7 @@ def _evaluation(state: Demo, within: Progress) -> dict[str, Any]:
     report = folder / "report.html"
     if not report.is_file():
         state.score = evaluate(state.design, seed=state.seed, out=folder, progress=within)
-        evaluation_report(state.score.to_json(), report)
+        evaluation_report(state.score.to_json(), report, links=_BACK)
     return read_json(folder / "score.json")
 
 
@@ -199,7 +202,7 @@ def _study(state: Demo, within: Progress) -> dict[str, Any]:
     except StudyInterrupted:
         raise KeyboardInterrupt from None  # the demo as a whole goes on, not the study alone
     if not (folder / "report.html").is_file():
-        study_report(results)
+        study_report(results, links=_BACK)
     return results.to_json()
 
 
@@ -225,7 +228,7 @@ def _gap(state: Demo, within: Progress) -> dict[str, Any]:
             columns=96,
             catalogue=TRIED,
         )
-        gap_report(write_diagnosis(found), report)
+        gap_report(write_diagnosis(found), report, links=_BACK)
     return {**read_json(folder / "report.json"), "hidden": unseal(measured)["effects"]}
 
 
