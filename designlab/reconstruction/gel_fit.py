@@ -13,7 +13,7 @@ from designlab.core.types import Array
 from designlab.reconstruction.ball_surface import BallSurface
 from designlab.reconstruction.balls import BallPress
 from designlab.reconstruction.height import normals
-from designlab.reconstruction.methods import Kernel, Predictor, Samples
+from designlab.reconstruction.methods import Kernel, LinearMap, Predictor, Samples
 
 # The ball's radius over the thickness: a half space is no more than 0 of it, and little differs from 0.2.
 _THINNESS = (0.22, 0.4, 0.67, 1.0, 1.5, 2.2)
@@ -276,7 +276,7 @@ class _Scene(NamedTuple):
 
     def _fits(
         self, thickness_mm: float, radii_mm: Array
-    ) -> tuple[BallSurface, list[Samples], list[Predictor]]:
+    ) -> tuple[BallSurface, list[Samples], list[LinearMap]]:
         """Surface, samples of each ball, and maps from slope to colour that know nothing of one ball each."""
         surface = BallSurface(self.ball_radius_mm, thickness_mm, self.poisson)
         samples = [

@@ -154,6 +154,10 @@ class LabCalibration:
             height_mm += more - gaussian_filter(more, self.detail_px, mode="nearest")
         return ReconstructedShape(height_mm, *gradients_of(height_mm, pitch_mm=pitch_mm))
 
+    def change(self, image: ArrayLike, mask: Mask | None = None) -> Array:
+        """Change of colour from the untouched gel, in spreads, (rows, columns, channels)."""
+        return self._signal(image, mask).reshape(self.background.shape)
+
     def _signal(self, image: ArrayLike, mask: Mask | None) -> Array:
         image = np.asarray(image, dtype=float)
         if image.shape != self.background.shape:
@@ -294,6 +298,14 @@ def refine_centres(
 def left_out_errors(
     balls: Sequence[BallPress], background: ArrayLike, setup: Setup, *, method: Method | None = None
 ) -> LeftOut:
+    """Errors on balls of a calibration on the others, means over the balls. Parameters as `calibrate`."""
+    errors = left_out_of_each(balls, background, setup, method=method)
+    return LeftOut(*(float(mean) for mean in np.mean(errors, axis=0)))
+
+
+def left_out_of_each(
+    balls: Sequence[BallPress], background: ArrayLike, setup: Setup, *, method: Method | None = None
+) -> list[LeftOut]:
     """Errors on each ball of a calibration on the others, on a flat gel. Parameters as `calibrate`."""
     errors = []
     balls, setup, _ = known_gel(balls, background, setup)
@@ -304,8 +316,9 @@ def left_out_errors(
         contact = r_px < setup.contact_radius_px(ball)
         cap = np.sqrt(np.maximum(setup.ball_radius_mm**2 - (r_px * setup.mm_per_px) ** 2, 0.0))
         height = (shape.height_mm - cap)[contact]
-        errors.append((error_deg[contact].mean(), error_deg[inside].mean(), height.std()))
-    return LeftOut(*(float(mean) for mean in np.mean(errors, axis=0)))
+        means = error_deg[contact].mean(), error_deg[inside].mean(), height.std()
+        errors.append(LeftOut(*map(float, means)))
+    return errors
 
 
 def choose_method(

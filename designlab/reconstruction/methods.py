@@ -8,7 +8,6 @@ linear. No change of colour means no slope.
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import combinations_with_replacement
 from typing import NamedTuple, Protocol
 
@@ -44,6 +43,34 @@ def slope_gradients(slope: Array) -> Array:
     return np.asarray(slope / np.sqrt(1 - (slope**2).sum(axis=1))[:, None])
 
 
+@dataclass(frozen=True, eq=False)
+class LinearMap:
+    """A fitted map of a linear method: its terms times their weights, shape (terms, outputs)."""
+
+    method: "LinearMethod"
+    weights: Array
+
+    def __call__(self, signal: Array, position: Array) -> Array:
+        """Outputs of each pixel, (N, outputs), from its colour change and place."""
+        parts = []
+        for first in range(0, len(signal), _CHUNK):
+            terms = self.method.terms(signal[first : first + _CHUNK], position[first : first + _CHUNK])
+            parts.append(terms @ self.weights.astype(terms.dtype))
+        return np.concatenate(parts).astype(float)
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorMap:
+    """Expected squared error of slopes, (N,): the exponential of a fitted map above a level."""
+
+    course: LinearMap
+    level: float
+
+    def __call__(self, signal: Array, position: Array) -> Array:
+        """Squared error of each pixel, (N,), from its colour change and place."""
+        return np.asarray(np.exp(self.course(signal, position)[:, 0] + self.level))
+
+
 class Method(Protocol):
     """A way to learn slopes from samples."""
 
@@ -54,7 +81,7 @@ class Method(Protocol):
     def fit(self, presses: Sequence[Samples]) -> Predictor:
         """Fit to all presses."""
 
-    def fit_without_each(self, presses: Sequence[Samples]) -> list[Predictor]:
+    def fit_without_each(self, presses: Sequence[Samples]) -> Sequence[Predictor]:
         """Fits that each know nothing of one press, in the order of the presses."""
 
 
@@ -68,23 +95,23 @@ class LinearMethod(ABC):
     def terms(self, signal: Array, position: Array) -> NDArray[np.floating]:
         """Terms of each pixel, shape (N, terms)."""
 
-    def fit(self, presses: Sequence[Samples]) -> Predictor:
+    def fit(self, presses: Sequence[Samples]) -> LinearMap:
         """Fit to all presses."""
-        return partial(self._apply, self.weights(presses))
+        return LinearMap(self, self.weights(presses))
 
     def weights(self, presses: Sequence[Samples]) -> Array:
         """Weights of the terms fitted to all presses."""
         matrix, right = (np.sum(part, axis=0) for part in zip(*map(self.normal, presses), strict=True))
         return self._solve(matrix, right)
 
-    def fit_without_each(self, presses: Sequence[Samples]) -> list[Predictor]:
+    def fit_without_each(self, presses: Sequence[Samples]) -> list[LinearMap]:
         """Fits that each know nothing of one press."""
         return self.solve_without_each([self.normal(press) for press in presses])
 
-    def solve_without_each(self, normals: Sequence[tuple[Array, Array]]) -> list[Predictor]:
+    def solve_without_each(self, normals: Sequence[tuple[Array, Array]]) -> list[LinearMap]:
         """Fits that each know nothing of one press, from the `normal` equations of all."""
         matrix, right = (np.sum(part, axis=0) for part in zip(*normals, strict=True))
-        return [partial(self._apply, self._solve(matrix - m, right - r)) for m, r in normals]
+        return [LinearMap(self, self._solve(matrix - m, right - r)) for m, r in normals]
 
     def normal(self, press: Samples) -> tuple[Array, Array]:
         """Matrix and right-hand side of a press's normal equations, which do not depend on the ridge."""
@@ -98,14 +125,6 @@ class LinearMethod(ABC):
         scale = 1 / np.sqrt(np.where(power > 1e-12 * power.max(), power, np.inf))
         scaled = matrix * scale[:, None] * scale + self.ridge * np.eye(len(scale))
         return np.asarray(solve(scaled, right * scale[:, None], assume_a="pos") * scale[:, None])
-
-    def _apply(self, weights: Array, signal: Array, position: Array) -> Array:
-        """Terms times weights."""
-        parts = []
-        for first in range(0, len(signal), _CHUNK):
-            terms = self.terms(signal[first : first + _CHUNK], position[first : first + _CHUNK])
-            parts.append(terms @ weights.astype(terms.dtype))
-        return np.concatenate(parts).astype(float)
 
 
 @dataclass(frozen=True)
@@ -186,7 +205,7 @@ class Kernel(LinearMethod):
         return np.asarray(np.cos(at @ along + turn))
 
 
-def expected_error(presses: Sequence[Samples], predicted: Sequence[Array]) -> Predictor:
+def expected_error(presses: Sequence[Samples], predicted: Sequence[Array]) -> ErrorMap:
     """Expected squared error of slopes as a function of colour and place, shape (N,).
 
     Kernel regression on the logarithm of the squared errors that presses had when left out of the fit. Only
@@ -200,13 +219,13 @@ def expected_error(presses: Sequence[Samples], predicted: Sequence[Array]) -> Pr
         Slopes of each press, predicted by a fit without it.
     """
     kernel, samples, level = _course(presses, predicted)
-    return _exponential(kernel.fit(samples), level)
+    return ErrorMap(kernel.fit(samples), level)
 
 
-def expected_error_without_each(presses: Sequence[Samples], predicted: Sequence[Array]) -> list[Predictor]:
+def expected_error_without_each(presses: Sequence[Samples], predicted: Sequence[Array]) -> list[ErrorMap]:
     """`expected_error` from all but one press, for each press."""
     kernel, samples, level = _course(presses, predicted)
-    return [_exponential(course, level) for course in kernel.fit_without_each(samples)]
+    return [ErrorMap(course, level) for course in kernel.fit_without_each(samples)]
 
 
 def log_errors(presses: Sequence[Samples], predicted: Sequence[Array]) -> tuple[list[Array], float]:
@@ -225,7 +244,3 @@ def _course(presses: Sequence[Samples], predicted: Sequence[Array]) -> tuple[Ker
     errors, level = log_errors(presses, predicted)
     kernel = Kernel(ridge=1e-3, colour_scale=1.0, features=100)
     return kernel, [press._replace(slope=e) for press, e in zip(presses, errors, strict=True)], level
-
-
-def _exponential(course: Predictor, level: float) -> Predictor:
-    return lambda signal, position: np.asarray(np.exp(course(signal, position)[:, 0] + level))

@@ -27,7 +27,7 @@ FIGURES = {
     "structure_corr": ("structure correlation", ""),
     "structure_snr_db": ("structure SNR", "dB"),
 }
-_KINDS = {"good": "good", "doubtful": "fair", "failed": "poor"}
+KINDS = {"good": "good", "doubtful": "fair", "failed": "poor"}
 
 
 def calibration_report(
@@ -49,7 +49,7 @@ def calibration_report(
         Picture of measured, simulated, and what is left.
     """
     sections = [
-        Section("Why", (listed(map(_sentence, verdict.reasons)),) if verdict.reasons else ()),
+        Section("Why", (listed(map(sentence, verdict.reasons)),) if verdict.reasons else ()),
         Section("What was fitted", (_parameters(found),)),
         Section("Picture by picture", (_frames(found),)),
         Section("Notes", (listed(found.notes),) if found.notes else (), folded=True),
@@ -64,7 +64,7 @@ def _lead(found: Calibration, verdict: FitVerdict, design: str, residual: Path) 
     answer = (
         f"On {what} the structure correlation goes from {before:.2f} to {after:.2f} and the SNR from "
         f"{ratios[0]:.1f} to {ratios[1]:.1f} dB.",
-        _sentence(verdict.reasons[0]) if verdict.reasons else "Nothing speaks against the fit.",
+        sentence(verdict.reasons[0]) if verdict.reasons else "Nothing speaks against the fit.",
     )
     good = verdict.word == "good"
     return Lead(
@@ -76,11 +76,12 @@ def _lead(found: Calibration, verdict: FitVerdict, design: str, residual: Path) 
         if good
         else "designlab calibrate MEASUREMENT --model DESIGN --out calibrated",
         word=verdict.word,
-        kind=_KINDS[verdict.word],
+        kind=KINDS[verdict.word],
     )
 
 
-def _sentence(reason: str) -> str:
+def sentence(reason: str) -> str:
+    """A reason as a sentence."""
     return reason[:1].upper() + reason[1:] + ("" if reason.endswith("?") else ".")
 
 

@@ -161,8 +161,26 @@ def _add_designs(add: Any) -> None:
         "designlab.app.cli.calibrate:calibrate",
         "the design under which the simulator gives a sensor's pictures",
     )
-    _option(calibrate, "measurement MEASUREMENT", "folder with a measurement.toml")
-    _option(calibrate, "--model MODEL", DESIGN_HELP + ", or what calibrate wrote", required=True)
+    _option(
+        calibrate,
+        "measurement MEASUREMENT",
+        "folder with a measurement.toml; with --model, or --balls FOLDER in its place",
+        nargs="?",
+    )
+    _option(calibrate, "--model MODEL", DESIGN_HELP + ", or what calibrate wrote", default=None)
+    balls = calibrate.add_argument_group("calibration on balls, for reconstruct")
+    _option(
+        balls,
+        "--balls FOLDER",
+        "ball presses and a background: a measurement folder, or pictures, the background's name "
+        "beginning with background; circles from balls.csv, else found",
+        default=None,
+    )
+    _option(balls, "--ball-mm D", "diameter of the ball (mm)", type=float, default=None)
+    _option(balls, "--mm-per-px S", "size of a pixel at the gel (mm)", type=float, default=None)
+    _option(
+        balls, "--thickness-mm T", "thickness of the gel (mm); fitted when absent", type=float, default=None
+    )
     _option(
         calibrate,
         "--baseline",
@@ -186,6 +204,21 @@ def _add_designs(add: Any) -> None:
     _out(calibrate, "folder for the calibrated model, the result and a picture of what is left")
     _trust(calibrate)
     _seed(calibrate)
+
+    shapes = add(
+        "reconstruct",
+        "designlab.app.cli.reconstruct:reconstruct",
+        "heights, normals and contact from pictures of one's own sensor",
+    )
+    _option(shapes, "pictures PICTURE", "files, folders or patterns", nargs="+")
+    _option(shapes, "--calibration FILE", "calibration.npz of `calibrate --balls`", required=True)
+    _option(shapes, "--background FILE", "today's picture of the untouched gel", default=None)
+    _option(
+        shapes, "--gel NAME", "material of the gel, for forces; see docs/reference/catalogue.md", default=None
+    )
+    _option(shapes, "--modulus-mpa E", "Young's modulus of the gel instead (MPa)", type=float, default=None)
+    _option(shapes, "--mesh", "kind of the mesh", choices=("ply", "stl", "glb", "none"), default="ply")
+    _out(shapes, "folder of the shapes; the same command again goes on there")
 
     export = add("export", f"{_DESIGNS}:export", "STL, STEP, 3MF, LED coordinates, bill of materials, checks")
     _option(export, "design DESIGN", DESIGN_HELP)

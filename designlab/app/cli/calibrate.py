@@ -15,11 +15,18 @@ if TYPE_CHECKING:
     from designlab.simulation.effects.model import SensorModel
 
 DESIGN, RESULT, PICTURE, PAGE = "calibrated.toml", "calibration.json", "residual.png", "report.html"
+MAP = "calibration.npz"
 SHOWN = ("snr_db", "structure_corr", "structure_snr_db")
 
 
 def calibrate(args: Namespace) -> Result:
-    """Fit light, poses and some fields of a design to a measurement, and write what was found."""
+    """Fit light, poses and some fields of a design to a measurement, or a map to shape on balls."""
+    if args.balls is not None:
+        if args.measurement is not None or args.model is not None:
+            raise ValueError("--balls: stands alone; MEASUREMENT and --model fit a design")
+        return _on_balls(args)
+    if args.measurement is None or args.model is None:
+        raise ValueError("calibrate: needs MEASUREMENT and --model MODEL, or --balls FOLDER")
     from designlab.core.store import atomic_folder, write_atomic, write_json
     from designlab.inference.calibration import calibrate as fit
     from designlab.inference.calibration.verdict import fit_verdict
@@ -55,6 +62,46 @@ def calibrate(args: Namespace) -> Result:
         *(f"reason: {reason}" for reason in verdict.reasons),
         _summary(found),
         f"design: {out / DESIGN}",
+        f"report: {out / PAGE}",
+    ]
+    return Result(data, "\n".join(lines), FAILED if verdict.word == "failed" else DONE)
+
+
+def _on_balls(args: Namespace) -> Result:
+    """Teach a map from pictures to shape on ball presses, and write it as one file."""
+    from designlab.core.store import atomic_folder, write_json
+    from designlab.inference.calibration.balls import calibrate_balls, load_balls
+    from designlab.reconstruction.calibration_file import save_calibration
+    from designlab.report.ball_calibration import ball_calibration_report
+
+    balls = load_balls(args.balls, ball_mm=args.ball_mm, mm_per_px=args.mm_per_px)
+    require_writable(args.out, made_with=RESULT)
+    with bar(form=IN_PERCENT, keep=True) as progress:
+        found = calibrate_balls(balls, thickness_mm=args.thickness_mm, progress=progress)
+    out, verdict, mean = Path(args.out), found.verdict(), found.mean
+    data = {
+        "fit_verdict": verdict.word,
+        "reasons": list(verdict.reasons),
+        "balls": len(found.errors),
+        "normal_error_deg": mean.contact_deg,
+        "height_error_um": 1000 * mean.height_mm,
+        "worst": [
+            {"file": file, "normal_error_deg": one.contact_deg, "why": why} for file, one, why in found.odd()
+        ],
+        "notes": list(balls.notes),
+        "files": {"calibration": str(out / MAP), "result": str(out / RESULT), "report": str(out / PAGE)},
+    }
+    with atomic_folder(out, replace=True) as folder:
+        save_calibration(folder / MAP, found.kept)
+        write_json(folder / RESULT, data)
+        ball_calibration_report(found, folder, folder / PAGE, calibration=str(out / MAP))
+    lines = [
+        *balls.notes,
+        f"balls left out: normals off {mean.contact_deg:.2f} deg, heights {1000 * mean.height_mm:.0f} um",
+        f"fit: {verdict.word}",
+        *(f"reason: {reason}" for reason in verdict.reasons),
+        *(f"fits badly: {file}, {one.contact_deg:.1f} deg: {why}" for file, one, why in found.odd()),
+        f"calibration: {out / MAP}",
         f"report: {out / PAGE}",
     ]
     return Result(data, "\n".join(lines), FAILED if verdict.word == "failed" else DONE)

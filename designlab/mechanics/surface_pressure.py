@@ -1,0 +1,117 @@
+"""Pressure on an elastic layer from the shape of its surface, nowhere negative."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+from scipy.ndimage import binary_dilation
+
+from designlab.core.types import Array, Mask
+from designlab.mechanics.grid_response import symbol
+from designlab.mechanics.layer import ElasticLayer
+
+ITERATIONS = 300
+SETTLED = 1e-4  # change of the pressure, relative, at which it stays
+SUPPORT = 0.1  # of the depth: where the surface is lower than this, nothing touches it
+MARGIN_MM = 0.3  # around that
+TOUCHED = 0.03  # of the highest pressure from which a point counts as touched
+USUAL_SHARE = 0.3  # pressure over modulus of a usual press: how large pressures may be against noise
+
+
+@dataclass(frozen=True, eq=False)
+class SurfacePressure:
+    """Pressure that gives a surface its shape.
+
+    Attributes
+    ----------
+    pressure : array, shape (rows, columns)
+        Pressure over Young's modulus.
+    offset_mm : float
+        What the surface is too high by everywhere.
+    rest_mm : float
+        Root mean square of what the pressure does not explain.
+    pitch_mm : float
+        Distance of the points.
+    """
+
+    pressure: Array
+    offset_mm: float
+    rest_mm: float
+    pitch_mm: float
+
+    @property
+    def contact(self) -> Mask:
+        """Where the surface is touched."""
+        return np.asarray(self.pressure > TOUCHED * self.pressure.max())
+
+    @property
+    def contact_area_mm2(self) -> float:
+        """Area of the contact."""
+        return float(self.contact.sum() * self.pitch_mm**2)
+
+    def force_n(self, modulus_mpa: float) -> float:
+        """Force on a layer of a modulus in MPa."""
+        return float(self.pressure.sum() * self.pitch_mm**2 * modulus_mpa)
+
+
+def pressure_under(
+    height_mm: Array, *, poisson: float, thickness_mm: float, pitch_mm: float, noise_mm: float = 0.005
+) -> SurfacePressure:
+    """Find the pressure under which a bonded layer takes a measured shape.
+
+    The total force is the response at wave number 0, which vanishes for a gel that keeps its volume: plain
+    inversion turns an offset of 5 um into newtons. So pressure is only where the surface is pressed in, is
+    nowhere negative, and the height's offset is unknown.
+
+    Parameters
+    ----------
+    height_mm : array, shape (rows, columns)
+        How far the surface is pressed in (mm); negative where it bulges.
+    poisson, thickness_mm : float
+        Of the layer.
+    pitch_mm : float
+        Distance of the points.
+    noise_mm : float
+        Standard deviation of the heights.
+
+    Raises
+    ------
+    ValueError
+        If nothing is pressed in.
+
+    Notes
+    -----
+    Least squares with a small ridge, by projected gradients with momentum: Beck and Teboulle (2009), SIAM J.
+    Imaging Sci. 2, 183.
+    """
+    depth = float(height_mm.max())
+    if not depth > 0:
+        raise ValueError("height_mm: nothing is pressed in")
+    margin = max(1, round(MARGIN_MM / pitch_mm))
+    support = binary_dilation(height_mm > SUPPORT * depth, iterations=margin)
+    rows, columns = height_mm.shape
+    shape = fft.next_fast_len(2 * rows, real=True), fft.next_fast_len(2 * columns, real=True)
+    response = symbol(ElasticLayer(1.0, poisson, thickness_mm), pitch_mm, *shape, "zz")
+
+    def surface(pressure: Array) -> Array:
+        spectrum = fft.rfft2(pressure, s=shape)
+        return np.asarray(fft.irfft2(spectrum * response, s=shape)[:rows, :columns])
+
+    ridge = (noise_mm / USUAL_SHARE) ** 2
+    step = 1.0 / (float(np.abs(response).max()) ** 2 + ridge)
+    pressure = np.zeros_like(height_mm)
+    ahead, momentum = pressure, 1.0
+    for _ in range(ITERATIONS):
+        rest = surface(ahead) - height_mm
+        rest -= rest.mean()  # the offset that fits best
+        slope = surface(rest) + ridge * ahead
+        found = np.where(support, np.maximum(ahead - step * slope, 0.0), 0.0)
+        faster = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
+        change = found - pressure
+        ahead = found + (momentum - 1) / faster * change
+        pressure, momentum = found, faster
+        if np.linalg.norm(change) < SETTLED * np.linalg.norm(found):
+            break
+    rest = height_mm - surface(pressure)
+    offset = float(rest.mean())
+    return SurfacePressure(pressure, offset, float((rest - offset).std()), pitch_mm)

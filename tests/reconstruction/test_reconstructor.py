@@ -1,0 +1,197 @@
+"""From balls to one calibration file, and from pictures to shapes: made pictures whose shape is known."""
+
+import numpy as np
+import pytest
+
+from designlab.app import cli
+from designlab.core.images import read_image, write_image
+from designlab.inference.calibration.balls import calibrate_balls, load_balls
+from designlab.reconstruction.calibration_file import CalibrationFileError, load_calibration, save_calibration
+from designlab.reconstruction.methods import Kernel
+from designlab.reconstruction.reconstructor import Reconstructor
+from tests.helpers.browser import faults, opened
+from tests.reconstruction.test_lab import (
+    BACKGROUND,
+    BALLS,
+    PITCH_MM,
+    RADIUS_MM,
+    SHAPE,
+    SURFACE,
+    THICKNESS_MM,
+    picture,
+    slopes,
+)
+
+FULL = 1.4  # brightest value of the pictures
+QUICK = Kernel(features=150)
+PRESS_RADIUS_MM = 1.2
+
+
+def exposed(image):
+    return np.clip(image / FULL, 0, 1).astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    out = tmp_path_factory.mktemp("balls")
+    write_image(out / "background.exr", exposed(BACKGROUND))
+    for number, ball in enumerate(BALLS):
+        write_image(out / f"ball-{number}.exr", exposed(ball.image))
+    return out
+
+
+@pytest.fixture(scope="module")
+def found(folder):
+    balls = load_balls(folder, ball_mm=2 * RADIUS_MM, mm_per_px=PITCH_MM)
+    return calibrate_balls(balls, thickness_mm=THICKNESS_MM, method=QUICK)
+
+
+@pytest.fixture(scope="module")
+def file(found, tmp_path_factory):
+    return save_calibration(tmp_path_factory.mktemp("calibration") / "calibration.npz", found.kept)
+
+
+def pressed(centre=(55, 45), contact_px=12.0):
+    p, q, _ = slopes(centre, contact_px)
+    return exposed(picture(p, q))
+
+
+@pytest.mark.slow
+def test_balls_left_out_are_found_and_the_verdict_is_good(found):
+    assert found.mean.contact_deg < 2.0
+    assert found.mean.height_mm < 0.02
+    assert found.verdict() == ("good", ())
+    assert found.kept.about["balls"] == len(BALLS)
+
+
+@pytest.mark.slow
+def test_a_file_gives_back_the_same_maps(found, file):
+    again = load_calibration(file)
+    image = pressed()
+    ours, theirs = (Reconstructor(kept)(image, pressure=False) for kept in (found.kept, again))
+    assert np.abs(ours.height_mm - theirs.height_mm).max() < 1e-6
+
+
+@pytest.mark.slow
+def test_a_press_has_its_depth_contact_and_force(file):
+    shape = Reconstructor.load(file)(pressed())
+    truth = SURFACE.depth_mm(PRESS_RADIUS_MM)
+    assert shape.depth_mm == pytest.approx(truth, rel=0.06)
+    assert shape.contact_area_mm2 == pytest.approx(np.pi * PRESS_RADIUS_MM**2, rel=0.25)
+    assert shape.warnings == ()
+    assert shape.force_n(0.5) == pytest.approx(0.5 * shape.force_n(1.0))
+
+
+@pytest.mark.slow
+@pytest.mark.faults
+@pytest.mark.parametrize(
+    ("image", "warning"),
+    [
+        (exposed(BACKGROUND), "nothing touches the gel"),
+        (exposed(BACKGROUND)[:, ::-1] * [1.0, 0.2, 0.2], "colours that no ball showed"),
+        (np.where(pressed() > pressed().mean(), 1.0, pressed()), "at full scale and say nothing"),
+        (pressed((8, 60), 16.0), "reaches the border"),
+    ],
+)
+def test_what_speaks_against_a_shape_is_said(file, image, warning):
+    shape = Reconstructor.load(file)(image, pressure=False)
+    assert any(warning in text for text in shape.warnings), shape.warnings
+
+
+@pytest.mark.slow
+@pytest.mark.faults
+def test_a_gel_that_has_moved_or_light_that_has_changed_is_said(file):
+    reconstructor = Reconstructor.load(file)
+    textured = exposed(BACKGROUND * (1 + 0.1 * np.random.default_rng(0).normal(size=(*SHAPE, 1))))
+    on = reconstructor.on(textured)
+    assert on.drift(textured) == ()
+    assert any("moved by +3 px" in text for text in on.drift(np.roll(textured, 3, axis=1)))
+    assert any("brighter by" in text for text in on.drift(0.8 * textured))
+    half = textured * np.linspace(0.8, 1.2, SHAPE[1])[:, None]
+    assert any("has changed by" in text for text in on.drift(half))
+
+
+@pytest.mark.slow
+@pytest.mark.faults
+def test_other_sizes_and_other_files_are_refused(file, tmp_path):
+    reconstructor = Reconstructor.load(file)
+    with pytest.raises(ValueError, match=r"must be 140 x 120 pixels of 3 channels, .* got 70 x 120 pixels"):
+        reconstructor(pressed()[:, :70])
+    with pytest.raises(ValueError, match="background: must be 140 x 120"):
+        reconstructor.on(exposed(BACKGROUND)[:50])
+    other = tmp_path / "other.npz"
+    np.savez(other, x=np.zeros(3))
+    (tmp_path / "text.npz").write_text("no archive")
+    for wrong in (other, tmp_path / "text.npz", tmp_path):
+        with pytest.raises(CalibrationFileError, match="is no calibration"):
+            load_calibration(wrong)
+    with pytest.raises(CalibrationFileError, match="no such file"):
+        load_calibration(tmp_path / "absent.npz")
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize(
+    ("files", "options", "line"),
+    [
+        ({}, (), "needs a picture of the untouched gel"),
+        ({"background.exr": SHAPE}, (), "diameter of the ball is unknown; give it with --ball-mm"),
+        ({"background.exr": SHAPE}, ("--ball-mm", "6"), "size of a pixel at the gel is unknown"),
+        (
+            {"background.exr": SHAPE, "a.exr": (60, 70)},
+            ("--ball-mm", "6", "--mm-per-px", "0.1"),
+            "a.exr: must have the size of background.exr, 140 x 120 pixels, got 70 x 60",
+        ),
+        (
+            {"background.exr": SHAPE, "a.exr": SHAPE},
+            ("--ball-mm", "6", "--mm-per-px", "0.1"),
+            "a.exr: no ball found",
+        ),
+    ],
+)
+def test_what_balls_lack_is_said(tmp_path, files, options, line, capsys):
+    for name, shape in files.items():
+        write_image(tmp_path / name, np.full((*shape, 3), 0.5, np.float32))
+    assert cli.main(["calibrate", "--balls", str(tmp_path), *options, "--out", str(tmp_path / "out")]) == 2
+    assert line in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_commands_write_shapes_once_and_pages_that_hold(file, folder, tmp_path, capsys):
+    presses, out = tmp_path / "presses", tmp_path / "shapes"
+    presses.mkdir()
+    write_image(presses / "one.exr", pressed())
+    write_image(presses / "two.exr", pressed((80, 70), 10.0))
+    command = ["reconstruct", str(presses), "--calibration", str(file), "--gel", "solaris", "--out", str(out)]
+    assert cli.main(command) == 0
+    said = capsys.readouterr().out
+    assert "one.exr" in said
+    assert "report: " in said
+    names = {path.name for path in out.iterdir()}
+    kinds = (".png", ".ply", "-height.npy", "-height.tiff", "-height.exr", "-normals.npy", "-contact.png")
+    assert {f"{name}{kind}" for name in ("one", "two") for kind in kinds} <= names
+    height = np.load(out / "one-height.npy")
+    assert height.shape == SHAPE
+    assert np.abs(read_image(out / "one-height.exr")[..., 0] - height).max() < 1e-3
+    before = {path.name: path.stat().st_mtime_ns for path in out.glob("*-height.npy")}
+    write_image(presses / "three.exr", pressed((40, 80), 9.0))
+    assert cli.main(command) == 0
+    after = {path.name: path.stat().st_mtime_ns for path in out.glob("*-height.npy")}
+    assert {name: after[name] for name in before} == before
+    assert "three-height.npy" in after
+    with opened() as browser:
+        assert faults(browser, out / "report.html") == []
+
+
+@pytest.mark.measured
+@pytest.mark.slow
+@pytest.mark.full
+def test_real_presses_by_the_two_commands(measured_dir, tmp_path, capsys):
+    """Depth of the cap of a real ball and of a real prism; figures in docs/validation.md."""
+    thu, out = measured_dir / "thu", tmp_path / "calibrated"
+    assert cli.main(["calibrate", "--balls", str(thu), "--out", str(out)]) == 0
+    for name, depth_mm in (("sphere_0.5", 0.5), ("sphere_1.0", 1.0), ("prism_0.5", 0.5), ("prism_1.0", 1.0)):
+        shape = Reconstructor.load(out / "calibration.npz")(
+            read_image(thu / f"press_{name}.png"), pressure=False
+        )
+        print(name, shape.depth_mm)
+        assert shape.depth_mm == pytest.approx(depth_mm, abs=0.1)
