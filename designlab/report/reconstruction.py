@@ -142,7 +142,7 @@ def reconstruction_report(
         f"{about['height_error_um']:.0f} µm."
     )
     answer = (
-        f"The deepest of {counted(len(rows), 'picture')}, {deepest['file']}, shows a press of "
+        f"The deepest of {counted(len(rows), 'picture')}, {Path(deepest['file']).name}, shows a press of "
         f"{deepest['depth_mm']:.3f} mm. {error}",
         f"{len(doubtful)} of them have a warning: read it before you use them."
         if doubtful
@@ -156,9 +156,11 @@ def reconstruction_report(
         Column("force_n", "force", "N"),
         Column("told", "warnings"),
     ]
-    told = [{**row, "told": "; ".join(row["warnings"])} for row in rows]
+    told = [{**row, "file": Path(row["file"]).name, "told": "; ".join(row["warnings"])} for row in rows]
     pictures = [
-        picture(folder / f"{row['name']}.png", str(row["file"])) for row in rows[:12] if row is not deepest
+        picture(folder / f"{row['name']}.png", Path(row["file"]).name)
+        for row in rows[:12]
+        if row is not deepest
     ]
     sections = [
         Section("Picture by picture", (table(told, columns),)),
@@ -167,7 +169,7 @@ def reconstruction_report(
     lead = Lead(
         question="What shapes do these pictures show?",
         answer=tuple(map(paragraph, answer)),
-        picture=picture(shown, f"The deepest: {deepest['file']}") if shown.is_file() else None,
+        picture=picture(shown, f"The deepest: {Path(deepest['file']).name}") if shown.is_file() else None,
         next_words="Heights in mm are in the NPY and TIFF files; in Python:",
         next_command="dl.Reconstructor.load('calibrated/calibration.npz')(image).height_mm",
         word=f"{len(doubtful)} doubtful" if doubtful else "done",
