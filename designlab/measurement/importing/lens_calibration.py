@@ -47,6 +47,7 @@ from designlab.sensor.lens import Distortion, Fisheye
 NARROWEST_DEG, WIDEST_DEG = 5.0, 200.0  # beyond, a focal length is not in pixels of this size
 MIDDLE = 0.25, 0.75  # of the picture: lenses sit above their sensors to some per cent
 SKEW = 1e-6  # of fx, as rounding leaves it
+ABSENT = "", "~", "null"  # nothing, as YAML writes it
 DEEPEST = 4  # tables within tables, or lists within lists, that are looked into
 MOST_NUMBERS = 1000  # of one value: no matrix and no list of coefficients has as many
 
@@ -172,7 +173,7 @@ class _Reader:
         for name, value in values.items():
             if plain(name) in GROUPS and isinstance(value, Mapping) and "data" not in value:
                 groups.append((str(name), value))
-            elif value is not None and not (isinstance(value, str) and not value.strip()):
+            elif value is not None and not (isinstance(value, str) and value.strip() in ABSENT):
                 self.entries.setdefault(plain(name), _Entry(str(name), value))
         for group, inner in groups:
             for name, value in inner.items():
@@ -373,7 +374,9 @@ class _Reader:
             names.insert(0, shown)
             stated[f"{entry.name} {shown}"] = model in FISHEYES
         for name, entry in self.entries.items():  # a fisheye by any other field is no pinhole
-            if name not in MODELS and not name.endswith(LABELS) and plain(entry.value) in FISHEYES:
+            if name in MODELS or name.endswith(LABELS) or not _is_word(entry.value):
+                continue
+            if plain(entry.value) in FISHEYES:
                 self.read.setdefault("model", entry.name)
                 names.append(str(entry.value).strip())
                 stated[f"{entry.name} {entry.value}"] = True
