@@ -299,6 +299,12 @@ class TestSize:
         with pytest.raises(LensError, match="seem to be exchanged"):
             camera_of(path)
 
+    def test_an_archive_may_hold_single_values(self, tmp_path):
+        path = tmp_path / "lens.npz"
+        np.savez(path, K=matrix(WIDE), D=WIDE["d"], width=640, height=480, model="equidistant", tuple=(1, 2))
+        found = read_calibration(path)
+        assert (found.size_px, found.fisheye, found.model) == (SIZE, True, "equidistant")
+
     def test_two_sizes_are_refused(self, tmp_path):
         path = written(tmp_path, "lists.json", BARREL)
         assert read_calibration(path, size_px=SIZE).size_px == SIZE
@@ -430,6 +436,12 @@ class TestRefusals:
             ("a.yml", b"K: " + b"[" * 1200, "cannot be read"),
             ("a.json", b'{"K": [1, 2}', "cannot be read as JSON: .*line 1"),
             ("a.json", b'{"K": ' + b"[" * 200_000, "cannot be read"),
+            (
+                "a.yml",
+                yaml.dump({"K": np.eye(3)}).encode(),
+                r"holds Python objects, such as NumPy arrays; write lists of numbers .\.tolist",
+            ),
+            ("a.txt", b"[image]\n\nwidth\n640\n", "cannot be read as YAML"),
             ("a.xml", b"<opencv_storage><K>", "cannot be read as XML"),
             ("a.xml", b"<opencv_storage></opencv_storage>", "holds no names"),
             ("a.npz", b"PK\x03\x04 cut", "no NumPy archive"),

@@ -81,7 +81,8 @@ def _documents(path: Path, data: bytes) -> list[Document]:
     start = text.lstrip()[:1]
     if start == "<":
         return [_xml(path, data)]
-    if start in ("{", "[") and path.suffix.lower() not in (".yaml", ".yml"):
+    suffix = path.suffix.lower()
+    if suffix == ".json" or (start == "{" and suffix not in (".yaml", ".yml")):
         return [_json(path, text)]
     lines = [line.strip() for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
     if lines and all(COLMAP_LINE.fullmatch(line) for line in lines):
@@ -97,7 +98,8 @@ def _arrays(path: Path, data: bytes) -> dict[str, Any]:
         with np.load(io.BytesIO(data), allow_pickle=False) as stored:
             for name in stored.files:
                 try:
-                    found[name] = stored[name]
+                    array = stored[name]
+                    found[name] = array if array.ndim else array.item()
                 except ValueError as error:
                     if "allow_pickle" not in str(error):
                         raise
@@ -138,6 +140,10 @@ def _json(path: Path, text: str) -> Document:
 
 
 def _yaml(path: Path, text: str) -> list[Document]:
+    if "!!python/object" in text:
+        raise LensError(
+            f"{path}: holds Python objects, such as NumPy arrays; write lists of numbers (.tolist())"
+        )
     # OpenCV writes %YAML:1.0, which is no directive of YAML's.
     plain = re.sub(r"\A(\s*%YAML.*)+\n", "", text)
     try:
