@@ -1,7 +1,7 @@
 """The camera: where its pixels look, and from linear radiance on the sensor to digital counts."""
 
-from collections.abc import Callable, Sequence
-from typing import Annotated, Literal, NamedTuple, Self
+from collections.abc import Callable, Iterator, Sequence
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from geometries.spec import Spec, quantity
 Coordinate = Annotated[float, Field(ge=-4000.0, le=4000.0)]  # mm: beyond, views are parallel to rounding
 Tilt = Annotated[float, Field(ge=-45.0, le=45.0)]  # deg
 WIDEST_PINHOLE_DEG = 170.0
+PIXEL_ASPECTS = 0.8, 1.25  # beyond, pictures were stretched rather than pixels made so
 CURVE_STEPS = 1024  # signals at which noise behind a response curve is tabulated
 DEVIATES = np.linspace(-6.0, 6.0, 241)  # of the Gaussian that stands for noise there
 
@@ -113,6 +114,9 @@ class Camera(Spec):
     """Columns of the full sensor."""
     height_px: int = Field(1232, ge=16, le=20000)
     """Rows of the full sensor."""
+    pixel_aspect: float = quantity(1.0, unit="1", ge=PIXEL_ASPECTS[0], le=PIXEL_ASPECTS[1])
+    """Width over height of a pixel: fy over fx of a calibration. Above 1 a circle is more rows high than
+    columns wide. The field of view and all lengths in px count columns."""
     horizontal_fov_deg: float = quantity(62.2, unit="deg", gt=1, lt=300)
     """Full horizontal field of view of the full sensor, in air: for a fisheye the true one, distortion
     included; for a pinhole (below 170 deg) that of its focal length, before distortion."""
@@ -151,6 +155,12 @@ class Camera(Spec):
     """Bits of the analogue-digital converter."""
     response: Response = Field(default_factory=lambda: Response())
     """Curve between the signal and its quantisation."""
+
+    def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
+        """Name all fields; square pixels go unnamed, so that digests of scenes stay what they were."""
+        for name, value in super().__repr_args__():
+            if (name, value) != ("pixel_aspect", 1.0):
+                yield name, value
 
     @model_validator(mode="after")
     def _lens_can_be_used(self) -> Self:
@@ -196,11 +206,26 @@ class Camera(Spec):
 
     @property
     def focal_px(self) -> float:
-        """Focal length in pixels of the full sensor, at the centre of the picture."""
+        """Focal length in columns of the full sensor (fx), at the centre of the picture."""
         half = np.radians(self.horizontal_fov_deg) / 2
         if self.lens == "fisheye":
             return self.width_px / 2 / Fisheye(self.distortion).distance(float(half))
         return self.width_px / 2 / float(np.tan(half))
+
+    @property
+    def focal_rows_px(self) -> float:
+        """Focal length in rows of the full sensor (fy), at the centre of the picture."""
+        return self.focal_px * self.pixel_aspect
+
+    @property
+    def half_diagonal_px(self) -> float:
+        """Half the diagonal of the full sensor, in widths of a pixel."""
+        return float(np.hypot(self.width_px, self.height_px / self.pixel_aspect)) / 2
+
+    def radius_px(self, column: Array, row: Array) -> Array:
+        """Distance of places on the full sensor from the axis of the lens, in widths of a pixel."""
+        x_c, y_c = self.centre_px
+        return np.asarray(np.hypot(column - x_c, (row - y_c) / self.pixel_aspect))
 
     @property
     def centre_px(self) -> tuple[float, float]:
@@ -209,8 +234,9 @@ class Camera(Spec):
 
     @property
     def is_plain(self) -> bool:
-        """Whether the projection is a perspective along -z without distortion."""
-        return self.lens == "pinhole" and self.distortion == Distortion() and self.tilt_deg == (0.0, 0.0)
+        """Whether the projection is a perspective along -z on square pixels, without distortion."""
+        undistorted = self.lens == "pinhole" and self.distortion == Distortion()
+        return undistorted and self.tilt_deg == (0.0, 0.0) and self.pixel_aspect == 1.0
 
     @property
     def opening_mm(self) -> float | None:
@@ -259,8 +285,8 @@ class Camera(Spec):
         seen = np.broadcast_arrays(*(np.asarray(c, dtype=float) for c in (right, up, forward)))
         x, y, z = seen if self._turn is None else np.einsum("ab,b...->a...", self._turn.T, np.stack(seen))
         seen_x, seen_y = self._unit_lens.image(x, -y, z)
-        focal, (x_c, y_c) = self.focal_px, self.centre_px
-        return x_c + focal * seen_x, y_c + focal * seen_y
+        x_c, y_c = self.centre_px
+        return x_c + self.focal_px * seen_x, y_c + self.focal_rows_px * seen_y
 
     def unproject(
         self, column: NDArray[np.floating] | float, row: NDArray[np.floating] | float
@@ -294,8 +320,10 @@ class Camera(Spec):
     ) -> tuple[Array, Array, Array]:
         """Direction that a place sees, along the camera's own right, up and axis."""
         columns, rows = np.broadcast_arrays(np.asarray(column, dtype=float), np.asarray(row, dtype=float))
-        focal, (x_c, y_c) = self.focal_px, self.centre_px
-        right, down, forward = self._unit_lens.direction((columns - x_c) / focal, (rows - y_c) / focal)
+        x_c, y_c = self.centre_px
+        right, down, forward = self._unit_lens.direction(
+            (columns - x_c) / self.focal_px, (rows - y_c) / self.focal_rows_px
+        )
         return right, -down, forward
 
     @property
@@ -317,8 +345,7 @@ class Camera(Spec):
 
     def _radius(self, column: Array, row: Array) -> Array:
         """Distance from the axis of the lens over half the diagonal of the full sensor."""
-        x_c, y_c = self.centre_px
-        return np.asarray(np.hypot(column - x_c, row - y_c) / (np.hypot(self.width_px, self.height_px) / 2))
+        return np.asarray(self.radius_px(column, row) / self.half_diagonal_px)
 
     def full_view(self) -> View:
         """The whole sensor at its own resolution."""

@@ -192,6 +192,8 @@ class Design(Spec):
         content = self.model_dump(mode="json", exclude=LABELS, exclude_none=True)
         if self.contact.model == "kernel":
             del content["contact"]["model"]
+        if self.camera.pixel_aspect == 1.0:
+            del content["camera"]["pixel_aspect"]
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     def __repr__(self) -> str:

@@ -289,8 +289,8 @@ def _beyond_picture(camera: Camera, tangents: Array) -> float:
     edge = (tangents + share * (np.roll(tangents, -1, axis=0) - tangents)).reshape(-1, 2)
     column, row = camera.project(edge[:, 0], edge[:, 1])
     half_w, half_h = camera.width_px / 2, camera.height_px / 2
-    beyond = np.maximum(np.abs(column - half_w) - half_w, np.abs(row - half_h) - half_h)
-    return float(beyond.max()) / camera.focal_px
+    across, down = np.abs(column - half_w) - half_w, np.abs(row - half_h) - half_h
+    return float(np.maximum(across / camera.focal_px, down / camera.focal_rows_px).max())
 
 
 def _camera_margins(design: Parts) -> dict[str, float]:

@@ -159,6 +159,8 @@ def _transport(model: SensorModel, press: Press | None) -> list[object]:
     # What is absent does not count: fields that a later version adds leave kept pictures as they are.
     left_out = {**LABELS, "mixing": True, "housing": True}
     content = design.model_dump(mode="json", exclude=left_out, exclude_none=True)
+    if design.camera.pixel_aspect == 1.0:
+        del content["camera"]["pixel_aspect"]
     if press is None:
         del content["contact"]
     for group in content["leds"]["groups"]:

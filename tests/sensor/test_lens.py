@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from designlab.sensor.camera import Camera
-from designlab.sensor.design import DesignError, preset
+from designlab.sensor.camera import Camera, View, Vignetting
+from designlab.sensor.design import DesignError, dumps, loads, preset
 from designlab.simulation.optics.viewing_rays import rays
 
 FLAT, DOME, CORE = preset("gelsight-2020-flat"), preset("gelsight-2020-dome"), preset("default")
@@ -41,13 +41,23 @@ CAMERAS |= {f"fisheye {name}": camera_of("fisheye", *case) for name, case in FIS
 CAMERAS["fisheye off centre"] = camera_of("fisheye", 130.0, {"k1": 0.02}, principal_point_px=(800.5, 655.0))
 CAMERAS["pinhole off centre"] = camera_of("pinhole", 60.0, {"k1": -0.1}, principal_point_px=(870.0, 590.25))
 CAMERAS["plain"] = camera_of("pinhole", 62.0, {})
+CAMERAS |= {
+    f"pixels {aspect:g}, {name}": camera_of(*case, pixel_aspect=aspect, principal_point_px=(830.0, 600.5))
+    for name, aspect, case in (
+        ("plain", 0.994, ("pinhole", 62.0, {})),
+        ("barrel", 1.02, ("pinhole", 62.0, BARREL)),
+        ("tangential", 0.8, ("pinhole", *PINHOLES["tangential"])),
+        ("fisheye", 0.9, ("fisheye", *FISHEYES["calibrated"])),
+        ("wide fisheye", 1.25, ("fisheye", *FISHEYES["beyond the half-space"])),
+    )
+}
 
 
 def opencv(camera):
     """Matrix and coefficients of a camera as OpenCV has them; its places count like those of `Camera`."""
     f, k = camera.focal_px, camera.distortion
     x_c, y_c = camera.principal_point_px or (camera.width_px / 2, camera.height_px / 2)
-    matrix = np.array([[f, 0, x_c], [0, f, y_c], [0, 0, 1.0]])
+    matrix = np.array([[f, 0, x_c], [0, f * camera.pixel_aspect, y_c], [0, 0, 1.0]])
     if camera.lens == "fisheye":
         return matrix, np.array([k.k1, k.k2, k.k3, k.k4])
     return matrix, np.array([k.k1, k.k2, k.p1, k.p2, k.k3])
@@ -161,6 +171,37 @@ def test_field_of_view_of_a_pinhole_is_that_of_its_focal_length():
         assert 616 - row == pytest.approx(2e-6 * camera.focal_px, rel=1e-4)
 
 
+@pytest.mark.parametrize("aspect", [0.8, 0.994, 1.1])
+def test_pixel_aspect_is_that_of_opencv_and_counts_rows(aspect):
+    # cv2.calibrationMatrixValues: aspectRatio is fy / fx; the horizontal field of view is that of fx
+    camera = CAMERAS["plain"].model_copy(update={"pixel_aspect": aspect})
+    matrix, _ = opencv(camera)
+    fov_x, fov_y, _, _, ratio = cv2.calibrationMatrixValues(matrix, (1640, 1232), 1.0, 1.0)
+    assert ratio == pytest.approx(aspect)
+    assert fov_x == pytest.approx(62.0, abs=1e-9)
+    column, row = camera.project(0.0, np.array([np.tan(np.radians(fov_y / 2)), 0.0]))
+    np.testing.assert_allclose(column, 820.0)
+    np.testing.assert_allclose(row, [0.0, 616.0], atol=1e-9)
+    # vignetting is round in space: the same at the same angle along columns and rows
+    dim = camera.model_copy(update={"vignetting": Vignetting(cosine_power=3.0, a1=-0.2)})
+    at = [
+        dim.vignette(View(x, y, 1e-6, 1e-6, 1, 1))[0, 0] for x, y in ((1220, 616), (820, 616 + 400 * aspect))
+    ]
+    assert at[0] == pytest.approx(at[1], rel=1e-8)
+    assert at[0] < 0.99
+
+
+def test_square_pixels_leave_digests_as_they_were():
+    # recorded before pixels had an aspect
+    assert FLAT.digest == "7e757fc64975dd2224b6ea1ccf8492edfd47b2c2990e47920fe6bb612eff6547"
+    assert "pixel_aspect" not in repr(FLAT.camera)
+    wide = FLAT.replace({"camera.pixel_aspect": 1.02})
+    assert wide.digest != FLAT.digest
+    assert "pixel_aspect=1.02" in repr(wide.camera)
+    assert wide.replace({"camera.pixel_aspect": 1.0}) == FLAT
+    assert loads(dumps(wide)) == wide
+
+
 def test_what_lies_far_outside_does_not_fold_into_the_picture():
     # a strong barrel's polynomial turns back: naive use would put tangent 2 near the centre
     camera = CAMERAS["pinhole barrel"]
@@ -198,6 +239,8 @@ def test_what_lies_far_outside_does_not_fold_into_the_picture():
             ["vignetting.cosine_power", "90 deg"],
         ),
         ({"camera.principal_point_px": (2600.0, 900.0)}, ["principal_point_px", "on the sensor", "2600"]),
+        ({"camera.pixel_aspect": 1.3}, ["camera.pixel_aspect", "1.25", "1.3"]),
+        ({"camera.pixel_aspect": 0.5}, ["camera.pixel_aspect", "0.8", "0.5"]),
         ({"camera.focus_mm": 30.0}, ["focus_mm", "aperture_mm"]),
         ({"camera.f_number": 2.0}, ["focal_length_mm", "together"]),
         (
@@ -221,6 +264,8 @@ def test_bad_values_are_refused_by_name(changes, named):
 LENSES = {
     "barrel": {"camera.distortion": BARREL},
     "fisheye": {"camera.lens": "fisheye", "camera.horizontal_fov_deg": 120.0},
+    "wide pixels": {"camera.pixel_aspect": 1.1},
+    "high pixels": {"camera.pixel_aspect": 0.9, "camera.distortion": BARREL},
 }
 
 

@@ -13,6 +13,7 @@ STORAGE_VARIABLE = "DESIGNLAB_STORAGE"
 
 FIDELITIES = ("fast", "standard", "reference")
 DESIGN_HELP = "preset name (see `designlab presets`) or TOML file"
+LENS_HELP = "calibration by OpenCV, ROS, Kalibr, COLMAP or a script (YAML, XML, JSON, .npz, cameras.txt)"
 MODEL_HELP = "preset name, design file, or model file written by `gap`"
 
 _DESIGNS = "designlab.app.cli.designs"
@@ -264,8 +265,24 @@ def _add_import(add: Any) -> None:
     _option(undone, "--colour-matrix M", matrix)
     sensor = command.add_argument_group("the sensor")
     _option(sensor, "--sensor DESIGN", DESIGN_HELP)
-    _option(sensor, "--lens FILE", "OpenCV calibration to put into a copy of the design")
-    _option(sensor, "--fisheye", "it was made by cv2.fisheye")
+    _option(sensor, "--lens FILE", f"{LENS_HELP}, to put into a copy of the design")
+    _lens(sensor)
+
+    lens = add(
+        "lens",
+        "designlab.app.cli.importing:lens",
+        "what a lens calibration says, and a design with this lens",
+    )
+    _option(lens, "file FILE", LENS_HELP)
+    _option(lens, "--design DESIGN", f"whose camera has this lens: {DESIGN_HELP}")
+    _option(lens, "--out FILE", "design file to write, a copy of DESIGN with this lens")
+    _lens(lens)
+
+
+def _lens(to: Any) -> None:
+    text = "size of the calibrated pictures, such as 640x480, where the lens file states none"
+    _option(to, "--lens-size WxH", text, type=_size)
+    _option(to, "--fisheye", "cv2.fisheye made the lens file, where it does not say so")
 
 
 def _add_study(add: Any) -> None:
@@ -503,6 +520,13 @@ def _point(text: str) -> tuple[float, float]:
     except ValueError:
         raise argparse.ArgumentTypeError(f"must be two numbers X,Y in mm, got {text!r}") from None
     return x, y
+
+
+def _size(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"(\d{1,6})[xX](\d{1,6})", text.strip())
+    if match is None:
+        raise argparse.ArgumentTypeError(f"must be width and height in px such as 640x480, got {text!r}")
+    return int(match[1]), int(match[2])
 
 
 def _with_negative_values(arguments: Sequence[str]) -> list[str]:

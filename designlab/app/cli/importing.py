@@ -1,4 +1,4 @@
-"""Command import: a camera's own files as linear images of a measurement folder."""
+"""Commands import and lens: a camera's own files as linear images, its calibration as a design's lens."""
 
 from argparse import Namespace
 from dataclasses import replace
@@ -34,7 +34,14 @@ def import_pictures(args: Namespace) -> Result:
             raise ValueError("--out: required, the measurement folder to make or to add to")
         fisheye = True if args.fisheye else None
         done = import_frames(
-            made, conversion, out=args.out, top=top, sensor=args.sensor, lens=args.lens, fisheye=fisheye
+            made,
+            conversion,
+            out=args.out,
+            top=top,
+            sensor=args.sensor,
+            lens=args.lens,
+            fisheye=fisheye,
+            lens_size_px=args.lens_size,
         )
         data |= {
             "measurement": str(done.folder),
@@ -42,6 +49,9 @@ def import_pictures(args: Namespace) -> Result:
             "black": list(done.black),
             "notes": list(done.notes),
         }
+        if done.lens is not None:
+            data["understood"] = [done.lens.understood]
+            lines.append(str(done.lens))
         level = ", ".join(f"{value:.4g}" for value in done.black)
         lines.append(f"{done.folder}: {len(done.files)} pictures imported")
         lines += [f"level without light taken away (share of full scale): {level}"] if level else []
@@ -49,6 +59,34 @@ def import_pictures(args: Namespace) -> Result:
     elif not args.ladder:
         raise ValueError("SOURCE: no pictures to import; or give --ladder to estimate a response")
     return Result(data, "\n".join(lines))
+
+
+def lens(args: Namespace) -> Result:
+    """Say what a lens calibration says, and write a design with it."""
+    from designlab.measurement.importing.lens_calibration import read_calibration
+    from designlab.measurement.importing.lens_file import fields_of
+    from designlab.sensor.design import DesignError, load
+
+    if args.out is not None and args.design is None:
+        raise ValueError("--design: required with --out, the design that the lens is put into")
+    fisheye = True if args.fisheye else None
+    found = read_calibration(args.file, fisheye=fisheye, size_px=args.lens_size)
+    data: dict[str, Any] = {"understood": [found.understood]}
+    lines, notes = [str(found)], found.notes
+    if args.design is not None:
+        design = load(args.design)
+        changes, notes = fields_of(found, design.camera)
+        data["fields"] = changes
+        lines += [f"{path} = {value}" for path, value in changes.items()]
+    if args.out is not None:
+        try:
+            design = design.replace(changes)
+        except DesignError as error:
+            raise DesignError(f"{args.file}: cannot be put into {args.design}: {error}") from None
+        data |= {"design": str(design.save(args.out)), "name": design.name, "digest": design.digest}
+        lines.append(f"{args.out}: {design.name}")
+    data["notes"] = list(notes)
+    return Result(data, "\n".join([*lines, *(f"note: {note}" for note in notes)]))
 
 
 def _items(args: Namespace) -> tuple[list["Item"], dict[str, Any] | None]:

@@ -15,7 +15,9 @@ from designlab.measurement.folder import load_measurement, read_description, wri
 from designlab.measurement.frames import FILE_NAME, MeasuredFrame, Measurement, MeasurementError, mesh_file
 from designlab.measurement.importing.camera_files import SUFFIXES
 from designlab.measurement.importing.conversion import Conversion, linear_picture, read, uncoloured
-from designlab.measurement.importing.lens_file import LensError, lens_fields
+from designlab.measurement.importing.lens_calibration import LensCalibration, read_calibration
+from designlab.measurement.importing.lens_file import fields_of
+from designlab.measurement.importing.lens_formats import LensError
 from designlab.sensor.design import DesignError, dumps, explain, load, preset_names
 
 Pixels = NDArray[np.float32]
@@ -41,6 +43,7 @@ class Imported(NamedTuple):
     files: tuple[str, ...]
     black: tuple[float, ...]
     notes: tuple[str, ...]
+    lens: LensCalibration | None = None
 
 
 def listed(sources: Sequence[str | Path]) -> list[Path]:
@@ -107,6 +110,7 @@ def import_frames(
     sensor: str | None = None,
     lens: str | Path | None = None,
     fisheye: bool | None = None,
+    lens_size_px: tuple[int, int] | None = None,
 ) -> Imported:
     """Convert files to linear float EXR images and write them with their metadata, or add them to a set.
 
@@ -127,9 +131,11 @@ def import_frames(
     sensor : str, optional
         Preset or design file, instead of the set's own.
     lens : path, optional
-        OpenCV calibration that is put into a copy of the design.
+        Calibration that is put into a copy of the design, see `read_calibration`.
     fisheye : bool, optional
         Whether it was made by cv2.fisheye, where the file does not say.
+    lens_size_px : tuple of int, optional
+        Width and height of the pictures that it was made from, where the file does not say.
 
     Raises
     ------
@@ -137,6 +143,7 @@ def import_frames(
         Naming file, field, rule and value. Nothing is written then.
     """
     out = Path(out)
+    calibration = None if lens is None else _calibration(lens, fisheye, lens_size_px)
     earlier = load_measurement(out) if (out / FILE_NAME).is_file() else None
     if earlier is not None and earlier.response != "linear":
         raise MeasurementError(
@@ -166,15 +173,16 @@ def import_frames(
         home = Path(staged)
         origin = earlier.folder if earlier is not None else (made[0].path.parent if top is not None else None)
         content["sensor"] = _sensor(content.get("sensor", "unknown"), sensor, origin, home, notes)
-        if lens is not None:
-            content["sensor"] = _with_lens(content["sensor"], lens, fisheye, home, notes)
+        if calibration is not None:
+            content["sensor"] = _with_lens(content["sensor"], calibration, home, notes)
         _meshes(frames, origin, home)
         try:
             measurement = Measurement.model_validate({**content, "frames": frames, "folder": home})
         except ValidationError as error:
             raise MeasurementError(f"{out}: {explain(error)}") from None
         write_measurement(measurement, images, out)
-    return Imported(out, tuple(item.frame.file for item in added), black, tuple(dict.fromkeys(notes)))
+    files = tuple(item.frame.file for item in added)
+    return Imported(out, files, black, tuple(dict.fromkeys(notes)), calibration)
 
 
 def _converted(
@@ -280,13 +288,21 @@ def _sensor(named: str, given: str | None, origin: Path | None, home: Path, note
     return named
 
 
-def _with_lens(sensor: str, lens: str | Path, fisheye: bool | None, home: Path, notes: list[str]) -> str:
+def _calibration(lens: str | Path, fisheye: bool | None, size_px: tuple[int, int] | None) -> LensCalibration:
+    try:
+        return read_calibration(lens, fisheye=fisheye, size_px=size_px)
+    except LensError as error:
+        raise MeasurementError(str(error)) from None
+
+
+def _with_lens(sensor: str, calibration: LensCalibration, home: Path, notes: list[str]) -> str:
     """Write the design with a calibrated lens beside the measurement."""
+    lens = calibration.path
     if sensor == "unknown":
         raise MeasurementError(f"{lens}: a lens is put into a design, so the sensor must be known: --sensor")
     try:
         design = load(sensor if sensor in preset_names() else home / sensor)
-        changes, said = lens_fields(lens, design.camera, fisheye=fisheye)
+        changes, said = fields_of(calibration, design.camera)
         changed = design.replace(changes)
     except LensError as error:
         raise MeasurementError(str(error)) from None

@@ -47,7 +47,7 @@ class LensDistortion(Effect):
             return design
         camera = design.camera
         half_width, focal = camera.width_px / 2, camera.focal_px * larger
-        k1 = radial / larger * (camera.focal_px / (np.hypot(camera.width_px, camera.height_px) / 2)) ** 2
+        k1 = radial / larger * (camera.focal_px / camera.half_diagonal_px) ** 2
         distortion = camera.distortion.model_copy(update={"k1": camera.distortion.k1 + float(k1)})
         if camera.lens == "pinhole":
             half = np.arctan(half_width / focal)
@@ -137,10 +137,8 @@ class VignettingEffect(Effect):
 
 def _radius(design: Design, view: View) -> Array:
     """Distance of every pixel from the axis of the lens over half the diagonal of the full sensor."""
-    column, row = view.centres()
-    x_c, y_c = design.camera.centre_px
-    half = np.hypot(design.camera.width_px, design.camera.height_px) / 2
-    return np.asarray(np.hypot(column - x_c, row - y_c) / half)
+    camera = design.camera
+    return np.asarray(camera.radius_px(*view.centres()) / camera.half_diagonal_px)
 
 
 class VeilingGlare(Effect):

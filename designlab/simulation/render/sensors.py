@@ -172,6 +172,7 @@ def perspective_of(scene: Scene) -> Scene:
         "lens": "pinhole",
         "distortion": Distortion(),
         "tilt_deg": (0.0, 0.0),
+        "pixel_aspect": 1.0,
         "horizontal_fov_deg": float(fov_deg),
     }
     pixel = view.width_px / view.columns / FINER

@@ -22,9 +22,8 @@ def seen(camera: Camera, lens: TrueLens, column: Array, row: Array) -> tuple[Arr
     if not (lens.radial or lens.magnification):
         return column, row
     x_c, y_c = camera.centre_px
-    half = np.hypot(camera.width_px, camera.height_px) / 2
     right, down = column - x_c, row - y_c
-    wanted = np.hypot(right, down) / half
+    wanted = camera.radius_px(column, row) / camera.half_diagonal_px
     r = wanted / (1 + lens.magnification)
     for _ in range(20):
         r = r - (r * (1 + lens.magnification + lens.radial * r**2) - wanted) / np.maximum(
@@ -35,7 +34,7 @@ def seen(camera: Camera, lens: TrueLens, column: Array, row: Array) -> tuple[Arr
 
 
 def disc_px(camera: Camera, lens: TrueLens) -> float:
-    """Radius of the disc of blur in pixels of the full sensor: a disc's rms for each axis is half of it."""
+    """Radius of the disc of blur in columns of the full sensor: a disc's rms for each axis is half of it."""
     return 2 * lens.blur_um / 1000 * camera.focal_px / camera.position_mm[2]
 
 
@@ -43,21 +42,23 @@ def margin(camera: Camera, lens: TrueLens, view: View) -> int:
     """Output pixels around a view that have to be known."""
     if not lens.blur_um:
         return 0
-    return int(np.ceil(disc_px(camera, lens) * view.columns / view.width_px)) + 2
+    most_px = disc_px(camera, lens) * max(1.0, camera.pixel_aspect)
+    return int(np.ceil(most_px * view.columns / view.width_px)) + 2
 
 
-def blurred(picture: Array, *, radius: float) -> Array:
-    """Blur by a uniform disc of a radius in pixels, (groups, rows, columns), continued by mirroring.
+def blurred(picture: Array, *, radius: float, aspect: float = 1.0) -> Array:
+    """Blur by a uniform disc of a radius in columns, (groups, rows, columns), continued by mirroring.
 
-    The spectrum is multiplied by that of a disc, 2 J1(k R) / (k R), which has no pixels.
+    The spectrum is multiplied by that of a disc, 2 J1(k R) / (k R), which has no pixels. These are `aspect`
+    times as wide as high, so that the disc is so many times as high in rows as it is wide in columns.
     """
     if radius <= 0:
         return picture
-    pad = int(np.ceil(radius)) + 4
+    pad = int(np.ceil(radius * max(1.0, aspect))) + 4
     rows, columns = picture.shape[1:]
     wide = np.pad(picture, ((0, 0), (pad, pad), (pad, pad)), mode="symmetric")
     k_y, k_x = (2 * np.pi * fftfreq(n) for n in wide.shape[1:])
-    z = radius * np.hypot(k_y[:, None], k_x[None, :])
+    z = radius * np.hypot(k_y[:, None] * aspect, k_x[None, :])
     disc = np.where(z < 1e-6, 1.0, 2 * j1(z) / np.maximum(z, 1e-6))
     spread = ifft2(fft2(wide) * disc).real
     return np.asarray(spread[:, pad : pad + rows, pad : pad + columns])
@@ -71,11 +72,9 @@ def falloff(camera: Camera, lens: TrueLens, view: View) -> Array:
     column, row = view.centres()
     if not lens.corner_loss:
         return np.ones(column.shape)
-    x_c, y_c = camera.centre_px
-    square = (column - x_c) ** 2 + (row - y_c) ** 2
-    half_2 = (camera.width_px**2 + camera.height_px**2) / 4
+    square = camera.radius_px(column, row) ** 2
     cosine = 1 / np.sqrt(1 + square / camera.focal_px**2)
-    power = np.log(1 - lens.corner_loss * square.max() / half_2) / np.log(cosine.min())
+    power = np.log(1 - lens.corner_loss * square.max() / camera.half_diagonal_px**2) / np.log(cosine.min())
     return np.asarray(cosine**power)
 
 
@@ -140,7 +139,8 @@ def ghosts(rig: Rig, view: View) -> Array:
         to = centre - np.array(camera.position_mm)
         right, down = camera.focal_px * to[0] / -to[2], -camera.focal_px * to[1] / -to[2]
         scale = camera.focal_px / -to[2] * GHOST_SIZE
-        u, v = column - x_c + GHOST_SIZE * right, row - y_c + GHOST_SIZE * down
+        # In widths of a pixel, whatever its height.
+        u, v = column - x_c + GHOST_SIZE * right, (row - y_c) / camera.pixel_aspect + GHOST_SIZE * down
         # Along the row of LEDs, whose direction a turn by 180 deg keeps, and across it.
         axis = across[:2] / np.hypot(*across[:2])
         along, off = u * axis[0] - v * axis[1], u * axis[1] + v * axis[0]

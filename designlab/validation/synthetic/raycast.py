@@ -149,7 +149,8 @@ class Caster:
         picture = radiance.reshape(len(radiance), wide.rows * split, wide.columns * split)
         if bent.blur_um:
             per_px = wide.columns * split / wide.width_px
-            picture = lens.blurred(picture, radius=lens.disc_px(self._rig.camera, bent) * per_px)
+            radius = lens.disc_px(self._rig.camera, bent) * per_px
+            picture = lens.blurred(picture, radius=radius, aspect=self._rig.camera.pixel_aspect)
         picture = picture.reshape(len(picture), wide.rows, split, wide.columns, split).mean(axis=(2, 4))
         picture = picture[:, self._place[0], self._place[1]] * self._falloff
         if bent.drop is not None:

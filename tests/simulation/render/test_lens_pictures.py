@@ -32,6 +32,7 @@ LENSES = {
     "barrel": {"camera.distortion": BARREL},
     "fisheye": {"camera.lens": "fisheye", "camera.horizontal_fov_deg": 120.0, "camera.distortion.k1": -0.03},
     "off centre": {"camera.principal_point_px": (1100.0, 1075.0), "camera.distortion.k1": -0.1},
+    "wide pixels": {"camera.pixel_aspect": 1.2},
     "plain off centre": {"camera.principal_point_px": (1100.0, 1075.0)},
 }
 BALL = Press(probe=parse("sphere:5"), depth_mm=0.8, centre_mm=(2.0, 1.0))
