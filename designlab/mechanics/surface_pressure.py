@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import fft
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import binary_dilation, label, maximum
 
 from designlab.core.types import Array, Mask
 from designlab.mechanics.grid_response import symbol
@@ -14,6 +14,7 @@ ITERATIONS = 300
 SETTLED = 1e-4  # change of the pressure, relative, at which it stays
 SUPPORT = 0.1  # of the depth: where the surface is lower than this, nothing touches it
 MARGIN_MM = 0.3  # around that
+PRESSED_IN = 0.3  # of the depth: a contact goes deeper somewhere
 TOUCHED = 0.03  # of the highest pressure from which a point counts as touched
 USUAL_SHARE = 0.3  # pressure over modulus of a usual press: how large pressures may be against noise
 
@@ -88,30 +89,50 @@ def pressure_under(
     if not depth > 0:
         raise ValueError("height_mm: nothing is pressed in")
     margin = max(1, round(MARGIN_MM / pitch_mm))
+    solver = _Solver(height_mm, ElasticLayer(1.0, poisson, thickness_mm), pitch_mm, noise_mm)
     support = binary_dilation(height_mm > SUPPORT * depth, iterations=margin)
-    rows, columns = height_mm.shape
-    shape = fft.next_fast_len(2 * rows, real=True), fft.next_fast_len(2 * columns, real=True)
-    response = symbol(ElasticLayer(1.0, poisson, thickness_mm), pitch_mm, *shape, "zz")
+    found = solver.solve(support)
+    # What the layer does not explain of a surface would press at the support's edge.
+    parts, count = label(found.contact)
+    peaks = maximum(height_mm, parts, range(1, count + 1))
+    kept = np.isin(parts, 1 + np.flatnonzero(np.asarray(peaks) > PRESSED_IN * depth))
+    if kept.any() and (kept != found.contact).any():
+        found = solver.solve(support & binary_dilation(kept, iterations=margin))
+    return found
 
-    def surface(pressure: Array) -> Array:
-        spectrum = fft.rfft2(pressure, s=shape)
-        return np.asarray(fft.irfft2(spectrum * response, s=shape)[:rows, :columns])
 
-    ridge = (noise_mm / USUAL_SHARE) ** 2
-    step = 1.0 / (float(np.abs(response).max()) ** 2 + ridge)
-    pressure = np.zeros_like(height_mm)
-    ahead, momentum = pressure, 1.0
-    for _ in range(ITERATIONS):
-        rest = surface(ahead) - height_mm
-        rest -= rest.mean()  # the offset that fits best
-        slope = surface(rest) + ridge * ahead
-        found = np.where(support, np.maximum(ahead - step * slope, 0.0), 0.0)
-        faster = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
-        change = found - pressure
-        ahead = found + (momentum - 1) / faster * change
-        pressure, momentum = found, faster
-        if np.linalg.norm(change) < SETTLED * np.linalg.norm(found):
-            break
-    rest = height_mm - surface(pressure)
-    offset = float(rest.mean())
-    return SurfacePressure(pressure, offset, float((rest - offset).std()), pitch_mm)
+class _Solver:
+    """Pressures within a support that give one surface its shape."""
+
+    def __init__(self, height_mm: Array, layer: ElasticLayer, pitch_mm: float, noise_mm: float) -> None:
+        self.height, self.pitch = height_mm, pitch_mm
+        rows, columns = height_mm.shape
+        self.shape = fft.next_fast_len(2 * rows, real=True), fft.next_fast_len(2 * columns, real=True)
+        self.response = symbol(layer, pitch_mm, *self.shape, "zz")
+        self.ridge = (noise_mm / USUAL_SHARE) ** 2
+        self.step = 1.0 / (float(np.abs(self.response).max()) ** 2 + self.ridge)
+
+    def surface(self, pressure: Array) -> Array:
+        """Surface under a pressure (mm)."""
+        rows, columns = self.height.shape
+        spectrum = fft.rfft2(pressure, s=self.shape)
+        return np.asarray(fft.irfft2(spectrum * self.response, s=self.shape)[:rows, :columns])
+
+    def solve(self, support: Mask) -> SurfacePressure:
+        """Pressure that is 0 outside a support."""
+        pressure = np.zeros_like(self.height)
+        ahead, momentum = pressure, 1.0
+        for _ in range(ITERATIONS):
+            rest = self.surface(ahead) - self.height
+            rest -= rest.mean()  # the offset that fits best
+            slope = self.surface(rest) + self.ridge * ahead
+            found = np.where(support, np.maximum(ahead - self.step * slope, 0.0), 0.0)
+            faster = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
+            change = found - pressure
+            ahead = found + (momentum - 1) / faster * change
+            pressure, momentum = found, faster
+            if np.linalg.norm(change) < SETTLED * np.linalg.norm(found):
+                break
+        rest = self.height - self.surface(pressure)
+        offset = float(rest.mean())
+        return SurfacePressure(pressure, offset, float((rest - offset).std()), self.pitch)

@@ -86,6 +86,7 @@ def test_folders_of_others_are_left_alone(quick, tmp_path):
 
 @pytest.mark.renders
 @pytest.mark.slow
+@pytest.mark.full  # the tutorial's test walks the same way in every run
 def test_the_whole_job_and_what_it_says(tmp_path, monkeypatch, capfd):
     (name,) = demo.HIDDEN
     monkeypatch.setattr(demo, "TRIED", (name, "vignetting", "black_level"))
