@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from designlab.optimization.study.sweep import optimise as optimise
     from designlab.optimization.study.sweep import sweep as sweep
     from designlab.optimization.tolerance import tolerance as tolerance
+    from designlab.reconstruction.reconstructor import Reconstructor as Reconstructor
     from designlab.report.evaluation_folder import evaluate as evaluate
     from designlab.sensor.design import Design as Design
     from designlab.sensor.design import load as load
@@ -53,6 +54,7 @@ _HOMES = {
     "Surface": "designlab.simulation.contact.surface",
     "render": "designlab.simulation.simulator",
     "Score": "designlab.evaluation.evaluate",
+    "Reconstructor": "designlab.reconstruction.reconstructor",
     "evaluate": "designlab.report.evaluation_folder",
     "sweep": "designlab.optimization.study",
     "optimise": "designlab.optimization.study",
