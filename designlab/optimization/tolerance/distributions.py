@@ -76,7 +76,8 @@ def default_spreads(design: Design) -> tuple[Spread, ...]:
     add("optics.membrane_albedo", 0.05, "sprayed coating (estimate)", relative=True)
     dome = design.elastomer.shape == "dome"
     # The membrane is the origin: a thicker gel moves all above it away.
-    above = ("leds.height_mm", "camera.position_mm.2", *(("elastomer.radius_mm",) if dome else ()))
+    heights = ("leds.height_mm", *(f"leds.groups.{k}.height_mm" for k in design.leds.own("height_mm")))
+    above = (*heights, "camera.position_mm.2", *(("elastomer.radius_mm",) if dome else ()))
     add("elastomer.thickness_mm", 0.1, "gel cast in a printed mould (estimate)", also=above)
     if dome:
         mould = "printed or turned mould, 0.5 % of the radius (estimate)"
