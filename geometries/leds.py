@@ -1,6 +1,6 @@
 """The LED array: emitters on a ring or along the edges, grouped into colour channels."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator
 from math import cos, radians, sin
 from typing import TYPE_CHECKING, Literal, NamedTuple, Self
 
@@ -14,6 +14,16 @@ if TYPE_CHECKING:
 
 
 Vector = tuple[float, float, float]
+SAME_PLACE = 1e-6  # mm, and parts of a unit vector: LEDs that differ by less share one package
+
+
+class Placement(NamedTuple):
+    """Where the rows of a group stand; the fields of `LedArray` say what each means."""
+
+    radius_mm: float
+    height_mm: float
+    tilt_deg: float
+    pitch_mm: float
 
 
 class LedGroup(Spec):
@@ -35,6 +45,18 @@ class LedGroup(Spec):
     """Angular profile of this group's LEDs; the array's when absent."""
     part: str | None = Field(None, min_length=1, max_length=80)
     """Part of the LED library that fills wavelength, width, flux and profile where not given."""
+    radius_mm: float | None = quantity(None, unit="mm", gt=0, le=200)
+    """Distance of this group's emitting faces from the axis, at the row's middle; the array's when absent."""
+    height_mm: float | None = quantity(None, unit="mm", ge=-50, le=200)
+    """Height of this group's emitting faces above the membrane plane; the array's when absent."""
+    tilt_deg: float | None = quantity(None, unit="deg", ge=-90, le=90)
+    """Inclination of this group's emitting direction towards the membrane; the array's when absent."""
+    pitch_mm: float | None = quantity(None, unit="mm", gt=0, le=100)
+    """Distance between neighbouring LEDs of this group's rows; the array's when absent."""
+    offset_mm: tuple[float, float] | None = None
+    """Where the emitting strips lie on the front of the package, from their places in leds.emitting_spans_mm:
+    (along the row, counter-clockwise; along the height, towards the membrane), mm. Chips of one package may
+    lie apart; at their places when absent."""
 
 
 class LedArray(Spec):
@@ -85,7 +107,8 @@ class LedArray(Spec):
         names = [group.name for group in self.groups]
         if len(set(names)) != len(names):
             raise ValueError(f"groups: names must differ, got {names}")
-        for low, high in self.emitting_spans_mm:
+        spans = self.emitting_spans_mm
+        for low, high in spans:
             if not low < high:
                 raise ValueError(
                     f"emitting_spans_mm: each strip runs from low to high, got ({low:g}, {high:g}) mm"
@@ -100,6 +123,17 @@ class LedArray(Spec):
                 f"emitting_width_mm: must not exceed body_width_mm ({self.body_width_mm:g} mm), "
                 f"is {self.emitting_width_mm:g} mm"
             )
+        for index, group in enumerate(self.groups):
+            along, down = group.offset_mm or (0.0, 0.0)
+            ends = [abs(end + down) for span in self.emitting_spans_mm for end in span]
+            if (
+                abs(along) + self.emitting_width_mm / 2 > self.body_width_mm / 2 + 1e-9
+                or max(ends) > self.body_height_mm / 2 + 1e-9
+            ):
+                raise ValueError(
+                    f"groups.{index}.offset_mm: the strips of group {group.name!r} must stay on the body of "
+                    f"{self.body_width_mm:g} x {self.body_height_mm:g} mm, got ({along:g}, {down:g}) mm"
+                )
         if self.package == "spot":
             for index, group in enumerate(self.groups):
                 power = self.profile_of(index).power
@@ -115,14 +149,29 @@ class LedArray(Spec):
         own = self.groups[group].profile
         return self.profile if own is None else own
 
+    def placement_of(self, group: int) -> Placement:
+        """Where the rows of a group, given by its index, stand: its own figures, else the array's."""
+        own = self.groups[group]
+        return Placement(
+            *(
+                getattr(self, name) if getattr(own, name) is None else getattr(own, name)
+                for name in Placement._fields
+            )
+        )
+
+    def own(self, field: str) -> dict[int, float]:
+        """Figures of a field of `Placement` that groups have of their own, by index of the group."""
+        found = ((index, getattr(group, field)) for index, group in enumerate(self.groups))
+        return {index: value for index, value in found if value is not None}
+
 
 class Emitter(NamedTuple):
     """One flat emitting rectangle in the sensor frame.
 
     `centre_mm`, unit vectors `normal` (emitting direction), `across` (along the row) and `down` (along the
-    package's height, towards the membrane), half sizes in mm along `across` and `down`, and the index of its
-    group. (across, down, normal) is right-handed: across x down = normal; `across` points counter-clockwise
-    around the axis.
+    package's height, towards the membrane), half sizes in mm along `across` and `down`, the index of its
+    group, and that of the body that carries it. (across, down, normal) is right-handed: across x down =
+    normal; `across` points counter-clockwise around the axis.
     """
 
     group: int
@@ -132,6 +181,7 @@ class Emitter(NamedTuple):
     down: Vector
     half_width_mm: float
     half_height_mm: float
+    body: int
 
     @property
     def area_mm2(self) -> float:
@@ -143,10 +193,10 @@ class Body(NamedTuple):
     """Box of one package or board in the sensor frame; its front face carries the emitting strips.
 
     `centre_mm` is the centre of the box, `half_mm` its half sizes along `across`, `down` and `normal`, which
-    are the axes of its emitters.
+    are the axes of its emitters; `groups` are the indices of the groups whose LEDs it holds.
     """
 
-    group: int
+    groups: tuple[int, ...]
     centre_mm: Vector
     normal: Vector
     across: Vector
@@ -160,25 +210,60 @@ def emitters(array: LedArray) -> tuple[Emitter, ...]:
     The order is: groups, their azimuths, the LEDs of a row counter-clockwise, the strips of an LED.
     """
     found = []
-    for group, face, normal, across, down in _faces(array):
+    for group, body, seat in _leds(array):
+        along_mm, down_mm = array.groups[group].offset_mm or (0.0, 0.0)
+        face = _shifted(seat.face, seat.across, along_mm) if along_mm else seat.face
         for low, high in array.emitting_spans_mm:
-            centre = _shifted(face, down, (low + high) / 2)
+            centre = _shifted(face, seat.down, (low + high) / 2 + down_mm)
             half = array.emitting_width_mm / 2, (high - low) / 2
-            found.append(Emitter(group, centre, normal, across, down, *half))
+            found.append(Emitter(group, centre, seat.normal, seat.across, seat.down, *half, body))
     return tuple(found)
 
 
 def bodies(array: LedArray) -> tuple[Body, ...]:
-    """Box of every LED in the sensor frame, one per LED, in the order of `emitters`."""
+    """Box of every package in the sensor frame, in the order of the first of its `emitters`.
+
+    LEDs of different groups at the same place, turned alike, share one package.
+    """
     half = array.body_width_mm / 2, array.body_height_mm / 2, array.body_thickness_mm / 2
+    seats: list[_Seat] = []
+    groups: list[list[int]] = []
+    for group, body, seat in _leds(array):
+        if body == len(seats):
+            seats.append(seat)
+            groups.append([])
+        groups[body].append(group)
     return tuple(
-        Body(group, _shifted(face, normal, -array.body_thickness_mm / 2), normal, across, down, half)
-        for group, face, normal, across, down in _faces(array)
+        Body(
+            tuple(held),
+            _shifted(seat.face, seat.normal, -array.body_thickness_mm / 2),
+            seat.normal,
+            seat.across,
+            seat.down,
+            half,
+        )
+        for held, seat in zip(groups, seats, strict=True)
     )
 
 
+def joined_groups(packages: Iterable[Collection[int]]) -> list[tuple[int, ...]]:
+    """Groups that cannot move apart, since packages hold LEDs of several: sets of their indices, ascending.
+
+    Parameters
+    ----------
+    packages : iterable of collection of int
+        Groups that each package holds, see `Body`.
+    """
+    joined: list[set[int]] = []
+    for held in packages:
+        touched = [each for each in joined if each & set(held)]
+        joined = [each for each in joined if each not in touched]
+        joined.append(set(held).union(*touched))
+    return sorted(tuple(sorted(each)) for each in joined)
+
+
 def solids(array: LedArray) -> "list[cadquery.Solid]":
-    """Build the box of every LED as a CadQuery solid in the sensor frame (mm), in the order of `bodies`."""
+    """Build every package as a CadQuery solid in the sensor frame (mm), in the order of `bodies`."""
     import cadquery
 
     boxes = []
@@ -200,21 +285,51 @@ def solid(array: LedArray) -> "cadquery.Workplane":
     return cadquery.Workplane(obj=cadquery.Compound.makeCompound(solids(array)))
 
 
-def _faces(array: LedArray) -> Iterator[tuple[int, Vector, Vector, Vector, Vector]]:
-    """Yield group index, centre of the front face (mm), normal, across and down of every LED."""
-    c, s = cos(radians(array.tilt_deg)), sin(radians(array.tilt_deg))
+class _Seat(NamedTuple):
+    """Centre of a package's front face (mm), and its axes."""
+
+    face: Vector
+    normal: Vector
+    across: Vector
+    down: Vector
+
+    @property
+    def key(self) -> tuple[int, ...]:
+        """Equal for seats that are the same to `SAME_PLACE`."""
+        return tuple(round(c / SAME_PLACE) for axis in (self.face, self.normal, self.across) for c in axis)
+
+
+def _leds(array: LedArray) -> Iterator[tuple[int, int, _Seat]]:
+    """Yield every LED: index of its group, number of the package that holds it, where that sits."""
+    there: dict[tuple[int, ...], list[tuple[int, set[int]]]] = {}
+    count = 0
+    for group, seat in _seats(array):
+        packages = there.setdefault(seat.key, [])
+        # Two LEDs of one group are two packages, which then overlap.
+        number = next((n for n, held in packages if group not in held), None)
+        if number is None:
+            number, count = count, count + 1
+            packages.append((number, set()))
+        next(held for n, held in packages if n == number).add(group)
+        yield group, number, seat
+
+
+def _seats(array: LedArray) -> Iterator[tuple[int, _Seat]]:
+    """Yield the index of the group of every LED, and where the LED sits."""
     for index, group in enumerate(array.groups):
+        radius_mm, height_mm, tilt_deg, pitch_mm = array.placement_of(index)
+        c, s = cos(radians(tilt_deg)), sin(radians(tilt_deg))
         for azimuth_deg in group.azimuth_deg:
             for place in range(group.count):
-                along_mm = (place - (group.count - 1) / 2) * array.pitch_mm
+                along_mm = (place - (group.count - 1) / 2) * pitch_mm
                 azimuth = radians(azimuth_deg)
                 if array.layout == "ring":
-                    azimuth += along_mm / array.radius_mm
+                    azimuth += along_mm / radius_mm
                     along_mm = 0.0
                 radial, across = (cos(azimuth), sin(azimuth), 0.0), (-sin(azimuth), cos(azimuth), 0.0)
                 normal, down = (-c * radial[0], -c * radial[1], -s), (s * radial[0], s * radial[1], -c)
-                face = (array.radius_mm * radial[0], array.radius_mm * radial[1], array.height_mm)
-                yield index, _shifted(face, across, along_mm), normal, across, down
+                face = (radius_mm * radial[0], radius_mm * radial[1], height_mm)
+                yield index, _Seat(_shifted(face, across, along_mm), normal, across, down)
 
 
 def _shifted(point: Vector, direction: Vector, distance_mm: float) -> Vector:

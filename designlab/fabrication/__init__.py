@@ -44,7 +44,7 @@ from geometries.probes import Probe
 if TYPE_CHECKING:
     import cadquery
 
-__all__ = ["FileCheck", "export", "led_colour", "parts"]
+__all__ = ["FileCheck", "export", "led_colour", "package_colour", "parts"]
 
 PROGRAMS = ("designlab", "cadquery", "cadquery-ocp", "trimesh", "pymeshlab")
 """Distributions that make the files, whose versions the manifest states."""
@@ -249,11 +249,10 @@ def _write_assembly(design: Design, folder: Path, shapes: Mapping[str, "cadquery
         assembly.add(shapes[name], name=name, color=cadquery.Color(*rgba))
     array = cadquery.Assembly(name="led_array")
     for number, body in enumerate(bodies(design.leds)):
-        group = design.leds.groups[body.group]
-        colour = cadquery.Color(*led_colour(group.wavelength_nm), 1.0)
-        array.add(
-            shapes["led_array"].Solids()[number], name=f"led_{number + 1:03d}_{group.name}", color=colour
-        )
+        groups = [design.leds.groups[index] for index in body.groups]
+        colour = cadquery.Color(*package_colour([group.wavelength_nm for group in groups]), 1.0)
+        name = "_".join([f"led_{number + 1:03d}", *(group.name for group in groups)])
+        array.add(shapes["led_array"].Solids()[number], name=name, color=colour)
     assembly.add(array)
     path = folder / "assembly.step"
     assembly.export(str(path))
@@ -278,6 +277,12 @@ def led_colour(wavelength_nm: float) -> tuple[float, float, float]:
     )
     wavelengths, colours = zip(*stops, strict=True)
     r, g, b = (float(np.interp(wavelength_nm, wavelengths, part)) for part in zip(*colours, strict=True))
+    return r, g, b
+
+
+def package_colour(wavelengths_nm: Sequence[float]) -> tuple[float, float, float]:
+    """Display colour (sRGB, 0..1) of a package: the mean of the colours it holds."""
+    r, g, b = np.mean([led_colour(wavelength) for wavelength in wavelengths_nm], axis=0).tolist()
     return r, g, b
 
 

@@ -41,9 +41,15 @@ def parts(design: Design, *, probe_list: Sequence[Probe] = ()) -> dict[str, "cad
     Returns
     -------
     dict of str to cadquery.Shape
-        ``gelcore`` (with the cavities of LEDs cast into it), ``elastomer``, ``led_array`` (one solid a LED),
-        ``housing``, ``mould_cavity`` and ``mould_lid`` in the sensor frame (mm), and the probes.
+        ``gelcore`` (with the cavities of LEDs cast into it), ``elastomer``, ``led_array`` (one solid a
+        package), ``housing``, ``mould_cavity`` and ``mould_lid`` in the sensor frame (mm), and the probes.
+
+    Raises
+    ------
+    InfeasibleDesign
+        If a part has no shape, see `designlab.sensor.feasibility.SHAPED`.
     """
+    design.require_shapes()
     gel = _shape(elastomer.solid(design.elastomer))
     core = _shape(gelcore.solid(design.gelcore).translate((0, 0, design.elastomer.thickness_mm)))
     if design.leds.coupling == "embedded":

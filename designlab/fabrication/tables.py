@@ -4,6 +4,7 @@ import csv
 import math
 import textwrap
 import tomllib
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from designlab.sensor.design import Design
 from designlab.sensor.led_catalogue import part
-from geometries.leds import emitters
+from geometries.leds import bodies, emitters
 
 if TYPE_CHECKING:
     import cadquery
@@ -36,7 +37,7 @@ CASTING_SURPLUS = 1.3
 
 def led_rows(design: Design) -> list[dict[str, Any]]:
     """One row an emitting strip: group, LED, place, direction, wavelength and share of the group's flux."""
-    strips = len(design.leds.emitting_spans_mm)
+    strips = len(design.leds.emitting_spans_mm)  # the LED is the package's number, as in the assembly
     flux = "relative_flux" if design.leds.relative_flux else "flux_mw"
     found = emitters(design.leds)
     area = [0.0] * len(design.leds.groups)
@@ -49,7 +50,7 @@ def led_rows(design: Design) -> list[dict[str, Any]]:
         rows.append(
             {
                 "group": group.name,
-                "led": index // strips + 1,
+                "led": emitter.body + 1,
                 "strip": index % strips + 1,
                 "x_mm": x,
                 "y_mm": y,
@@ -67,7 +68,10 @@ def led_rows(design: Design) -> list[dict[str, Any]]:
 
 
 def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[str, Any]]:
-    """Bill of materials: each part with count, material, volume (ml) and mass (g), then what is bought."""
+    """Bill of materials: each part with count, material, volume (ml) and mass (g), then what is bought.
+
+    LEDs are counted in packages: one that groups share is one row, with a channel for each.
+    """
     clear = {"gelcore": design.optics.gelcore_material, "elastomer": design.optics.elastomer_material}
     rows = []
     for name, shape in shapes.items():
@@ -85,14 +89,18 @@ def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[st
     rows.append(_row("membrane", 1, coating, None, None, "see optics.membrane_albedo"))
     leds = design.leds
     board = f"{leds.body_width_mm:g} x {leds.body_height_mm:g} x {leds.body_thickness_mm:g} mm"
-    for group in leds.groups:
-        count = group.count * len(group.azimuth_deg)
-        flux = "relative, no power is known" if leds.relative_flux else f"{group.flux_mw / count:.4g} mW each"
-        text = f"{group.wavelength_nm:g} nm {leds.package}, {board}, {flux}"
-        bought = group.part or leds.part
-        if bought is not None:
-            text = f"{part(bought).maker} {part(bought).number}, {text}"
-        rows.append(_row(f"led_{group.name}", count, text, None, None, "places in leds.csv"))
+    packages = Counter(body.groups for body in bodies(leds))
+    for held, count in packages.items():
+        groups = [leds.groups[index] for index in held]
+        each = [f"{g.flux_mw / (g.count * len(g.azimuth_deg)):.4g}" for g in groups]
+        flux = "relative, no power is known" if leds.relative_flux else f"{_listed(each)} mW each"
+        text = f"{_listed([f'{g.wavelength_nm:g}' for g in groups])} nm {leds.package}, {board}, {flux}"
+        bought = [name for name in dict.fromkeys(g.part or leds.part for g in groups) if name is not None]
+        if bought:
+            text = f"{_listed([f'{part(name).maker} {part(name).number}' for name in bought])}, {text}"
+        item = "_".join(["led", *(g.name for g in groups)])
+        note = "places in leds.csv" if len(held) == 1 else f"{len(held)} channels; places in leds.csv"
+        rows.append(_row(item, count, text, None, None, note))
     camera = design.camera
     text = (
         f"{camera.width_px} x {camera.height_px} px, {camera.horizontal_fov_deg:g} deg horizontal, "
@@ -101,6 +109,12 @@ def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[st
     place = ", ".join(f"{value:g}" for value in camera.position_mm)
     rows.append(_row("camera", 1, text, None, None, f"entrance pupil at ({place}) mm, looks along -z"))
     return rows
+
+
+def _listed(texts: Sequence[str]) -> str:
+    """Texts in a row: a, b and c."""
+    *others, last = texts
+    return f"{', '.join(others)} and {last}" if others else last
 
 
 def _row(

@@ -20,7 +20,7 @@ from designlab.sensor import led_catalogue
 from designlab.sensor.camera import Camera, View
 from designlab.sensor.contact import CONTACT_MODELS, Contact, ContactModelAssumed, LayerContact, with_model
 from designlab.sensor.design_fields import commented, described, nearest
-from designlab.sensor.feasibility import RULES, SEEN, margins
+from designlab.sensor.feasibility import RULES, SEEN, margins, shape_margins
 from designlab.sensor.optical_constants import material
 from designlab.sensor.optical_properties import Optics
 from designlab.sensor.refraction import Glass, tangents_through
@@ -429,10 +429,19 @@ class Design(Spec):
     def require_feasible(self, *, as_built: bool = False) -> None:
         """Raise `InfeasibleDesign` that names every violated rule, see `broken`, and by how much."""
         if broken := self.broken(as_built=as_built):
-            reasons = "; ".join(
-                f"{rule}: {RULES[rule]} (violated by {margin:.3g} mm)" for rule, margin in broken.items()
-            )
-            raise InfeasibleDesign(f"design {self.name!r} is infeasible: {reasons}", broken)
+            raise self._refusal(broken)
+
+    def require_shapes(self) -> None:
+        """Raise `InfeasibleDesign` if a part has no shape, whatever else is allowed: a rule of `SHAPED`."""
+        found = shape_margins(self.gelcore, self.elastomer)
+        if broken := {rule: margin for rule, margin in found.items() if margin > 0}:
+            raise self._refusal(broken)
+
+    def _refusal(self, broken: Mapping[str, float]) -> InfeasibleDesign:
+        reasons = "; ".join(
+            f"{rule}: {RULES[rule]} (violated by {margin:.3g} mm)" for rule, margin in broken.items()
+        )
+        return InfeasibleDesign(f"design {self.name!r} is infeasible: {reasons}", broken)
 
 
 Design.__doc__ = f"{Design.__doc__}\n    Notes\n    -----\n    Every field:\n\n{described(Design)}\n"

@@ -13,10 +13,16 @@ from designlab.sensor.led_mounting import face_corners, sides
 from designlab.sensor.parts import Parts
 from designlab.sensor.refraction import apparent_distance_mm, apparent_tangent
 from geometries import elastomer, gelcore
+from geometries.elastomer import Elastomer
+from geometries.gelcore import Gelcore
 from geometries.leds import Body, bodies, emitters
 
 MINIMUM_WALL_MM = 0.8  # two lines of a 0.4 mm nozzle: the thinnest wall that common printers close reliably
 MINIMUM_GEL_MM = 0.5  # thinner gels tear when they are taken out of the mould
+LEAST_TOP_MM = 1.0  # width of a drafted core at the window: its sides must not meet below
+LEAST_SIDE_MM = 0.1  # height of a dome core's side, which light enters through: a printer's layer
+FORGIVEN_MM = 0.01  # of two spheres: what a mould reproduces; more means a gel of uneven thickness
+FORGIVEN_MM3 = 0.3  # that a core cuts into its gel; an export checks for less than 1 mm3
 
 RULES: dict[str, str] = {
     "leds_inside_housing": "every LED body lies inside the housing's inner radius",
@@ -24,13 +30,18 @@ RULES: dict[str, str] = {
     "leds_above_membrane": "every LED body lies above the membrane plane",
     "leds_clear_of_core": "no LED body reaches into gelcore or elastomer; the emitting face of a bonded one "
     "lies on a side of the gelcore within leds.glue_mm; embedded ones lie wholly inside the gelcore",
-    "leds_clear_of_each_other": "LED bodies do not overlap",
+    "leds_clear_of_each_other": "LED bodies do not overlap; LEDs of different groups share one where place "
+    "and tilt are the same",
     "leds_outside_view": "no LED body stands between the camera and the sensing area",
     "core_inside_housing": "gelcore and elastomer fit into the housing",
     "core_below_plate": "the gelcore ends below the camera plate",
     "elastomer_on_core": "the elastomer does not reach beyond the gelcore",
+    "core_sides": f"a gelcore whose sides are drafted is at least {LEAST_TOP_MM:g} mm wide at the window",
+    "core_radius": "gelcore.radius_mm of a dome is at least half of gelcore.width_mm",
+    "core_height": "gelcore.height_mm of a dome exceeds the height of its spherical cap by "
+    f"{LEAST_SIDE_MM} mm or more",
     "cavity_in_core": f"around a hollow the gelcore is at least {MINIMUM_WALL_MM} mm thick",
-    "dome_radius": "a dome's radius exceeds half its width",
+    "dome_radius": "elastomer.radius_mm of a dome is at least half of elastomer.width_mm",
     "dome_core": "gelcore and elastomer of a dome are concentric spheres",
     "sensing_area_on_membrane": "the sensing area lies on the membrane",
     "camera_sees_membrane": "the sensing area lies inside the camera's field of view",
@@ -49,11 +60,33 @@ A sensor that was built a little off its drawing may break them and works all th
 much of the sensing area it has lost.
 """
 
+SHAPED = ("core_sides", "core_radius", "core_height", "dome_radius")
+"""Rules without which a part has no shape: such a design can be neither laid out, drawn nor made."""
+
 
 def margins(design: Parts) -> dict[str, float]:
     """Signed distance to every rule in `RULES` that applies to the design, in mm; positive means violated."""
     values = _led_margins(design) | _body_margins(design) | _camera_margins(design)
-    return {rule: float(values[rule]) for rule in RULES if math.isfinite(values[rule])}
+    # A rule that does not apply has the margin -inf; one that cannot be told is not met.
+    told = {rule: math.inf if math.isnan(values[rule]) else float(values[rule]) for rule in RULES}
+    return {rule: margin for rule, margin in told.items() if margin > -math.inf}
+
+
+def shape_margins(core: Gelcore, gel: Elastomer) -> dict[str, float]:
+    """Margins of `SHAPED`; -inf where a rule does not apply."""
+    found = dict.fromkeys(SHAPED, -math.inf)
+    if gel.radius_mm is not None:
+        found["dome_radius"] = gel.width_mm / 2 - gel.radius_mm
+    if core.radius_mm is None:
+        across = core.width_mm if core.shape != "slab" else min(core.width_mm, core.length_mm)
+        top_mm = across - 2 * core.height_mm * math.tan(math.radians(core.draft_deg))
+        return found | {"core_sides": LEAST_TOP_MM - top_mm}
+    rim = min(core.width_mm / 2, core.radius_mm)
+    cap_mm = core.radius_mm - math.sqrt(core.radius_mm**2 - rim**2)
+    return found | {
+        "core_radius": core.width_mm / 2 - core.radius_mm,
+        "core_height": cap_mm + LEAST_SIDE_MM - core.height_mm,
+    }
 
 
 def _led_margins(design: Parts) -> dict[str, float]:
@@ -232,12 +265,10 @@ def _body_margins(design: Parts) -> dict[str, float]:
     core, gel, housing = design.gelcore, design.elastomer, design.housing
     core_polygon = gelcore.polygon(core)
     gel_polygon = elastomer.polygon(gel)
-    dome_radius, dome_core = -math.inf, -math.inf
-    if gel.shape == "dome" and gel.radius_mm is not None:
-        dome_radius = gel.width_mm / 2 - gel.radius_mm
-        if core.shape == "dome" and core.radius_mm is not None:
-            # 10 um is what a mould reproduces; a larger difference means a gel of uneven thickness.
-            dome_core = abs(core.radius_mm - (gel.radius_mm - gel.thickness_mm)) - 0.01
+    dome_core = -math.inf
+    if gel.radius_mm is not None:
+        if core.radius_mm is not None:
+            dome_core = _off_concentric(core, core.radius_mm, gel.radius_mm - gel.thickness_mm)
         else:
             dome_core = gel.radius_mm  # a flat core under a dome gel: not concentric at all
     reach = max(np.hypot(*core_polygon.T).max(), np.hypot(*gel_polygon.T).max())
@@ -245,12 +276,23 @@ def _body_margins(design: Parts) -> dict[str, float]:
         "core_inside_housing": float(reach) - housing.inner_radius_mm,
         "core_below_plate": _window_mm(design) - housing.top_mm,
         "elastomer_on_core": _beyond(gel_polygon, core_polygon),
+        **shape_margins(core, gel),
         "cavity_in_core": _thinnest_beside_cavity(design),
-        "dome_radius": dome_radius,
         "dome_core": dome_core,
         "minimum_wall": MINIMUM_WALL_MM - min(housing.wall_mm, housing.plate_mm),
         "minimum_gel": MINIMUM_GEL_MM - elastomer.thinnest_mm(gel),
     }
+
+
+def _off_concentric(core: Gelcore, radius_mm: float, inner_mm: float) -> float:
+    """How far the radius of a dome core is from that of the gel's inner sphere, beyond what is forgiven."""
+    larger_mm = radius_mm - inner_mm
+    rim = min(core.width_mm / 2, inner_mm)
+    # The core's sphere touches the gel's on the axis. Where it is larger it cuts into the gel, for each mm of
+    # radius by this volume: the integral of R / sqrt(R^2 - r^2) - 1 over the disc of the rim.
+    each_mm2 = math.pi * (inner_mm * (inner_mm - math.sqrt(inner_mm**2 - rim**2)) - rim**2 / 2)
+    cutting = larger_mm - FORGIVEN_MM3 / max(each_mm2, 1e-9)
+    return max(abs(larger_mm) - FORGIVEN_MM, cutting)
 
 
 def _thinnest_beside_cavity(design: Parts) -> float:

@@ -84,10 +84,9 @@ def seated(design: Parts) -> tuple[list[Body], list[Emitter]]:
         return boxes, strips
     planes = sides(design)
     ways = [planes.onto_mm(box) for box in boxes]
-    each = len(design.leds.emitting_spans_mm)
     return (
         [_moved(box, way) for box, way in zip(boxes, ways, strict=True)],
-        [_moved(strip, ways[index // each]) for index, strip in enumerate(strips)],
+        [_moved(strip, ways[strip.body]) for strip in strips],
     )
 
 

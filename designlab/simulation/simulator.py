@@ -173,6 +173,7 @@ class Simulator:
         self.like = None if like is None else SensorModel.of(like)
         self.model = SensorModel.of(model)
         self.design = self.model.effective_design()
+        self.design.require_shapes()
         self.view = view or self.design.view(columns)
         self.samples = samples
         self.seed = seed
@@ -438,7 +439,10 @@ def render(
 
     Raises
     ------
+    InfeasibleDesign
+        If the design breaks a rule.
     RenderFailed
         If no light reaches the camera, or what was rendered is no picture.
     """
+    SensorModel.of(design).effective_design().require_feasible()
     return Simulator(design, columns=columns, samples=samples, seed=seed).frame(press)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from geometries.leds import Emitter, LedArray, LedGroup, bodies, emitters
+from geometries.leds import Emitter, LedArray, LedGroup, bodies, emitters, joined_groups
 
 PANELS = LedArray(
     package="panel",
@@ -124,4 +124,102 @@ def test_emitters_are_flush_with_the_front_of_their_body(leds: LedArray) -> None
         np.testing.assert_allclose(local[:, 2], leds.body_thickness_mm / 2, atol=1e-12)
         assert (np.abs(local[:, 0]) <= leds.body_width_mm / 2 + 1e-9).all()
         assert (np.abs(local[:, 1]) <= leds.body_height_mm / 2 + 1e-9).all()
-        assert bodies(leds)[index // strips].group == emitter.group
+        assert bodies(leds)[index // strips].groups == (emitter.group,)
+        assert emitter.body == index // strips
+
+
+def rgb(**groups: dict[str, object]) -> LedArray:
+    """Three colours in each of four packages, but for what groups have of their own."""
+    return LedArray.model_validate(
+        {
+            "groups": [
+                {"name": name, "azimuth_deg": [0.0, 180.0], "count": 2} | groups.get(name, {})
+                for name in ("red", "green", "blue")
+            ],
+            "radius_mm": 14.0,
+            "emitting_width_mm": 1.0,
+            "emitting_spans_mm": ((-0.5, 0.5),),
+        }
+    )
+
+
+@pytest.mark.parametrize("layout", ["edge", "ring"])
+@pytest.mark.parametrize("tilt_deg", [0.0, 35.0, 90.0])
+def test_groups_at_one_place_share_a_package(layout: str, tilt_deg: float) -> None:
+    shared = rgb().model_copy(update={"layout": layout, "tilt_deg": tilt_deg})
+    alone = shared.model_copy(update={"groups": shared.groups[:1]})
+    boxes, faces = bodies(shared), emitters(shared)
+    assert [box.groups for box in boxes] == [(0, 1, 2)] * 4
+    assert [box._replace(groups=(0,)) for box in boxes] == list(bodies(alone))
+    for group in range(3):
+        own = [face._replace(group=0) for face in faces if face.group == group]
+        assert own == list(emitters(alone))
+
+
+def test_azimuths_that_differ_by_turns_are_one_place() -> None:
+    found = bodies(rgb(green={"azimuth_deg": [360.0, -180.0]}, blue={"azimuth_deg": [180.0, 720.0]}))
+    assert [box.groups for box in found] == [(0, 1, 2)] * 4
+
+
+def test_some_packages_may_hold_fewer_colours() -> None:
+    found = bodies(rgb(green={"azimuth_deg": [0.0]}, blue={"azimuth_deg": [180.0, 90.0]}))
+    assert [box.groups for box in found] == [(0, 1), (0, 1), (0, 2), (0, 2), (2,), (2,)]
+    assert joined_groups(box.groups for box in found) == [(0, 1, 2)]
+    assert joined_groups([(0, 3), (1,), (2, 3), (4, 1)]) == [(0, 2, 3), (1, 4)]
+
+
+def test_two_leds_of_one_group_share_nothing() -> None:
+    assert [box.groups for box in bodies(rgb(red={"azimuth_deg": [0.0, 0.0]}))].count((0,)) == 2
+
+
+@pytest.mark.parametrize(
+    ("offset", "moved"), [((0.8, 0.0), (0.0, 0.8, 0.0)), ((-1.0, 0.5), (0.0, -1.0, -0.5)), (None, (0.0,) * 3)]
+)
+def test_chips_lie_apart_on_their_package(
+    offset: tuple[float, float] | None, moved: tuple[float, float, float]
+) -> None:
+    """At azimuth 0 the row runs along +y, the package's height down along -z."""
+    plain, shifted = rgb(), rgb(green={"offset_mm": offset})
+    assert bodies(shifted) == bodies(plain)
+    for before, after in zip(emitters(plain), emitters(shifted), strict=True):
+        if before.group != 1:
+            assert after == before
+    before, after = (next(e for e in emitters(a) if e.group == 1) for a in (plain, shifted))
+    np.testing.assert_allclose(np.subtract(after.centre_mm, before.centre_mm), moved, atol=1e-12)
+
+
+@pytest.mark.parametrize("offset", [(1.3, 0.0), (0.0, -1.0), (-2.0, 0.2)])
+def test_chips_stay_on_their_package(offset: tuple[float, float]) -> None:
+    with pytest.raises(ValueError, match=r"groups\.1\.offset_mm: the strips of group 'green' must stay on"):
+        rgb(green={"offset_mm": offset})
+
+
+@pytest.mark.parametrize(
+    ("own", "place"),
+    [
+        ({"radius_mm": 11.0}, (11.0, 2.0, 4.0, 0.0)),
+        ({"height_mm": 7.5}, (14.0, 2.0, 7.5, 0.0)),
+        ({"pitch_mm": 6.0}, (14.0, 3.0, 4.0, 0.0)),
+        ({"tilt_deg": 30.0}, (14.0, 2.0, 4.0, 30.0)),
+        (
+            {"radius_mm": 10.0, "height_mm": -3.0, "tilt_deg": -20.0, "pitch_mm": 5.0},
+            (10.0, 2.5, -3.0, -20.0),
+        ),
+    ],
+)
+def test_a_group_may_stand_elsewhere(own: dict[str, object], place: tuple[float, ...]) -> None:
+    """At azimuth 0: radius along x, half a pitch along y, height along z; tilt lowers the normal."""
+    x, y, z, tilt_deg = place
+    plain, changed = emitters(rgb()), emitters(rgb(blue=own))
+    assert [e for e in changed if e.group != 2] == [e for e in plain if e.group != 2]
+    last = [e for e in changed if e.group == 2][1]
+    np.testing.assert_allclose(last.centre_mm, (x, y, z), atol=1e-12)
+    assert last.normal[2] == pytest.approx(-np.sin(np.radians(tilt_deg)))
+    whole = rgb().model_copy(update=own)
+    assert [e[:7] for e in changed if e.group == 2] == [e[:7] for e in emitters(whole) if e.group == 2]
+
+
+def test_the_pitch_of_a_ring_is_an_arc_of_the_groups_own_circle() -> None:
+    ring = rgb(red={"radius_mm": 7.0}).model_copy(update={"layout": "ring"})
+    first, second = (np.arctan2(*e.centre_mm[1::-1]) for e in emitters(ring)[:2])
+    assert (second - first) * 7.0 == pytest.approx(4.0)

@@ -1,13 +1,13 @@
 """Figures of the whole program, recorded once: moving and renaming code must not change any of them.
 
-`recorded/` was written by the code at commit 3016e41, see `record.py`, but for both calibrations, which
-since 2026-11-27 correct their pictures by exact ones and allow for few blocks in their errors, and the
-diagnosis, which since 2026-11-28 fits smooth errors of light and grain with every model, judges held-out
-presses given these, and has verdicts and confidence anew; `cases.py` says what is run. Words must be the
-same. Numbers may differ by what runs of the same code differ by, since the threads of a renderer add up
-light in single precision in an order that is not fixed. That was measured: each case was run twice at that
-commit, on one machine of two cores, each time with an empty cache, and the largest relative difference of
-any figure was
+`recorded/` was written by the code at commit 3016e41, see `record.py`, but for both calibrations, which since
+2026-11-27 correct their pictures by exact ones and allow for few blocks in their errors, and the diagnosis,
+which since 2026-11-28 fits smooth errors of light and grain with every model, judges held-out presses given
+these, and has verdicts and confidence anew, and for the margins of `core_sides`, `core_radius` and
+`core_height`, which are rules since then; `cases.py` says what is run. Words must be the same. Numbers may
+differ by what runs of the same code differ by, since the threads of a renderer add up light in single
+precision in an order that is not fixed. That was measured: each case was run twice at that commit, on one
+machine of two cores, each time with an empty cache, and the largest relative difference of any figure was
 
 ========== ======= ==========================================================================
 evaluate   1.6e-5  heights of single presses; 1.1e-5 of other figures

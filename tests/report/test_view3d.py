@@ -11,10 +11,13 @@ from PIL import Image
 from designlab.fabrication import led_colour
 from designlab.report.view3d import render_view
 from designlab.report.view3d.labels import labels, spread_rows
+from designlab.report.view3d.space import side_by_side
 from designlab.sensor.design import preset
 from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
+from geometries.leds import emitters
 from geometries.probes import parse
+from tests.helpers.shared_packages import APART, CORE, shared
 
 
 @pytest.fixture
@@ -82,3 +85,16 @@ def test_rows_keep_their_distance() -> None:
     assert rows[-1] == 900
     low = spread_rows([930.0, 940.0, 949.0], low=50, high=950)
     assert low == [750, 850, 950]
+
+
+@pytest.mark.parametrize(("changes", "width"), [(None, 2.5 / 3), (APART, 0.6)])
+def test_faces_that_groups_share_are_drawn_side_by_side(changes, width) -> None:
+    leds = shared(CORE, changes).leds
+    drawn = side_by_side(emitters(leds))
+    assert sorted(face.group for face in drawn) == [0] * 9 + [1] * 9 + [2] * 9
+    assert all(2 * face.half_width_mm == pytest.approx(width) for face in drawn)
+    first = [face for face in drawn if face.body == 0]
+    along = sorted(np.dot(np.subtract(face.centre_mm, first[0].centre_mm), face.across) for face in first)
+    assert np.diff(along).min() >= width - 1e-9
+    alone = emitters(CORE.leds)
+    assert side_by_side(alone) == list(alone)

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import tomllib
 
 import numpy as np
 import pytest
@@ -194,3 +195,49 @@ def test_a_camera_below_the_window_cannot_see():
 def test_a_design_needs_light_sources():
     with pytest.raises(ValueError, match="leds"):
         Design.model_validate({})
+
+
+@pytest.mark.parametrize("name", ["default", "gelsight-2020-flat", "digit-like"])
+def test_fields_that_groups_may_have_of_their_own_are_not_written_when_absent(name):
+    design = preset(name)
+    own = ("radius_mm", "height_mm", "tilt_deg", "pitch_mm", "offset_mm")
+    groups = tomllib.loads(dumps(design))["leds"]["groups"]
+    assert all(field not in group for group in groups for field in own)
+    nothing = {f"leds.groups.{k}.{field}": None for k in range(3) for field in own}
+    assert design.replace(nothing) == design
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("radius_mm", 13.5),
+        ("height_mm", 5.5),
+        ("tilt_deg", -4.0),
+        ("pitch_mm", 4.5),
+        ("offset_mm", (0.1, -0.05)),
+    ],
+)
+def test_groups_keep_their_own_fields_in_files(field, value):
+    design = preset("default").replace({f"leds.groups.1.{field}": value})
+    assert design.digest != preset("default").digest
+    assert loads(dumps(design)) == design
+    assert design.changes == {
+        f"leds.groups.1.{field}": (None, list(value) if field == "offset_mm" else value)
+    }
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize(
+    ("field", "value", "told"),
+    [
+        ("radius_mm", -1.0, "greater than 0"),
+        ("height_mm", 300.0, "less than or equal to 200"),
+        ("tilt_deg", 95.0, "less than or equal to 90"),
+        ("pitch_mm", "wide", "valid number"),
+        ("offset_mm", (3.0, 0.0), "must stay on the body of 3 x 2.8 mm, got (3, 0) mm"),
+    ],
+)
+def test_fields_of_a_group_are_refused_by_name(field, value, told):
+    with pytest.raises(DesignError, match=rf"groups\.1\.{field}: ") as refused:
+        preset("default").replace({f"leds.groups.1.{field}": value})
+    assert told in str(refused.value)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from designlab.sensor import feasibility
 from designlab.sensor.design import InfeasibleDesign, preset
 from designlab.sensor.feasibility import RULES
 
@@ -19,6 +20,9 @@ BREAKING = {
     "core_inside_housing": (CORE, {"gelcore.width_mm": 29.0}),
     "core_below_plate": (CORE, {"gelcore.height_mm": 20.5}),
     "elastomer_on_core": (CORE, {"elastomer.width_mm": 26.5}),
+    "core_sides": (CORE, {"gelcore.draft_deg": 30.0, "gelcore.height_mm": 22.0}),
+    "core_radius": (DOME, {"gelcore.radius_mm": 15.0}),
+    "core_height": (DOME, {"gelcore.height_mm": 4.0}),
     "cavity_in_core": (TIP, {"gelcore.cavity_depth_mm": 12.0}),
     "dome_radius": (DOME, {"elastomer.radius_mm": 15.0}),
     "dome_core": (DOME, {"gelcore.radius_mm": 33.2}),
@@ -153,3 +157,63 @@ def test_light_in_air_does_not_know_the_core():
     moved = FLAT.replace({"leds.radius_mm": 8.0})
     assert "leds_clear_of_core" not in moved.margins()
     assert "view_through_window" not in moved.margins()
+
+
+@pytest.mark.parametrize(
+    ("changes", "margins"),
+    [
+        ({"gelcore.width_mm": 17.0, "gelcore.radius_mm": 8.0}, {"core_radius": 0.5}),
+        ({"gelcore.radius_mm": 13.0}, {"core_radius": 15.7 - 13.0}),
+        ({"gelcore.radius_mm": 15.7, "gelcore.height_mm": 15.7}, {"core_radius": 0.0, "core_height": 0.1}),
+        ({"gelcore.width_mm": 24.0, "gelcore.radius_mm": 13.0}, {"core_height": 8.0 + 0.1 - 11.5}),
+    ],
+)
+def test_margins_of_a_domes_core_in_closed_form(changes, margins):
+    found = DOME.replace(changes).margins()
+    assert {rule: found[rule] for rule in margins} == pytest.approx(margins, abs=1e-12)
+    assert "core_sides" not in found
+
+
+@pytest.mark.parametrize(("shape", "narrowest"), [("hexagonal", 26.0), ("slab", 20.0)])
+@pytest.mark.parametrize(("draft_deg", "height_mm"), [(0.0, 8.0), (10.0, 12.0), (30.0, 17.0)])
+def test_sides_of_a_drafted_core_leave_a_top(shape, narrowest, draft_deg, height_mm):
+    change = {"gelcore.shape": shape, "gelcore.draft_deg": draft_deg, "gelcore.height_mm": height_mm}
+    margin = CORE.replace(change).margins()["core_sides"]
+    top = narrowest - 2 * height_mm * np.tan(np.radians(draft_deg))
+    assert margin == pytest.approx(1.0 - top)
+    assert "core_radius" not in CORE.margins()
+
+
+def test_a_margin_that_cannot_be_told_is_a_broken_rule(monkeypatch):
+    monkeypatch.setattr(feasibility, "_camera_margins", lambda design: dict.fromkeys(RULES, np.nan))
+    assert set(CORE.broken()) == set(RULES)
+
+
+SHARED = CORE.replace({f"leds.groups.{k}.azimuth_deg": (90.0, 210.0, 330.0) for k in range(3)})
+
+
+def test_leds_of_several_groups_share_a_package_where_they_coincide():
+    SHARED.require_feasible()
+    alone = CORE.replace({"leds.groups": CORE.leds.groups[:1], "mixing": ((1.0,),) * 3})
+    rows = alone.replace({"leds.groups.0.azimuth_deg": (90.0, 210.0, 330.0)})
+    found, expected = SHARED.margins(), rows.margins()
+    assert {rule: found[rule] for rule in expected} == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"leds.groups.1.azimuth_deg": (91.0, 210.0, 330.0)},
+        {"leds.groups.1.height_mm": 6.01},
+        {"leds.groups.1.radius_mm": 13.31},
+        {"leds.groups.1.tilt_deg": 0.1},
+        {"leds.groups.1.pitch_mm": 4.2},
+        {"leds.groups.1.azimuth_deg": (90.0, 90.0, 330.0)},
+        {"leds.groups.1.count": 4},
+    ],
+)
+def test_leds_that_coincide_only_nearly_overlap(change):
+    broken = SHARED.replace(change)
+    assert broken.margins()["leds_clear_of_each_other"] > 0
+    with pytest.raises(InfeasibleDesign, match="LEDs of different groups share one where place and tilt are"):
+        broken.require_feasible()

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from designlab.optimization.study.parameter import Parameter, Tied
 from designlab.sensor.design import Design, DesignError
+from geometries.leds import LedArray
 
 STEPS = 64  # of each half of a range that are looked at for the last one that can be built
 FINISHES = ("ground", "painted", "polished")
@@ -58,26 +59,42 @@ def _candidates(
     leds, optics = base.leds, base.optics
     bonded = leds.coupling == "bonded"
     lean = math.tan(math.radians(base.gelcore.draft_deg)) if base.gelcore.shape != "dome" else 0.0
-    along: dict[str, float | Tied] = {}
+    along = _apart(leds, "height_mm")
     if bonded and lean:
-        along["leds.radius_mm"] = Tied(times=-lean, plus=leds.radius_mm + lean * leds.height_mm)
+        sunk = lean * leds.height_mm
+        along["leds.radius_mm"] = Tied(times=-lean, plus=leds.radius_mm + sunk)
+        for group, radius_mm in leds.own("radius_mm").items():
+            along[f"leds.groups.{group}.radius_mm"] = Tied(times=-lean, plus=radius_mm + sunk)
     yield "leds.height_mm", leds.height_mm, _around(leds.height_mm, HEIGHT_MM), along
     if not bonded:
-        yield "leds.radius_mm", leds.radius_mm, _around(leds.radius_mm, RADIUS_MM), {}
-        yield "leds.tilt_deg", leds.tilt_deg, _around(leds.tilt_deg, TILT_DEG), {}
+        yield "leds.radius_mm", leds.radius_mm, _around(leds.radius_mm, RADIUS_MM), _apart(leds, "radius_mm")
+        yield "leds.tilt_deg", leds.tilt_deg, _around(leds.tilt_deg, TILT_DEG), _apart(leds, "tilt_deg")
     if leds.package == "panel":
         width = leds.emitting_width_mm
         wider: dict[str, float | Tied] = {
             "leds.body_width_mm": leds.body_width_mm - width,
             "leds.pitch_mm": leds.pitch_mm - width,
+            **{f"leds.groups.{k}.pitch_mm": pitch_mm - width for k, pitch_mm in leds.own("pitch_mm").items()},
         }
         yield "leds.emitting_width_mm", width, PANEL_MM, wider
     elif any(group.count > 1 for group in leds.groups):
-        yield "leds.pitch_mm", leds.pitch_mm, (SPACING[0] * leds.pitch_mm, SPACING[1] * leds.pitch_mm), {}
+        own: dict[str, float | Tied] = {
+            f"leds.groups.{k}.pitch_mm": Tied(times=pitch_mm / leds.pitch_mm, plus=0.0)
+            for k, pitch_mm in leds.own("pitch_mm").items()
+        }
+        yield "leds.pitch_mm", leds.pitch_mm, (SPACING[0] * leds.pitch_mm, SPACING[1] * leds.pitch_mm), own
     if optics.light_path == "core":
         yield "gelcore.paint_reflectance", base.gelcore.paint_reflectance, PAINT, {}
     yield _together("optics.board_reflectance", optics.board_reflectance, BOARD)
     yield _together("optics.membrane_albedo", optics.membrane_albedo, COATING)
+
+
+def _apart(leds: LedArray, field: str) -> dict[str, float | Tied]:
+    """Groups that have a field of their own: they move along, as far apart as they are."""
+    return {
+        f"leds.groups.{group}.{field}": value - getattr(leds, field)
+        for group, value in leds.own(field).items()
+    }
 
 
 def _around(value: float, reach: float) -> tuple[float, float]:

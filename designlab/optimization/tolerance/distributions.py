@@ -1,5 +1,6 @@
 """Spreads say which fields and effects differ between built copies of a design, and by how much."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -76,11 +77,17 @@ def default_spreads(design: Design) -> tuple[Spread, ...]:
     add("optics.membrane_albedo", 0.05, "sprayed coating (estimate)", relative=True)
     dome = design.elastomer.shape == "dome"
     # The membrane is the origin: a thicker gel moves all above it away.
-    above = ("leds.height_mm", "camera.position_mm.2", *(("elastomer.radius_mm",) if dome else ()))
+    heights = ("leds.height_mm", *(f"leds.groups.{k}.height_mm" for k in design.leds.own("height_mm")))
+    above = (*heights, "camera.position_mm.2", *(("elastomer.radius_mm",) if dome else ()))
     add("elastomer.thickness_mm", 0.1, "gel cast in a printed mould (estimate)", also=above)
     if dome:
         mould = "printed or turned mould, 0.5 % of the radius (estimate)"
-        add("elastomer.radius_mm", 0.2, mould, also=("gelcore.radius_mm",))
+        # A core that is nearly a hemisphere has no room for a smaller sphere within its width.
+        core = design.gelcore
+        room_mm = math.inf if core.radius_mm is None else core.radius_mm - core.width_mm / 2
+        if room_mm > 0:
+            also = ("gelcore.radius_mm",)
+            add("elastomer.radius_mm", min(0.2, room_mm / (CUT_SD + 1)), mould, also=also)
     if design.optics.light_path == "core":
         add("optics.elastomer_index", 0.003, "silicones of one kind (estimate)")
         add("optics.gelcore_index", 0.002, "acrylic of several makers (estimate)")

@@ -15,6 +15,7 @@ from designlab.report.view3d.space import (
     SENSING_COLOUR,
     VIEW_AZIMUTH_DEG,
     WIDTH_PX,
+    side_by_side,
 )
 from designlab.sensor.design import Design
 from geometries.elastomer import base_mm, inside
@@ -76,7 +77,7 @@ def labels(design: Design, *, deepest_mm: float | None) -> list[Label]:
             SENSING_COLOUR,
         ),
     ]
-    faces = emitters(leds)
+    faces = side_by_side(emitters(leds))
     for index, group in enumerate(leds.groups):
         count = group.count * len(group.azimuth_deg)
         plural = "s" if count > 1 else ""

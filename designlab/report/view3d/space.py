@@ -1,12 +1,13 @@
 """The three-dimensional part of the picture: solids, lights and lines in a PyVista plotter."""
 
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from designlab.core.types import Array
-from designlab.fabrication import led_colour, parts
+from designlab.fabrication import led_colour, package_colour, parts
 from designlab.sensor.design import Design
 from geometries.elastomer import base_mm, polygon
 from geometries.leds import Emitter, bodies, emitters
@@ -60,11 +61,13 @@ def scene(design: Design, indentation: tuple[Array, Array, Array] | None, *, cut
         add(edges.tube(radius=0.5 * thin), colour, opacity=0.75)
     colours = [led_colour(group.wavelength_nm) for group in design.leds.groups]
     for solid, body in zip(shapes["led_array"].Solids(), bodies(design.leds), strict=True):
-        r, g, b = (0.15 + 0.45 * channel for channel in colours[body.group])
+        held = [design.leds.groups[index].wavelength_nm for index in body.groups]
+        r, g, b = (0.15 + 0.45 * channel for channel in package_colour(held))
         add(_mesh(solid), (r, g, b), ambient=0.1)
-    for emitter in emitters(design.leds):
+    for emitter in side_by_side(emitters(design.leds)):
+        length_mm = 0.45 * design.leds.placement_of(emitter.group).radius_mm
         add(_face(emitter), colours[emitter.group], lighting=False)
-        add(_arrow(emitter, 0.45 * design.leds.radius_mm), colours[emitter.group], lighting=False)
+        add(_arrow(emitter, length_mm), colours[emitter.group], lighting=False)
     _add_membrane(plotter, design, indentation)
     add(_sensing_area(design).tube(radius=1.2 * thin), SENSING_COLOUR, lighting=False)
     for line in _frustum(design):
@@ -98,6 +101,22 @@ def _opened(housing: "cadquery.Shape", design: Design) -> "cadquery.Shape":
     corners = [(0.0, 0.0), *((float(reach * np.cos(a)), float(reach * np.sin(a))) for a in azimuths)]
     wedge = cadquery.Workplane("XY", origin=(0, 0, low)).polyline(corners).close().extrude(high - low)
     return cadquery.Compound.makeCompound(housing.cut(wedge.findSolid()).Solids())
+
+
+def side_by_side(found: Iterable[Emitter]) -> list[Emitter]:
+    """Emitting faces as they are drawn: one that groups share is divided among them, along the row."""
+    shared: dict[tuple[Any, ...], list[Emitter]] = {}
+    for emitter in found:
+        place = tuple(round(c, 6) for c in emitter.centre_mm)
+        shared.setdefault((emitter.body, place), []).append(emitter)
+    drawn = []
+    for same in shared.values():
+        for number, emitter in enumerate(same):
+            half = emitter.half_width_mm / len(same)
+            aside = (2 * number + 1 - len(same)) * half
+            x, y, z = (c + aside * a for c, a in zip(emitter.centre_mm, emitter.across, strict=True))
+            drawn.append(emitter._replace(centre_mm=(x, y, z), half_width_mm=half))
+    return drawn
 
 
 def _face(emitter: Emitter) -> Any:

@@ -13,7 +13,7 @@ from designlab.sensor.design import Design, DesignError
 from designlab.sensor.led_mounting import FACING
 from designlab.simulation.effects.base import Effect, EffectParameter, Part, Stage, Values
 from designlab.simulation.scene.scene import Light, Scene, Shape
-from geometries.leds import emitters
+from geometries.leds import bodies, emitters, joined_groups
 
 Way = Callable[[Light], Light]
 FACES_OF_A_FRONT = 2  # triangles of a board; a package cast into the core is a closed box
@@ -102,7 +102,10 @@ class LedProfile(Effect):
 
 
 class LedTilt(Effect):
-    """The LEDs of a group shine in another direction: each is turned about the middle of its front."""
+    """The LEDs of a group shine in another direction: each is turned about the middle of its front.
+
+    Groups that share packages turn together.
+    """
 
     name: ClassVar[str] = "led_tilt"
     stage: ClassVar[Stage] = "emission"
@@ -117,9 +120,20 @@ class LedTilt(Effect):
         """
         if design.leds.coupling == "bonded":
             return ()
+        names = design.group_names
+        together = [[names[g] for g in held] for held in joined_groups(b.groups for b in bodies(design.leds))]
         return tuple(
-            EffectParameter(f"{group}_{way}_deg", "deg", 0.0, 3.0, -20.0, 20.0, meaning, group=group)
-            for group in design.group_names
+            EffectParameter(
+                f"{'_'.join(own)}_{way}_deg",
+                "deg",
+                0.0,
+                3.0,
+                -20.0,
+                20.0,
+                meaning,
+                group=own[0] if len(own) == 1 else "",
+            )
+            for own in together
             for way, meaning in (
                 ("tilt", "beam turned towards the membrane"),
                 ("turn", "beam turned about the face's height, counter-clockwise from above"),
@@ -130,7 +144,9 @@ class LedTilt(Effect):
         """Turn every LED with its board."""
         if not any(values.values()):
             return scene
-        angles = np.radians(list(values.values())).reshape(-1, 2)
+        joined = joined_groups(_held(scene).values())
+        each = np.radians(list(values.values())).reshape(-1, 2)
+        angles = {group: pair for held, pair in zip(joined, each, strict=True) for group in held}
 
         def turned(board: Shape, light: Light) -> tuple[Shape, Way]:
             if not angles[light.group].any():
@@ -144,16 +160,23 @@ class LedTilt(Effect):
 
 def _with_boards(scene: Scene, mounted: Callable[[Shape, Light], tuple[Shape, Way]]) -> Scene:
     """Mount every board otherwise, its LEDs with it; asked with the board and the first of its LEDs."""
-    boards = [shape for shape in scene.shapes if shape.name.startswith("board")]
-    each = len(scene.lights) // len(boards)
-    lights: list[Light] = []
+    boards = {shape.name: shape for shape in scene.shapes}
+    ways: dict[str, Way] = {}
     moved: dict[str, Shape] = {}
-    for number, board in enumerate(boards):
-        own = scene.lights[number * each : (number + 1) * each]
-        moved[board.name], way = mounted(board, own[0])
-        lights += map(way, own)
+    for light in scene.lights:
+        if light.board not in ways:
+            moved[light.board], ways[light.board] = mounted(boards[light.board], light)
+    lights = tuple(ways[light.board](light) for light in scene.lights)
     shapes = tuple(moved.get(shape.name, shape) for shape in scene.shapes)
-    return replace(scene, lights=tuple(lights), shapes=shapes)
+    return replace(scene, lights=lights, shapes=shapes)
+
+
+def _held(scene: Scene) -> dict[str, set[int]]:
+    """Groups whose LEDs each board carries."""
+    held: dict[str, set[int]] = {}
+    for light in scene.lights:
+        held.setdefault(light.board, set()).add(light.group)
+    return held
 
 
 def _turn(light: Light, tilt: float, turn: float) -> Array:

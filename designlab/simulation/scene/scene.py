@@ -22,7 +22,7 @@ from designlab.simulation.scene.materials import (
     Texture,
 )
 from designlab.simulation.scene.membrane import membrane
-from designlab.simulation.scene.static_parts import boards, core_and_gel, housing_inside
+from designlab.simulation.scene.static_parts import board_name, boards, core_and_gel, housing_inside
 from geometries.emission import AngularProfile
 
 __all__ = [
@@ -39,7 +39,8 @@ class Light:
 
     `radiance` (mW/mm2/sr), when the whole group emits 1 mW, is that of a Lambertian face of the same flux;
     `profile` says how the flux spreads over directions, around `normal` and from `across` towards `down`.
-    `inside` is true where it shines from within the core.
+    `inside` is true where it shines from within the core. `board` is the name of the shape that carries it,
+    which follows from the place, so that digests leave it out.
     """
 
     group: int
@@ -52,6 +53,7 @@ class Light:
     radiance: float
     profile: AngularProfile = field(default_factory=AngularProfile)
     inside: bool = False
+    board: str = field(default="", repr=False)
 
     @property
     def flux_mw(self) -> float:
@@ -158,4 +160,5 @@ def _lights(design: Design) -> Iterator[Light]:
         x, y, z = (float(c) for c in np.asarray(r.centre_mm) + LED_FACE_GAP_MM * np.asarray(r.normal))
         size = r.half_width_mm, r.half_height_mm
         radiance, profile = 1.0 / (np.pi * area[r.group]), design.leds.profile_of(r.group)
-        yield Light(r.group, (x, y, z), r.normal, r.across, r.down, *size, radiance, profile, inside)
+        axes, board = (r.normal, r.across, r.down), board_name(r.body)
+        yield Light(r.group, (x, y, z), *axes, *size, radiance, profile, inside, board)

@@ -19,6 +19,11 @@ CAVITY_RINGS = 60  # of a hollow's mesh, from its bottom to its rim
 FACING_DEG = 20.0  # a side face that points at an LED row within this angle lets its light in
 
 
+def board_name(body: int) -> str:
+    """Name of the shape of an LED package, given by its number."""
+    return f"board-{body}"
+
+
 def boards(design: Design) -> Iterator[Shape]:
     """Front faces of the LED packages; packages cast into the core are closed boxes."""
     reflectance = Diffuse(design.per_group("board_reflectance"))
@@ -29,7 +34,7 @@ def boards(design: Design) -> Iterator[Shape]:
             vertices = np.concatenate([vertices, back])
             faces = np.concatenate([faces, [[4, 5, 6], [4, 6, 7]], band_faces(4, 0, 4)])
         outward = vertices[faces].mean(axis=1) - np.asarray(body.centre_mm)
-        yield Shape(f"board-{number}", vertices, oriented(vertices, faces, outward), reflectance)
+        yield Shape(board_name(number), vertices, oriented(vertices, faces, outward), reflectance)
 
 
 def core_and_gel(design: Design) -> Iterator[Shape]:

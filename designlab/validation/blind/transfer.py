@@ -79,13 +79,12 @@ def transfers(pool: Iterable[Trial]) -> list[Trial]:
 
 def other(design: Design) -> Design:
     """Design that a lab might try next: LEDs higher and more tilted."""
-    changed = design.replace(
-        {
-            "name": f"{design.name}, LEDs higher and more tilted",
-            "leds.height_mm": design.leds.height_mm + HIGHER_MM,
-            "leds.tilt_deg": design.leds.tilt_deg + MORE_TILT_DEG,
-        }
-    )
+    changes: dict[str, Any] = {"name": f"{design.name}, LEDs higher and more tilted"}
+    for field, more in (("height_mm", HIGHER_MM), ("tilt_deg", MORE_TILT_DEG)):
+        changes[f"leds.{field}"] = getattr(design.leds, field) + more
+        for group, value in design.leds.own(field).items():
+            changes[f"leds.groups.{group}.{field}"] = value + more
+    changed = design.replace(changes)
     changed.require_feasible()
     return changed
 

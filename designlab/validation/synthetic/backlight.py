@@ -135,10 +135,21 @@ def _baked(rig: Rig, seed: int) -> ImmersedLightField:
     assert rig.glass is not None
     height = np.array(LEVELS) * rig.glass.thickness_mm
     x, y = _axes(rig, PITCH_MM if rig.glass.gap is None else GAP_PITCH_MM)
-    groups = range(len(rig.flux_mw))
-    parts = [tuple(groups[first : first + CHANNELS]) for first in range(0, len(groups), CHANNELS)]
-    found, glow = zip(*(_field(rig, part, (x, y, height), seed) for part in parts), strict=True)
+    found, glow = zip(
+        *(_field(rig, part, (x, y, height), seed) for part in _traced_at_once(rig)), strict=True
+    )
     return ImmersedLightField(x, y, height, np.concatenate(found), np.concatenate(glow))
+
+
+def _traced_at_once(rig: Rig) -> list[tuple[int, ...]]:
+    """Groups in order, as many in a scene as it has channels; faces on one board may hide each other."""
+    parts: list[tuple[int, ...]] = [()]
+    boards = [set(rig.carrier[rig.emitters.group == group].tolist()) for group in range(len(rig.flux_mw))]
+    for group, own in enumerate(boards):
+        if len(parts[-1]) == CHANNELS or any(own & boards[other] for other in parts[-1]):
+            parts.append(())
+        parts[-1] += (group,)
+    return parts
 
 
 def _axes(rig: Rig, pitch_mm: float) -> list[Array]:

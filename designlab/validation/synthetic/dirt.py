@@ -70,6 +70,7 @@ def add_dirt(rig: Rig, *, random: np.random.Generator) -> tuple[Rig, Values]:
         light_waves=_light_waves(rig, rms, random),
         emitters=strips,
         face_flux=np.repeat(rig.face_flux, pieces),
+        carrier=np.repeat(rig.carrier, pieces),
         boards=_with_walls(rig.boards._replace(half=rig.boards.half * sizes), wall_mm),
         board_reflectance=np.clip(rig.board_reflectance * reflects, 0.0, 1.0),
         contact=replace(rig.contact, edge_mm=rig.contact.edge_mm + edge_mm),

@@ -16,7 +16,7 @@ from designlab.validation.synthetic.coat import Coat
 from designlab.validation.synthetic.elastic_surface import TrueGel
 from designlab.validation.synthetic.glass import ImmersedParts
 from geometries.elastomer import Elastomer
-from geometries.leds import Body, Emitter, LedArray, bodies, emitters
+from geometries.leds import Body, Emitter, LedArray, bodies, emitters, joined_groups
 
 
 class Rectangles(NamedTuple):
@@ -160,11 +160,13 @@ class Rig:
     `waves` are ripples of the membrane: rows of wave numbers (x, y; 1/mm), amplitude (mm) and phase;
     `grain` is the place (x, y), radius and height (mm) of a grain that lies on the gel; `light_waves` are
     smooth departures of each group's light over the gel, fixed to the housing: (groups, waves) rows of wave
-    numbers (x, y; 1/mm), relative amplitude and phase.
+    numbers (x, y; 1/mm), relative amplitude and phase. `carrier` is the number of the board on which each
+    emitting rectangle lies; a board has the group of its first.
     """
 
     emitters: Rectangles
     boards: Rectangles
+    carrier: NDArray[np.int64]
     flux_mw: Array
     face_flux: Array
     exponent: Array
@@ -196,10 +198,13 @@ class Rig:
 
         Raises
         ------
+        InfeasibleDesign
+            If a part has no shape.
         ValueError
             If an LED's profile is a table, the membrane has a pattern, the gel is freeform, or it is elastic
             and rubs.
         """
+        design.require_shapes()
         if design.optics.marker_pitch_mm or design.optics.albedo_image:
             raise ValueError(
                 "optics.marker_pitch_mm, optics.albedo_image: measurements are generated for plain membranes"
@@ -223,11 +228,12 @@ class Rig:
                 np.array([(strip.half_width_mm, strip.half_height_mm) for strip in strips]),
             ),
             boards=Rectangles(
-                np.array([box.group for box in boxes]),
+                np.array([box.groups[0] for box in boxes]),
                 np.array(fronts),
                 *_axes(boxes),
                 np.array([box.half_mm[:2] for box in boxes]),
             ),
+            carrier=np.array([strip.body for strip in strips]),
             flux_mw=np.array([group.flux_mw for group in design.leds.groups]),
             face_flux=np.ones(len(strips)),
             exponent=_exponents(design.leds),
@@ -271,6 +277,15 @@ class Rig:
             return 1.0
         along_x, along_y, rise, phase = (part[..., None] for part in np.moveaxis(self.light_waves, -1, 0))
         return np.asarray(1 + (rise * np.cos(along_x * x + along_y * y + phase)).sum(axis=1))
+
+    def carried(self, board: int) -> set[int]:
+        """Groups whose LEDs a board carries."""
+        return set(self.emitters.group[self.carrier == board].tolist())
+
+    @property
+    def joined(self) -> list[tuple[int, ...]]:
+        """Groups that share boards, and so move together."""
+        return joined_groups(self.carried(board) for board in np.unique(self.carrier).tolist())
 
     @property
     def gel_is_patterned(self) -> bool:

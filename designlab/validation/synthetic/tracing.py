@@ -386,14 +386,13 @@ def _loaded(
 def _leds(rig: Rig, glass: ImmersedParts, groups: tuple[int, ...], *, lit: bool) -> dict[str, Any]:
     """Boards and emitting faces; bonded ones joined to the core's side, wherever they were moved."""
     boards, faces = rig.boards, rig.emitters
-    each = len(faces.group) // max(len(boards.group), 1)
     paint = _diffuse(rig.board_reflectance[list(groups)])
     area = np.array([4 * faces.half[faces.group == g].prod(axis=1).sum() for g in range(len(rig.flux_mw))])
     content: dict[str, Any] = {}
     for board in range(len(boards.group)):
         way_mm = joining_mm(boards, board, glass) if glass.bonded else 0.0
         content[f"board-{board}"] = _loaded(package(boards, board, way_mm, glass.package_mm), paint)
-        for number in range(board * each, (board + 1) * each):
+        for number in np.flatnonzero(rig.carrier == board).tolist():
             group = int(faces.group[number])
             if group not in groups or not lit:
                 continue
@@ -414,8 +413,8 @@ def _leds(rig: Rig, glass: ImmersedParts, groups: tuple[int, ...], *, lit: bool)
 def _targets(rig: Rig, glass: ImmersedParts, groups: tuple[int, ...]) -> list[Target]:
     """Boards of some groups, and their images in the window and in the boundary of gel and core."""
     boards, found = rig.boards, []
-    for number, group in enumerate(boards.group):
-        if group in groups:
+    for number in range(len(boards.group)):
+        if rig.carried(number) & set(groups):
             way_mm = joining_mm(boards, number, glass) if glass.bonded else 0.0
             centre = boards.centre[number] + way_mm * boards.normal[number]
             across = LARGER * boards.half[number, 0] * boards.across[number]

@@ -8,6 +8,7 @@ import pytest
 from designlab.evaluation.illumination_scores import SCORES
 from designlab.optimization.constraint import Bound
 from designlab.optimization.study import Parameter, Plan, Study, StudyError, dumps_study, load_study
+from designlab.optimization.study.defaults import default_parameters
 from designlab.sensor import design as designs
 from designlab.sensor.design import preset
 from tests import ROOT
@@ -175,3 +176,33 @@ def test_studies_that_come_with_it_start_from_their_base_and_seek_scores_there_a
     assert start is not None
     assert study.design(start) == study.base
     study.require_scores(SCORES)
+
+
+OWN = {
+    "leds.groups.0.height_mm": 7.0,
+    "leds.groups.1.radius_mm": 13.6,
+    "leds.groups.1.tilt_deg": 3.0,
+    "leds.groups.2.pitch_mm": 4.4,
+}
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "moved"),
+    [
+        ("leds.height_mm", 6.5, {"leds.groups.0.height_mm": 7.5}),
+        ("leds.radius_mm", 13.5, {"leds.groups.1.radius_mm": 13.8}),
+        ("leds.tilt_deg", 2.0, {"leds.groups.1.tilt_deg": 5.0}),
+        ("leds.pitch_mm", 4.2, {"leds.groups.2.pitch_mm": 4.62}),
+    ],
+)
+def test_default_parameters_move_groups_that_stand_elsewhere_along(path, value, moved):
+    parameters = default_parameters(preset("default").replace(OWN))
+    assert parameters[path].fields(path, value) == pytest.approx({path: value, **moved})
+
+
+@pytest.mark.parametrize(("path", "value"), OWN.items())
+def test_a_group_of_its_own_place_can_vary(path, value):
+    study = make(base=preset("default"), parameters={path: Parameter(low=value - 0.5, high=value + 0.5)})
+    group, field = path.split(".")[2:]
+    assert getattr(study.design({path: value}).leds.groups[int(group)], field) == value
+    assert study.unit(path) == ("deg" if field == "tilt_deg" else "mm")

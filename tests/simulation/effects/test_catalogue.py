@@ -27,6 +27,8 @@ from designlab.simulation.effects.material import albedo_field
 from designlab.simulation.effects.model import effect
 from designlab.simulation.scene.scene import LED_FACE_GAP_MM, Scene, build
 from geometries.probes import parse
+from tests.helpers.shared_packages import AIR, APART, shared
+from tests.helpers.shared_packages import CORE as SMALL
 
 DESIGN = preset("gelsight-2020-flat")
 CORE = preset("gelsight-2020-flat-core")
@@ -851,3 +853,44 @@ def test_a_wetted_coat_ends_at_air_unless_the_design_says_otherwise() -> None:
     stated = DESIGN.replace({"optics.backing_reflectance": 0.3, "optics.coating_transmittance": 0.1})
     more = effect("wetting").on_design(stated, {"transmittance": 0.1}).optics
     assert (more.coating_transmittance, more.backing_reflectance) == (0.2, 0.3)
+
+
+@pytest.mark.parametrize(
+    "design", [shared(AIR), shared(SMALL), shared(SMALL, APART)], ids=["air", "core", "apart"]
+)
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("led_tilt", {"red_green_blue_tilt_deg": 6.0, "red_green_blue_turn_deg": -4.0}),
+        ("led_position", LED_MOVE),
+    ],
+)
+def test_groups_that_share_packages_move_with_them(
+    design: Design, name: str, values: dict[str, float]
+) -> None:
+    assert {p.name for p in effect(name).parameters(design)} == set(values)
+    assert all(p.group == "" for p in effect(name).parameters(design))
+    before = scene(design)
+    after = effect(name).on_scene(before, values)
+    boards = {shape.name: shape for shape in after.shapes}
+    for light, old in zip(after.lights, before.lights, strict=True):
+        a, b, c = boards[light.board].vertices[:3]
+        outward = np.cross(b - a, c - a) / np.linalg.norm(np.cross(b - a, c - a))
+        outward *= np.sign(outward @ light.normal)
+        np.testing.assert_allclose(outward, light.normal, atol=1e-9)
+        assert (np.array(light.centre_mm) - a) @ outward == pytest.approx(LED_FACE_GAP_MM, abs=1e-9)
+        assert light.centre_mm != old.centre_mm
+        assert light.flux_mw == old.flux_mw
+
+
+def test_groups_in_packages_of_their_own_tilt_apart() -> None:
+    mixed = shared(SMALL, {"leds.groups.2.azimuth_deg": (30.0, 150.0, 270.0)})
+    names = [p.name for p in effect("led_tilt").parameters(mixed)]
+    assert names == [
+        "red_green_tilt_deg", "red_green_turn_deg", "blue_tilt_deg", "blue_turn_deg",
+    ]  # fmt: skip
+    values = effect("led_tilt").null(mixed) | {"blue_tilt_deg": 5.0}
+    before = scene(mixed)
+    after = effect("led_tilt").on_scene(before, values)
+    moved = {a.group for a, b in zip(after.lights, before.lights, strict=True) if a != b}
+    assert moved == {2}

@@ -11,6 +11,9 @@ from designlab.simulation.contact.press import Press
 from designlab.simulation.scene.scene import Dielectric, Diffuse, Medium, build
 from geometries import elastomer
 from geometries.probes import parse
+from tests.helpers.shared_packages import AIR as SHARED_AIR
+from tests.helpers.shared_packages import APART, shared
+from tests.helpers.shared_packages import CORE as SHARED_CORE
 
 FLAT, CORE, DOME = preset("gelsight-2020-flat"), preset("default"), preset("gelsight-2020-dome")
 DOMED_CORE = DOME.replace(
@@ -286,3 +289,34 @@ def test_round_sides_and_a_domes_interface_have_the_normals_of_their_curve():
     np.testing.assert_allclose(found, expected, atol=1e-7)
     assert sides
     assert all(s.normals is None for s in scene_of(CORE).shapes if s.name.startswith("core-side"))
+
+
+@pytest.mark.parametrize("base", [SHARED_AIR, SHARED_CORE], ids=["air", "core"])
+@pytest.mark.parametrize("chips", [False, True])
+def test_a_shared_package_stands_there_once_and_carries_all_its_groups(base, chips):
+    scene = scene_of(shared(base, APART if chips and base is SHARED_CORE else None))
+    boards = [shape for shape in scene.shapes if shape.name.startswith("board")]
+    assert len(boards) == len(scene.lights) // len(base.leds.emitting_spans_mm) // 3
+    carried = {shape.name: shape for shape in boards}
+    for group in range(3):
+        assert sum(s.flux_mw for s in scene.lights if s.group == group) == pytest.approx(1.0)
+    for light in scene.lights:
+        direction, _ = normals(carried[light.board])
+        np.testing.assert_allclose(direction[0], light.normal, atol=1e-12)
+        height = (np.array(light.centre_mm) - carried[light.board].vertices) @ direction[0]
+        np.testing.assert_allclose(height, 1e-3, atol=1e-9)
+
+
+def test_lights_carry_the_figures_of_their_own_group():
+    own = {
+        "leds.groups.1.radius_mm": 14.5,
+        "leds.groups.1.height_mm": 7.0,
+        "leds.groups.2.tilt_deg": 12.0,
+        "leds.groups.2.height_mm": 6.5,
+    }
+    plain, changed = (scene_of(CORE.replace(c)).lights for c in ({}, own))
+    assert [a for a in changed if a.group == 0] == [b for b in plain if b.group == 0]
+    green, blue = ([light for light in changed if light.group == g] for g in (1, 2))
+    np.testing.assert_allclose([light.centre_mm[2] for light in green], 7.0)
+    np.testing.assert_allclose(np.hypot(*np.array(green[1].centre_mm)[:2]), 14.5 - 1e-3)
+    np.testing.assert_allclose([light.normal[2] for light in blue], -np.sin(np.radians(12.0)))

@@ -10,7 +10,10 @@ from scipy.ndimage import gaussian_filter
 from designlab.measurement import load_measurement
 from designlab.sensor.camera import View
 from designlab.sensor.design import preset
+from designlab.simulation.contact.indentation import indent
+from designlab.simulation.effects.model import effect
 from designlab.simulation.imaging import Capture, noise_sigma
+from designlab.simulation.scene.scene import build
 from designlab.validation.synthetic import (
     capture_plan,
     effects,
@@ -32,6 +35,7 @@ from designlab.validation.synthetic.indenter import Indenter
 from designlab.validation.synthetic.surface import HeightField
 from geometries import probes
 from geometries.elastomer import Elastomer
+from tests.helpers.shared_packages import AIR, APART, CORE, shared
 
 pytestmark = pytest.mark.physics
 
@@ -130,6 +134,33 @@ class TestEmission:
         assert alone[2] == pytest.approx(0.65 * alone[0] + 0.35 * alone[1], rel=1e-12)
         of_one = replace(rig, face_flux=np.array([1.0, 0.0, 1.0, 1.0, 1.0, 1.0]))
         assert light.Lighting(of_one).untouched.irradiance(*place)[0] == pytest.approx(0.5 * alone[0])
+
+    @pytest.mark.parametrize(
+        ("design", "name", "values"),
+        [
+            (design, name, values)
+            for design in (shared(AIR), shared(CORE), shared(CORE, APART))
+            for name, values in (
+                ("led_tilt", {"red_green_blue_tilt_deg": 6.0, "red_green_blue_turn_deg": -4.0}),
+                ("led_position", {"radial_mm": 0.4, "height_mm": -0.3, "tangential_mm": 0.2}),
+            )
+        ],
+    )
+    def test_shared_packages_move_as_in_the_simulation(self, design, name, values):
+        rig = changed(name, design, **values)
+        flat = indent(design.elastomer, design.contact, None, area_mm=(4.0, 4.0), pitch_mm=0.5)
+        scene = effect(name).on_scene(build(design, flat, design.view(8)), values)
+        assert rig.joined == [(0, 1, 2)]
+        assert len(rig.boards.group) == sum(s.name.startswith("board") for s in scene.shapes)
+        for number, face in enumerate(scene.lights):
+            assert rig.emitters.group[number] == face.group
+            assert f"board-{rig.carrier[number]}" == face.board
+            np.testing.assert_allclose(rig.emitters.normal[number], face.normal, atol=1e-9)
+            np.testing.assert_allclose(
+                rig.emitters.centre[number],
+                np.subtract(face.centre_mm, np.multiply(1e-3, face.normal)),
+                atol=1e-9,
+            )
 
     def test_tilt_is_that_of_the_design_turn_adds_to_the_azimuth_and_boards_go_with_it(self):
         level = FLAT.replace({"leds.tilt_deg": 0.0})

@@ -73,9 +73,14 @@ def _tilt_parameters(rig: Rig) -> dict[str, PlantedParameter]:
         return {}
     return {
         f"{name}_{way}_deg": PlantedParameter(0.0, 3.0, -20.0, 20.0, "deg")
-        for name in rig.group_names
+        for name in _joined_names(rig).values()
         for way in ("tilt", "turn")
     }
+
+
+def _joined_names(rig: Rig) -> dict[tuple[int, ...], str]:
+    """Name of every set of groups that turn together, since they share boards."""
+    return {groups: "_".join(rig.group_names[g] for g in groups) for groups in rig.joined}
 
 
 def _tilt(rig: Rig, values: Mapping[str, float]) -> Rig:
@@ -83,7 +88,8 @@ def _tilt(rig: Rig, values: Mapping[str, float]) -> Rig:
     if not values:
         return rig
     boards, faces = rig.boards, rig.emitters
-    names = [rig.group_names[group] for group in boards.group]
+    of_group = {group: name for groups, name in _joined_names(rig).items() for group in groups}
+    names = [of_group[group] for group in boards.group.tolist()]
     tilt, turn = (np.array([values[f"{name}_{way}_deg"] for name in names]) for way in ("tilt", "turn"))
 
     def turned(vector: Array, board: NDArray[np.int64]) -> Array:
@@ -99,8 +105,7 @@ def _tilt(rig: Rig, values: Mapping[str, float]) -> Rig:
             down=turned(part.down, board),
         )
 
-    every = np.arange(len(names))
-    own = np.repeat(every, len(faces.group) // len(names))
+    every, own = np.arange(len(names)), rig.carrier
     centre = boards.centre[own] + turned(faces.centre - boards.centre[own], own)
     return replace(rig, boards=axes(boards, every), emitters=axes(faces, own)._replace(centre=centre))
 
