@@ -61,7 +61,7 @@ class MeasuredFrame(Spec):
     kind: Literal["background", "press", "light_probe", "dark", "flat_field"]
     """What it shows."""
     probe: str | None = None
-    """Probe as kind[:size_mm[:rEDGE]] or mesh file[:size_mm]."""
+    """Probe as kind[:size_mm[:rEDGE]] or mesh file[:size_mm][:unit][:side]."""
     depth_mm: float | None = quantity(None, unit="mm", gt=0, le=20)
     """Largest penetration of the probe."""
     # What is absent of these is not dumped: digests of sets from before they were known stay what they were.
@@ -103,7 +103,11 @@ class MeasuredFrame(Spec):
     def _known_probe(cls, text: str | None, info: ValidationInfo) -> str | None:
         if text is not None and info.data.get("kind") == "light_probe":
             text = re.sub(r"^\s*ball\b", "sphere", text)
-        if text is not None and mesh_file(text) is None:
+        if text is None:
+            return None
+        if probes.is_mesh(text):
+            probes.mesh_text(text)  # its file is looked for when the set is read
+        else:
             probes.parse(text)
         return text
 
@@ -395,9 +399,8 @@ def alike(frames: Iterable[MeasuredFrame], *, but: Sequence[str] = ()) -> list[l
 
 
 def mesh_file(probe: str) -> str | None:
-    """File of a probe given as mesh, without its size."""
-    match = probes.MESH_TEXT.fullmatch(probe.strip())
-    return match[1] if match else None
+    """File of a probe given as mesh, without size, unit and side."""
+    return probes.mesh_text(probe).file if probes.is_mesh(probe) else None
 
 
 @lru_cache(maxsize=32)
