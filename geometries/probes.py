@@ -147,7 +147,7 @@ class Probe(Spec):
     @classmethod
     def _library_probes_are_small(cls, size_mm: float, info: ValidationInfo) -> float:
         if info.data.get("kind") != "mesh" and size_mm > LARGEST_MM:
-            raise ValueError(f"must be at most {LARGEST_MM:g}")
+            raise ValueError(f"Input should be less than or equal to {LARGEST_MM:g}")
         return size_mm
 
     @model_validator(mode="after")
@@ -233,7 +233,8 @@ def parse(text: str, *, unit: Unit | None = None, side: Side | None = None) -> P
         broken = error.errors()[0]
         if not broken["loc"]:  # a rule of several fields, which names them
             raise ValueError(f"probe: {text!r}: {broken['msg'].removeprefix('Value error, ')}") from None
-        raise ValueError(f"probe: {broken['loc'][0]} in {text!r}: {broken['msg']} (mm)") from None
+        said = broken["msg"].removeprefix("Value error, ")
+        raise ValueError(f"probe: {broken['loc'][0]} in {text!r}: {said} (mm)") from None
 
 
 class MeshText(NamedTuple):
@@ -284,7 +285,7 @@ def mesh_text(text: str, *, unit: Unit | None = None, side: Side | None = None) 
         elif re.match(r"r[\d.]", part):
             raise ValueError(f"probe: a mesh has the edges of its file, leave out the radius in {text!r}")
         else:
-            what, value = "size_mm", _number(part, f"size, a unit ({' '.join(UNITS_MM)}) or a side", text)
+            what, value = "size_mm", _mesh_size(part, text)
         if what in found:
             raise ValueError(f"probe: {text!r} states its {what} twice")
         found[what] = value
@@ -294,6 +295,15 @@ def mesh_text(text: str, *, unit: Unit | None = None, side: Side | None = None) 
     if "size_mm" in found and "unit" in found:
         raise ValueError(f"probe: {text!r} states a size in mm and a unit of the file, leave out one of them")
     return MeshText(match[1], found.get("size_mm"), found.get("unit"), found.get("side"))
+
+
+def _mesh_size(part: str, text: str) -> float:
+    try:
+        return _number(part, "size", text)
+    except ValueError as error:
+        raise ValueError(
+            f"{error}; nor is it a unit ({' '.join(UNITS_MM)}) or a side ({' '.join(SIDES)})"
+        ) from None
 
 
 def _lengths_mm(lengths: str, text: str) -> tuple[float, float]:

@@ -315,7 +315,7 @@ class Simulator:
             return ()
         x_mm, y_mm = press.centre_mm
         return (
-            f"the press lies outside the picture: the {named(press)} at ({x_mm:g}, {y_mm:g}) mm touches "
+            f"the press lies outside the picture: {named(press)} at ({x_mm:g}, {y_mm:g}) mm touches "
             f"the gel nowhere in x from {left:.3g} to {right:.3g} and y from {low:.3g} to {high:.3g} mm",
         )
 

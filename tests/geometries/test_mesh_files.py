@@ -356,7 +356,7 @@ def test_large_bodies_need_no_size(tmp_path: Path) -> None:
     path = tmp_path / "plate.stl"
     path.write_bytes(as_bytes(trimesh.creation.box((150, 140, 20)), "stl"))
     assert parse(str(path)).size_mm == 150
-    with pytest.raises(ValueError, match="at most 100"):
+    with pytest.raises(ValueError, match="less than or equal to 100"):
         parse("sphere:150")
 
 

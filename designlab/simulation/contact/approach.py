@@ -18,7 +18,9 @@ def reach_mm(press: Press) -> float:
 def named(press: Press) -> str:
     """What the probe is called in messages: a mesh by its file, size and side."""
     probe = press.probe
-    return probe.kind if probe.file is None else f"{probe.file} ({probe.size_mm:.4g} mm, {probe.side} side)"
+    if probe.file is None:
+        return f"the {probe.kind}"
+    return f"{probe.file} ({probe.size_mm:.4g} mm, {probe.side} side)"
 
 
 def first_touch_mm(press: Press, elastomer: Elastomer) -> float:

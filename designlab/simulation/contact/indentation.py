@@ -63,7 +63,7 @@ def indent(
     if not surface.contact.any():
         x_mm, y_mm = press.centre_mm
         raise ValueError(
-            f"press.centre_mm: the {named(press)} at ({x_mm:g}, {y_mm:g}) mm does not touch the "
+            f"press.centre_mm: {named(press)} at ({x_mm:g}, {y_mm:g}) mm does not touch the "
             f"membrane within the simulated area of {2 * x[-1]:g} x {2 * y[0]:g} mm"
         )
     return surface

@@ -156,7 +156,7 @@ def _solved(
     steep_deg = math.degrees(math.acos(min(steepness, 1.0)))
     if steep_deg > STEEPEST_DEG:
         raise ValueError(
-            f"press.centre_mm: the membrane is {steep_deg:.3g} deg steep where the {named(press)} "
+            f"press.centre_mm: the membrane is {steep_deg:.3g} deg steep where {named(press)} "
             f"touches it; presses on an elastic gel need {STEEPEST_DEG:g} deg or less"
         )
     thickness_mm, room_mm = _thickness_mm(elastomer, frame), _room_mm(elastomer, press, frame)
@@ -185,7 +185,7 @@ def _solved(
         touched = _points(frame, first, solution)[solution.touched][:, :2]
         if not inside(elastomer, *touched.T).all():
             raise ValueError(
-                f"press: the {named(press)} at ({press.centre_mm[0]:g}, {press.centre_mm[1]:g}) mm "
+                f"press: {named(press)} at ({press.centre_mm[0]:g}, {press.centre_mm[1]:g}) mm "
                 f"touches the edge of the gel, {elastomer.width_mm:g} mm wide; contact must end on the "
                 "membrane"
             )
@@ -229,7 +229,7 @@ def _frame(elastomer: Elastomer, press: Press) -> _Plane:
     above = above_mm(press, base, x, y)
     if not np.isfinite(above).any():
         raise ValueError(
-            f"press.centre_mm: the {named(press)} at ({press.centre_mm[0]:g}, {press.centre_mm[1]:g}) mm "
+            f"press.centre_mm: {named(press)} at ({press.centre_mm[0]:g}, {press.centre_mm[1]:g}) mm "
             "lies beside the gel"
         )
     first = int(above.argmax())
@@ -262,14 +262,10 @@ def _gap(
     """Distance from membrane to probe along the normal, up to the most; row and column of its first point."""
     middle = _axis_point(press, frame)
     reach = reach_mm(press) / float(frame.normal[2]) + pitch_mm
-    # Of a plate larger than the gel what lies beside it is left out, but for a rim that shows it overhangs.
-    gel = (
-        math.hypot(elastomer.width_mm, elastomer.length_mm) / 2
-        + float(np.linalg.norm(frame.origin))
-        + pitch_mm
-    )
-    columns = _indices(float(middle @ frame.across), reach, gel, pitch_mm)
-    rows = _indices(-float(middle @ frame.along), reach, gel, pitch_mm)
+    # Of a plate larger than the gel what lies far beside it is left out.
+    most = math.hypot(elastomer.width_mm, elastomer.length_mm) / 2 + float(np.linalg.norm(middle)) + pitch_mm
+    columns = _indices(float(middle @ frame.across), reach, most, pitch_mm)
+    rows = _indices(-float(middle @ frame.along), reach, most, pitch_mm)
     point = _on_plane(frame, rows, columns, pitch_mm)
     x, y = point[..., 0], point[..., 1]
     above = above_mm(press, base_mm(elastomer, x, y), x, y)
