@@ -18,6 +18,7 @@ from designlab.sensor.camera import View
 from designlab.sensor.design import Design, DesignError, explain, load, loads, preset_names
 from designlab.simulation.contact.press import Press
 from geometries import probes
+from geometries.mesh_files import Understood
 from geometries.spec import Spec, quantity
 
 FILE_NAME = "measurement.toml"
@@ -260,6 +261,30 @@ class Measurement(Spec):
             return None
         return frame.contact_radius_px * self.mm_per_px
 
+    def _probe_text(self, probe: str) -> str:
+        """Text of a probe, of a mesh with the place of its file."""
+        if not probes.is_mesh(probe):
+            return probe
+        stated = probes.mesh_text(probe)
+        return stated._replace(file=str(self.path(stated.file))).text
+
+    def meshes(self) -> list[Understood]:
+        """Say what the mesh files of the probes are taken for, each once.
+
+        Raises
+        ------
+        MeasurementError
+            If one holds nothing that can press.
+        """
+        found: dict[str, Understood | None] = {}
+        for frame in self.frames:
+            if frame.probe is not None and probes.is_mesh(frame.probe) and frame.probe not in found:
+                try:
+                    found[frame.probe] = probes.understood(probes.parse(self._probe_text(frame.probe)))
+                except ValueError as error:
+                    raise self.error(frame, f"probe: {error}", None) from None
+        return [mesh for mesh in found.values() if mesh is not None]
+
     def press(self, frame: MeasuredFrame) -> Press | None:
         """Indentation that a frame shows as far as its metadata tell; None for a frame without contact.
 
@@ -273,9 +298,8 @@ class Measurement(Spec):
         """
         if frame.probe is None:
             return None
-        mesh = mesh_file(frame.probe)
-        text = frame.probe if mesh is None else frame.probe.replace(mesh, str(self.path(mesh)), 1)
-        if mesh is None and ":" not in text:
+        text = self._probe_text(frame.probe)
+        if not probes.is_mesh(text) and ":" not in text:
             raise self.error(frame, "probe: its size is unknown, write kind:size_mm", frame.probe)
         centre = self.centre_mm(frame)
         depth_mm, radius_mm = frame.depth_mm, self.contact_radius_mm(frame)

@@ -445,6 +445,10 @@ class TestCommand:
         assert measurement.frames[0].probe == "probes/knob.gltf:-y"
         press = measurement.press(measurement.frames[0])
         assert (press.probe.side, round(press.probe.size_mm, 6)) == ("-y", 4.0)
+        (mesh,) = measurement.meshes()
+        assert str(mesh).endswith(
+            "probes/knob.gltf: glTF, 12 triangles, in m: 4 x 3 x 2 mm, pressed with its -y side"
+        )
 
     def test_call_by_call_frames_are_added(self, scene, tmp_path, capsys):
         for name, light in (("d0", 0 * scene), ("b0", scene), ("b1", scene), ("red", scene * [1, 0, 0])):

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from designlab.app.cli.console import Result
-from designlab.app.cli.shared import probes_named, source_named, table
+from designlab.app.cli.shared import as_understood, probes_named, source_named, table
 from designlab.core.progress import bar
 from designlab.core.run_folder import require_writable
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from designlab.report.page import Html
     from designlab.simulation.contact.press import Press
     from designlab.simulation.effects.model import SensorModel
+    from geometries.mesh_files import Understood
 
 PAGE = "report.html"
 PRESSED = ("depth_mm", "force_n", "at", "yaw_deg", "shear_mm", "twist_deg", "probe_unit", "probe_side")
@@ -319,8 +320,9 @@ def compare(args: Namespace) -> Result:
     """Compare two images, or a model with a measurement."""
     real = Path(args.real)
     measured = real.is_dir() or real.name == "measurement.toml"
+    meshes: list[Understood] = []
     if measured:
-        data = _compare_model(args)
+        data, meshes = _compare_model(args)
     else:
         from designlab.measurement.compare import compare_files
 
@@ -331,12 +333,13 @@ def compare(args: Namespace) -> Result:
     lines = [table(("figure", "all", *channels), rows)]
     if measured:
         lines.insert(0, f"compared: {', '.join(frame['file'] for frame in data['frames'])}")
+    lines += map(str, meshes)
     lines += [f"skipped {entry['file']}: {entry['reason']}" for entry in data.get("skipped", ())]
     lines += [f"pictures in {args.out}"] if args.out and measured else []
     return Result(data, "\n".join(lines))
 
 
-def _compare_model(args: Namespace) -> dict[str, Any]:
+def _compare_model(args: Namespace) -> tuple[dict[str, Any], "list[Understood]"]:
     import numpy as np
 
     from designlab.core.images import tone_map, write_image
@@ -358,7 +361,8 @@ def _compare_model(args: Namespace) -> dict[str, Any]:
             beside = np.concatenate([pair.simulated, pair.real], axis=1)
             write_image(folder / f"{stem}-simulated.exr", pair.simulated)
             write_image(folder / f"{stem}-simulated-and-real.png", tone_map(beside, white))
-    return found.to_json()
+    meshes = measurement.meshes()
+    return found.to_json() | as_understood(meshes), meshes
 
 
 def export(args: Namespace) -> Result:
@@ -385,5 +389,4 @@ def export(args: Namespace) -> Result:
         f"{passed} of {len(manifest['checks'])} checks passed; README.txt there says what each file is for",
         *(f"warning: {warning}" for warning in manifest["warnings"]),
     ]
-    read = {"understood": [mesh.to_json() for mesh in meshes]} if meshes else {}
-    return Result({"out": args.out, **manifest, **read}, "\n".join(lines))
+    return Result({"out": args.out, **manifest, **as_understood(meshes)}, "\n".join(lines))

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from designlab.app.cli.console import Result
+from designlab.app.cli.shared import as_understood
 
 if TYPE_CHECKING:
     from designlab.measurement.importing.conversion import Conversion
@@ -46,9 +47,8 @@ def import_pictures(args: Namespace) -> Result:
         lines.append(f"{done.folder}: {len(done.files)} pictures imported")
         lines += [f"level without light taken away (share of full scale): {level}"] if level else []
         lines += [f"note: {note}" for note in done.notes]
-        if done.meshes:
-            data["understood"] = [mesh.to_json() for mesh in done.meshes]
-            lines += [str(mesh) for mesh in done.meshes]
+        data |= as_understood(done.meshes)
+        lines += map(str, done.meshes)
     elif not args.ladder:
         raise ValueError("SOURCE: no pictures to import; or give --ladder to estimate a response")
     return Result(data, "\n".join(lines))

@@ -3,9 +3,10 @@
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from geometries.mesh_files import Understood
     from geometries.probes import Probe
 
 
@@ -42,3 +43,8 @@ def probes_named(args: Namespace, texts: Sequence[str]) -> "list[Probe]":
         parse(text, unit=args.probe_unit, side=args.probe_side) if text in meshes else parse(text)
         for text in texts
     ]
+
+
+def as_understood(meshes: "Sequence[Understood]") -> dict[str, Any]:
+    """What mesh files were taken for as ``understood`` of the JSON; nothing where there are none."""
+    return {"understood": [mesh.to_json() for mesh in meshes]} if meshes else {}
