@@ -6,13 +6,15 @@ upper surface, `profile_mm`, presses.
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Self, cast
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
-from geometries.mesh import MESH_SUFFIXES, from_solid, height_map, load
+from geometries import mesh_files
+from geometries.mesh import from_solid
+from geometries.mesh_files import FORMATS, SIDES, UNITS_MM, Side, Understood, Unit
 from geometries.outline import (
     beyond_inset_star_mm,
     inside_star,
@@ -20,6 +22,7 @@ from geometries.outline import (
     regular_polygon,
     star_polygon,
 )
+from geometries.raster import height_map
 from geometries.spec import Spec, quantity
 
 if TYPE_CHECKING:
@@ -39,7 +42,7 @@ SIZES: dict[ProbeKind, str] = {
     "wave": "wavelength of the sinusoidal ridges along y, a quarter of it high, on 3 x 3 wavelengths",
     "bars": "distance between the axes of two flat bars along y, each half of it wide, 2.5 times as long and "
     "4 times as high, on a plate",
-    "mesh": "larger extent of the mesh along x or y",
+    "mesh": "larger extent of the mesh across the direction in which it is pressed",
 }
 """What `size_mm` measures, by kind of probe."""
 
@@ -56,8 +59,11 @@ BAR_WIDTH, BAR_LENGTH, BAR_HEIGHT = 1 / 2, 5 / 2, 4.0
 WAVE_AMPLITUDE = 1 / 8
 """Amplitude (half the height from trough to crest) of the wave as a share of its wavelength."""
 
-MESH_TEXT = re.compile(rf"(.+(?:{'|'.join(map(re.escape, MESH_SUFFIXES))}))(?::(.*))?", re.IGNORECASE)
-"""Form of a probe given as a mesh: its file and, after a colon, its size."""
+MESH_TEXT = re.compile(rf"(.+(?:{'|'.join(map(re.escape, FORMATS))}))(?::(.*))?", re.IGNORECASE)
+"""Form of a probe given as a mesh: its file and, after colons, its size or its unit, and its side."""
+
+LARGEST_MM, LARGEST_MESH_MM = 100.0, 1000.0
+"""Largest size of a library probe, and of a mesh, of which only a part may touch."""
 
 LARGEST_EDGE: dict[ProbeKind, float] = {
     "triangle": largest_inset_mm(tips=3, outer_mm=3**-0.5, inner_mm=3**-0.5 / 2),
@@ -91,6 +97,10 @@ def _is_zero(value: float) -> bool:
     return value == 0
 
 
+def _is_upper(side: str) -> bool:
+    return side == "+z"
+
+
 class Probe(Spec):
     """A probe is the rigid body that is pressed into the gel.
 
@@ -104,12 +114,14 @@ class Probe(Spec):
     size_mm : float
         Characteristic size in mm, see `SIZES`.
     file : str, optional
-        Mesh file (STL or OBJ) of a probe of kind ``mesh``.
+        Mesh file of a probe of kind ``mesh``, see `geometries.mesh_files.FORMATS`.
     edge_radius_mm : float
         Radius in mm to which the edge that presses is rounded: the border of a triangle's or star's flat
         face, the point of a cone, the edge of a prism. 0 is sharp. The probe is what a ball of this radius
         can fill of the sharp shape, so the corners of an outline are rounded in plan as well, as the round
         bead of a printer leaves them; `size_mm` still measures the sharp shape.
+    side : str
+        Side of a mesh that presses, by the axes of its file.
 
     Raises
     ------
@@ -119,12 +131,24 @@ class Probe(Spec):
     """
 
     kind: ProbeKind = Field(description="Shape of the probe.")
-    size_mm: float = quantity(unit="mm", gt=0.05, le=100, description="Characteristic size, see `SIZES`.")
-    file: str | None = Field(None, description="Mesh file (STL or OBJ) of a probe of kind mesh.")
+    size_mm: float = quantity(
+        unit="mm", gt=0.05, le=LARGEST_MESH_MM, description="Characteristic size, see `SIZES`."
+    )
+    file: str | None = Field(None, description="Mesh file of a probe of kind mesh.")
     # Left out where it is zero: what was kept and named before probes had it keeps its digest.
     edge_radius_mm: float = quantity(
         0.0, unit="mm", description="Radius of the edge that presses; 0 is sharp.", ge=0, exclude_if=_is_zero
     )
+    side: Side = Field(
+        "+z", description="Side of a mesh that presses, by the axes of its file.", exclude_if=_is_upper
+    )
+
+    @field_validator("size_mm")
+    @classmethod
+    def _library_probes_are_small(cls, size_mm: float, info: ValidationInfo) -> float:
+        if info.data.get("kind") != "mesh" and size_mm > LARGEST_MM:
+            raise ValueError(f"Input should be less than or equal to {LARGEST_MM:g}")
+        return size_mm
 
     @model_validator(mode="after")
     def _mesh_has_file(self) -> Self:
@@ -132,6 +156,8 @@ class Probe(Spec):
             raise ValueError("file: a probe of kind mesh needs its mesh file")
         if self.kind != "mesh" and self.file is not None:
             raise ValueError(f"file: only a probe of kind mesh has a file, kind is {self.kind!r}")
+        if self.kind != "mesh" and self.side != "+z":
+            raise ValueError(f"side: only of a probe of kind mesh it can be chosen, kind is {self.kind!r}")
         return self
 
     @model_validator(mode="after")
@@ -154,7 +180,8 @@ class Probe(Spec):
     def text(self) -> str:
         """The probe in the form that `parse` reads, for example ``sphere:4`` or ``triangle:5:r0.2``."""
         edge = f":r{self.edge_radius_mm:.12g}" if self.edge_radius_mm else ""
-        return f"{self.file or self.kind}:{self.size_mm:.12g}{edge}"
+        side = "" if self.side == "+z" else f":{self.side}"
+        return f"{self.file or self.kind}:{self.size_mm:.12g}{edge}{side}"
 
     @property
     def is_round(self) -> bool:
@@ -167,31 +194,37 @@ class Probe(Spec):
         return self.model_copy(update=lengths)
 
 
-def parse(text: str) -> Probe:
+def parse(text: str, *, unit: Unit | None = None, side: Side | None = None) -> Probe:
     """Read a probe from its short form.
 
     Parameters
     ----------
     text : str
         ``kind[:size_mm[:rEDGE]]`` such as ``sphere:4.0``, ``triangle`` (4 mm then) or ``triangle:5:r0.2``
-        (edge radius 0.2 mm), or a mesh file ``path.stl[:size_mm]`` (``.obj`` too), which keeps its own size
-        in mm when none is given.
+        (edge radius 0.2 mm), or a mesh file ``path.stl[:size_mm][:unit][:side]`` such as ``knob.stl``,
+        ``knob.stl:12`` (scaled to 12 mm), ``knob.stl:m`` (its numbers are metres) or ``knob.stl:m:-z``.
+    unit : str, optional
+        Unit of a mesh file whose text states none.
+    side : str, optional
+        Side of a mesh that presses where its text states none; +z when absent.
 
     Raises
     ------
     ValueError
         If the kind is unknown, a length is no number or out of bounds, or the mesh file is not usable.
     """
-    if match := MESH_TEXT.fullmatch(text.strip()):
-        size_mm, edge_mm = (None, 0.0) if match[2] is None else _lengths_mm(match[2], text)
-        if edge_mm:
-            raise ValueError(f"probe: a mesh has the edges of its file, leave out the radius in {text!r}")
-        return from_file(match[1], size_mm=size_mm)
+    if is_mesh(text):
+        stated = mesh_text(text, unit=unit, side=side)
+        return from_file(stated.file, size_mm=stated.size_mm, unit=stated.unit, side=stated.side or "+z")
+    if unit is not None or side is not None:
+        what = "side" if unit is None else "unit"
+        raise ValueError(f"probe: --probe-{what} is for mesh files, {text!r} is none; leave it out")
     name, colon, lengths = text.strip().partition(":")
     library = {kind: kind for kind in SIZES if kind != "mesh"}
     if name not in library:
         raise ValueError(
-            f"probe: unknown {name!r} in {text!r}; known are {', '.join(library)}, or a .stl or .obj file"
+            f"probe: unknown {name!r} in {text!r}; known are {', '.join(library)}, or a mesh file "
+            f"({' '.join(FORMATS)})"
         )
     size_mm, edge_mm = _lengths_mm(lengths, text) if colon else (DEFAULT_SIZE_MM, 0.0)
     try:
@@ -200,7 +233,77 @@ def parse(text: str) -> Probe:
         broken = error.errors()[0]
         if not broken["loc"]:  # a rule of several fields, which names them
             raise ValueError(f"probe: {text!r}: {broken['msg'].removeprefix('Value error, ')}") from None
-        raise ValueError(f"probe: {broken['loc'][0]} in {text!r}: {broken['msg']} (mm)") from None
+        said = broken["msg"].removeprefix("Value error, ")
+        raise ValueError(f"probe: {broken['loc'][0]} in {text!r}: {said} (mm)") from None
+
+
+class MeshText(NamedTuple):
+    """What the text of a mesh probe states: file, size (mm), unit and side."""
+
+    file: str
+    size_mm: float | None
+    unit: Unit | None
+    side: Side | None
+
+    @property
+    def text(self) -> str:
+        """The text that `mesh_text` reads."""
+        size = None if self.size_mm is None else f"{self.size_mm:.12g}"
+        return ":".join(part for part in (self.file, size, self.unit, self.side) if part is not None)
+
+
+def is_mesh(text: str) -> bool:
+    """Whether a probe's text names a mesh file."""
+    return MESH_TEXT.fullmatch(text.strip()) is not None
+
+
+def mesh_text(text: str, *, unit: Unit | None = None, side: Side | None = None) -> MeshText:
+    """Read the text of a mesh probe; its file is not opened.
+
+    Parameters
+    ----------
+    text : str
+        ``path.stl[:size_mm][:unit][:side]``.
+    unit, side : str, optional
+        What is stated beside the text.
+
+    Raises
+    ------
+    ValueError
+        If a part is none of these, stated twice, or size and unit are both stated.
+    """
+    match = MESH_TEXT.fullmatch(text.strip())
+    if match is None:
+        raise ValueError(f"probe: {text!r} names no mesh file ({' '.join(FORMATS)})")
+    given = {"unit": unit, "side": side}
+    found: dict[str, Any] = {}
+    for part in () if match[2] is None else match[2].split(":"):
+        if part in UNITS_MM:
+            what, value = "unit", cast("float | str", part)
+        elif part in SIDES:
+            what, value = "side", part
+        elif re.match(r"r[\d.]", part):
+            raise ValueError(f"probe: a mesh has the edges of its file, leave out the radius in {text!r}")
+        else:
+            what, value = "size_mm", _mesh_size(part, text)
+        if what in found:
+            raise ValueError(f"probe: {text!r} states its {what} twice")
+        found[what] = value
+    for what, beside in given.items():
+        if beside is not None and found.setdefault(what, beside) != beside:
+            raise ValueError(f"probe: {text!r} states the {what} {found[what]}, --probe-{what} says {beside}")
+    if "size_mm" in found and "unit" in found:
+        raise ValueError(f"probe: {text!r} states a size in mm and a unit of the file, leave out one of them")
+    return MeshText(match[1], found.get("size_mm"), found.get("unit"), found.get("side"))
+
+
+def _mesh_size(part: str, text: str) -> float:
+    try:
+        return _number(part, "size", text)
+    except ValueError as error:
+        raise ValueError(
+            f"{error}; nor is it a unit ({' '.join(UNITS_MM)}) or a side ({' '.join(SIDES)})"
+        ) from None
 
 
 def _lengths_mm(lengths: str, text: str) -> tuple[float, float]:
@@ -409,28 +512,59 @@ def wave(wavelength_mm: float) -> Probe:
     return Probe(kind="wave", size_mm=wavelength_mm)
 
 
-def from_file(path: str | Path, *, size_mm: float | None = None) -> Probe:
-    """Make a probe of a mesh file, pressed with its +z side.
+def from_file(
+    path: str | Path, *, size_mm: float | None = None, unit: Unit | None = None, side: Side = "+z"
+) -> Probe:
+    """Make a probe of a mesh file.
 
     Parameters
     ----------
     path : str or Path
-        STL or OBJ file, in mm.
+        STL, OBJ, PLY, OFF, GLB, glTF, 3MF or STEP file. Only its surface seen from the side that presses
+        counts, so it need not close.
     size_mm : float, optional
-        Larger extent along x or y in mm, to which it is scaled; its own when absent.
+        Larger extent across the pressing direction in mm, to which it is scaled; its own when absent.
+    unit : str, optional
+        Unit of the file, ``"um"``, ``"mm"``, ``"cm"``, ``"m"`` or ``"inch"``, where no size is given. When
+        absent that of the file or its format, else mm if that is plausible.
+    side : str
+        Side that presses, ``"+z"``, ``"-z"``, ``"+x"``, ``"-x"``, ``"+y"`` or ``"-y"`` of the file.
 
     Returns
     -------
     Probe
 
+    Warns
+    -----
+    geometries.mesh_files.MeshNote
+        About what was left out of the file or taken for something else.
+
     Raises
     ------
     ValueError
-        If the file holds no usable body, see `geometries.mesh.load`.
+        If the file holds nothing that can press, see `geometries.mesh_files.load`, or its unit must be
+        stated.
     """
-    body = load(path, size_mm=size_mm)
-    own_mm = float(max(body.extents[:2]))
-    return Probe(kind="mesh", size_mm=own_mm if size_mm is None else size_mm, file=str(path))
+    own_mm = mesh_files.own_size_mm(path, unit=unit, side=side) if size_mm is None else size_mm
+    try:
+        probe = Probe(kind="mesh", size_mm=own_mm, file=str(path), side=side)
+    except ValidationError as error:
+        broken = error.errors()[0]
+        raise ValueError(f"{path}: size {own_mm:g} mm: {broken['msg']}") from None
+    mesh(probe)
+    return probe
+
+
+def understood(probe: Probe) -> Understood | None:
+    """Say what the mesh file of a probe is taken for; None of a library probe."""
+    if probe.file is None:
+        return None
+    return mesh_files.understood(probe.file, size_mm=probe.size_mm, side=probe.side)
+
+
+def thickness_mm(probe: Probe) -> float:
+    """Height of a mesh along the direction in which it is pressed (mm); library probes have no end."""
+    return float(mesh(probe).extents[2]) if probe.kind == "mesh" else np.inf
 
 
 def profile_mm(probe: Probe, x: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
@@ -516,9 +650,9 @@ def _flank_mm(distance_mm: NDArray[np.float64], edge_mm: float) -> NDArray[np.fl
 
 
 def mesh(probe: Probe, *, tolerance_mm: float = 0.005) -> "trimesh.Trimesh":
-    """Watertight mesh of probe and shank in the probe's own frame (mm); a user's mesh as it was loaded."""
+    """Watertight mesh of probe and shank in the probe's own frame (mm); of a user's file its triangles."""
     if probe.file is not None:
-        return load(probe.file, size_mm=probe.size_mm)
+        return mesh_files.load(probe.file, size_mm=probe.size_mm, side=probe.side)
     return from_solid(solid(probe), tolerance_mm=tolerance_mm)
 
 

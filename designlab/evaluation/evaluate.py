@@ -435,8 +435,8 @@ def _rendered(
 
 def _beyond(frames: _Frames) -> list[str]:
     """Where the model of contact was used beyond what it holds for, each way once."""
-    found = [frame.surface.mechanics for frame in (*frames.balls, *frames.tests)]
-    return list(dict.fromkeys(text for one in found if one is not None for text in one.warnings))
+    surfaces = [frame.surface for frame in (*frames.balls, *frames.tests)]
+    return list(dict.fromkeys(text for surface in surfaces for text in surface.warnings))
 
 
 class _Scored(NamedTuple):

@@ -39,6 +39,7 @@ from designlab.sensor.optical_constants import material
 from designlab.simulation.effects.model import SensorModel
 from geometries import probes as probe_library
 from geometries.leds import bodies
+from geometries.mesh_files import closed
 from geometries.probes import Probe
 
 if TYPE_CHECKING:
@@ -180,6 +181,7 @@ def _write(
         },
         "warnings": [
             *notes,
+            *(f"{probe_name(p)}: {note}" for p in meshed for note in described[probe_name(p)]["notes"]),
             *([design.not_buildable] if design.not_buildable else []),
             *(f"rule {rule} is violated by {margin:.3g} mm" for rule, margin in broken.items()),
             *(f"{c.part} overlap by {c.value:.3g} mm3 ({c.note})" for c in overlaps if c.note),
@@ -233,11 +235,16 @@ def _write_part(
 
 def _write_mesh_probe(folder: Path, probe: Probe) -> tuple[dict[str, Any], list[FileCheck]]:
     """Write a user's mesh, scaled and placed, as STL, and compare the file with it."""
-    name, mesh = probe_name(probe), probe_library.mesh(probe)
+    name = probe_name(probe)
+    mesh, repairs = closed(probe_library.mesh(probe))
     path = _path(folder, "stl", f"{name}.stl")
     mesh.export(path, file_type="stl")
+    described = {"size_mm": mesh.extents.tolist(), "source": probe.file, "notes": list(repairs)}
+    if not mesh.is_watertight:
+        described["notes"].append("its surface is open, so it cannot be printed as it is; close it before")
+        return described, []
     checks = mesh_checks(name, path.name, read(path), volume_mm3=float(mesh.volume))
-    return {"volume_mm3": float(mesh.volume), "size_mm": mesh.extents.tolist(), "source": probe.file}, checks
+    return described | {"volume_mm3": float(mesh.volume)}, checks
 
 
 def _write_assembly(design: Design, folder: Path, shapes: Mapping[str, "cadquery.Shape"]) -> list[FileCheck]:

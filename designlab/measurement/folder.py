@@ -13,6 +13,7 @@ from designlab.core.store import atomic_folder, read_toml
 from designlab.measurement.frames import FILE_NAME, MeasuredFrame, Measurement, MeasurementError, mesh_file
 from designlab.measurement.sizes import check_leds, check_size, size
 from designlab.sensor.design import explain, preset_names
+from geometries.mesh_files import files_of
 
 
 def load_measurement(path: str | Path) -> Measurement:
@@ -122,10 +123,16 @@ def write_measurement(
 
 def _attached(measurement: Measurement) -> set[str]:
     """Files besides the images that a set names relative to its folder."""
-    named = {mesh_file(frame.probe or "") for frame in measurement.frames}
+    meshes = {mesh_file(frame.probe or "") for frame in measurement.frames}
+    named = {name for name in meshes if name and not Path(name).is_absolute()}
+    for mesh in tuple(named):
+        beside = measurement.path(mesh).parent
+        named |= {
+            str(Path(mesh).parent / file.relative_to(beside)) for file in files_of(beside / Path(mesh).name)
+        }
     if measurement.sensor not in (*preset_names(), "unknown"):
         named.add(measurement.sensor)
-    return {name for name in named if name and not Path(name).is_absolute()}
+    return {name for name in named if not Path(name).is_absolute()}
 
 
 def _check(measurement: Measurement) -> None:

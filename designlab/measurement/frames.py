@@ -18,6 +18,7 @@ from designlab.sensor.camera import View
 from designlab.sensor.design import Design, DesignError, explain, load, loads, preset_names
 from designlab.simulation.contact.press import Press
 from geometries import probes
+from geometries.mesh_files import Understood
 from geometries.spec import Spec, quantity
 
 FILE_NAME = "measurement.toml"
@@ -61,7 +62,7 @@ class MeasuredFrame(Spec):
     kind: Literal["background", "press", "light_probe", "dark", "flat_field"]
     """What it shows."""
     probe: str | None = None
-    """Probe as kind[:size_mm[:rEDGE]] or mesh file[:size_mm]."""
+    """Probe as kind[:size_mm[:rEDGE]] or mesh file[:size_mm][:unit][:side]."""
     depth_mm: float | None = quantity(None, unit="mm", gt=0, le=20)
     """Largest penetration of the probe."""
     # What is absent of these is not dumped: digests of sets from before they were known stay what they were.
@@ -103,7 +104,11 @@ class MeasuredFrame(Spec):
     def _known_probe(cls, text: str | None, info: ValidationInfo) -> str | None:
         if text is not None and info.data.get("kind") == "light_probe":
             text = re.sub(r"^\s*ball\b", "sphere", text)
-        if text is not None and mesh_file(text) is None:
+        if text is None:
+            return None
+        if probes.is_mesh(text):
+            probes.mesh_text(text)  # its file is looked for when the set is read
+        else:
             probes.parse(text)
         return text
 
@@ -256,6 +261,30 @@ class Measurement(Spec):
             return None
         return frame.contact_radius_px * self.mm_per_px
 
+    def _probe_text(self, probe: str) -> str:
+        """Text of a probe, of a mesh with the place of its file."""
+        if not probes.is_mesh(probe):
+            return probe
+        stated = probes.mesh_text(probe)
+        return stated._replace(file=str(self.path(stated.file))).text
+
+    def meshes(self) -> list[Understood]:
+        """Say what the mesh files of the probes are taken for, each once.
+
+        Raises
+        ------
+        MeasurementError
+            If one holds nothing that can press.
+        """
+        found: dict[str, Understood | None] = {}
+        for frame in self.frames:
+            if frame.probe is not None and probes.is_mesh(frame.probe) and frame.probe not in found:
+                try:
+                    found[frame.probe] = probes.understood(probes.parse(self._probe_text(frame.probe)))
+                except ValueError as error:
+                    raise self.error(frame, f"probe: {error}", None) from None
+        return [mesh for mesh in found.values() if mesh is not None]
+
     def press(self, frame: MeasuredFrame) -> Press | None:
         """Indentation that a frame shows as far as its metadata tell; None for a frame without contact.
 
@@ -269,9 +298,8 @@ class Measurement(Spec):
         """
         if frame.probe is None:
             return None
-        mesh = mesh_file(frame.probe)
-        text = frame.probe if mesh is None else frame.probe.replace(mesh, str(self.path(mesh)), 1)
-        if mesh is None and ":" not in text:
+        text = self._probe_text(frame.probe)
+        if not probes.is_mesh(text) and ":" not in text:
             raise self.error(frame, "probe: its size is unknown, write kind:size_mm", frame.probe)
         centre = self.centre_mm(frame)
         depth_mm, radius_mm = frame.depth_mm, self.contact_radius_mm(frame)
@@ -395,9 +423,8 @@ def alike(frames: Iterable[MeasuredFrame], *, but: Sequence[str] = ()) -> list[l
 
 
 def mesh_file(probe: str) -> str | None:
-    """File of a probe given as mesh, without its size."""
-    match = probes.MESH_TEXT.fullmatch(probe.strip())
-    return match[1] if match else None
+    """File of a probe given as mesh, without size, unit and side."""
+    return probes.mesh_text(probe).file if probes.is_mesh(probe) else None
 
 
 @lru_cache(maxsize=32)

@@ -14,6 +14,7 @@ from designlab.core.images import png_bytes, tone_map
 from designlab.core.types import Array
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
+from designlab.simulation.contact.approach import above_mm, named
 from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
 from designlab.simulation.contact.surface import Mechanics, Surface
@@ -124,6 +125,14 @@ class Frame:
         """Slopes dz/dx and dz/dy of the indentation every pixel sees."""
         p, q = self.surface.indentation_gradient
         return self.surface.sample(p, *self.seen_mm), self.surface.sample(q, *self.seen_mm)
+
+    @cached_property
+    def share_touching(self) -> float | None:
+        """Share of what of the probe lies over the picture that touches; None where nothing does."""
+        if self.press is None:
+            return None
+        over = np.isfinite(above_mm(self.press, np.zeros_like(self.height_mm), *self.seen_mm))
+        return float(self.contact[over].mean()) if over.any() else None
 
     @cached_property
     def contact(self) -> NDArray[np.bool_]:
@@ -288,14 +297,28 @@ class Simulator:
                 )
         grain_mm = CELL_MM if estimator in ("fast", "corrected") else 0.0
         weights = self.design.transfer_mw
-        warnings = self.model.warnings([press])
-        if surface.mechanics is not None:
-            warnings += surface.mechanics.warnings
+        warnings = (*self.model.warnings([press]), *surface.warnings, *self._unseen(press, surface))
         return Frame(press, surface, self.rays, basis, weights, grain_mm, bias(estimator), stray, warnings)
 
     def sight(self, surface: Surface) -> Sight:
         """What the picture of a surface shows, for effects that act on its light."""
         return Sight(self.design, self.view, self.rays.hit(surface), self.rays.pitch_mm)
+
+    def _unseen(self, press: Press | None, surface: Surface) -> tuple[str, ...]:
+        """A warning where the probe touches the gel beside the picture alone."""
+        if press is None:
+            return ()
+        left, right = float(self.rays.x_mm.min()), float(self.rays.x_mm.max())
+        low, high = float(self.rays.y_mm.min()), float(self.rays.y_mm.max())
+        columns = (left <= surface.x_mm) & (surface.x_mm <= right)
+        rows = (low <= surface.y_mm) & (surface.y_mm <= high)
+        if surface.contact[np.ix_(rows, columns)].any():
+            return ()
+        x_mm, y_mm = press.centre_mm
+        return (
+            f"the press lies outside the picture: {named(press)} at ({x_mm:g}, {y_mm:g}) mm touches "
+            f"the gel nowhere in x from {left:.3g} to {right:.3g} and y from {low:.3g} to {high:.3g} mm",
+        )
 
     def _capture(self, surface: Surface, place: tuple[slice, slice] = WHOLE) -> Capture:
         """How the camera takes its picture of a surface; light that it sees sharp."""

@@ -153,6 +153,35 @@ class TestArguments:
                 ["sphere:x", "number"],
             ),
             (["render", FLAT, "-o", "x.png", "--probe", "no.stl", "--depth-mm", "1"], ["no.stl"]),
+            (["render", FLAT, "-o", "x.png", "--probe-side", "-z"], ["--probe", "--probe-side"]),
+            (
+                [
+                    "render",
+                    FLAT,
+                    "-o",
+                    "x.png",
+                    "--probe",
+                    "sphere:4",
+                    "--probe-unit",
+                    "m",
+                    "--depth-mm",
+                    "1",
+                ],
+                ["--probe-unit", "mesh"],
+            ),
+            (
+                ["render", FLAT, "-o", "x.png", "--probe", "a.stl", "--probe-side", "z", "--depth-mm", "1"],
+                ["--probe-side", "'z'", "-z"],
+            ),
+            (
+                ["render", "default", "-o", "x.png", "--probe", "sphere:6", "--depth-mm", "3.5"],
+                ["press.depth_mm", "2 mm", "3.5 mm"],
+            ),
+            (
+                ["render", FLAT, "-o", "x.png", "--probe", "sphere:6", "--depth-mm", "3.5"],
+                ["press.depth_mm", "2 mm", "3.5 mm"],
+            ),
+            (["export", "default", "--out", "x", "--probe", "star", "--probe-side", "-z"], ["--probe-side"]),
             (["render", FLAT, "-o", "x.png", "--probe", "sphere", "--depth-mm", "-1"], ["depth_mm", "-1"]),
             (
                 ["render", FLAT, "-o", "x.png", "--probe", "sphere", "--depth-mm", "1", "--at", "3"],

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from designlab.app import cli
 from designlab.app.cli import arguments, console, designs
@@ -22,6 +23,7 @@ from designlab.measurement import load_measurement
 from designlab.optimization.study import load_study
 from designlab.sensor.design import dumps, load, preset, preset_names
 from designlab.validation.blind.pool import shard
+from geometries import mesh_files
 from geometries.probes import parse
 
 PROGRAM = Path(sys.executable).with_name("designlab")
@@ -587,3 +589,47 @@ def test_a_file_in_place_of_a_results_folder_is_named(run, tmp_path):
     assert status == 2
     assert "taken: must be a folder, is a file" in err
     assert file.read_text() == "mine"
+
+
+@pytest.mark.parametrize("words", [["render", "default", "-o", "x.png"], ["export", "default", "--out", "x"]])
+@pytest.mark.parametrize("side", mesh_files.SIDES)
+@pytest.mark.parametrize("unit", mesh_files.UNITS_MM)
+def test_sides_and_units_of_meshes_are_those_that_files_are_read_by(words, side, unit):
+    args = arguments.parse([*words, "--probe", "a.stl", "--probe-side", side, "--probe-unit", unit])
+    assert (args.probe_side, args.probe_unit) == (side, unit)
+
+
+@pytest.mark.renders
+@pytest.mark.parametrize(
+    ("side", "share"), [("+z", (0.05, 0.12)), ("-z", (0.99, 1.0)), ("+x", (0.99, 1.0)), ("-y", (0.99, 1.0))]
+)
+def test_what_of_a_mesh_touches_is_said(run, tmp_path, side, share):
+    trimesh.util.concatenate(
+        [
+            trimesh.creation.box((60, 60, 20)).apply_translation((0, 0, -10)),
+            trimesh.creation.icosphere(subdivisions=4, radius=4),
+        ]
+    ).apply_scale(1e-3).export(tmp_path / "knob.stl")
+    call = [
+        *("render", "gelsight-2020-flat", "-o", tmp_path / "x.png", "--columns", 48, "--samples", 1),
+        *("--probe", tmp_path / "knob.stl", "--probe-unit", "m", "--probe-side", side, "--depth-mm", 0.5),
+    ]
+    status, out, _ = run(*call, "--json")
+    assert status == 0
+    (said,) = json.loads(out)["understood"]
+    assert share[0] <= said["share_touching"] <= share[1]
+    assert (said["unit"], said["side"]) == ("m", side)
+    assert said["extents_mm"] == pytest.approx([60, 60, 24], rel=1e-3)
+    status, out, _ = run(*call)
+    assert f"in m: 60 x 60 x 24 mm, pressed with its {side} side; " in out
+    assert "% of its top that is in the picture touches" in out
+
+
+@pytest.mark.renders
+@pytest.mark.parametrize(("at", "outside"), [("0,0", False), ("6,4", False), ("9,0", True), ("0,-7", True)])
+@pytest.mark.parametrize("design", ["default", "gelsight-2020-flat-core"])
+def test_a_press_outside_the_picture_is_said(run, tmp_path, at, outside, design):
+    call = ["render", design, "-o", tmp_path / "x.png", "--columns", 32, "--samples", 1, "--json"]
+    status, out, _ = run(*call, "--probe", "sphere:3", "--depth-mm", 0.5, f"--at={at}")
+    assert status == 0
+    assert any("lies outside the picture" in text for text in json.loads(out)["warnings"]) == outside

@@ -6,9 +6,9 @@ from pydantic import ValidationError
 from scipy.ndimage import grey_opening
 
 from geometries import probes
-from geometries.mesh import height_map
 from geometries.outline import star_polygon
 from geometries.probes import LARGEST_EDGE, REACH, SIZES, STAR_INNER, Probe, parse, profile_mm
+from geometries.raster import height_map
 
 LIBRARY = [kind for kind in SIZES if kind != "mesh"]
 ROUNDED = [

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
 from designlab.app import cli
@@ -367,6 +368,89 @@ class TestCommand:
         assert measurement.design() == preset("gelsight-2020-flat")
         assert measurement.frames[2].depth_mm == 0.4
         assert np.abs(measurement.linear(measurement.frames[1]) - scene).max() < 0.004
+
+    @pytest.mark.parametrize(
+        ("options", "text"),
+        [
+            ((), "knob.stl"),
+            (("--probe-unit", "cm"), "knob.stl:cm"),
+            (("--probe-side", "-z"), "knob.stl:-z"),
+            (("--probe-unit", "inch", "--probe-side", "+x"), "knob.stl:inch:+x"),
+        ],
+    )
+    def test_the_mesh_of_a_probe_is_copied_with_unit_and_side(
+        self, scene, tmp_path, capsys, monkeypatch, options, text
+    ):
+        trimesh.creation.box((4, 3, 2)).export(tmp_path / "knob.stl")
+        (tmp_path / "elsewhere").mkdir()
+        for name in ("a", "b"):
+            self.photo(tmp_path / f"{name}.png", scene)
+        monkeypatch.chdir(tmp_path)
+        what = ("--kind", "press", "--depth-mm", 0.5, "--at", "1,2", "--response", "srgb", "--out", "m")
+        for picture, file in (("a.png", tmp_path / "knob.stl"), ("b.png", "knob.stl")):  # twice the same
+            status, data, _ = self.run(capsys, picture, "--probe", file, *options, *what)
+            assert status == 0
+            (said,) = data["understood"]
+            assert said["as"].startswith("STL, 12 triangles")
+        (tmp_path / "knob.stl").unlink()
+        measurement = load_measurement(tmp_path / "m")
+        assert [frame.probe for frame in measurement.frames] == [text, text]
+        press = measurement.press(measurement.frames[1])
+        assert press.probe.file == str(tmp_path / "m" / "knob.stl")
+        assert said["extents_mm"] == pytest.approx(
+            {"cm": [40, 30, 20], "inch": [101.6, 76.2, 50.8]}.get(said["unit"], [4, 3, 2])
+        )
+
+    @pytest.mark.faults
+    def test_meshes_that_cannot_be_used_stop_an_import(self, scene, tmp_path, capsys):
+        self.photo(tmp_path / "a.png", scene)
+        what = (tmp_path / "a.png", "--kind", "press", "--response", "srgb", "--out", tmp_path / "m")
+        trimesh.creation.box((4, 3, 2)).apply_scale(1e-3).export(tmp_path / "metres.stl")
+        trimesh.creation.box((4, 3, 2)).export(tmp_path / "knob.stl")
+        for probe, words in (
+            (("metres.stl",), ("metres.stl", "--probe-unit", "m (4 x 3 x 2 mm)")),
+            (("lost.stl",), ("lost.stl", "cannot be read")),
+            (("knob.stl:m", "--probe-unit", "cm"), ("states the unit m",)),
+            (("sphere:4", "--probe-side", "-z"), ("--probe-side: is for mesh files",)),
+        ):
+            name = probe[0] if ":4" in probe[0] else tmp_path / probe[0]
+            status, data, _ = self.run(capsys, *what, "--probe", name, *probe[1:])
+            assert status == 2
+            assert all(word in data["error"] for word in words), data["error"]
+            assert not (tmp_path / "m").exists()
+        for folder, size in (("x", 4), ("y", 5)):
+            (tmp_path / folder).mkdir()
+            trimesh.creation.box((size, 3, 2)).export(tmp_path / folder / "knob.stl")
+        self.photo(tmp_path / "b.png", scene)
+        assert self.run(capsys, *what, "--probe", tmp_path / "x" / "knob.stl")[0] == 0
+        second = (tmp_path / "b.png", *what[1:])
+        status, data, _ = self.run(capsys, *second, "--probe", tmp_path / "y" / "knob.stl")
+        assert (status, "has another knob.stl; rename it" in data["error"]) == (2, True)
+
+    def test_meshes_of_a_described_folder_come_along(self, scene, tmp_path, capsys):
+        """Also where pictures lie deeper, with the buffer of a glTF file."""
+        folder = tmp_path / "photos"
+        (folder / "raw").mkdir(parents=True)
+        (folder / "probes").mkdir()
+        self.photo(folder / "raw" / "a.png", scene)
+        for name, data in trimesh.creation.box((4e-3, 3e-3, 2e-3)).export(file_type="gltf").items():
+            (folder / "probes" / name.replace("model", "knob")).write_bytes(data)
+        (folder / "measurement.toml").write_text(
+            'response = "srgb"\nsensor = "gelsight-2020-flat"\n[[frame]]\nfile = "raw/a.png"\n'
+            'kind = "press"\nprobe = "probes/knob.gltf:-y"\ndepth_mm = 0.4\ncentre_mm = [1, 2]\n',
+            encoding="utf-8",
+        )
+        status, data, _ = self.run(capsys, folder, "--out", tmp_path / "m")
+        assert status == 0, data
+        assert data["understood"][0]["unit"] == "m"
+        measurement = load_measurement(tmp_path / "m")
+        assert measurement.frames[0].probe == "probes/knob.gltf:-y"
+        press = measurement.press(measurement.frames[0])
+        assert (press.probe.side, round(press.probe.size_mm, 6)) == ("-y", 4.0)
+        (mesh,) = measurement.meshes()
+        assert str(mesh).endswith(
+            "probes/knob.gltf: glTF, 12 triangles, in m: 4 x 3 x 2 mm, pressed with its -y side"
+        )
 
     def test_call_by_call_frames_are_added(self, scene, tmp_path, capsys):
         for name, light in (("d0", 0 * scene), ("b0", scene), ("b1", scene), ("red", scene * [1, 0, 0])):

@@ -11,6 +11,9 @@ from designlab.core import __version__
 STORAGE_VARIABLE = "DESIGNLAB_STORAGE"
 """Environment variable with the URL of the database that records of studies lie in."""
 
+# As geometries.mesh_files has them, which is not imported here: help is instant.
+UNITS = ("um", "mm", "cm", "m", "inch")
+SIDES = ("+z", "-z", "+x", "-x", "+y", "-y")
 FIDELITIES = ("fast", "standard", "reference")
 DESIGN_HELP = "preset name (see `designlab presets`) or TOML file"
 LENS_HELP = "calibration by OpenCV, ROS, Kalibr, COLMAP or a script (YAML, XML, JSON, .npz, cameras.txt)"
@@ -20,6 +23,8 @@ _DESIGNS = "designlab.app.cli.designs"
 _START = "designlab.app.cli.start"
 _STUDY = "designlab.app.cli.study"
 _GAP = "designlab.app.cli.gap"
+
+_WITH_MINUS = {"--at": r"-[\d.]", "--probe-side": r"-[xyz]$"}
 
 _LARGEST_SEED = 2**31 - 1
 
@@ -138,6 +143,7 @@ def _add_designs(add: Any) -> None:
         "--probe SPEC",
         "kind[:size_mm] such as sphere:4, triangle:5:r0.2 (edge radius in mm), or a mesh file",
     )
+    _mesh(press)
     _option(press, "--depth-mm D", "how deep it is pressed (mm)", type=float)
     _option(press, "--force-n F", "force (N) instead of a depth, on an elastic gel", type=float)
     _option(press, "--at X,Y", "where its axis meets the gel (mm; default 0,0)", type=_point)
@@ -225,6 +231,7 @@ def _add_designs(add: Any) -> None:
     _option(export, "design DESIGN", DESIGN_HELP)
     _out(export, "folder to make; replaces an earlier export")
     _option(export, "--probe SPEC", "indenter to add (repeatable)", action="append", default=[])
+    _mesh(export)
     _option(export, "--allow-infeasible", "export although rules are broken, with warnings")
 
 
@@ -247,7 +254,8 @@ def _add_import(add: Any) -> None:
     _option(shown, "--kind", "what they show", choices=kinds, default=None)
     _option(shown, "--leds NAMES", "LED groups on, with commas; all when absent")
     _option(shown, "--exposure E", "relative exposure", type=float)
-    _option(shown, "--probe SPEC", "kind:size_mm such as sphere:4, or a mesh file")
+    _option(shown, "--probe SPEC", "kind:size_mm such as sphere:4, or a mesh file, which is copied")
+    _mesh(shown)
     _option(shown, "--depth-mm D", "how deep it was pressed (mm)", type=float)
     _option(shown, "--at X,Y", "where its axis meets the gel (mm)", type=_point)
     _option(shown, "--yaw-deg A", "its rotation, counter-clockwise (deg)", type=float)
@@ -470,6 +478,13 @@ def _option(to: Any, words: str, text: str, **more: Any) -> None:
     to.add_argument(*names, help=text, **more)
 
 
+def _mesh(command: Any) -> None:
+    text = "unit of a mesh file that states none (mm when absent, if that is plausible)"
+    _option(command, "--probe-unit", text, choices=UNITS, default=None)
+    text = "side of a mesh that presses, by the axes of its file (+z when absent)"
+    _option(command, "--probe-side", text, choices=SIDES, default=None)
+
+
 def _workers(command: argparse.ArgumentParser) -> None:
     _option(command, "--workers N", "processes at once (default: 1)", type=_whole(1, 256), default=1)
 
@@ -533,7 +548,9 @@ def _with_negative_values(arguments: Sequence[str]) -> list[str]:
     """Join ``--at -1,2`` to ``--at=-1,2``: argparse takes a leading minus for an option."""
     joined: list[str] = []
     for argument in arguments:
-        if joined and joined[-1] == "--at" and re.match(r"-[\d.]", argument):
+        if joined and any(
+            joined[-1] == option and re.match(value, argument) for option, value in _WITH_MINUS.items()
+        ):
             joined[-1] += f"={argument}"
         else:
             joined.append(argument)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from designlab.app.cli.console import DONE, FAILED, Result
-from designlab.app.cli.shared import source_named, table
+from designlab.app.cli.shared import as_understood, source_named, table
 from designlab.core.progress import IN_PERCENT, bar
 from designlab.core.run_folder import require_writable
 
@@ -36,6 +36,7 @@ def calibrate(args: Namespace) -> Result:
     from designlab.report.figures import write_figure
 
     measurement = load_measurement(args.measurement)
+    meshes = measurement.meshes()
     model = _start(args)
     require_writable(args.out, made_with=RESULT)
     with bar(form=IN_PERCENT, keep=True) as progress, source_named(args.model):
@@ -56,11 +57,13 @@ def calibrate(args: Namespace) -> Result:
         residual = write_figure(residual_plot(found), folder / PICTURE)
         calibration_report(found, verdict, folder / PAGE, design=str(out / DESIGN), residual=residual)
     files = {"design": DESIGN, "result": RESULT, "picture": PICTURE, "report": PAGE}
+    data |= as_understood(meshes)
     data["files"] = {what: str(out / name) for what, name in files.items()}
     lines = [
         f"fit: {verdict.word}",
         *(f"reason: {reason}" for reason in verdict.reasons),
         _summary(found),
+        *map(str, meshes),
         f"design: {out / DESIGN}",
         f"report: {out / PAGE}",
     ]

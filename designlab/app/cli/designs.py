@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from designlab.app.cli.console import Result
-from designlab.app.cli.shared import source_named, table
+from designlab.app.cli.shared import as_understood, probes_named, source_named, table
 from designlab.core.progress import bar
 from designlab.core.run_folder import require_writable
 
@@ -17,9 +17,10 @@ if TYPE_CHECKING:
     from designlab.report.page import Html
     from designlab.simulation.contact.press import Press
     from designlab.simulation.effects.model import SensorModel
+    from geometries.mesh_files import Understood
 
 PAGE = "report.html"
-PRESSED = ("depth_mm", "force_n", "at", "yaw_deg", "shear_mm", "twist_deg")
+PRESSED = ("depth_mm", "force_n", "at", "yaw_deg", "shear_mm", "twist_deg", "probe_unit", "probe_side")
 GRAINY = 0.05  # noise of a square millimetre above which pictures are worth a warning
 
 
@@ -241,6 +242,7 @@ def render(args: Namespace) -> Result:
     from designlab.core.images import tone_map, write_image
     from designlab.simulation.effects.model import load_model
     from designlab.simulation.simulator import Simulator
+    from geometries.probes import understood
 
     output = Path(args.output)
     if output.suffix.lower() not in (".exr", ".png"):
@@ -258,6 +260,8 @@ def render(args: Namespace) -> Result:
         raise OSError(error.errno, f"cannot write {output}: {error.strerror or error}") from None
     rows, columns = mixed.shape[:2]
     mechanics = frame.mechanics
+    mesh = None if press is None else understood(press.probe)
+    share = None if mesh is None else frame.share_touching
     data = {
         "output": args.output,
         "columns": columns,
@@ -265,11 +269,15 @@ def render(args: Namespace) -> Result:
         "mean_radiance": [float(value) for value in mixed.mean(axis=(0, 1))],
         "deepest_mm": float(frame.height_mm.max()),
         **({} if mechanics is None else mechanics.to_json()),
+        **({} if mesh is None else {"understood": [{**mesh.to_json(), "share_touching": share}]}),
         "samples": args.samples,
         "seed": args.seed,
         "warnings": list(frame.warnings),
     }
     lines = [f"{args.output}: {columns} x {rows} pixels"]
+    if mesh is not None:
+        touching = "" if share is None else f"; {share:.0%} of its top that is in the picture touches"
+        lines.append(f"{mesh}{touching}")
     if mechanics is not None:
         lines.append(
             f"pressed {mechanics.depth_mm:.3g} mm deep with {mechanics.force_n:.3g} N; contact of "
@@ -292,11 +300,11 @@ def _press(args: Namespace) -> "Press | None":
 
     from designlab.sensor.design import explain
     from designlab.simulation.contact.press import Press
-    from geometries.probes import parse
 
+    (probe,) = probes_named(args, [args.probe])
     try:
         return Press(
-            probe=parse(args.probe),
+            probe=probe,
             depth_mm=args.depth_mm,
             force_n=args.force_n,
             centre_mm=args.at or (0.0, 0.0),
@@ -312,8 +320,9 @@ def compare(args: Namespace) -> Result:
     """Compare two images, or a model with a measurement."""
     real = Path(args.real)
     measured = real.is_dir() or real.name == "measurement.toml"
+    meshes: list[Understood] = []
     if measured:
-        data = _compare_model(args)
+        data, meshes = _compare_model(args)
     else:
         from designlab.measurement.compare import compare_files
 
@@ -324,12 +333,13 @@ def compare(args: Namespace) -> Result:
     lines = [table(("figure", "all", *channels), rows)]
     if measured:
         lines.insert(0, f"compared: {', '.join(frame['file'] for frame in data['frames'])}")
+    lines += map(str, meshes)
     lines += [f"skipped {entry['file']}: {entry['reason']}" for entry in data.get("skipped", ())]
     lines += [f"pictures in {args.out}"] if args.out and measured else []
     return Result(data, "\n".join(lines))
 
 
-def _compare_model(args: Namespace) -> dict[str, Any]:
+def _compare_model(args: Namespace) -> tuple[dict[str, Any], "list[Understood]"]:
     import numpy as np
 
     from designlab.core.images import tone_map, write_image
@@ -351,27 +361,32 @@ def _compare_model(args: Namespace) -> dict[str, Any]:
             beside = np.concatenate([pair.simulated, pair.real], axis=1)
             write_image(folder / f"{stem}-simulated.exr", pair.simulated)
             write_image(folder / f"{stem}-simulated-and-real.png", tone_map(beside, white))
-    return found.to_json()
+    meshes = measurement.meshes()
+    return found.to_json() | as_understood(meshes), meshes
 
 
 def export(args: Namespace) -> Result:
     """Write the files to make a design."""
     from designlab.fabrication import export as write_files
     from designlab.simulation.effects.model import load_model
+    from geometries.probes import understood
 
     model = load_model(args.design)
+    probes = probes_named(args, args.probe)
+    meshes = [mesh for mesh in map(understood, probes) if mesh is not None]
     with bar() as progress, source_named(args.design):
         manifest = write_files(
             model,
             args.out,
-            probes=args.probe,
+            probes=probes,
             allow_infeasible=args.allow_infeasible,
             progress=progress,
         )
     passed = sum(check["ok"] for check in manifest["checks"])
     lines = [
         f"{args.out}: {len(manifest['files'])} files for {', '.join(manifest['parts'])}",
+        *map(str, meshes),
         f"{passed} of {len(manifest['checks'])} checks passed; README.txt there says what each file is for",
         *(f"warning: {warning}" for warning in manifest["warnings"]),
     ]
-    return Result({"out": args.out, **manifest}, "\n".join(lines))
+    return Result({"out": args.out, **manifest, **as_understood(meshes)}, "\n".join(lines))

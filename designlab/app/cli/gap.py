@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from designlab.app.cli.console import Result
-from designlab.app.cli.shared import table
+from designlab.app.cli.shared import as_understood, table
 from designlab.core.progress import IN_PERCENT, bar
 from designlab.core.run_folder import require_writable
 
@@ -94,6 +94,7 @@ def diagnose(args: Namespace) -> Result:
     from designlab.simulation.effects.model import load_model
 
     measurement, model = load_measurement(args.measurement), load_model(args.model)
+    meshes = measurement.meshes()
     page = Path(args.out) / PAGE
     with bar(form=IN_PERCENT, keep=True) as progress:
         found, content = diagnosed(
@@ -106,7 +107,8 @@ def diagnose(args: Namespace) -> Result:
             renders=args.renders,
             progress=progress,
         )
-    return Result({**content, "report": str(page)}, f"{_summary(found)}\nreport: {page}")
+    lines = [_summary(found), *map(str, meshes), f"report: {page}"]
+    return Result({**content, **as_understood(meshes), "report": str(page)}, "\n".join(lines))
 
 
 def benchmark(args: Namespace) -> Result:

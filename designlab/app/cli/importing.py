@@ -6,13 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from designlab.app.cli.console import Result
+from designlab.app.cli.shared import as_understood
 
 if TYPE_CHECKING:
     from designlab.measurement.importing.conversion import Conversion
     from designlab.measurement.importing.import_frames import Item
     from designlab.measurement.importing.ladder import Tabulated
 
-SHOWN = ("kind", "leds", "exposure", "probe", "depth_mm", "at", "yaw_deg")
+SHOWN = ("kind", "leds", "exposure", "probe", "probe_unit", "probe_side", "depth_mm", "at", "yaw_deg")
 
 
 def import_pictures(args: Namespace) -> Result:
@@ -56,6 +57,8 @@ def import_pictures(args: Namespace) -> Result:
         lines.append(f"{done.folder}: {len(done.files)} pictures imported")
         lines += [f"level without light taken away (share of full scale): {level}"] if level else []
         lines += [f"note: {note}" for note in done.notes]
+        data.setdefault("understood", []).extend(as_understood(done.meshes).get("understood", []))
+        lines += map(str, done.meshes)
     elif not args.ladder:
         raise ValueError("SOURCE: no pictures to import; or give --ladder to estimate a response")
     return Result(data, "\n".join(lines))
@@ -107,10 +110,24 @@ def _items(args: Namespace) -> tuple[list["Item"], dict[str, Any] | None]:
     if args.sources and args.kind is None:
         raise ValueError("--kind: required, what the pictures show")
     leds = None if args.leds is None else tuple(name.strip() for name in args.leds.split(",") if name.strip())
-    known = {name: getattr(args, name) for name in SHOWN if name not in ("leds", "at")}
-    known |= {"leds": leds, "centre_mm": args.at}
+    same = ("kind", "exposure", "depth_mm", "yaw_deg")
+    known = {name: getattr(args, name) for name in same}
+    known |= {"leds": leds, "centre_mm": args.at, "probe": _probe(args)}
     made = items(listed(args.sources), **{name: value for name, value in known.items() if value is not None})
     return [*made, *darks], None
+
+
+def _probe(args: Namespace) -> str | None:
+    """Text of the probe, of a mesh with its unit and side."""
+    from geometries.probes import is_mesh, mesh_text
+
+    probe: str | None = args.probe
+    if probe is not None and is_mesh(probe):
+        return mesh_text(probe, unit=args.probe_unit, side=args.probe_side).text
+    for option in ("unit", "side"):
+        if getattr(args, f"probe_{option}") is not None:
+            raise ValueError(f"--probe-{option}: is for mesh files, --probe names none; leave it out")
+    return probe
 
 
 def _conversion(args: Namespace, made: list["Item"], declared: str | None) -> "Conversion":

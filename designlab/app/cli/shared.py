@@ -1,7 +1,13 @@
 """What several commands need: names of sources in what is said, tables for people."""
 
+from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from geometries.mesh_files import Understood
+    from geometries.probes import Probe
 
 
 @contextmanager
@@ -23,3 +29,22 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         cells = [f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True)]
         lines.append("  ".join([f"{row[0]:<{widths[0]}}", *cells[1:]]).rstrip())
     return "\n".join(lines)
+
+
+def probes_named(args: Namespace, texts: Sequence[str]) -> "list[Probe]":
+    """Read probes, the meshes among them with the unit and the side that the arguments state."""
+    from geometries.probes import is_mesh, parse
+
+    meshes = [text for text in texts if is_mesh(text)]
+    for option in ("unit", "side"):
+        if getattr(args, f"probe_{option}") is not None and not meshes:
+            raise ValueError(f"--probe-{option}: is for mesh files, no --probe names one; leave it out")
+    return [
+        parse(text, unit=args.probe_unit, side=args.probe_side) if text in meshes else parse(text)
+        for text in texts
+    ]
+
+
+def as_understood(meshes: "Sequence[Understood]") -> dict[str, Any]:
+    """What mesh files were taken for as ``understood`` of the JSON; nothing where there are none."""
+    return {"understood": [mesh.to_json() for mesh in meshes]} if meshes else {}

@@ -12,13 +12,15 @@ from pydantic import ValidationError
 
 from designlab.core.types import Array, Mask
 from designlab.measurement.folder import load_measurement, read_description, write_measurement
-from designlab.measurement.frames import FILE_NAME, MeasuredFrame, Measurement, MeasurementError, mesh_file
+from designlab.measurement.frames import FILE_NAME, MeasuredFrame, Measurement, MeasurementError
 from designlab.measurement.importing.camera_files import SUFFIXES
 from designlab.measurement.importing.conversion import Conversion, linear_picture, read, uncoloured
 from designlab.measurement.importing.lens_calibration import LensCalibration, read_calibration
 from designlab.measurement.importing.lens_file import fields_of
 from designlab.measurement.importing.lens_formats import LensError
 from designlab.sensor.design import DesignError, dumps, explain, load, preset_names
+from geometries.mesh_files import Understood, files_of
+from geometries.probes import is_mesh, mesh_text, parse, understood
 
 Pixels = NDArray[np.float32]
 
@@ -44,6 +46,7 @@ class Imported(NamedTuple):
     black: tuple[float, ...]
     notes: tuple[str, ...]
     lens: LensCalibration | None = None
+    meshes: tuple[Understood, ...] = ()
 
 
 def listed(sources: Sequence[str | Path]) -> list[Path]:
@@ -162,27 +165,39 @@ def import_frames(
         taken[item.frame.file] = np.zeros(0, dtype=np.float32)
         added.append(item)
     notes: list[str] = []
+    meshes: dict[str, Understood] = {}
     black, images = _converted(made, conversion, earlier, notes) if made else ((), {})
     content: dict[str, Any] = dict(top or {}) if earlier is None else earlier.model_dump(exclude={"frames"})
     content["response"] = "linear"
     if sensor is not None:
         content["sensor"] = sensor
-    frames = (*(() if earlier is None else earlier.frames), *(item.frame for item in added))
     images = taken | {item.frame.file: images[item.frame.file] for item in added}
     with tempfile.TemporaryDirectory() as staged:
         home = Path(staged)
-        origin = earlier.folder if earlier is not None else (made[0].path.parent if top is not None else None)
+        origin = (
+            earlier.folder if earlier is not None else (_described_in(made[0]) if top is not None else None)
+        )
         content["sensor"] = _sensor(content.get("sensor", "unknown"), sensor, origin, home, notes)
         if calibration is not None:
             content["sensor"] = _with_lens(content["sensor"], calibration, home, notes)
-        _meshes(frames, origin, home)
+        frames = [] if earlier is None else list(earlier.frames)
+        if earlier is not None and earlier.folder is not None:
+            frames = _with_meshes(frames, earlier.folder, home, {})
+        there = Path() if top is None else _described_in(made[0])
+        frames += _with_meshes([item.frame for item in added], there, home, meshes)
         try:
             measurement = Measurement.model_validate({**content, "frames": frames, "folder": home})
         except ValidationError as error:
             raise MeasurementError(f"{out}: {explain(error)}") from None
         write_measurement(measurement, images, out)
     files = tuple(item.frame.file for item in added)
-    return Imported(out, files, black, tuple(dict.fromkeys(notes)), calibration)
+    said = tuple(dict.fromkeys(notes))
+    return Imported(out, files, black, said, calibration, tuple(meshes.values()))
+
+
+def _described_in(item: Item) -> Path:
+    """Folder of the description that names a file."""
+    return item.path.parents[len(Path(item.frame.file).parts) - 1]
 
 
 def _converted(
@@ -314,9 +329,32 @@ def _with_lens(sensor: str, calibration: LensCalibration, home: Path, notes: lis
     return DESIGN_NAME
 
 
-def _meshes(frames: Sequence[MeasuredFrame], origin: Path | None, home: Path) -> None:
-    """Copy the meshes of probes that frames name, to where they are looked for."""
-    for name in {mesh_file(frame.probe or "") for frame in frames}:
-        if name and origin is not None and not Path(name).is_absolute() and (origin / name).is_file():
-            (home / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(origin / name, home / name)
+def _with_meshes(
+    frames: Sequence[MeasuredFrame], origin: Path, home: Path, found: dict[str, Understood]
+) -> list[MeasuredFrame]:
+    """Copy the meshes that frames name into the measurement, and name them there."""
+    changed = []
+    for frame in frames:
+        if frame.probe is None or not is_mesh(frame.probe):
+            changed.append(frame)
+            continue
+        stated = mesh_text(frame.probe)
+        source = origin / stated.file  # or the file itself, where its path is absolute
+        within = not Path(stated.file).is_absolute() and ".." not in Path(stated.file).parts
+        name = Path(stated.file if within else source.name)
+        for file in files_of(source):
+            target = home / name.parent / file.relative_to(source.parent)
+            if target.is_file() and target.read_bytes() != file.read_bytes():
+                raise MeasurementError(f"{file}: the measurement has another {target.name}; rename it")
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, target)
+        text = stated._replace(file=str(name)).text
+        if text not in found:
+            try:
+                mesh = understood(parse(stated._replace(file=str(source)).text))
+            except ValueError as error:
+                raise MeasurementError(f"{frame.file}: field probe: {error}") from None
+            assert mesh is not None  # its text names a mesh
+            found[text] = mesh
+        changed.append(frame.model_copy(update={"probe": text}))
+    return changed

@@ -5,6 +5,7 @@ import numpy as np
 from designlab.core.types import Array
 from designlab.sensor.contact import Contact, KernelContact
 from designlab.simulation.contact import kernel, layer
+from designlab.simulation.contact.approach import named, require_thick
 from designlab.simulation.contact.press import Press
 from designlab.simulation.contact.surface import Surface
 from geometries.elastomer import Elastomer, base_gradient, base_mm
@@ -41,7 +42,8 @@ def indent(
     Raises
     ------
     ValueError
-        If the press does not touch the membrane within the area, or breaks a rule of the model of contact.
+        If the press does not touch the membrane within the area, is deeper than the gel or the probe is
+        thick, or breaks a rule of the model of contact.
     NotConverged
         If no solution was found for an elastic gel.
     """
@@ -56,10 +58,12 @@ def indent(
         surface = kernel.deform(untouched, elastomer, contact, press)
     else:
         surface = layer.deform(untouched, elastomer, contact, press)
+    depth_mm = press.depth_mm if surface.mechanics is None else surface.mechanics.depth_mm
+    require_thick(press, depth_mm or 0.0)
     if not surface.contact.any():
         x_mm, y_mm = press.centre_mm
         raise ValueError(
-            f"press.centre_mm: the {press.probe.kind} at ({x_mm:g}, {y_mm:g}) mm does not touch the "
+            f"press.centre_mm: {named(press)} at ({x_mm:g}, {y_mm:g}) mm does not touch the "
             f"membrane within the simulated area of {2 * x[-1]:g} x {2 * y[0]:g} mm"
         )
     return surface

@@ -6,12 +6,17 @@ import numpy as np
 
 from designlab.core.types import Array
 from designlab.sensor.contact import KernelContact
-from designlab.simulation.contact.approach import above_mm, first_touch_mm, reach_mm
+from designlab.simulation.contact.approach import above_mm, first_touch_mm, reach_mm, require_room, room_mm
 from designlab.simulation.contact.press import Press
 from designlab.simulation.contact.surface import Surface
 from geometries.elastomer import Elastomer
 
 SUBSAMPLES = 3  # along each side of a grid cell
+MOST_SHARE = 0.5  # of the gel's thickness
+TOO_DEEP = (
+    "the press is {depth_mm:.3g} mm deep in a gel of {room_mm:.3g} mm; beyond half of the thickness a real "
+    "gel gives way around the probe, which contact.model = 'kernel' does not show"
+)
 
 
 def deform(untouched: Surface, elastomer: Elastomer, contact: KernelContact, press: Press) -> Surface:
@@ -36,7 +41,7 @@ def deform(untouched: Surface, elastomer: Elastomer, contact: KernelContact, pre
     Raises
     ------
     ValueError
-        If the press states no depth, or moves sideways.
+        If the press states no depth, is deeper than the gel is thick, or moves sideways.
     """
     if press.depth_mm is None:
         raise ValueError(
@@ -48,11 +53,13 @@ def deform(untouched: Surface, elastomer: Elastomer, contact: KernelContact, pre
             "press.shear_mm, press.twist_deg: contact.model = 'kernel' knows no shear; use a gel with "
             "contact.model = 'layer' and contact.friction above 0"
         )
-    depth_mm, pitch_mm = press.depth_mm, untouched.pitch_mm
+    depth_mm, pitch_mm, room = press.depth_mm, untouched.pitch_mm, room_mm(press, elastomer)
+    require_room(press, room)
     x, y = np.meshgrid(untouched.x_mm, untouched.y_mm)
     penetration = _penetration(press, depth_mm, elastomer, untouched.base_mm, x, y, pitch_mm)
     height = _smooth(_with_tail(penetration, contact, depth_mm, pitch_mm), contact, pitch_mm)
-    return replace(untouched, height_mm=height, contact=penetration > 0)
+    warnings = (TOO_DEEP.format(depth_mm=depth_mm, room_mm=room),) if depth_mm > MOST_SHARE * room else ()
+    return replace(untouched, height_mm=height, contact=penetration > 0, warnings=warnings)
 
 
 def _offsets(steps: int, pitch_mm: float) -> Array:
@@ -68,16 +75,14 @@ def _penetration(
     Averaged over sub-samples of each grid cell, so that sharp rims do not turn into stairs.
     """
     offsets = (np.arange(SUBSAMPLES) + 0.5) / SUBSAMPLES - 0.5
+    shift_x, shift_y = (shift.reshape(-1, 1, 1) for shift in np.meshgrid(offsets, offsets, indexing="ij"))
     reach = reach_mm(press) + pitch_mm
     near = np.ix_(np.abs(y[:, 0] - press.centre_mm[1]) <= reach, np.abs(x[0] - press.centre_mm[0]) <= reach)
-    raised = [
-        above_mm(press, base[near], x[near] + dx * pitch_mm, y[near] + dy * pitch_mm)
-        for dx in offsets
-        for dy in offsets
-    ]
+    fine_x, fine_y = x[near] + shift_x * pitch_mm, y[near] + shift_y * pitch_mm
+    raised = above_mm(press, base[near], fine_x, fine_y)  # at once: a mesh is gone through only once
     lifted = depth_mm - first_touch_mm(press, elastomer)
     penetration = np.zeros(base.shape)
-    penetration[near] = np.mean([np.maximum(r + lifted, 0.0) for r in raised], axis=0)
+    penetration[near] = np.maximum(raised + lifted, 0.0).mean(axis=0)
     return penetration
 
 

@@ -22,7 +22,14 @@ from designlab.mechanics.contact import (
 )
 from designlab.mechanics.contact import press as press_layer
 from designlab.sensor.contact import LayerContact
-from designlab.simulation.contact.approach import above_mm, first_touch_mm, reach_mm
+from designlab.simulation.contact.approach import (
+    above_mm,
+    first_touch_mm,
+    named,
+    over_gel_mm,
+    reach_mm,
+    require_room,
+)
 from designlab.simulation.contact.press import Press
 from designlab.simulation.contact.surface import Mechanics, Surface
 from geometries.elastomer import Elastomer, base_gradient, base_mm, inside, interface_mm, polygon
@@ -109,13 +116,13 @@ def deform(untouched: Surface, elastomer: Elastomer, contact: LayerContact, pres
         contact_area_mm2=solution.contact_area_mm2,
         contact_radius_mm=solution.contact_radius_mm,
         bulge_um=max(-1000.0 * float(normal.min()) / steepness, 0.0),
-        warnings=_warnings(solved),
     )
     return replace(
         untouched,
         height_mm=normal / steepness,
         contact=touched > 0.5,
         mechanics=mechanics,
+        warnings=_warnings(solved),
         moved=partial(_moved, untouched, solved, skin_mm),
     )
 
@@ -149,16 +156,12 @@ def _solved(
     steep_deg = math.degrees(math.acos(min(steepness, 1.0)))
     if steep_deg > STEEPEST_DEG:
         raise ValueError(
-            f"press.centre_mm: the membrane is {steep_deg:.3g} deg steep where the {press.probe.kind} "
+            f"press.centre_mm: the membrane is {steep_deg:.3g} deg steep where {named(press)} "
             f"touches it; presses on an elastic gel need {STEEPEST_DEG:g} deg or less"
         )
     thickness_mm, room_mm = _thickness_mm(elastomer, frame), _room_mm(elastomer, press, frame)
     layer = contact.layer(thickness_mm=thickness_mm)
-    if press.depth_mm is not None and press.depth_mm >= room_mm:
-        raise ValueError(
-            f"press.depth_mm: must be less than the gel is thick there, {room_mm:.4g} mm along z, or the "
-            f"probe meets the core; is {press.depth_mm:g} mm"
-        )
+    require_room(press, room_mm)
     deepest_mm = DEEPEST * room_mm * steepness if press.depth_mm is None else press.depth_mm * steepness
     gap, first = _gap(elastomer, press, frame, pitch_mm, CATCH * deepest_mm)
     axis = _axis(press, frame, first, pitch_mm)
@@ -182,7 +185,7 @@ def _solved(
         touched = _points(frame, first, solution)[solution.touched][:, :2]
         if not inside(elastomer, *touched.T).all():
             raise ValueError(
-                f"press: the {press.probe.kind} at ({press.centre_mm[0]:g}, {press.centre_mm[1]:g}) mm "
+                f"press: {named(press)} at ({press.centre_mm[0]:g}, {press.centre_mm[1]:g}) mm "
                 f"touches the edge of the gel, {elastomer.width_mm:g} mm wide; contact must end on the "
                 "membrane"
             )
@@ -221,13 +224,12 @@ def _to_edge_mm(touched: Array, elastomer: Elastomer) -> Array:
 def _frame(elastomer: Elastomer, press: Press) -> _Plane:
     if elastomer.shape == "flat":
         return _Plane(np.zeros(3), *np.eye(3))
-    reach = reach_mm(press)
-    x, y = np.meshgrid(*(centre + np.linspace(-reach, reach, 201) for centre in press.centre_mm))
+    x, y = over_gel_mm(press, elastomer, 201)
     base = base_mm(elastomer, x, y)
     above = above_mm(press, base, x, y)
     if not np.isfinite(above).any():
         raise ValueError(
-            f"press.centre_mm: the {press.probe.kind} at ({press.centre_mm[0]:g}, {press.centre_mm[1]:g}) mm "
+            f"press.centre_mm: {named(press)} at ({press.centre_mm[0]:g}, {press.centre_mm[1]:g}) mm "
             "lies beside the gel"
         )
     first = int(above.argmax())
@@ -260,25 +262,26 @@ def _gap(
     """Distance from membrane to probe along the normal, up to the most; row and column of its first point."""
     middle = _axis_point(press, frame)
     reach = reach_mm(press) / float(frame.normal[2]) + pitch_mm
-    columns = _indices(float(middle @ frame.across), reach, pitch_mm)
-    rows = _indices(-float(middle @ frame.along), reach, pitch_mm)
+    # Of a plate larger than the gel what lies far beside it is left out.
+    most = math.hypot(elastomer.width_mm, elastomer.length_mm) / 2 + float(np.linalg.norm(middle)) + pitch_mm
+    columns = _indices(float(middle @ frame.across), reach, most, pitch_mm)
+    rows = _indices(-float(middle @ frame.along), reach, most, pitch_mm)
     point = _on_plane(frame, rows, columns, pitch_mm)
     x, y = point[..., 0], point[..., 1]
     above = above_mm(press, base_mm(elastomer, x, y), x, y)
     gap = (first_touch_mm(press, elastomer) - above) * float(frame.normal[2])
     near = gap < most_mm
     if not near.any():
-        return np.full((1, 1), np.inf), (int(rows[0]), int(columns[0]))
+        return np.full((1, 1), np.inf), (0, 0)
     used_rows, used_columns = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
     used = np.s_[used_rows[0] : used_rows[-1] + 1, used_columns[0] : used_columns[-1] + 1]
     gap = np.where(near, np.maximum(gap, 0.0), np.inf)[used]
     return gap, (int(rows[used_rows[0]]), int(columns[used_columns[0]]))
 
 
-def _indices(middle_mm: float, reach_mm: float, pitch_mm: float) -> NDArray[np.int_]:
-    return np.arange(
-        math.ceil((middle_mm - reach_mm) / pitch_mm), math.floor((middle_mm + reach_mm) / pitch_mm) + 1
-    )
+def _indices(middle_mm: float, reach_mm: float, most_mm: float, pitch_mm: float) -> NDArray[np.int_]:
+    low, high = max(middle_mm - reach_mm, -most_mm), min(middle_mm + reach_mm, most_mm)
+    return np.arange(math.ceil(low / pitch_mm), math.floor(high / pitch_mm) + 1)
 
 
 def _on_plane(frame: _Plane, rows: NDArray[np.int_], columns: NDArray[np.int_], pitch_mm: float) -> Array:

@@ -30,8 +30,6 @@ class Mechanics:
         Area of the contact, and radius of a circle of that area.
     bulge_um : float
         How far the membrane bulges below its undeformed shape at most, where the surface shows it (um).
-    warnings : tuple of str
-        Where the model of contact is used beyond what it holds for.
     converged : bool
         Always true: a contact that was not solved gives no surface.
     """
@@ -42,12 +40,11 @@ class Mechanics:
     contact_area_mm2: float
     contact_radius_mm: float
     bulge_um: float
-    warnings: tuple[str, ...] = ()
     converged: bool = True
 
     def to_json(self) -> dict[str, Any]:
-        """Figures as plain data; warnings stand with those of the picture."""
-        return {name: value for name, value in asdict(self).items() if name != "warnings"}
+        """Figures as plain data."""
+        return asdict(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +66,8 @@ class Surface:
         Whether the probe touches the membrane.
     mechanics : Mechanics or None
         What the press takes; None for an untouched gel, and where no force is known.
+    warnings : tuple of str
+        Where the model of contact is used beyond what it holds for.
     moved : callable, optional
         Gives how far the skin moved along x and y (mm), two arrays; it stays in place when absent.
     """
@@ -81,6 +80,7 @@ class Surface:
     base_q: Array
     contact: NDArray[np.bool_]
     mechanics: Mechanics | None = None
+    warnings: tuple[str, ...] = ()
     moved: Callable[[], tuple[Array, Array]] | None = None
 
     @property

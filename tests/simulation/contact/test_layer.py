@@ -201,7 +201,7 @@ def test_no_press_goes_through_the_core_of_a_freeform_gel():
 def test_a_contact_of_a_few_cells_is_solved_and_flagged(probe, depth):
     surface = pressed(probe, depth_mm=depth)
     assert surface.mechanics.force_n > 0
-    assert any("its force may err" in warning for warning in surface.mechanics.warnings)
+    assert any("its force may err" in warning for warning in surface.warnings)
 
 
 @pytest.mark.slow
@@ -221,14 +221,12 @@ def test_a_mesh_that_was_written_anew_is_pressed_anew(tmp_path):
 
 
 def test_presses_beyond_the_model_are_flagged():
-    assert any("deep in a gel of 2 mm" in warning for warning in pressed(depth_mm=1.2).mechanics.warnings)
+    assert any("deep in a gel of 2 mm" in warning for warning in pressed(depth_mm=1.2).warnings)
     assert any(
         "edge of the gel" in w
-        for w in pressed(
-            centre_mm=(4.5, 0.0), gel=FLAT.model_copy(update={"width_mm": 14.0})
-        ).mechanics.warnings
+        for w in pressed(centre_mm=(4.5, 0.0), gel=FLAT.model_copy(update={"width_mm": 14.0})).warnings
     )
-    assert pressed().mechanics.warnings == ()
+    assert pressed().warnings == ()
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 from scipy.ndimage import center_of_mass
 
 from designlab.core.store import digest
-from designlab.sensor.contact import KernelContact
+from designlab.sensor.contact import KernelContact, LayerContact
 from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
 from geometries.elastomer import Elastomer
@@ -277,3 +277,74 @@ def test_a_probe_with_fine_edges_from_a_file_presses_like_the_library_one(tmp_pa
     assert (read.contact == own.contact).mean() > 0.999
     sharp = indented(press("triangle:5", 0.5, yaw_deg=7.0))
     assert np.abs(own.height_mm - sharp.height_mm).max() > 0.25  # the edge is seen
+
+
+DOME = Elastomer(shape="dome", outline="round", width_mm=24, thickness_mm=2, radius_mm=30)
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize(
+    ("gel", "probe", "depth_mm", "refused"),
+    [
+        (FLAT, "sphere:8", 2.9, False),
+        (FLAT, "sphere:8", 3.0, True),
+        (FLAT, "triangle:5", 3.5, True),
+        (DOME, "sphere:6", 1.9, False),
+        (DOME, "cone:8", 2.5, True),
+    ],
+)
+def test_a_press_deeper_than_the_gel_is_refused(gel, probe, depth_mm, refused):
+    if not refused:
+        assert indented(press(probe, depth_mm), elastomer=gel, pitch_mm=0.1).contact.any()
+        return
+    with pytest.raises(
+        ValueError, match=r"press\.depth_mm: must be less than the gel is thick there, [23] mm"
+    ):
+        indented(press(probe, depth_mm), elastomer=gel, pitch_mm=0.1)
+
+
+@pytest.mark.parametrize(("depth_mm", "warned"), [(0.5, False), (1.4, False), (1.6, True), (2.9, True)])
+def test_a_press_beyond_half_of_the_gel_warns(depth_mm, warned):
+    surface = indented(press("sphere:8", depth_mm), pitch_mm=0.1)
+    assert any("beyond half of the thickness" in text for text in surface.warnings) == warned
+
+
+def plate_with_ball(path, *, plate_mm, turn=None):
+    """A plate of 20 mm with half a ball of 8 mm on it."""
+    import trimesh
+
+    plate = trimesh.creation.box((plate_mm, plate_mm, 20.0))
+    plate.apply_translation((0, 0, -10))
+    body = trimesh.util.concatenate([plate, trimesh.creation.icosphere(subdivisions=5, radius=4)])
+    if turn is not None:
+        body.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, turn))
+    body.export(path)
+    return path
+
+
+@pytest.mark.parametrize("plate_mm", [20.0, 60.0, 150.0, 900.0])
+@pytest.mark.parametrize("gel", [FLAT, DOME], ids=["flat", "dome"])
+@pytest.mark.parametrize("elastic", [False, True])
+def test_of_a_large_plate_what_touches_counts(plate_mm, gel, elastic, tmp_path):
+    file = plate_with_ball(tmp_path / "knob.ply", plate_mm=plate_mm)
+    contact = LayerContact() if elastic else SHARP
+    probes = [from_file(file, unit="mm"), parse("sphere:8")]
+    knob, ball = (
+        indented(Press(probe=p, depth_mm=0.5), elastomer=gel, contact=contact, pitch_mm=0.1) for p in probes
+    )
+    np.testing.assert_allclose(knob.height_mm, ball.height_mm, atol=0.01)
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize(("side", "scale"), [("+z", 0.02), ("-z", 0.015), ("+x", 0.001)])
+def test_a_mesh_thinner_than_the_press_is_refused(side, scale, tmp_path):
+    import trimesh
+
+    body = trimesh.creation.box((60, 60, 20) if side[1] == "z" else (20, 60, 60))
+    body.apply_scale(scale)
+    body.export(tmp_path / "thin.stl")
+    probe = parse(f"{tmp_path / 'thin.stl'}:mm:{side}")
+    with pytest.raises(
+        ValueError, match=r"thin\.stl is .* mm thick, less than the press is deep \(0\.5 mm\)"
+    ):
+        indented(Press(probe=probe, depth_mm=0.5))
