@@ -1,6 +1,7 @@
 """Command import: a camera's own files as linear images of a measurement folder."""
 
 from argparse import Namespace
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -9,7 +10,7 @@ from designlab.app.cli.console import Result
 
 if TYPE_CHECKING:
     from designlab.measurement.importing.conversion import Conversion
-    from designlab.measurement.importing.import_frames import Item
+    from designlab.measurement.importing.import_frames import Item, Understood
     from designlab.measurement.importing.ladder import Tabulated
 
 SHOWN = ("kind", "leds", "exposure", "probe", "depth_mm", "at", "yaw_deg")
@@ -41,14 +42,45 @@ def import_pictures(args: Namespace) -> Result:
             "files": list(done.files),
             "black": list(done.black),
             "notes": list(done.notes),
+            "understood": [_as_data(each) for each in done.understood],
         }
         level = ", ".join(f"{value:.4g}" for value in done.black)
+        lines += _understood(done.understood)
         lines.append(f"{done.folder}: {len(done.files)} pictures imported")
         lines += [f"level without light taken away (share of full scale): {level}"] if level else []
         lines += [f"note: {note}" for note in done.notes]
     elif not args.ladder:
         raise ValueError("SOURCE: no pictures to import; or give --ladder to estimate a response")
     return Result(data, "\n".join(lines))
+
+
+def _as_data(file: "Understood") -> dict[str, Any]:
+    return {
+        "file": file.file,
+        "as": file.kind,
+        "size": list(file.size_px),
+        "unit": "px",
+        "range": list(file.extremes),
+        "full_scale": file.full_scale,
+        "orientation": file.orientation,
+    }
+
+
+def _understood(files: Sequence["Understood"]) -> list[str]:
+    """Make one line for each kind of file: what it was taken for, and the range of its values."""
+    kinds: dict[tuple[str, tuple[int, int], float], list[Understood]] = {}
+    for file in files:
+        kinds.setdefault((file.kind, file.size_px, file.full_scale), []).append(file)
+    lines = []
+    for (kind, (columns, rows), white), same in kinds.items():
+        low = min(file.extremes[0] for file in same)
+        high = max(file.extremes[1] for file in same)
+        more = f" and {len(same) - 1} more" if len(same) > 1 else ""
+        lines.append(
+            f"{same[0].file}{more}: understood as {kind}, {columns} x {rows} px, values {low:.6g} to "
+            f"{high:.6g} of {white:g}"
+        )
+    return lines
 
 
 def _items(args: Namespace) -> tuple[list["Item"], dict[str, Any] | None]:
@@ -76,7 +108,7 @@ def _items(args: Namespace) -> tuple[list["Item"], dict[str, Any] | None]:
 
 
 def _conversion(args: Namespace, made: list["Item"], declared: str | None) -> "Conversion":
-    from designlab.measurement.importing.camera_files import RAW_SUFFIXES
+    from designlab.measurement.importing.camera_files import is_linear_format
     from designlab.measurement.importing.conversion import Conversion, response_named
     from designlab.sensor.response_curve import Response
 
@@ -88,8 +120,7 @@ def _conversion(args: Namespace, made: list["Item"], declared: str | None) -> "C
     elif named is not None and named != "unknown":
         response = response_named(named)
     else:
-        linear = (*RAW_SUFFIXES, ".exr", ".npy", ".pgm")
-        unsure = [item.path for item in made if item.path.suffix.lower() not in linear and not args.bayer]
+        unsure = [item.path for item in made if not args.bayer and not is_linear_format(item.path)]
         if unsure:
             raise ValueError(
                 f"--response: required for {unsure[0]}; srgb for pictures that a camera or a program made "
