@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from designlab.app.cli.console import Result
-from designlab.app.cli.shared import source_named, table
+from designlab.app.cli.shared import light_files, source_named, table, understood_lines
 from designlab.core.progress import bar
 from designlab.core.run_folder import require_writable
 
@@ -97,7 +97,10 @@ def evaluate(args: Namespace) -> Result:
     if out is not None:
         _write(found, out)
     data: dict[str, Any] = score.to_json()
+    lamps = light_files(model.design)
+    data |= {"understood": lamps} if lamps else {}
     text = [
+        *understood_lines(lamps),
         f"{score.design}, fidelity {score.fidelity}, seed {score.seed}, {sum(score.seconds.values()):.0f} s",
         f"presses: {score.press_plan.text()}",
         *_verdict(data),
@@ -258,7 +261,7 @@ def render(args: Namespace) -> Result:
         raise OSError(error.errno, f"cannot write {output}: {error.strerror or error}") from None
     rows, columns = mixed.shape[:2]
     mechanics = frame.mechanics
-    data = {
+    data: dict[str, Any] = {
         "output": args.output,
         "columns": columns,
         "rows": rows,
@@ -270,6 +273,9 @@ def render(args: Namespace) -> Result:
         "warnings": list(frame.warnings),
     }
     lines = [f"{args.output}: {columns} x {rows} pixels"]
+    if lamps := light_files(model.design):
+        data["understood"] = [*data.get("understood", []), *lamps]
+        lines += understood_lines(lamps)
     if mechanics is not None:
         lines.append(
             f"pressed {mechanics.depth_mm:.3g} mm deep with {mechanics.force_n:.3g} N; contact of "

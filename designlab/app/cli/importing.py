@@ -10,8 +10,9 @@ from designlab.app.cli.console import Result
 
 if TYPE_CHECKING:
     from designlab.measurement.importing.conversion import Conversion
-    from designlab.measurement.importing.import_frames import Item, Understood
+    from designlab.measurement.importing.import_frames import Item
     from designlab.measurement.importing.ladder import Tabulated
+    from designlab.measurement.importing.picture_file import PictureFile
 
 SHOWN = ("kind", "leds", "exposure", "probe", "depth_mm", "at", "yaw_deg")
 
@@ -42,10 +43,10 @@ def import_pictures(args: Namespace) -> Result:
             "files": list(done.files),
             "black": list(done.black),
             "notes": list(done.notes),
-            "understood": [_as_data(each) for each in done.understood],
+            "understood": [_as_data(each) for each in done.pictures],
         }
         level = ", ".join(f"{value:.4g}" for value in done.black)
-        lines += _understood(done.understood)
+        lines += _understood(done.pictures)
         lines.append(f"{done.folder}: {len(done.files)} pictures imported")
         lines += [f"level without light taken away (share of full scale): {level}"] if level else []
         lines += [f"note: {note}" for note in done.notes]
@@ -54,7 +55,7 @@ def import_pictures(args: Namespace) -> Result:
     return Result(data, "\n".join(lines))
 
 
-def _as_data(file: "Understood") -> dict[str, Any]:
+def _as_data(file: "PictureFile") -> dict[str, Any]:
     return {
         "file": file.file,
         "as": file.kind,
@@ -66,9 +67,9 @@ def _as_data(file: "Understood") -> dict[str, Any]:
     }
 
 
-def _understood(files: Sequence["Understood"]) -> list[str]:
+def _understood(files: Sequence["PictureFile"]) -> list[str]:
     """Make one line for each kind of file: what it was taken for, and the range of its values."""
-    kinds: dict[tuple[str, tuple[int, int], float], list[Understood]] = {}
+    kinds: dict[tuple[str, tuple[int, int], float], list[PictureFile]] = {}
     for file in files:
         kinds.setdefault((file.kind, file.size_px, file.full_scale), []).append(file)
     lines = []

@@ -2,7 +2,7 @@
 
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,12 +13,7 @@ from pydantic import ValidationError
 from designlab.core.types import Array, Mask
 from designlab.measurement.folder import load_measurement, read_description, write_measurement
 from designlab.measurement.frames import FILE_NAME, MeasuredFrame, Measurement, MeasurementError, mesh_file
-from designlab.measurement.importing.camera_files import (
-    SUFFIXES,
-    UNTURNED,
-    CameraFile,
-    looks_like_mosaic,
-)
+from designlab.measurement.importing.camera_files import SUFFIXES
 from designlab.measurement.importing.conversion import (
     Conversion,
     full_scale,
@@ -27,17 +22,13 @@ from designlab.measurement.importing.conversion import (
     uncoloured,
 )
 from designlab.measurement.importing.lens_file import LensError, lens_fields
-from designlab.measurement.quality.colour import SHOWING, missing_colour
+from designlab.measurement.importing.picture_file import PictureFile, odd, several, understood
 from designlab.sensor.design import DesignError, dumps, explain, load, preset_names
 
 Pixels = NDArray[np.float32]
 
 CLIPPED_SHARE = 0.02  # of dark values at zero, above which the camera is taken to cut there
 MOST_DARK = 0.2  # of full scale: brighter frames are not dark
-CUT_SHARE = 0.01  # of the values at zero that a colour matrix cannot be undone for, worth a note
-ABOVE = 1.001  # of a stated full scale, above which values are worth a note
-EIGHT_BITS = 255.0
-NAMES_SHOWN = 3  # in a note about several files
 FEW_BITS = 0.26  # of 16 bits, which 14 bits would reach
 DESIGN_NAME = "design.toml"
 
@@ -49,17 +40,6 @@ class Item(NamedTuple):
     frame: MeasuredFrame
 
 
-class Understood(NamedTuple):
-    """What a file was taken for: in words, size, lowest and highest stored value, value of full scale."""
-
-    file: str
-    kind: str
-    size_px: tuple[int, int]
-    extremes: tuple[float, float]
-    full_scale: float
-    orientation: int
-
-
 class Imported(NamedTuple):
     """What an import wrote, and what it took the files for."""
 
@@ -67,7 +47,7 @@ class Imported(NamedTuple):
     files: tuple[str, ...]
     black: tuple[float, ...]
     notes: tuple[str, ...]
-    understood: tuple[Understood, ...]
+    pictures: tuple[PictureFile, ...] = ()
 
 
 def listed(sources: Sequence[str | Path]) -> list[Path]:
@@ -182,7 +162,7 @@ def import_frames(
         taken[item.frame.file] = np.zeros(0, dtype=np.float32)
         added.append(item)
     notes: list[str] = []
-    black, images, understood = _converted(made, conversion, earlier, notes) if made else ((), {}, ())
+    black, images, pictures = _converted(made, conversion, earlier, notes) if made else ((), {}, ())
     content: dict[str, Any] = dict(top or {}) if earlier is None else earlier.model_dump(exclude={"frames"})
     content["response"] = "linear"
     if sensor is not None:
@@ -202,27 +182,27 @@ def import_frames(
             raise MeasurementError(f"{out}: {explain(error)}") from None
         write_measurement(measurement, images, out)
     files = tuple(item.frame.file for item in added)
-    return Imported(out, files, black, tuple(dict.fromkeys(notes)), understood)
+    return Imported(out, files, black, tuple(dict.fromkeys(notes)), pictures=pictures)
 
 
 def _converted(
     made: Sequence[Item], conversion: Conversion, earlier: Measurement | None, notes: list[str]
-) -> tuple[tuple[float, ...], dict[str, Pixels], tuple[Understood, ...]]:
+) -> tuple[tuple[float, ...], dict[str, Pixels], tuple[PictureFile, ...]]:
     """Linear images of all files, the level that was taken from them, and what the files are."""
     pictures, stated, brightest, deep = {}, None, 0.0, False
     told: dict[str, list[str]] = {}
-    understood = []
+    files = []
     for item in made:
         file = read(item.path)
-        understood.append(_understood(file, conversion))
+        files.append(understood(file, conversion))
         pictures[item.frame.file] = linear_picture(file, conversion)
-        for text in (*file.notes, *_odd(file, item.frame, conversion, *pictures[item.frame.file])):
+        for text in (*file.notes, *odd(file, item.frame, conversion, *pictures[item.frame.file])):
             told.setdefault(text, []).append(item.path.name)
         if file.black is not None:
             stated = conversion.response.decode(file.black / full_scale(file, conversion))
         deep |= file.white == 65535 and conversion.white is None
         brightest = max(brightest, file.extremes[1])
-    notes += [f"{_several(names)}: {text}" for text, names in told.items()]
+    notes += [f"{several(names)}: {text}" for text, names in told.items()]
     if deep and 0 < brightest < FEW_BITS * 65535:
         notes.append(
             f"no value exceeds {brightest:g} in files of 16 bits: if the camera has 10, 12 or 14 bits, state "
@@ -242,78 +222,7 @@ def _converted(
                 raise MeasurementError(f"{name}: a colour matrix needs three channels, the file has one")
             found = uncoloured(found, conversion.matrix)
         images[name] = np.where(saturated[..., None], 1.0, found).astype(np.float32)
-    return tuple(float(value) for value in level), images, tuple(understood)
-
-
-def _understood(file: CameraFile, conversion: Conversion) -> Understood:
-    """Say what a file was taken for."""
-    rows, columns, channels = file.counts.shape
-    mosaic = conversion.bayer if channels == 1 and file.bayer is None else None
-    kind = file.kind if mosaic is None else f"{file.kind}, {mosaic} mosaic"
-    white = full_scale(file, conversion)
-    return Understood(file.path.name, kind, (columns, rows), file.extremes, white, file.orientation)
-
-
-def _odd(
-    file: CameraFile, frame: MeasuredFrame, conversion: Conversion, picture: Array, saturated: Mask
-) -> Iterator[str]:
-    """What may be wrong with a file as it is understood."""
-    if file.orientation != UNTURNED:
-        yield (
-            f"asks viewers to turn it (EXIF orientation {file.orientation}); it is imported as the sensor "
-            "saw it, so places are those of the unturned picture; to import it turned, save it turned "
-            "without EXIF"
-        )
-    if file.encoded and _is_linear(conversion):
-        yield (
-            f"a {file.kind.partition(',')[0]}, which is hardly ever linear as declared; suspected cause: "
-            "response left as it was; remedy: srgb, or the camera's curve from an exposure ladder"
-        )
-    low, high = file.extremes
-    white = full_scale(file, conversion)
-    if _is_linear(conversion) and file.kind.startswith("NPY, 3") and white == EIGHT_BITS:
-        yield (
-            "8 bits a channel, taken for linear: an array made from a JPEG or PNG is not, --response srgb; "
-            "and OpenCV's hold blue, green, red"
-        )
-    if low < 0:
-        yield f"values below zero, down to {low:.3g}, as of pictures whose level of darkness is taken away"
-    if high > ABOVE * white:
-        share = float((file.counts > white).any(axis=-1).mean())
-        yield (
-            f"values up to {high:.6g}, above the stated full scale of {white:g}: {share:.1%} of the pixels "
-            "count as saturated"
-        )
-    if not frame.lit:
-        return
-    if conversion.matrix is not None:
-        cut = float((file.counts <= 0).mean())
-        if cut > CUT_SHARE:
-            yield (
-                f"{cut:.0%} of the values are cut at zero, where the matrix cannot be undone; take it less "
-                "saturated in colour, or raw"
-            )
-    if picture.shape[-1] == 1 and looks_like_mosaic(file.counts[..., 0]):
-        yield (
-            "neighbouring pixels differ as those of a Bayer mosaic do: if it is one, state its pattern, as "
-            "--bayer RGGB"
-        )
-    if frame.kind in SHOWING and (frame.leds is None or len(frame.leds) > 1):
-        missing = missing_colour(picture)
-        if missing is not None and not saturated.all():
-            yield (
-                f"this picture has no colour: {missing}. LED groups of different colours cannot be told "
-                "apart in it"
-            )
-
-
-def _is_linear(conversion: Conversion) -> bool:
-    return bool(getattr(conversion.response, "is_linear", False))
-
-
-def _several(names: Sequence[str]) -> str:
-    shown = ", ".join(names[:NAMES_SHOWN])
-    return f"{shown} and {len(names) - NAMES_SHOWN} more" if len(names) > NAMES_SHOWN else shown
+    return tuple(float(value) for value in level), images, tuple(files)
 
 
 def _level(
