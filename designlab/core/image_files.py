@@ -1,8 +1,11 @@
 """Picture files as they are stored: told by their content, values unchanged, full scale, and what is odd."""
 
+import io
+import logging
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -97,8 +100,7 @@ def read_stored(path: Path, formats: tuple[str, ...] | None = None) -> StoredIma
     if name not in allowed:
         raise ImageError(f"{path}: {_unknown(path, name, allowed)}")
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of libraries, about tags that are not read
+        with _quiet():
             stored = _FORMATS[name].decode(path)
     except ImageError as error:
         raise ImageError(f"{path}: {error}") from None
@@ -130,6 +132,20 @@ def rows_columns_channels(pixels: NDArray[Any], name: str) -> NDArray[Any]:
 def type_full_scale(kind: np.dtype[Any]) -> float | None:
     """Largest value of a type of unsigned integers of up to 16 bits; None for others."""
     return float(np.iinfo(kind).max) if kind.kind == "u" and kind.itemsize <= 2 else None
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Hold back what libraries say of files: one error names the file, and standard output is for results."""
+    log = logging.getLogger("tifffile")
+    spoke, log.disabled = log.disabled, True
+    try:
+        # OpenEXR prints what it then raises.
+        with warnings.catch_warnings(), redirect_stdout(io.StringIO()):
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        log.disabled = spoke
 
 
 def _start(path: Path) -> bytes:
@@ -293,8 +309,9 @@ def _tiff_values(path: Path, page: "tifffile.TiffPage") -> tuple[NDArray[Any], f
     if page.photometric not in (tifffile.PHOTOMETRIC.PALETTE, tifffile.PHOTOMETRIC.YCBCR):
         try:
             pixels = page.asarray()
-        except ValueError as error:
-            if "imagecodecs" not in str(error):  # the package with tifffile's further decoders
+        except (ValueError, ModuleNotFoundError) as error:
+            # The package with tifffile's further decoders, and a module of a later Python.
+            if not any(missing in str(error) for missing in ("imagecodecs", "compression")):
                 raise
         else:
             pixels = pixels.astype(np.uint8) if pixels.dtype.kind == "b" else pixels

@@ -45,17 +45,13 @@ def colourless(measurement: Measurement, design: Design | None) -> list[Suspicio
     if design is None:
         return []
     found: dict[str, list[str]] = {}
-    coloured = lost = False
     for frame in measurement.frames:
         if frame.kind not in SHOWING or not frame.lit or not _lit_from_sides(frame, design):
             continue
         known = measurement.response != "unknown"
         why = missing_colour(measurement.linear(frame) if known else measurement.image(frame))
-        if why is None:
-            coloured = True
-        else:
+        if why is not None:
             found.setdefault(why, []).append(frame.file)
-            lost |= measurement.image(frame).shape[-1] == 3  # frames of one channel are left out later
     return [
         Suspicion(
             "colourless",
@@ -64,7 +60,6 @@ def colourless(measurement: Measurement, design: Design | None) -> list[Suspicio
             "a monochrome camera, a picture saved in grey, or white LEDs instead of the design's "
             f"{', '.join(design.group_names)}",
             "take pictures in colour; or give the sensor's own design, with its white LEDs in mixing",
-            strong=lost or not coloured,
         )
         for why, files in found.items()
     ]
