@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from geometries.ies import SYMMETRIES_DEG, read
+from geometries.intensity_table import SYMMETRIES_DEG
+from geometries.light_file import read
 from geometries.spec import FOLDER, Spec, quantity
 
 Array = NDArray[np.float64]
@@ -20,7 +21,7 @@ class AngularProfile(Spec):
     """Relative radiant intensity of a small emitting face over the half-space in front of it.
 
     Give at most one of: `exponent`; `beam_deg`; a table (`polar_deg`, `intensity` and, where the beam is not
-    round, `azimuth_deg`); `ies`. Nothing at all is Lambert's cosine, exponent 1.
+    round, `azimuth_deg`); `ies` or `ldt`. Nothing at all is Lambert's cosine, exponent 1.
     """
 
     exponent: float | None = quantity(None, unit="1", ge=0, le=2e4)
@@ -38,18 +39,23 @@ class AngularProfile(Spec):
     ies: str | None = Field(None, max_length=400)
     """IES LM-63 file, relative to the design's own file; it is read once and its table then kept in the
     design."""
+    ldt: str | None = Field(None, max_length=400)
+    """EULUMDAT file of the lamp instead, read in the same way."""
 
     @model_validator(mode="before")
     @classmethod
     def _read(cls, content: Any, info: ValidationInfo) -> Any:
         """Read the named file, unless its table is already there."""
-        if not isinstance(content, dict) or not isinstance(content.get("ies"), str):
+        if not isinstance(content, dict):
+            return content
+        named = [content[field] for field in ("ies", "ldt") if isinstance(content.get(field), str)]
+        if len(named) != 1:
             return content
         if any(content.get(name) for name in ("exponent", "beam_deg", "polar_deg", "intensity")):
             return content
-        name = content["ies"]
-        found = read(Path((info.context or {}).get(FOLDER, ".")) / name, name=name)
-        return content | found._asdict()
+        found = read(Path((info.context or {}).get(FOLDER, ".")) / named[0], name=named[0])
+        kept = {name: value for name, value in content.items() if name not in ("ies", "ldt")}
+        return kept | {found.format: named[0]} | found.table._asdict()
 
     @field_validator("intensity", mode="before")
     @classmethod
@@ -63,8 +69,9 @@ class AngularProfile(Spec):
     def _consistent(self) -> Self:
         given = [name for name in ("exponent", "beam_deg") if getattr(self, name) is not None]
         table = bool(self.polar_deg or self.intensity or self.azimuth_deg)
-        if len(given) + table > 1 or (given and self.ies is not None):
-            raise ValueError("give one of exponent, beam_deg, a table (polar_deg, intensity) and ies")
+        files = (self.ies is not None) + (self.ldt is not None)
+        if len(given) + table > 1 or (given and files) or files > 1:
+            raise ValueError("give one of exponent, beam_deg, a table (polar_deg, intensity), ies and ldt")
         if table:
             _require_angles("polar_deg", self.polar_deg, highest=90.0)
             if self.azimuth_deg:
@@ -104,6 +111,23 @@ class AngularProfile(Spec):
             azimuth = np.concatenate([azimuth, 2 * azimuth[-1] - azimuth[-2::-1]])
             rows = np.concatenate([rows, rows[-2::-1]])
         return azimuth, rows
+
+    @property
+    def understood(self) -> dict[str, Any] | None:
+        """What the file of the lamp was taken for, with its name; None where there is none."""
+        file = self.ies or self.ldt
+        if file is None or not self.polar_deg:
+            return None
+        turn = f"{len(self.azimuth_deg)} planes over {self.azimuth_deg[-1]:g} deg" if self.azimuth_deg else ""
+        mean = np.asarray(self.intensity, dtype=float).mean(axis=0)
+        below = np.flatnonzero(mean < mean[0] / 2)
+        half = f"half the axial intensity before {self.polar_deg[below[0]]:g} deg" if below.size else "wide"
+        return {
+            "file": file,
+            "as": f"{'IES LM-63' if self.ies else 'EULUMDAT'}, {turn or 'round beam'}, {half}",
+            "size": [max(1, len(self.azimuth_deg)), len(self.polar_deg)],
+            "unit": "deg",
+        }
 
     @cached_property
     def flux(self) -> float:

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from designlab.core.image_files import ImageError as ImageError
+from designlab.core.image_files import read_stored, rows_columns_channels
+
 Pixels = NDArray[np.float32]
 
-_CHANNEL_COUNTS = (1, 3)
-
-
-class ImageError(ValueError):
-    """A file or an array that is not the image it should be."""
+FORMATS = ("EXR", "PNG", "TIFF")
 
 
 def read_image(path: str | os.PathLike[str]) -> Pixels:
@@ -40,34 +39,12 @@ def read_image(path: str | os.PathLike[str]) -> Pixels:
     ImageError
         If there is no such file, or it is not an image of 1 or 3 channels with finite values.
     """
-    return _require_finite(_scaled(read_counts(path)), str(path))
-
-
-def read_counts(path: str | os.PathLike[str]) -> NDArray[Any]:
-    """Read an EXR, PNG or TIFF file as `read_image` does, with its values as they are stored.
-
-    Raises
-    ------
-    ImageError
-        If there is no such file, or it is not an image of 1 or 3 channels.
-    """
-    path = Path(path)
-    if not path.is_file():
-        raise ImageError(f"{path}: no such file")
-    with path.open("rb") as file:
-        magic = file.read(8)
-    decode = next((decode for start, decode in _DECODERS.items() if magic.startswith(start)), None)
-    if decode is None:
-        raise ImageError(
-            f"{path}: must be an EXR, PNG or TIFF image, its first bytes are {magic.hex(' ') or 'missing'}"
-        )
-    try:
-        pixels = decode(path)
-    except ImageError as error:
-        raise ImageError(f"{path}: {error}") from None
-    except Exception as error:  # each decoder has its own exceptions for a damaged file
-        raise ImageError(f"{path}: the file is damaged or of an unsupported kind ({error})") from error
-    return _as_rows_columns_channels(pixels, str(path))
+    stored = read_stored(Path(path), FORMATS)
+    if stored.values.dtype.kind == "f":
+        return _require_finite(stored.values.astype(np.float32), str(path))
+    if stored.full_scale is None:
+        raise ImageError(f"{path}: values must be unsigned integers or floats, got {stored.values.dtype}")
+    return np.asarray(stored.values / stored.full_scale, dtype=np.float32)
 
 
 def write_image(path: str | os.PathLike[str], array: NDArray[Any], *, bits: int = 8) -> None:
@@ -98,7 +75,7 @@ def write_image(path: str | os.PathLike[str], array: NDArray[Any], *, bits: int 
     encode = _ENCODERS.get(path.suffix.lower())
     if encode is None:
         raise ImageError(f"{path}: suffix must be one of {', '.join(_ENCODERS)}, got {path.suffix!r}")
-    pixels = _as_rows_columns_channels(np.asarray(array), str(path))
+    pixels = rows_columns_channels(np.asarray(array), str(path))
     if pixels.dtype.kind not in "uf":
         raise ImageError(f"{path}: values must be unsigned integers or floats, got {pixels.dtype}")
     _require_finite(pixels, str(path))
@@ -186,48 +163,6 @@ def _overlap(old: int, new: int) -> NDArray[np.float64]:
     return np.asarray(np.maximum(covered, 0.0) * (new / old))
 
 
-def _decode_exr(path: Path) -> NDArray[Any]:
-    import OpenEXR
-
-    with OpenEXR.File(str(path), separate_channels=True) as file:
-        channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
-    for names in (("R", "G", "B"), ("Y",)):
-        if set(channels) - {"A"} == set(names):
-            planes = [channels[name] for name in (*names, *(["A"] if "A" in channels else []))]
-            return np.stack(planes, axis=-1)
-    raise ImageError(f"channels must be R, G, B or Y, got {', '.join(sorted(channels)) or 'none'}")
-
-
-def _decode_png(path: Path) -> NDArray[Any]:
-    import png
-    from PIL import Image as Pillow
-
-    with path.open("rb") as file:
-        reader = png.Reader(file=file)
-        reader.preamble()
-        if reader.bitdepth == 16:
-            # Pillow cuts 16-bit colour to 8 bits
-            columns, rows, lines, info = reader.read()
-            values = np.stack([np.asarray(line, dtype=np.uint16) for line in lines])
-            return values.reshape(rows, columns, info["planes"])
-    with Pillow.open(path) as picture:
-        if "transparency" in picture.info:
-            return np.asarray(picture.convert("RGBA"))
-        return np.asarray(picture.convert({"P": "RGB", "1": "L"}.get(picture.mode, picture.mode)))
-
-
-def _decode_tiff(path: Path) -> NDArray[Any]:
-    import tifffile
-
-    with tifffile.TiffFile(path) as file:
-        if len(file.pages) != 1:
-            raise ImageError(f"must hold one page, got {len(file.pages)}")
-        page = file.pages.first
-        pixels = page.asarray()
-        planar = page.planarconfig == tifffile.PLANARCONFIG.SEPARATE and pixels.ndim == 3
-    return np.moveaxis(pixels, 0, -1) if planar else pixels
-
-
 def _encode_exr(path: Path, pixels: NDArray[Any]) -> None:
     import OpenEXR
 
@@ -256,34 +191,12 @@ def _encode_tiff(path: Path, pixels: NDArray[Any]) -> None:
     tifffile.imwrite(path, pixels if pixels.shape[-1] == 3 else pixels[..., 0], photometric=kind)
 
 
-_DECODERS: dict[bytes | tuple[bytes, ...], Callable[[Path], NDArray[Any]]] = {
-    b"\x76\x2f\x31\x01": _decode_exr,
-    b"\x89PNG\r\n\x1a\n": _decode_png,
-    (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"): _decode_tiff,
-}
-"""Decoders by the first bytes of a file."""
-
 _ENCODERS: dict[str, Callable[[Path, NDArray[Any]], None]] = {
     ".exr": _encode_exr,
     ".png": _encode_png,
     ".tif": _encode_tiff,
     ".tiff": _encode_tiff,
 }
-
-
-def _as_rows_columns_channels(pixels: NDArray[Any], name: str) -> NDArray[Any]:
-    pixels = pixels[..., None] if pixels.ndim == 2 else pixels
-    if pixels.ndim != 3 or 0 in pixels.shape:
-        raise ImageError(f"{name}: must be an array of rows, columns and channels, got shape {pixels.shape}")
-    if pixels.shape[-1] in (2, 4):
-        alpha = pixels[..., -1]
-        opaque = np.iinfo(alpha.dtype).max if alpha.dtype.kind == "u" else 1.0
-        if (alpha != opaque).any():
-            raise ImageError(f"{name}: must be opaque, its alpha channel is not")
-        pixels = pixels[..., :-1]
-    if pixels.shape[-1] not in _CHANNEL_COUNTS:
-        raise ImageError(f"{name}: must have 1 or 3 channels, got {pixels.shape[-1]}")
-    return pixels
 
 
 def _scaled(pixels: NDArray[Any]) -> Pixels:

@@ -244,7 +244,7 @@ def _add_import(add: Any) -> None:
     _option(
         command,
         "sources SOURCE",
-        "JPEG, PNG, TIFF, EXR, PGM, NPY or raw files, or folders of them; or one folder with a "
+        "JPEG, PNG, TIFF, EXR, WebP, BMP, PGM, NPY or raw files, or folders of them; or one folder with a "
         "measurement.toml that says what each of its files shows",
         nargs="*",
     )

@@ -6,7 +6,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from designlab.app.cli.console import Result
-from designlab.app.cli.shared import as_understood, probes_named, source_named, table
+from designlab.app.cli.shared import (
+    as_understood,
+    light_files,
+    probes_named,
+    source_named,
+    table,
+    understood_lines,
+)
 from designlab.core.progress import bar
 from designlab.core.run_folder import require_writable
 
@@ -98,7 +105,10 @@ def evaluate(args: Namespace) -> Result:
     if out is not None:
         _write(found, out)
     data: dict[str, Any] = score.to_json()
+    lamps = light_files(model.design)
+    data |= {"understood": lamps} if lamps else {}
     text = [
+        *understood_lines(lamps),
         f"{score.design}, fidelity {score.fidelity}, seed {score.seed}, {sum(score.seconds.values()):.0f} s",
         f"presses: {score.press_plan.text()}",
         *_verdict(data),
@@ -262,7 +272,7 @@ def render(args: Namespace) -> Result:
     mechanics = frame.mechanics
     mesh = None if press is None else understood(press.probe)
     share = None if mesh is None else frame.share_touching
-    data = {
+    data: dict[str, Any] = {
         "output": args.output,
         "columns": columns,
         "rows": rows,
@@ -278,6 +288,9 @@ def render(args: Namespace) -> Result:
     if mesh is not None:
         touching = "" if share is None else f"; {share:.0%} of its top that is in the picture touches"
         lines.append(f"{mesh}{touching}")
+    if lamps := light_files(model.design):
+        data["understood"] = [*data.get("understood", []), *lamps]
+        lines += understood_lines(lamps)
     if mechanics is not None:
         lines.append(
             f"pressed {mechanics.depth_mm:.3g} mm deep with {mechanics.force_n:.3g} N; contact of "

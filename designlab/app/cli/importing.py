@@ -1,6 +1,7 @@
 """Commands import and lens: a camera's own files as linear images, its calibration as a design's lens."""
 
 from argparse import Namespace
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
     from designlab.measurement.importing.conversion import Conversion
     from designlab.measurement.importing.import_frames import Item
     from designlab.measurement.importing.ladder import Tabulated
+    from designlab.measurement.importing.picture_file import PictureFile
 
 SHOWN = ("kind", "leds", "exposure", "probe", "probe_unit", "probe_side", "depth_mm", "at", "yaw_deg")
 
@@ -49,15 +51,17 @@ def import_pictures(args: Namespace) -> Result:
             "files": list(done.files),
             "black": list(done.black),
             "notes": list(done.notes),
+            "understood": [_as_data(each) for each in done.pictures],
         }
         if done.lens is not None:
-            data["understood"] = [done.lens.understood]
+            data["understood"].append(done.lens.understood)
             lines.append(str(done.lens))
         level = ", ".join(f"{value:.4g}" for value in done.black)
+        lines += _understood(done.pictures)
         lines.append(f"{done.folder}: {len(done.files)} pictures imported")
         lines += [f"level without light taken away (share of full scale): {level}"] if level else []
         lines += [f"note: {note}" for note in done.notes]
-        data.setdefault("understood", []).extend(as_understood(done.meshes).get("understood", []))
+        data["understood"] += as_understood(done.meshes).get("understood", [])
         lines += map(str, done.meshes)
     elif not args.ladder:
         raise ValueError("SOURCE: no pictures to import; or give --ladder to estimate a response")
@@ -90,6 +94,35 @@ def lens(args: Namespace) -> Result:
         lines.append(f"{args.out}: {design.name}")
     data["notes"] = list(notes)
     return Result(data, "\n".join([*lines, *(f"note: {note}" for note in notes)]))
+
+
+def _as_data(file: "PictureFile") -> dict[str, Any]:
+    return {
+        "file": file.file,
+        "as": file.kind,
+        "size": list(file.size_px),
+        "unit": "px",
+        "range": list(file.extremes),
+        "full_scale": file.full_scale,
+        "orientation": file.orientation,
+    }
+
+
+def _understood(files: Sequence["PictureFile"]) -> list[str]:
+    """Make one line for each kind of file: what it was taken for, and the range of its values."""
+    kinds: dict[tuple[str, tuple[int, int], float], list[PictureFile]] = {}
+    for file in files:
+        kinds.setdefault((file.kind, file.size_px, file.full_scale), []).append(file)
+    lines = []
+    for (kind, (columns, rows), white), same in kinds.items():
+        low = min(file.extremes[0] for file in same)
+        high = max(file.extremes[1] for file in same)
+        more = f" and {len(same) - 1} more" if len(same) > 1 else ""
+        lines.append(
+            f"{same[0].file}{more}: understood as {kind}, {columns} x {rows} px, values {low:.6g} to "
+            f"{high:.6g} of {white:g}"
+        )
+    return lines
 
 
 def _items(args: Namespace) -> tuple[list["Item"], dict[str, Any] | None]:
@@ -131,7 +164,7 @@ def _probe(args: Namespace) -> str | None:
 
 
 def _conversion(args: Namespace, made: list["Item"], declared: str | None) -> "Conversion":
-    from designlab.measurement.importing.camera_files import RAW_SUFFIXES
+    from designlab.measurement.importing.camera_files import is_linear_format
     from designlab.measurement.importing.conversion import Conversion, response_named
     from designlab.sensor.response_curve import Response
 
@@ -143,8 +176,7 @@ def _conversion(args: Namespace, made: list["Item"], declared: str | None) -> "C
     elif named is not None and named != "unknown":
         response = response_named(named)
     else:
-        linear = (*RAW_SUFFIXES, ".exr", ".npy", ".pgm")
-        unsure = [item.path for item in made if item.path.suffix.lower() not in linear and not args.bayer]
+        unsure = [item.path for item in made if not args.bayer and not is_linear_format(item.path)]
         if unsure:
             raise ValueError(
                 f"--response: required for {unsure[0]}; srgb for pictures that a camera or a program made "

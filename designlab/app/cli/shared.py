@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from designlab.sensor.design import Design
     from geometries.mesh_files import Understood
     from geometries.probes import Probe
 
@@ -19,6 +20,18 @@ def source_named(source: str) -> Iterator[None]:
         yield
     except InfeasibleDesign as error:
         raise InfeasibleDesign(f"{source}: {error}", error.broken) from None
+
+
+def light_files(design: "Design") -> list[dict[str, Any]]:
+    """What the files that a design's LEDs take their angular profiles from were taken for."""
+    profiles = [design.leds.profile, *(group.profile for group in design.leds.groups)]
+    found = {str(said): said for profile in profiles if profile and (said := profile.understood)}
+    return list(found.values())
+
+
+def understood_lines(files: Sequence[dict[str, Any]]) -> list[str]:
+    """Say the same to people."""
+    return [f"{file['file']}: understood as {file['as']}" for file in files]
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -1,20 +1,25 @@
 """Files as cameras write them: JPEG, PNG, TIFF, EXR, PGM, NumPy arrays, and raw files through rawpy."""
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from designlab.core.images import ImageError, read_counts
+from designlab.core.image_files import ImageError, StoredImage, format_of, read_stored
 from designlab.core.types import Array
 
 RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".pef")
-SUFFIXES = (".exr", ".png", ".tif", ".tiff", ".jpg", ".jpeg", ".pgm", ".ppm", ".npy", *RAW_SUFFIXES)
+SUFFIXES = (
+    *(".exr", ".png", ".tif", ".tiff", ".jpg", ".jpeg", ".webp", ".bmp", ".pgm", ".ppm", ".npy"),
+    *RAW_SUFFIXES,
+)
 PATTERNS = ("RGGB", "BGGR", "GRBG", "GBRG")
-ORIENTATION = 0x0112  # EXIF tag
+UNTURNED = 1  # EXIF orientation
+TURNS_OF_RAW = {3: 3, 5: 8, 6: 6}  # EXIF orientations of LibRaw's flips
+LINEAR_FORMATS = ("EXR", "NPY", "PGM")  # that hold values as sensors give them, unless said otherwise
+OVERSHOOT = 1.001  # what rounding may put above a full scale of 1
+LEAST_FOR_PATTERN = 4  # cells each way
+MOSAIC_STEP = 0.03  # of the mean, between the places of a cell: whole pictures differ by far less
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,26 +28,52 @@ class CameraFile:
 
     Attributes
     ----------
+    path : Path
+        The file.
     counts : array, shape (rows, columns, channels)
         Stored values.
-    white : float
-        Value of full scale: that of the file's type, or what a raw file states; 1 for floats.
+    white : float or None
+        Value of full scale: that of the file's type, or what a raw file states; 1 for floats up to 1; None
+        where it is not known.
+    kind : str
+        Format and depth, in words.
     black : array, shape (3,), or None
         Values without light that a raw file states.
     bayer : str or None
         Colours of the four pixels at the upper left, row by row, where the file states them.
     encoded : bool
-        Whether the format is one that holds pictures for eyes (JPEG).
-    turned : bool
-        Whether the file asks viewers to turn it; `counts` are not turned.
+        Whether the format is one that holds pictures for eyes (JPEG, WebP).
+    orientation : int
+        EXIF orientation, 1 to 8, by which viewers turn the picture; `counts` are not turned.
+    notes : tuple of str
+        What was left out, looked up or moved.
     """
 
+    path: Path
     counts: Array
-    white: float
+    white: float | None
+    kind: str
     black: Array | None = None
     bayer: str | None = None
     encoded: bool = False
-    turned: bool = False
+    orientation: int = UNTURNED
+    notes: tuple[str, ...] = ()
+
+    @property
+    def extremes(self) -> tuple[float, float]:
+        """Lowest and highest stored value."""
+        return float(self.counts.min()), float(self.counts.max())
+
+
+def is_linear_format(path: Path) -> bool:
+    """Whether a file is of a format that usually holds values as the sensor gives them.
+
+    Raises
+    ------
+    ImageError
+        If there is no such file.
+    """
+    return path.suffix.lower() in RAW_SUFFIXES or format_of(path) in LINEAR_FORMATS
 
 
 def read_camera_file(path: str | Path) -> CameraFile:
@@ -56,36 +87,47 @@ def read_camera_file(path: str | Path) -> CameraFile:
         For a raw file without rawpy.
     """
     path = Path(path)
-    if not path.is_file():
-        raise ImageError(f"{path}: no such file")
+    name = format_of(path)
     suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise ImageError(f"{path}: suffix must be one of {' '.join(SUFFIXES)}, got {suffix!r}")
-    if suffix in RAW_SUFFIXES:
+    if suffix in RAW_SUFFIXES and name in (None, "TIFF"):  # most raw files begin as a TIFF does
         return _raw(path)
-    with path.open("rb") as file:
-        magic = file.read(6)
-    if magic.startswith(b"\xff\xd8\xff"):
-        return _jpeg(path)
-    if re.match(rb"P[56]\s", magic):
-        return _pnm(path)
-    counts = _npy(path) if magic == b"\x93NUMPY" else read_counts(path)
-    if counts.ndim == 2:
-        counts = counts[..., None]
-    if (
-        counts.ndim != 3
-        or counts.shape[-1] not in (1, 3)
-        or 0 in counts.shape
-        or counts.dtype.kind not in "uf"
-    ):
-        raise ImageError(
-            f"{path}: must hold rows, columns and 1 or 3 channels of unsigned integers or floats, got shape "
-            f"{counts.shape} of {counts.dtype}"
-        )
-    if not np.isfinite(counts).all():
+    if name is None and suffix not in SUFFIXES:
+        raise ImageError(f"{path}: suffix must be one of {' '.join(SUFFIXES)}, got {suffix!r}")
+    stored = read_stored(path)
+    if not np.isfinite(stored.values).all():
         raise ImageError(f"{path}: values must be finite")
-    white = 1.0 if counts.dtype.kind == "f" else float(np.iinfo(counts.dtype).max)
-    return CameraFile(counts.astype(float), white)
+    kind, notes = f"{stored.format}, {_channels(stored)} of {stored.depth}", stored.notes
+    white = stored.full_scale
+    if stored.values.dtype.kind == "f" and stored.values.max() <= OVERSHOOT:
+        white = 1.0
+    low_bits = _unused_bits(stored)
+    if low_bits:
+        kind = f"{kind} (in steps of {2**low_bits})"
+    return CameraFile(
+        path,
+        stored.values.astype(float),
+        white,
+        kind,
+        encoded=stored.lossy,
+        orientation=stored.orientation,
+        notes=notes,
+    )
+
+
+def looks_like_mosaic(counts: Array) -> bool:
+    """Whether a picture of one channel, (rows, columns), has the steps of a Bayer mosaic between pixels.
+
+    The four places of a 2 x 2 cell then differ from cell to cell in the same way, and the two greens agree
+    better than the others.
+    """
+    rows, columns = counts.shape[0] // 2 * 2, counts.shape[1] // 2 * 2
+    if min(rows, columns) < 2 * LEAST_FOR_PATTERN:
+        return False
+    places = [counts[row:rows:2, column:columns:2] for row in (0, 1) for column in (0, 1)]
+    levels = np.array([place.mean() for place in places])
+    greens = min(abs(levels[0] - levels[3]), abs(levels[1] - levels[2]))
+    span = float(np.ptp(levels))
+    return bool(span > MOSAIC_STEP * levels.mean() and greens < span / 3)
 
 
 def superpixels(mosaic: Array, pattern: str) -> Array:
@@ -107,40 +149,17 @@ def superpixels(mosaic: Array, pattern: str) -> Array:
     return np.stack([np.mean(sites[colour], axis=0) for colour in "RGB"], axis=-1)
 
 
-def _jpeg(path: Path) -> CameraFile:
-    from PIL import Image as Pillow
-
-    try:
-        with Pillow.open(path) as picture:
-            turned = picture.getexif().get(ORIENTATION, 1) != 1
-            counts = np.asarray(picture.convert("L" if picture.mode == "L" else "RGB"), dtype=float)
-    except (OSError, SyntaxError) as error:
-        raise ImageError(f"{path}: the file is damaged or of an unsupported kind ({error})") from None
-    return CameraFile(counts[..., None] if counts.ndim == 2 else counts, 255.0, encoded=True, turned=turned)
+def _channels(stored: StoredImage) -> str:
+    count = stored.values.shape[-1]
+    return "1 channel" if count == 1 else f"{count} channels"
 
 
-def _pnm(path: Path) -> CameraFile:
-    """Netpbm's binary formats; their full scale may be any number up to 65535."""
-    content = path.read_bytes()
-    header = re.match(rb"P([56])\s+(?:#[^\n]*\n\s*)*(\d+)\s+(\d+)\s+(\d+)\s", content)
-    if header is None:
-        raise ImageError(f"{path}: the header of the file is damaged")
-    kind, columns, rows, white = (int(part) for part in header.groups())
-    channels = 1 if kind == 5 else 3
-    stored = np.dtype(np.uint8) if white < 256 else np.dtype(">u2")
-    values = content[header.end() :]
-    size = rows * columns * channels
-    if not 0 < white < 65536 or size == 0 or len(values) < size * stored.itemsize:
-        raise ImageError(f"{path}: the file ends before its {columns} x {rows} pixels do")
-    counts = np.frombuffer(values, dtype=stored, count=size).reshape(rows, columns, channels)
-    return CameraFile(counts.astype(float), float(white))
-
-
-def _npy(path: Path) -> NDArray[Any]:
-    try:
-        return np.asarray(np.load(path, allow_pickle=False))
-    except (OSError, ValueError, EOFError) as error:
-        raise ImageError(f"{path}: the file is damaged ({error})") from None
+def _unused_bits(stored: StoredImage) -> int:
+    """How many low bits are zero in all values of 16 bits: those of 10 or 12 bits are often shifted up."""
+    if stored.values.dtype != np.uint16 or stored.full_scale != 65535:
+        return 0
+    used = int(np.bitwise_or.reduce(stored.values, axis=None))
+    return 0 if used == 0 else (used & -used).bit_length() - 1
 
 
 def _raw(path: Path) -> CameraFile:
@@ -155,10 +174,14 @@ def _raw(path: Path) -> CameraFile:
             mosaic = np.array(raw.raw_image_visible, dtype=float)
             pattern, names = raw.raw_pattern, raw.color_desc.decode("ascii", "replace")
             black, white = list(raw.black_level_per_channel), raw.white_level
+            turn = TURNS_OF_RAW.get(raw.sizes.flip, UNTURNED)
     except (rawpy.LibRawError, OSError) as error:
         raise ImageError(f"{path}: the file is damaged or of an unsupported kind ({error})") from None
     letters = "" if pattern is None or pattern.shape != (2, 2) else "".join(names[i] for i in pattern.ravel())
     if mosaic.ndim != 2 or letters not in PATTERNS:
         raise ImageError(f"{path}: must be a Bayer raw file, its pattern is {letters or 'another one'}")
     stated = [np.mean([black[i] for i in range(len(names)) if names[i] == colour]) for colour in "RGB"]
-    return CameraFile(mosaic[..., None], float(white), np.array(stated), letters)
+    kind = f"raw file, {letters} mosaic of {int(white).bit_length()} bits"
+    return CameraFile(
+        path, mosaic[..., None], float(white), kind, np.array(stated), letters, orientation=turn
+    )

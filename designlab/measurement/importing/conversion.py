@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from designlab.core.images import ImageError
+from designlab.core.image_files import ImageError
 from designlab.core.types import Array, Mask
 from designlab.measurement.frames import FULL_SCALE, MeasurementError
 from designlab.measurement.importing.camera_files import (
@@ -23,6 +23,10 @@ from designlab.measurement.importing.ladder import (
     read_table,
 )
 from designlab.sensor.response_curve import Response
+
+USUAL_FULL_SCALES = (255.0, 1023.0, 4095.0, 16383.0, 65535.0)
+FEW_COUNTS = 16.0  # below, values with fractions are no counts of a camera
+MOST_BELOW = 0.05  # of full scale: noise about a level that was taken away reaches less far below zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +74,39 @@ def read(path: Path) -> CameraFile:
         raise MeasurementError(str(error)) from None
 
 
+def full_scale(file: CameraFile, conversion: Conversion) -> float:
+    """Value of a file at full scale: as stated, else that of its type.
+
+    Raises
+    ------
+    MeasurementError
+        If neither is known, or values lie far below zero.
+    """
+    low, high = file.extremes
+    white = conversion.white or file.white
+    if low < -MOST_BELOW * (white or max(high, 0.0)):
+        raise MeasurementError(
+            f"{file.path}: values must not be negative, they run from {low:.6g} to {high:.6g} ({file.kind}): "
+            "a difference of two pictures, or one with its mean taken away? Give the pictures as the camera "
+            "wrote them"
+        )
+    if white is None:
+        raise MeasurementError(
+            f"{file.path}: values run from {low:.6g} to {high:.6g} ({file.kind}), and the file does not tell "
+            f"the value at full scale: state it, {_full_scales(file, high)}"
+        )
+    return white
+
+
+def _full_scales(file: CameraFile, high: float) -> str:
+    """Say which full scales are likely."""
+    usual = [each for each in USUAL_FULL_SCALES if each >= high]
+    if not usual or (high < FEW_COUNTS and (file.counts != np.round(file.counts)).any()):
+        return "as --white V, where V is the value of a saturated pixel"
+    others = ", ".join(f"{each:g}" for each in usual[1:])
+    return f"as --white {usual[0]:g}" + (f" (or {others}, as the camera's bits are)" if others else "")
+
+
 def response_named(text: str) -> Response | Tabulated:
     """Read linear, srgb, gamma:G, or the file of a tabulated curve.
 
@@ -110,7 +147,7 @@ def response_from(ladder: Mapping[Path, float], conversion: Conversion) -> Tabul
         pictures = []
         for path in ladder:
             file = read(path)
-            pictures.append(file.counts / (conversion.white or file.white))
+            pictures.append(file.counts / full_scale(file, conversion))
         return estimate_response(pictures, list(ladder.values()))
     except LadderError as error:
         raise MeasurementError(f"ladder: {', '.join(map(str, ladder))}: {error}") from None
@@ -124,7 +161,7 @@ def linear_picture(file: CameraFile, conversion: Conversion) -> tuple[Array, Mas
     picture, saturated : array, shape (rows, columns, channels); bool array, shape (rows, columns)
         Linear values as shares of full scale, and pixels of which any value was saturated.
     """
-    share = file.counts / (conversion.white or file.white)
+    share = file.counts / full_scale(file, conversion)
     picture = conversion.response.decode(share)
     saturated = np.asarray((share >= FULL_SCALE).any(axis=-1))
     pattern = file.bayer or (conversion.bayer if share.shape[-1] == 1 else None)

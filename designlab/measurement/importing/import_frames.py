@@ -14,10 +14,18 @@ from designlab.core.types import Array, Mask
 from designlab.measurement.folder import load_measurement, read_description, write_measurement
 from designlab.measurement.frames import FILE_NAME, MeasuredFrame, Measurement, MeasurementError
 from designlab.measurement.importing.camera_files import SUFFIXES
-from designlab.measurement.importing.conversion import Conversion, linear_picture, read, uncoloured
+from designlab.measurement.importing.conversion import (
+    Conversion,
+    full_scale,
+    linear_picture,
+    read,
+    uncoloured,
+)
 from designlab.measurement.importing.lens_calibration import LensCalibration, read_calibration
 from designlab.measurement.importing.lens_file import fields_of
 from designlab.measurement.importing.lens_formats import LensError
+from designlab.measurement.importing.picture_file import PictureFile, odd, several
+from designlab.measurement.importing.picture_file import understood as picture_understood
 from designlab.sensor.design import DesignError, dumps, explain, load, preset_names
 from geometries.mesh_files import Understood, files_of
 from geometries.probes import is_mesh, mesh_text, parse, understood
@@ -26,7 +34,6 @@ Pixels = NDArray[np.float32]
 
 CLIPPED_SHARE = 0.02  # of dark values at zero, above which the camera is taken to cut there
 MOST_DARK = 0.2  # of full scale: brighter frames are not dark
-CUT_SHARE = 0.01  # of the values at zero that a colour matrix cannot be undone for, worth a note
 FEW_BITS = 0.26  # of 16 bits, which 14 bits would reach
 DESIGN_NAME = "design.toml"
 
@@ -39,7 +46,7 @@ class Item(NamedTuple):
 
 
 class Imported(NamedTuple):
-    """What an import wrote."""
+    """What an import wrote, and what it took the files for."""
 
     folder: Path
     files: tuple[str, ...]
@@ -47,6 +54,7 @@ class Imported(NamedTuple):
     notes: tuple[str, ...]
     lens: LensCalibration | None = None
     meshes: tuple[Understood, ...] = ()
+    pictures: tuple[PictureFile, ...] = ()
 
 
 def listed(sources: Sequence[str | Path]) -> list[Path]:
@@ -166,7 +174,7 @@ def import_frames(
         added.append(item)
     notes: list[str] = []
     meshes: dict[str, Understood] = {}
-    black, images = _converted(made, conversion, earlier, notes) if made else ((), {})
+    black, images, pictures = _converted(made, conversion, earlier, notes) if made else ((), {}, ())
     content: dict[str, Any] = dict(top or {}) if earlier is None else earlier.model_dump(exclude={"frames"})
     content["response"] = "linear"
     if sensor is not None:
@@ -192,7 +200,7 @@ def import_frames(
         write_measurement(measurement, images, out)
     files = tuple(item.frame.file for item in added)
     said = tuple(dict.fromkeys(notes))
-    return Imported(out, files, black, said, calibration, tuple(meshes.values()))
+    return Imported(out, files, black, said, calibration, tuple(meshes.values()), pictures)
 
 
 def _described_in(item: Item) -> Path:
@@ -202,30 +210,22 @@ def _described_in(item: Item) -> Path:
 
 def _converted(
     made: Sequence[Item], conversion: Conversion, earlier: Measurement | None, notes: list[str]
-) -> tuple[tuple[float, ...], dict[str, Pixels]]:
-    """Linear images of all files, and the level that was taken from them."""
+) -> tuple[tuple[float, ...], dict[str, Pixels], tuple[PictureFile, ...]]:
+    """Linear images of all files, the level that was taken from them, and what the files are."""
     pictures, stated, brightest, deep = {}, None, 0.0, False
+    told: dict[str, list[str]] = {}
+    files = []
     for item in made:
         file = read(item.path)
-        if file.turned:
-            notes.append(f"{item.path.name}: asks viewers to turn it; it is imported as the sensor saw it")
-        if file.encoded and getattr(conversion.response, "is_linear", False):
-            notes.append(
-                f"{item.path.name}: a JPEG, which is hardly ever linear as declared; suspected cause: "
-                "response left as it was; remedy: srgb, or the camera's curve from an exposure ladder"
-            )
+        files.append(picture_understood(file, conversion))
         pictures[item.frame.file] = linear_picture(file, conversion)
-        if conversion.matrix is not None and item.frame.lit:
-            cut = float((file.counts <= 0).mean())
-            if cut > CUT_SHARE:
-                notes.append(
-                    f"{item.path.name}: {cut:.0%} of the values are cut at zero, where the matrix "
-                    "cannot be undone; take it less saturated in colour, or raw"
-                )
+        for text in (*file.notes, *odd(file, item.frame, conversion, *pictures[item.frame.file])):
+            told.setdefault(text, []).append(item.path.name)
         if file.black is not None:
-            stated = conversion.response.decode(file.black / (conversion.white or file.white))
+            stated = conversion.response.decode(file.black / full_scale(file, conversion))
         deep |= file.white == 65535 and conversion.white is None
-        brightest = max(brightest, float(file.counts.max()))
+        brightest = max(brightest, file.extremes[1])
+    notes += [f"{several(names)}: {text}" for text, names in told.items()]
     if deep and 0 < brightest < FEW_BITS * 65535:
         notes.append(
             f"no value exceeds {brightest:g} in files of 16 bits: if the camera has 10, 12 or 14 bits, state "
@@ -245,7 +245,7 @@ def _converted(
                 raise MeasurementError(f"{name}: a colour matrix needs three channels, the file has one")
             found = uncoloured(found, conversion.matrix)
         images[name] = np.where(saturated[..., None], 1.0, found).astype(np.float32)
-    return tuple(float(value) for value in level), images
+    return tuple(float(value) for value in level), images, tuple(files)
 
 
 def _level(
@@ -259,8 +259,7 @@ def _level(
     """Linear level without light of each channel: as stated, from dark frames, or as raw files say."""
     darks = [item for item in made if not item.frame.lit]
     if conversion.black is not None:
-        first = read(made[0].path) if made else None
-        white = conversion.white or (1.0 if first is None else first.white)
+        white = full_scale(read(made[0].path), conversion) if made else 1.0
         return np.full(3, float(conversion.response.decode(np.array(conversion.black / white))))
     if darks:
         dark = [pictures[item.frame.file][0] for item in darks]

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from designlab.measurement.frames import FULL_SCALE, MeasuredFrame, Measurement
 from designlab.measurement.quality.additivity import added_light
+from designlab.measurement.quality.colour import colourless
 from designlab.measurement.quality.damage import damage
 from designlab.measurement.quality.suspicion import Suspicion
 from designlab.measurement.sizes import check_size
@@ -19,7 +20,7 @@ PLATEAU_SPAN = 0.05  # of the highest value: its least distance from the median
 
 
 def check(measurement: Measurement, design: Design | None = None) -> tuple[Suspicion, ...]:
-    """Examine frames without simulation: poses, damage, saturation, markers, and whether light adds up.
+    """Examine frames without simulation: poses, damage, saturation, colour, markers, sums of light.
 
     Parameters
     ----------
@@ -37,7 +38,8 @@ def check(measurement: Measurement, design: Design | None = None) -> tuple[Suspi
     for frame in measurement.frames:
         check_size(measurement, frame, design)
     light = added_light(measurement, design)
-    return (*_poses(measurement), *damage(measurement), *_saturation(measurement), *light)
+    colour = colourless(measurement, design)
+    return (*_poses(measurement), *damage(measurement), *_saturation(measurement), *colour, *light)
 
 
 def _poses(measurement: Measurement) -> list[Suspicion]:

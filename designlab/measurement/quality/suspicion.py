@@ -13,6 +13,7 @@ NAMES = (
     "nonlinear",
     "not_additive",
     "channels",
+    "colourless",
     "mirrored",
     "odd",
     "probe",
