@@ -207,6 +207,11 @@ def _add_designs(add: Any) -> None:
         "exponent)",
         nargs="*",
     )
+    _option(
+        calibrate,
+        "--layout",
+        "find first where each LED group shines from, then fit azimuth, height and tilt of each",
+    )
     _option(calibrate, "--columns N", "wider frames are binned to this", type=_whole(8, 2048), default=160)
     _out(calibrate, "folder for the calibrated model, the result and a picture of what is left")
     _trust(calibrate)

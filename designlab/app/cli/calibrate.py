@@ -11,6 +11,8 @@ from designlab.core.run_folder import require_writable
 
 if TYPE_CHECKING:
     from designlab.inference.calibration import Calibration
+    from designlab.measurement import Measurement
+    from designlab.sensor.design import Design
     from designlab.simulation.directional_light import DirectionalLight
     from designlab.simulation.effects.model import SensorModel
 
@@ -29,6 +31,7 @@ def calibrate(args: Namespace) -> Result:
         raise ValueError("calibrate: needs MEASUREMENT and --model MODEL, or --balls FOLDER")
     from designlab.core.store import atomic_folder, write_atomic, write_json
     from designlab.inference.calibration import calibrate as fit
+    from designlab.inference.calibration.layout import layout_words
     from designlab.inference.calibration.verdict import fit_verdict
     from designlab.measurement import load_measurement
     from designlab.report.calibration import calibration_report
@@ -37,15 +40,17 @@ def calibrate(args: Namespace) -> Result:
 
     measurement = load_measurement(args.measurement)
     meshes = measurement.meshes()
-    model = _start(args)
+    model, drawn, free = _start(args), None, args.free
     require_writable(args.out, made_with=RESULT)
+    if args.layout:
+        drawn, model, free = _laid_out(args, measurement, model)
     with bar(form=IN_PERCENT, keep=True) as progress, source_named(args.model):
         found = fit(
             measurement,
             model,
             columns=args.columns,
             seed=args.seed,
-            free=args.free,
+            free=free,
             trust=args.trust,
             progress=progress,
         )
@@ -59,15 +64,33 @@ def calibrate(args: Namespace) -> Result:
     files = {"design": DESIGN, "result": RESULT, "picture": PICTURE, "report": PAGE}
     data |= as_understood(meshes)
     data["files"] = {what: str(out / name) for what, name in files.items()}
+    words = [] if drawn is None else layout_words(found, drawn)
+    data |= {"layout": words} if words else {}
     lines = [
         f"fit: {verdict.word}",
         *(f"reason: {reason}" for reason in verdict.reasons),
+        *words,
         _summary(found),
         *map(str, meshes),
         f"design: {out / DESIGN}",
         f"report: {out / PAGE}",
     ]
     return Result(data, "\n".join(lines), FAILED if verdict.word == "failed" else DONE)
+
+
+def _laid_out(
+    args: Namespace, measurement: "Measurement", model: "SensorModel | DirectionalLight"
+) -> "tuple[Design, SensorModel, list[str]]":
+    """The design as drawn, a model with the groups where the pictures show them, and what a fit frees."""
+    from designlab.inference.calibration.layout import layout_fields, search_layout
+    from designlab.simulation.effects.model import SensorModel
+
+    if not isinstance(model, SensorModel) or model.effects:
+        raise ValueError("--layout: starts from a design without effects")
+    with bar(form=IN_PERCENT) as progress:
+        turned, _ = search_layout(measurement, model.design, seed=args.seed, progress=progress)
+    start, paths = layout_fields(turned)
+    return model.design, SensorModel(design=start), [*paths, *(args.free or [])]
 
 
 def _on_balls(args: Namespace) -> Result:

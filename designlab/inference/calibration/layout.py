@@ -1,0 +1,212 @@
+"""Where the LED groups of a sensor shine from, by its pictures: azimuths are tried, the best is refined."""
+
+from collections.abc import Sequence
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from designlab.core.progress import Work, silent
+from designlab.core.types import Array, Progress
+from designlab.inference.calibration.imaging import Rendered
+from designlab.inference.calibration.result import Calibration, FittedParameter
+from designlab.measurement import Measurement, MeasurementError
+from designlab.measurement.shots import Shot, observe
+from designlab.sensor.design import CHANNELS, Design
+
+STEP_DEG = 15.0  # between azimuths that are tried
+COLUMNS, SAMPLES = 48, 24
+MOST_PRESSES = 3
+FEWEST_BUILDABLE = 6  # azimuths; where fewer can be built, all are tried
+MOST_GROUPS = 4  # whose azimuths are tried together
+TELLING_DEG = 5.0  # standard error of an azimuth beyond which it is not told
+MOVED_DEG = 10.0  # from which a group stands elsewhere than drawn
+
+
+class GroupPlace(NamedTuple):
+    """Where the light of a group comes from.
+
+    Attributes
+    ----------
+    name : str
+        The group.
+    drawn_deg, found_deg : float
+        Azimuth of its first row by the design and by the pictures, counter-clockwise from +x.
+    worse : float
+        Misfit of the best other azimuth over that of the best; little above 1 says that it is not told.
+    """
+
+    name: str
+    drawn_deg: float
+    found_deg: float
+    worse: float
+
+    @property
+    def moved_deg(self) -> float:
+        """How far it is from where it is drawn, -180 to 180."""
+        return (self.found_deg - self.drawn_deg + 180.0) % 360.0 - 180.0
+
+
+def search_layout(
+    measurement: Measurement, design: Design, *, seed: int = 0, progress: Progress = silent
+) -> tuple[Design, tuple[GroupPlace, ...]]:
+    """Try azimuths of all LED groups on a background and up to three presses.
+
+    Every group is turned about the axis with all of its rows. Channels are sums of the light of all groups
+    with factors that are nowhere negative, and a floor; for each combination of azimuths these follow by
+    least squares.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        A background, a press or both.
+    design : Design
+        The sensor as drawn.
+    seed : int
+        Seed of the light transport.
+    progress : callable, optional
+        Called with what is being done, and how much of everything is done in thousandths.
+
+    Returns
+    -------
+    design : Design
+        With the groups where they are found.
+    places : tuple of GroupPlace
+        Where that is.
+
+    Raises
+    ------
+    MeasurementError
+        If no frame can be used, or the design has too many groups to try.
+    """
+    groups = len(design.leds.groups)
+    if groups > MOST_GROUPS:
+        raise MeasurementError(
+            f"--layout: tries the azimuths of {MOST_GROUPS} LED groups at most, got {groups}"
+        )
+    seen = observe(measurement, design, columns=COLUMNS)
+    shots = [seen.shots[n] for n in seen.of("background")]
+    shots += [seen.shots[n] for n in seen.of("train", "select", "final")][:MOST_PRESSES]
+    turns = _turns(design)
+    work = Work(progress, {"trying azimuths": float(len(turns) * len(shots))})
+    work.begin("trying azimuths")
+    columns = _columns(design, turns, shots, seed, work)
+    measured = np.concatenate([shot.signal.reshape(-1, len(CHANNELS)) for shot in shots])
+    valid = np.concatenate([shot.valid.reshape(-1, len(CHANNELS)).all(axis=-1) for shot in shots])
+    misfit = _misfits(columns[..., valid], measured[valid])
+    best = np.unravel_index(int(misfit.argmin()), misfit.shape)
+    places, changes = [], {}
+    for group, spec in enumerate(design.leds.groups):
+        others = misfit.copy()
+        others[(slice(None),) * group + (best[group],)] = np.inf
+        worse = float(others.min() / misfit[best]) if len(turns) > 1 else np.inf
+        turned = [(azimuth + turns[best[group]]) % 360.0 for azimuth in spec.azimuth_deg]
+        changes[f"leds.groups.{group}.azimuth_deg"] = turned
+        places.append(GroupPlace(spec.name, float(spec.azimuth_deg[0]), turned[0], worse))
+    work.end()
+    return design.replace(changes), tuple(places)
+
+
+def layout_fields(design: Design) -> tuple[Design, tuple[str, ...]]:
+    """A design whose groups have heights and tilts of their own, and the paths that a fit frees.
+
+    Groups of several rows keep the angles between them: only groups of a single row have a free azimuth.
+    """
+    changes: dict[str, float] = {}
+    paths = []
+    for number, group in enumerate(design.leds.groups):
+        own = f"leds.groups.{number}"
+        for name in ("height_mm", "tilt_deg"):
+            value = getattr(group, name)
+            changes[f"{own}.{name}"] = float(getattr(design.leds, name) if value is None else value)
+            paths.append(f"{own}.{name}")
+        if len(group.azimuth_deg) == 1:
+            paths.append(f"{own}.azimuth_deg.0")
+    return design.replace(changes), tuple(paths)
+
+
+def layout_words(found: Calibration, drawn: Design) -> list[str]:
+    """Sentences about where the groups stand, by a calibration whose `layout_fields` were free."""
+    parameters = {parameter.name: parameter for parameter in found.parameters}
+    told = []
+    for number, group in enumerate(drawn.leds.groups):
+        azimuth = parameters.get(f"leds.groups.{number}.azimuth_deg.0")
+        if azimuth is None:
+            continue
+        value = azimuth.value % 360.0
+        if azimuth.se is None or azimuth.se > TELLING_DEG:
+            told.append(f"LED group {group.name}: these pictures do not tell its azimuth")
+            continue
+        away = (value - group.azimuth_deg[0] + 180.0) % 360.0 - 180.0
+        place = f"LED group {group.name} shines from {value:.0f} ± {1.96 * azimuth.se:.1f} deg"
+        drawn_at = f"drawn at {group.azimuth_deg[0]:g} deg"
+        told.append(f"{place}, {drawn_at}" if abs(away) > MOVED_DEG else f"{place}, as drawn")
+        told += _others(parameters, number, group.name)
+    return told
+
+
+def _others(parameters: dict[str, FittedParameter], number: int, name: str) -> list[str]:
+    """Height and tilt with their intervals, where pictures tell them."""
+    found = []
+    for field, what, unit in (("height_mm", "height", "mm"), ("tilt_deg", "tilt", "deg")):
+        parameter = parameters.get(f"leds.groups.{number}.{field}")
+        if parameter is not None and parameter.se is not None:
+            found.append(f"LED group {name}: {what} {parameter.value:.2f} ± {1.96 * parameter.se:.2f} {unit}")
+    return found
+
+
+def _turns(design: Design) -> list[float]:
+    """Angles by which groups are turned: those that can be built, or all where few can."""
+    turns = [float(turn) for turn in np.arange(0.0, 360.0, STEP_DEG)]
+    buildable = [turn for turn in turns if turn == 0.0 or not _turned(design, turn).broken(as_built=True)]
+    return buildable if len(buildable) >= FEWEST_BUILDABLE else turns
+
+
+def _turned(design: Design, turn: float) -> Design:
+    return design.replace(
+        {
+            f"leds.groups.{number}.azimuth_deg": [(a + turn) % 360.0 for a in group.azimuth_deg]
+            for number, group in enumerate(design.leds.groups)
+        }
+    )
+
+
+def _columns(design: Design, turns: Sequence[float], shots: Sequence[Shot], seed: int, work: Work) -> Array:
+    """Light of each group at each angle in all shots, (groups, turns, values)."""
+    found = []
+    for turn in turns:
+        imaging = Rendered(_turned(design, turn), SAMPLES, work=work)
+        parts = []
+        for shot in shots:
+            basis = imaging.basis({}, shot.press, shot.view, seed=seed)
+            parts.append((basis * shot.lit[:, None, None]).reshape(len(basis), -1))
+        found.append(np.concatenate(parts, axis=1))
+    return np.asarray(np.stack(found, axis=1), dtype=float)
+
+
+def _misfits(columns: Array, measured: Array) -> Array:
+    """Squared rest of each combination of angles, an axis for each group, in units of each channel's mean."""
+    groups, turns, values = columns.shape
+    scale = columns.mean(axis=-1, keepdims=True)
+    columns = columns / np.where(scale > 0, scale, 1.0)
+    level = measured.mean(axis=0)
+    target = measured / np.where(level > 0, level, 1.0)
+    terms = np.concatenate([columns.reshape(groups * turns, values), np.ones((1, values))])
+    gram, right = terms @ terms.T, terms @ target  # (n, n), (n, channels)
+    power = (target**2).sum(axis=0)
+    choices = np.array(list(product(range(turns), repeat=groups)))
+    places = choices + turns * np.arange(groups)
+    chosen = np.concatenate([places, np.full((len(places), 1), groups * turns)], axis=1)
+    best = np.full((len(chosen), target.shape[1]), np.inf)
+    for used in product((False, True), repeat=groups + 1):
+        # Of factors that are nowhere negative, each is zero or free: all ways are tried.
+        some = chosen[:, np.flatnonzero(used)]
+        if not some.shape[1]:
+            continue
+        inner = gram[some[:, :, None], some[:, None, :]] + 1e-9 * values * np.eye(some.shape[1])
+        sides = right[some]
+        factors = np.linalg.solve(inner, sides)
+        rest = power - np.einsum("nkc,nkc->nc", factors, sides)
+        allowed = (factors >= 0).all(axis=1)
+        best = np.where(allowed & (rest < best), rest, best)
+    return np.asarray(best.sum(axis=1).reshape((turns,) * groups))
