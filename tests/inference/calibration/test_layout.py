@@ -1,0 +1,109 @@
+"""Where LED groups shine from: sensors whose rows stand elsewhere than drawn, by a background and a press."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from designlab.inference.calibration.layout import (
+    GroupPlace,
+    layout_fields,
+    layout_words,
+    search_layout,
+)
+from designlab.inference.calibration.result import FittedParameter
+from designlab.measurement import (
+    MeasuredFrame,
+    Measurement,
+    MeasurementError,
+    load_measurement,
+    write_measurement,
+)
+from designlab.measurement.transfer import predicted
+from designlab.sensor.design import preset
+from designlab.simulation.contact.press import Press
+from designlab.simulation.simulator import Simulator
+from geometries.probes import parse
+
+DESIGN = preset("gelsight-2020-flat")
+TRANSFER = np.array([[900.0, 40.0, 0.0], [150.0, 1400.0, 90.0], [0.0, 60.0, 2000.0]])
+FLOOR = np.array([0.01, 0.02, 0.0])
+
+
+def made(folder, design):
+    """A background and a ball of a sensor, with crosstalk and noise."""
+    view = design.camera.full_view()._replace(columns=48, rows=36)
+    simulator = Simulator(design, view=view, samples=64, seed=7)
+    stated = {"probe": "sphere:4", "depth_mm": 0.6, "centre_mm": (2.0, 1.0)}
+    press = Press(probe=parse("sphere:4"), depth_mm=0.6, centre_mm=(2.0, 1.0))
+    frames = (
+        MeasuredFrame(file="background.exr", kind="background"),
+        MeasuredFrame.model_validate({"file": "press.exr", "kind": "press", **stated}),
+    )
+    noise = np.random.default_rng(1)
+    images = {}
+    for frame, shown in zip(frames, (None, press), strict=True):
+        light = predicted(TRANSFER, FLOOR, np.ones(3), simulator.frame(shown).basis.astype(float))
+        light = light / 1.3 / light.max() * 0.9
+        images[frame.file] = (light + 0.002 * noise.standard_normal(light.shape)).astype(np.float32)
+    measurement = Measurement(sensor=DESIGN.name, response="linear", frames=frames)
+    return load_measurement(write_measurement(measurement, images, folder))
+
+
+@pytest.mark.renders
+@pytest.mark.slow
+@pytest.mark.recovery
+@pytest.mark.parametrize("azimuths_deg", [(90, 210, 150), (90, 210, 330), (30, 150, 270)])
+def test_azimuths_of_all_groups_are_found(tmp_path, azimuths_deg):
+    there = {f"leds.groups.{n}.azimuth_deg": [float(azimuth)] for n, azimuth in enumerate(azimuths_deg)}
+    found, places = search_layout(made(tmp_path / "m", DESIGN.replace(there)), DESIGN, seed=1)
+    assert [place.found_deg for place in places] == list(azimuths_deg)
+    assert [group.azimuth_deg[0] for group in found.leds.groups] == list(azimuths_deg)
+    assert all(place.worse > 1 for place in places)
+
+
+def test_a_fit_frees_azimuth_height_and_tilt_of_each_group():
+    design, paths = layout_fields(DESIGN)
+    assert len(paths) == 9
+    for path in ("leds.groups.0.azimuth_deg.0", "leds.groups.1.height_mm", "leds.groups.2.tilt_deg"):
+        assert path in paths
+    assert [group.height_mm for group in design.leds.groups] == [DESIGN.leds.height_mm] * 3
+    assert [group.tilt_deg for group in design.leds.groups] == [DESIGN.leds.tilt_deg] * 3
+
+
+@pytest.mark.parametrize(
+    ("drawn", "found", "away"), [(330.0, 150.0, 180.0), (90.0, 95.0, 5.0), (350.0, 10.0, 20.0)]
+)
+def test_how_far_a_group_is_from_where_it_is_drawn(drawn, found, away):
+    assert abs(GroupPlace("blue", drawn, found, 1.1).moved_deg) == away
+
+
+def test_what_was_found_is_said_with_its_interval_or_that_it_is_not_told():
+    def parameter(name, value, se):
+        return FittedParameter(f"leds.groups.{name}", "deg", value, se)
+
+    found = SimpleNamespace(
+        parameters=(
+            parameter("0.azimuth_deg.0", 91.0, 0.5),
+            parameter("1.azimuth_deg.0", 215.0, 8.0),
+            parameter("2.azimuth_deg.0", -210.0, 1.0),
+            parameter("2.height_mm", 8.5, 0.1),
+        )
+    )
+    assert layout_words(found, DESIGN) == [
+        "LED group red shines from 91 ± 1.0 deg, as drawn",
+        "LED group green: these pictures do not tell its azimuth",
+        "LED group blue shines from 150 ± 2.0 deg, drawn at 330 deg",
+        "LED group blue: height 8.50 ± 0.20 mm",
+    ]
+
+
+@pytest.mark.faults
+def test_too_many_groups_are_refused(tmp_path):
+    groups = [
+        {"name": f"g{n}", "azimuth_deg": [72.0 * n], "wavelength_nm": 530.0, "flux_mw": 10.0}
+        for n in range(5)
+    ]
+    many = SimpleNamespace(leds=SimpleNamespace(groups=groups))
+    with pytest.raises(MeasurementError, match="4 LED groups at most, got 5"):
+        search_layout(None, many)
