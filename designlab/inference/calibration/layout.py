@@ -19,6 +19,7 @@ COLUMNS, SAMPLES = 48, 24
 MOST_PRESSES = 3
 FEWEST_BUILDABLE = 6  # azimuths; where fewer can be built, all are tried
 MOST_GROUPS = 4  # whose azimuths are tried together
+STRANGE = 0.5  # by which a misfit counts for more with each group that is not the strongest of its channel
 TELLING_DEG = 5.0  # standard error of an azimuth beyond which it is not told
 MOVED_DEG = 10.0  # from which a group stands elsewhere than drawn
 
@@ -93,7 +94,8 @@ def search_layout(
     columns = _columns(design, turns, shots, seed, work)
     measured = np.concatenate([shot.signal.reshape(-1, len(CHANNELS)) for shot in shots])
     valid = np.concatenate([shot.valid.reshape(-1, len(CHANNELS)).all(axis=-1) for shot in shots])
-    misfit = _misfits(columns[..., valid], measured[valid])
+    own = [int(channel) for channel in design.transfer_mw.argmax(axis=0)]
+    misfit = _misfits(columns[..., valid], measured[valid], own)
     best = np.unravel_index(int(misfit.argmin()), misfit.shape)
     places, changes = [], {}
     for group, spec in enumerate(design.leds.groups):
@@ -184,8 +186,12 @@ def _columns(design: Design, turns: Sequence[float], shots: Sequence[Shot], seed
     return np.asarray(np.stack(found, axis=1), dtype=float)
 
 
-def _misfits(columns: Array, measured: Array) -> Array:
-    """Squared rest of each combination of angles, an axis for each group, in units of each channel's mean."""
+def _misfits(columns: Array, measured: Array, own: Sequence[int]) -> Array:
+    """Squared rest of each combination of angles, an axis for each group, in units of each channel's mean.
+
+    Which group a channel sees the light of is not told by where it comes from: every group is to be the
+    strongest of its own channel, and what breaks that counts as worse.
+    """
     groups, turns, values = columns.shape
     scale = columns.mean(axis=-1, keepdims=True)
     columns = columns / np.where(scale > 0, scale, 1.0)
@@ -198,6 +204,7 @@ def _misfits(columns: Array, measured: Array) -> Array:
     places = choices + turns * np.arange(groups)
     chosen = np.concatenate([places, np.full((len(places), 1), groups * turns)], axis=1)
     best = np.full((len(chosen), target.shape[1]), np.inf)
+    light = np.zeros((len(chosen), groups, target.shape[1]))
     for used in product((False, True), repeat=groups + 1):
         # Of factors that are nowhere negative, each is zero or free: all ways are tried.
         some = chosen[:, np.flatnonzero(used)]
@@ -207,6 +214,12 @@ def _misfits(columns: Array, measured: Array) -> Array:
         sides = right[some]
         factors = np.linalg.solve(inner, sides)
         rest = power - np.einsum("nkc,nkc->nc", factors, sides)
-        allowed = (factors >= 0).all(axis=1)
-        best = np.where(allowed & (rest < best), rest, best)
-    return np.asarray(best.sum(axis=1).reshape((turns,) * groups))
+        better = (factors >= 0).all(axis=1) & (rest < best)
+        best = np.where(better, rest, best)
+        lit = np.zeros_like(light)
+        free = [place for place in np.flatnonzero(used) if place < groups]
+        lit[:, free] = factors[:, : len(free)]
+        light = np.where(better[:, None], lit, light)
+    strange = sum(light[:, :, channel].argmax(axis=1) != group for group, channel in enumerate(own))
+    found = best.sum(axis=1) * (1.0 + STRANGE * np.asarray(strange))
+    return np.asarray(found.reshape((turns,) * groups))

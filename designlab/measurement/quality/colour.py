@@ -12,6 +12,10 @@ COLUMNS = 16  # to which a picture is averaged: light is smooth, noise is not
 # Root mean square difference of channels of equal mean. Pictures of two built sensors with coloured LEDs and
 # of the presets have 0.2 to 0.6, white LEDs behind a diffuser 0.01 to 0.03.
 PROPORTIONAL = 0.05
+ALIKE = (
+    0.35  # correlation of channels over the picture: of white light 0.57 and more, of colours that even light
+)
+# makes proportional 0.2 at most
 DIM = 0.2  # of the brightest channel: below, the light itself is coloured
 APART = 0.3  # of 2, between the sides that two channels are lit from: less need not show
 SHOWING = ("background", "press")  # kinds of frames that show the gel under the sensor's own light
@@ -34,6 +38,10 @@ def missing_colour(picture: NDArray[np.floating]) -> str | None:
     if not levels.min() > DIM * levels.max() > 0:
         return None
     shares = values / levels
+    with np.errstate(divide="ignore", invalid="ignore"):
+        together = np.corrcoef(shares.reshape(-1, shares.shape[-1]).T)
+    if not together.min() > ALIKE:
+        return None
     apart = shares - shares.mean(axis=-1, keepdims=True)
     if np.sqrt((apart**2).sum(axis=-1).mean() / 2) > PROPORTIONAL:
         return None

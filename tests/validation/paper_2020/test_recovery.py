@@ -31,6 +31,7 @@ def stages(folder):
 
 
 @pytest.mark.slow
+@pytest.mark.full
 @pytest.mark.llvm
 class TestReducedSize:
     def test_powers_reflectances_and_products_within_one_percent(self, stages):
