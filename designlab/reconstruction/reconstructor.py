@@ -163,6 +163,10 @@ class Reconstructor:
         warnings = self._doubts(values, change, seen)
         if seen.mean() < LEAST_SEEN:
             return _nothing(shape, warnings)
+        if not shape.height_mm.max() > 0:
+            return _nothing(
+                shape, [*warnings, "colours change, but nowhere as where something is pressed in"]
+            )
         found = self._pressure(shape.height_mm) if pressure else None
         if found is None:
             contact = np.asarray(shape.height_mm > 0.5 * shape.height_mm.max())

@@ -13,7 +13,14 @@ from designlab.evaluation.evaluate import Evaluation
 from designlab.evaluation.protocol import Reconstruction
 from designlab.evaluation.weakest_point import Place
 from designlab.report.figures import new_figure
-from designlab.report.plots import BRIGHTEST_PERCENTILE, NOT_COUNTED, Extent, extent_mm, label_axes
+from designlab.report.plots import (
+    BRIGHTEST_PERCENTILE,
+    NOT_COUNTED,
+    Extent,
+    draw_relief,
+    extent_mm,
+    label_axes,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -265,8 +272,6 @@ def normals_key(axes: "Axes") -> None:
 
 def relief(axes: Any, shown: Reconstruction, extent: Extent, span_mm: tuple[float, float]) -> None:
     """Draw the reconstructed surface around the contact, lit from the side, its heights not to scale."""
-    from matplotlib.colors import LightSource
-
     rows, columns = shown.height_mm.shape
     x = np.linspace(extent[0], extent[1], columns)
     y = np.linspace(extent[3], extent[2], rows)
@@ -274,23 +279,7 @@ def relief(axes: Any, shown: Reconstruction, extent: Extent, span_mm: tuple[floa
     part = tuple(slice(*_around(inside, count)) for inside, count in ((inside_y, rows), (inside_x, columns)))
     step = max(1, (part[1].stop - part[1].start) // RELIEF_COLUMNS)
     chosen = slice(part[0].start, part[0].stop, step), slice(part[1].start, part[1].stop, step)
-    height = shown.height_mm[chosen]
-    across, along = np.meshgrid(x[chosen[1]], y[chosen[0]])
-    colours = LightSource(azdeg=315, altdeg=50).shade(
-        height, cmap=_viridis(), vert_exag=8.0, blend_mode="soft", vmin=span_mm[0], vmax=span_mm[1]
-    )
-    axes.plot_surface(
-        across, along, height, facecolors=colours, rstride=1, cstride=1, linewidth=0, shade=False
-    )
-    wide, deep = np.ptp(across), np.ptp(along)
-    axes.set_box_aspect((wide, deep, 0.35 * max(wide, deep)))
-    axes.set_zlim(*span_mm)
-    axes.view_init(elev=42, azim=-60)
-    axes.tick_params(labelsize=7, pad=-2)
-    axes.set_xlabel("x (mm)", fontsize=8, labelpad=-4)
-    axes.set_ylabel("y (mm)", fontsize=8, labelpad=-4)
-    axes.set_zticks([])
-    axes.set_title("Relief, reconstructed; heights stretched", fontsize=10)
+    draw_relief(axes, x[chosen[1]], y[chosen[0]], shown.height_mm[chosen], span_mm)
 
 
 def profile(axes: "Axes", shown: Reconstruction, extent: Extent, ends: tuple[Array, Array]) -> None:
@@ -334,12 +323,6 @@ def _around(inside: NDArray[np.int_], count: int) -> tuple[int, int]:
         return 0, count
     middle, half = (inside[0] + inside[-1]) / 2, RELIEF_REACH * max(inside[-1] - inside[0], 4) / 2
     return max(0, int(middle - half)), min(count, int(middle + half) + 1)
-
-
-def _viridis() -> Any:
-    from matplotlib import colormaps
-
-    return colormaps["viridis"]
 
 
 def _top(values: Array) -> float:

@@ -1,7 +1,7 @@
 """Plots of light around a ball, and what all plots share: extents in mm, labels, colours."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 Extent = tuple[float, float, float, float]
 BRIGHTEST_PERCENTILE = 99.5  # of all groups: the end of the colour scale
 NOT_COUNTED = "#e8eaee"
+RELIEF_SHADING, RELIEF_HEIGHT = 8.0, 0.35  # heights of a relief: for its light; its box over the width
 NOT_SHOWN = 0.25  # grey of directions that the ball does not show
 CHANNEL_COLOURS = {"red": "#ff3b30", "r": "#ff3b30", "green": "#30d158", "g": "#30d158",
                    "blue": "#2f7bff", "b": "#2f7bff", "white": "#ffffff"}  # fmt: skip
@@ -147,6 +148,46 @@ def _channel_colours(names: Sequence[str]) -> Array:
 
     others = iter(OTHER_COLOURS * (1 + len(names) // len(OTHER_COLOURS)))
     return np.array([to_rgb(CHANNEL_COLOURS.get(name.lower()) or next(others)) for name in names])
+
+
+def draw_relief(axes: Any, x_mm: Array, y_mm: Array, height_mm: Array, span_mm: tuple[float, float]) -> None:
+    """Draw a surface in 3D, lit from the side, its heights stretched.
+
+    Parameters
+    ----------
+    axes : Axes3D
+        Where it is drawn.
+    x_mm, y_mm : array, shapes (columns,) and (rows,)
+        Places.
+    height_mm : array, shape (rows, columns)
+        Heights.
+    span_mm : pair of float
+        Ends of the scale of heights.
+    """
+    from matplotlib import colormaps
+    from matplotlib.colors import LightSource
+
+    across, along = np.meshgrid(x_mm, y_mm)
+    colours = LightSource(azdeg=315, altdeg=50).shade(
+        height_mm,
+        cmap=colormaps["viridis"],
+        vert_exag=RELIEF_SHADING,
+        blend_mode="soft",
+        vmin=span_mm[0],
+        vmax=span_mm[1],
+    )
+    axes.plot_surface(
+        across, along, height_mm, facecolors=colours, rstride=1, cstride=1, shade=False, antialiased=False
+    )
+    wide, deep = float(np.ptp(x_mm)), float(np.ptp(y_mm))
+    axes.set_box_aspect((wide, deep, RELIEF_HEIGHT * max(wide, deep)))
+    axes.set_zlim(*span_mm)
+    axes.view_init(elev=42, azim=-60)
+    axes.tick_params(labelsize=7, pad=-2)
+    axes.set_xlabel("x (mm)", fontsize=8, labelpad=-4)
+    axes.set_ylabel("y (mm)", fontsize=8, labelpad=-4)
+    axes.set_zticks([])
+    axes.set_title("Relief; heights stretched", fontsize=10)
 
 
 def label_axes(axes: "Axes", title: str) -> None:

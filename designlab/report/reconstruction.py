@@ -17,6 +17,7 @@ from designlab.reconstruction.reconstructor import PressShape
 from designlab.report.evaluation_plots import normal_colours
 from designlab.report.figures import new_figure, write_figure
 from designlab.report.page import Column, Lead, Section, counted, gallery, page, paragraph, picture, table
+from designlab.report.plots import draw_relief
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,9 +62,6 @@ def write_shape(
 
 def shape_picture(shape: PressShape, image: Array, mm_per_px: float, name: str) -> "Figure":
     """Draw picture, normals, height, relief and profile of one shape."""
-    from matplotlib import colormaps
-    from matplotlib.colors import LightSource
-
     rows, columns = shape.height_mm.shape
     half = columns * mm_per_px / 2, rows * mm_per_px / 2
     extent = (-half[0], half[0], -half[1], half[1])
@@ -90,24 +88,10 @@ def shape_picture(shape: PressShape, image: Array, mm_per_px: float, name: str) 
     axes.set_xlabel("x (mm)")
     axes.set_ylabel("y (mm)")
     step = max(1, columns // RELIEF_COLUMNS)
-    height = shape.height_mm[::step, ::step]
     x = np.linspace(extent[0], extent[1], columns)[::step]
     y = np.linspace(extent[3], extent[2], rows)[::step]
-    solid: Any = figure.add_subplot(panels[0:2, 2], projection="3d")
-    colours = LightSource(315, 50).shade(
-        height, cmap=colormaps["viridis"], vert_exag=8.0, blend_mode="soft", vmin=low, vmax=top
-    )
-    across, along = np.meshgrid(x, y)
-    solid.plot_surface(
-        across, along, height, facecolors=colours, rstride=1, cstride=1, shade=False, antialiased=False
-    )
-    solid.set_box_aspect((2 * half[0], 2 * half[1], 0.6 * half[0]))
-    solid.set_zlim(low, top)
-    solid.view_init(elev=42, azim=-60)
-    solid.set_zticks([])
-    solid.set_xlabel("x (mm)")
-    solid.set_ylabel("y (mm)")
-    solid.set_title("Relief; heights stretched", fontsize=10)
+    solid = figure.add_subplot(panels[0:2, 2], projection="3d")
+    draw_relief(solid, x, y, shape.height_mm[::step, ::step], (low, top))
     line = figure.add_subplot(panels[1, 1])
     places = [np.full(columns, float(row)), np.arange(columns, dtype=float)]
     line.plot(

@@ -190,7 +190,7 @@ def test_one_body_in_every_unit_has_one_surface(unit: Any, by: str, tmp_path: Pa
     path.write_bytes(stl(1 / UNITS_MM[unit]))
     probe = parse(str(path), unit=unit) if by == "argument" else parse(f"{path}:{unit}")
     np.testing.assert_allclose(profile_mm(probe, X, Y), expected(), atol=1e-3)
-    assert understood(probe).unit == unit  # type: ignore[union-attr]
+    assert understood(probe).unit == unit
 
 
 # Turns of the body after which this side of it shows what +z showed, x staying in the plane of the turn.
@@ -296,7 +296,7 @@ def test_what_was_guessed_or_left_out_is_said(name: str, data: bytes, said: str,
     path.write_bytes(data)
     with pytest.warns(MeshNote, match=said):
         probe = parse(str(path))
-    assert name in {"inch.stl"} or any(said in note for note in understood(probe).notes)  # type: ignore[union-attr]
+    assert name in {"inch.stl"} or any(said in note for note in understood(probe).notes)
 
 
 def ball(scale: float) -> bytes:

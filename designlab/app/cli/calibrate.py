@@ -18,15 +18,20 @@ if TYPE_CHECKING:
 
 DESIGN, RESULT, PICTURE, PAGE = "calibrated.toml", "calibration.json", "residual.png", "report.html"
 MAP = "calibration.npz"
+OF_DESIGNS = ("measurement", "model", "baseline", "free", "layout")
+OF_BALLS = ("ball_mm", "mm_per_px", "thickness_mm")
 SHOWN = ("snr_db", "structure_corr", "structure_snr_db")
 
 
 def calibrate(args: Namespace) -> Result:
     """Fit light, poses and some fields of a design to a measurement, or a map to shape on balls."""
     if args.balls is not None:
-        if args.measurement is not None or args.model is not None:
-            raise ValueError("--balls: stands alone; MEASUREMENT and --model fit a design")
+        if given := [name for name in OF_DESIGNS if getattr(args, name) not in (None, False)]:
+            option = "MEASUREMENT" if given[0] == "measurement" else f"--{given[0]}"
+            raise ValueError(f"{option}: fits a design and does not go with --balls; leave one of them out")
         return _on_balls(args)
+    if given := [name for name in OF_BALLS if getattr(args, name) is not None]:
+        raise ValueError(f"--{given[0].replace('_', '-')}: is for --balls FOLDER; give that, or leave it out")
     if args.measurement is None or args.model is None:
         raise ValueError("calibrate: needs MEASUREMENT and --model MODEL, or --balls FOLDER")
     from designlab.core.store import atomic_folder, write_atomic, write_json

@@ -102,8 +102,7 @@ def evaluate(args: Namespace) -> Result:
         require_writable(out, made_with=SCORE_FILE)
     found = _evaluated(args, model, args.design, _plan(args, model))
     score = found.score
-    if out is not None:
-        _write(found, out)
+    notes = [] if out is None else _write(found, out)
     data: dict[str, Any] = score.to_json()
     lamps = light_files(model.design)
     data |= {"understood": lamps} if lamps else {}
@@ -118,6 +117,7 @@ def evaluate(args: Namespace) -> Result:
             "The pictures are noisy. A higher --fidelity removes the noise and the error that it adds."
         )
     text += [f"warning: {warning}" for warning in score.warnings]
+    text += notes
     if args.profile:
         text.append(str(score.light))
         text.append(table(("part", "seconds"), [(part, f"{s:.1f}") for part, s in score.seconds.items()]))
@@ -178,7 +178,7 @@ def _against(args: Namespace) -> Result:
         folders = {place: Path(args.out) / place for place in sources}
         scale = Scale.of(*both.values())
         for place, folder in folders.items():
-            _write(both[place], folder, scale=scale, links=(link(f"../{PAGE}", "both designs"),))
+            text += _write(both[place], folder, scale=scale, links=(link(f"../{PAGE}", "both designs"),))
         data["report"] = str(comparison_report(scores, found, folders, Path(args.out) / PAGE))
         text.append(f"report: {data['report']}")
     return Result(data, "\n".join(text))
@@ -221,8 +221,8 @@ def _evaluated(args: Namespace, model: "SensorModel", source: str, plan: "PressP
 
 def _write(
     found: "Evaluation", folder: Path, *, scale: "Scale | None" = None, links: Sequence["Html"] = ()
-) -> None:
-    """Write the pictures of an evaluation, a drawing of its sensor, and the page about it."""
+) -> list[str]:
+    """Write pictures of an evaluation, a drawing of its sensor, and the page; return what is to be said."""
     from designlab.report.evaluation import DRAWING, evaluation_report
     from designlab.report.evaluation_folder import write_evaluation
     from designlab.report.view3d import render_view
@@ -231,9 +231,10 @@ def _write(
         progress("pictures", 0, 2)
         write_evaluation(found, folder, scale=scale)
         progress("drawing of the sensor", 1, 2)
-        render_view(found.design, folder / DRAWING)
+        drawn = render_view(found.design, folder / DRAWING)
         evaluation_report(found.score.to_json(), folder / PAGE, links=links)
         progress("page", 2, 2)
+    return [f"note: the page has no drawing of the sensor: {drawn.reason}"] if drawn.reason else []
 
 
 def _verdict(score: dict[str, Any]) -> list[str]:

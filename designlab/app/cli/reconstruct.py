@@ -119,6 +119,10 @@ def _modulus(args: Namespace) -> float | None:
     from designlab.sensor.gel_materials import gel_material
 
     if args.modulus_mpa is not None:
+        if not args.modulus_mpa > 0:
+            raise ValueError(f"--modulus-mpa: must be above 0 MPa, got {args.modulus_mpa:g}")
+        if args.gel is not None:
+            raise ValueError("--modulus-mpa: is stated beside --gel; leave one of them out")
         return float(args.modulus_mpa)
     return None if args.gel is None else gel_material(args.gel).modulus_mpa
 

@@ -151,7 +151,9 @@ def load_balls(
 
 def _of_measurement(folder: Path, ball_mm: float | None, mm_per_px: float | None) -> BallSet:
     measurement = load_measurement(folder)
-    scale = _needed(folder, "mm_per_px", "--mm-per-px", mm_per_px or measurement.mm_per_px)
+    scale = _needed(
+        folder, "mm_per_px", "--mm-per-px", measurement.mm_per_px if mm_per_px is None else mm_per_px
+    )
     untouched = [frame for frame in measurement.frames if frame.kind == "background" and frame.leds is None]
     if not untouched:
         raise MeasurementError(f"{folder}: needs a frame of kind background, with all LEDs on")
@@ -165,7 +167,9 @@ def _of_measurement(folder: Path, ball_mm: float | None, mm_per_px: float | None
     sizes = {float(frame.probe.partition(":")[2] or 4) for frame in frames if frame.probe}
     if ball_mm is None and len(sizes) != 1:
         raise MeasurementError(f"{folder}: balls of one diameter are needed, got {sorted(sizes)} mm")
-    diameter = ball_mm or sizes.pop()
+    diameter = _needed(
+        folder, "diameter of the ball", "--ball-mm", sizes.pop() if ball_mm is None else ball_mm
+    )
     balls, files, looked_for = [], [], 0
     for frame in frames:
         image = np.asarray(measurement.image(frame), dtype=float)
