@@ -67,7 +67,7 @@ def save_calibration(path: str | Path, kept: Kept) -> Path:
         "about": dict(kept.about),
     }
     written = io.BytesIO()
-    np.savez_compressed(written, head=np.array(json.dumps(head)), **arrays)  # type: ignore[arg-type]
+    np.savez_compressed(written, allow_pickle=False, **{"head": np.array(json.dumps(head)), **arrays})
     return write_atomic(path, written.getvalue())
 
 

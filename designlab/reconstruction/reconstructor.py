@@ -164,9 +164,7 @@ class Reconstructor:
         if seen.mean() < LEAST_SEEN:
             return _nothing(shape, warnings)
         if not shape.height_mm.max() > 0:
-            return _nothing(
-                shape, [*warnings, "colours change, but nowhere as where something is pressed in"]
-            )
+            return _nothing(shape, [*warnings, "colours change, but nothing is pressed in"])
         found = self._pressure(shape.height_mm) if pressure else None
         if found is None:
             contact = np.asarray(shape.height_mm > 0.5 * shape.height_mm.max())

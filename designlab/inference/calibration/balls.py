@@ -167,9 +167,8 @@ def _of_measurement(folder: Path, ball_mm: float | None, mm_per_px: float | None
     sizes = {float(frame.probe.partition(":")[2] or 4) for frame in frames if frame.probe}
     if ball_mm is None and len(sizes) != 1:
         raise MeasurementError(f"{folder}: balls of one diameter are needed, got {sorted(sizes)} mm")
-    diameter = _needed(
-        folder, "diameter of the ball", "--ball-mm", sizes.pop() if ball_mm is None else ball_mm
-    )
+    stated = sizes.pop() if ball_mm is None else ball_mm
+    diameter = _needed(folder, "diameter of the ball", "--ball-mm", stated)
     balls, files, looked_for = [], [], 0
     for frame in frames:
         image = np.asarray(measurement.image(frame), dtype=float)
