@@ -52,5 +52,5 @@ def test_photons_that_go_other_ways_bring_no_noise_of_their_own(tmp_path) -> Non
     raw = (ratio(renders) - truth)[inside].std()
     left = (found / bank.of(0).light - truth)[inside].std()
     assert left < 0.7 * raw, (left, raw)
-    assert left < 0.04
+    assert left < 0.02
     assert truth[inside].std() > 2 * left  # uneven LEDs show
