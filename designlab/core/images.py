@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from designlab.core.image_files import ImageError as ImageError
-from designlab.core.image_files import read_stored, rows_columns_channels
+from designlab.core.image_files import StoredImage, read_stored, rows_columns_channels
 
 Pixels = NDArray[np.float32]
 
@@ -39,7 +39,39 @@ def read_image(path: str | os.PathLike[str]) -> Pixels:
     ImageError
         If there is no such file, or it is not an image of 1 or 3 channels with finite values.
     """
-    stored = read_stored(Path(path), FORMATS)
+    return _shares(read_stored(Path(path), FORMATS), path)
+
+
+def read_picture(path: str | os.PathLike[str]) -> Pixels:
+    """Read a camera's picture of any format that is known, as shares of full scale, gamma unchanged.
+
+    Parameters
+    ----------
+    path : path
+        The file; JPEG, WebP, BMP and NPY too.
+
+    Returns
+    -------
+    array of float32, shape (rows, columns, channels)
+        Values from 0 to 1.
+
+    Raises
+    ------
+    ImageError
+        If there is no such file, it is no picture, or floats in it go beyond 0 and 1.
+    """
+    found = _shares(read_stored(Path(path)), path)
+    low, high = float(found.min()), float(found.max())
+    if low < 0 or high > 1:
+        raise ImageError(
+            f"{path}: values must lie between 0 and 1, they run from {low:.4g} to {high:.4g}; divide them by "
+            "the value of a saturated pixel"
+        )
+    return found
+
+
+def _shares(stored: StoredImage, path: str | os.PathLike[str]) -> Pixels:
+    """Values as shares of full scale; floats as they are."""
     if stored.values.dtype.kind == "f":
         return _require_finite(stored.values.astype(np.float32), str(path))
     if stored.full_scale is None:

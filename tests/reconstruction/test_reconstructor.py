@@ -1,7 +1,10 @@
 """From balls to one calibration file, and from pictures to shapes: made pictures whose shape is known."""
 
+import json
+
 import numpy as np
 import pytest
+from PIL import Image
 
 from designlab.app import cli
 from designlab.core.images import read_image, write_image
@@ -180,6 +183,27 @@ def test_the_commands_write_shapes_once_and_pages_that_hold(file, folder, tmp_pa
     assert "three-height.npy" in after
     with opened() as browser:
         assert faults(browser, out / "report.html") == []
+
+
+@pytest.mark.slow
+@pytest.mark.faults
+def test_pictures_of_usual_formats_are_read_and_others_refused_one_by_one(file, tmp_path, capsys):
+    image = np.round(255 * pressed()).astype(np.uint8)
+    for suffix in ("jpg", "bmp", "webp", "tif"):
+        Image.fromarray(image).save(tmp_path / f"good.{suffix}")
+    np.save(tmp_path / "good.npy", pressed())
+    np.save(tmp_path / "counts.npy", 255 * pressed())
+    Image.fromarray(image).convert("CMYK").save(tmp_path / "inks.jpg")
+    (tmp_path / "text.png").write_text("no picture")
+    command = ["reconstruct", str(tmp_path), "--calibration", str(file), "--mesh", "none"]
+    assert cli.main([*command, "--out", str(tmp_path / "out"), "--json"]) == 1
+    said = json.loads(capsys.readouterr().out)
+    assert len(said["shapes"]) == 5
+    assert all(0.2 < row["depth_mm"] < 0.4 for row in said["shapes"])
+    told = {each["file"].rpartition("/")[2]: each["reason"] for each in said["refused"]}
+    assert set(told) == {"counts.npy", "inks.jpg", "text.png"}
+    assert "values must lie between 0 and 1" in told["counts.npy"]
+    assert "CMYK" in told["inks.jpg"]
 
 
 @pytest.mark.measured

@@ -23,7 +23,7 @@ def reconstruct(args: Namespace) -> Result:
     """Find the shape in each picture, and write it; pictures that are done are not done again."""
     import numpy as np
 
-    from designlab.core.images import ImageError, read_image
+    from designlab.core.images import ImageError, read_picture
     from designlab.reconstruction.reconstructor import Reconstructor
     from designlab.report.reconstruction import reconstruction_report, write_shape
 
@@ -33,7 +33,7 @@ def reconstruct(args: Namespace) -> Result:
     out = Path(args.out)
     require_writable(out, made_with=RESULT)
     if args.background is not None:
-        background = np.asarray(read_image(args.background), dtype=float)
+        background = np.asarray(read_picture(args.background), dtype=float)
         used = reconstructor.on(background)
         notes += reconstructor.drift(background)
         reconstructor = used
@@ -57,7 +57,7 @@ def reconstruct(args: Namespace) -> Result:
             if done.get(str(path), {}).get("content") == content:
                 continue
             try:
-                image = np.asarray(read_image(path), dtype=float)
+                image = np.asarray(read_picture(path), dtype=float)
                 shape = reconstructor(image)
             except (ImageError, ValueError) as error:
                 text = str(error)

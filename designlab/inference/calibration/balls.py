@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from designlab.core.images import ImageError, read_image
+from designlab.core.images import ImageError, read_picture
 from designlab.core.progress import Work, silent
 from designlab.core.types import Array, Progress
 from designlab.inference.calibration.verdict import FitVerdict
@@ -323,7 +323,7 @@ def _circles(path: Path) -> dict[str, tuple[tuple[float, float], float]]:
 
 def _read(path: Path) -> Array:
     try:
-        return np.asarray(read_image(path), dtype=float)
+        return np.asarray(read_picture(path), dtype=float)
     except ImageError as error:
         raise MeasurementError(str(error)) from None
 
