@@ -19,9 +19,7 @@ LIKE_DIRT = "no larger than what dirt makes of it"  # why a candidate does not j
 AGAINST = "what was held out speaks against it"  # begins why a candidate does not join
 TINY = 1e-9  # log score of shots that leave no more than noise
 MOST_IN_WAVES = 0.25  # of the fine energy of a pattern; of white noise it is 0.09, of moire or JPEG most
-MOST_IN_PLACES = (
-    0.25  # likewise; of sets of the calibration pool 0.08 of patterns, 0.85 and more of reflections
-)
+MOST_IN_PLACES = 0.25  # likewise; 0.08 in patterns of the calibration pool, 0.85 and more in reflections
 
 
 class Evidence(NamedTuple):
