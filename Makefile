@@ -2,6 +2,7 @@
 # make check   what every change should pass within 90 seconds: style, types, layers, tests that render nothing
 # make test    every check but the tests of minutes each, which make test-full runs
 # make site    the documentation as a site, in build/site
+# make figures the pictures and the table of scores in README and docs, made anew; hours on two cores
 # All first create .venv (Python 3.11 or newer; PYTHON=... chooses one) and need the network for that only.
 
 BIN := .venv/bin
@@ -11,7 +12,7 @@ INSTALLED := .venv/.installed
 # environment says not to: each run, and each process that a test starts, would compile them again.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: demo check test test-full style site
+.PHONY: demo check test test-full style site figures
 
 demo: $(INSTALLED)
 	$(BIN)/designlab demo --out demo-out
@@ -37,6 +38,12 @@ test: style
 site: $(INSTALLED)
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/site
 	@echo "open build/site/index.html"
+
+figures: $(INSTALLED)
+	$(BIN)/python scripts/architecture_picture.py
+	$(BIN)/python scripts/readme_picture.py
+	$(BIN)/python scripts/gallery.py
+	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/preset_scores.py --write
 
 test-full: $(INSTALLED)
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m full

@@ -2,15 +2,19 @@
 
     OMP_NUM_THREADS=1 python benchmarks/preset_scores.py [--fidelity standard --seeds 3 --workers 2] [--write]
 
-With --write the table takes the place of that in docs/presets.md, with today's date.
+With --write the table takes the place of that in docs/presets.md, with today's date. What is finished is kept
+in --kept and not evaluated again, unless its preset has changed: remove the folder where the program has.
 
 Every preset sees presses of its own size at its own places, by the same seeds. What is printed is the mean
 over seeds and its standard error: by their spread, or as the evaluations state it if that is larger.
 """
 
 import argparse
+import dataclasses
 import datetime
+import hashlib
 import itertools
+import json
 import math
 import os
 import re
@@ -19,12 +23,14 @@ import sys
 from pathlib import Path
 
 from designlab.core.interrupts import Interrupts
+from designlab.core.store import write_atomic
 from designlab.core.workers import finished
 from designlab.evaluation.evaluate import FIDELITIES, evaluate
 from designlab.evaluation.illumination_scores import Estimate
-from designlab.sensor.design import preset, preset_names
+from designlab.sensor.design import preset, preset_names, preset_text
 
-PAGE = Path(__file__).parent.parent / "docs" / "presets.md"
+ROOT = Path(__file__).parent.parent
+PAGE = ROOT / "docs" / "presets.md"
 
 
 def over_seeds(found: list[Estimate]) -> Estimate:
@@ -35,9 +41,14 @@ def over_seeds(found: list[Estimate]) -> Estimate:
     return Estimate(statistics.fmean(values), max(stated, spread), found[0].unit)
 
 
-def scores_of(name: str, fidelity: str, seed: int) -> dict[str, Estimate]:
-    """Scores of a preset."""
-    return dict(evaluate(preset(name), fidelity=fidelity, seed=seed).score.scores)
+def scores_of(name: str, fidelity: str, seed: int, kept: Path) -> dict[str, Estimate]:
+    """Scores of a preset, from an earlier run if there was one."""
+    stated = hashlib.sha256(preset_text(name).encode()).hexdigest()[:12]
+    file = kept / f"{name}-{fidelity}-{seed}-{stated}.json"
+    if not file.exists():
+        scores = evaluate(preset(name), fidelity=fidelity, seed=seed).score.scores
+        write_atomic(file, json.dumps({score: dataclasses.asdict(each) for score, each in scores.items()}))
+    return {score: Estimate(**each) for score, each in json.loads(file.read_text("utf-8")).items()}
 
 
 def main() -> None:
@@ -47,9 +58,13 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--write", action="store_true", help="into docs/presets.md")
+    parser.add_argument(
+        "--kept", type=Path, default=ROOT / "build" / "preset-scores", help="what is finished"
+    )
     arguments = parser.parse_args()
     jobs = list(itertools.product(preset_names(), range(arguments.seeds)))
-    calls = [(scores_of, name, arguments.fidelity, seed) for name, seed in jobs]
+    arguments.kept.mkdir(parents=True, exist_ok=True)
+    calls = [(scores_of, name, arguments.fidelity, seed, arguments.kept) for name, seed in jobs]
     runs: dict[str, list[dict[str, Estimate]]] = {name: [] for name in preset_names()}
     with Interrupts() as interrupts:
         for place, found in finished(calls, workers=arguments.workers, interrupts=interrupts):

@@ -10,6 +10,9 @@ from pydantic import BaseModel
 OPEN_END = 1e-6  # of the value: how far within a bound that does not belong to the range
 
 
+_UNITS = {"mm": "mm", "deg": "deg", "nm": "nm", "mw": "mW", "px": "px", "mpa": "MPa", "um": "µm", "ms": "ms"}
+
+
 class FieldAt(NamedTuple):
     """What stands at a path: the value, the unit ("1" of a pure number), and the bounds of the field."""
 
@@ -43,6 +46,18 @@ def field_at(spec: BaseModel, path: str) -> FieldAt:
         else:
             raise LookupError(f"no field {path!r}")
     return FieldAt(node, unit, low, high)
+
+
+def unit_of(path: str) -> str:
+    """Unit of a field, read off the end of its name; empty for a pure number.
+
+    Examples
+    --------
+    >>> unit_of("leds.height_mm"), unit_of("effects.led_tilt.red_tilt_deg.0"), unit_of("leds.count")
+    ('mm', 'deg', '')
+    """
+    names = [part for part in path.split(".") if not part.isdigit()]
+    return _UNITS.get(names[-1].rpartition("_")[2], "")
 
 
 def _bounds(metadata: Sequence[Any]) -> tuple[float, float]:

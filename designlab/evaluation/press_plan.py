@@ -203,7 +203,7 @@ class PressPlan(Spec):
         unit = "N" if self.depth_mm is None else "mm deep"
         balls = " and ".join(f"{share * self.strength:.3g}" for share in BALL_SHARES)
         area = " x ".join(f"{side:.4g}" for side in self.area_mm)
-        size = "" if self.scale == 1 else f", probes at {self.scale:.3g} of their full size"
+        size = "" if self.scale == 1 else f", probes at {100 * self.scale:.3g} % of their full size"
         return (
             f"balls {balls} {unit}, test probes {TEST_SHARE * self.strength:.3g} {unit}, on {area} mm{size}"
         )

@@ -112,9 +112,10 @@ def _fitted(found: BallCalibration) -> Html:
         "size of a pixel": f"{found.balls.mm_per_px:g} mm",
     }
     if found.gel is not None:
-        for name, unit, fitted in (
-            ("thickness of the gel", " mm", found.gel.thickness_mm),
-            ("circles larger than the contact, share", "", found.gel.label_bias),
+        for name, unit, scale, fitted in (
+            ("thickness of the gel", "mm", 1, found.gel.thickness_mm),
+            ("circles are larger than the contact by", "%", 100, found.gel.label_bias),
         ):
-            told[name] = f"{fitted.value:.3g}{unit}, 95 % from {fitted.low:.3g} to {fitted.high:.3g}"
+            value, low, high = (scale * number for number in (fitted.value, fitted.low, fitted.high))
+            told[name] = f"{value:.3g} {unit}, 95 % interval {low:.3g} to {high:.3g} {unit}"
     return facts(told)

@@ -11,6 +11,7 @@ from designlab.report.page import (
     Html,
     Lead,
     Section,
+    difference_text,
     facts,
     link,
     page,
@@ -129,7 +130,10 @@ def _size(difference: Difference) -> str:
     """Size of a difference with unit and interval."""
     size = abs(difference.value)
     unit = "" if difference.unit == "1" else f" {difference.unit.replace('um', 'µm')}"
-    return f"{size:.2g}{unit} ({size - difference.least:.2g} to {size + difference.least:.2g})"
+    number, ends = difference_text(
+        size, size - difference.least, size + difference.least, signed=False
+    ).split(" ", 1)
+    return f"{number}{unit} {ends}"
 
 
 def _differences(
@@ -148,7 +152,7 @@ def _differences(
             {
                 "score": title,
                 **values,
-                "difference": unbroken(f"{difference.value:+.3g} ({ends[0]:+.3g} to {ends[1]:+.3g})"),
+                "difference": unbroken(difference_text(difference.value, *ends)),
                 "verdict": word(f"{called[place]} better", "good") if place in called else place,
             }
         )

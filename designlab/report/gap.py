@@ -55,12 +55,14 @@ _PARAMETERS = (
     "The drawing spans what is usual (band), the value at which the effect does nothing (thin line), and "
     "the hard "
     "bounds where they are near (brackets). Confidence: share of right names among those that looked like it "
-    "on generated sets with known answers; of a single picture no such share is known."
+    "on generated sets with known answers; of a single picture no such share is known. Values without a unit "
+    "are shares or ratios."
 )
 _CANDIDATES = (
     "Evidence: logarithm of the Bayes factor against the model without the effect, divided by how many "
     f"neighbouring values err alike; {OF_PRESSES.evidence:g} or more is needed, {OF_PRESSES.later:g} beside "
-    "other effects. Gain: share of the first gap closed on presses that the candidate was not fitted to."
+    "other effects. Gain: share of the first gap closed on presses that the candidate was not fitted to. "
+    "Values without a unit are shares or ratios."
 )
 
 

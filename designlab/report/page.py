@@ -324,6 +324,25 @@ def rounded(value: float, se: float | None = None) -> str:
     return f"{value:.{decimals}f} ± {se:.{decimals}f}"
 
 
+def difference_text(value: float, low: float, high: float, *, signed: bool = True) -> str:
+    """Write a difference with its interval, to two digits of half the interval.
+
+    Examples
+    --------
+    >>> difference_text(-0.0519, -25.41, 25.3)
+    '0 (-25 to +25)'
+    >>> difference_text(0.0393, 0.0336, 0.045, signed=False)
+    '0.0393 (0.0336 to 0.0450)'
+    """
+    half = (high - low) / 2
+    decimals = min(max(0, 1 - math.floor(math.log10(half))), 6) if math.isfinite(half) and half > 0 else 4
+    sign = "+" if signed else ""
+    texts = (
+        f"{number:{sign}.{decimals}f}" if round(number, decimals) else "0" for number in (value, low, high)
+    )
+    return "{} ({} to {})".format(*texts)
+
+
 def _cell(value: Any, se: Any) -> tuple[Any, str]:
     """A value for people, and its standard error."""
     if value is None or value != value:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from designlab.core.fields import unit_of
 from designlab.core.progress import silent
 from designlab.core.store import write_atomic
 from designlab.core.types import Progress
@@ -21,6 +22,7 @@ from designlab.report.page import (
     Lead,
     Section,
     counted,
+    difference_text,
     facts,
     gallery,
     label,
@@ -33,7 +35,7 @@ from designlab.report.page import (
     word,
 )
 from designlab.report.yardsticks import YARDSTICKS, score_label
-from designlab.sensor.design import dumps
+from designlab.sensor.design import dumps, preset_names
 from designlab.sensor.feasibility import RULES
 
 MOST_DEPICTED = 16  # designs of the front that get pictures
@@ -160,7 +162,7 @@ def _shortlist(results: Results) -> tuple[Html, ...]:
     for name in (*scores, *study.varied):
         said = study.called(name) if name in scores else name
         row: dict[str, Any] = {
-            "quantity": score_label(said, units[name]) if name in units else label(said, study.unit(name))
+            "quantity": score_label(said, units[name]) if name in units else label(said, unit_of(name))
         }
         for title, _, design in designs:
             row |= {title: design.get(name), f"{title} se": design.get(f"{name}_se")}
@@ -180,7 +182,8 @@ def _shortlist(results: Results) -> tuple[Html, ...]:
     )
     other = "the first" if results.start is None else "the starting design"
     words = [
-        paragraph(f"Trial {number}, against {other}: {text}.") for number, text in results.trades.items()
+        paragraph(f"Trial {number}, against {other}: {text}.")
+        for number, text in results.trades_in_words(lambda name: _called(results, name)).items()
     ]
     return (table(rows, columns), *words, gallery(shown), paragraph(note, note=True))
 
@@ -224,6 +227,13 @@ def _confirmation(results: Results) -> tuple[Html, ...]:
     return (table(rows, columns), paragraph(text), *map(paragraph, words))
 
 
+def _called(results: Results, name: str) -> str:
+    """Name of a score or parameter in a sentence, where its unit follows its value."""
+    study = results.study
+    titled = label(name, unit_of(name)) if name in study.varied else score_label(study.called(name))
+    return titled.partition(" (")[0]
+
+
 def _pick(pick: str) -> str:
     """Why a design is on the shortlist, with the names of scores as people read them."""
     return re.sub(r"\w+", lambda m: score_label(m[0]) if m[0] in YARDSTICKS else m[0].replace("_", " "), pick)
@@ -231,7 +241,15 @@ def _pick(pick: str) -> str:
 
 def _change(gain: Mapping[Any, Any]) -> Html:
     """Difference from the base with its interval."""
-    return unbroken(f"{gain['difference']:+.3g} ({gain['low']:+.3g} to {gain['high']:+.3g})")
+    return unbroken(difference_text(gain["difference"], gain["low"], gain["high"]))
+
+
+def _base(results: Results) -> str | Path:
+    """What the command line takes for the base design: a preset, or the file of its trial."""
+    base = results.study.base
+    if base.name in preset_names() or results.start is None:
+        return base.name
+    return trial_folder(results.folder, int(results.start["trial"])) / "design.toml"
 
 
 def _lead(results: Results) -> Lead:
@@ -256,7 +274,7 @@ def _lead(results: Results) -> Lead:
             (paragraph(text),),
             shown,
             "Evaluate the best again with the base:",
-            f"designlab evaluate {study.base.name} {file} --compare",
+            f"designlab evaluate {_base(results)} {file} --compare",
             "not confirmed",
             "fair",
         )
@@ -265,9 +283,13 @@ def _lead(results: Results) -> Lead:
         parts = []
         for row in rows.to_dict(orient="records"):
             better = better or bool(row["better"])
-            name = score_label(study.called(row["objective"]), units.get(row["objective"], ""))
+            unit = units.get(row["objective"], "").replace("um", "µm")
+            after = "" if unit in ("", "1") else f" {unit}"
             way = "no difference seen" if not row["seen"] else "better" if row["better"] else "worse"
-            parts.append(f"{name} {row['base']:.3g} -> {row['value']:.3g} ({way})")
+            parts.append(
+                f"{_called(results, row['objective'])} {row['value']:.3g}{after}, "
+                f"not {row['base']:.3g}{after}: {way}, difference {_change(row)}{after}"
+            )
         told.append(f"Trial {trial} against {study.base.name}: {'; '.join(parts)}.")
     fidelity = gains["fidelity"].iloc[0]
     note = f"Both were evaluated again at {fidelity} fidelity with fresh random numbers."
@@ -373,7 +395,7 @@ def _definition(results: Results) -> tuple[Html, ...]:
     study = results.study
     rows = []
     if study.variants:
-        rows.append({"path": VARIANT, "values": ", ".join(study.variants), "unit": ""})
+        rows.append({"path": VARIANT, "values": ", ".join(study.variants)})
     for path, parameter in study.parameters.items():
         values = (
             ", ".join(str(choice) for choice in parameter.choices)
@@ -383,7 +405,7 @@ def _definition(results: Results) -> tuple[Html, ...]:
             + (" (logarithmic)" if parameter.log else "")
         )
         only = "" if parameter.variant is None else f" (variant {parameter.variant})"
-        rows.append({"path": path + only, "values": values, "unit": study.unit(path)})
+        rows.append({"path": path + only, "values": f"{values} {unit_of(path)}".strip()})
     settings: Mapping[str, Any] = {
         "starting design": study.base.name,
         "effects of the model": ", ".join(effect["name"] for effect in study.effects),
@@ -393,7 +415,7 @@ def _definition(results: Results) -> tuple[Html, ...]:
         "search method": ", ".join(results.frame["method"].dropna().unique()) or study.sampler,
         "folder": str(results.folder.resolve()),
     }
-    columns = [Column("path", "parameter"), Column("values", "searched over"), Column("unit", "unit")]
+    columns = [Column("path", "parameter"), Column("values", "searched over")]
     return (facts(settings), table(rows, columns))
 
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from designlab.core.fields import unit_of
 from designlab.optimization.study import Results, Study, history
 from designlab.optimization.study.definition import VARIANT
 from designlab.report.page import COLOURS, label, rounded
@@ -100,7 +101,7 @@ def parallel(results: Results) -> "plotly.graph_objects.Figure":
             figure.add_annotation(
                 x=position, y=height, text=text, showarrow=False, yshift=-14 if height == 0 else 14
             )
-    units = {path: study.unit(path) for path in study.varied} | dict(results.units)
+    units = {path: unit_of(path) for path in study.varied} | dict(results.units)
     called = {name: study.called(name) for name in study.objectives}
     titles = [
         score_label(called.get(name, name), units.get(name, "")).replace(" (", "<br>(") for name in names
@@ -140,7 +141,7 @@ def slices(results: Results) -> tuple["plotly.graph_objects.Figure", int]:
             else:
                 figure.update_yaxes(showticklabels=False, row=row, col=column + 1)
             if place == len(objectives) - 1:
-                figure.update_xaxes(title_text=label(name, study.unit(name)), row=row, col=column + 1)
+                figure.update_xaxes(title_text=label(name, unit_of(name)), row=row, col=column + 1)
             else:
                 figure.update_xaxes(showticklabels=False, row=row, col=column + 1)
     figure.update_layout(showlegend=False, margin={"l": 90, "r": 20, "t": 15, "b": 55})
@@ -155,7 +156,7 @@ def importance(shares: Mapping[str, Mapping[str, float]], results: Results) -> "
     figure = go.Figure()
     for name, share in shares.items():
         figure.add_bar(
-            y=[label(path, study.unit(path)) for path in study.varied],
+            y=[label(path, unit_of(path)) for path in study.varied],
             x=[100 * share.get(path, 0.0) for path in study.varied],
             orientation="h",
             name=score_label(study.called(name), results.units.get(name, "")),
@@ -222,7 +223,7 @@ def _hover(results: Results, rows: "pd.DataFrame") -> list[str]:
             if value is None or value != value:  # a parameter of another variant
                 continue
             shown = rounded(float(value)) if isinstance(value, float | int | np.number) else str(value)
-            lines.append(f"{label(path, study.unit(path))}: {shown}")
+            lines.append(f"{label(path, unit_of(path))}: {shown}")
         texts.append("<br>".join(lines))
     return texts
 

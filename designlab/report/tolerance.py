@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from designlab.core.fields import unit_of
 from designlab.core.store import write_atomic
 from designlab.optimization.tolerance import Tolerance
 from designlab.report.page import (
@@ -11,6 +12,7 @@ from designlab.report.page import (
     Html,
     Lead,
     Section,
+    label,
     page,
     paragraph,
     plotly_figure,
@@ -175,7 +177,7 @@ def _blame(found: Tolerance) -> tuple[Html, ...]:
 
 def _thing(name: str) -> str:
     """Name of an input for people."""
-    return name.removeprefix("effects.").replace("_", " ").replace(".", ", ")
+    return label(name.removeprefix("effects."), unit_of(name)).replace(".", ", ")
 
 
 def _scores(found: Tolerance) -> Html:
@@ -196,7 +198,9 @@ def _spreads(found: Tolerance) -> Html:
     rows: list[dict[str, Any]] = [
         {
             "field": spread.field,
-            "sd": f"{100 * spread.sd:g} %" if spread.relative else f"{spread.sd:g}",
+            "sd": f"{100 * spread.sd:g} %"
+            if spread.relative
+            else f"{spread.sd:g} {unit_of(spread.field)}".strip(),
             "also": ", ".join(spread.also),
             "source": spread.source,
         }

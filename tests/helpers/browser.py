@@ -8,6 +8,8 @@ from typing import Any
 
 import pytest
 
+from tests.helpers.numbers import unitless
+
 SCREEN = {"width": 1300, "height": 900}
 WIDTHS = (400, 800, 1300)
 LARGEST_BYTES = 3_000_000
@@ -36,7 +38,7 @@ def opened() -> Iterator[Any]:
 
 
 def faults(browser: Any, path: Path) -> list[str]:
-    """What is wrong with a page: its first screen, its widths, its links, its console, its size."""
+    """What is wrong with a page: first screen, units of numbers, widths, links, console, size."""
     found: list[str] = []
     if path.stat().st_size > LARGEST_BYTES:
         found.append(f"{path.stat().st_size} bytes")
@@ -52,6 +54,7 @@ def faults(browser: Any, path: Path) -> list[str]:
             found.append(f"first screen: no {selector}")
         elif boxes[0]["y"] + boxes[0]["height"] > SCREEN["height"]:
             found.append(f"first screen: {selector} ends at {boxes[0]['y'] + boxes[0]['height']:.0f} px")
+    found += unitless(page)
     for width in WIDTHS:
         page.set_viewport_size({"width": width, "height": SCREEN["height"]})
         page.wait_for_timeout(200)

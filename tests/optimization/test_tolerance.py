@@ -17,6 +17,7 @@ from designlab.report.tolerance import tolerance_report
 from designlab.sensor.design import InfeasibleDesign, preset, preset_names
 from designlab.simulation.effects import AppliedEffect, SensorModel
 from designlab.simulation.simulator import RenderFailed
+from tests.helpers.browser import faults, opened
 from tests.helpers.scores import Estimate, Score
 
 RUN = sys.modules["designlab.optimization.tolerance.run"]
@@ -292,8 +293,10 @@ def test_the_page_and_the_summary_say_what_was_found(tmp_path, monkeypatch, caps
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     for word in ("good (distance at most 41)", "variance of distance: elastomer.thickness_mm"):
         assert word in said
-    for word in ("protractor", "copies at or below (%)", "elastomer, thickness mm", "None."):
+    for word in ("protractor", "copies at or below (%)", "elastomer, thickness (mm)", "None."):
         assert word in page
+    with opened() as browser:
+        assert faults(browser, tmp_path / "out" / "report.html") == []
     assert cli.main([*words, str(tmp_path / "out"), "--seed", "4"]) == 2
     assert "holds a tolerance run of another design" in capsys.readouterr().err
 

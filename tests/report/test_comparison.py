@@ -51,10 +51,10 @@ def test_the_page_says_who_is_better_in_what_and_links_to_both(tmp_path):
     page = comparison_report(scores, found, folders, tmp_path / "report.html").read_text("utf-8")
     shown = words(page.replace('href="first/report.html"', "").replace('href="second/report.html"', ""))
     assert page.count('href="first/report.html"') == page.count('href="second/report.html"') == 1
-    assert "high is better in uniformity U0 by 0.18 (0.14 to 0.22)." in shown
+    assert "high is better in uniformity U0 by 0.180 (0.140 to 0.220)." in shown
     assert "In 1 of 2 main scores no difference is seen." in shown
-    assert "0.310 ± 0.010 0.490 ± 0.010 +0.18 (+0.14 to +0.22) high better" in shown
-    assert "24.0 ± 1.0 24.5 ± 1.0 +0.5 (-3 to +4) no difference seen" in shown
+    assert "0.310 ± 0.010 0.490 ± 0.010 +0.180 (+0.140 to +0.220) high better" in shown
+    assert "24.0 ± 1.0 24.5 ± 1.0 +0.5 (-3.0 to +4.0) no difference seen" in shown
     (_, _, large, _) = check(page.replace('"first/', '"data:').replace('"second/', '"data:')).images
     assert large["alt"] == "flat: untouched gel"
 

@@ -135,10 +135,10 @@ def summary(results: "Results", wanted: int) -> str:
     ]
     if rows:
         lines += ["shortlist, with standard errors:", table(("trial", "why", *titles), rows)]
-    if results.trades:
+    if trades := results.trades_in_words():
         other = "the first" if results.start is None else "the base design"
         lines.append(f"what each trades against {other}:")
-        lines += [f"  trial {number}: {words}" for number, words in results.trades.items()]
+        lines += [f"  trial {number}: {words}" for number, words in trades.items()]
     lines += _confirmed(results)
     lines += [f"warning: {warning}" for warning in results.warnings]
     lines.append(f"results: {results.folder}")

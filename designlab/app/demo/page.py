@@ -163,6 +163,7 @@ def _hidden(gap: Mapping[str, Any]) -> tuple[Any, ...]:
         "colours too. Verdict of the "
         f"diagnosis: {gap['verdict']}. It tried six effects here and tries its whole catalogue otherwise. On "
         "presses that decided nothing, the squared residual falls from "
-        f"{final['before']:.3g} to {final['after']:.3g} times the noise (floor {final['floor']:.3g})."
+        f"{final['before']:.3g} to {final['after']:.3g} times the noise (floor {final['floor']:.3g}). "
+        "Values without a unit are shares of light."
     )
     return paragraph(text), table(rows, columns)

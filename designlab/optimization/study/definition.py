@@ -283,12 +283,6 @@ class Study(Spec):
         variant = self.parameters[path].variant
         return _is_integer(self.base.replace(self.variants.get(variant or "", {})), path)
 
-    def unit(self, path: str) -> str:
-        """Return the unit of a parameter, read off the name of its field; empty for a pure number."""
-        names = [part for part in path.split(".") if not part.isdigit()]
-        suffix = names[-1].rpartition("_")[2]
-        return {"mm": "mm", "deg": "deg", "nm": "nm", "mw": "mW", "px": "px"}.get(suffix, "")
-
     def called(self, score: str) -> str:
         """Return what a value of a score is: of a robust study, one over the copies of a design."""
         if self.robust is None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from designlab.core.fields import unit_of
 from designlab.optimization.study.definition import BASE, VARIANT, Study
 from designlab.optimization.study.folder import METHOD, read_confirmations, read_trial, reading
 from designlab.optimization.study.front import losses, pareto, valid
@@ -114,14 +115,18 @@ class Results:
         """A shortlist of the Pareto front, see `picks`."""
         return picks(self.frame, self.study.objectives, parameters=self.study.varied)
 
-    @property
-    def trades(self) -> dict[int, str]:
-        """What each design of the shortlist trades, in words: against the base, or else the first."""
+    def trades_in_words(self, called: Callable[[str], str] = str) -> dict[int, str]:
+        """What each design of the shortlist trades: against the base, or else the first.
+
+        Objectives and parameters are called as asked.
+        """
         chosen = self.picks
         if chosen.empty:
             return {}
         reference = chosen.iloc[0] if self.start is None else self.start
-        return trades(chosen, reference, self.frame, self.study.objectives, self.study.varied)
+        study = self.study
+        units = {**self.units, **{path: unit_of(path) for path in study.varied}}
+        return trades(chosen, reference, self.frame, study.objectives, study.varied, units, called)
 
     def design(self, trial: int) -> Design:
         """Return the design of a trial by its number."""
@@ -246,7 +251,7 @@ class Results:
             "failures": self.failures(),
             "pareto": _rows(self.pareto, columns),
             "picks": _rows(self.picks, [*columns, "pick"]),
-            "trades": {str(number): words for number, words in self.trades.items()},
+            "trades": {str(number): words for number, words in self.trades_in_words().items()},
             "robust": None if self.study.robust is None else self.study.robust.model_dump(mode="json"),
             "confirmed": _rows(
                 self.confirmed,

@@ -1,6 +1,6 @@
 """The shortlist names the few designs of a front to look at first, and what each trades."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -125,6 +125,8 @@ def trades(
     frame: "pd.DataFrame",
     objectives: Mapping[str, str],
     parameters: Sequence[str],
+    units: Mapping[str, str],
+    called: Callable[[str], str] = str,
 ) -> dict[int, str]:
     """What each design of a shortlist gains and gives up against another, and what it changes most, in words.
 
@@ -136,6 +138,10 @@ def trades(
         Row of the design to compare with.
     frame, objectives, parameters
         As of `picks`.
+    units : mapping
+        Units of objectives and parameters; "1" or none for a bare number.
+    called : callable, optional
+        Name of an objective or parameter for people.
 
     Returns
     -------
@@ -154,25 +160,27 @@ def trades(
             mine, theirs = (float(one.get(f"{name}_se", 0.0)) for one in (row, reference))
             told = abs(gain) > NORMAL * float(np.nan_to_num(np.hypot(mine, theirs)))
             side = "not told apart" if not told else "better" if gain > 0 else "worse"
-            sides[side].append(f"{name} ({row[name]:.4g}, not {reference[name]:.4g})")
+            both_values = (_said(float(one[name]), units.get(name, "")) for one in (row, reference))
+            sides[side].append(f"{called(name)} ({', not '.join(both_values)})")
         both = pd.concat([row.to_frame().T, reference.to_frame().T])
         steps = differences(frame, both, parameters)[0, 1]
         largest = [int(k) for k in np.argsort(-steps, kind="stable")[:NAMED] if steps[k] > 0]
         own = [name for name in (parameters[k] for k in largest) if not _absent(row[name])]
-        changed = [_change(name, row[name], reference[name]) for name in own]
+        changed = [
+            f"{called(name)} {_said(row[name], units.get(name, ''))}"
+            + ("" if _absent(reference[name]) else f", not {_said(reference[name], units.get(name, ''))}")
+            for name in own
+        ]
         scores = "; ".join(f"{side} in {', '.join(names)}" for side, names in sides.items() if names)
         found[int(row["trial"])] = scores + (f"; changed most: {'; '.join(changed)}" if changed else "")
     return found
-
-
-def _change(name: str, value: Any, before: Any) -> str:
-    """What became of a parameter that the design's variant has, in words."""
-    return f"{name} {_said(value)}" + ("" if _absent(before) else f", not {_said(before)}")
 
 
 def _absent(value: Any) -> bool:
     return value is None or value != value
 
 
-def _said(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+def _said(value: Any, unit: str) -> str:
+    """A value with its unit, as people write it."""
+    text = f"{value:.4g}" if isinstance(value, float) else str(value)
+    return text if unit in ("", "1") else f"{text} {unit.replace('um', 'µm')}"

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from designlab.core.fields import unit_of
 from designlab.evaluation.illumination_scores import SCORES
 from designlab.optimization.constraint import Bound
 from designlab.optimization.study import Parameter, Plan, Study, StudyError, dumps_study, load_study
@@ -144,7 +145,7 @@ def test_elements_of_a_position_can_vary():
     study = make(parameters={"camera.position_mm.2": Parameter(low=35, high=45)})
     before = study.base.camera.position_mm
     assert study.design({"camera.position_mm.2": 40.0}).camera.position_mm == (before[0], before[1], 40.0)
-    assert study.unit("camera.position_mm.2") == "mm"
+    assert unit_of("camera.position_mm.2") == "mm"
 
 
 def test_the_digest_ignores_names_and_effort_and_nothing_else():
@@ -205,4 +206,4 @@ def test_a_group_of_its_own_place_can_vary(path, value):
     study = make(base=preset("default"), parameters={path: Parameter(low=value - 0.5, high=value + 0.5)})
     group, field = path.split(".")[2:]
     assert getattr(study.design({path: value}).leds.groups[int(group)], field) == value
-    assert study.unit(path) == ("deg" if field == "tilt_deg" else "mm")
+    assert unit_of(path) == ("deg" if field == "tilt_deg" else "mm")

@@ -83,11 +83,15 @@ def test_of_designs_that_cannot_be_told_apart_one_is_shortlisted():
         4: "knee",
         2: "different",
     }
-    said = trades(chosen, frame.iloc[0], frame, objectives, ("tilt", "side"))
+    units = {"f0": "1", "f1": "um", "tilt": "deg"}
+    said = trades(chosen, frame.iloc[0], frame, objectives, ("tilt", "side"), units, str.upper)
     assert said[3] == (
-        "better in f1 (-0.1, not 3); worse in f0 (3.1, not 0); changed most: tilt 90, not 0; side p, not g"
+        "better in F1 (-0.1 µm, not 3 µm); worse in F0 (3.1, not 0); "
+        "changed most: TILT 90 deg, not 0 deg; SIDE p, not g"
     )
-    assert "not told apart in f0 (0.1, not 0)" in trades(frame, frame.iloc[0], frame, objectives, ())[1]
+    assert (
+        "not told apart in f0 (0.1, not 0)" in trades(frame, frame.iloc[0], frame, objectives, (), units)[1]
+    )
     assert 0 not in said
 
 
@@ -95,7 +99,7 @@ def test_what_the_reference_lacks_is_said_without_a_before():
     frame, objectives = table(np.array([[0.0, 3.0], [3.0, 0.0]]))
     frame = frame.assign(variant=["dome", "flat"], radius=[40.0, None], tilt=[None, 20.0])
     (words,) = trades(
-        frame.iloc[1:], frame.iloc[0], frame, objectives, ("variant", "radius", "tilt")
+        frame.iloc[1:], frame.iloc[0], frame, objectives, ("variant", "radius", "tilt"), {}
     ).values()
     assert words.endswith("changed most: variant flat, not dome; tilt 20")
 
