@@ -1,12 +1,15 @@
-"""Pressure on an elastic layer from the shape of its surface, nowhere negative."""
+"""Pressure and force on an elastic layer from the shape of its surface, nowhere negative."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy import fft
 from scipy.ndimage import binary_dilation, label, maximum
 
 from designlab.core.types import Array, Mask
+from designlab.mechanics.contact import NotConverged, press
 from designlab.mechanics.grid_response import symbol
 from designlab.mechanics.layer import ElasticLayer
 
@@ -17,6 +20,20 @@ MARGIN_MM = 0.3  # around that
 PRESSED_IN = 0.3  # of the depth: a contact goes deeper somewhere
 TOUCHED = 0.03  # of the highest pressure from which a point counts as touched
 USUAL_SHARE = 0.3  # pressure over modulus of a usual press: how large pressures may be against noise
+ABOVE_NOISE = 3.0  # standard deviations of the heights from which the surface counts as pressed in
+MODEL_SD = 0.05  # of the force, relative, by finite elements (docs/validation.md)
+HEIGHT_SDS = (
+    1.0  # error of the force, relative, for one of the depth by the noise: force grows faster than depth
+)
+NORMAL_95 = 1.96  # standard deviations to either side that hold 95 %
+
+
+class ForceRange(NamedTuple):
+    """A force (N) and the ends of its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +50,18 @@ class SurfacePressure:
         Root mean square of what the pressure does not explain.
     pitch_mm : float
         Distance of the points.
+    sticking : float
+        Force of a probe that carries the skin along, over that of one which slides.
+    depth_error : float
+        Standard deviation of the heights over the depth.
     """
 
     pressure: Array
     offset_mm: float
     rest_mm: float
     pitch_mm: float
+    sticking: float
+    depth_error: float
 
     @property
     def contact(self) -> Mask:
@@ -51,8 +74,25 @@ class SurfacePressure:
         return float(self.contact.sum() * self.pitch_mm**2)
 
     def force_n(self, modulus_mpa: float) -> float:
-        """Force on a layer of a modulus in MPa."""
+        """Force (N) on a layer of a modulus in MPa, by a probe that carries the skin along."""
+        return self.sticking * self.sliding_force_n(modulus_mpa)
+
+    def sliding_force_n(self, modulus_mpa: float) -> float:
+        """Force (N) on a layer of a modulus in MPa, by a probe on which the skin slides freely."""
         return float(self.pressure.sum() * self.pitch_mm**2 * modulus_mpa)
+
+    def force_range(self, modulus_mpa: float, modulus_sd_mpa: float = 0.0) -> ForceRange:
+        """Force with its 95 % interval, from a probe that slides freely to one that carries the skin along.
+
+        Parameters
+        ----------
+        modulus_mpa, modulus_sd_mpa : float
+            Modulus of the layer (MPa) and its standard deviation.
+        """
+        sds = (MODEL_SD, HEIGHT_SDS * self.depth_error, modulus_sd_mpa / modulus_mpa)
+        wide = math.exp(NORMAL_95 * math.hypot(*sds))
+        force, sliding = self.force_n(modulus_mpa), self.sliding_force_n(modulus_mpa)
+        return ForceRange(force, min(force, sliding) / wide, force * wide)
 
 
 def pressure_under(
@@ -62,7 +102,9 @@ def pressure_under(
 
     The total force is the response at wave number 0, which vanishes for a gel that keeps its volume: plain
     inversion turns an offset of 5 um into newtons. So pressure is only where the surface is pressed in, is
-    nowhere negative, and the height's offset is unknown.
+    nowhere negative, and the height's offset is unknown. What pressure alone explains is the contact of a
+    probe that slides. One that carries the skin along needs more force for the same shape, by up to a half:
+    both contacts are solved for the shape found, and their ratio is kept.
 
     Parameters
     ----------
@@ -89,8 +131,10 @@ def pressure_under(
     if not depth > 0:
         raise ValueError("height_mm: nothing is pressed in")
     margin = max(1, round(MARGIN_MM / pitch_mm))
-    solver = _Solver(height_mm, ElasticLayer(1.0, poisson, thickness_mm), pitch_mm, noise_mm)
-    support = binary_dilation(height_mm > SUPPORT * depth, iterations=margin)
+    layer = ElasticLayer(1.0, poisson, thickness_mm)
+    solver = _Solver(height_mm, layer, pitch_mm, noise_mm)
+    least = max(SUPPORT * depth, ABOVE_NOISE * noise_mm + min(float(np.median(height_mm)), 0.5 * depth))
+    support = binary_dilation(height_mm > min(least, PRESSED_IN * depth), iterations=margin)
     found = solver.solve(support)
     # What the layer does not explain of a surface would press at the support's edge.
     parts, count = label(found.contact)
@@ -98,14 +142,31 @@ def pressure_under(
     kept = np.isin(parts, 1 + np.flatnonzero(np.asarray(peaks) > PRESSED_IN * depth))
     if kept.any() and (kept != found.contact).any():
         found = solver.solve(support & binary_dilation(kept, iterations=margin))
-    return found
+    touched = found.contact
+    return replace(found, sticking=_sticking(height_mm - found.offset_mm, touched, layer, pitch_mm))
+
+
+def _sticking(height_mm: Array, contact: Mask, layer: ElasticLayer, pitch_mm: float) -> float:
+    """Force of a rigid body of the contact's shape that carries the skin along, over one that slides."""
+    rows, columns = (np.flatnonzero(contact.any(axis=axis)) for axis in (1, 0))
+    box = np.s_[max(rows[0] - 1, 0) : rows[-1] + 2, max(columns[0] - 1, 0) : columns[-1] + 2]
+    depth = float(height_mm[contact].max())
+    gap = np.where(contact, depth - height_mm, np.inf)[box]
+    try:
+        sliding, sticking = (
+            press(gap, layer, pitch_mm=pitch_mm, depth_mm=depth, friction=friction).force_n
+            for friction in (0.0, math.inf)
+        )
+    except NotConverged:
+        return 1.0
+    return sticking / sliding
 
 
 class _Solver:
     """Pressures within a support that give one surface its shape."""
 
     def __init__(self, height_mm: Array, layer: ElasticLayer, pitch_mm: float, noise_mm: float) -> None:
-        self.height, self.pitch = height_mm, pitch_mm
+        self.height, self.pitch, self.noise = height_mm, pitch_mm, noise_mm
         rows, columns = height_mm.shape
         self.shape = fft.next_fast_len(2 * rows, real=True), fft.next_fast_len(2 * columns, real=True)
         self.response = symbol(layer, pitch_mm, *self.shape, "zz")
@@ -135,4 +196,6 @@ class _Solver:
                 break
         rest = self.height - self.surface(pressure)
         offset = float(rest.mean())
-        return SurfacePressure(pressure, offset, float((rest - offset).std()), self.pitch)
+        depth = max(float(self.height.max()) - offset, self.noise)
+        spread = float((rest - offset).std())
+        return SurfacePressure(pressure, offset, spread, self.pitch, 1.0, self.noise / depth)

@@ -30,11 +30,12 @@ from designlab.report.page import (
     paragraph,
     picture,
     plotly_figure,
+    rounded,
     table,
     unbroken,
     word,
 )
-from designlab.report.yardsticks import YARDSTICKS, score_label
+from designlab.report.yardsticks import HEADLINES, YARDSTICKS, score_label
 from designlab.sensor.design import dumps, preset_names
 from designlab.sensor.feasibility import RULES
 
@@ -89,6 +90,7 @@ def study_report(
     sections = [
         Section("Confirmed with fresh seeds", _confirmation(found)),
         Section("Shortlist", _shortlist(found)),
+        Section("All scores of the shortlist", _further(found), folded=True),
         Section("Trade-off", _trade_off(found)),
         Section("What matters", _importance(found)),
         Section("Best of the search", _result(found)),
@@ -153,22 +155,8 @@ def _result(results: Results) -> tuple[Html, ...]:
 def _shortlist(results: Results) -> tuple[Html, ...]:
     if results.picks.empty:
         return ()
-    study, units = results.study, dict(results.units)
-    designs = [(f"trial {row['trial']}", _pick(row["pick"]), row) for _, row in results.picks.iterrows()]
-    if results.start is not None and results.start["trial"] not in set(results.picks["trial"]):
-        designs.append((f"trial {results.start['trial']}", "starting design", results.start))
-    scores = [*study.objectives, *(name for name in units if name not in study.objectives)]
-    rows: list[dict[str, Any]] = []
-    for name in (*scores, *study.varied):
-        said = study.called(name) if name in scores else name
-        row: dict[str, Any] = {
-            "quantity": score_label(said, units[name]) if name in units else label(said, unit_of(name))
-        }
-        for title, _, design in designs:
-            row |= {title: design.get(name), f"{title} se": design.get(f"{name}_se")}
-        rows.append(row)
-    columns = [Column("quantity", "")]
-    columns += [Column(title, title, reason, f"{title} se") for title, reason, _ in designs]
+    study = results.study
+    headlines = [name for name in HEADLINES if name in results.units and name not in study.objectives]
     shown = [
         picture(path, f"trial {number}: {_CAPTIONS.get(path.stem, path.stem)}")
         for number in results.picks["trial"]
@@ -185,7 +173,35 @@ def _shortlist(results: Results) -> tuple[Html, ...]:
         paragraph(f"Trial {number}, against {other}: {text}.")
         for number, text in results.trades_in_words(lambda name: _called(results, name)).items()
     ]
-    return (table(rows, columns), *words, gallery(shown), paragraph(note, note=True))
+    shortlisted = _compared(results, [*study.objectives, *headlines, *study.varied])
+    return (shortlisted, *words, gallery(shown), paragraph(note, note=True))
+
+
+def _further(results: Results) -> tuple[Html, ...]:
+    """The other scores of the shortlist."""
+    told = (*results.study.objectives, *HEADLINES)
+    names = [name for name in results.units if name not in told]
+    return () if results.picks.empty or not names else (_compared(results, names),)
+
+
+def _compared(results: Results, names: Sequence[str]) -> Html:
+    """Scores and parameters of the shortlist, beside those of the starting design."""
+    study, units = results.study, dict(results.units)
+    designs = [(f"trial {row['trial']}", _pick(row["pick"]), row) for _, row in results.picks.iterrows()]
+    if results.start is not None and results.start["trial"] not in set(results.picks["trial"]):
+        designs.append((f"trial {results.start['trial']}", "starting design", results.start))
+    rows: list[dict[str, Any]] = []
+    for name in names:
+        if name in units:
+            row: dict[str, Any] = {"quantity": score_label(study.called(name), units[name])}
+        else:
+            row = {"quantity": label(name, unit_of(name))}
+        for title, _, design in designs:
+            row |= {title: design.get(name), f"{title} se": design.get(f"{name}_se")}
+        rows.append(row)
+    columns = [Column("quantity", "")]
+    columns += [Column(title, title, reason, f"{title} se") for title, reason, _ in designs]
+    return table(rows, columns)
 
 
 def _confirmation(results: Results) -> tuple[Html, ...]:
@@ -244,6 +260,22 @@ def _change(gain: Mapping[Any, Any]) -> Html:
     return unbroken(difference_text(gain["difference"], gain["low"], gain["high"]))
 
 
+def _best(results: Results) -> tuple[Html, ...]:
+    """The best value of each objective, and that of the starting design."""
+    parts = []
+    for name, way in results.study.objectives.items():
+        values = results.valid[name].to_numpy(dtype=float)
+        best = results.valid.iloc[int(values.argmax() if way == "maximise" else values.argmin())]
+        shown = [best] if results.start is None else [best, results.start]
+        unit = results.units.get(name, "").replace("um", "µm")
+        texts = [
+            f"{rounded(row[name], row.get(f'{name}_se'))} {'' if unit in ('', '1') else unit}".strip()
+            for row in shown
+        ]
+        parts.append(f"{_called(results, name)} {' (start '.join(texts)}{')' if len(texts) > 1 else ''}")
+    return (paragraph(f"Best so far: {'; '.join(parts)}."),)
+
+
 def _base(results: Results) -> str | Path:
     """What the command line takes for the base design: a preset, or the file of its trial."""
     base = results.study.base
@@ -260,10 +292,23 @@ def _lead(results: Results) -> Lead:
     if results.picks.empty:
         text = "No design that keeps the constraints has been evaluated yet."
         return Lead(question, (paragraph(text),), None, "Go on with the search:", start)
-    number = int(results.picks.iloc[0]["trial"])
-    file = trial_folder(results.folder, number) / "design.toml"
-    depicted = trial_folder(results.folder, number) / "press.png"
+    own = None if results.start is None else int(results.start["trial"])
+    number = next((int(each) for each in results.picks["trial"] if each != own), own)
+    file = trial_folder(results.folder, int(number or 0)) / "design.toml"
+    depicted = file.parent / "press.png"
     shown = picture(depicted, f"Trial {number}: {_CAPTIONS['press']}") if depicted.is_file() else None
+    if number == own:
+        designs = counted(results.evaluated, "design")
+        text = f"None of {designs} is better than {study.base.name} in any objective."
+        return Lead(
+            question,
+            (paragraph(text), *_best(results)),
+            shown,
+            "Go on with the search:",
+            start,
+            "none seen",
+            "fair",
+        )
     if gains.empty:
         text = (
             f"The search has evaluated {counted(results.evaluated, 'design')}. Its best were not evaluated "
@@ -271,7 +316,7 @@ def _lead(results: Results) -> Lead:
         )
         return Lead(
             question,
-            (paragraph(text),),
+            (*_best(results), paragraph(text)),
             shown,
             "Evaluate the best again with the base:",
             f"designlab evaluate {_base(results)} {file} --compare",

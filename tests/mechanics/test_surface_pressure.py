@@ -18,9 +18,9 @@ with np.errstate(invalid="ignore"):
     }
 
 
-def surface(probe, poisson, thickness_mm, depth_mm):
+def surface(probe, poisson, thickness_mm, depth_mm, friction=0.0):
     layer = ElasticLayer(1.0, poisson, thickness_mm)
-    solved = press(GAPS[probe], layer, pitch_mm=PITCH_MM, depth_mm=depth_mm)
+    solved = press(GAPS[probe], layer, pitch_mm=PITCH_MM, depth_mm=depth_mm, friction=friction)
     return solved, solved.displacement((SIZE, SIZE), (0, 0), smoothing_mm=0.05)
 
 
@@ -32,10 +32,27 @@ def test_force_is_found_from_the_surface(probe, poisson, thickness_mm):
     solved, height_mm = surface(probe, poisson, thickness_mm, 0.5)
     noisy = height_mm + 0.005 * np.random.default_rng(0).normal(size=height_mm.shape) + 0.01
     found = pressure_under(noisy, poisson=poisson, thickness_mm=thickness_mm, pitch_mm=PITCH_MM)
-    assert found.force_n(1.0) == pytest.approx(solved.force_n, rel=0.04)
+    assert found.sliding_force_n(1.0) == pytest.approx(solved.force_n, rel=0.04)
     assert found.offset_mm == pytest.approx(0.01, abs=0.003)
     assert found.rest_mm == pytest.approx(0.005, rel=0.1)
     assert (found.pressure >= 0).all()
+
+
+@pytest.mark.physics
+@pytest.mark.slow
+@pytest.mark.parametrize("probe", list(GAPS))
+@pytest.mark.parametrize("share", [0.1, 0.25, 0.5])
+def test_force_of_a_probe_that_sticks_is_found_from_the_surface(probe, share):
+    """Up to half the thickness, where it is well above that of one which slides."""
+    solved, height_mm = surface(probe, 0.49, 2.0, 2.0 * share, friction=np.inf)
+    noisy = height_mm + 0.005 * np.random.default_rng(0).normal(size=height_mm.shape) + 0.01
+    found = pressure_under(noisy, poisson=0.49, thickness_mm=2.0, pitch_mm=PITCH_MM)
+    assert found.force_n(1.0) == pytest.approx(solved.force_n, rel=0.08)
+    assert found.sliding_force_n(1.0) < found.force_n(1.0)
+    value, low, high = found.force_range(1.0, 0.1)
+    assert low < solved.force_n < high
+    assert low < found.sliding_force_n(1.0) < value < high
+    assert found.force_range(1.0).high < high
 
 
 @pytest.mark.slow
