@@ -28,6 +28,7 @@ _CALIBRATED = {
     "each": "each calibrated on its own",
     "once": "reconstructed with the calibration of the drawing",
 }
+MOST_GOOD, HALF_GOOD = 0.9, 0.5  # share of good copies from which the answer is good, or fair
 SHOWN = 10  # worst offenders that are drawn
 
 
@@ -57,9 +58,24 @@ def tolerance_report(found: Tolerance, target: str | Path) -> Path:
         picture=yields[0] if yields else None,
         next_words="Tighten what is to blame, in a file of terms, and draw the copies again:",
         next_command="designlab tolerance design.toml --terms terms.toml --out again",
+        **_verdict(found),
     )
     text = page(f"Tolerance: {found.design}", sections, subtitle=subtitle, lead=lead)
     return write_atomic(Path(target), text)
+
+
+def _verdict(found: Tolerance) -> dict[str, str]:
+    """Share of good copies as the verdict of the page; none without a specification."""
+    if found.good().empty or not found.spec:
+        return {}
+    share = found.passed()["share"]
+    if share >= MOST_GOOD:
+        return {"word": "nearly all", "kind": "good"}
+    return (
+        {"word": "more than half", "kind": "fair"}
+        if share >= HALF_GOOD
+        else {"word": "less than half", "kind": "poor"}
+    )
 
 
 def _worst(found: Tolerance) -> str:
@@ -91,9 +107,10 @@ def _result(found: Tolerance) -> str:
     bounds = "; ".join(
         f"{score_label(name, found.units[name])} {bound.text()}" for name, bound in found.spec.items()
     )
+    good, low, high = (100 * share[end] for end in ("share", "low", "high"))
     return (
-        f"{share['share']:.0%} of the copies are good (95 % interval {share['low']:.0%} to "
-        f"{share['high']:.0%}): they can be built and have {bounds}."
+        f"{good:.0f} % of the copies are good (95 % interval {low:.0f} to {high:.0f} %): they can be built "
+        f"and have {bounds}."
     )
 
 
@@ -122,7 +139,7 @@ def _yield(found: Tolerance, name: str) -> Html:
         hovertemplate=f"%{{y:.0f}} % {way} %{{x:.4g}}<extra></extra>",
         showlegend=False,
     )
-    _upright(figure, float(found.nominal[name]), "drawing", GREY)
+    _upright(figure, float(found.nominal[name]), "drawing", GREY, place="bottom right")
     if bound is not None:
         for end, text in ((bound.least, "at least"), (bound.most, "at most")):
             if end is not None:
@@ -133,12 +150,14 @@ def _yield(found: Tolerance, name: str) -> Html:
     return plotly_figure(figure, height_px=340)
 
 
-def _upright(figure: "plotly.graph_objects.Figure", place: float, text: str, colour: str) -> None:
+def _upright(
+    figure: "plotly.graph_objects.Figure", at: float, text: str, colour: str, *, place: str = "top"
+) -> None:
     figure.add_vline(
-        x=place,
+        x=at,
         line={"color": colour, "width": 1.5, "dash": "dot"},
         annotation={"text": text, "font": {"color": colour}},
-        annotation_position="top",
+        annotation_position=place,
     )
 
 
