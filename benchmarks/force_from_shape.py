@@ -12,6 +12,7 @@ the inverse takes 0.495.
 
 import argparse
 import itertools
+import sys
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -115,6 +116,7 @@ def main() -> None:
         )
         by_shape = found.force_n(1.0) / case.force
         value, low, high = found.force_range(float(np.exp(MODULUS_SD * random.normal())), MODULUS_SD)
+        print(f"{case.probe} {case.sticks} {case.poisson} {case.share:.1f} {by_shape:.3f}", file=sys.stderr)
         rows.append((case, by_shape, low <= case.force <= high, value))
     print(
         "\n| probe | skin | presses | force by shape over force, mean ± sd | within 15 % | in the interval |"

@@ -1,7 +1,8 @@
 """Pressure and force on an elastic layer from the shape of its surface, nowhere negative."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ from scipy import fft
 from scipy.ndimage import binary_dilation, label, maximum
 
 from designlab.core.types import Array, Mask
-from designlab.mechanics.contact import NotConverged, press
+from designlab.mechanics.contact import NotConverged, OutOfReach, press
 from designlab.mechanics.grid_response import symbol
 from designlab.mechanics.layer import ElasticLayer
 
@@ -21,6 +22,7 @@ PRESSED_IN = 0.3  # of the depth: a contact goes deeper somewhere
 TOUCHED = 0.03  # of the highest pressure from which a point counts as touched
 USUAL_SHARE = 0.3  # pressure over modulus of a usual press: how large pressures may be against noise
 ABOVE_NOISE = 3.0  # standard deviations of the heights from which the surface counts as pressed in
+POINTS = 16  # across a contact, for how much stiffer it is where it sticks
 MODEL_SD = 0.05  # of the force, relative, by finite elements (docs/validation.md)
 HEIGHT_SDS = (
     1.0  # error of the force, relative, for one of the depth by the noise: force grows faster than depth
@@ -50,18 +52,21 @@ class SurfacePressure:
         Root mean square of what the pressure does not explain.
     pitch_mm : float
         Distance of the points.
-    sticking : float
-        Force of a probe that carries the skin along, over that of one which slides.
-    depth_error : float
-        Standard deviation of the heights over the depth.
+    height_mm : array, shape (rows, columns)
+        The surface, without its offset.
+    layer : ElasticLayer
+        The layer, of modulus 1.
+    noise_mm : float
+        Standard deviation of the heights.
     """
 
     pressure: Array
     offset_mm: float
     rest_mm: float
     pitch_mm: float
-    sticking: float
-    depth_error: float
+    height_mm: Array
+    layer: ElasticLayer
+    noise_mm: float
 
     @property
     def contact(self) -> Mask:
@@ -72,6 +77,33 @@ class SurfacePressure:
     def contact_area_mm2(self) -> float:
         """Area of the contact."""
         return float(self.contact.sum() * self.pitch_mm**2)
+
+    @cached_property
+    def sticking(self) -> float:
+        """Force of a probe that carries the skin along, over that of one which slides.
+
+        Both are those of a rigid body of the contact's shape, on few points: the ratio hardly needs more.
+        """
+        contact = self.contact
+        rows, columns = (np.flatnonzero(contact.any(axis=axis)) for axis in (1, 0))
+        box = np.s_[max(rows[0] - 1, 0) : rows[-1] + 2, max(columns[0] - 1, 0) : columns[-1] + 2]
+        depth = float(self.height_mm[contact].max())
+        gap = np.where(contact, depth - self.height_mm, np.inf)[box].astype(float)
+        every = math.ceil(max(gap.shape) / POINTS)
+        try:
+            sliding, sticking = (
+                press(
+                    gap[::every, ::every],
+                    self.layer,
+                    pitch_mm=every * self.pitch_mm,
+                    depth_mm=depth,
+                    friction=friction,
+                ).force_n
+                for friction in (0.0, math.inf)
+            )
+        except (NotConverged, OutOfReach):
+            return 1.0
+        return sticking / sliding
 
     def force_n(self, modulus_mpa: float) -> float:
         """Force (N) on a layer of a modulus in MPa, by a probe that carries the skin along."""
@@ -89,7 +121,8 @@ class SurfacePressure:
         modulus_mpa, modulus_sd_mpa : float
             Modulus of the layer (MPa) and its standard deviation.
         """
-        sds = (MODEL_SD, HEIGHT_SDS * self.depth_error, modulus_sd_mpa / modulus_mpa)
+        depth_error = self.noise_mm / max(float(self.height_mm.max()), self.noise_mm)
+        sds = (MODEL_SD, HEIGHT_SDS * depth_error, modulus_sd_mpa / modulus_mpa)
         wide = math.exp(NORMAL_95 * math.hypot(*sds))
         force, sliding = self.force_n(modulus_mpa), self.sliding_force_n(modulus_mpa)
         return ForceRange(force, min(force, sliding) / wide, force * wide)
@@ -142,31 +175,14 @@ def pressure_under(
     kept = np.isin(parts, 1 + np.flatnonzero(np.asarray(peaks) > PRESSED_IN * depth))
     if kept.any() and (kept != found.contact).any():
         found = solver.solve(support & binary_dilation(kept, iterations=margin))
-    touched = found.contact
-    return replace(found, sticking=_sticking(height_mm - found.offset_mm, touched, layer, pitch_mm))
-
-
-def _sticking(height_mm: Array, contact: Mask, layer: ElasticLayer, pitch_mm: float) -> float:
-    """Force of a rigid body of the contact's shape that carries the skin along, over one that slides."""
-    rows, columns = (np.flatnonzero(contact.any(axis=axis)) for axis in (1, 0))
-    box = np.s_[max(rows[0] - 1, 0) : rows[-1] + 2, max(columns[0] - 1, 0) : columns[-1] + 2]
-    depth = float(height_mm[contact].max())
-    gap = np.where(contact, depth - height_mm, np.inf)[box]
-    try:
-        sliding, sticking = (
-            press(gap, layer, pitch_mm=pitch_mm, depth_mm=depth, friction=friction).force_n
-            for friction in (0.0, math.inf)
-        )
-    except NotConverged:
-        return 1.0
-    return sticking / sliding
+    return found
 
 
 class _Solver:
     """Pressures within a support that give one surface its shape."""
 
     def __init__(self, height_mm: Array, layer: ElasticLayer, pitch_mm: float, noise_mm: float) -> None:
-        self.height, self.pitch, self.noise = height_mm, pitch_mm, noise_mm
+        self.height, self.layer, self.pitch, self.noise = height_mm, layer, pitch_mm, noise_mm
         rows, columns = height_mm.shape
         self.shape = fft.next_fast_len(2 * rows, real=True), fft.next_fast_len(2 * columns, real=True)
         self.response = symbol(layer, pitch_mm, *self.shape, "zz")
@@ -196,6 +212,7 @@ class _Solver:
                 break
         rest = self.height - self.surface(pressure)
         offset = float(rest.mean())
-        depth = max(float(self.height.max()) - offset, self.noise)
         spread = float((rest - offset).std())
-        return SurfacePressure(pressure, offset, spread, self.pitch, 1.0, self.noise / depth)
+        return SurfacePressure(
+            pressure, offset, spread, self.pitch, self.height - offset, self.layer, self.noise
+        )
