@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from designlab.sensor.design import Design
 from designlab.sensor.led_catalogue import part
-from geometries.leds import bodies, emitters
+from geometries.leds import LedGroup, bodies, emitters
 
 if TYPE_CHECKING:
     import cadquery
@@ -67,6 +67,13 @@ def led_rows(design: Design) -> list[dict[str, Any]]:
     return [{key: round(v, 6) + 0.0 if isinstance(v, float) else v for key, v in row.items()} for row in rows]
 
 
+def _colours(groups: Sequence[LedGroup]) -> str:
+    """Peaks of groups in nm, or the names of their spectra."""
+    if any(group.spectrum is not None for group in groups):
+        return _listed([group.colour for group in groups])
+    return f"{_listed([f'{g.wavelength_nm:g}' for g in groups])} nm"
+
+
 def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[str, Any]]:
     """Bill of materials: each part with count, material, volume (ml) and mass (g), then what is bought.
 
@@ -94,7 +101,7 @@ def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[st
         groups = [leds.groups[index] for index in held]
         each = [f"{g.flux_mw / (g.count * len(g.azimuth_deg)):.4g}" for g in groups]
         flux = "relative, no power is known" if leds.relative_flux else f"{_listed(each)} mW each"
-        text = f"{_listed([f'{g.wavelength_nm:g}' for g in groups])} nm {leds.package}, {board}, {flux}"
+        text = f"{_colours(groups)} {leds.package}, {board}, {flux}"
         bought = [name for name in dict.fromkeys(g.part or leds.part for g in groups) if name is not None]
         if bought:
             text = f"{_listed([f'{part(name).maker} {part(name).number}' for name in bought])}, {text}"

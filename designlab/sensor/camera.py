@@ -12,11 +12,13 @@ from designlab.sensor.lens import Distortion, Fisheye, Lens, Pinhole
 from designlab.sensor.response_curve import Response
 from designlab.sensor.spectra import Sensitivity
 from geometries.spec import Spec, quantity
+from geometries.spectrum import Filter
 
 Coordinate = Annotated[float, Field(ge=-4000.0, le=4000.0)]  # mm: beyond, views are parallel to rounding
 Tilt = Annotated[float, Field(ge=-45.0, le=45.0)]  # deg
 WIDEST_PINHOLE_DEG = 170.0
 PIXEL_ASPECTS = 0.8, 1.25  # beyond, pictures were stretched rather than pixels made so
+UNSAID: tuple[tuple[str, Any], ...] = (("pixel_aspect", 1.0), ("filter", None))  # later fields, left alone
 CURVE_STEPS = 1024  # signals at which noise behind a response curve is tabulated
 DEVIATES = np.linspace(-6.0, 6.0, 241)  # of the Gaussian that stands for noise there
 
@@ -142,6 +144,9 @@ class Camera(Spec):
     sensitivity: Sensitivity | None = None
     """Spectral sensitivity of the channels, from which the design's mixing follows when it is absent: the
     name of a published set, or a table."""
+    filter: Filter | None = None
+    """Colour filter before the camera: the name of a published one, or a table. It acts through
+    camera.sensitivity."""
     exposure: float | None = quantity(None, unit="1", gt=0)
     """Signal as a share of full scale per unit of mixed radiance; chosen automatically from the untouched gel
     when absent."""
@@ -157,9 +162,9 @@ class Camera(Spec):
     """Curve between the signal and its quantisation."""
 
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
-        """Name all fields; square pixels go unnamed, so that digests of scenes stay what they were."""
+        """Name all fields but later ones that say nothing, so that digests of scenes stay what they were."""
         for name, value in super().__repr_args__():
-            if (name, value) != ("pixel_aspect", 1.0):
+            if (name, value) not in UNSAID:
                 yield name, value
 
     @model_validator(mode="after")

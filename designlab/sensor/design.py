@@ -24,12 +24,13 @@ from designlab.sensor.feasibility import RULES, SEEN, margins, shape_margins
 from designlab.sensor.optical_constants import material
 from designlab.sensor.optical_properties import Optics
 from designlab.sensor.refraction import Glass, tangents_through
-from designlab.sensor.spectra import response
+from designlab.sensor.spectra import emission_rows, filter_rows, response
 from geometries.elastomer import Elastomer, base_mm
 from geometries.gelcore import Gelcore
 from geometries.housing import Housing
 from geometries.leds import LedArray
 from geometries.spec import FOLDER, Spec
+from geometries.spectrum import Filter, Spectrum
 
 CHANNELS = ("R", "G", "B")
 LABELS: Any = {"name": True, "description": True, "parent": True, "leds": {"relative_flux"}}
@@ -156,11 +157,14 @@ class Design(Spec):
                 raise ValueError(
                     f"optics.{field}: give one value or one for each of the {count} LED groups, got {given}"
                 )
+        self._require_spectra()
         if self.mixing is None and self.camera.sensitivity is not None:
             try:
                 _ = self.mixing_matrix
             except ValueError as error:
-                raise ValueError(f"camera.sensitivity: {error}") from None
+                field = "filter" if "filter" in str(error) else "sensitivity"
+                where = "camera" if self.camera.filter or field == "sensitivity" else "leds.groups"
+                raise ValueError(f"{where}.{field}: {error}") from None
         elif self.mixing is None:
             if count != len(CHANNELS):
                 raise ValueError(
@@ -184,6 +188,23 @@ class Design(Spec):
         if self.gelcore.shape == "dome" and self.elastomer.shape != "dome":
             raise ValueError("elastomer.shape: a dome gelcore carries a dome elastomer")
         return self
+
+    def _require_spectra(self) -> None:
+        """Refuse spectra and filters that are unknown, or that nothing would see."""
+        named: list[tuple[str, Spectrum | Filter | None]] = [("camera.filter", self.camera.filter)]
+        for index, group in enumerate(self.leds.groups):
+            named += [
+                (f"leds.groups.{index}.{name}", getattr(group, name)) for name in ("spectrum", "filter")
+            ]
+        for field, found in named:
+            if found is None:
+                continue
+            try:
+                _ = emission_rows(found) if isinstance(found, Spectrum) else filter_rows(found)
+            except ValueError as error:
+                raise ValueError(f"{field}.{error}") from None
+            if self.mixing is None and self.camera.sensitivity is None:
+                raise ValueError(f"{field}: needs camera.sensitivity, or mixing as measured; both are absent")
 
     @property
     def digest(self) -> str:
@@ -246,6 +267,11 @@ class Design(Spec):
             self.camera.sensitivity,
             wavelength_nm=[group.wavelength_nm for group in self.leds.groups],
             width_nm=[group.width_nm for group in self.leds.groups],
+            spectra=[group.spectrum for group in self.leds.groups],
+            filters=[
+                tuple(each for each in (group.filter, self.camera.filter) if each is not None)
+                for group in self.leds.groups
+            ],
         )
 
     @property

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from designlab.core.types import Array
-from designlab.fabrication import led_colour, package_colour, parts
+from designlab.fabrication import group_colour, package_colour, parts
 from designlab.sensor.design import Design
 from geometries.elastomer import base_mm, polygon
 from geometries.leds import Emitter, bodies, emitters
@@ -59,9 +59,9 @@ def scene(design: Design, indentation: tuple[Array, Array, Array] | None, *, cut
     for name, colour in (("gelcore", "#2f7fa8"), ("elastomer", "#b8752c")):
         edges = _mesh(shapes[name]).extract_feature_edges(25.0).strip(join=True)
         add(edges.tube(radius=0.5 * thin), colour, opacity=0.75)
-    colours = [led_colour(group.wavelength_nm) for group in design.leds.groups]
+    colours = [group_colour(group) for group in design.leds.groups]
     for solid, body in zip(shapes["led_array"].Solids(), bodies(design.leds), strict=True):
-        held = [design.leds.groups[index].wavelength_nm for index in body.groups]
+        held = [design.leds.groups[index] for index in body.groups]
         r, g, b = (0.15 + 0.45 * channel for channel in package_colour(held))
         add(_mesh(solid), (r, g, b), ambient=0.1)
     for emitter in side_by_side(emitters(design.leds)):
