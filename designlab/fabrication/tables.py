@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from designlab.sensor.design import Design
-from designlab.sensor.led_catalogue import part
 from geometries.leds import LedGroup, bodies, emitters
 
 if TYPE_CHECKING:
@@ -104,7 +103,8 @@ def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[st
         text = f"{_colours(groups)} {leds.package}, {board}, {flux}"
         bought = [name for name in dict.fromkeys(g.part or leds.part for g in groups) if name is not None]
         if bought:
-            text = f"{_listed([f'{part(name).maker} {part(name).number}' for name in bought])}, {text}"
+            parts = [design.led_part(name) for name in bought]
+            text = f"{_listed([f'{part.maker} {part.number}'.strip() for part in parts])}, {text}"
         item = "_".join(["led", *(g.name for g in groups)])
         note = "places in leds.csv" if len(held) == 1 else f"{len(held)} channels; places in leds.csv"
         rows.append(_row(item, count, text, None, None, note))

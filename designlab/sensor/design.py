@@ -13,7 +13,7 @@ from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from designlab.core.store import write_atomic
 from designlab.sensor import led_catalogue
@@ -23,6 +23,7 @@ from designlab.sensor.design_fields import commented, described, nearest
 from designlab.sensor.feasibility import RULES, SEEN, margins, shape_margins
 from designlab.sensor.optical_constants import material
 from designlab.sensor.optical_properties import Optics
+from designlab.sensor.parts_file import OwnParts, PartsFile, resolved
 from designlab.sensor.refraction import Glass, tangents_through
 from designlab.sensor.spectra import emission_rows, filter_rows, response
 from geometries.elastomer import Elastomer, base_mm
@@ -33,7 +34,7 @@ from geometries.spec import FOLDER, Spec
 from geometries.spectrum import Filter, Spectrum
 
 CHANNELS = ("R", "G", "B")
-LABELS: Any = {"name": True, "description": True, "parent": True, "leds": {"relative_flux"}}
+LABELS: Any = {"name": True, "description": True, "parent": True, "parts": True, "leds": {"relative_flux"}}
 """Fields that change neither light nor contact nor any part."""
 CHANGED = " with "  # joins the name of a design and what was changed in it
 FEW_CHANGES = 2  # so many are listed in a name
@@ -79,6 +80,8 @@ class Design(Spec):
         What it is and where its figures come from.
     parent : str, optional
         Preset that it was made from.
+    parts : PartsFile, optional
+        Parts of one's own.
     gelcore : Gelcore
         The rigid clear body.
     elastomer : Elastomer
@@ -111,6 +114,8 @@ class Design(Spec):
     """What it is and where its figures come from."""
     parent: str | None = None
     """Preset that it was made from; absent for presets and for designs without one."""
+    parts: PartsFile | None = None
+    """Parts of one's own, from a file; their names stand beside those of the catalogue."""
     gelcore: Gelcore = Field(default_factory=lambda: Gelcore())
     """The rigid clear body."""
     elastomer: Elastomer = Field(default_factory=lambda: Elastomer())
@@ -133,10 +138,20 @@ class Design(Spec):
 
     @model_validator(mode="before")
     @classmethod
-    def _completed(cls, content: Any) -> Any:
-        """Fill in what the LED library knows of the parts named, and the model of contact."""
+    def _completed(cls, content: Any, info: ValidationInfo) -> Any:
+        """Fill in what the LED library and one's own know of the parts named, and the model of contact."""
+        own = OwnParts()
+        if isinstance(content, Mapping) and content.get("parts") is not None:
+            try:
+                kept = PartsFile.model_validate(content["parts"], context=info.context)
+            except ValidationError:
+                return content  # the field says what is wrong
+            own = kept.parts
+            content = {**content, "parts": kept}
         if isinstance(content, Mapping) and isinstance(content.get("leds"), Mapping):
-            content = {**content, "leds": led_catalogue.filled(content["leds"])}
+            content = {**content, "leds": led_catalogue.filled(content["leds"], own.leds)}
+        if isinstance(content, Mapping):
+            content = resolved(content, own)
         if isinstance(content, Mapping) and "contact" in content:
             content = {**content, "contact": with_model(content["contact"])}
         return content
@@ -273,6 +288,10 @@ class Design(Spec):
                 for group in self.leds.groups
             ],
         )
+
+    def led_part(self, name: str) -> led_catalogue.LedPart:
+        """Figures of an LED that the design names, of the catalogue or of one's own parts."""
+        return led_catalogue.part(name, {} if self.parts is None else self.parts.parts.leds)
 
     @property
     def flux_mw(self) -> NDArray[np.float64]:

@@ -54,21 +54,25 @@ def presets(args: Namespace) -> Result:
 
 
 def parts(args: Namespace) -> Result:
-    """List the LED library, or one part of it."""
+    """List the LED library or a file of one's own parts, or show one part of the library."""
     from designlab.sensor.led_catalogue import PARTS, flux_mw, part
+    from designlab.sensor.parts_file import OwnParts, load_parts
+
+    file = args.name if args.name is not None and args.name.endswith(".toml") else None
+    own = OwnParts() if file is None else load_parts(file)
 
     def content(name: str) -> dict[str, Any]:
-        entry = part(name)
+        entry = part(name, own.leds)
         return {
             "name": name,
-            **entry._asdict(),
+            **entry.model_dump(exclude={"chips"}),
             "chips": {
-                colour: {**chip._asdict(), "estimated_flux_mw": flux_mw(entry, chip)}
+                colour: {**chip.model_dump(), "estimated_flux_mw": flux_mw(entry, chip)}
                 for colour, chip in entry.chips.items()
             },
         }
 
-    names = list(PARTS) if args.name is None else [args.name]
+    names = list(own.leds) if file else list(PARTS) if args.name is None else [args.name]
     entries = [content(name) for name in names]
     rows = []
     for entry in entries:
@@ -82,6 +86,10 @@ def parts(args: Namespace) -> Result:
             rows.append((entry["name"], front, angle, colour, *shown))
     header = ("part", "size mm", "angle deg", "chip", "nm", "width nm", "mcd", "mW")
     lines = [table(header, rows), "mW beside mcd are estimated from angle and spectrum"]
+    if file:
+        others = {kind: list(getattr(own, kind)) for kind in ("spectra", "filters", "gels")}
+        lines += [f"{kind}: {', '.join(found)}" for kind, found in others.items() if found]
+        return Result({"parts": entries, **others}, "\n".join(lines))
     if args.name is not None:
         lines += [f"{entries[0]['maker']} {entries[0]['number']}", f"source: {entries[0]['source']}"]
     return Result({"parts": entries} if args.name is None else entries[0], "\n".join(lines))
