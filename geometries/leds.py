@@ -38,6 +38,8 @@ class LedGroup(Spec):
     """LEDs in each row."""
     flux_mw: float = quantity(10.0, unit="mW", gt=0, le=1e6)
     """Total radiant flux of the group, shared equally by its LEDs."""
+    drive: float | None = quantity(None, unit="1", gt=0, le=1)
+    """Share of `flux_mw` that the group is driven at, by current or pulse width; full when absent."""
     wavelength_nm: float = quantity(530.0, unit="nm", ge=350, le=1100)
     """Peak wavelength."""
     width_nm: float | None = quantity(None, unit="nm", gt=0.1, le=300)
@@ -73,6 +75,11 @@ class LedGroup(Spec):
                 "give one of both"
             )
         return self
+
+    @property
+    def driven_mw(self) -> float:
+        """Flux of the group as it is driven (mW)."""
+        return self.flux_mw if self.drive is None else self.flux_mw * self.drive
 
     @property
     def colour(self) -> str:

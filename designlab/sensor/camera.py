@@ -18,7 +18,13 @@ Coordinate = Annotated[float, Field(ge=-4000.0, le=4000.0)]  # mm: beyond, views
 Tilt = Annotated[float, Field(ge=-45.0, le=45.0)]  # deg
 WIDEST_PINHOLE_DEG = 170.0
 PIXEL_ASPECTS = 0.8, 1.25  # beyond, pictures were stretched rather than pixels made so
-UNSAID: tuple[tuple[str, Any], ...] = (("pixel_aspect", 1.0), ("filter", None))  # later fields, left alone
+UNSAID: tuple[tuple[str, Any], ...] = (
+    ("pixel_aspect", 1.0),
+    *((name, None) for name in ("filter", "exposure_time_ms", "gain_db", "quantum_efficiency")),
+)
+"""Fields of later versions, at values that change nothing."""
+EXPOSING = ("exposure", "exposure_time_ms", "gain_db", "quantum_efficiency")
+"""Fields that scale the signal, and change no light."""
 CURVE_STEPS = 1024  # signals at which noise behind a response curve is tabulated
 DEVIATES = np.linspace(-6.0, 6.0, 241)  # of the Gaussian that stands for noise there
 
@@ -150,8 +156,17 @@ class Camera(Spec):
     exposure: float | None = quantity(None, unit="1", gt=0)
     """Signal as a share of full scale per unit of mixed radiance; chosen automatically from the untouched gel
     when absent."""
+    exposure_time_ms: float | None = quantity(None, unit="ms", gt=0, le=1e5)
+    """Time for which pixels collect light, instead of `exposure`. With lens opening, quantum_efficiency and
+    the fluxes of the LEDs it gives the signal."""
+    gain_db: float | None = quantity(None, unit="dB", ge=0, le=60)
+    """Gain before the converter: 6.02 dB double the signal and halve the electrons at full scale; 0 when
+    absent. Where the exposure is automatic, only the noise changes."""
+    quantum_efficiency: float | None = quantity(None, unit="1", gt=0, le=1)
+    """Electrons per photon where camera.sensitivity is highest; without one, where mixing is 1. For
+    exposure_time_ms."""
     full_well_e: float = quantity(4700.0, unit="e-", gt=10, le=1e7)
-    """Photo-electrons at full scale; sets the photon noise."""
+    """Photo-electrons at full scale, without gain; sets the photon noise."""
     read_noise_e: float = quantity(5.0, unit="e-", ge=0, le=1e5)
     """Standard deviation of the read noise."""
     black_level: float = quantity(0.0, unit="1", ge=0, lt=1)
@@ -199,6 +214,20 @@ class Camera(Spec):
         return self
 
     @model_validator(mode="after")
+    def _exposure_is_complete(self) -> Self:
+        if self.exposure_time_ms is None:
+            return self
+        if self.exposure is not None:
+            raise ValueError("exposure_time_ms: give it or exposure, got both")
+        if self.quantum_efficiency is None:
+            raise ValueError("quantum_efficiency: needed with exposure_time_ms, is absent")
+        if self.opening_mm is None:
+            raise ValueError(
+                "aperture_mm: it, or f_number with focal_length_mm, is needed with exposure_time_ms; absent"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _focus_is_complete(self) -> Self:
         if (self.f_number is None) != (self.focal_length_mm is None):
             missing = "focal_length_mm" if self.focal_length_mm is None else "f_number"
@@ -221,6 +250,21 @@ class Camera(Spec):
     def focal_rows_px(self) -> float:
         """Focal length in rows of the full sensor (fy), at the centre of the picture."""
         return self.focal_px * self.pixel_aspect
+
+    @property
+    def pixel_sr(self) -> float:
+        """Solid angle that a pixel of the full sensor sees at the centre of the picture, in air."""
+        return 1.0 / (self.focal_px * self.focal_rows_px)
+
+    @property
+    def gain(self) -> float:
+        """Factor of `gain_db` on the signal."""
+        return 1.0 if self.gain_db is None else float(10.0 ** (self.gain_db / 20))
+
+    @property
+    def full_scale_e(self) -> float:
+        """Photo-electrons at full scale, gain included."""
+        return self.full_well_e / self.gain
 
     @property
     def half_diagonal_px(self) -> float:
@@ -366,8 +410,8 @@ class Camera(Spec):
         binned : float
             Sensor pixels averaged into one output pixel.
         """
-        electrons = np.clip(signal - self.black_level, 0.0, None) * self.full_well_e * binned
-        return np.asarray(np.sqrt(electrons + self.read_noise_e**2 * binned) / (self.full_well_e * binned))
+        electrons = np.clip(signal - self.black_level, 0.0, None) * self.full_scale_e * binned
+        return np.asarray(np.sqrt(electrons + self.read_noise_e**2 * binned) / (self.full_scale_e * binned))
 
     def behind_curve(
         self, signal: NDArray[np.floating], curve: Callable[[Array], Array] | None = None

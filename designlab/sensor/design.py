@@ -25,7 +25,13 @@ from designlab.sensor.optical_constants import material
 from designlab.sensor.optical_properties import Optics
 from designlab.sensor.parts_file import OwnParts, PartsFile, resolved
 from designlab.sensor.refraction import Glass, tangents_through
-from designlab.sensor.spectra import emission_rows, filter_rows, response
+from designlab.sensor.spectra import (
+    electrons_per_j,
+    emission_rows,
+    filter_rows,
+    peak_electrons_per_j,
+    response,
+)
 from geometries.elastomer import Elastomer, base_mm
 from geometries.gelcore import Gelcore
 from geometries.housing import Housing
@@ -188,6 +194,11 @@ class Design(Spec):
                 )
         elif len(self.mixing) != len(CHANNELS) or any(len(row) != count for row in self.mixing):
             raise ValueError(f"mixing: must be 3 rows (R, G, B) of {count} values, one for each LED group")
+        if self.camera.exposure_time_ms is not None and self.leds.relative_flux:
+            raise ValueError(
+                "camera.exposure_time_ms: needs fluxes in mW, leds.relative_flux says that none is known; "
+                "give camera.exposure instead"
+            )
         if self.leds.coupling != "air_gap" and self.optics.light_path == "air":
             raise ValueError(
                 f"leds.coupling: {self.leds.coupling!r} needs optics.light_path = 'core', "
@@ -289,14 +300,43 @@ class Design(Spec):
             ],
         )
 
+    @property
+    def fixed_exposure(self) -> float | None:
+        """Signal as a share of full scale per unit of mixed radiance; None where the camera chooses it.
+
+        It is `camera.exposure` times gain, or follows from exposure time, lens opening and quantum
+        efficiency: the pixel collects radiance x area of the opening x its solid angle x time.
+        """
+        camera = self.camera
+        if camera.exposure is not None:
+            return camera.exposure * camera.gain
+        if camera.exposure_time_ms is None or camera.opening_mm is None:
+            return None
+        opening_mm2 = np.pi * camera.opening_mm**2 / 4
+        energy_j = opening_mm2 * camera.pixel_sr * camera.exposure_time_ms * 1e-6  # mW ms
+        return float(energy_j * self._electrons_per_j() * camera.gain / camera.full_well_e)
+
+    def _electrons_per_j(self) -> float:
+        """Photo-electrons per joule on a pixel where `mixing_matrix` is 1."""
+        efficiency = self.camera.quantum_efficiency or 0.0
+        if self.mixing is None and self.camera.sensitivity is not None:
+            return efficiency * peak_electrons_per_j(
+                self.camera.sensitivity,
+                wavelength_nm=[group.wavelength_nm for group in self.leds.groups],
+                width_nm=[group.width_nm for group in self.leds.groups],
+                spectra=[group.spectrum for group in self.leds.groups],
+            )
+        best = int(self.mixing_matrix.max(axis=0).argmax())
+        return efficiency * electrons_per_j(self.leds.groups[best].wavelength_nm)
+
     def led_part(self, name: str) -> led_catalogue.LedPart:
         """Figures of an LED that the design names, of the catalogue or of one's own parts."""
         return led_catalogue.part(name, {} if self.parts is None else self.parts.parts.leds)
 
     @property
     def flux_mw(self) -> NDArray[np.float64]:
-        """Flux of each LED group (mW), shape (groups,)."""
-        return np.array([group.flux_mw for group in self.leds.groups])
+        """Flux of each LED group as it is driven (mW), shape (groups,)."""
+        return np.array([group.driven_mw for group in self.leds.groups])
 
     @property
     def transfer_mw(self) -> NDArray[np.float64]:

@@ -22,6 +22,7 @@ stands for longer wavelengths (assumption).
 _TABLES = table("spectra")
 LUMINOUS_EFFICIENCY: Array = np.array(_TABLES["luminous_efficiency"]["rows"], dtype=float)
 """Spectral luminous efficiency V for photopic vision: rows of wavelength (nm) and V."""
+PLANCK_J_S, LIGHT_M_S = 6.62607015e-34, 299792458.0  # exact, by the definition of the SI
 PEAK_EFFICACY_LM_W = 683.0
 """Lumen per watt where V is 1: the definition of the candela."""
 
@@ -182,6 +183,31 @@ def response(
         If a group's light lies outside the table, so that no channel answers to it, or outside that of a
         filter, or if a filter leaves nothing of it.
     """
+    _, rows, _ = sensitivity.curves
+    table = np.asarray(rows, dtype=float)
+    matrix, seen = _answers(sensitivity, wavelength_nm, width_nm, spectra, filters)
+    for group in range(matrix.shape[1]):
+        light = f"LED group {group + 1}" + (
+            "" if spectra and spectra[group] else f" at {wavelength_nm[group]:g} nm"
+        )
+        if matrix[:, group].max() < 1e-6 * table[:, 1:].max():
+            raise ValueError(
+                f"no channel answers to {light}; the "
+                f"sensitivity is known from {table[0, 0]:g} to {table[-1, 0]:g} nm"
+            )
+        if seen[:, group].max() < 1e-6 * table[:, 1:].max():
+            raise ValueError(f"no channel answers to {light}; its filters pass less than 1e-6 of it")
+    return np.asarray(seen / matrix.max())
+
+
+def _answers(
+    sensitivity: Sensitivity,
+    wavelength_nm: Sequence[float],
+    width_nm: Sequence[float | None],
+    spectra: Sequence[Spectrum | None] | None,
+    filters: Sequence[Sequence[Filter]] | None,
+) -> tuple[Array, Array]:
+    """Answers of the channels to each group without and with filters, on the scale of the sensitivity."""
     per, rows, _ = sensitivity.curves
     table = np.asarray(rows, dtype=float)
     columns, filtered = [], []
@@ -195,19 +221,31 @@ def response(
             filtered.append([float((curve * passed).sum()) for curve in curves])
         else:
             filtered.append(columns[-1])
-    matrix, seen = np.array(columns).T, np.array(filtered).T
-    for group in range(len(columns)):
-        light = f"LED group {group + 1}" + (
-            "" if spectra and spectra[group] else f" at {wavelength_nm[group]:g} nm"
-        )
-        if matrix[:, group].max() < 1e-6 * table[:, 1:].max():
-            raise ValueError(
-                f"no channel answers to {light}; the "
-                f"sensitivity is known from {table[0, 0]:g} to {table[-1, 0]:g} nm"
-            )
-        if seen[:, group].max() < 1e-6 * table[:, 1:].max():
-            raise ValueError(f"no channel answers to {light}; its filters pass less than 1e-6 of it")
-    return np.asarray(seen / matrix.max())
+    return np.array(columns).T, np.array(filtered).T
+
+
+def electrons_per_j(wavelength_nm: float) -> float:
+    """Photons in a joule of light."""
+    return wavelength_nm * 1e-9 / (PLANCK_J_S * LIGHT_M_S)
+
+
+def peak_electrons_per_j(
+    sensitivity: Sensitivity,
+    *,
+    wavelength_nm: Sequence[float],
+    width_nm: Sequence[float | None],
+    spectra: Sequence[Spectrum | None] | None = None,
+) -> float:
+    """Electrons per joule where `response` without filters is 1, of a sensor of quantum efficiency 1.
+
+    The efficiency is that where the sensitivity is highest; parameters as in `response`.
+    """
+    per, rows, _ = sensitivity.curves
+    table = np.asarray(rows, dtype=float)
+    best = int(table[:, 1:].max(axis=1).argmax())
+    reference_nm = 550.0 if per == "photon" else float(table[best, 0])
+    answers, _ = _answers(sensitivity, wavelength_nm, width_nm, spectra, None)
+    return float(electrons_per_j(reference_nm) * answers.max() / table[best, 1:].max())
 
 
 def _rows(

@@ -260,7 +260,7 @@ def render(args: Namespace) -> Result:
     """Write one picture."""
     from designlab.core.images import tone_map, write_image
     from designlab.simulation.effects.model import load_model
-    from designlab.simulation.simulator import Simulator
+    from designlab.simulation.simulator import Simulator, saturation_share, saturation_warning
     from geometries.probes import understood
 
     output = Path(args.output)
@@ -279,6 +279,8 @@ def render(args: Namespace) -> Result:
         raise OSError(error.errno, f"cannot write {output}: {error.strerror or error}") from None
     rows, columns = mixed.shape[:2]
     mechanics = frame.mechanics
+    saturation = saturation_share(model.effective_design(), frame)
+    warnings = [*frame.warnings, *saturation_warning(saturation)]
     mesh = None if press is None else understood(press.probe)
     share = None if mesh is None else frame.share_touching
     data: dict[str, Any] = {
@@ -291,7 +293,8 @@ def render(args: Namespace) -> Result:
         **({} if mesh is None else {"understood": [{**mesh.to_json(), "share_touching": share}]}),
         "samples": args.samples,
         "seed": args.seed,
-        "warnings": list(frame.warnings),
+        "saturation_share": saturation,
+        "warnings": warnings,
     }
     lines = [f"{args.output}: {columns} x {rows} pixels"]
     if mesh is not None:
@@ -305,7 +308,7 @@ def render(args: Namespace) -> Result:
             f"pressed {mechanics.depth_mm:.3g} mm deep with {mechanics.force_n:.3g} N; contact of "
             f"{mechanics.contact_area_mm2:.3g} mm2, the gel bulges by {mechanics.bulge_um:.3g} um"
         )
-    lines += [f"warning: {warning}" for warning in frame.warnings]
+    lines += [f"warning: {warning}" for warning in warnings]
     return Result(data, "\n".join(lines))
 
 
