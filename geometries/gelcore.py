@@ -42,6 +42,9 @@ class Gelcore(Spec):
     """How deep the hollow reaches; its radius when absent."""
     side_finish: Literal["polished", "ground", "painted"] = "painted"
     """Finish of the side faces away from the LEDs."""
+    led_side_finish: Literal["polished", "ground", "painted"] | None = None
+    """Finish of the side faces that LEDs face; polished when absent. Ground ones diffuse the light as it
+    enters; painted ones need bonded LEDs, which shine from within."""
     ground_roughness: float = quantity(0.3, unit="1", ge=0.01, le=1)
     """GGX alpha of ground side faces; 0.3 is what the public scene of the 2020 prototype gives its core
     (arXiv 2012.13184)."""

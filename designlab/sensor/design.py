@@ -204,6 +204,17 @@ class Design(Spec):
                 f"leds.coupling: {self.leds.coupling!r} needs optics.light_path = 'core', "
                 "light in air meets no core"
             )
+        finish = self.gelcore.led_side_finish
+        if finish is not None and self.leds.coupling == "embedded":
+            raise ValueError(
+                f"gelcore.led_side_finish: no side lets light in where LEDs are embedded, got {finish!r}; "
+                "give gelcore.side_finish, which holds for all"
+            )
+        if finish == "painted" and self.leds.coupling == "air_gap":
+            raise ValueError(
+                "gelcore.led_side_finish: 'painted' keeps the light of LEDs behind an air gap out; glue them "
+                "on (leds.coupling = 'bonded') or give another finish"
+            )
         if self.gelcore.cavity is not None and self.optics.gelcore_scattering_per_mm:
             raise ValueError("gelcore.cavity_radius_mm: haze is simulated in solid cores only")
         if self.gelcore.cavity is not None and any(self.optics.housing_reflectance):

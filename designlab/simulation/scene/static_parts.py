@@ -58,10 +58,11 @@ def core_and_gel(design: Design) -> Iterator[Shape]:
     for number, lit in enumerate(_sides_with_light(design, outline)):
         ends = [number, (number + 1) % len(outline)]
         side = np.concatenate([low[ends], high[ends[::-1]]])
-        painted = core.side_finish == "painted" and not lit
+        finish = (core.led_side_finish or "polished") if lit else core.side_finish
+        painted = finish == "painted"
         outward = side.mean(axis=0) * (1.0, 1.0, 0.0) * (-1.0 if painted else 1.0)
         faces = oriented(side, np.array([[0, 1, 2], [0, 2, 3]]), outward)
-        rough = core.ground_roughness if core.side_finish == "ground" and not lit else 0.0
+        rough = core.ground_roughness if finish == "ground" else 0.0
         # A round core is turned, not cut into flats: light is bent by its curve.
         normals = side * (1.0, 1.0, 0.0) / np.hypot(*side.T[:2])[:, None] if core.shape == "dome" else None
         matter = paint if painted else Dielectric(inner, air, rough)
