@@ -114,7 +114,15 @@ def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[st
         f"lens barrel up to {2 * camera.body_radius_mm:g} mm"
     )
     place = ", ".join(f"{value:g}" for value in camera.position_mm)
-    rows.append(_row("camera", 1, text, None, None, f"entrance pupil at ({place}) mm, looks along -z"))
+    look = (
+        "looks along -z" if camera.mirror is None else "looks into the mirror; its picture comes out turned"
+    )
+    rows.append(_row("camera", 1, text, None, None, f"entrance pupil at ({place}) mm, {look}"))
+    if (mirror := camera.mirror) is not None:
+        text = f"flat front-surface mirror, {mirror.width_mm:g} x {mirror.height_mm:g} mm"
+        centre = ", ".join(f"{value:g}" for value in mirror.centre_mm)
+        normal = ", ".join(f"{value:.4g}" for value in mirror.axes[2] + 0.0)
+        rows.append(_row("mirror", 1, text, None, None, f"middle at ({centre}) mm, faces ({normal})"))
     return rows
 
 

@@ -9,18 +9,20 @@ from pydantic import Field, model_validator
 
 from designlab.core.types import Array
 from designlab.sensor.lens import Distortion, Fisheye, Lens, Pinhole
+from designlab.sensor.mirror import Mirror, turned, unfolded
 from designlab.sensor.response_curve import Response
 from designlab.sensor.spectra import Sensitivity
 from geometries.spec import Spec, quantity
 from geometries.spectrum import Filter
 
 Coordinate = Annotated[float, Field(ge=-4000.0, le=4000.0)]  # mm: beyond, views are parallel to rounding
-Tilt = Annotated[float, Field(ge=-45.0, le=45.0)]  # deg
+Tilt = Annotated[float, Field(ge=-180.0, le=180.0)]  # deg
+STEEPEST_TILT_DEG = 45.0  # of the view onto the membrane
 WIDEST_PINHOLE_DEG = 170.0
 PIXEL_ASPECTS = 0.8, 1.25  # beyond, pictures were stretched rather than pixels made so
 UNSAID: tuple[tuple[str, Any], ...] = (
     ("pixel_aspect", 1.0),
-    *((name, None) for name in ("filter", "exposure_time_ms", "gain_db", "quantum_efficiency")),
+    *((name, None) for name in ("mirror", "filter", "exposure_time_ms", "gain_db", "quantum_efficiency")),
 )
 """Fields of later versions, at values that change nothing."""
 EXPOSING = ("exposure", "exposure_time_ms", "gain_db", "quantum_efficiency")
@@ -117,7 +119,9 @@ class Camera(Spec):
     """Centre of projection in the sensor frame (mm)."""
     tilt_deg: tuple[Tilt, Tilt] = (0.0, 0.0)
     """Turned about its x axis, so that it looks towards +y, then about its y axis, so that it looks towards
-    +x (deg)."""
+    +x (deg); up to 45 deg, with a mirror behind it."""
+    mirror: Mirror | None = None
+    """Flat mirror that the camera looks into; its picture is turned back, so that image up is +y."""
     width_px: int = Field(1640, ge=16, le=20000)
     """Columns of the full sensor."""
     height_px: int = Field(1232, ge=16, le=20000)
@@ -183,6 +187,17 @@ class Camera(Spec):
                 yield name, value
 
     @model_validator(mode="after")
+    def _looks_down(self) -> Self:
+        for angle in self._eye[1]:
+            if abs(angle) > STEEPEST_TILT_DEG:
+                seen = "in the mirror " if self.mirror else ""
+                raise ValueError(
+                    f"tilt_deg: the camera must look down {seen}within {STEEPEST_TILT_DEG:g} deg, "
+                    f"looks {angle:.4g} deg off"
+                )
+        return self
+
+    @model_validator(mode="after")
     def _lens_can_be_used(self) -> Self:
         foreign = ("k4",) if self.lens == "pinhole" else ("p1", "p2")
         for name in foreign:
@@ -239,6 +254,31 @@ class Camera(Spec):
         return self
 
     @property
+    def _eye(self) -> tuple[tuple[float, float, float], tuple[float, float]]:
+        """Place and tilt from which the camera sees, behind its mirror if it has one."""
+        if self.mirror is None:
+            return self.position_mm, self.tilt_deg
+        return unfolded(self.position_mm, self.tilt_deg, self.mirror)
+
+    @property
+    def eye_mm(self) -> tuple[float, float, float]:
+        """Centre of projection from which the picture is seen (mm): behind the mirror, if there is one."""
+        return self._eye[0]
+
+    @property
+    def eye_tilt_deg(self) -> tuple[float, float]:
+        """Tilt that belongs to `eye_mm`, as `tilt_deg`."""
+        return self._eye[1]
+
+    @property
+    def unfolded(self) -> "Camera":
+        """The camera that sees the same picture without a mirror; itself where it has none."""
+        if self.mirror is None:
+            return self
+        place, tilt = self._eye
+        return self.model_copy(update={"position_mm": place, "tilt_deg": tilt, "mirror": None})
+
+    @property
     def focal_px(self) -> float:
         """Focal length in columns of the full sensor (fx), at the centre of the picture."""
         half = np.radians(self.horizontal_fov_deg) / 2
@@ -285,7 +325,7 @@ class Camera(Spec):
     def is_plain(self) -> bool:
         """Whether the projection is a perspective along -z on square pixels, without distortion."""
         undistorted = self.lens == "pinhole" and self.distortion == Distortion()
-        return undistorted and self.tilt_deg == (0.0, 0.0) and self.pixel_aspect == 1.0
+        return undistorted and self.eye_tilt_deg == (0.0, 0.0) and self.pixel_aspect == 1.0
 
     @property
     def opening_mm(self) -> float | None:
@@ -378,12 +418,9 @@ class Camera(Spec):
     @property
     def _turn(self) -> Array | None:
         """Rotation from the camera's own right, up and axis to x, y and -z; None where it is not tilted."""
-        if self.tilt_deg == (0.0, 0.0):
+        if self.eye_tilt_deg == (0.0, 0.0):
             return None
-        (sin_x, sin_y), (cos_x, cos_y) = np.sin(np.radians(self.tilt_deg)), np.cos(np.radians(self.tilt_deg))
-        about_x = np.array([[1.0, 0.0, 0.0], [0.0, cos_x, sin_x], [0.0, -sin_x, cos_x]])
-        about_y = np.array([[cos_y, 0.0, sin_y], [0.0, 1.0, 0.0], [-sin_y, 0.0, cos_y]])
-        return np.asarray(about_y @ about_x)
+        return turned(self.eye_tilt_deg)
 
     def vignette(self, view: View) -> Array:
         """Brightness of every output pixel over that at the centre of the picture, shape (rows, columns)."""

@@ -324,7 +324,8 @@ class Design(Spec):
         if camera.exposure_time_ms is None or camera.opening_mm is None:
             return None
         opening_mm2 = np.pi * camera.opening_mm**2 / 4
-        energy_j = opening_mm2 * camera.pixel_sr * camera.exposure_time_ms * 1e-6  # mW ms
+        mirrored = 1.0 if camera.mirror is None else camera.mirror.reflectance
+        energy_j = mirrored * opening_mm2 * camera.pixel_sr * camera.exposure_time_ms * 1e-6  # mW ms
         return float(energy_j * self._electrons_per_j() * camera.gain / camera.full_well_e)
 
     def _electrons_per_j(self) -> float:
@@ -476,7 +477,7 @@ class Design(Spec):
         InfeasibleDesign
             If the camera stands below the window.
         """
-        x, y, z = self.camera.position_mm
+        x, y, z = self.camera.eye_mm
         camera = np.array([x, y, z if camera_mm is None else camera_mm])
         layers = [self.layers_to_camera(float(z), camera_mm=camera[2]) for z in points[:, 2]]
         if self.glass is not None and self.glass.cavity is not None:
@@ -498,7 +499,7 @@ class Design(Spec):
         InfeasibleDesign
             If the camera stands below the window.
         """
-        z_c, glass = self.camera.position_mm[2] if camera_mm is None else camera_mm, self.glass
+        z_c, glass = self.camera.eye_mm[2] if camera_mm is None else camera_mm, self.glass
         if glass is None:
             return [(z_c - z, 1.0)]
         if z_c <= glass.window_mm:

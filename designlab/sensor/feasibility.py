@@ -49,6 +49,8 @@ RULES: dict[str, str] = {
     "camera_clears_plate": "the lens fits through the hole of the camera plate",
     "view_through_window": "the camera sees the sensing area through the gelcore's clear window",
     "view_through_plate": "the camera sees the sensing area through the hole of the camera plate",
+    "mirror_fills_view": "all of the sensing area is seen in the camera's mirror",
+    "mirror_above_core": "camera and mirror stand above the gelcore",
     "minimum_wall": f"housing walls are at least {MINIMUM_WALL_MM} mm thick",
     "minimum_gel": f"the gel is at least {MINIMUM_GEL_MM} mm thick",
 }
@@ -206,7 +208,7 @@ def _core_body(design: Parts) -> _Convex:
 def _intrusion_into_view(design: Parts, boxes: Sequence[_Convex]) -> float:
     """How far LEDs reach into the sensing area as the camera sees both; mm at the membrane."""
     area, distance_mm = _sensing_area_seen(design)
-    position = np.asarray(design.camera.position_mm)
+    position = np.asarray(design.camera.eye_mm)
     worst = -math.inf
     for box in boxes:
         below = box.corners[box.corners[:, 2] < position[2] - 1e-6]
@@ -226,7 +228,7 @@ def tangents(design: Parts, points: Array) -> Array:
 
     Points beside the core are seen straight, those of embedded LEDs through the window.
     """
-    x_c, y_c, z_c = design.camera.position_mm
+    x_c, y_c, z_c = design.camera.eye_mm
     away = points[:, :2] - (x_c, y_c)
     straight = away / (z_c - points[:, 2:])
     window = _window_mm(design)
@@ -246,7 +248,7 @@ def _sensing_area_seen(design: Parts) -> tuple[Array, float]:
 
     A camera below the window is lifted just above it here; it breaks `camera_above_core` anyway.
     """
-    z_c = design.camera.position_mm[2]
+    z_c = design.camera.eye_mm[2]
     half_w, half_h = design.sensing_area_mm[0] / 2, design.sensing_area_mm[1] / 2
     corners = np.array([(sx * half_w, sy * half_h) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
     base = np.nan_to_num(elastomer.base_mm(design.elastomer, corners[:, 0], corners[:, 1]))
@@ -337,7 +339,7 @@ def _beyond_picture(camera: Camera, tangents: Array) -> float:
 
 def _camera_margins(design: Parts) -> dict[str, float]:
     camera, housing, core = design.camera, design.housing, design.gelcore
-    x_c, y_c, z_c = camera.position_mm
+    x_c, y_c, z_c = camera.eye_mm
     half_w, half_h = design.sensing_area_mm[0] / 2, design.sensing_area_mm[1] / 2
     corners = np.array([(sx * half_w, sy * half_h) for sx in (-1, 1) for sy in (-1, 1)])
     seen, distance_mm = _sensing_area_seen(design)
@@ -346,15 +348,29 @@ def _camera_margins(design: Parts) -> dict[str, float]:
         # Rays run straight from the camera to the window.
         at_window = np.array([x_c, y_c]) + seen * max(z_c - _window_mm(design), 0.0) / distance_mm
         through = float(np.linalg.norm(at_window, axis=1).max()) - core.window_diameter_mm / 2
+    mirror, beside, lowest = camera.mirror, -math.inf, math.inf
+    if mirror is not None:
+        across, along, _ = mirror.axes
+        half = np.array([(i * mirror.width_mm, j * mirror.height_mm) for i in (-1, 1) for j in (-1, 1)]) / 2
+        ends = np.asarray(mirror.centre_mm) + half @ np.stack([across, along])
+        lowest = min(float(ends[:, 2].min()), camera.position_mm[2])
+        eye = np.array(camera.eye_mm)
+        towards = eye + np.column_stack([seen / distance_mm, -np.ones(len(seen))])
+        beside = float(mirror.reach_mm(eye, towards).max())
     hole = -math.inf
-    if z_c > housing.top_mm:
+    # Where the mirror hangs inside the housing, light does not pass the plate.
+    if z_c > housing.top_mm and lowest >= housing.top_mm:
         at_plate = np.array([x_c, y_c]) + seen * (z_c - housing.top_mm) / distance_mm
         hole = float(np.linalg.norm(at_plate, axis=1).max()) - housing.camera_hole_mm / 2
     return {
         "sensing_area_on_membrane": _beyond(corners, elastomer.polygon(design.elastomer)),
         "camera_sees_membrane": _beyond_picture(camera, seen / distance_mm) * distance_mm,
         "camera_above_core": _window_mm(design) - z_c,
-        "camera_clears_plate": 2 * camera.body_radius_mm - housing.camera_hole_mm,
+        "camera_clears_plate": -math.inf
+        if mirror is not None
+        else 2 * camera.body_radius_mm - housing.camera_hole_mm,
+        "mirror_fills_view": beside,
+        "mirror_above_core": _window_mm(design) - lowest,
         "view_through_window": through,
         "view_through_plate": hole,
     }

@@ -166,6 +166,8 @@ def _transport(model: SensorModel, press: Press | None) -> list[object]:
     for group in content["leds"]["groups"]:
         del group["flux_mw"]
         group.pop("drive", None)
+    if design.camera.mirror is not None:
+        del content["camera"]["mirror"]["reflectance"]
     for name in (*EXPOSING, "full_well_e", "read_noise_e", "black_level", "bit_depth", "response"):
         content["camera"].pop(name, None)
     acting = [

@@ -248,7 +248,7 @@ class Rig:
             kernel_m=kernel.kernel_m,
             gel=_gel(design),
             path_length=design.optics.path_length,
-            camera=design.camera,
+            camera=design.camera.unfolded,
             sensing_area_mm=design.sensing_area_mm,
             coat=Coat(
                 half_mm=(design.sensing_area_mm[0] / 2, design.sensing_area_mm[1] / 2),
