@@ -42,6 +42,19 @@ from geometries.spectrum import Filter, Spectrum
 CHANNELS = ("R", "G", "B")
 LABELS: Any = {"name": True, "description": True, "parent": True, "parts": True, "leds": {"relative_flux"}}
 """Fields that change neither light nor contact nor any part."""
+TRANSLUCENT = ("elastomer_scattering_per_mm", "elastomer_anisotropy")
+TRANSLUCENT_GEL = (
+    "a translucent gel over a black skin, in which depth shows as darkness (DTact, 9DTact), is not "
+    "simulated: gels are clear, and light comes back from their coating"
+)
+UNSAYABLE = {
+    "9dtact": TRANSLUCENT_GEL,
+    "dtact": TRANSLUCENT_GEL,
+    "dtactive": TRANSLUCENT_GEL,
+    "omnitact": "a design has one camera, OmniTact has five; write a design for each",
+    "gelsight-svelte": "curved mirrors are not simulated, camera.mirror is flat",
+}
+"""Sensors that people ask for and no design can say, and why."""
 CHANGED = " with "  # joins the name of a design and what was changed in it
 FEW_CHANGES = 2  # so many are listed in a name
 EDGE_POINTS = 33  # on each edge of the sensing area, where the lens distorts
@@ -146,6 +159,8 @@ class Design(Spec):
     @classmethod
     def _completed(cls, content: Any, info: ValidationInfo) -> Any:
         """Fill in what the LED library and one's own know of the parts named, and the model of contact."""
+        if isinstance(content, Mapping):
+            _refuse_unsayable(content)
         own = OwnParts()
         if isinstance(content, Mapping) and content.get("parts") is not None:
             try:
@@ -222,6 +237,18 @@ class Design(Spec):
                 "gelcore.cavity_radius_mm: what a bright housing mirrors in the window is simulated for "
                 "plane windows only"
             )
+        if self.gelcore.wedge_deg is not None:
+            for name, value in (
+                ("optics.gelcore_scattering_per_mm", self.optics.gelcore_scattering_per_mm),
+                ("optics.housing_reflectance", max(self.optics.housing_reflectance)),
+            ):
+                if value:
+                    raise ValueError(
+                        f"gelcore.wedge_deg: {name} is simulated under level windows only, got {value:g}; "
+                        "give 0"
+                    )
+            if self.elastomer.shape == "dome":
+                raise ValueError("gelcore.wedge_deg: a wedge carries a flat or freeform gel, got a dome")
         if self.gelcore.shape == "dome" and self.elastomer.shape != "dome":
             raise ValueError("elastomer.shape: a dome gelcore carries a dome elastomer")
         return self
@@ -436,7 +463,7 @@ class Design(Spec):
         """Where a point of the undeformed membrane appears on the full sensor.
 
         Refraction at plane layers between membrane and camera is included; the gel side of a dome core is
-        taken as plane there, unless the core is hollow.
+        taken as plane there, unless the core is hollow or a wedge.
 
         Returns
         -------
@@ -480,7 +507,7 @@ class Design(Spec):
         x, y, z = self.camera.eye_mm
         camera = np.array([x, y, z if camera_mm is None else camera_mm])
         layers = [self.layers_to_camera(float(z), camera_mm=camera[2]) for z in points[:, 2]]
-        if self.glass is not None and self.glass.cavity is not None:
+        if self.glass is not None and (self.glass.cavity is not None or self.glass.window_slope):
             return self.glass.toward(camera, points)
         return tangents_through(layers, points[:, :2] - camera[:2])
 
@@ -542,6 +569,21 @@ class Design(Spec):
 
 
 Design.__doc__ = f"{Design.__doc__}\n    Notes\n    -----\n    Every field:\n\n{described(Design)}\n"
+
+
+def _refuse_unsayable(content: Mapping[str, Any]) -> None:
+    """Refuse what real sensors have and no design can say, by the names that people give it."""
+    if isinstance(content.get("camera"), list | tuple) or "cameras" in content:
+        field = "cameras" if "cameras" in content else "camera"
+        raise ValueError(
+            f"{field}: a design has one camera, several are not simulated; write a design for each, of the "
+            "part of the gel that it sees"
+        )
+    optics = content.get("optics")
+    if isinstance(optics, Mapping):
+        for field in TRANSLUCENT:
+            if field in optics:
+                raise ValueError(f"optics.{field}: {TRANSLUCENT_GEL}")
 
 
 def _told_apart(changed: Design, original: Design) -> Design:
@@ -725,6 +767,8 @@ def load(name_or_path: str | Path) -> Design:
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
+        if (reason := UNSAYABLE.get(path.name.lower().removesuffix("-like"))) is not None:
+            raise DesignError(f"{name_or_path}: {reason}") from None
         known = ", ".join(preset_names())
         raise DesignError(
             f"{name_or_path}: no such file, and no preset of that name (presets: {known})"
@@ -759,6 +803,8 @@ def preset_names() -> tuple[str, ...]:
 
 def preset_text(name: str) -> str:
     """TOML text of a preset, with the source of each figure in its comments."""
+    if name.lower().removesuffix("-like") in UNSAYABLE:
+        raise DesignError(f"preset {name!r}: {UNSAYABLE[name.lower().removesuffix('-like')]}")
     if name not in preset_names():
         raise DesignError(f"preset {name!r} is unknown; known are {', '.join(preset_names())}")
     return resources.files("designlab.sensor.presets").joinpath(f"{name}.toml").read_text(encoding="utf-8")

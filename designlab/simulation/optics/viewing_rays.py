@@ -85,7 +85,7 @@ def rays(design: Design, view: View, *, lens_point: tuple[float, float] = (0.0, 
     binned = (view.width_px / view.columns) * (view.height_px / view.rows)
     found = Rays(x_c + u + scale * tan_x, y_c + v + scale * tan_y, -slope * tan_x, -slope * tan_y, binned)
     glass = design.glass
-    if glass is None or (glass.dome_mm is None and glass.cavity is None):
+    if glass is None or not glass.bends:
         return found
     return _through_curves(found, glass, camera.eye_mm[2], x_c + u, y_c + v, tan_x, tan_y)
 

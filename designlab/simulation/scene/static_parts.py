@@ -53,7 +53,7 @@ def core_and_gel(design: Design) -> Iterator[Shape]:
         if core.shape == "hexagonal"
         else outline - lean_mm * np.sign(outline)
     )
-    window_z = np.full(len(top), gel.thickness_mm + core.height_mm)
+    window_z = gel.thickness_mm + core.height_mm + core.window_slope * top[:, 1]
     low, high = np.column_stack([outline, _interface_z(design, outline)]), np.column_stack([top, window_z])
     for number, lit in enumerate(_sides_with_light(design, outline)):
         ends = [number, (number + 1) % len(outline)]
@@ -80,7 +80,7 @@ def _window(design: Design, top: Array, matter: Dielectric) -> Iterator[Shape]:
     core, window_mm = design.gelcore, design.elastomer.thickness_mm + design.gelcore.height_mm
     if core.cavity is None:
         level = np.full(len(top), window_mm)
-        yield sheet("window", [top * 0.0, top], [level, level], matter)
+        yield sheet("window", [top * 0.0, top], [level, level + core.window_slope * top[:, 1]], matter)
         return
     radius, depth = core.cavity
     # As round as a circle is, whatever the outline; its corners are kept.
