@@ -33,7 +33,7 @@ from designlab.fabrication.parts import (
 )
 from designlab.fabrication.tables import bill, led_rows, readme, write_csv
 from designlab.fabrication.triangles import OPTICAL_THINNING_MM, THINNING_MM, printable, read, write_3mf
-from designlab.sensor.design import Design, InfeasibleDesign, dumps
+from designlab.sensor.design import Design, InfeasibleDesign, assumed_fields, dumps
 from designlab.sensor.feasibility import MINIMUM_WALL_MM
 from designlab.sensor.optical_constants import material
 from designlab.simulation.effects.model import SensorModel
@@ -170,6 +170,7 @@ def _write(
         "made_from": design.lineage,
         "digest": design.digest,
         "versions": {package: installed_version(package) for package in PROGRAMS},
+        "assumed": list(assumed_fields(design)),
         "parts": described,
         "bom": bill(design, shapes),
         "led_count": len(bodies(design.leds)),

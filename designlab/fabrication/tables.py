@@ -173,6 +173,12 @@ def readme(design: Design, manifest: Mapping[str, Any]) -> str:
         warnings="\n".join(f"- {warning}" for warning in manifest["warnings"] or ["none"]),
     )
     about = [*textwrap.wrap(design.description, 100), *textwrap.wrap(design.lineage, 100)]
+    if assumed := manifest["assumed"]:
+        text += (
+            "\nAssumed, for want of a published figure; measure yours or state it in the design:\n- "
+            + ", ".join(assumed)
+            + "\n"
+        )
     lines = [design.name, *about, f"design digest {design.digest}", ""]
     for line in text.splitlines():
         lines += textwrap.wrap(line, 100, subsequent_indent="  ") if line.startswith("- ") else [line]

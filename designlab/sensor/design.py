@@ -811,6 +811,39 @@ def preset_text(name: str) -> str:
 
 
 @cache
+def assumptions(name: str) -> tuple[str, ...]:
+    """Fields of a preset whose figures are assumed, as dotted paths; a table stands for all its fields."""
+    found, table = [], ""
+    places: dict[str, int] = {}
+    for line in preset_text(name).splitlines():
+        code, _, comment = line.partition("#")
+        assumed = "assumption" in comment
+        if code.startswith("["):
+            table = code.strip().strip("[]")
+            if code.startswith("[["):
+                places[table] = places.get(table, -1) + 1
+                table += f".{places[table]}"
+            if assumed:
+                found.append(table)
+        elif assumed and "=" in code:
+            found.append(f"{table}.{code.split('=')[0].strip()}".lstrip("."))
+    return tuple(found)
+
+
+def assumed_fields(design: Design) -> tuple[str, ...]:
+    """Fields that a design has from its preset, which assumed them for want of a published figure."""
+    name = design.parent or design.name
+    if name not in preset_names():
+        return ()
+    changed = differences(design, preset(name))
+    return tuple(
+        path
+        for path in assumptions(name)
+        if not any(own == path or own.startswith(f"{path}.") for own in changed)
+    )
+
+
+@cache
 def preset(name: str) -> Design:
     """Load a published or built-in sensor by name.
 

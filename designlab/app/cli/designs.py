@@ -414,4 +414,6 @@ def export(args: Namespace) -> Result:
         f"{passed} of {len(manifest['checks'])} checks passed; README.txt there says what each file is for",
         *(f"warning: {warning}" for warning in manifest["warnings"]),
     ]
+    if assumed := manifest["assumed"]:
+        lines.append(f"{len(assumed)} figures of the preset are assumed, README.txt lists them")
     return Result({"out": args.out, **manifest, **as_understood(meshes)}, "\n".join(lines))
