@@ -1,6 +1,6 @@
 """The clear rigid body behind the gel: flat slab, hexagonal prism, or domed block."""
 
-from math import asin, atan2, degrees, sin
+from math import asin, atan2, degrees, radians, sin, tan
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
@@ -12,6 +12,9 @@ from geometries.spec import Spec, quantity
 
 if TYPE_CHECKING:
     import cadquery
+
+
+THINNEST_MM = 0.5  # of a wedge: thinner edges break
 
 
 class Gelcore(Spec):
@@ -33,6 +36,9 @@ class Gelcore(Spec):
     """Radius of the spherical gel side; a dome only."""
     draft_deg: float = quantity(0.0, unit="deg", ge=0, le=30)
     """Inclination of the side faces of a slab or hexagon, which narrows towards the camera."""
+    wedge_deg: float | None = quantity(None, unit="deg", ge=-60, le=60)
+    """Inclination of the window of a slab: a wedge that is thicker towards +y; height_mm holds on the axis.
+    Level when absent."""
     window_diameter_mm: float = quantity(12.0, unit="mm", gt=0, le=200)
     """Diameter of the clear area the camera looks through."""
     cavity_radius_mm: float | None = quantity(None, unit="mm", gt=0.5, le=100)
@@ -42,6 +48,9 @@ class Gelcore(Spec):
     """How deep the hollow reaches; its radius when absent."""
     side_finish: Literal["polished", "ground", "painted"] = "painted"
     """Finish of the side faces away from the LEDs."""
+    led_side_finish: Literal["polished", "ground", "painted"] | None = None
+    """Finish of the side faces that LEDs face; polished when absent. Ground ones diffuse the light as it
+    enters; painted ones need bonded LEDs, which shine from within."""
     ground_roughness: float = quantity(0.3, unit="1", ge=0.01, le=1)
     """GGX alpha of ground side faces; 0.3 is what the public scene of the 2020 prototype gives its core
     (arXiv 2012.13184)."""
@@ -57,7 +66,21 @@ class Gelcore(Spec):
             raise ValueError(f"radius_mm: only a dome has a radius, shape is {self.shape!r}")
         if self.cavity_depth_mm is not None and self.cavity_radius_mm is None:
             raise ValueError("cavity_depth_mm: goes with cavity_radius_mm, which is absent")
+        if self.wedge_deg is not None:
+            if self.shape != "slab" or self.draft_deg or self.cavity_radius_mm is not None:
+                raise ValueError("wedge_deg: a wedge is a slab without draft_deg and without a hollow")
+            thin_mm = self.height_mm - abs(self.window_slope) * self.length_mm / 2
+            if thin_mm < THINNEST_MM:
+                raise ValueError(
+                    f"wedge_deg: the thin end must be at least {THINNEST_MM:g} mm high, is {thin_mm:.3g} mm "
+                    f"at {self.wedge_deg:g} deg; give more height_mm"
+                )
         return self
+
+    @property
+    def window_slope(self) -> float:
+        """Rise of the window along y, mm a mm."""
+        return 0.0 if self.wedge_deg is None else tan(radians(self.wedge_deg))
 
     @property
     def cavity(self) -> tuple[float, float] | None:
@@ -110,6 +133,10 @@ def _block(spec: Gelcore) -> "cadquery.Workplane":
 
     if spec.radius_mm is not None:
         return _dome(spec, radius_mm=spec.radius_mm)
+    if spec.wedge_deg is not None:
+        half, rise = spec.length_mm / 2, spec.window_slope * spec.length_mm / 2
+        corners = [(-half, 0), (half, 0), (half, spec.height_mm + rise), (-half, spec.height_mm - rise)]
+        return cadquery.Workplane("YZ").polyline(corners).close().extrude(spec.width_mm / 2, both=True)
     narrowest = spec.width_mm if spec.shape == "hexagonal" else min(spec.width_mm, spec.length_mm)
     steepest_deg = degrees(atan2(narrowest / 2, spec.height_mm))
     if spec.draft_deg >= steepest_deg:

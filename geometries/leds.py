@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from geometries.emission import AngularProfile
 from geometries.spec import Spec, quantity
+from geometries.spectrum import Filter, Spectrum
 
 if TYPE_CHECKING:
     import cadquery
@@ -37,10 +38,18 @@ class LedGroup(Spec):
     """LEDs in each row."""
     flux_mw: float = quantity(10.0, unit="mW", gt=0, le=1e6)
     """Total radiant flux of the group, shared equally by its LEDs."""
+    drive: float | None = quantity(None, unit="1", gt=0, le=1)
+    """Share of `flux_mw` that the group is driven at, by current or pulse width; full when absent."""
     wavelength_nm: float = quantity(530.0, unit="nm", ge=350, le=1100)
     """Peak wavelength."""
     width_nm: float | None = quantity(None, unit="nm", gt=0.1, le=300)
     """Full width of the spectrum at half maximum; typical of the colour when absent."""
+    spectrum: Spectrum | None = None
+    """Spectrum of light that is no narrow peak, such as a white LED's: the name of a published one, or a
+    table. Camera channels see it; for clear materials `wavelength_nm` still counts."""
+    filter: Filter | None = None
+    """Colour filter in front of this group's LEDs: the name of a published one, or a table. `flux_mw` is the
+    flux before it."""
     profile: AngularProfile | None = None
     """Angular profile of this group's LEDs; the array's when absent."""
     part: str | None = Field(None, min_length=1, max_length=80)
@@ -57,6 +66,27 @@ class LedGroup(Spec):
     """Where the emitting strips lie on the front of the package, from their places in leds.emitting_spans_mm:
     (along the row, counter-clockwise; along the height, towards the membrane), mm. Chips of one package may
     lie apart; at their places when absent."""
+
+    @model_validator(mode="after")
+    def _one_spectrum(self) -> Self:
+        if self.spectrum is not None and self.width_nm is not None:
+            raise ValueError(
+                f"width_nm: belongs to a peak at wavelength_nm, got {self.width_nm:g} nm beside spectrum; "
+                "give one of both"
+            )
+        return self
+
+    @property
+    def driven_mw(self) -> float:
+        """Flux of the group as it is driven (mW)."""
+        return self.flux_mw if self.drive is None else self.flux_mw * self.drive
+
+    @property
+    def colour(self) -> str:
+        """Peak wavelength, or name of the spectrum, in words."""
+        if self.spectrum is None:
+            return f"{self.wavelength_nm:g} nm"
+        return f"spectrum {self.spectrum.name or 'of a table'}"
 
 
 class LedArray(Spec):

@@ -21,7 +21,7 @@ from designlab.sensor.design_fields import fields
 from designlab.sensor.gel_materials import MATERIALS as GELS
 from designlab.sensor.led_catalogue import PARTS
 from designlab.sensor.optical_constants import MATERIALS
-from designlab.sensor.spectra import SENSITIVITIES
+from designlab.sensor.spectra import EMISSION, FILTERS, SENSITIVITIES
 from designlab.simulation.effects import CATALOGUE
 from designlab.simulation.effects.base import Effect, EffectParameter
 
@@ -106,6 +106,10 @@ def catalogue_page() -> str:
         table(("part", "maker's number", "colours", "viewing angle (deg)", "source"), parts),
         "## Cameras\n\nFor `camera.sensitivity`.\n",
         table(("set", "source"), cameras),
+        "## White LEDs\n\nFor `leds.groups.spectrum`: light of blue chips behind phosphor.\n",
+        table(("spectrum", "source"), [(f"`{name}`", curve.source) for name, curve in EMISSION.items()]),
+        "## Colour filters\n\nFor `camera.filter` and `leds.groups.filter`.\n",
+        table(("filter", "source"), [(f"`{name}`", curve.source) for name, curve in FILTERS.items()]),
     )
 
 

@@ -51,7 +51,9 @@ FOLDERS = ("designlab", "geometries", "tests", "scripts", "benchmarks", "studies
 REFERENCE = ROOT / "docs" / "reference"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 OPTICS = (ROOT / "docs" / "optics.md").read_text(encoding="utf-8")
-EXAMPLES = re.findall(r"^```toml\n(.*?)^```", OPTICS, re.DOTALL | re.MULTILINE)
+OWN_PARTS = "# my-parts.toml\n"
+BLOCKS = re.findall(r"^```toml\n(.*?)^```", OPTICS, re.DOTALL | re.MULTILINE)
+EXAMPLES = [block for block in BLOCKS if not block.startswith(OWN_PARTS)]
 KEPT_BY_THE_PROGRAM = {"rows", "columns", "pixels"}
 TABLES = {"gelcore", "elastomer", "leds", "housing", "contact", "optics", "camera"}  # of a design
 DESCRIBED = (
@@ -285,6 +287,8 @@ def test_every_example_makes_a_design_that_can_be_built(example, tmp_path):
     """Each block is written into the preset that its first line names."""
     (tmp_path / "led.ies").write_text(IES, encoding="ascii")
     Image.fromarray(np.full((30, 40), 200, dtype=np.uint8)).save(tmp_path / "albedo.png")
+    (parts,) = (block for block in BLOCKS if block.startswith(OWN_PARTS))
+    (tmp_path / "my-parts.toml").write_text(parts, encoding="utf-8")
     (name,) = re.findall(r"^# changes to ([\w-]+)", example)
     assert name in preset_names()
     before = tomllib.loads(preset_text(name))

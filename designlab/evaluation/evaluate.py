@@ -27,7 +27,7 @@ from designlab.simulation.contact.press import Press
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.effects.model import SensorModel
 from designlab.simulation.render.estimators import Estimator
-from designlab.simulation.simulator import Frame, Simulator, exposure
+from designlab.simulation.simulator import Frame, Simulator, exposure, saturation_warning
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -285,7 +285,11 @@ def evaluate(
         groups=found.gel.groups,
         worst=found.worst,
         presses=of_presses,
-        warnings=(*model.warnings([*pressed.calibration, *pressed.test]), *_beyond(frames)),
+        warnings=(
+            *model.warnings([*pressed.calibration, *pressed.test]),
+            *_beyond(frames),
+            *saturation_warning(found.gel.scores["saturation_share"].value, "the untouched gel"),
+        ),
         made_from=simulator.design.lineage,
         not_buildable=simulator.design.not_buildable,
     )

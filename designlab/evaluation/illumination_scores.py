@@ -248,7 +248,7 @@ def exposure_scores(protocol: EvaluationProtocol, a: Frame, b: Frame) -> tuple[S
     design, groups = protocol.design, len(a.basis)
     mask, pair, step = _coarse(design, a, b, stray=True)
     names = ["colour_balance", "dynamic_range_use", "saturation_share", "stray_share"]
-    automatic = design.camera.exposure is None
+    automatic = design.fixed_exposure is None
 
     def figures(images: NDArray[np.floating]) -> list[float]:
         basis, stray = images[:groups], images[groups:]

@@ -33,12 +33,12 @@ from designlab.fabrication.parts import (
 )
 from designlab.fabrication.tables import bill, led_rows, readme, write_csv
 from designlab.fabrication.triangles import OPTICAL_THINNING_MM, THINNING_MM, printable, read, write_3mf
-from designlab.sensor.design import Design, InfeasibleDesign, dumps
+from designlab.sensor.design import Design, InfeasibleDesign, assumed_fields, dumps
 from designlab.sensor.feasibility import MINIMUM_WALL_MM
 from designlab.sensor.optical_constants import material
 from designlab.simulation.effects.model import SensorModel
 from geometries import probes as probe_library
-from geometries.leds import bodies
+from geometries.leds import LedGroup, bodies
 from geometries.mesh_files import closed
 from geometries.probes import Probe
 
@@ -170,6 +170,7 @@ def _write(
         "made_from": design.lineage,
         "digest": design.digest,
         "versions": {package: installed_version(package) for package in PROGRAMS},
+        "assumed": list(assumed_fields(design)),
         "parts": described,
         "bom": bill(design, shapes),
         "led_count": len(bodies(design.leds)),
@@ -257,7 +258,7 @@ def _write_assembly(design: Design, folder: Path, shapes: Mapping[str, "cadquery
     array = cadquery.Assembly(name="led_array")
     for number, body in enumerate(bodies(design.leds)):
         groups = [design.leds.groups[index] for index in body.groups]
-        colour = cadquery.Color(*package_colour([group.wavelength_nm for group in groups]), 1.0)
+        colour = cadquery.Color(*package_colour(groups), 1.0)
         name = "_".join([f"led_{number + 1:03d}", *(group.name for group in groups)])
         array.add(shapes["led_array"].Solids()[number], name=name, color=colour)
     assembly.add(array)
@@ -287,9 +288,14 @@ def led_colour(wavelength_nm: float) -> tuple[float, float, float]:
     return r, g, b
 
 
-def package_colour(wavelengths_nm: Sequence[float]) -> tuple[float, float, float]:
+def group_colour(group: LedGroup) -> tuple[float, float, float]:
+    """Display colour (sRGB, 0..1) of an LED group: white where its spectrum is no narrow peak."""
+    return (1.0, 1.0, 1.0) if group.spectrum is not None else led_colour(group.wavelength_nm)
+
+
+def package_colour(groups: Sequence[LedGroup]) -> tuple[float, float, float]:
     """Display colour (sRGB, 0..1) of a package: the mean of the colours it holds."""
-    r, g, b = np.mean([led_colour(wavelength) for wavelength in wavelengths_nm], axis=0).tolist()
+    r, g, b = np.mean([group_colour(group) for group in groups], axis=0).tolist()
     return r, g, b
 
 

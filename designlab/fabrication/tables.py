@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from designlab.sensor.design import Design
-from designlab.sensor.led_catalogue import part
-from geometries.leds import bodies, emitters
+from geometries.leds import LedGroup, bodies, emitters
 
 if TYPE_CHECKING:
     import cadquery
@@ -67,6 +66,13 @@ def led_rows(design: Design) -> list[dict[str, Any]]:
     return [{key: round(v, 6) + 0.0 if isinstance(v, float) else v for key, v in row.items()} for row in rows]
 
 
+def _colours(groups: Sequence[LedGroup]) -> str:
+    """Peaks of groups in nm, or the names of their spectra."""
+    if any(group.spectrum is not None for group in groups):
+        return _listed([group.colour for group in groups])
+    return f"{_listed([f'{g.wavelength_nm:g}' for g in groups])} nm"
+
+
 def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[str, Any]]:
     """Bill of materials: each part with count, material, volume (ml) and mass (g), then what is bought.
 
@@ -94,10 +100,11 @@ def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[st
         groups = [leds.groups[index] for index in held]
         each = [f"{g.flux_mw / (g.count * len(g.azimuth_deg)):.4g}" for g in groups]
         flux = "relative, no power is known" if leds.relative_flux else f"{_listed(each)} mW each"
-        text = f"{_listed([f'{g.wavelength_nm:g}' for g in groups])} nm {leds.package}, {board}, {flux}"
+        text = f"{_colours(groups)} {leds.package}, {board}, {flux}"
         bought = [name for name in dict.fromkeys(g.part or leds.part for g in groups) if name is not None]
         if bought:
-            text = f"{_listed([f'{part(name).maker} {part(name).number}' for name in bought])}, {text}"
+            parts = [design.led_part(name) for name in bought]
+            text = f"{_listed([f'{part.maker} {part.number}'.strip() for part in parts])}, {text}"
         item = "_".join(["led", *(g.name for g in groups)])
         note = "places in leds.csv" if len(held) == 1 else f"{len(held)} channels; places in leds.csv"
         rows.append(_row(item, count, text, None, None, note))
@@ -107,7 +114,15 @@ def bill(design: Design, shapes: Mapping[str, "cadquery.Shape"]) -> list[dict[st
         f"lens barrel up to {2 * camera.body_radius_mm:g} mm"
     )
     place = ", ".join(f"{value:g}" for value in camera.position_mm)
-    rows.append(_row("camera", 1, text, None, None, f"entrance pupil at ({place}) mm, looks along -z"))
+    look = (
+        "looks along -z" if camera.mirror is None else "looks into the mirror; its picture comes out turned"
+    )
+    rows.append(_row("camera", 1, text, None, None, f"entrance pupil at ({place}) mm, {look}"))
+    if (mirror := camera.mirror) is not None:
+        text = f"flat front-surface mirror, {mirror.width_mm:g} x {mirror.height_mm:g} mm"
+        centre = ", ".join(f"{value:g}" for value in mirror.centre_mm)
+        normal = ", ".join(f"{value:.4g}" for value in mirror.axes[2] + 0.0)
+        rows.append(_row("mirror", 1, text, None, None, f"middle at ({centre}) mm, faces ({normal})"))
     return rows
 
 
@@ -158,6 +173,12 @@ def readme(design: Design, manifest: Mapping[str, Any]) -> str:
         warnings="\n".join(f"- {warning}" for warning in manifest["warnings"] or ["none"]),
     )
     about = [*textwrap.wrap(design.description, 100), *textwrap.wrap(design.lineage, 100)]
+    if assumed := manifest["assumed"]:
+        text += (
+            "\nAssumed, for want of a published figure; measure yours or state it in the design:\n- "
+            + ", ".join(assumed)
+            + "\n"
+        )
     lines = [design.name, *about, f"design digest {design.digest}", ""]
     for line in text.splitlines():
         lines += textwrap.wrap(line, 100, subsequent_indent="  ") if line.startswith("- ") else [line]

@@ -145,7 +145,7 @@ def _rendered(
     from designlab.simulation.simulator import Simulator, exposure
 
     # Only a design that leaves its exposure to the camera needs a picture of the untouched gel.
-    scale = design.camera.exposure or exposure(
+    scale = design.fixed_exposure or exposure(
         design, Simulator(sensor, samples=samples, seed=seed).frame(None)
     )
 

@@ -337,7 +337,7 @@ def _noise(
         notes.append(
             "no repeated frames: the noise is that of the camera's description, so the floor is assumed"
         )
-        return _Noise(read, np.full(3, 1.0 / (camera.full_well_e * binned))), "camera description", False
+        return _Noise(read, np.full(3, 1.0 / (camera.full_scale_e * binned))), "camera description", False
     variance, level = np.zeros(3), np.zeros(3)
     for group in pairs:
         stack = np.stack([measurement.linear(frame).astype(float) for frame in group])

@@ -9,14 +9,24 @@ from pydantic import Field, model_validator
 
 from designlab.core.types import Array
 from designlab.sensor.lens import Distortion, Fisheye, Lens, Pinhole
+from designlab.sensor.mirror import Mirror, turned, unfolded
 from designlab.sensor.response_curve import Response
 from designlab.sensor.spectra import Sensitivity
 from geometries.spec import Spec, quantity
+from geometries.spectrum import Filter
 
 Coordinate = Annotated[float, Field(ge=-4000.0, le=4000.0)]  # mm: beyond, views are parallel to rounding
-Tilt = Annotated[float, Field(ge=-45.0, le=45.0)]  # deg
+Tilt = Annotated[float, Field(ge=-180.0, le=180.0)]  # deg
+STEEPEST_TILT_DEG = 45.0  # of the view onto the membrane
 WIDEST_PINHOLE_DEG = 170.0
 PIXEL_ASPECTS = 0.8, 1.25  # beyond, pictures were stretched rather than pixels made so
+UNSAID: tuple[tuple[str, Any], ...] = (
+    ("pixel_aspect", 1.0),
+    *((name, None) for name in ("mirror", "filter", "exposure_time_ms", "gain_db", "quantum_efficiency")),
+)
+"""Fields of later versions, at values that change nothing."""
+EXPOSING = ("exposure", "exposure_time_ms", "gain_db", "quantum_efficiency")
+"""Fields that scale the signal, and change no light."""
 CURVE_STEPS = 1024  # signals at which noise behind a response curve is tabulated
 DEVIATES = np.linspace(-6.0, 6.0, 241)  # of the Gaussian that stands for noise there
 
@@ -109,7 +119,9 @@ class Camera(Spec):
     """Centre of projection in the sensor frame (mm)."""
     tilt_deg: tuple[Tilt, Tilt] = (0.0, 0.0)
     """Turned about its x axis, so that it looks towards +y, then about its y axis, so that it looks towards
-    +x (deg)."""
+    +x (deg); up to 45 deg, with a mirror behind it."""
+    mirror: Mirror | None = None
+    """Flat mirror that the camera looks into; its picture is turned back, so that image up is +y."""
     width_px: int = Field(1640, ge=16, le=20000)
     """Columns of the full sensor."""
     height_px: int = Field(1232, ge=16, le=20000)
@@ -142,11 +154,23 @@ class Camera(Spec):
     sensitivity: Sensitivity | None = None
     """Spectral sensitivity of the channels, from which the design's mixing follows when it is absent: the
     name of a published set, or a table."""
+    filter: Filter | None = None
+    """Colour filter before the camera: the name of a published one, or a table. It acts through
+    camera.sensitivity."""
     exposure: float | None = quantity(None, unit="1", gt=0)
     """Signal as a share of full scale per unit of mixed radiance; chosen automatically from the untouched gel
     when absent."""
+    exposure_time_ms: float | None = quantity(None, unit="ms", gt=0, le=1e5)
+    """Time for which pixels collect light, instead of `exposure`. With lens opening, quantum_efficiency and
+    the fluxes of the LEDs it gives the signal."""
+    gain_db: float | None = quantity(None, unit="dB", ge=0, le=60)
+    """Gain before the converter: 6.02 dB double the signal and halve the electrons at full scale; 0 when
+    absent. Where the exposure is automatic, only the noise changes."""
+    quantum_efficiency: float | None = quantity(None, unit="1", gt=0, le=1)
+    """Electrons per photon where camera.sensitivity is highest; without one, where mixing is 1. For
+    exposure_time_ms."""
     full_well_e: float = quantity(4700.0, unit="e-", gt=10, le=1e7)
-    """Photo-electrons at full scale; sets the photon noise."""
+    """Photo-electrons at full scale, without gain; sets the photon noise."""
     read_noise_e: float = quantity(5.0, unit="e-", ge=0, le=1e5)
     """Standard deviation of the read noise."""
     black_level: float = quantity(0.0, unit="1", ge=0, lt=1)
@@ -157,10 +181,21 @@ class Camera(Spec):
     """Curve between the signal and its quantisation."""
 
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
-        """Name all fields; square pixels go unnamed, so that digests of scenes stay what they were."""
+        """Name all fields but later ones that say nothing, so that digests of scenes stay what they were."""
         for name, value in super().__repr_args__():
-            if (name, value) != ("pixel_aspect", 1.0):
+            if (name, value) not in UNSAID:
                 yield name, value
+
+    @model_validator(mode="after")
+    def _looks_down(self) -> Self:
+        for angle in self._eye[1]:
+            if abs(angle) > STEEPEST_TILT_DEG:
+                seen = "in the mirror " if self.mirror else ""
+                raise ValueError(
+                    f"tilt_deg: the camera must look down {seen}within {STEEPEST_TILT_DEG:g} deg, "
+                    f"looks {angle:.4g} deg off"
+                )
+        return self
 
     @model_validator(mode="after")
     def _lens_can_be_used(self) -> Self:
@@ -194,6 +229,20 @@ class Camera(Spec):
         return self
 
     @model_validator(mode="after")
+    def _exposure_is_complete(self) -> Self:
+        if self.exposure_time_ms is None:
+            return self
+        if self.exposure is not None:
+            raise ValueError("exposure_time_ms: give it or exposure, got both")
+        if self.quantum_efficiency is None:
+            raise ValueError("quantum_efficiency: needed with exposure_time_ms, is absent")
+        if self.opening_mm is None:
+            raise ValueError(
+                "aperture_mm: it, or f_number with focal_length_mm, is needed with exposure_time_ms; absent"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _focus_is_complete(self) -> Self:
         if (self.f_number is None) != (self.focal_length_mm is None):
             missing = "focal_length_mm" if self.focal_length_mm is None else "f_number"
@@ -203,6 +252,31 @@ class Camera(Spec):
         if self.focus_mm is not None and self.opening_mm is None:
             raise ValueError("focus_mm: needs aperture_mm, or f_number and focal_length_mm, got neither")
         return self
+
+    @property
+    def _eye(self) -> tuple[tuple[float, float, float], tuple[float, float]]:
+        """Place and tilt from which the camera sees, behind its mirror if it has one."""
+        if self.mirror is None:
+            return self.position_mm, self.tilt_deg
+        return unfolded(self.position_mm, self.tilt_deg, self.mirror)
+
+    @property
+    def eye_mm(self) -> tuple[float, float, float]:
+        """Centre of projection from which the picture is seen (mm): behind the mirror, if there is one."""
+        return self._eye[0]
+
+    @property
+    def eye_tilt_deg(self) -> tuple[float, float]:
+        """Tilt that belongs to `eye_mm`, as `tilt_deg`."""
+        return self._eye[1]
+
+    @property
+    def unfolded(self) -> "Camera":
+        """The camera that sees the same picture without a mirror; itself where it has none."""
+        if self.mirror is None:
+            return self
+        place, tilt = self._eye
+        return self.model_copy(update={"position_mm": place, "tilt_deg": tilt, "mirror": None})
 
     @property
     def focal_px(self) -> float:
@@ -216,6 +290,21 @@ class Camera(Spec):
     def focal_rows_px(self) -> float:
         """Focal length in rows of the full sensor (fy), at the centre of the picture."""
         return self.focal_px * self.pixel_aspect
+
+    @property
+    def pixel_sr(self) -> float:
+        """Solid angle that a pixel of the full sensor sees at the centre of the picture, in air."""
+        return 1.0 / (self.focal_px * self.focal_rows_px)
+
+    @property
+    def gain(self) -> float:
+        """Factor of `gain_db` on the signal."""
+        return 1.0 if self.gain_db is None else float(10.0 ** (self.gain_db / 20))
+
+    @property
+    def full_scale_e(self) -> float:
+        """Photo-electrons at full scale, gain included."""
+        return self.full_well_e / self.gain
 
     @property
     def half_diagonal_px(self) -> float:
@@ -236,7 +325,7 @@ class Camera(Spec):
     def is_plain(self) -> bool:
         """Whether the projection is a perspective along -z on square pixels, without distortion."""
         undistorted = self.lens == "pinhole" and self.distortion == Distortion()
-        return undistorted and self.tilt_deg == (0.0, 0.0) and self.pixel_aspect == 1.0
+        return undistorted and self.eye_tilt_deg == (0.0, 0.0) and self.pixel_aspect == 1.0
 
     @property
     def opening_mm(self) -> float | None:
@@ -329,12 +418,9 @@ class Camera(Spec):
     @property
     def _turn(self) -> Array | None:
         """Rotation from the camera's own right, up and axis to x, y and -z; None where it is not tilted."""
-        if self.tilt_deg == (0.0, 0.0):
+        if self.eye_tilt_deg == (0.0, 0.0):
             return None
-        (sin_x, sin_y), (cos_x, cos_y) = np.sin(np.radians(self.tilt_deg)), np.cos(np.radians(self.tilt_deg))
-        about_x = np.array([[1.0, 0.0, 0.0], [0.0, cos_x, sin_x], [0.0, -sin_x, cos_x]])
-        about_y = np.array([[cos_y, 0.0, sin_y], [0.0, 1.0, 0.0], [-sin_y, 0.0, cos_y]])
-        return np.asarray(about_y @ about_x)
+        return turned(self.eye_tilt_deg)
 
     def vignette(self, view: View) -> Array:
         """Brightness of every output pixel over that at the centre of the picture, shape (rows, columns)."""
@@ -361,8 +447,8 @@ class Camera(Spec):
         binned : float
             Sensor pixels averaged into one output pixel.
         """
-        electrons = np.clip(signal - self.black_level, 0.0, None) * self.full_well_e * binned
-        return np.asarray(np.sqrt(electrons + self.read_noise_e**2 * binned) / (self.full_well_e * binned))
+        electrons = np.clip(signal - self.black_level, 0.0, None) * self.full_scale_e * binned
+        return np.asarray(np.sqrt(electrons + self.read_noise_e**2 * binned) / (self.full_scale_e * binned))
 
     def behind_curve(
         self, signal: NDArray[np.floating], curve: Callable[[Array], Array] | None = None

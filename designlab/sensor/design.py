@@ -13,7 +13,7 @@ from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from designlab.core.store import write_atomic
 from designlab.sensor import led_catalogue
@@ -23,17 +23,38 @@ from designlab.sensor.design_fields import commented, described, nearest
 from designlab.sensor.feasibility import RULES, SEEN, margins, shape_margins
 from designlab.sensor.optical_constants import material
 from designlab.sensor.optical_properties import Optics
+from designlab.sensor.parts_file import OwnParts, PartsFile, resolved
 from designlab.sensor.refraction import Glass, tangents_through
-from designlab.sensor.spectra import response
+from designlab.sensor.spectra import (
+    electrons_per_j,
+    emission_rows,
+    filter_rows,
+    peak_electrons_per_j,
+    response,
+)
 from geometries.elastomer import Elastomer, base_mm
 from geometries.gelcore import Gelcore
 from geometries.housing import Housing
 from geometries.leds import LedArray
 from geometries.spec import FOLDER, Spec
+from geometries.spectrum import Filter, Spectrum
 
 CHANNELS = ("R", "G", "B")
-LABELS: Any = {"name": True, "description": True, "parent": True, "leds": {"relative_flux"}}
+LABELS: Any = {"name": True, "description": True, "parent": True, "parts": True, "leds": {"relative_flux"}}
 """Fields that change neither light nor contact nor any part."""
+TRANSLUCENT = ("elastomer_scattering_per_mm", "elastomer_anisotropy")
+TRANSLUCENT_GEL = (
+    "a translucent gel over a black skin, in which depth shows as darkness (DTact, 9DTact), is not "
+    "simulated: gels are clear, and light comes back from their coating"
+)
+UNSAYABLE = {
+    "9dtact": TRANSLUCENT_GEL,
+    "dtact": TRANSLUCENT_GEL,
+    "dtactive": TRANSLUCENT_GEL,
+    "omnitact": "a design has one camera, OmniTact has five; write a design for each",
+    "gelsight-svelte": "curved mirrors are not simulated, camera.mirror is flat",
+}
+"""Sensors that people ask for and no design can say, and why."""
 CHANGED = " with "  # joins the name of a design and what was changed in it
 FEW_CHANGES = 2  # so many are listed in a name
 EDGE_POINTS = 33  # on each edge of the sensing area, where the lens distorts
@@ -78,6 +99,8 @@ class Design(Spec):
         What it is and where its figures come from.
     parent : str, optional
         Preset that it was made from.
+    parts : PartsFile, optional
+        Parts of one's own.
     gelcore : Gelcore
         The rigid clear body.
     elastomer : Elastomer
@@ -110,6 +133,8 @@ class Design(Spec):
     """What it is and where its figures come from."""
     parent: str | None = None
     """Preset that it was made from; absent for presets and for designs without one."""
+    parts: PartsFile | None = None
+    """Parts of one's own, from a file; their names stand beside those of the catalogue."""
     gelcore: Gelcore = Field(default_factory=lambda: Gelcore())
     """The rigid clear body."""
     elastomer: Elastomer = Field(default_factory=lambda: Elastomer())
@@ -132,10 +157,22 @@ class Design(Spec):
 
     @model_validator(mode="before")
     @classmethod
-    def _completed(cls, content: Any) -> Any:
-        """Fill in what the LED library knows of the parts named, and the model of contact."""
+    def _completed(cls, content: Any, info: ValidationInfo) -> Any:
+        """Fill in what the LED library and one's own know of the parts named, and the model of contact."""
+        if isinstance(content, Mapping):
+            _refuse_unsayable(content)
+        own = OwnParts()
+        if isinstance(content, Mapping) and content.get("parts") is not None:
+            try:
+                kept = PartsFile.model_validate(content["parts"], context=info.context)
+            except ValidationError:
+                return content  # the field says what is wrong
+            own = kept.parts
+            content = {**content, "parts": kept}
         if isinstance(content, Mapping) and isinstance(content.get("leds"), Mapping):
-            content = {**content, "leds": led_catalogue.filled(content["leds"])}
+            content = {**content, "leds": led_catalogue.filled(content["leds"], own.leds)}
+        if isinstance(content, Mapping):
+            content = resolved(content, own)
         if isinstance(content, Mapping) and "contact" in content:
             content = {**content, "contact": with_model(content["contact"])}
         return content
@@ -156,11 +193,14 @@ class Design(Spec):
                 raise ValueError(
                     f"optics.{field}: give one value or one for each of the {count} LED groups, got {given}"
                 )
+        self._require_spectra()
         if self.mixing is None and self.camera.sensitivity is not None:
             try:
                 _ = self.mixing_matrix
             except ValueError as error:
-                raise ValueError(f"camera.sensitivity: {error}") from None
+                field = "filter" if "filter" in str(error) else "sensitivity"
+                where = "camera" if self.camera.filter or field == "sensitivity" else "leds.groups"
+                raise ValueError(f"{where}.{field}: {error}") from None
         elif self.mixing is None:
             if count != len(CHANNELS):
                 raise ValueError(
@@ -169,10 +209,26 @@ class Design(Spec):
                 )
         elif len(self.mixing) != len(CHANNELS) or any(len(row) != count for row in self.mixing):
             raise ValueError(f"mixing: must be 3 rows (R, G, B) of {count} values, one for each LED group")
+        if self.camera.exposure_time_ms is not None and self.leds.relative_flux:
+            raise ValueError(
+                "camera.exposure_time_ms: needs fluxes in mW, leds.relative_flux says that none is known; "
+                "give camera.exposure instead"
+            )
         if self.leds.coupling != "air_gap" and self.optics.light_path == "air":
             raise ValueError(
                 f"leds.coupling: {self.leds.coupling!r} needs optics.light_path = 'core', "
                 "light in air meets no core"
+            )
+        finish = self.gelcore.led_side_finish
+        if finish is not None and self.leds.coupling == "embedded":
+            raise ValueError(
+                f"gelcore.led_side_finish: no side lets light in where LEDs are embedded, got {finish!r}; "
+                "give gelcore.side_finish, which holds for all"
+            )
+        if finish == "painted" and self.leds.coupling == "air_gap":
+            raise ValueError(
+                "gelcore.led_side_finish: 'painted' keeps the light of LEDs behind an air gap out; glue them "
+                "on (leds.coupling = 'bonded') or give another finish"
             )
         if self.gelcore.cavity is not None and self.optics.gelcore_scattering_per_mm:
             raise ValueError("gelcore.cavity_radius_mm: haze is simulated in solid cores only")
@@ -181,9 +237,38 @@ class Design(Spec):
                 "gelcore.cavity_radius_mm: what a bright housing mirrors in the window is simulated for "
                 "plane windows only"
             )
+        if self.gelcore.wedge_deg is not None:
+            for name, value in (
+                ("optics.gelcore_scattering_per_mm", self.optics.gelcore_scattering_per_mm),
+                ("optics.housing_reflectance", max(self.optics.housing_reflectance)),
+            ):
+                if value:
+                    raise ValueError(
+                        f"gelcore.wedge_deg: {name} is simulated under level windows only, got {value:g}; "
+                        "give 0"
+                    )
+            if self.elastomer.shape == "dome":
+                raise ValueError("gelcore.wedge_deg: a wedge carries a flat or freeform gel, got a dome")
         if self.gelcore.shape == "dome" and self.elastomer.shape != "dome":
             raise ValueError("elastomer.shape: a dome gelcore carries a dome elastomer")
         return self
+
+    def _require_spectra(self) -> None:
+        """Refuse spectra and filters that are unknown, or that nothing would see."""
+        named: list[tuple[str, Spectrum | Filter | None]] = [("camera.filter", self.camera.filter)]
+        for index, group in enumerate(self.leds.groups):
+            named += [
+                (f"leds.groups.{index}.{name}", getattr(group, name)) for name in ("spectrum", "filter")
+            ]
+        for field, found in named:
+            if found is None:
+                continue
+            try:
+                _ = emission_rows(found) if isinstance(found, Spectrum) else filter_rows(found)
+            except ValueError as error:
+                raise ValueError(f"{field}.{error}") from None
+            if self.mixing is None and self.camera.sensitivity is None:
+                raise ValueError(f"{field}: needs camera.sensitivity, or mixing as measured; both are absent")
 
     @property
     def digest(self) -> str:
@@ -246,12 +331,51 @@ class Design(Spec):
             self.camera.sensitivity,
             wavelength_nm=[group.wavelength_nm for group in self.leds.groups],
             width_nm=[group.width_nm for group in self.leds.groups],
+            spectra=[group.spectrum for group in self.leds.groups],
+            filters=[
+                tuple(each for each in (group.filter, self.camera.filter) if each is not None)
+                for group in self.leds.groups
+            ],
         )
 
     @property
+    def fixed_exposure(self) -> float | None:
+        """Signal as a share of full scale per unit of mixed radiance; None where the camera chooses it.
+
+        It is `camera.exposure` times gain, or follows from exposure time, lens opening and quantum
+        efficiency: the pixel collects radiance x area of the opening x its solid angle x time.
+        """
+        camera = self.camera
+        if camera.exposure is not None:
+            return camera.exposure * camera.gain
+        if camera.exposure_time_ms is None or camera.opening_mm is None:
+            return None
+        opening_mm2 = np.pi * camera.opening_mm**2 / 4
+        mirrored = 1.0 if camera.mirror is None else camera.mirror.reflectance
+        energy_j = mirrored * opening_mm2 * camera.pixel_sr * camera.exposure_time_ms * 1e-6  # mW ms
+        return float(energy_j * self._electrons_per_j() * camera.gain / camera.full_well_e)
+
+    def _electrons_per_j(self) -> float:
+        """Photo-electrons per joule on a pixel where `mixing_matrix` is 1."""
+        efficiency = self.camera.quantum_efficiency or 0.0
+        if self.mixing is None and self.camera.sensitivity is not None:
+            return efficiency * peak_electrons_per_j(
+                self.camera.sensitivity,
+                wavelength_nm=[group.wavelength_nm for group in self.leds.groups],
+                width_nm=[group.width_nm for group in self.leds.groups],
+                spectra=[group.spectrum for group in self.leds.groups],
+            )
+        best = int(self.mixing_matrix.max(axis=0).argmax())
+        return efficiency * electrons_per_j(self.leds.groups[best].wavelength_nm)
+
+    def led_part(self, name: str) -> led_catalogue.LedPart:
+        """Figures of an LED that the design names, of the catalogue or of one's own parts."""
+        return led_catalogue.part(name, {} if self.parts is None else self.parts.parts.leds)
+
+    @property
     def flux_mw(self) -> NDArray[np.float64]:
-        """Flux of each LED group (mW), shape (groups,)."""
-        return np.array([group.flux_mw for group in self.leds.groups])
+        """Flux of each LED group as it is driven (mW), shape (groups,)."""
+        return np.array([group.driven_mw for group in self.leds.groups])
 
     @property
     def transfer_mw(self) -> NDArray[np.float64]:
@@ -339,7 +463,7 @@ class Design(Spec):
         """Where a point of the undeformed membrane appears on the full sensor.
 
         Refraction at plane layers between membrane and camera is included; the gel side of a dome core is
-        taken as plane there, unless the core is hollow.
+        taken as plane there, unless the core is hollow or a wedge.
 
         Returns
         -------
@@ -380,10 +504,10 @@ class Design(Spec):
         InfeasibleDesign
             If the camera stands below the window.
         """
-        x, y, z = self.camera.position_mm
+        x, y, z = self.camera.eye_mm
         camera = np.array([x, y, z if camera_mm is None else camera_mm])
         layers = [self.layers_to_camera(float(z), camera_mm=camera[2]) for z in points[:, 2]]
-        if self.glass is not None and self.glass.cavity is not None:
+        if self.glass is not None and (self.glass.cavity is not None or self.glass.window_slope):
             return self.glass.toward(camera, points)
         return tangents_through(layers, points[:, :2] - camera[:2])
 
@@ -402,7 +526,7 @@ class Design(Spec):
         InfeasibleDesign
             If the camera stands below the window.
         """
-        z_c, glass = self.camera.position_mm[2] if camera_mm is None else camera_mm, self.glass
+        z_c, glass = self.camera.eye_mm[2] if camera_mm is None else camera_mm, self.glass
         if glass is None:
             return [(z_c - z, 1.0)]
         if z_c <= glass.window_mm:
@@ -445,6 +569,21 @@ class Design(Spec):
 
 
 Design.__doc__ = f"{Design.__doc__}\n    Notes\n    -----\n    Every field:\n\n{described(Design)}\n"
+
+
+def _refuse_unsayable(content: Mapping[str, Any]) -> None:
+    """Refuse what real sensors have and no design can say, by the names that people give it."""
+    if isinstance(content.get("camera"), list | tuple) or "cameras" in content:
+        field = "cameras" if "cameras" in content else "camera"
+        raise ValueError(
+            f"{field}: a design has one camera, several are not simulated; write a design for each, of the "
+            "part of the gel that it sees"
+        )
+    optics = content.get("optics")
+    if isinstance(optics, Mapping):
+        for field in TRANSLUCENT:
+            if field in optics:
+                raise ValueError(f"optics.{field}: {TRANSLUCENT_GEL}")
 
 
 def _told_apart(changed: Design, original: Design) -> Design:
@@ -628,6 +767,8 @@ def load(name_or_path: str | Path) -> Design:
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
+        if (reason := UNSAYABLE.get(path.name.lower().removesuffix("-like"))) is not None:
+            raise DesignError(f"{name_or_path}: {reason}") from None
         known = ", ".join(preset_names())
         raise DesignError(
             f"{name_or_path}: no such file, and no preset of that name (presets: {known})"
@@ -662,9 +803,44 @@ def preset_names() -> tuple[str, ...]:
 
 def preset_text(name: str) -> str:
     """TOML text of a preset, with the source of each figure in its comments."""
+    if name.lower().removesuffix("-like") in UNSAYABLE:
+        raise DesignError(f"preset {name!r}: {UNSAYABLE[name.lower().removesuffix('-like')]}")
     if name not in preset_names():
         raise DesignError(f"preset {name!r} is unknown; known are {', '.join(preset_names())}")
     return resources.files("designlab.sensor.presets").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+
+
+@cache
+def assumptions(name: str) -> tuple[str, ...]:
+    """Fields of a preset whose figures are assumed, as dotted paths; a table stands for all its fields."""
+    found, table = [], ""
+    places: dict[str, int] = {}
+    for line in preset_text(name).splitlines():
+        code, _, comment = line.partition("#")
+        assumed = "assumption" in comment
+        if code.startswith("["):
+            table = code.strip().strip("[]")
+            if code.startswith("[["):
+                places[table] = places.get(table, -1) + 1
+                table += f".{places[table]}"
+            if assumed:
+                found.append(table)
+        elif assumed and "=" in code:
+            found.append(f"{table}.{code.split('=')[0].strip()}".lstrip("."))
+    return tuple(found)
+
+
+def assumed_fields(design: Design) -> tuple[str, ...]:
+    """Fields that a design has from its preset, which assumed them for want of a published figure."""
+    name = design.parent or design.name
+    if name not in preset_names():
+        return ()
+    changed = differences(design, preset(name))
+    return tuple(
+        path
+        for path in assumptions(name)
+        if not any(own == path or own.startswith(f"{path}.") for own in changed)
+    )
 
 
 @cache

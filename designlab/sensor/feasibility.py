@@ -49,6 +49,8 @@ RULES: dict[str, str] = {
     "camera_clears_plate": "the lens fits through the hole of the camera plate",
     "view_through_window": "the camera sees the sensing area through the gelcore's clear window",
     "view_through_plate": "the camera sees the sensing area through the hole of the camera plate",
+    "mirror_fills_view": "all of the sensing area is seen in the camera's mirror",
+    "mirror_above_core": "camera and mirror stand above the gelcore",
     "minimum_wall": f"housing walls are at least {MINIMUM_WALL_MM} mm thick",
     "minimum_gel": f"the gel is at least {MINIMUM_GEL_MM} mm thick",
 }
@@ -121,15 +123,19 @@ class _Convex(NamedTuple):
         return cls(corners, axes, axes)
 
     @classmethod
-    def prism(cls, polygon: Array, height_mm: float) -> "_Convex":
-        """Upright prism over a convex polygon, from z = 0."""
+    def prism(cls, polygon: Array, height_mm: float, slope: float = 0.0) -> "_Convex":
+        """Upright prism over a convex polygon, from z = 0; its upper face may rise along y, mm a mm."""
         outward, along = _sides(polygon)
-        low, high = (np.column_stack([polygon, np.full(len(polygon), z)]) for z in (0.0, height_mm))
+        high_mm = height_mm + slope * polygon[:, 1]
+        low, high = (np.column_stack([polygon, z]) for z in (np.zeros(len(polygon)), high_mm))
         up = np.array([[0.0, 0.0, 1.0]])
         level = [np.column_stack([vectors, np.zeros(len(vectors))]) for vectors in (outward, along)]
-        return cls(
-            np.concatenate([low, high]), np.concatenate([level[0], up]), np.concatenate([level[1], up])
-        )
+        normals, edges = [level[0], up], [level[1], up]
+        if slope:
+            leaning = np.roll(high, -1, axis=0) - high
+            normals.append(np.array([[0.0, -slope, 1.0]]) / np.hypot(1.0, slope))
+            edges.append(leaning / np.linalg.norm(leaning, axis=1, keepdims=True))
+        return cls(np.concatenate([low, high]), np.concatenate(normals), np.concatenate(edges))
 
 
 def _sides(polygon: Array) -> tuple[Array, Array]:
@@ -162,14 +168,16 @@ def _off_their_seat(design: Parts, boxes: Sequence[_Convex]) -> float:
         return -math.inf
     if design.leds.coupling == "air_gap":
         # A drafted side recedes towards the camera; its lower edge, which is nearest, stands for all of it.
-        core = _Convex.prism(gelcore.polygon(design.gelcore, segments=72), _window_mm(design))
+        outline = gelcore.polygon(design.gelcore, segments=72)
+        core = _Convex.prism(outline, _window_mm(design), design.gelcore.window_slope)
         return max(_overlap(box, core) for box in boxes)
     walls = sides(design)
 
     def outside(points: Array) -> Array:
         """How far points lie above the window or below the gelcore's gel side."""
         below = elastomer.interface_mm(design.elastomer, points[:, 0], points[:, 1]) - points[:, 2]
-        return np.maximum(points[:, 2] - _window_mm(design), below)
+        window = _window_mm(design) + design.gelcore.window_slope * points[:, 1]
+        return np.maximum(points[:, 2] - window, below)
 
     if design.leds.coupling == "embedded":
         corners = np.concatenate([box.corners for box in boxes])
@@ -187,6 +195,10 @@ def _core_body(design: Parts) -> _Convex:
     """Gelcore as a convex body, its drafted sides included."""
     core = design.gelcore
     low = gelcore.polygon(core, segments=72)
+    if core.wedge_deg is not None:
+        wedge, lift = _Convex.prism(low, core.height_mm, core.window_slope), np.zeros(3)
+        lift[2] = design.elastomer.thickness_mm
+        return wedge._replace(corners=wedge.corners + lift)
     walls = sides(design)
     # A side with normal (cos d, sin d) recedes by tan d times the height; corners follow both their sides.
     level = walls.normals[:, :2] / np.linalg.norm(walls.normals[:, :2], axis=1, keepdims=True)
@@ -206,7 +218,7 @@ def _core_body(design: Parts) -> _Convex:
 def _intrusion_into_view(design: Parts, boxes: Sequence[_Convex]) -> float:
     """How far LEDs reach into the sensing area as the camera sees both; mm at the membrane."""
     area, distance_mm = _sensing_area_seen(design)
-    position = np.asarray(design.camera.position_mm)
+    position = np.asarray(design.camera.eye_mm)
     worst = -math.inf
     for box in boxes:
         below = box.corners[box.corners[:, 2] < position[2] - 1e-6]
@@ -226,7 +238,7 @@ def tangents(design: Parts, points: Array) -> Array:
 
     Points beside the core are seen straight, those of embedded LEDs through the window.
     """
-    x_c, y_c, z_c = design.camera.position_mm
+    x_c, y_c, z_c = design.camera.eye_mm
     away = points[:, :2] - (x_c, y_c)
     straight = away / (z_c - points[:, 2:])
     window = _window_mm(design)
@@ -246,11 +258,12 @@ def _sensing_area_seen(design: Parts) -> tuple[Array, float]:
 
     A camera below the window is lifted just above it here; it breaks `camera_above_core` anyway.
     """
-    z_c = design.camera.position_mm[2]
+    _, y_c, z_c = design.camera.eye_mm
     half_w, half_h = design.sensing_area_mm[0] / 2, design.sensing_area_mm[1] / 2
     corners = np.array([(sx * half_w, sy * half_h) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
     base = np.nan_to_num(elastomer.base_mm(design.elastomer, corners[:, 0], corners[:, 1]))
-    lifted_mm = max(z_c, _window_mm(design) + 0.01, float(base.max()) + 0.01)
+    window_mm = _window_mm(design) + max(design.gelcore.window_slope * y_c, 0.0)
+    lifted_mm = max(z_c, window_mm + 0.01, float(base.max()) + 0.01)
     distance_mm = apparent_distance_mm(design.layers_to_camera(0.0, camera_mm=lifted_mm))
     tangents = design.tangents_to(np.column_stack([corners, base]), camera_mm=lifted_mm)
     return tangents * distance_mm, distance_mm
@@ -259,6 +272,11 @@ def _sensing_area_seen(design: Parts) -> tuple[Array, float]:
 def _window_mm(design: Parts) -> float:
     """Height of the gelcore's camera side."""
     return design.elastomer.thickness_mm + design.gelcore.height_mm
+
+
+def _highest_mm(design: Parts) -> float:
+    """Height of the gelcore's highest place, at the thick end of a wedge."""
+    return _window_mm(design) + abs(design.gelcore.window_slope) * design.gelcore.length_mm / 2
 
 
 def _body_margins(design: Parts) -> dict[str, float]:
@@ -274,7 +292,7 @@ def _body_margins(design: Parts) -> dict[str, float]:
     reach = max(np.hypot(*core_polygon.T).max(), np.hypot(*gel_polygon.T).max())
     return {
         "core_inside_housing": float(reach) - housing.inner_radius_mm,
-        "core_below_plate": _window_mm(design) - housing.top_mm,
+        "core_below_plate": _highest_mm(design) - housing.top_mm,
         "elastomer_on_core": _beyond(gel_polygon, core_polygon),
         **shape_margins(core, gel),
         "cavity_in_core": _thinnest_beside_cavity(design),
@@ -337,24 +355,40 @@ def _beyond_picture(camera: Camera, tangents: Array) -> float:
 
 def _camera_margins(design: Parts) -> dict[str, float]:
     camera, housing, core = design.camera, design.housing, design.gelcore
-    x_c, y_c, z_c = camera.position_mm
+    x_c, y_c, z_c = camera.eye_mm
     half_w, half_h = design.sensing_area_mm[0] / 2, design.sensing_area_mm[1] / 2
     corners = np.array([(sx * half_w, sy * half_h) for sx in (-1, 1) for sy in (-1, 1)])
     seen, distance_mm = _sensing_area_seen(design)
     through = -math.inf
     if design.optics.light_path == "core":
         # Rays run straight from the camera to the window.
-        at_window = np.array([x_c, y_c]) + seen * max(z_c - _window_mm(design), 0.0) / distance_mm
+        slope, towards = core.window_slope, seen / distance_mm
+        drop_mm = max(z_c - _window_mm(design) - slope * y_c, 0.0) / (1 + slope * towards[:, 1:])
+        at_window = np.array([x_c, y_c]) + towards * drop_mm
         through = float(np.linalg.norm(at_window, axis=1).max()) - core.window_diameter_mm / 2
+    mirror, beside, lowest = camera.mirror, -math.inf, math.inf
+    if mirror is not None:
+        across, along, _ = mirror.axes
+        half = np.array([(i * mirror.width_mm, j * mirror.height_mm) for i in (-1, 1) for j in (-1, 1)]) / 2
+        ends = np.asarray(mirror.centre_mm) + half @ np.stack([across, along])
+        lowest = min(float(ends[:, 2].min()), camera.position_mm[2])
+        eye = np.array(camera.eye_mm)
+        towards = eye + np.column_stack([seen / distance_mm, -np.ones(len(seen))])
+        beside = float(mirror.reach_mm(eye, towards).max())
     hole = -math.inf
-    if z_c > housing.top_mm:
+    # Where the mirror hangs inside the housing, light does not pass the plate.
+    if z_c > housing.top_mm and lowest >= housing.top_mm:
         at_plate = np.array([x_c, y_c]) + seen * (z_c - housing.top_mm) / distance_mm
         hole = float(np.linalg.norm(at_plate, axis=1).max()) - housing.camera_hole_mm / 2
     return {
         "sensing_area_on_membrane": _beyond(corners, elastomer.polygon(design.elastomer)),
         "camera_sees_membrane": _beyond_picture(camera, seen / distance_mm) * distance_mm,
-        "camera_above_core": _window_mm(design) - z_c,
-        "camera_clears_plate": 2 * camera.body_radius_mm - housing.camera_hole_mm,
+        "camera_above_core": _window_mm(design) + max(core.window_slope * y_c, 0.0) - z_c,
+        "camera_clears_plate": -math.inf
+        if mirror is not None
+        else 2 * camera.body_radius_mm - housing.camera_hole_mm,
+        "mirror_fills_view": beside,
+        "mirror_above_core": _window_mm(design) - lowest,
         "view_through_window": through,
         "view_through_plate": hole,
     }

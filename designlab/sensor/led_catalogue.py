@@ -5,48 +5,61 @@ sizes were found for none: the whole front of a package is taken to emit (assump
 """
 
 from collections.abc import Collection, Mapping
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, field_validator
 
 from designlab.sensor.data import table
 from designlab.sensor.spectra import luminous_efficacy_lm_w
 from geometries.emission import AngularProfile
+from geometries.spec import Spec, quantity
+
+Size = Annotated[float, Field(gt=0, le=200)]  # mm
 
 
-class Chip(NamedTuple):
-    """One colour of a part: wavelength, spectral width (full, at half maximum; nm), radiant flux (mW).
+class Chip(Spec):
+    """One colour of a part: wavelength, spectral width, radiant flux."""
 
-    `intensity_mcd` is the typical luminous intensity on the axis, which sheets often give instead of a flux.
-    """
-
-    wavelength_nm: float | None = None
+    wavelength_nm: float | None = quantity(None, unit="nm", ge=350, le=1100)
+    """Wavelength; the middle where a range is sold."""
     kind: Literal["peak", "dominant", "nominal"] = "peak"
-    width_nm: float | None = None
-    flux_mw: float | None = None
-    intensity_mcd: float | None = None
+    """Which wavelength the sheet gives."""
+    width_nm: float | None = quantity(None, unit="nm", gt=0.1, le=300)
+    """Full width of the spectrum at half maximum."""
+    spectrum: str | None = Field(None, min_length=1, max_length=80)
+    """Name of the spectrum of a chip behind phosphor, instead of a width."""
+    flux_mw: float | None = quantity(None, unit="mW", gt=0, le=1e6)
+    """Radiant flux at the current that the source names."""
+    intensity_mcd: float | None = quantity(None, unit="mcd", gt=0, le=1e9)
+    """Typical luminous intensity on the axis, which sheets often give instead of a flux."""
 
 
-class LedPart(NamedTuple):
-    """An LED: front (width, height) and thickness of its package in mm, full viewing angle at half intensity.
+class LedPart(Spec):
+    """An LED: its package and its colours."""
 
-    The first size runs along the row, the second towards the membrane: for a right-angle part its height
-    above the circuit board. Flux and intensity of a chip are for the current named in the source.
-    """
+    maker: str = ""
+    """Who makes it."""
+    number: str = ""
+    """The maker's part number."""
+    chips: dict[str, Chip] = Field(min_length=1)
+    """Colours by name."""
+    source: str = ""
+    """Where the figures were read."""
+    size_mm: tuple[Size, Size, Size | None] | None = None
+    """Front (width, height) and thickness of the package (mm). The first runs along the row, the second
+    towards the membrane: for a right-angle part its height above the circuit board."""
+    viewing_deg: float | None = quantity(None, unit="deg", ge=1, lt=180)
+    """Full viewing angle at half intensity."""
 
-    maker: str
-    number: str
-    chips: Mapping[str, Chip]
-    source: str
-    size_mm: tuple[float, float, float | None] | None = None
-    viewing_deg: float | None = None
+    @field_validator("size_mm", mode="before")
+    @classmethod
+    def _flat(cls, size: Any) -> Any:
+        """Take two figures for a front whose thickness is unknown."""
+        return (*size, None) if isinstance(size, list | tuple) and len(size) == 2 else size
 
 
 def _parts() -> dict[str, LedPart]:
-    parts = {}
-    for name, content in table("led_catalogue").items():
-        chips = {colour: Chip(**chip) for colour, chip in content.pop("chips").items()}
-        size = content.pop("size_mm", None)
-        parts[name] = LedPart(chips=chips, size_mm=size and (*size, None)[:3], **content)
-    return parts
+    return {name: LedPart.model_validate(content) for name, content in table("led_catalogue").items()}
 
 
 PARTS = _parts()
@@ -59,21 +72,23 @@ FILLED_ARRAY = (
     "emitting_spans_mm",
     "profile",
 )
-FILLED_GROUP = ("wavelength_nm", "width_nm", "flux_mw", "profile")
+FILLED_GROUP = ("wavelength_nm", "width_nm", "spectrum", "flux_mw", "profile")
+NO_PARTS: Mapping[str, LedPart] = {}
 
 
-def part(name: str) -> LedPart:
-    """Look up a part by name.
+def part(name: str, own: Mapping[str, LedPart] = NO_PARTS) -> LedPart:
+    """Look up a part by name, in the catalogue and among parts of one's `own`.
 
     Raises
     ------
     ValueError
         If the name is unknown; the message lists the known ones.
     """
+    known = {**own, **PARTS}
     try:
-        return PARTS[name]
+        return known[name]
     except KeyError:
-        raise ValueError(f"unknown part {name!r}; known are {', '.join(PARTS)}") from None
+        raise ValueError(f"unknown part {name!r}; known are {', '.join(known)}") from None
 
 
 def flux_mw(chosen: LedPart, chip: Chip) -> float | None:
@@ -92,7 +107,7 @@ def flux_mw(chosen: LedPart, chip: Chip) -> float | None:
     return float(f"{(chip.intensity_mcd or 0.0) * spread_sr / efficacy:.3g}")
 
 
-def filled(leds: Mapping[str, Any]) -> dict[str, Any]:
+def filled(leds: Mapping[str, Any], own: Mapping[str, LedPart] = NO_PARTS) -> dict[str, Any]:
     """Fill the fields of an LED array that its parts know and that are not given.
 
     Parameters
@@ -101,6 +116,8 @@ def filled(leds: Mapping[str, Any]) -> dict[str, Any]:
         Content of the table ``leds`` of a design. `part` of the array fills package size and angular profile,
         and for each group, by its name (``red``), the chip's figures; `part` of a group fills the latter and
         the group's own profile.
+    own : mapping of str to LedPart
+        Parts of one's own beside the catalogue.
 
     Raises
     ------
@@ -108,13 +125,13 @@ def filled(leds: Mapping[str, Any]) -> dict[str, Any]:
         If a part is unknown, or does not know the wavelength of a group that gives none.
     """
     content = dict(leds)
-    whole = _named(content, "leds.part")
+    whole = _named(content, "leds.part", own)
     if whole is not None:
         _fill(content, _array_fields(whole))
     groups = content.get("groups")
     if isinstance(groups, list | tuple):
         content["groups"] = [
-            _group(group, whole, f"leds.groups.{index}") if isinstance(group, Mapping) else group
+            _group(group, whole, f"leds.groups.{index}", own) if isinstance(group, Mapping) else group
             for index, group in enumerate(groups)
         ]
     return content
@@ -146,25 +163,27 @@ def forget(leds: dict[str, Any], path: str, *, given: Collection[str]) -> None:
                 node.pop(name, None)
 
 
-def _named(content: Mapping[str, Any], where: str) -> LedPart | None:
+def _named(content: Mapping[str, Any], where: str, own: Mapping[str, LedPart]) -> LedPart | None:
     name = content.get("part")
     if not isinstance(name, str):
         return None
     try:
-        return part(name)
+        return part(name, own)
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
 
 
-def _group(group: Mapping[str, Any], whole: LedPart | None, where: str) -> dict[str, Any]:
+def _group(
+    group: Mapping[str, Any], whole: LedPart | None, where: str, known_parts: Mapping[str, LedPart]
+) -> dict[str, Any]:
     content = dict(group)
-    own = _named(content, f"{where}.part")
+    own = _named(content, f"{where}.part", known_parts)
     chosen = whole if own is None else own
     if chosen is None:
         return content
     chips = chosen.chips
     chip = chips.get(str(content.get("name")), next(iter(chips.values())) if len(chips) == 1 else None)
-    known = chip is not None and chip.wavelength_nm is not None
+    known = chip is not None and (chip.wavelength_nm is not None or chip.spectrum is not None)
     if not known and content.get("wavelength_nm") is None:
         reason = (
             f"part {chosen.number} has {', '.join(chips)}; name the group so"
@@ -175,6 +194,7 @@ def _group(group: Mapping[str, Any], whole: LedPart | None, where: str) -> dict[
     values: dict[str, Any] = {}
     if chip is not None:
         values = {"wavelength_nm": chip.wavelength_nm, "width_nm": chip.width_nm}
+        values["spectrum"] = chip.spectrum
         flux = flux_mw(chosen, chip)
         rows, count = content.get("azimuth_deg"), content.get("count", 1)
         if flux is not None and isinstance(rows, list | tuple) and isinstance(count, int):

@@ -98,6 +98,8 @@ class Glass(NamedTuple):
         How far from the axis a sphere goes.
     cavity : (float, float) or None
         Radius and depth of a hollow behind the window, half a spheroid.
+    window_slope : float
+        Rise of the window along y of a wedge, mm a mm.
     """
 
     window_mm: float
@@ -107,6 +109,12 @@ class Glass(NamedTuple):
     dome_mm: float | None = None
     reach_mm: float = math.inf
     cavity: tuple[float, float] | None = None
+    window_slope: float = 0.0
+
+    @property
+    def bends(self) -> bool:
+        """Whether light passes other than plane layers that are level."""
+        return self.dome_mm is not None or self.cavity is not None or self.window_slope != 0.0
 
     @classmethod
     def of(cls, core: Gelcore, gel: Elastomer, optics: Optics) -> "Glass | None":
@@ -122,6 +130,7 @@ class Glass(NamedTuple):
             dome_mm=dome_mm,
             reach_mm=math.inf if dome_mm is None else min(core.width_mm / 2, dome_mm),
             cavity=core.cavity,
+            window_slope=core.window_slope,
         )
 
     def layers(self, z_mm: float, camera_mm: float) -> list[tuple[float, float]]:
@@ -186,7 +195,7 @@ class Glass(NamedTuple):
         Returns
         -------
         array, shape (n, 2)
-            Tangents of the angles to the axis, along x and y.
+            Tangents of the angles to the axis, along x and y; not numbers where none is found.
         """
         tangents = (points[:, :2] - camera[:2]) / (camera[2] - points[:, 2:])
         for _ in range(NEWTON_STEPS):
@@ -195,7 +204,11 @@ class Glass(NamedTuple):
                 (self._passes(camera, tangents + step, points[:, 2]) - missed - points[:, :2]) / NEWTON_STEP
                 for step in NEWTON_STEP * np.eye(2)
             ]
-            tangents = tangents - np.linalg.solve(np.stack(slopes, axis=-1), missed[..., None])[..., 0]
+            try:
+                steps = np.linalg.solve(np.stack(slopes, axis=-1), missed[..., None])
+            except np.linalg.LinAlgError:  # seen along the window, as where the camera stands below it
+                return np.full_like(tangents, np.nan)
+            tangents = tangents - steps[..., 0]
         return np.asarray(tangents)
 
     def _passes(self, camera: Array, tangents: Array, height_mm: Array) -> Array:
@@ -208,6 +221,12 @@ class Glass(NamedTuple):
 
     def _at_window(self, start: Array, direction: Array) -> tuple[Array, Array]:
         """Where rays meet the window, and its normal there, into the core."""
+        if self.window_slope:
+            above = start[2] - self.window_mm - self.window_slope * start[1]
+            point = start + above / (self.window_slope * direction[1] - direction[2]) * direction
+            normal = _down(point)
+            normal[1] = self.window_slope
+            return point, normal / np.hypot(1.0, self.window_slope)
         plane = start + (self.window_mm - start[2]) / direction[2] * direction
         if self.cavity is None:
             return plane, _down(plane)

@@ -207,15 +207,15 @@ class PixelNoise(ImagingStep):
             return image
         camera, binned = capture.camera, capture.binned
         random = np.random.default_rng(capture.seed)
-        electrons = image * camera.full_well_e * binned
+        electrons = image * camera.full_scale_e * binned
         # Averaging pixels refines the converter's steps, but each pixel has brought its own rounding error.
-        rounding_e = camera.full_well_e * np.sqrt((binned - 1) / 12) / (2**camera.bit_depth - 1)
+        rounding_e = camera.full_scale_e * np.sqrt((binned - 1) / 12) / (2**camera.bit_depth - 1)
         read_e = np.hypot(camera.read_noise_e * np.sqrt(binned), rounding_e)
         deviates = random.standard_normal(electrons.shape, dtype=np.float32)
         found = electrons + np.sqrt(electrons + read_e**2) * deviates
         few = electrons < FEW_ELECTRONS
         found[few] = random.poisson(electrons[few]) + read_e * deviates[few]
-        return np.asarray(found / (camera.full_well_e * binned))
+        return np.asarray(found / (camera.full_scale_e * binned))
 
     def moments(self, mean: Image, variance: Image, capture: Capture) -> tuple[Image, Image]:
         """Add the variance of photons and read-out."""

@@ -9,7 +9,7 @@ from designlab.core.memory import remembered
 from designlab.core.progress import Work
 from designlab.core.store import digest, read_cache, write_cache
 from designlab.core.types import Single
-from designlab.sensor.camera import View
+from designlab.sensor.camera import EXPOSING, View
 from designlab.sensor.design import LABELS, Design
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects.base import Effect
@@ -165,7 +165,10 @@ def _transport(model: SensorModel, press: Press | None) -> list[object]:
         del content["contact"]
     for group in content["leds"]["groups"]:
         del group["flux_mw"]
-    for name in ("exposure", "full_well_e", "read_noise_e", "black_level", "bit_depth", "response"):
+        group.pop("drive", None)
+    if design.camera.mirror is not None:
+        del content["camera"]["mirror"]["reflectance"]
+    for name in (*EXPOSING, "full_well_e", "read_noise_e", "black_level", "bit_depth", "response"):
         content["camera"].pop(name, None)
     acting = [
         [applied.name, applied.values]

@@ -19,7 +19,7 @@ from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
 from designlab.simulation.contact.surface import Mechanics, Surface
 from designlab.simulation.effects import SensorModel, Sight
-from designlab.simulation.imaging import WHOLE, Capture, mixed, through_optics
+from designlab.simulation.imaging import WHOLE, Capture, expected, mixed, through_optics
 from designlab.simulation.optics.defocus import radius_px
 from designlab.simulation.optics.viewing_rays import Rays, rays
 from designlab.simulation.render.estimators import UNBIASED, Bias, Estimator, bias, chosen, trace, traces_lens
@@ -38,6 +38,7 @@ UNDEFORMED_PITCH_MM = 0.05  # of which the mesh keeps every eighth line
 TARGET_SIGNAL = 0.5
 TARGET_PERCENTILE = 99.5
 GRAIN_PX = 2.0
+MOST_SATURATED = 0.001  # of the pixels, as what counts as good of an evaluation
 
 
 class RenderFailed(RuntimeError):
@@ -412,9 +413,29 @@ def exposure(design: Design, *untouched: Frame) -> float:
 
     Of several frames of the untouched gel the mean counts.
     """
-    if design.camera.exposure is not None:
-        return design.camera.exposure
+    fixed = design.fixed_exposure
+    if fixed is not None:
+        return fixed
     return automatic_exposure(np.mean([frame.mixed for frame in untouched], axis=0))
+
+
+def saturation_share(design: Design, frame: Frame) -> float | None:
+    """Share of the picture in which a channel reaches full scale; None where the exposure is automatic."""
+    fixed = design.fixed_exposure
+    if fixed is None:
+        return None
+    signal = expected(frame.mixed, Capture(design.camera, exposure=fixed))
+    return float((signal >= 1.0).any(axis=-1).mean())
+
+
+def saturation_warning(share: float | None, of: str = "the picture") -> list[str]:
+    """Say that pixels of something are at full scale, where more than `MOST_SATURATED` of them are."""
+    if share is None or share <= MOST_SATURATED:
+        return []
+    return [
+        f"{share:.1%} of {of} is at full scale, where light changes nothing; lower the exposure, "
+        "camera.gain_db or leds.groups.drive"
+    ]
 
 
 def automatic_exposure(mixed: NDArray[np.floating], *, grain_px: float = GRAIN_PX) -> float:

@@ -502,3 +502,15 @@ def test_led_colour_is_what_one_sees(wavelength_nm: float, strongest: int) -> No
     colour = led_colour(wavelength_nm)
     assert int(np.argmax(colour)) == strongest
     assert all(0 <= channel <= 1 for channel in colour)
+
+
+@pytest.mark.slow
+def test_what_a_preset_assumes_is_listed(tmp_path: Path) -> None:
+    design = preset("gelslim-3-like").replace({"gelcore.height_mm": 8.2})
+    manifest = export(design, tmp_path / "out")
+    assert "elastomer.thickness_mm" in manifest["assumed"]
+    assert "gelcore.height_mm" not in manifest["assumed"]  # it was stated
+    assert "leds.pitch_mm" not in manifest["assumed"]  # it has a source
+    text = " ".join((tmp_path / "out" / "README.txt").read_text(encoding="utf-8").split())
+    assert "Assumed, for want of a published figure" in text
+    assert "elastomer.thickness_mm" in text

@@ -4,7 +4,8 @@
 2026-11-27 correct their pictures by exact ones and allow for few blocks in their errors, and the diagnosis,
 which since 2026-11-28 fits smooth errors of light and grain with every model, judges held-out presses given
 these, and has verdicts and confidence anew, and for the margins of `core_sides`, `core_radius` and
-`core_height`, which are rules since then; `cases.py` says what is run. Words must be the same. Numbers may
+`core_height`, which are rules since then, and `saturation_share` of
+pictures, which is said since then; `cases.py` says what is run. Words must be the same. Numbers may
 differ by what runs of the same code differ by, since the threads of a renderer add up light in single
 precision in an order that is not fixed. That was measured: each case was run twice at that commit, on one
 machine of two cores, each time with an empty cache, and the largest relative difference of any figure was

@@ -9,6 +9,10 @@ from designlab.sensor.feasibility import RULES
 
 FLAT, DOME, CORE = (preset(name) for name in ("gelsight-2020-flat", "gelsight-2020-dome", "default"))
 TIP = preset("pbr-fingertip-like")
+MIRROR = {"centre_mm": (0.0, 0.0, 18.0), "tilt_deg": (-45.0, 0.0), "width_mm": 12.0, "height_mm": 12.0}
+FOLDED = CORE.replace(
+    {"camera.position_mm": (0.0, -6.0, 18.0), "camera.tilt_deg": (90.0, 0.0), "camera.mirror": MIRROR}
+)
 
 BREAKING = {
     "leds_inside_housing": (FLAT, {"housing.inner_radius_mm": 13.0}),
@@ -32,6 +36,8 @@ BREAKING = {
     "camera_clears_plate": (FLAT, {"camera.body_radius_mm": 4.6}),
     "view_through_window": (CORE, {"gelcore.window_diameter_mm": 8.0}),
     "view_through_plate": (FLAT, {"camera.position_mm": (1.103, 1.324, 60.0)}),
+    "mirror_fills_view": (FOLDED, {"camera.mirror.width_mm": 2.0}),
+    "mirror_above_core": (FOLDED, {"camera.mirror.height_mm": 24.0}),
     "minimum_wall": (FLAT, {"housing.wall_mm": 0.7}),
     "minimum_gel": (FLAT, {"elastomer.thickness_mm": 0.4}),
 }

@@ -5,7 +5,15 @@ import re
 import numpy as np
 import pytest
 
-from designlab.sensor.design import dumps, loads, preset, preset_names, preset_text
+from designlab.sensor.design import (
+    assumed_fields,
+    assumptions,
+    dumps,
+    loads,
+    preset,
+    preset_names,
+    preset_text,
+)
 from designlab.simulation.optics.viewing_rays import rays
 from geometries.leds import emitters
 
@@ -15,13 +23,24 @@ CORES = tuple(f"{name}-core" for name in PUBLISHED)
 RADIANCE = {"red": 5.237, "green": 6.735, "blue": 6.839}
 AZIMUTH_DEG = {"red": 90.0, "green": 210.0, "blue": 330.0}
 PIXEL_MM = 0.0159
-LIKE = ("digit-like", "gelsight-mini-like", "pbr-fingertip-like")
+LIKE = (
+    "difftactile-dome-like",
+    "digit-like",
+    "digit360-like",
+    "gelsight-mini-like",
+    "gelsight-wedge-like",
+    "gelslim-3-like",
+    "pbr-fingertip-like",
+    "rainbowsight-like",
+)
 
 
 def test_names():
     assert preset_names() == (
         "default",
+        "difftactile-dome-like",
         "digit-like",
+        "digit360-like",
         "gelsight-2020-dome",
         "gelsight-2020-dome-core",
         "gelsight-2020-dome-core-elastic",
@@ -31,7 +50,10 @@ def test_names():
         "gelsight-2020-flat-core-elastic",
         "gelsight-2020-flat-elastic",
         "gelsight-mini-like",
+        "gelsight-wedge-like",
+        "gelslim-3-like",
         "pbr-fingertip-like",
+        "rainbowsight-like",
     )
 
 
@@ -159,3 +181,31 @@ def test_a_camera_sees_as_much_of_the_gel_as_the_sensors_does(name, across_mm):
     middle = seen.x_mm[seen.x_mm.shape[0] // 2]
     pitch = np.diff(middle).mean()
     assert np.ptp(middle) + pitch == pytest.approx(across_mm, rel=0.06)
+
+
+@pytest.mark.parametrize("name", LIKE)
+def test_what_a_preset_assumes_is_a_field_of_it_and_is_listed(name):
+    content = preset(name).model_dump()
+    found = assumptions(name)
+    assert len(found) >= 10
+    for path in found:
+        node = content
+        for key in path.split("."):
+            node = node[int(key)] if key.isdigit() else node[key]
+
+
+@pytest.mark.parametrize("name", ["digit360-like", "gelsight-wedge-like", "rainbowsight-like"])
+def test_a_figure_that_was_measured_is_no_longer_assumed(name):
+    design = preset(name)
+    assert "elastomer.thickness_mm" in assumed_fields(design)
+    changed = design.replace({"contact.modulus_mpa": 0.3, "optics.membrane_albedo": (0.41,)})
+    assert set(assumed_fields(design)) - set(assumed_fields(changed)) == {"optics.membrane_albedo"}
+    assert assumed_fields(preset("default")) == assumptions("default")
+
+
+def test_the_domes_from_public_files_have_their_radii():
+    digit, soft = preset("digit360-like"), preset("difftactile-dome-like")
+    assert digit.elastomer.radius_mm == 12.5
+    assert digit.elastomer.thickness_mm + digit.gelcore.height_mm == 17.5 + 8.5
+    assert (soft.elastomer.radius_mm, soft.gelcore.radius_mm) == (15.0, 7.5)
+    assert soft.camera.focal_px == pytest.approx(173913.04 * 8.627e-4, rel=1e-3)

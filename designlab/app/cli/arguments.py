@@ -94,7 +94,7 @@ def parser() -> argparse.ArgumentParser:
     presets = add("presets", f"{_DESIGNS}:presets", "designs to start from, published sensors among them")
     _option(presets, "name NAME", "preset to print", nargs="?")
     parts = add("parts", f"{_DESIGNS}:parts", "LEDs with the figures of their data sheets")
-    _option(parts, "name NAME", "part to show, with its source", nargs="?")
+    _option(parts, "name NAME", "part to show, with its source; or a TOML file of own parts", nargs="?")
     init = add("init", f"{_START}:init", "a starter folder: design, study, notebook, measurement template")
     _option(init, "folder DIR", "folder to make; must not exist, or be empty")
     _option(init, "--preset NAME", "sensor to start from (default: %(default)s)", default=_PRESET)

@@ -54,21 +54,25 @@ def presets(args: Namespace) -> Result:
 
 
 def parts(args: Namespace) -> Result:
-    """List the LED library, or one part of it."""
+    """List the LED library or a file of one's own parts, or show one part of the library."""
     from designlab.sensor.led_catalogue import PARTS, flux_mw, part
+    from designlab.sensor.parts_file import OwnParts, load_parts
+
+    file = args.name if args.name is not None and args.name.endswith(".toml") else None
+    own = OwnParts() if file is None else load_parts(file)
 
     def content(name: str) -> dict[str, Any]:
-        entry = part(name)
+        entry = part(name, own.leds)
         return {
             "name": name,
-            **entry._asdict(),
+            **entry.model_dump(exclude={"chips"}),
             "chips": {
-                colour: {**chip._asdict(), "estimated_flux_mw": flux_mw(entry, chip)}
+                colour: {**chip.model_dump(), "estimated_flux_mw": flux_mw(entry, chip)}
                 for colour, chip in entry.chips.items()
             },
         }
 
-    names = list(PARTS) if args.name is None else [args.name]
+    names = list(own.leds) if file else list(PARTS) if args.name is None else [args.name]
     entries = [content(name) for name in names]
     rows = []
     for entry in entries:
@@ -82,6 +86,10 @@ def parts(args: Namespace) -> Result:
             rows.append((entry["name"], front, angle, colour, *shown))
     header = ("part", "size mm", "angle deg", "chip", "nm", "width nm", "mcd", "mW")
     lines = [table(header, rows), "mW beside mcd are estimated from angle and spectrum"]
+    if file:
+        others = {kind: list(getattr(own, kind)) for kind in ("spectra", "filters", "gels")}
+        lines += [f"{kind}: {', '.join(found)}" for kind, found in others.items() if found]
+        return Result({"parts": entries, **others}, "\n".join(lines))
     if args.name is not None:
         lines += [f"{entries[0]['maker']} {entries[0]['number']}", f"source: {entries[0]['source']}"]
     return Result({"parts": entries} if args.name is None else entries[0], "\n".join(lines))
@@ -252,7 +260,7 @@ def render(args: Namespace) -> Result:
     """Write one picture."""
     from designlab.core.images import tone_map, write_image
     from designlab.simulation.effects.model import load_model
-    from designlab.simulation.simulator import Simulator
+    from designlab.simulation.simulator import Simulator, saturation_share, saturation_warning
     from geometries.probes import understood
 
     output = Path(args.output)
@@ -271,6 +279,8 @@ def render(args: Namespace) -> Result:
         raise OSError(error.errno, f"cannot write {output}: {error.strerror or error}") from None
     rows, columns = mixed.shape[:2]
     mechanics = frame.mechanics
+    saturation = saturation_share(model.effective_design(), frame)
+    warnings = [*frame.warnings, *saturation_warning(saturation)]
     mesh = None if press is None else understood(press.probe)
     share = None if mesh is None else frame.share_touching
     data: dict[str, Any] = {
@@ -283,7 +293,8 @@ def render(args: Namespace) -> Result:
         **({} if mesh is None else {"understood": [{**mesh.to_json(), "share_touching": share}]}),
         "samples": args.samples,
         "seed": args.seed,
-        "warnings": list(frame.warnings),
+        "saturation_share": saturation,
+        "warnings": warnings,
     }
     lines = [f"{args.output}: {columns} x {rows} pixels"]
     if mesh is not None:
@@ -297,7 +308,7 @@ def render(args: Namespace) -> Result:
             f"pressed {mechanics.depth_mm:.3g} mm deep with {mechanics.force_n:.3g} N; contact of "
             f"{mechanics.contact_area_mm2:.3g} mm2, the gel bulges by {mechanics.bulge_um:.3g} um"
         )
-    lines += [f"warning: {warning}" for warning in frame.warnings]
+    lines += [f"warning: {warning}" for warning in warnings]
     return Result(data, "\n".join(lines))
 
 
@@ -403,4 +414,6 @@ def export(args: Namespace) -> Result:
         f"{passed} of {len(manifest['checks'])} checks passed; README.txt there says what each file is for",
         *(f"warning: {warning}" for warning in manifest["warnings"]),
     ]
+    if assumed := manifest["assumed"]:
+        lines.append(f"{len(assumed)} figures of the preset are assumed, README.txt lists them")
     return Result({"out": args.out, **manifest, **as_understood(meshes)}, "\n".join(lines))

@@ -183,7 +183,7 @@ class Rendered:
 
         Without a stated exposure that holds which the camera would choose.
         """
-        exposure = self.design.camera.exposure
+        exposure = self.design.fixed_exposure
         transfer = self.design.transfer_mw
         if exposure is None:
             untouched = Simulator(self.design, samples=self.samples, seed=0).frame(None).basis.astype(float)
@@ -207,16 +207,18 @@ class Rendered:
         flux = design.flux_mw
         shown = largest > 0
         chosen = float(largest.sum() / flux[shown].sum()) if shown.any() else 1.0
-        exposure = design.camera.exposure or chosen
+        exposure = design.fixed_exposure or chosen
         light: dict[str, object] = {
-            f"leds.groups.{g}.flux_mw": float(largest[g] / exposure) for g in np.flatnonzero(shown)
+            f"leds.groups.{g}.flux_mw": float(largest[g] / exposure / (design.leds.groups[g].drive or 1.0))
+            for g in np.flatnonzero(shown)
         }
         mixing = factors / np.where(shown, largest, 1.0)
         design = design.replace(
             {
                 **light,
                 "mixing": [[float(v) for v in row] for row in mixing],
-                "camera.exposure": exposure,
+                "camera.exposure": exposure / design.camera.gain,
+                "camera.exposure_time_ms": None,
                 "camera.black_level": float(np.clip(level.mean(), 0.0, MOST_LEVEL)),
             }
         )

@@ -111,7 +111,7 @@ class LightProbe(Spec):
             Naming field, value and rule.
         """
         x, y, z = self.middle_mm
-        top_mm, camera_mm = z + self.radius_mm, design.camera.position_mm[2]
+        top_mm, camera_mm = z + self.radius_mm, design.camera.eye_mm[2]
         if top_mm >= camera_mm:
             raise ValueError(
                 f"light_probe.lowest_mm: the top of the ball must lie below the camera at {camera_mm:g} mm, "

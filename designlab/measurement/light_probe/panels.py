@@ -95,7 +95,7 @@ def panels(design: Design, probe: LightProbe, view: View) -> Panels:
 def _panel(
     design: Design, probe: LightProbe, view: View, face: Emitter, number: int, group: str, boards: Array
 ) -> Panel:
-    eye = np.array(design.camera.position_mm)
+    eye = np.array(design.camera.eye_mm)
     corners = _points(face, np.linspace(-1, 1, PARTS + 1))
     middles = _points(face, (np.arange(PARTS) + 0.5) * 2 / PARTS - 1)
     at, mirrored = mirror_points(middles, eye, probe)
@@ -196,7 +196,7 @@ def blocked(start: Array, end: Array, boards: Array) -> NDArray[np.bool_]:
 
 
 def _in_picture(at: Array, design: Design, view: View) -> NDArray[np.bool_]:
-    way = at - np.array(design.camera.position_mm)
+    way = at - np.array(design.camera.eye_mm)
     column, row = design.camera.project(way[..., 0], way[..., 1], -way[..., 2])
     return np.asarray(
         (column >= view.x_px)

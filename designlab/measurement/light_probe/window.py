@@ -26,9 +26,16 @@ def passed(design: Design, view: View, rays: Rays, group: int) -> Array:
         Their viewing rays below the core.
     group : int
         LED group whose light it is.
+
+    Raises
+    ------
+    ValueError
+        If the core is a wedge.
     """
     if design.optics.light_path == "air":
         return np.ones_like(rays.x_mm)
+    if design.gelcore.wedge_deg is not None:
+        raise ValueError("gelcore.wedge_deg: light probes are understood behind level windows only")
     right, up, forward = design.camera.unproject(*view.centres())
     at_window = np.maximum(forward, 1e-9) / np.sqrt(right**2 + up**2 + forward**2)
     slope = np.stack([rays.slope_x, rays.slope_y, np.ones_like(rays.slope_x)])

@@ -91,7 +91,7 @@ def default_spreads(design: Design) -> tuple[Spread, ...]:
     if design.optics.light_path == "core":
         add("optics.elastomer_index", 0.003, "silicones of one kind (estimate)")
         add("optics.gelcore_index", 0.002, "acrylic of several makers (estimate)")
-        if design.gelcore.side_finish == "ground":
+        if "ground" in (design.gelcore.side_finish, design.gelcore.led_side_finish):
             add("gelcore.ground_roughness", 0.2, "sanded by hand (estimate)", relative=True)
     return tuple(spread for spread in found if _has(design, spread))
 

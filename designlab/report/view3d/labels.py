@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.fabrication import led_colour
+from designlab.fabrication import group_colour
 from designlab.report.figures import write_figure
 from designlab.report.view3d.space import (
     CUT_HALF_ANGLE_DEG,
@@ -83,9 +83,9 @@ def labels(design: Design, *, deepest_mm: float | None) -> list[Label]:
         plural = "s" if count > 1 else ""
         found.append(
             Label(
-                f"{group.name}, {count} LED{plural}\n{group.wavelength_nm:g} nm, {leds.package}",
+                f"{group.name}, {count} LED{plural}\n{group.colour}, {leds.package}",
                 next(face.centre_mm for face in faces if face.group == index),
-                _darkened(led_colour(group.wavelength_nm)),
+                _darkened(group_colour(group)),
             )
         )
     return found

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from designlab.core.types import Array
-from designlab.fabrication import led_colour, package_colour, parts
+from designlab.fabrication import group_colour, package_colour, parts
 from designlab.sensor.design import Design
+from designlab.sensor.mirror import Mirror
 from geometries.elastomer import base_mm, polygon
 from geometries.leds import Emitter, bodies, emitters
 from geometries.mesh import from_solid
@@ -59,9 +60,9 @@ def scene(design: Design, indentation: tuple[Array, Array, Array] | None, *, cut
     for name, colour in (("gelcore", "#2f7fa8"), ("elastomer", "#b8752c")):
         edges = _mesh(shapes[name]).extract_feature_edges(25.0).strip(join=True)
         add(edges.tube(radius=0.5 * thin), colour, opacity=0.75)
-    colours = [led_colour(group.wavelength_nm) for group in design.leds.groups]
+    colours = [group_colour(group) for group in design.leds.groups]
     for solid, body in zip(shapes["led_array"].Solids(), bodies(design.leds), strict=True):
-        held = [design.leds.groups[index].wavelength_nm for index in body.groups]
+        held = [design.leds.groups[index] for index in body.groups]
         r, g, b = (0.15 + 0.45 * channel for channel in package_colour(held))
         add(_mesh(solid), (r, g, b), ambient=0.1)
     for emitter in side_by_side(emitters(design.leds)):
@@ -200,7 +201,24 @@ def _frustum(design: Design) -> list[Any]:
     half_w, half_h = np.array(design.sensing_area_mm) / 2
     corners = [(sx * half_w, sy * half_h) for sx in (-1, 1) for sy in (-1, 1)]
     ends = [(x, y, float(np.nan_to_num(base_mm(design.elastomer, x, y)))) for x, y in corners]
-    return [pyvista.Line(design.camera.position_mm, end) for end in ends]
+    camera = design.camera
+    if camera.mirror is None:
+        return [pyvista.Line(camera.position_mm, end) for end in ends]
+    eye, (_, _, normal) = np.array(camera.eye_mm), camera.mirror.axes
+    ahead = (np.asarray(camera.mirror.centre_mm) - eye) @ normal
+    met = [eye + (end - eye) * ahead / ((end - eye) @ normal) for end in np.array(ends)]
+    below = [pyvista.Line(at, end) for at, end in zip(met, ends, strict=True)]
+    return below + [pyvista.Line(camera.position_mm, at) for at in met] + [_mirror(camera.mirror)]
+
+
+def _mirror(mirror: Mirror) -> Any:
+    """Outline of the camera's mirror."""
+    import pyvista
+
+    across, along, _ = mirror.axes
+    signs = [(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]
+    half = np.array(signs) * (mirror.width_mm / 2, mirror.height_mm / 2)
+    return pyvista.lines_from_points(np.asarray(mirror.centre_mm) + half @ np.stack([across, along]))
 
 
 def _camera_body(design: Design) -> Any:

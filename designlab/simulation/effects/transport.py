@@ -124,7 +124,11 @@ class CoreScatter(Effect):
 
     def parameters(self, design: Design) -> tuple[EffectParameter, ...]:
         """One coefficient; printed clear parts have up to 0.02 per mm (Appl. Opt. 60, 2021, 6573)."""
-        if design.optics.light_path != "core" or design.gelcore.cavity is not None:
+        if (
+            design.optics.light_path != "core"
+            or design.gelcore.cavity is not None
+            or design.gelcore.wedge_deg
+        ):
             return ()
         return (
             EffectParameter("per_mm", "1/mm", 0.0, 0.01, 0.0, 0.5, "added to the scattering coefficient"),

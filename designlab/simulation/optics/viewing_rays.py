@@ -81,13 +81,13 @@ def rays(design: Design, view: View, *, lens_point: tuple[float, float] = (0.0, 
         u, v = radius_mm * lens_point[0], radius_mm * lens_point[1]
         tan_x, tan_y = tan_x - u / focus_mm, tan_y - v / focus_mm
     scale, slope = crossing_mm(np.hypot(tan_x, tan_y), design.layers_to_camera(0.0))
-    x_c, y_c, _ = camera.position_mm
+    x_c, y_c, _ = camera.eye_mm
     binned = (view.width_px / view.columns) * (view.height_px / view.rows)
     found = Rays(x_c + u + scale * tan_x, y_c + v + scale * tan_y, -slope * tan_x, -slope * tan_y, binned)
     glass = design.glass
-    if glass is None or (glass.dome_mm is None and glass.cavity is None):
+    if glass is None or not glass.bends:
         return found
-    return _through_curves(found, glass, camera.position_mm[2], x_c + u, y_c + v, tan_x, tan_y)
+    return _through_curves(found, glass, camera.eye_mm[2], x_c + u, y_c + v, tan_x, tan_y)
 
 
 def _through_curves(

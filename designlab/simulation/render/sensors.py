@@ -36,7 +36,7 @@ def sensor(scene: Scene, samples: int) -> "dict[str, Any] | mitsuba.Sensor":
 
 def _perspective(scene: Scene, samples: int) -> dict[str, Any]:
     view, camera = scene.view, scene.camera
-    origin = np.asarray(camera.position_mm)
+    origin = np.asarray(camera.eye_mm)
     x_c, y_c = camera.centre_px
     off_x = (view.x_px + view.width_px / 2 - x_c) / view.width_px
     off_y = (view.y_px + view.height_px / 2 - y_c) / view.height_px
@@ -104,7 +104,7 @@ def _lens_class() -> Any:
             table = directions(camera, view)
             self.shape = table.shape[:2]
             self.table = mi.Float(np.ascontiguousarray(table, dtype=np.float32).ravel())
-            self.origin = [float(value) for value in camera.position_mm]
+            self.origin = [float(value) for value in camera.eye_mm]
             self.radius_mm, self.focus_mm = camera.defocus or (0.0, 1.0)
             self.m_needs_sample_3 = camera.defocus is not None
 
@@ -158,7 +158,7 @@ def perspective_of(scene: Scene) -> Scene:
     ValueError
         If the picture reaches too far from the axis for a perspective.
     """
-    camera, view = scene.camera, scene.view
+    camera, view = scene.camera.unfolded, scene.view
     seen = directions(camera, view)
     steepness = np.hypot(seen[..., 0], seen[..., 1]) / np.maximum(seen[..., 2], 1e-12)
     if steepness.max() > STEEPEST:

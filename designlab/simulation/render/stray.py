@@ -110,7 +110,7 @@ def _rays(scene: Scene, view: View, layers: list[tuple[float, float]]) -> Rays:
     """Viewing rays in the first of plane layers, as if it reached down to z = 0."""
     right, up, forward = scene.camera.unproject(*view.centres())
     tan_x, tan_y = right / forward, up / forward
-    x, y, _ = scene.camera.position_mm
+    x, y, _ = scene.camera.eye_mm
     scale, slope = crossing_mm(np.hypot(tan_x, tan_y), layers)
     return Rays(x + scale * tan_x, y + scale * tan_y, -slope * tan_x, -slope * tan_y, 1.0)
 
@@ -126,7 +126,7 @@ class _Haze:
         self._core, self._picture = _window(scene).inside, picture
         self._window_mm = float(_window_shape(scene).vertices[:, 2].max())
         self._extinction = self._core.absorption_per_mm[group] + self._core.scattering_per_mm
-        layers = [(self._window_mm, self._core.index), (scene.camera.position_mm[2] - self._window_mm, 1.0)]
+        layers = [(self._window_mm, self._core.index), (scene.camera.eye_mm[2] - self._window_mm, 1.0)]
         self._eye = Eye.of(_rays(scene, picture.view, layers))
 
     def scattered(self, event: photons.Scattering, active: Any) -> None:
@@ -157,7 +157,7 @@ class _Mirror:
         self._reflectance, self._picture = material.reflectance[group], picture
         self._index = _window(scene).inside.index
         self._window_mm = float(_window_shape(scene).vertices[:, 2].max())
-        self._eye = Eye.of(_rays(scene, picture.view, [(scene.camera.position_mm[2], 1.0)]))
+        self._eye = Eye.of(_rays(scene, picture.view, [(scene.camera.eye_mm[2], 1.0)]))
 
     def arrived(self, arrival: photons.Arrival, active: Any) -> None:
         """See the mirror image of what photons light up."""

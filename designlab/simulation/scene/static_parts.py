@@ -53,15 +53,16 @@ def core_and_gel(design: Design) -> Iterator[Shape]:
         if core.shape == "hexagonal"
         else outline - lean_mm * np.sign(outline)
     )
-    window_z = np.full(len(top), gel.thickness_mm + core.height_mm)
+    window_z = gel.thickness_mm + core.height_mm + core.window_slope * top[:, 1]
     low, high = np.column_stack([outline, _interface_z(design, outline)]), np.column_stack([top, window_z])
     for number, lit in enumerate(_sides_with_light(design, outline)):
         ends = [number, (number + 1) % len(outline)]
         side = np.concatenate([low[ends], high[ends[::-1]]])
-        painted = core.side_finish == "painted" and not lit
+        finish = (core.led_side_finish or "polished") if lit else core.side_finish
+        painted = finish == "painted"
         outward = side.mean(axis=0) * (1.0, 1.0, 0.0) * (-1.0 if painted else 1.0)
         faces = oriented(side, np.array([[0, 1, 2], [0, 2, 3]]), outward)
-        rough = core.ground_roughness if core.side_finish == "ground" and not lit else 0.0
+        rough = core.ground_roughness if finish == "ground" else 0.0
         # A round core is turned, not cut into flats: light is bent by its curve.
         normals = side * (1.0, 1.0, 0.0) / np.hypot(*side.T[:2])[:, None] if core.shape == "dome" else None
         matter = paint if painted else Dielectric(inner, air, rough)
@@ -79,7 +80,7 @@ def _window(design: Design, top: Array, matter: Dielectric) -> Iterator[Shape]:
     core, window_mm = design.gelcore, design.elastomer.thickness_mm + design.gelcore.height_mm
     if core.cavity is None:
         level = np.full(len(top), window_mm)
-        yield sheet("window", [top * 0.0, top], [level, level], matter)
+        yield sheet("window", [top * 0.0, top], [level, level + core.window_slope * top[:, 1]], matter)
         return
     radius, depth = core.cavity
     # As round as a circle is, whatever the outline; its corners are kept.

@@ -58,9 +58,9 @@ def photograph(
     for number, frame in enumerate(frames):
         radiance = _radiance(true, frame, samples, 1000 * seed + number, binned)
         if frame.kind == "light_probe":
-            brightest = float(np.percentile(radiance, 99.9)) * (design.camera.exposure or 1.0)
+            brightest = float(np.percentile(radiance, 99.9)) * (design.fixed_exposure or 1.0)
             frame = frame.model_copy(update={"exposure": round(MIRRORED / brightest, 4)})
-        scale = (design.camera.exposure or 1.0) * (frame.exposure or 1.0)
+        scale = (design.fixed_exposure or 1.0) * (frame.exposure or 1.0)
         capture = Capture(design.camera, true, exposure=scale, binned=float(binned**2))
         exposures = [
             reported(radiance, replace(capture, seed=averaged * (1000 * seed + number) + k))

@@ -67,8 +67,8 @@ def measured(
 def truths(true: SensorModel, frames: Sequence[MeasuredFrame]) -> dict[str, float]:
     """Value of every number that a calibration may report; floors are above the dark frames, so zero."""
     design = true.design
-    flux = np.array([group.flux_mw for group in design.leds.groups])
-    transfer = (design.camera.exposure or 1.0) * design.mixing_matrix * flux
+    flux = design.flux_mw
+    transfer = (design.fixed_exposure or 1.0) * design.mixing_matrix * flux
     albedo = design.per_group("membrane_albedo")
     found = {KERNEL: require(design.contact, KernelContact).kernel_length_mm}
     found |= {f"{ALBEDO}.{group}": value for group, value in enumerate(albedo)}

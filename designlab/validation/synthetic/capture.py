@@ -51,7 +51,7 @@ class CaptureSession:
         self._states: dict[tuple[float, Indenter | None, tuple[float, ...]], int] = {}
         self._fringes = fringes(view, amplitude=rig.sensor.moire)
         brightest = float(np.percentile(self._mixed(None, 0.0, np.ones(len(gain))), 99.5))
-        self.exposure = rig.camera.exposure or BRIGHT / brightest
+        self.exposure = rig.exposure or BRIGHT / brightest
         """Signal per unit of mixed radiance."""
 
     def take(self, shot: PlannedShot, random: np.random.Generator | None, *, correlated: bool) -> Array:

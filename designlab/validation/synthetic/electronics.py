@@ -77,13 +77,13 @@ class Converter:
 
     def _noise(self, light: Array) -> Array:
         """Standard deviation of photon and read noise of one sensor pixel."""
-        well = self._camera.full_well_e
+        well = self._camera.full_scale_e
         return np.sqrt(light / well + (self._camera.read_noise_e / well) ** 2)
 
     def _deviates(self, light: Array, random: np.random.Generator, *, correlated: bool) -> Array:
         """Noise over its standard deviation."""
         found = random.standard_normal(light.shape)
-        electrons = light * self._camera.full_well_e * self._binned
+        electrons = light * self._camera.full_scale_e * self._binned
         few = electrons < FEW_E
         read_e = self._camera.read_noise_e * np.sqrt(self._binned)
         scale = np.maximum(np.sqrt(electrons[few] + read_e**2), 1e-12)

@@ -191,6 +191,7 @@ class Rig:
     light_waves: Array = field(default_factory=lambda: np.zeros((0, 0, 4)))
     grain: tuple[float, float, float, float] | None = None
     glass: ImmersedParts | None = None
+    exposure: float | None = None
 
     @classmethod
     def of(cls, design: Design) -> "Rig":
@@ -234,7 +235,7 @@ class Rig:
                 np.array([box.half_mm[:2] for box in boxes]),
             ),
             carrier=np.array([strip.body for strip in strips]),
-            flux_mw=np.array([group.flux_mw for group in design.leds.groups]),
+            flux_mw=design.flux_mw,
             face_flux=np.ones(len(strips)),
             exponent=_exponents(design.leds),
             wavelength_nm=np.array([group.wavelength_nm for group in design.leds.groups]),
@@ -247,7 +248,7 @@ class Rig:
             kernel_m=kernel.kernel_m,
             gel=_gel(design),
             path_length=design.optics.path_length,
-            camera=design.camera,
+            camera=design.camera.unfolded,
             sensing_area_mm=design.sensing_area_mm,
             coat=Coat(
                 half_mm=(design.sensing_area_mm[0] / 2, design.sensing_area_mm[1] / 2),
@@ -258,6 +259,7 @@ class Rig:
                 open_air=design.optics.sent_back,
             ),
             glass=glass,
+            exposure=design.fixed_exposure,
         )
 
     def turned(self, angle_deg: float) -> "Rig":

@@ -57,6 +57,8 @@ class ImmersedParts:
         """Take the clear parts of a design."""
         if design.gelcore.cavity is not None:
             raise ValueError("gelcore.cavity_radius_mm: measurements are generated of solid cores only")
+        if design.gelcore.wedge_deg is not None:
+            raise ValueError("gelcore.wedge_deg: measurements are generated of level windows only")
         optics, gel = design.optics, design.elastomer
         shapes = [shape for shape in core_and_gel(design) if shape.name not in INTERFACE]
         return cls(

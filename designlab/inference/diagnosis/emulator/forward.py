@@ -42,7 +42,7 @@ class Forward:
         self._warps = Warps(self.design)
         self.answers = Answers(bank.model, self.design)
         self._edged: dict[tuple[int, Key], tuple[Light, Light] | None] = {}
-        self.flux = np.array([group.flux_mw for group in self.design.leds.groups])
+        self.flux = self.design.flux_mw
         presses = [shot.press for shot in bank.shots if shot.press is not None]
         given = bank.model.design
         self.parameters: dict[str, tuple[EffectParameter, ...]] = {

@@ -195,10 +195,7 @@ class _Lamp:
         """Light per unit flux of the model as given, (groups, rows, columns)."""
         like = self.given if _repeats(self.given) or quality == DRAFT else None
         found = self.renders.basis(model, press, view, quality=quality, like=like)
-        ours, theirs = (
-            np.array([group.flux_mw for group in m.effective_design().leds.groups])
-            for m in (model, self.given)
-        )
+        ours, theirs = (m.effective_design().flux_mw for m in (model, self.given))
         return np.asarray(found * (ours / theirs).astype(np.float32)[:, None, None])
 
     def repeated(self, press: Press | None, view: View) -> Single | None:
