@@ -124,11 +124,7 @@ def main() -> None:
     print("| --- | --- | --- | --- | --- | --- |")
     groups = {(case.probe, case.sticks) for case, *_ in rows}
     for probe, sticks in [*sorted(groups, key=str), ("all", True), ("all", False)]:
-        own = [
-            row
-            for row in rows
-            if row[0].probe.startswith(probe.replace("all", "")) and row[0].sticks == sticks
-        ]
+        own = [row for row in rows if row[0].sticks == sticks and probe in ("all", row[0].probe)]
         ratio = np.array([row[1] for row in own])
         shares = np.mean(np.abs(ratio - 1) < 0.15), np.mean([row[2] for row in own])
         ends = " | ".join(f"{100 * each:.0f} %" for each in shares)

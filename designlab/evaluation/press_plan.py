@@ -9,7 +9,8 @@ from pydantic import Field, ValidationError, model_validator
 
 from designlab.evaluation.protocol import sub_seed
 from designlab.sensor.contact import KernelContact
-from designlab.sensor.design import Design, InfeasibleDesign, explain
+from designlab.sensor.design import Design, InfeasibleDesign
+from designlab.sensor.field_errors import explain
 from designlab.simulation.contact.press import Press
 from geometries.probes import parse, profile_mm
 from geometries.spec import Spec, quantity

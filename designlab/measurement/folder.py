@@ -12,7 +12,8 @@ from designlab.core.images import write_image
 from designlab.core.store import atomic_folder, read_toml
 from designlab.measurement.frames import FILE_NAME, MeasuredFrame, Measurement, MeasurementError, mesh_file
 from designlab.measurement.sizes import check_leds, check_size, size
-from designlab.sensor.design import explain, preset_names
+from designlab.sensor.design import preset_names
+from designlab.sensor.field_errors import explain
 from geometries.mesh_files import files_of
 
 

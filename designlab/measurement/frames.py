@@ -15,7 +15,8 @@ from designlab.core.images import ImageError, from_srgb, read_image
 from designlab.core.store import digest
 from designlab.measurement.depths import cap_depth_mm
 from designlab.sensor.camera import View
-from designlab.sensor.design import Design, DesignError, explain, load, loads, preset_names
+from designlab.sensor.design import Design, DesignError, load, loads, preset_names
+from designlab.sensor.field_errors import explain
 from designlab.simulation.contact.press import Press
 from geometries import probes
 from geometries.mesh_files import Understood

@@ -9,7 +9,8 @@ from designlab.measurement.frames import MeasuredFrame, Measurement, Measurement
 from designlab.measurement.light_probe.ball import LightProbe
 from designlab.measurement.light_probe.outline import Outline, locate
 from designlab.measurement.light_probe.unwrap import Unwrapped, unwrap
-from designlab.sensor.design import CHANNELS, Design, explain
+from designlab.sensor.design import CHANNELS, Design
+from designlab.sensor.field_errors import explain
 
 
 def ball_of(measurement: Measurement, frame: MeasuredFrame) -> LightProbe:

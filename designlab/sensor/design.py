@@ -5,7 +5,7 @@ import json
 import math
 import tomllib
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -18,9 +18,10 @@ from pydantic import Field, ValidationError, ValidationInfo, field_validator, mo
 from designlab.core.store import write_atomic
 from designlab.sensor import led_catalogue
 from designlab.sensor.camera import Camera, View
-from designlab.sensor.contact import CONTACT_MODELS, Contact, ContactModelAssumed, LayerContact, with_model
+from designlab.sensor.contact import Contact, ContactModelAssumed, LayerContact, with_model
 from designlab.sensor.design_fields import commented, described, nearest
 from designlab.sensor.feasibility import RULES, SEEN, margins, shape_margins
+from designlab.sensor.field_errors import entries, explain, shown
 from designlab.sensor.optical_constants import material
 from designlab.sensor.optical_properties import Optics
 from designlab.sensor.parts_file import OwnParts, PartsFile, resolved
@@ -32,6 +33,7 @@ from designlab.sensor.spectra import (
     peak_electrons_per_j,
     response,
 )
+from designlab.sensor.unsayable import UNSAYABLE, refuse_unsayable
 from geometries.elastomer import Elastomer, base_mm
 from geometries.gelcore import Gelcore
 from geometries.housing import Housing
@@ -42,19 +44,6 @@ from geometries.spectrum import Filter, Spectrum
 CHANNELS = ("R", "G", "B")
 LABELS: Any = {"name": True, "description": True, "parent": True, "parts": True, "leds": {"relative_flux"}}
 """Fields that change neither light nor contact nor any part."""
-TRANSLUCENT = ("elastomer_scattering_per_mm", "elastomer_anisotropy")
-TRANSLUCENT_GEL = (
-    "a translucent gel over a black skin, in which depth shows as darkness (DTact, 9DTact), is not "
-    "simulated: gels are clear, and light comes back from their coating"
-)
-UNSAYABLE = {
-    "9dtact": TRANSLUCENT_GEL,
-    "dtact": TRANSLUCENT_GEL,
-    "dtactive": TRANSLUCENT_GEL,
-    "omnitact": "a design has one camera, OmniTact has five; write a design for each",
-    "gelsight-svelte": "curved mirrors are not simulated, camera.mirror is flat",
-}
-"""Sensors that people ask for and no design can say, and why."""
 CHANGED = " with "  # joins the name of a design and what was changed in it
 FEW_CHANGES = 2  # so many are listed in a name
 EDGE_POINTS = 33  # on each edge of the sensing area, where the lens distorts
@@ -160,7 +149,7 @@ class Design(Spec):
     def _completed(cls, content: Any, info: ValidationInfo) -> Any:
         """Fill in what the LED library and one's own know of the parts named, and the model of contact."""
         if isinstance(content, Mapping):
-            _refuse_unsayable(content)
+            refuse_unsayable(content)
         own = OwnParts()
         if isinstance(content, Mapping) and content.get("parts") is not None:
             try:
@@ -301,7 +290,7 @@ class Design(Spec):
         """What it was made from and how it differs, in words; empty for a design without parent."""
         if self.parent is None:
             return ""
-        told = [f"{path} {_shown(old)} -> {_shown(new)}" for path, (old, new) in self.changes.items()]
+        told = [f"{path} {shown(old)} -> {shown(new)}" for path, (old, new) in self.changes.items()]
         return f"made from preset {self.parent}: " + ("; ".join(told) or "nothing changed")
 
     @property
@@ -571,21 +560,6 @@ class Design(Spec):
 Design.__doc__ = f"{Design.__doc__}\n    Notes\n    -----\n    Every field:\n\n{described(Design)}\n"
 
 
-def _refuse_unsayable(content: Mapping[str, Any]) -> None:
-    """Refuse what real sensors have and no design can say, by the names that people give it."""
-    if isinstance(content.get("camera"), list | tuple) or "cameras" in content:
-        field = "cameras" if "cameras" in content else "camera"
-        raise ValueError(
-            f"{field}: a design has one camera, several are not simulated; write a design for each, of the "
-            "part of the gel that it sees"
-        )
-    optics = content.get("optics")
-    if isinstance(optics, Mapping):
-        for field in TRANSLUCENT:
-            if field in optics:
-                raise ValueError(f"optics.{field}: {TRANSLUCENT_GEL}")
-
-
 def _told_apart(changed: Design, original: Design) -> Design:
     """The changed design with a name of its own and the preset that it was made from."""
     parent = original.parent
@@ -660,58 +634,8 @@ def _meant(error: ValidationError) -> str:
     first = error.errors()[0]
     if first["type"] != "extra_forbidden":
         return ""
-    meant = nearest(Design, ".".join(_entries(first["loc"])))
+    meant = nearest(Design, ".".join(entries(first["loc"])))
     return f"; did you mean {meant!r}?" if meant else ""
-
-
-def explain(error: ValidationError) -> str:
-    """Put the first problem of a pydantic error into one line: field, rule, value, how many others."""
-    problems = [problem for problem in error.errors() if not _follows_from_another(problem, error)]
-    first = problems[0]
-    # A rule about the whole names its fields itself.
-    own = first["type"] == "value_error" and not first["loc"]
-    field = "" if own else f"{'.'.join(_entries(first['loc'])) or '(whole)'}: "
-    rule = first["msg"].removeprefix("Value error, ")
-    if first["type"] == "extra_forbidden":
-        rule = "unknown field"
-    whole = isinstance(first["input"], Mapping)  # a rule about several fields names them itself
-    value = (
-        ""
-        if whole or first["type"] in ("missing", "extra_forbidden")
-        else f", got {_shorten(first['input'])}"
-    )
-    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    # Our own rules may state the value themselves; pydantic's "got a number with ..." does not.
-    stated = first["type"] == "value_error" and "got" in rule
-    return f"field {field}{rule}{'' if stated else value}{more}"
-
-
-def _entries(location: Sequence[str | int]) -> list[str]:
-    """Names of a field and what holds it, as they stand in a file: without the model that was chosen."""
-    entries = [str(part) for part in location]
-    if "contact" in entries[:-1] and entries[entries.index("contact") + 1] in CONTACT_MODELS:
-        del entries[entries.index("contact") + 1]
-    return entries
-
-
-def _follows_from_another(problem: Any, error: ValidationError) -> bool:
-    """Whether it is said only because another field was refused: of a list without items, of a default."""
-    if problem["type"] == "default_factory_not_called":
-        return True
-    depth = len(problem["loc"])
-    return problem["type"] == "too_short" and any(
-        len(other["loc"]) > depth and other["loc"][:depth] == problem["loc"] for other in error.errors()
-    )
-
-
-def _shown(value: Any) -> str:
-    """A value of a field for people."""
-    return f"{value:g}" if isinstance(value, float) else "none" if value is None else _shorten(value)
-
-
-def _shorten(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def loads(text: str, *, source: str = "design", folder: Path | None = None) -> Design:

@@ -19,7 +19,8 @@ from pydantic import ValidationError, field_validator, model_validator
 from designlab.core.store import read_toml
 from designlab.core.types import Array
 from designlab.sensor.camera import View
-from designlab.sensor.design import CHANNELS, Design, DesignError, assign, explain
+from designlab.sensor.design import CHANNELS, Design, DesignError, assign
+from designlab.sensor.field_errors import explain
 from designlab.simulation.contact.press import Press
 from designlab.simulation.effects.model import ModelError, SensorModel, load_model
 from designlab.simulation.simulator import TARGET_SIGNAL, Simulator

@@ -323,7 +323,7 @@ def _press(args: Namespace) -> "Press | None":
         raise ValueError("--depth-mm or --force-n: needed with --probe, how deep or how hard is it pressed?")
     from pydantic import ValidationError
 
-    from designlab.sensor.design import explain
+    from designlab.sensor.field_errors import explain
     from designlab.simulation.contact.press import Press
 
     (probe,) = probes_named(args, [args.probe])

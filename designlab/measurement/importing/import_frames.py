@@ -26,7 +26,8 @@ from designlab.measurement.importing.lens_file import fields_of
 from designlab.measurement.importing.lens_formats import LensError
 from designlab.measurement.importing.picture_file import PictureFile, odd, several
 from designlab.measurement.importing.picture_file import understood as picture_understood
-from designlab.sensor.design import DesignError, dumps, explain, load, preset_names
+from designlab.sensor.design import DesignError, dumps, load, preset_names
+from designlab.sensor.field_errors import explain
 from geometries.mesh_files import Understood, files_of
 from geometries.probes import is_mesh, mesh_text, parse, understood
 

@@ -41,7 +41,7 @@ from designlab.measurement.importing.lens_names import (
     plain,
 )
 from designlab.sensor.camera import WIDEST_PINHOLE_DEG
-from designlab.sensor.design import explain
+from designlab.sensor.field_errors import explain
 from designlab.sensor.lens import Distortion, Fisheye
 
 NARROWEST_DEG, WIDEST_DEG = 5.0, 200.0  # beyond, a focal length is not in pixels of this size

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from designlab.measurement.importing.lens_calibration import LensCalibration, read_calibration
 from designlab.measurement.importing.lens_formats import LensError
 from designlab.sensor.camera import PIXEL_ASPECTS, Camera
-from designlab.sensor.design import explain
+from designlab.sensor.field_errors import explain
 from designlab.sensor.lens import Distortion
 
 PROPORTION = 2e-3  # within which two sizes have one proportion

@@ -15,7 +15,8 @@ from designlab.optimization.study.defaults import default_parameters
 from designlab.optimization.study.parameter import Parameter
 from designlab.optimization.study.robust import Robust
 from designlab.optimization.tolerance.distributions import require_applicable
-from designlab.sensor.design import Design, DesignError, explain, preset, preset_names
+from designlab.sensor.design import Design, DesignError, preset, preset_names
+from designlab.sensor.field_errors import explain
 from geometries.spec import Spec
 
 if TYPE_CHECKING:

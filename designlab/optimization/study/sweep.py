@@ -21,7 +21,8 @@ from designlab.optimization.study.parameter import Parameter
 from designlab.optimization.study.results import Results
 from designlab.optimization.study.robust import Robust
 from designlab.optimization.study.runner import run_study
-from designlab.sensor.design import Design, DesignError, explain
+from designlab.sensor.design import Design, DesignError
+from designlab.sensor.field_errors import explain
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -11,7 +11,8 @@ from pydantic import Field, ValidationError
 from designlab.core.fields import field_at
 from designlab.core.store import digest
 from designlab.core.types import Array
-from designlab.sensor.design import Design, DesignError, explain
+from designlab.sensor.design import Design, DesignError
+from designlab.sensor.field_errors import explain
 from designlab.simulation.effects import AppliedEffect, SensorModel, effect
 from geometries.spec import Spec
 

@@ -8,7 +8,7 @@ from pydantic import Field, ValidationError
 from designlab.core.store import read_toml, require_version
 from designlab.optimization.constraint import Bound
 from designlab.optimization.tolerance.distributions import Spread
-from designlab.sensor.design import explain
+from designlab.sensor.field_errors import explain
 from geometries.spec import Spec
 
 FORMAT_VERSION: Literal[1] = 1

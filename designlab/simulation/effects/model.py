@@ -10,7 +10,8 @@ from typing import Any, Self
 from pydantic import Field, ValidationError, model_validator
 
 from designlab.core.store import read_toml, write_atomic
-from designlab.sensor.design import Design, DesignError, explain, load
+from designlab.sensor.design import Design, DesignError, load
+from designlab.sensor.field_errors import explain
 from designlab.simulation.contact.press import Press
 from designlab.simulation.contact.surface import Surface
 from designlab.simulation.effects.base import Effect, EffectParameter, Light, Sight, Signal

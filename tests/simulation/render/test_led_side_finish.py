@@ -53,7 +53,9 @@ def test_a_hardly_rough_side_lets_in_what_a_polished_one_does():
 @pytest.mark.renders
 @pytest.mark.usefixtures("backend")
 @pytest.mark.slow
-@pytest.mark.parametrize("roughness", [0.2, 0.5, 0.9])
+@pytest.mark.parametrize(
+    "roughness", [0.5, *(pytest.param(value, marks=pytest.mark.full) for value in (0.2, 0.9))]
+)
 def test_photons_and_the_path_tracer_agree_on_ground_sides(roughness):
     design = CORE.replace({"gelcore.led_side_finish": "ground", "gelcore.ground_roughness": roughness})
     photons = mean_light(design)
