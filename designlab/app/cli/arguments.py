@@ -383,6 +383,9 @@ def _add_gap(add: Any) -> None:
         "picture"
     )
     _option(plant, "--dirt", f"a sensor as labs have them: {dirt}")
+    text = "what is noted of how deep presses are: force and circle for balls on elastic gels"
+    _option(plant, "--noted", text, choices=("depth", "force", "circle", "nothing"))
+    _option(plant, "--unplaced", "places and yaws of presses are not noted")
     _option(plant, "--flat-field", "add a frame of uniform light")
     _option(plant, "--columns N", "image width in pixels", type=_whole(8, 2048), default=96)
     _out(plant, "folder to make; the answer is written beside it")
