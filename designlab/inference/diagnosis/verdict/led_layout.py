@@ -32,7 +32,7 @@ SUMMARY = "LED groups shine from other sides than drawn"
 # Misfits are root mean squares in units of the noise and 1 % of the mean signal, light fitted.
 ASKED_FROM = 15.0  # from which azimuths are tried; models of sets with effects of usual size stay below
 BETTER = 4.0  # squared misfit of the groups as drawn over that of the azimuths found, from which these count
-MOST_LEFT = 0.15  # of a channel's mean that the azimuths found may leave
+MOST_LEFT = 0.3  # of a channel's mean that the azimuths found may leave, noise of the quick pictures included
 LEAST_TURN_DEG = 2 * STEP_DEG  # that a group is off by
 CONFIDENCE = 5 / 6  # four made sensors with turned rows, of four, were told right (rule of succession)
 USES = ("train", "select", "final")
