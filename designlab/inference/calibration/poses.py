@@ -15,7 +15,7 @@ from designlab.inference.calibration.solve import fit
 from designlab.measurement import MeasuredFrame, Measurement, MeasurementError
 from designlab.measurement.depths import by_circle, cap_depth_mm
 from designlab.measurement.frames import PoseSigma, alike
-from designlab.measurement.shots import DEFAULT_SIGMA, ROUND, Shot, observe
+from designlab.measurement.shots import ROUND, Shot, observe
 from designlab.measurement.sizes import check_leds, check_size
 from designlab.mechanics.contact import NotConverged
 from designlab.reconstruction.balls import find_contact_circle, smoothed
@@ -40,10 +40,11 @@ SMOOTHING_PX = 1.5
 
 
 class Posed(NamedTuple):
-    """A measurement whose presses have places and depths, and what was read off the pictures for it."""
+    """A measurement whose presses have places and depths, what to say of that, and files that were read."""
 
     measurement: Measurement
     notes: tuple[str, ...]
+    files: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,7 @@ def posed(measurement: Measurement, design: Design, *, seed: int = 0, progress: 
         read |= {frame.file: frame.model_copy(update=fields) for frame in same}
         notes += [f"{frame.file}: {text}" for frame in same for text in said]
     frames = tuple(read.get(frame.file, frame) for frame in scaled.frames)
-    return Posed(scaled.model_copy(update={"frames": frames}), tuple(notes))
+    return Posed(scaled.model_copy(update={"frames": frames}), tuple(notes), tuple(read))
 
 
 def _repeats(frames: Sequence[MeasuredFrame]) -> list[list[MeasuredFrame]]:
@@ -134,7 +135,8 @@ def _scaled(measurement: Measurement, design: Design) -> Measurement:
             diameter_px = frame.contact_diameter_px
             if frame.contact_radius_px is not None:
                 diameter_px = 2 * frame.contact_radius_px
-            if seen is not None and diameter_px is not None:
+            needed = frame.depth_mm is None and frame.force_n is None
+            if seen is not None and diameter_px is not None and needed:
                 across = float(np.mean(seen.pitch_mm)) * diameter_px
                 none = {"contact_radius_px": None, "contact_diameter_px": None}
                 changes |= {"contact_diameter_mm": across, **none}
@@ -355,8 +357,5 @@ def _told(
             "intervals"
         )
         fields["depth_range_mm"] = None
-    known = DEFAULT_SIGMA if frame.sigma is None else ()
-    if known and not wanted.place:
-        stated.setdefault("centre_mm", known[0])
     fields["sigma"] = PoseSigma.model_validate(stated)
     return fields, said

@@ -36,13 +36,19 @@ from designlab.inference.diagnosis.verdict.comparison import compared
 from designlab.inference.diagnosis.verdict.confidence import SURE_ENOUGH, confidence
 from designlab.inference.diagnosis.verdict.data_checks import READ_OFF, examine, looking_alike, weakened
 from designlab.inference.diagnosis.verdict.intervals import values
-from designlab.inference.diagnosis.verdict.led_layout import layout_report, misplaced
+from designlab.inference.diagnosis.verdict.led_layout import (
+    LOOKS_LIKE,
+    clear_of_suspicion,
+    layout_report,
+    misplaced,
+)
 from designlab.inference.diagnosis.verdict.localise import localise
 from designlab.inference.diagnosis.verdict.next_measurement import advise
 from designlab.inference.diagnosis.verdict.unexplained import unexplained
 from designlab.inference.diagnosis.verdict.update import updated
 from designlab.measurement import Measurement
 from designlab.measurement.quality.comparable import check_comparable
+from designlab.measurement.quality.suspicion import SuspiciousFrames
 from designlab.measurement.shots import Observations
 from designlab.measurement.usable_frames import is_single, observe_apart
 from designlab.sensor.design import Design
@@ -135,10 +141,19 @@ def diagnose(
     work = Work(progress, _costs(model, seen, names))
     work.begin("model as given")
     source = Renders(folder, samples, seed, work)
-    examined = examine(measurement, model, seen, source, noted, trust)
-    if read.notes:
+    layout = None
+    try:
+        examined = examine(measurement, model, seen, source, noted, trust)
+    except SuspiciousFrames as error:
+        if not set(error.names) <= set(LOOKS_LIKE):
+            raise
+        if (layout := misplaced(measurement, model, seen, source)) is None:
+            raise
+        trusted = (*trust, *(name for name in LOOKS_LIKE if name not in trust))
+        examined = clear_of_suspicion(examine(measurement, model, seen, source, noted, trusted))
+    if read.files:
         examined = replace(examined, reserves=(*examined.reserves, READ_OFF))
-    if (layout := misplaced(measurement, model, seen, source)) is not None:
+    if layout is not None or (layout := misplaced(measurement, model, seen, source)) is not None:
         work.end()
         return layout_report(
             layout, seen, measurement, model, source=source, examined=examined, out=out, begun=begun

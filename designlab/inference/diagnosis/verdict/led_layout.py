@@ -22,6 +22,7 @@ from designlab.inference.diagnosis.result import (
 from designlab.inference.diagnosis.verdict.data_checks import Examined, weakened
 from designlab.measurement import Measurement
 from designlab.measurement.quality.picture_faults import CoarseShot, Fault, coarse, fitted_light, misfit
+from designlab.measurement.quality.turns import UPRIGHT
 from designlab.measurement.shots import Observations
 from designlab.sensor.design import CHANNELS, Design
 from designlab.simulation.effects import SensorModel
@@ -33,9 +34,22 @@ SUMMARY = "LED groups shine from other sides than drawn"
 ASKED_FROM = 15.0  # from which azimuths are tried; models of sets with effects of usual size stay below
 BETTER = 4.0  # squared misfit of the groups as drawn over that of the azimuths found, from which these count
 MOST_LEFT = 0.3  # of a channel's mean that the azimuths found may leave, noise of the quick pictures included
+EXPLAINED = 5.0  # misfit of pictures once mirrored, below which that explains them
+CLEARER = 2.0  # factor by which the azimuths must explain them better than that
 LEAST_TURN_DEG = 2 * STEP_DEG  # that a group is off by
 CONFIDENCE = 5 / 6  # four made sensors with turned rows, of four, were told right (rule of succession)
 USES = ("train", "select", "final")
+LOOKS_LIKE = ("mirrored", "channels", "odd", "probe", "place")  # suspicions that a wrong layout raises
+
+
+def clear_of_suspicion(examined: Examined) -> Examined:
+    """Leave out what was trusted only because the layout explains it."""
+    said = "trusted although"
+    return replace(
+        examined,
+        notes=tuple(note for note in examined.notes if not note.startswith(said)),
+        reserves=tuple(reserve for reserve in examined.reserves if not reserve.why.startswith(said)),
+    )
 
 
 def misplaced(
@@ -58,13 +72,32 @@ def misplaced(
         Where pictures of the model come from.
     """
     design = model.effective_design()
-    if not 1 < len(design.leds.groups) <= MOST_GROUPS or not _doubtful(
-        _pictures(model, seen, renders), design
-    ):
+    if not 1 < len(design.leds.groups) <= MOST_GROUPS:
+        return None
+    pictures = _pictures(model, seen, renders)
+    mirrored = min(_missed(pictures, turn) for turn in UPRIGHT if turn)
+    if not _doubtful(pictures, design) or mirrored < EXPLAINED:
         return None
     found = search_layout(measurement, design, seed=renders.seed)
     turned = any(abs(place.moved_deg) >= LEAST_TURN_DEG for place in found.places)
-    return found if turned and found.drawn > BETTER and found.left < MOST_LEFT else None
+    if not turned or found.drawn < BETTER or found.left > MOST_LEFT:
+        return None
+    there = _missed(_pictures(_corrected(model, found), seen, renders))
+    return found if CLEARER * there < mirrored else None
+
+
+def _corrected(model: SensorModel, found: LayoutFound) -> SensorModel:
+    """Model with the groups where they are found."""
+    azimuths = {
+        f"leds.groups.{n}.azimuth_deg": list(group.azimuth_deg)
+        for n, group in enumerate(found.design.leds.groups)
+    }
+    return model.model_copy(update={"design": model.design.replace(azimuths)})
+
+
+def _missed(pictures: Sequence[CoarseShot], turn: str = "") -> float:
+    """Misfit of pictures, light fitted; of pictures that were turned or mirrored, once that is undone."""
+    return fitted_light(pictures, Fault(turn), np.zeros(len(CHANNELS))).misfit
 
 
 def _pictures(model: SensorModel, seen: Observations, renders: Renders) -> list[CoarseShot]:
@@ -115,11 +148,7 @@ def layout_report(
     begun : float
         When the diagnosis began, by `time.perf_counter`.
     """
-    azimuths = {
-        f"leds.groups.{n}.azimuth_deg": list(group.azimuth_deg)
-        for n, group in enumerate(found.design.leds.groups)
-    }
-    corrected = model.model_copy(update={"design": model.design.replace(azimuths)})
+    corrected = _corrected(model, found)
     moved = [place for place in found.places if abs(place.moved_deg) >= LEAST_TURN_DEG]
     values = {
         f"{place.name}_azimuth_deg": Value(
