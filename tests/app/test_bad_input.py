@@ -304,7 +304,7 @@ class TestMeasurements:
                 "contact_diameter_mm = 2\ncontact_diameter_px = 9",
                 ["contact_diameter_px", "says the same"],
             ),
-            ("depth_mm = 0.5", "contact_diameter_mm = 5.0", ["frame 1 (a.exr)", "ball's radius of 2 mm"]),
+            ("depth_mm = 0.5", "contact_diameter_mm = 5.0", ["a.exr", "ball's radius of 2 mm"]),
         ],
     )
     def test_a_wrong_field_is_named(self, refused, folder, old, new, words):
