@@ -133,3 +133,4 @@ def test_groups_at_other_sides_are_named_and_no_effect_instead(tmp_path, azimuth
     assert set(found.parameters) == moved
     assert any("from other sides than drawn" in note and "--layout" in note for note in written["notes"])
     assert report.candidates == ()
+    assert any("no effect was tried beside it" in text for text in written["statement"])
