@@ -44,9 +44,10 @@ def compare(
     ValueError
         If a file cannot be used, or the two do not fit together.
     """
+    from designlab.inference.calibration.poses import posed
     from designlab.measurement import load_measurement
     from designlab.measurement.compare import compare_files, compare_model
-    from designlab.simulation.directional_light import load_any_model
+    from designlab.simulation.directional_light import design_of, load_any_model
 
     folder = Path(real)
     if not (folder.is_dir() or folder.name == "measurement.toml"):
@@ -54,7 +55,9 @@ def compare(
             raise ValueError(f"real: {real} is an image, which takes an image to compare with, not a model")
         return compare_files(simulated, real)
     model = load_any_model(simulated) if isinstance(simulated, str | Path) else simulated
-    return compare_model(model, load_measurement(folder), samples=samples, seed=seed).to_json()
+    read = posed(load_measurement(folder), design_of(model), seed=seed)
+    found = compare_model(model, read.measurement, samples=samples, seed=seed, backgrounds=True)
+    return found.to_json() | ({"notes": list(read.notes)} if read.notes else {})
 
 
 def export(

@@ -86,6 +86,15 @@ class Work:
         self._progress("done", THOUSANDTHS, THOUSANDTHS)
 
 
+def of_thousand(progress: Progress) -> Progress:
+    """Tell of steps before a long work, which are too few to count: what is done, and none of the whole."""
+
+    def told(what: str, done: int, total: int) -> None:
+        progress(f"{what} ({done + 1} of {total})", 0, THOUSANDTHS)
+
+    return told
+
+
 @contextmanager
 def bar(
     unit: str = "step", form: str | None = None, *, begun: int = 0, keep: bool = False, shown: bool = True

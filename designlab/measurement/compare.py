@@ -13,11 +13,13 @@ from designlab.core.images import ImageError, read_image
 from designlab.core.progress import silent
 from designlab.core.types import Array, Progress, Single
 from designlab.measurement import MeasuredFrame, Measurement, MeasurementError
+from designlab.measurement.shots import press_of
 from designlab.measurement.sizes import check_leds, check_size
+from designlab.mechanics.contact import NotConverged
 from designlab.sensor.camera import View
 from designlab.sensor.design import Design
 from designlab.simulation.contact.press import Press
-from designlab.simulation.directional_light import DirectionalLight
+from designlab.simulation.directional_light import DirectionalLight, design_of
 from designlab.simulation.effects.model import SensorModel
 
 Predict = Callable[[MeasuredFrame, View], NDArray[np.floating]]
@@ -37,19 +39,33 @@ class Pair:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All frames that could be compared, and why each of the others could not."""
+    """All presses that could be compared, pictures of the untouched gel, and why others could not."""
 
     pairs: Sequence[Pair]
     skipped: dict[str, str]
+    untouched: Sequence[Pair] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """Return plain data: means over the frames at the top, the figures of each frame under ``frames``."""
-        each = [pair.figures for pair in self.pairs]
+        """Return plain data: means over the presses at the top, the figures of each under ``frames``.
+
+        Those of the untouched gel stand under ``backgrounds``; at the top too where nothing was pressed.
+        """
+        each = [pair.figures for pair in self.pairs or self.untouched]
         names = list(each[0]["channels"])
         channels = {name: _means([figures["channels"][name] for figures in each]) for name in names}
         frames = [{"file": pair.file, **pair.figures} for pair in self.pairs]
         skipped = [{"file": file, "reason": reason} for file, reason in self.skipped.items()]
-        return {**_means(each), "channels": channels, "frames": frames, "skipped": skipped}
+        gel = [{"file": pair.file, **pair.figures} for pair in self.untouched]
+        found = {**_means(each), "channels": channels, "frames": frames, "skipped": skipped}
+        return found | ({"backgrounds": gel} if gel else {})
+
+    @property
+    def brightness(self) -> float:
+        """Mean of what was measured over that of what is simulated, which no figure of structure sees."""
+        every = [*self.pairs, *self.untouched]
+        means = np.array([[pair.real.mean(), pair.simulated.mean()] for pair in every], dtype=float)
+        real, simulated = means.mean(axis=0)
+        return float(real / simulated) if simulated > 0 else float("inf")
 
 
 def compare_files(simulated: str | Path, real: str | Path) -> dict[str, Any]:
@@ -73,6 +89,7 @@ def compare_model(
     *,
     samples: int = 64,
     seed: int = 0,
+    backgrounds: bool = False,
     progress: Progress = silent,
 ) -> Comparison:
     """Predict every press of a measurement at its stated pose, and compare in linear radiance.
@@ -93,6 +110,8 @@ def compare_model(
         Samples per pixel and LED group.
     seed : int
         Seed of the light transport.
+    backgrounds : bool
+        Whether pictures of the untouched gel are compared too; they are skipped otherwise.
     progress : callable, optional
         Called with the name of a frame, the number done and the number of all.
 
@@ -101,9 +120,9 @@ def compare_model(
     MeasurementError
         If no frame can be compared, or one does not fit the model's camera.
     """
-    design = model.design if isinstance(model, DirectionalLight) else SensorModel.of(model).effective_design()
-    skipped, known = _sorted_out(measurement, design)
-    if not known:
+    design = design_of(model)
+    skipped, known, untouched = _sorted_out(measurement, design, backgrounds=backgrounds)
+    if not known and not untouched:
         reasons = "; ".join(f"{file}: {reason}" for file, reason in skipped.items())
         raise MeasurementError(f"{measurement.folder}: no press can be simulated ({reasons})")
     if isinstance(model, DirectionalLight):
@@ -111,8 +130,8 @@ def compare_model(
     else:
         predict = _rendered(SensorModel.of(model), design, measurement, samples=samples, seed=seed)
     pairs = []
-    for number, frame in enumerate(known):
-        progress(frame.file, number, len(known))
+    for number, frame in enumerate([*known, *untouched]):
+        progress(frame.file, number, len(known) + len(untouched))
         check_size(measurement, frame, design)
         check_leds(measurement, frame, design)
         real = measurement.linear(frame)
@@ -123,7 +142,7 @@ def compare_model(
         except ValueError as error:
             raise MeasurementError(f"{measurement.folder}: frame {frame.file}: {error}") from None
         pairs.append(Pair(frame.file, simulated, real, figures))
-    return Comparison(pairs, skipped)
+    return Comparison(pairs[: len(known)], skipped, pairs[len(known) :])
 
 
 def rendered(
@@ -141,18 +160,26 @@ def rendered(
 def _rendered(
     sensor: SensorModel, design: Design, measurement: Measurement, *, samples: int, seed: int
 ) -> Predict:
-    """Signal of a frame by light transport."""
-    from designlab.simulation.simulator import Simulator, exposure
+    """Signal of a frame by light transport; a picture that frames share is rendered once."""
+    from designlab.simulation.imaging import Capture, expected, mixed
+    from designlab.simulation.simulator import Frame, Simulator, exposure
 
     # Only a design that leaves its exposure to the camera needs a picture of the untouched gel.
     scale = design.fixed_exposure or exposure(
         design, Simulator(sensor, samples=samples, seed=seed).frame(None)
     )
 
+    capture = Capture(design.camera, sensor)
+    known: dict[object, Frame] = {}
+
     def predict(frame: MeasuredFrame, view: View) -> NDArray[np.floating]:
         factors = scale * (frame.exposure or 1.0) * np.array(_lit(frame, design), dtype=float)
-        press = measurement.press(frame)
-        return rendered(sensor, press, factors, view=view, samples=samples, seed=seed)
+        press, _ = press_of(measurement, frame, design)
+        if (press, view) not in known:
+            known.clear()  # pictures are large, and those that share one follow each other
+            known[press, view] = Simulator(sensor, view=view, samples=samples, seed=seed).frame(press)
+        shown = known[press, view]
+        return expected(mixed(shown.basis.astype(float), shown.weights * factors), capture)
 
     return predict
 
@@ -162,7 +189,8 @@ def _shaded(model: DirectionalLight, measurement: Measurement) -> Predict:
 
     def predict(frame: MeasuredFrame, view: View) -> NDArray[np.floating]:
         lit = _lit(frame, model.design)
-        signal = model.signal(measurement.press(frame), view, lit=lit, exposure=frame.exposure or 1.0)
+        press, _ = press_of(measurement, frame, model.design)
+        signal = model.signal(press, view, lit=lit, exposure=frame.exposure or 1.0)
         return signal + model.design.camera.black_level
 
     return predict
@@ -173,24 +201,29 @@ def _lit(frame: MeasuredFrame, design: Design) -> list[bool]:
     return [frame.leds is None or name in frame.leds for name in design.group_names]
 
 
-def _sorted_out(measurement: Measurement, design: Design) -> tuple[dict[str, str], list[MeasuredFrame]]:
-    """Why frames cannot be compared, and the frames that can."""
+def _sorted_out(
+    measurement: Measurement, design: Design, *, backgrounds: bool
+) -> tuple[dict[str, str], list[MeasuredFrame], list[MeasuredFrame]]:
+    """Why frames cannot be compared, and the presses and pictures of the untouched gel that can."""
     skipped: dict[str, str] = {}
-    known = []
+    known, untouched = [], []
     for frame in measurement.frames:
+        if backgrounds and frame.kind == "background" and frame.lit and not frame.gel_rotation_deg:
+            untouched.append(frame)
+            continue
         if frame.kind != "press":
             skipped[frame.file] = f"a {frame.kind} frame, not a press"
             continue
         try:
-            press = measurement.press(frame)
-        except MeasurementError as error:
+            press, _ = press_of(measurement, frame, design)
+        except (ValueError, NotConverged) as error:
             skipped[frame.file] = str(error).rpartition("field ")[2]
         else:
             if press and press.depth_mm is None and design.contact.model == "kernel":
                 skipped[frame.file] = "states force_n alone, and contact.model = 'kernel' knows no force"
             else:
                 known.append(frame)
-    return skipped, known
+    return skipped, known, untouched
 
 
 def _means(figures: Sequence[dict[str, Any]]) -> dict[str, float]:

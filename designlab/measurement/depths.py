@@ -30,11 +30,11 @@ def cap_depth_mm(probe: Probe, radius_mm: float) -> float:
     0.5
     """
     if probe.kind != "sphere":
-        raise ValueError(f"contact_radius_px: tells the depth of a sphere alone, the probe is a {probe.kind}")
+        raise ValueError(f"contact circle: tells the depth of a sphere alone, the probe is a {probe.kind}")
     ball_mm = probe.size_mm / 2
     if radius_mm >= ball_mm:
         raise ValueError(
-            f"contact_radius_px: must be below the ball's radius of {ball_mm:g} mm, is {radius_mm:.3g} mm"
+            f"contact circle: must be below the ball's radius of {ball_mm:g} mm, is {radius_mm:.3g} mm"
         )
     return ball_mm - math.sqrt(ball_mm**2 - radius_mm**2)
 

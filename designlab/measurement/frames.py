@@ -27,6 +27,8 @@ SPLITS = ("train", "select", "final")
 FULL_SCALE = 0.999  # values above are saturated
 SAME_PLACE_MM = 0.25  # presses nearer than this share most of their light field, so they share a split
 SAME_PLACE_PX = 5.0
+CIRCLES = ("contact_radius_px", "contact_diameter_mm", "contact_diameter_px")  # ways to state the contact
+MOST_DEPTH_MM = 20.0
 
 MOST_COUNTS = 1024  # different values of a file of ten bits; of more bits rounding is not seen
 ENOUGH = 300_000  # values that show all counts
@@ -64,7 +66,7 @@ class MeasuredFrame(Spec):
     """What it shows."""
     probe: str | None = None
     """Probe as kind[:size_mm[:rEDGE]] or mesh file[:size_mm][:unit][:side]."""
-    depth_mm: float | None = quantity(None, unit="mm", gt=0, le=20)
+    depth_mm: float | None = quantity(None, unit="mm", gt=0, le=MOST_DEPTH_MM)
     """Largest penetration of the probe."""
     # What is absent of these is not dumped: digests of sets from before they were known stay what they were.
     force_n: float | None = quantity(None, unit="N", gt=0, le=1000, exclude_if=_is_none)
@@ -95,6 +97,12 @@ class MeasuredFrame(Spec):
     """Centre read off the image: column, row."""
     contact_radius_px: float | None = quantity(None, unit="px", gt=0)
     """Radius of the contact read off the image; of a light probe, that of the ball's outline."""
+    contact_diameter_mm: float | None = quantity(None, unit="mm", gt=0, le=100, exclude_if=_is_none)
+    """Diameter of the contact circle of a ball, which tells its depth."""
+    contact_diameter_px: float | None = quantity(None, unit="px", gt=0, exclude_if=_is_none)
+    """The same, read off the image."""
+    depth_range_mm: tuple[float, float] | None = Field(None, exclude_if=_is_none)
+    """Least and greatest depth of a press whose depth is not known."""
     lowest_mm: float | None = quantity(None, unit="mm", ge=-100, le=200)
     """Of a light probe: height of the ball's lowest point above the plane z = 0."""
     immersed: bool | None = None
@@ -120,6 +128,13 @@ class MeasuredFrame(Spec):
             raise ValueError("x and y are at least 0, width and height at least 1")
         return crop
 
+    @field_validator("depth_range_mm")
+    @classmethod
+    def _rising_range(cls, ends: tuple[float, float] | None) -> tuple[float, float] | None:
+        if ends is not None and not 0 < ends[0] < ends[1] <= MOST_DEPTH_MM:
+            raise ValueError(f"least and greatest depth, 0 < least < greatest <= {MOST_DEPTH_MM:g} mm")
+        return ends
+
     @model_validator(mode="after")
     def _kind_has_fields(self) -> Self:
         if self.kind == "press" and self.probe is None:
@@ -132,12 +147,33 @@ class MeasuredFrame(Spec):
                 if getattr(self, name) is not None:
                     raise ValueError(f"{name}: is for a light_probe frame, this one is a {self.kind}")
         if self.kind != "press":
-            for name in ("force_n", "shear_mm", "twist_deg"):
+            for name in ("force_n", "shear_mm", "twist_deg", *CIRCLES[1:], "depth_range_mm"):
                 if getattr(self, name) is not None:
                     raise ValueError(f"{name}: is for a press, this one is a {self.kind}")
         if self.kind == "dark" and self.leds:
             raise ValueError(f"leds: no LED is on in a dark frame, got {list(self.leds)}")
         return self
+
+    @model_validator(mode="after")
+    def _one_depth(self) -> Self:
+        """Depth, force and circle may stand beside each other, but a circle once and no range beside them."""
+        circles = [name for name in CIRCLES if getattr(self, name) is not None]
+        if len(circles) > 1:
+            raise ValueError(f"{circles[1]}: says the same as {circles[0]}; leave one of them out")
+        if circles and circles[0] != CIRCLES[0] and not re.match(r"\s*sphere\b", self.probe or ""):
+            raise ValueError(f"{circles[0]}: tells the depth of a sphere alone, the probe is {self.probe!r}")
+        known = [name for name in ("depth_mm", "force_n", *circles) if getattr(self, name) is not None]
+        if self.depth_range_mm is not None and known:
+            raise ValueError(
+                f"depth_range_mm: is for a press of unknown depth, {known[0]} tells it; leave one of them "
+                "out, and say in sigma how well it is known"
+            )
+        return self
+
+    @property
+    def depth_told(self) -> bool:
+        """Whether its depth, its force or a contact circle is stated."""
+        return any(getattr(self, name) is not None for name in ("depth_mm", "force_n", *CIRCLES))
 
     @property
     def lit(self) -> bool:
@@ -257,10 +293,13 @@ class Measurement(Spec):
         return (column - columns / 2) * self.mm_per_px, (rows / 2 - row) * self.mm_per_px
 
     def contact_radius_mm(self, frame: MeasuredFrame) -> float | None:
-        """Radius of the contact read off the image (mm), None where unknown."""
-        if frame.contact_radius_px is None or self.mm_per_px is None:
-            return None
-        return frame.contact_radius_px * self.mm_per_px
+        """Radius of the contact as measured, or read off the image (mm), None where unknown."""
+        if frame.contact_diameter_mm is not None:
+            return frame.contact_diameter_mm / 2
+        radius_px = frame.contact_radius_px
+        if frame.contact_diameter_px is not None:
+            radius_px = frame.contact_diameter_px / 2
+        return None if radius_px is None or self.mm_per_px is None else radius_px * self.mm_per_px
 
     def _probe_text(self, probe: str) -> str:
         """Text of a probe, of a mesh with the place of its file."""

@@ -260,14 +260,15 @@ def _usable(
         notes.append("frames without crop_px are taken to show the whole sensor")
     if frame.kind == "press":
         try:
-            press, _ = _posed(measurement, frame, design)
+            press, _ = press_of(measurement, frame, design)
         except (ValueError, NotConverged) as error:
             notes.append(f"{frame.file}: left out, {error}")
             return False
         if press is not None and press.depth_mm is None and design.contact.model == "kernel":
             notes.append(
                 f"{frame.file}: left out, its depth_mm is unknown and contact by the smoothing kernel knows "
-                "no force"
+                "no force: use a design with contact.model = 'layer', or state depth_mm or depth_range_mm "
+                "in place of force_n"
             )
             return False
     return True
@@ -396,7 +397,7 @@ def _shot(
     view = view._replace(width_px=width * scale_x, height_px=rows * scale_y, columns=width, rows=rows)
     exposure = 1.0 if frame.exposure is None else frame.exposure
     on = [name in frame.leds if frame.leds is not None else True for name in design.group_names]
-    press, doubt = _posed(measurement, frame, design) if ball is None else (None, None)
+    press, doubt = press_of(measurement, frame, design) if ball is None else (None, None)
     sigma = np.zeros(4) if press is None else _pose_sigma(frame, press.probe, notes)
     if press is not None and doubt is not None:
         sigma[2] = doubt
@@ -431,7 +432,7 @@ def binned(values: Array, factor: int) -> Array:
     return np.asarray(cut.reshape(rows, factor, columns, factor, -1).mean(axis=(1, 3)))
 
 
-def _posed(
+def press_of(
     measurement: Measurement, frame: MeasuredFrame, design: Design
 ) -> tuple[Press | None, float | None]:
     """Press that a frame shows, and the doubt of its depth where the circle read off the image tells it.

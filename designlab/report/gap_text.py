@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 
 from designlab.inference.diagnosis.result import Control, Found, GapReport, Level, Unexplained, Where
 from designlab.inference.diagnosis.verdict.confidence import SURE_ENOUGH
+from designlab.inference.diagnosis.verdict.led_layout import NAME as LAYOUT
 from designlab.report.effect_words import told
 
 SPREAD = 1.5  # times the mean of its channel and frames, from which a region stands out
@@ -17,6 +18,10 @@ SEEN = 0.05  # of the excess: less is not worth a sentence
 CALIBRATED = (
     "the share of right names among those that looked like it on generated sets with known answers, less "
     "where frames are missing, few or doubtful"
+)
+FEW_SENSORS = (
+    "all of four made sensors were told right, less where frames are missing, few or doubtful; no effect was "
+    "tried beside it"
 )
 ONE_PICTURE = "of one picture; nothing is known of how often such names are right"
 USUAL = "noise, grain and smooth errors of light"
@@ -117,6 +122,9 @@ def _called(effect: Found) -> str:
 def _how_sure(report: GapReport) -> list[str]:
     said = []
     for effect in report.effects:
+        if effect.name == LAYOUT:
+            said.append(f"Confidence in {effect.name}: {effect.confidence:.2f} ({FEW_SENSORS}).")
+            continue
         others = [name for name in effect.coherence_set if name != effect.name]
         alone = f"{', '.join(others)} would do as well" if others else "no other effect tried does as well"
         meaning = ONE_PICTURE if "blocks" in report.provenance else CALIBRATED

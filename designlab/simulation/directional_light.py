@@ -231,6 +231,11 @@ def load_any_model(name_or_path: str | Path) -> SensorModel | DirectionalLight:
     return load_model(name_or_path)
 
 
+def design_of(model: Design | SensorModel | DirectionalLight) -> Design:
+    """Design of whatever predicts pictures, changes by effects included."""
+    return model.design if isinstance(model, DirectionalLight) else SensorModel.of(model).effective_design()
+
+
 def _from_content(content: dict[str, Any], source: str) -> DirectionalLight:
     del content["kind"]
     version, stated = content.pop("version", None), content.pop("digest", None)

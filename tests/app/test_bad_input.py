@@ -291,7 +291,20 @@ class TestMeasurements:
             ('response = "linear"', 'response = "log"', ["response", "log"]),
             ('response = "linear"', 'response = "unknown"', ["response"]),
             (f'sensor = "{FLAT}"', 'sensor = "nothing.toml"', ["sensor", "nothing.toml"]),
-            ("depth_mm = 0.5\n", "", ["a.exr", "depth_mm"]),
+            ("centre_mm = [\n    0,\n    0,\n]\n", "", ["a.exr", "centre_mm"]),
+            ("depth_mm = 0.5", "depth_range_mm = [0.5, 0.2]", ["frame 1 (a.exr)", "depth_range_mm"]),
+            (
+                "depth_mm = 0.5",
+                "depth_mm = 0.5\ndepth_range_mm = [0.2, 0.5]",
+                ["depth_range_mm", "leave one"],
+            ),
+            ("depth_mm = 0.5", "depth_range_mm = [2.5, 3.0]", ["depth_range_mm", "thickness of 2 mm"]),
+            (
+                "depth_mm = 0.5",
+                "contact_diameter_mm = 2\ncontact_diameter_px = 9",
+                ["contact_diameter_px", "says the same"],
+            ),
+            ("depth_mm = 0.5", "contact_diameter_mm = 5.0", ["a.exr", "ball's radius of 2 mm"]),
         ],
     )
     def test_a_wrong_field_is_named(self, refused, folder, old, new, words):

@@ -405,8 +405,9 @@ class TestCompare:
         assert found["frames"][1]["channels"]["G"]["structure_corr"] is None  # green was off
         assert found["mse"] == pytest.approx(np.mean([frame["mse"] for frame in found["frames"]]))
         skipped = {entry["file"]: entry["reason"] for entry in found["skipped"]}
-        assert skipped["gel.exr"] == "a background frame, not a press"
+        assert [frame["file"] for frame in found["backgrounds"]] == ["gel.exr"]
         assert "centre_mm" in skipped["lost.exr"]
+        assert any(note.startswith("lost.exr: its pose cannot be read") for note in found["notes"])
         saved = read_image(tmp_path / "pictures" / "all-simulated.exr")
         np.testing.assert_allclose(np.mean(saved), exposure * np.mean(picture.mixed), rtol=0.02)
 

@@ -1,13 +1,15 @@
 """Depths of presses that state none."""
 
 import math
+import re
 
 import pytest
+from pydantic import ValidationError
 
 from designlab.measurement import Measurement, MeasurementError
 from designlab.measurement.depths import by_circle, by_force, cap_depth_mm
 from designlab.measurement.frames import MeasuredFrame
-from designlab.sensor.design import preset
+from designlab.sensor.design import explain, preset
 from designlab.simulation.contact.indentation import indent
 from designlab.simulation.contact.press import Press
 from geometries.probes import parse
@@ -54,6 +56,50 @@ def test_a_circle_tells_the_depth_of_a_ball() -> None:
 def frame(**fields: object) -> tuple[Measurement, MeasuredFrame]:
     one = MeasuredFrame(file="p.exr", kind="press", centre_mm=(0.0, 0.0), contact_radius_px=30, **fields)
     return Measurement(frames=(one,), mm_per_px=0.05), one
+
+
+@pytest.mark.parametrize(
+    ("probe", "stated", "depth_mm"),
+    [
+        ("sphere:5", {"contact_diameter_mm": 3.0}, 0.5),
+        ("sphere:5", {"contact_diameter_px": 60.0}, 0.5),
+        ("sphere:10", {"contact_diameter_mm": 6.0}, 1.0),
+        ("sphere:10", {"contact_radius_px": 60.0}, 1.0),
+    ],
+)
+def test_a_circle_is_stated_by_its_diameter_too(
+    probe: str, stated: dict[str, float], depth_mm: float
+) -> None:
+    one = MeasuredFrame(file="p.exr", kind="press", centre_mm=(0.0, 0.0), probe=probe, **stated)
+    press = Measurement(frames=(one,), mm_per_px=0.05).press(one)
+    assert press is not None
+    assert press.depth_mm == pytest.approx(depth_mm)
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"contact_diameter_mm": 1.0, "contact_radius_px": 3.0}, "contact_diameter_mm: says the same as"),
+        ({"probe": "star:5", "contact_diameter_mm": 1.0}, "tells the depth of a sphere alone"),
+        ({"force_n": 1.0, "depth_range_mm": (0.1, 0.2)}, "depth_range_mm: .*force_n tells it"),
+        ({"contact_diameter_px": 9.0, "depth_range_mm": (0.1, 0.2)}, "contact_diameter_px tells it"),
+        ({"depth_range_mm": (0.0, 0.2)}, "depth_range_mm: .*0 < least"),
+        ({"depth_range_mm": (0.4, 0.2)}, "depth_range_mm: .*least < greatest"),
+        ({"kind": "background", "probe": None, "depth_range_mm": (0.1, 0.2)}, "is for a press"),
+        ({"kind": "background", "probe": None, "contact_diameter_mm": 1.0}, "is for a press"),
+    ],
+)
+def test_what_cannot_be_meant_of_a_depth_is_refused_by_field(fields: dict[str, object], words: str) -> None:
+    with pytest.raises(ValidationError) as refused:
+        MeasuredFrame.model_validate({"file": "p.exr", "kind": "press", "probe": "sphere:4"} | fields)
+    assert re.search(words, explain(refused.value))
+
+
+def test_what_is_not_stated_is_not_written() -> None:
+    """Digests of sets from before these fields were known stay what they were."""
+    written = MeasuredFrame(file="p.exr", kind="press", probe="sphere:4").model_dump(mode="json")
+    assert not {"contact_diameter_mm", "contact_diameter_px", "depth_range_mm"} & set(written)
 
 
 def test_a_frame_with_a_circle_is_a_press() -> None:

@@ -159,6 +159,14 @@ def _add_designs(add: Any) -> None:
     compare = add("compare", f"{_DESIGNS}:compare", "image metrics of a simulation against the real thing")
     _option(compare, "simulated SIM", f"image file; or {MODEL_HELP} or `calibrate`")
     _option(compare, "real REAL", "image file; or a measurement folder")
+    real = compare.add_argument_group("what one picture of the real sensor shows, beside a design")
+    _option(real, "--untouched", "the gel without contact")
+    _option(real, "--probe SPEC", "kind:size_mm such as sphere:4, or a mesh file")
+    _noted(real)
+    _option(real, "--background FILE", "pictures of the untouched gel, by which places are found", nargs="+")
+    _option(real, "--response CURVE", "linear, srgb, gamma:G, or a file of lines 'encoded,linear'")
+    text = "part of the camera's full picture that the files show, where not the whole"
+    _option(real, "--crop-px X,Y,W,H", text, type=_crop)
     _out(compare, "folder for the simulated pictures, beside the real ones", required=False)
     _samples(compare)
     _seed(compare)
@@ -261,9 +269,9 @@ def _add_import(add: Any) -> None:
     _option(shown, "--exposure E", "relative exposure", type=float)
     _option(shown, "--probe SPEC", "kind:size_mm such as sphere:4, or a mesh file, which is copied")
     _mesh(shown)
-    _option(shown, "--depth-mm D", "how deep it was pressed (mm)", type=float)
-    _option(shown, "--at X,Y", "where its axis meets the gel (mm)", type=_point)
-    _option(shown, "--yaw-deg A", "its rotation, counter-clockwise (deg)", type=float)
+    _noted(shown)
+    text = "the same, read off the picture (px)"
+    _option(shown, "--contact-diameter-px D", text, type=float)
     undone = command.add_argument_group("what is undone")
     curves = "linear, srgb, gamma:G, or a file of lines 'encoded,linear'; linear for raw files when absent"
     _option(undone, "--response CURVE", curves)
@@ -375,6 +383,9 @@ def _add_gap(add: Any) -> None:
         "picture"
     )
     _option(plant, "--dirt", f"a sensor as labs have them: {dirt}")
+    text = "what is noted of how deep presses are: force and circle for balls on elastic gels"
+    _option(plant, "--noted", text, choices=("depth", "force", "circle", "nothing"))
+    _option(plant, "--unplaced", "places and yaws of presses are not noted")
     _option(plant, "--flat-field", "add a frame of uniform light")
     _option(plant, "--columns N", "image width in pixels", type=_whole(8, 2048), default=96)
     _out(plant, "folder to make; the answer is written beside it")
@@ -483,6 +494,18 @@ def _option(to: Any, words: str, text: str, **more: Any) -> None:
     to.add_argument(*names, help=text, **more)
 
 
+def _noted(to: Any) -> None:
+    """What a lab notes of a press: depth, force or circle, place and yaw, each left out where not known."""
+    _option(to, "--depth-mm D", "how deep it was pressed (mm)", type=float)
+    _option(to, "--force-n F", "force on it (N), which tells the depth on an elastic gel", type=float)
+    text = "diameter of the contact circle of a ball (mm), which tells the depth"
+    _option(to, "--contact-diameter-mm D", text, type=float)
+    text = "least and greatest depth, where it is not known (default: from the thickness of the gel)"
+    _option(to, "--depth-range-mm LO,HI", text, type=_point)
+    _option(to, "--at X,Y", "where its axis meets the gel (mm); else read off the picture", type=_point)
+    _option(to, "--yaw-deg A", "its rotation, counter-clockwise (deg)", type=float)
+
+
 def _mesh(command: Any) -> None:
     text = "unit of a mesh file that states none (mm when absent, if that is plausible)"
     _option(command, "--probe-unit", text, choices=UNITS, default=None)
@@ -540,6 +563,16 @@ def _point(text: str) -> tuple[float, float]:
     except ValueError:
         raise argparse.ArgumentTypeError(f"must be two numbers X,Y in mm, got {text!r}") from None
     return x, y
+
+
+def _crop(text: str) -> tuple[int, int, int, int]:
+    try:
+        x, y, width, height = (int(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"must be four whole numbers X,Y,WIDTH,HEIGHT in px, got {text!r}"
+        ) from None
+    return x, y, width, height
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -93,8 +93,8 @@ def _laid_out(
     if not isinstance(model, SensorModel) or model.effects:
         raise ValueError("--layout: starts from a design without effects")
     with bar(form=IN_PERCENT) as progress:
-        turned, _ = search_layout(measurement, model.design, seed=args.seed, progress=progress)
-    start, paths = layout_fields(turned)
+        found = search_layout(measurement, model.design, seed=args.seed, progress=progress)
+    start, paths = layout_fields(found.design)
     return model.design, SensorModel(design=start), [*paths, *(args.free or [])]
 
 

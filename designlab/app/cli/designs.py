@@ -20,6 +20,8 @@ from designlab.core.run_folder import require_writable
 if TYPE_CHECKING:
     from designlab.evaluation.evaluate import Evaluation
     from designlab.evaluation.press_plan import PressPlan
+    from designlab.measurement import Measurement
+    from designlab.measurement.compare import Comparison
     from designlab.report.evaluation_plots import Scale
     from designlab.report.page import Html
     from designlab.simulation.contact.press import Press
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
 
 PAGE = "report.html"
 PRESSED = ("depth_mm", "force_n", "at", "yaw_deg", "shear_mm", "twist_deg", "probe_unit", "probe_side")
+UNLIKE = 1.25  # ratio of brightness from which other figures than structure say little
 GRAINY = 0.05  # noise of a square millimetre above which pictures are worth a warning
 
 
@@ -343,11 +346,22 @@ def _press(args: Namespace) -> "Press | None":
 
 def compare(args: Namespace) -> Result:
     """Compare two images, or a model with a measurement."""
+    from designlab.app.cli.picture_set import given, measured_picture
+    from designlab.measurement import load_measurement
+    from designlab.sensor.design import preset_names
+
     real = Path(args.real)
-    measured = real.is_dir() or real.name == "measurement.toml"
+    folder = real.is_dir() or real.name == "measurement.toml"
+    of_design = args.simulated in preset_names() or Path(args.simulated).suffix.lower() == ".toml"
+    measured = folder or of_design
+    if (options := given(args)) and (folder or not of_design):
+        raise ValueError(f"{options[0]}: is for a design and one picture of the real sensor; leave it out")
     meshes: list[Understood] = []
-    if measured:
-        data, meshes = _compare_model(args)
+    if folder:
+        data, meshes = _compare_model(args, load_measurement(real))
+    elif of_design:
+        with measured_picture(args) as measurement:
+            data, meshes = _compare_model(args, measurement)
     else:
         from designlab.measurement.compare import compare_files
 
@@ -357,37 +371,65 @@ def compare(args: Namespace) -> Result:
     rows = [(name, *(f"{entry[name]:.4g}" for entry in (data, *channels.values()))) for name in names]
     lines = [table(("figure", "all", *channels), rows)]
     if measured:
-        lines.insert(0, f"compared: {', '.join(frame['file'] for frame in data['frames'])}")
+        gel = [frame["file"] for frame in data.get("backgrounds", ())]
+        compared = [frame["file"] for frame in data["frames"]] or gel
+        lines.insert(0, f"compared: {', '.join(compared)}")
+        if gel and data["frames"]:
+            rows = [
+                (frame["file"], *(f"{frame[name]:.4g}" for name in names)) for frame in data["backgrounds"]
+            ]
+            lines.append(table(("untouched gel", *names), rows))
     lines += map(str, meshes)
     lines += [f"skipped {entry['file']}: {entry['reason']}" for entry in data.get("skipped", ())]
+    lines += [f"note: {note}" for note in data.get("notes", ())]
     lines += [f"pictures in {args.out}"] if args.out and measured else []
     return Result(data, "\n".join(lines))
 
 
-def _compare_model(args: Namespace) -> tuple[dict[str, Any], "list[Understood]"]:
+def _compare_model(args: Namespace, measurement: "Measurement") -> tuple[dict[str, Any], "list[Understood]"]:
+    """Compare a model with a measurement, poses that it does not state read off the pictures."""
     import numpy as np
 
     from designlab.core.images import tone_map, write_image
-    from designlab.measurement import load_measurement
+    from designlab.inference.calibration.poses import posed
     from designlab.measurement.compare import compare_model
-    from designlab.simulation.directional_light import load_any_model
+    from designlab.simulation.directional_light import design_of, load_any_model
 
-    measurement = load_measurement(args.real)
     model = load_any_model(args.simulated)
     if args.out is not None:
         require_writable(args.out)
     with bar("frame") as progress:
-        found = compare_model(model, measurement, samples=args.samples, seed=args.seed, progress=progress)
+        read = posed(measurement, design_of(model), seed=args.seed, progress=progress)
+        found = compare_model(
+            model,
+            read.measurement,
+            samples=args.samples,
+            seed=args.seed,
+            backgrounds=True,
+            progress=progress,
+        )
     if args.out is not None:
         folder = Path(args.out)
-        for pair in found.pairs:
+        for pair in [*found.pairs, *found.untouched]:
             stem = Path(pair.file).stem
             white = float(np.percentile(pair.real, 99.9))
             beside = np.concatenate([pair.simulated, pair.real], axis=1)
             write_image(folder / f"{stem}-simulated.exr", pair.simulated)
             write_image(folder / f"{stem}-simulated-and-real.png", tone_map(beside, white))
     meshes = measurement.meshes()
-    return found.to_json() | as_understood(meshes), meshes
+    notes = [*read.notes, *_brightness(found)]
+    data = found.to_json() | ({"notes": notes} if notes else {})
+    return data | as_understood(meshes), meshes
+
+
+def _brightness(found: "Comparison") -> list[str]:
+    """Say where figures other than those of structure are about brightness above all."""
+    if 1 / UNLIKE < found.brightness < UNLIKE:
+        return []
+    return [
+        f"the pictures are {found.brightness:.2g} times as bright as the simulation: nothing is fitted "
+        "here, and only structure_corr does not depend on that; `designlab calibrate` fits the light"
+    ]
 
 
 def export(args: Namespace) -> Result:

@@ -52,6 +52,8 @@ def plant(args: Namespace) -> Result:
             flat_field=args.flat_field,
             outside=outside,
             dirt=args.dirt,
+            noted=args.noted,
+            placed=not args.unplaced,
             progress=progress,
         )
     data = {"measurement": str(folder), "answer": str(answer_path(folder)), "seal": str(seal_path(folder))}

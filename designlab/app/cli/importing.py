@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from designlab.measurement.importing.ladder import Tabulated
     from designlab.measurement.importing.picture_file import PictureFile
 
-SHOWN = ("kind", "leds", "exposure", "probe", "probe_unit", "probe_side", "depth_mm", "at", "yaw_deg")
+NOTED = ("depth_mm", "force_n", "contact_diameter_mm", "contact_diameter_px", "depth_range_mm")
+SHOWN = ("kind", "leds", "exposure", "probe", "probe_unit", "probe_side", *NOTED, "at", "yaw_deg")
 
 
 def import_pictures(args: Namespace) -> Result:
@@ -143,7 +144,7 @@ def _items(args: Namespace) -> tuple[list["Item"], dict[str, Any] | None]:
     if args.sources and args.kind is None:
         raise ValueError("--kind: required, what the pictures show")
     leds = None if args.leds is None else tuple(name.strip() for name in args.leds.split(",") if name.strip())
-    same = ("kind", "exposure", "depth_mm", "yaw_deg")
+    same = ("kind", "exposure", *NOTED, "yaw_deg")
     known = {name: getattr(args, name) for name in same}
     known |= {"leds": leds, "centre_mm": args.at, "probe": _probe(args)}
     made = items(listed(args.sources), **{name: value for name, value in known.items() if value is not None})

@@ -9,6 +9,7 @@ import numpy as np
 from designlab.core.progress import Work, silent
 from designlab.core.types import Array, Progress
 from designlab.inference.calibration.imaging import Rendered
+from designlab.inference.calibration.poses import posed
 from designlab.inference.calibration.result import Calibration, FittedParameter
 from designlab.measurement import Measurement, MeasurementError
 from designlab.measurement.shots import Shot, observe
@@ -48,9 +49,30 @@ class GroupPlace(NamedTuple):
         return (self.found_deg - self.drawn_deg + 180.0) % 360.0 - 180.0
 
 
+class LayoutFound(NamedTuple):
+    """Where the groups shine from by their pictures.
+
+    Attributes
+    ----------
+    design : Design
+        With the groups there.
+    places : tuple of GroupPlace
+        Of each group.
+    drawn : float
+        Misfit of the groups where they are drawn over that of the best azimuths.
+    left : float
+        What the best leave of the pictures, root mean square, as a share of each channel's mean.
+    """
+
+    design: Design
+    places: tuple[GroupPlace, ...]
+    drawn: float
+    left: float
+
+
 def search_layout(
     measurement: Measurement, design: Design, *, seed: int = 0, progress: Progress = silent
-) -> tuple[Design, tuple[GroupPlace, ...]]:
+) -> LayoutFound:
     """Try azimuths of all LED groups on a background and up to three presses.
 
     Every group is turned about the axis with all of its rows. Channels are sums of the light of all groups
@@ -68,13 +90,6 @@ def search_layout(
     progress : callable, optional
         Called with what is being done, and how much of everything is done in thousandths.
 
-    Returns
-    -------
-    design : Design
-        With the groups where they are found.
-    places : tuple of GroupPlace
-        Where that is.
-
     Raises
     ------
     MeasurementError
@@ -85,7 +100,7 @@ def search_layout(
         raise MeasurementError(
             f"--layout: tries the azimuths of {MOST_GROUPS} LED groups at most, got {groups}"
         )
-    seen = observe(measurement, design, columns=COLUMNS)
+    seen = observe(posed(measurement, design, seed=seed).measurement, design, columns=COLUMNS)
     shots = [seen.shots[n] for n in seen.of("background")]
     shots += [seen.shots[n] for n in seen.of("train", "select", "final")][:MOST_PRESSES]
     turns = _turns(design)
@@ -106,7 +121,9 @@ def search_layout(
         changes[f"leds.groups.{group}.azimuth_deg"] = turned
         places.append(GroupPlace(spec.name, float(spec.azimuth_deg[0]), turned[0], worse))
     work.end()
-    return design.replace(changes), tuple(places)
+    drawn = float(misfit[(0,) * groups] / misfit[best])
+    left = float(np.sqrt(misfit[best] / max(int(valid.sum()) * len(CHANNELS), 1)))
+    return LayoutFound(design.replace(changes), tuple(places), drawn, left)
 
 
 def layout_fields(design: Design) -> tuple[Design, tuple[str, ...]]:

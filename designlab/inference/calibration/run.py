@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from designlab.core import metrics
-from designlab.core.progress import Work, silent
+from designlab.core.progress import Work, of_thousand, silent
 from designlab.core.types import Array, Mask, Progress
 from designlab.inference.calibration.directional import Directional
 from designlab.inference.calibration.fields import WITHIN, SharedField, shared_fields
 from designlab.inference.calibration.imaging import ALBEDO, MODULUS, SCALE, Rendered
+from designlab.inference.calibration.poses import posed
 from designlab.inference.calibration.problem import CalibrationState, Imaging, Problem
 from designlab.inference.calibration.result import Calibration, FittedParameter, FrameResult
 from designlab.inference.calibration.solve import FINE_GAIN, MOST_STEPS, ROUGH_GAIN, Layout, covariance, fit
@@ -96,7 +97,9 @@ def calibrate(
             raise ValueError(f"{name}: must be at least {least}, got {value}")
     imaging = _imaging(model, samples)
     design, renders = imaging.design, isinstance(imaging, Rendered)
-    trusted = refuse(measurement, check(measurement, design), trust)
+    read = posed(measurement, design, seed=seed, progress=of_thousand(progress))
+    measurement = read.measurement
+    trusted = (*refuse(measurement, check(measurement, design), trust), *read.notes)
     seen = observe(measurement, design, columns=columns, light_probes=renders)
     fitted = seen.of("background", "light_probe", "train")
     usual = imaging.usual([seen.shots[number] for number in fitted])

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from designlab.core.progress import Work, silent
+from designlab.core.progress import Work, of_thousand, silent
 from designlab.core.run_folder import claim
 from designlab.core.store import remove_partial
 from designlab.core.types import Progress
+from designlab.inference.calibration.poses import posed
 from designlab.inference.diagnosis.emulator.rendering import cost_to_fill, fill
 from designlab.inference.diagnosis.likelihood.fit import FRINGES_SD, SIZE_SD, Fitter
 from designlab.inference.diagnosis.likelihood.grain import grain
@@ -33,14 +34,21 @@ from designlab.inference.diagnosis.selection.refine import refined
 from designlab.inference.diagnosis.single_image.diagnose import diagnose_single
 from designlab.inference.diagnosis.verdict.comparison import compared
 from designlab.inference.diagnosis.verdict.confidence import SURE_ENOUGH, confidence
-from designlab.inference.diagnosis.verdict.data_checks import examine, looking_alike, weakened
+from designlab.inference.diagnosis.verdict.data_checks import READ_OFF, examine, looking_alike, weakened
 from designlab.inference.diagnosis.verdict.intervals import values
+from designlab.inference.diagnosis.verdict.led_layout import (
+    LOOKS_LIKE,
+    clear_of_suspicion,
+    layout_report,
+    misplaced,
+)
 from designlab.inference.diagnosis.verdict.localise import localise
 from designlab.inference.diagnosis.verdict.next_measurement import advise
 from designlab.inference.diagnosis.verdict.unexplained import unexplained
 from designlab.inference.diagnosis.verdict.update import updated
 from designlab.measurement import Measurement
 from designlab.measurement.quality.comparable import check_comparable
+from designlab.measurement.quality.suspicion import SuspiciousFrames
 from designlab.measurement.shots import Observations
 from designlab.measurement.usable_frames import is_single, observe_apart
 from designlab.sensor.design import Design
@@ -119,7 +127,9 @@ def diagnose(
         if value < least:
             raise ValueError(f"{name}: must be at least {least}, got {value}")
     model = SensorModel.of(model)
-    noted = check_comparable(measurement, model, trust)
+    read = posed(measurement, model.effective_design(), seed=seed, progress=of_thousand(progress))
+    measurement = read.measurement
+    noted = (*check_comparable(measurement, model, trust), *read.notes)
     seen = observe_apart(measurement, model.effective_design(), columns=columns)
     names = _names(model, catalogue, seen)
     noted = (*noted, *_untried(catalogue, model, seen))
@@ -131,7 +141,23 @@ def diagnose(
     work = Work(progress, _costs(model, seen, names))
     work.begin("model as given")
     source = Renders(folder, samples, seed, work)
-    examined = examine(measurement, model, seen, source, noted, trust)
+    layout = None
+    try:
+        examined = examine(measurement, model, seen, source, noted, trust)
+    except SuspiciousFrames as error:
+        if not set(error.names) <= set(LOOKS_LIKE):
+            raise
+        if (layout := misplaced(measurement, model, seen, source)) is None:
+            raise
+        trusted = (*trust, *(name for name in LOOKS_LIKE if name not in trust))
+        examined = clear_of_suspicion(examine(measurement, model, seen, source, noted, trusted))
+    if read.files:
+        examined = replace(examined, reserves=(*examined.reserves, READ_OFF))
+    if layout is not None or (layout := misplaced(measurement, model, seen, source)) is not None:
+        work.end()
+        return layout_report(
+            layout, seen, measurement, model, source=source, examined=examined, out=out, begun=begun
+        )
     if is_single(seen):
         return diagnose_single(
             seen, measurement, model, names=names, source=source, examined=examined, out=out

@@ -65,8 +65,8 @@ def _poses(measurement: Measurement) -> list[Suspicion]:
             f"{' and '.join(unknown)} unknown, so nothing can be compared with the picture",
             "where or how deep the probe was pressed was not noted, or measurement.toml is half filled in",
             "give probe = kind:size_mm, depth_mm or force_n, and centre_mm, as well as they are known, and "
-            "in sigma how well; of a ball centre_px, contact_radius_px and mm_per_px will do; or delete "
-            "these frames",
+            "in sigma how well; of a ball contact_diameter_mm will do for the depth; or add a background in "
+            "the same light, by which places are read off the pictures; or delete these frames",
             strong=none_left,
         )
         for unknown, files in lost.items()

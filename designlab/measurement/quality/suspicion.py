@@ -23,6 +23,14 @@ NAMES = (
 FILES_SHOWN = 3
 
 
+class SuspiciousFrames(MeasurementError):
+    """Frames that are probably not as stated; `names` are those of the suspicions that work stops for."""
+
+    def __init__(self, text: str, names: Sequence[str]) -> None:
+        super().__init__(text)
+        self.names = tuple(names)
+
+
 @dataclass(frozen=True)
 class Suspicion:
     """Something about frames that is probably not as stated.
@@ -78,7 +86,7 @@ def refuse(
 
     Raises
     ------
-    MeasurementError
+    SuspiciousFrames
         Naming files, evidence, cause, remedy and the way on.
     ValueError
         If `trust` has a name that is none.
@@ -89,8 +97,8 @@ def refuse(
     found = list(suspicions)
     stops = [each for each in found if each.strong and each.name not in trust]
     if stops:
-        names = " ".join(f"--trust {name}" for name in dict.fromkeys(each.name for each in stops))
-        raise MeasurementError(
-            f"{measurement.folder}: {'. '.join(map(str, stops))}. To go on nevertheless: {names}"
-        )
+        stopping = tuple(dict.fromkeys(each.name for each in stops))
+        names = " ".join(f"--trust {name}" for name in stopping)
+        text = f"{measurement.folder}: {'. '.join(map(str, stops))}. To go on nevertheless: {names}"
+        raise SuspiciousFrames(text, stopping)
     return tuple(f"trusted although {each}" if each.strong else str(each) for each in found)

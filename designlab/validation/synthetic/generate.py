@@ -28,8 +28,10 @@ from designlab.validation.synthetic.capture_plan import (
 from designlab.validation.synthetic.dirt import READ_OFF, add_dirt
 from designlab.validation.synthetic.effects import apply
 from designlab.validation.synthetic.generator_sensor import Rig
+from designlab.validation.synthetic.noted import Noted, noted_as
 from designlab.validation.synthetic.unmodelled import add_outside, add_unlisted
 
+NOTED_STREAM = 1  # of random numbers beside those of `streams`, which stay what they were
 GAIN_ERROR = 0.1  # largest departure of a group's flux from its design
 
 
@@ -50,6 +52,8 @@ def plant(
     outside: Mapping[str, float] | None = None,
     unlisted: bool | Mapping[str, float] = True,
     dirt: bool = False,
+    noted: Noted = "depth",
+    placed: bool = True,
     progress: Progress = silent,
 ) -> Path:
     """Generate a measurement folder of a sensor that differs from its design by hidden effects.
@@ -95,6 +99,10 @@ def plant(
         Whether to add small departures (or which, kind to strength).
     dirt : bool
         Whether the sensor has a lab's dirt too, see `dirt.add_dirt`, and its poses are read off the picture.
+    noted : {"depth", "force", "circle", "nothing"}
+        What the metadata state of a press's depth, see `noted.noted_as`.
+    placed : bool
+        Whether they state its place and yaw.
     progress : callable, optional
         Called with what is being done, the number of frames done and their total.
 
@@ -135,6 +143,18 @@ def plant(
         for number, frame in enumerate(further, start=1)
     ]
     planned += later
+    if noted != "depth" or not placed:
+        random_noted = np.random.default_rng([seed, NOTED_STREAM])
+        planned = [
+            shot
+            if shot.indenter is None
+            else shot._replace(
+                metadata=noted_as(
+                    shot.metadata, shot.indenter, design, noted, placed=placed, random=random_noted
+                )
+            )
+            for shot in planned
+        ]
     session = CaptureSession(rig, view, gain=gain, random=random_frames, grain_seed=seed)
     frames, images = [], {}
     for number, shot in enumerate(planned):

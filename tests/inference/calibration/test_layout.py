@@ -56,10 +56,12 @@ def made(folder, design):
 @pytest.mark.parametrize("azimuths_deg", [(90, 210, 150), (90, 210, 330), (30, 150, 270)])
 def test_azimuths_of_all_groups_are_found(tmp_path, azimuths_deg):
     there = {f"leds.groups.{n}.azimuth_deg": [float(azimuth)] for n, azimuth in enumerate(azimuths_deg)}
-    found, places = search_layout(made(tmp_path / "m", DESIGN.replace(there)), DESIGN, seed=1)
-    assert [place.found_deg for place in places] == list(azimuths_deg)
-    assert [group.azimuth_deg[0] for group in found.leds.groups] == list(azimuths_deg)
-    assert all(place.worse > 1 for place in places)
+    found = search_layout(made(tmp_path / "m", DESIGN.replace(there)), DESIGN, seed=1)
+    assert [place.found_deg for place in found.places] == list(azimuths_deg)
+    assert [group.azimuth_deg[0] for group in found.design.leds.groups] == list(azimuths_deg)
+    assert all(place.worse > 1 for place in found.places)
+    assert found.drawn > 2
+    assert found.left < 0.05
 
 
 def test_a_fit_frees_azimuth_height_and_tilt_of_each_group():

@@ -35,6 +35,14 @@ class Reserve:
     name_stands: bool = False
 
 
+READ_OFF = Reserve(
+    "places or depths of presses were not noted but read off the pictures that they explain: a wrong model "
+    "moves them",
+    0.7,
+    name_stands=True,
+)
+
+
 @dataclass(frozen=True)
 class Examined:
     """Outcome of the checks: comparisons, notes, what weakens the verdict."""
