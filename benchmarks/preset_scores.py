@@ -1,9 +1,10 @@
-"""All scores of all presets, as a table in Markdown.
+"""Scores of all presets, as two tables in Markdown: the main ones, and all.
 
     OMP_NUM_THREADS=1 python benchmarks/preset_scores.py [--fidelity standard --seeds 3 --workers 2] [--write]
 
-With --write the table takes the place of that in docs/presets.md, with today's date. What is finished is kept
-in --kept and not evaluated again, unless its preset has changed: remove the folder where the program has.
+With --write the tables take the places of those in docs/presets.md, with today's date. What is finished is
+kept in --kept and not evaluated again, unless its preset has changed: remove the folder where the program
+has.
 
 Every preset sees presses of its own size at its own places, by the same seeds. What is printed is the mean
 over seeds and its standard error: by their spread, or as the evaluations state it if that is larger.
@@ -27,6 +28,8 @@ from designlab.core.store import write_atomic
 from designlab.core.workers import finished
 from designlab.evaluation.evaluate import FIDELITIES, evaluate
 from designlab.evaluation.illumination_scores import Estimate
+from designlab.report.page import rounded
+from designlab.report.yardsticks import HEADLINES, score_label
 from designlab.sensor.design import preset, preset_names, preset_text
 
 ROOT = Path(__file__).parent.parent
@@ -75,28 +78,41 @@ def main() -> None:
         name: {score: over_seeds([run[score] for run in own]) for score in own[0]}
         for name, own in runs.items()
     }
-    scores = list(dict.fromkeys(score for column in columns.values() for score in column))
-    lines = [f"| score | {' | '.join(columns)} |", f"| --- |{' --- |' * len(columns)}"]
-    for score in scores:
-        known = [column.get(score) for column in columns.values()]
-        unit = next(each.unit for each in known if each is not None)
-        title = f"`{score}`" if unit == "1" else f"`{score}` ({unit})"
-        lines.append(f"| {title} | {' | '.join(map(cell, known))} |")
-    print("\n".join(lines))
+    tables = main_scores(columns), all_scores(columns)
+    print("\n\n".join(tables))
     if arguments.write:
         text = PAGE.read_text(encoding="utf-8")
-        text = re.sub(
-            r"^\| score \|.*\n(\|.*\n)+", lambda _: "\n".join(lines) + "\n", text, flags=re.MULTILINE
-        )
+        for head, table in zip(("preset", "score"), tables, strict=True):
+            old = re.compile(rf"^\| {head} \| (?!what it is).*\n(\|.*\n)+", re.MULTILINE)
+            text = old.sub(lambda _, table=table: f"{table}\n", text)
         text = re.sub(r"\d{4}-\d\d-\d\d", str(datetime.date.today()), text)
         PAGE.write_text(text, encoding="utf-8")
 
 
+def main_scores(columns: dict[str, dict[str, Estimate]]) -> str:
+    """A row for each preset, of the scores that stand on the first screen of an evaluation."""
+    units = {name: own[name].unit for own in columns.values() for name in HEADLINES if name in own}
+    lines = [f"| preset | {' | '.join(score_label(name, units[name]) for name in HEADLINES)} |"]
+    lines.append(f"| --- |{' --- |' * len(HEADLINES)}")
+    for preset_name, own in columns.items():
+        lines.append(f"| `{preset_name}` | {' | '.join(cell(own.get(name)) for name in HEADLINES)} |")
+    return "\n".join(lines)
+
+
+def all_scores(columns: dict[str, dict[str, Estimate]]) -> str:
+    """A row for each score, and a column for each preset."""
+    lines = [f"| score | {' | '.join(columns)} |", f"| --- |{' --- |' * len(columns)}"]
+    for score in dict.fromkeys(score for column in columns.values() for score in column):
+        known = [column.get(score) for column in columns.values()]
+        unit = next(each.unit for each in known if each is not None)
+        title = f"`{score}`" if unit == "1" else f"`{score}` ({unit})"
+        lines.append(f"| {title} | {' | '.join(map(cell, known))} |")
+    return "\n".join(lines)
+
+
 def cell(found: Estimate | None) -> str:
     """Value and standard error without their unit; empty for what a preset does not have."""
-    if found is None:
-        return ""
-    return f"{found.value:.4g} ± {found.se:.2g}" if found.se else f"{found.value:.4g}"
+    return "" if found is None else rounded(found.value, found.se)
 
 
 if __name__ == "__main__":
