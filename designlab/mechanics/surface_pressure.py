@@ -1,6 +1,8 @@
 """Pressure on an elastic layer from the shape of its surface, nowhere negative."""
 
+import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy import fft
@@ -56,7 +58,13 @@ class SurfacePressure:
 
 
 def pressure_under(
-    height_mm: Array, *, poisson: float, thickness_mm: float, pitch_mm: float, noise_mm: float = 0.005
+    height_mm: Array,
+    *,
+    poisson: float,
+    thickness_mm: float,
+    pitch_mm: float,
+    noise_mm: float = 0.005,
+    iterations: int = ITERATIONS,
 ) -> SurfacePressure:
     """Find the pressure under which a bonded layer takes a measured shape.
 
@@ -67,13 +75,15 @@ def pressure_under(
     Parameters
     ----------
     height_mm : array, shape (rows, columns)
-        How far the surface is pressed in (mm); negative where it bulges.
+        How far the surface is pressed in (mm); negative where it bulges. Single precision is kept.
     poisson, thickness_mm : float
         Of the layer.
     pitch_mm : float
         Distance of the points.
     noise_mm : float
         Standard deviation of the heights.
+    iterations : int
+        Most of them; after some 30 the force is known to a percent.
 
     Raises
     ------
@@ -89,7 +99,7 @@ def pressure_under(
     if not depth > 0:
         raise ValueError("height_mm: nothing is pressed in")
     margin = max(1, round(MARGIN_MM / pitch_mm))
-    solver = _Solver(height_mm, ElasticLayer(1.0, poisson, thickness_mm), pitch_mm, noise_mm)
+    solver = _Solver(height_mm, ElasticLayer(1.0, poisson, thickness_mm), pitch_mm, noise_mm, iterations)
     support = binary_dilation(height_mm > SUPPORT * depth, iterations=margin)
     found = solver.solve(support)
     # What the layer does not explain of a surface would press at the support's edge.
@@ -101,14 +111,22 @@ def pressure_under(
     return found
 
 
+@lru_cache(maxsize=4)
+def _response(layer: ElasticLayer, pitch_mm: float, rows: int, columns: int) -> Array:
+    """Response of a layer, which the frames of a video share."""
+    return symbol(layer, pitch_mm, rows, columns, "zz")
+
+
 class _Solver:
     """Pressures within a support that give one surface its shape."""
 
-    def __init__(self, height_mm: Array, layer: ElasticLayer, pitch_mm: float, noise_mm: float) -> None:
-        self.height, self.pitch = height_mm, pitch_mm
+    def __init__(
+        self, height_mm: Array, layer: ElasticLayer, pitch_mm: float, noise_mm: float, iterations: int
+    ) -> None:
+        self.height, self.pitch, self.iterations = height_mm, pitch_mm, iterations
         rows, columns = height_mm.shape
         self.shape = fft.next_fast_len(2 * rows, real=True), fft.next_fast_len(2 * columns, real=True)
-        self.response = symbol(layer, pitch_mm, *self.shape, "zz")
+        self.response = _response(layer, pitch_mm, *self.shape).astype(height_mm.dtype)
         self.ridge = (noise_mm / USUAL_SHARE) ** 2
         self.step = 1.0 / (float(np.abs(self.response).max()) ** 2 + self.ridge)
 
@@ -122,12 +140,12 @@ class _Solver:
         """Pressure that is 0 outside a support."""
         pressure = np.zeros_like(self.height)
         ahead, momentum = pressure, 1.0
-        for _ in range(ITERATIONS):
+        for _ in range(self.iterations):
             rest = self.surface(ahead) - self.height
             rest -= rest.mean()  # the offset that fits best
             slope = self.surface(rest) + self.ridge * ahead
-            found = np.where(support, np.maximum(ahead - self.step * slope, 0.0), 0.0)
-            faster = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
+            found = np.where(support, np.maximum(ahead - self.step * slope, 0), 0)
+            faster = (1 + math.sqrt(1 + 4 * momentum**2)) / 2
             change = found - pressure
             ahead = found + (momentum - 1) / faster * change
             pressure, momentum = found, faster
