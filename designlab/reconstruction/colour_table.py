@@ -1,24 +1,21 @@
 """The maps of a calibration as one table over colour and place, which is read in place of them."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Callable
 from typing import NamedTuple, Self
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from designlab.core.types import Array
-from designlab.reconstruction.methods import Predictor
-
-Single = NDArray[np.float32]
+from designlab.core.types import Array, Single
 
 COLOURS = 3
 OUTPUTS = 5
 MARGIN = 0.5  # beyond the colours that the balls showed, in their spreads
-STEP = 0.4  # of the table, in spreads of the colour; a kernel is 1.5 wide
-MOST_STEPS = 16  # on either side of the untouched gel
-PLACES = (7, 7)  # rows and columns of places; a kernel is as wide as the picture
+STEP = 0.2  # of the table, in spreads of the colour; a kernel is 1.5 wide
+MOST_STEPS = 24  # on either side of the untouched gel
+PLACES = (5, 5)  # rows and columns of places; a kernel is as wide as the picture
 
 
 class ColourTable(NamedTuple):
@@ -38,13 +35,13 @@ class ColourTable(NamedTuple):
     step: Single
 
     @classmethod
-    def of(cls, maps: Sequence[Predictor], taught: Array) -> Self:
-        """Tabulate maps, whose outputs are put side by side.
+    def of(cls, outputs: Callable[[Array, Array], NDArray[np.floating]], taught: Array) -> Self:
+        """Tabulate maps.
 
         Parameters
         ----------
-        maps : sequence of callable
-            From colour (N, 3) and place (N, 2) to outputs, (N,) or (N, outputs); `OUTPUTS` in all.
+        outputs : callable
+            From changes of colour (N, 3) and a place (2,) in -1..1 to `OUTPUTS` outputs each.
         taught : array, shape (samples, 3)
             Changes of colour that balls showed; the table reaches a little beyond them.
 
@@ -62,14 +59,18 @@ class ColourTable(NamedTuple):
             nodes.append(step * np.arange(-np.ceil(below / step), np.ceil(above / step) + 1))
         colour = np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1).reshape(-1, COLOURS)
         down, across = (np.linspace(-1, 1, count) for count in PLACES)
-        parts = []
-        for y, x in itertools.product(-down, across):
-            place = np.broadcast_to([x, y], (len(colour), 2))
-            found = [np.asarray(each(colour, place)).reshape(len(colour), -1) for each in maps]
-            parts.append(np.concatenate(found, axis=1).astype(np.float32))
-        shape = (*PLACES, *map(len, nodes), parts[0].shape[1])
+        shape = (*map(len, nodes), OUTPUTS)
+        values = np.stack(
+            [
+                _levelled(
+                    np.asarray(outputs(colour, np.array([x, y]))).reshape(shape),
+                    colour.reshape(*shape[:3], 3),
+                )
+                for y, x in itertools.product(-down, across)
+            ]
+        )
         return cls(
-            np.ascontiguousarray(np.stack(parts).reshape(shape)),
+            np.ascontiguousarray(values.reshape(*PLACES, *shape), dtype=np.float32),
             np.array([each[0] for each in nodes], dtype=np.float32),
             np.array([each[1] - each[0] for each in nodes], dtype=np.float32),
         )
@@ -87,6 +88,20 @@ class ColourTable(NamedTuple):
             self.values.reshape(-1, OUTPUTS), self.values.shape[:-1], self.low, self.step, change, found
         )
         return found
+
+
+def _levelled(values: NDArray[np.floating], colour: Array) -> NDArray[np.floating]:
+    """Nodes moved so that what is interpolated linearly between them is right on average, not always flat.
+
+    That is a twelfth of the second difference; the untouched gel's node stays.
+    """
+    away = (np.abs(colour) > 1e-9).any(axis=-1)
+    moved = values.copy()
+    for axis in range(COLOURS):
+        second = np.diff(values, n=2, axis=axis, append=0, prepend=0)
+        np.moveaxis(second, axis, 0)[[0, -1]] = 0
+        moved -= away[..., None] * second / 12
+    return moved
 
 
 @njit(cache=True, nogil=True, fastmath=True)

@@ -118,8 +118,8 @@ class LabCalibration:
         return p, q
 
     @cached_property
-    def _joint(self) -> tuple[JointMap, JointMap | None] | None:
-        """All maps of slopes, and all of expected errors, read together; None where they differ in kind."""
+    def alike(self) -> tuple[list[LinearMap], list[LinearMap]] | None:
+        """All maps of slopes, and all of expected errors, where those are of one method each; else None."""
         fits = [fit for fit in (self.inner, self.rim) if fit is not None]
         slopes = [fit.predictor for fit in fits if isinstance(fit.predictor, LinearMap)]
         errors = [fit.expected_error.course for fit in fits if isinstance(fit.expected_error, ErrorMap)]
@@ -128,7 +128,14 @@ class LabCalibration:
             return None
         if not errors and any(fit.expected_error is not None for fit in fits):
             return None
+        return slopes, errors
+
+    @cached_property
+    def _joint(self) -> tuple[JointMap, JointMap | None] | None:
+        if self.alike is None:
+            return None
         place, channels = positions(self.background.shape), self.background.shape[-1]
+        slopes, errors = self.alike
         return JointMap(slopes, place, channels), JointMap(errors, place, channels) if errors else None
 
     def _read(self, signal: Array) -> list[tuple[Array, Array, Array | None]]:

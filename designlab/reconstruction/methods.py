@@ -105,6 +105,19 @@ class JointMap:
         return np.concatenate(parts)
 
 
+def outputs_at(maps: Sequence[LinearMap], signal: Array, place: Array) -> NDArray[np.float32]:
+    """Outputs of maps of equal methods side by side, (N, outputs), for changes of colour at one place."""
+    method, weights = maps[0].method, np.concatenate([each.weights for each in maps], axis=1)
+    single = weights.astype(np.float32)
+    at_rest = method.waves(np.zeros((1, signal.shape[1])), place[None]) @ single
+    parts = []
+    for first in range(0, len(signal), _CHUNK):
+        some = signal[first : first + _CHUNK]
+        waves = method.waves(some, np.broadcast_to(place, (len(some), 2)))
+        parts.append(waves.astype(np.float32) @ single - at_rest)
+    return np.concatenate(parts)
+
+
 class Method(Protocol):
     """A way to learn slopes from samples."""
 

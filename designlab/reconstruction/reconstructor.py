@@ -177,6 +177,10 @@ class Reconstructor:
             vars(made)["video"] = self.video.on(calibration)
         return made
 
+    def drift_of(self, image: ArrayLike) -> Drift:
+        """Brightness and place of a picture against the untouched gel in use, beside a press."""
+        return drift_between(self._untouched, np.asarray(image, dtype=float))
+
     def drift(self, background: ArrayLike) -> tuple[str, ...]:
         """What has changed between the calibration's untouched gel and another picture of it."""
         before, now = self.calibration.background, np.asarray(background, dtype=float)

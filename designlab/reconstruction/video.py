@@ -1,6 +1,6 @@
 """Shapes at the rate of video: the maps of a calibration read from a table, heights on a coarser grid."""
 
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -10,10 +10,10 @@ from scipy.fft import dstn, idstn
 from scipy.ndimage import gaussian_filter
 from scipy.sparse import csr_array
 
-from designlab.core.types import Array
-from designlab.reconstruction.colour_table import ColourTable, Single
+from designlab.core.types import Array, Single
+from designlab.reconstruction.colour_table import ColourTable
 from designlab.reconstruction.lab import LabCalibration
-from designlab.reconstruction.methods import Predictor
+from designlab.reconstruction.methods import outputs_at
 
 _STEEPEST = 0.97  # sine of the steepest slope that is believed
 _LEAST_WEIGHT = 1e-3
@@ -43,7 +43,7 @@ class VideoMaps:
     def __init__(self, calibration: LabCalibration, taught: Array) -> None:
         self.calibration = calibration
         self.cell_px = max(1, int(calibration.setup.smoothing_px))
-        self.table = ColourTable.of(_outputs(calibration), taught)
+        self.table = ColourTable.of(partial(_outputs, calibration), taught)
         self._detail = calibration.detail_px / self.cell_px if calibration.rim is not None else 0.0
         rows, columns = calibration.background.shape[:2]
         self._cells = -(-rows // self.cell_px), -(-columns // self.cell_px)
@@ -102,15 +102,16 @@ class VideoMaps:
         return found
 
 
-def _outputs(calibration: LabCalibration) -> tuple[Predictor, ...]:
-    """Maps of which the table is made: slopes by both maps, and the logarithm of the expected error."""
-    inner, rim = calibration.inner, calibration.rim or calibration.inner
-    error = inner.expected_error
-
-    def log_error(change: Array, place: Array) -> Array:
-        return np.zeros(len(change)) if error is None else np.log(error(change, place))
-
-    return inner.predictor, rim.predictor, log_error
+def _outputs(calibration: LabCalibration, colour: Array, place: Array) -> Array:
+    """What the table holds: slopes by both maps, and the logarithm of the expected error; (N, 5)."""
+    if calibration.alike is None:
+        raise ValueError("mode: video needs maps of one method, as `designlab calibrate --balls` writes them")
+    slopes, errors = calibration.alike
+    found = outputs_at(slopes, colour, place)
+    if calibration.rim is None:
+        found = np.tile(found, 2)
+    course = outputs_at(errors[:1], colour, place) if errors else np.zeros((len(colour), 1))
+    return np.concatenate([found, course], axis=1)
 
 
 class _Poisson:
