@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from designlab.core.image_files import ImageError, format_of, rows_columns_channels, type_full_scale
+from designlab.core.image_files import ImageError, format_of, quiet, rows_columns_channels, type_full_scale
 
 VIDEOS = (".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".wmv")
 SEVERAL = (".gif", ".apng")  # what is read frame by frame even where there is one
@@ -126,7 +126,7 @@ def _pages(path: Path) -> Iterator[list[Any]]:
     import tifffile
 
     try:
-        with tifffile.TiffFile(path) as file:
+        with quiet(), tifffile.TiffFile(path) as file:
             yield [page for page in file.pages if not getattr(page, "is_reduced", False)]
     except (tifffile.TiffFileError, OSError, IndexError, struct.error) as error:
         raise ImageError(f"{path}: the file is damaged or of an unsupported kind ({error})") from error

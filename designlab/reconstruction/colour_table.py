@@ -25,13 +25,13 @@ class ColourTable(NamedTuple):
     ----------
     values : array of float32, shape (rows, columns, nodes, nodes, nodes, 5)
         Outputs at places that are evenly spread over the picture, and at changes of each colour.
-    low, step : array of float32, shape (3,)
-        First change of each colour, and distance of the nodes, in the unit of the maps. The untouched gel,
-        0, is a node, so what the maps say of it stays exact.
+    zero, step : array of float32, shape (3,)
+        Node of each colour at which nothing has changed, so that what the maps say of the untouched gel stays
+        exact; and distance of the nodes, in the unit of the maps.
     """
 
     values: Single
-    low: Single
+    zero: Single
     step: Single
 
     @classmethod
@@ -71,7 +71,7 @@ class ColourTable(NamedTuple):
         )
         return cls(
             np.ascontiguousarray(values.reshape(*PLACES, *shape), dtype=np.float32),
-            np.array([each[0] for each in nodes], dtype=np.float32),
+            np.array([np.abs(each).argmin() for each in nodes], dtype=np.float32),
             np.array([each[1] - each[0] for each in nodes], dtype=np.float32),
         )
 
@@ -85,7 +85,7 @@ class ColourTable(NamedTuple):
         """
         found = np.empty((*change.shape[:2], OUTPUTS), dtype=np.float32)
         _interpolate(
-            self.values.reshape(-1, OUTPUTS), self.values.shape[:-1], self.low, self.step, change, found
+            self.values.reshape(-1, OUTPUTS), self.values.shape[:-1], self.zero, self.step, change, found
         )
         return found
 
@@ -95,7 +95,7 @@ def _levelled(values: NDArray[np.floating], colour: Array) -> NDArray[np.floatin
 
     That is a twelfth of the second difference; the untouched gel's node stays.
     """
-    away = (np.abs(colour) > 1e-9).any(axis=-1)
+    away: NDArray[np.bool_] = np.abs(colour).max(axis=-1) > 1e-9
     moved = values.copy()
     for axis in range(COLOURS):
         second = np.diff(values, n=2, axis=axis, append=0, prepend=0)
@@ -114,7 +114,7 @@ def _node(at: np.float32, nodes: int) -> tuple[int, np.float32]:
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _interpolate(
-    values: Single, nodes: tuple[int, ...], low: Single, step: Single, change: Single, found: Single
+    values: Single, nodes: tuple[int, ...], zero: Single, step: Single, change: Single, found: Single
 ) -> None:
     rows, columns = change.shape[:2]
     # distances of neighbours in each direction, in nodes; those of the last colour are 1
@@ -127,9 +127,9 @@ def _interpolate(
         place_row, below = _node(np.float32(row * (nodes[0] - 1) / (rows - 1)), nodes[0])
         for column in range(columns):
             place, right = _node(np.float32(column * (nodes[1] - 1) / (columns - 1)), nodes[1])
-            node_0, more_0 = _node((change[row, column, 0] - low[0]) / step[0], nodes[2])
-            node_1, more_1 = _node((change[row, column, 1] - low[1]) / step[1], nodes[3])
-            node_2, more_2 = _node((change[row, column, 2] - low[2]) / step[2], nodes[4])
+            node_0, more_0 = _node(change[row, column, 0] / step[0] + zero[0], nodes[2])
+            node_1, more_1 = _node(change[row, column, 1] / step[1] + zero[1], nodes[3])
+            node_2, more_2 = _node(change[row, column, 2] / step[2] + zero[2], nodes[4])
             first = place_row * by_row + place * by_column + node_0 * by_0 + node_1 * by_1 + node_2
             a = b = c = d = e = np.float32(0)
             for corner in range(16):

@@ -25,16 +25,22 @@ Mode = Literal["accurate", "video"]
 
 
 class _Effort(NamedTuple):
-    """How finely pressure is solved for: points along the longer side, and iterations."""
+    """How finely pressure is solved for: points along the longer side, iterations, and where contact ends.
+
+    Contact is where pressure is above a share of the highest of the same contact. Coarser points blur its edge.
+    """
 
     points: int
     iterations: int
+    touched: float
 
 
-EFFORT: dict[Mode, _Effort] = {"accurate": _Effort(140, ITERATIONS), "video": _Effort(64, 30)}
+EFFORT: dict[Mode, _Effort] = {
+    "accurate": _Effort(140, ITERATIONS, 0.1),
+    "video": _Effort(64, 30, 0.15),
+}
 ASKED: dict[Mode, int] = {"accurate": 4000, "video": 500}  # pixels whose colours are compared
 LEAST_TOUCHED = 0.03  # of the highest pressure, above which contacts are told apart
-TOUCHED = 0.1  # of a contact's highest pressure, from which a point counts as touched
 FULL = 0.995  # of full scale from which a pixel is clipped
 MOST_CLIPPED = 0.05  # share of the pixels that change
 MOST_STRANGE = 0.1  # likewise, of colours that the balls did not show
@@ -45,12 +51,6 @@ PRESS_MOVED_PX = 2.0  # of the gel beside a press, which may drag it along by a 
 DRIFTED = 0.03  # likewise, relative to its light, once brightness is allowed for
 OTHER_STRANGE = 0.5  # of the pixels that change, above which a picture is none of the sensor's
 LEAST_UNTOUCHED = 0.1  # share of the picture that looks like the untouched gel; below it is doubtful
-MOST_GAIN = 2.0  # change of brightness that is still corrected
-LEAST_UNTOUCHED = 0.1  # share of the picture that looks like the untouched gel; below it is doubtful
-MOST_GAIN = 2.0  # change of brightness that is still corrected
-LEAST_UNASKED: dict[Mode, int] = {"accurate": 4000, "video": 500}  # pixels whose colours are compared
-LEAST_TOUCHED = 0.03  # of the highest pressure, above which contacts are told apart
-TOUCHED = 0.1  # share of the picture that looks like the untouched gel; below it is doubtful
 MOST_GAIN = 2.0  # change of brightness that is still corrected
 FLAT_SHARE = 0.25  # height beyond which the border of the picture is touched
 
@@ -249,7 +249,7 @@ class Reconstructor:
         if found is None:
             contact = np.asarray(height > 0.5 * height.max())
         else:
-            contact = _contact(found.pressure, height.shape)
+            contact = _contact(found.pressure, height.shape, EFFORT[self.mode].touched)
         return PressShape(
             height,
             normal,
@@ -340,11 +340,11 @@ class Reconstructor:
         return []
 
 
-def _contact(pressure: Array, shape: tuple[int, ...]) -> Mask:
+def _contact(pressure: Array, shape: tuple[int, ...], touched: float) -> Mask:
     """Where the pressure of each contact is a share of its own highest, on the pixels of the picture."""
     parts, _ = label(pressure > LEAST_TOUCHED * pressure.max())
     peaks = [pressure[parts == part].max() for part in range(1, parts.max() + 1)]
-    least = TOUCHED * np.array([0.0, *peaks], dtype=pressure.dtype)[parts]
+    least = touched * np.array([0.0, *peaks], dtype=pressure.dtype)[parts]
     least[parts == 0] = np.inf
     for axis, count in enumerate(shape):
         at = (np.arange(count) + 0.5) * pressure.shape[axis] / count - 0.5
