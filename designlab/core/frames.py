@@ -1,6 +1,5 @@
 """Frames of video files, and of TIFF, GIF and other files that hold several pictures."""
 
-import struct
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -126,10 +125,14 @@ def _pages(path: Path) -> Iterator[list[Any]]:
     import tifffile
 
     try:
-        with quiet(), tifffile.TiffFile(path) as file:
-            yield [page for page in file.pages if not getattr(page, "is_reduced", False)]
-    except (tifffile.TiffFileError, OSError, IndexError, struct.error) as error:
+        with quiet():
+            file = tifffile.TiffFile(path)
+    except (tifffile.TiffFileError, OSError) as error:
         raise ImageError(f"{path}: the file is damaged or of an unsupported kind ({error})") from error
+    with file:
+        with quiet():
+            pages = [page for page in file.pages if not getattr(page, "is_reduced", False)]
+        yield pages
 
 
 def _tiff_frames(path: Path, wanted: Callable[[int], bool]) -> Iterator[tuple[int, NDArray[Any]]]:
@@ -138,8 +141,9 @@ def _tiff_frames(path: Path, wanted: Callable[[int], bool]) -> Iterator[tuple[in
             if not wanted(number):
                 continue
             try:
-                pixels = np.asarray(page.asarray())
-            except ValueError as error:
+                with quiet():
+                    pixels = np.asarray(page.asarray())
+            except (ValueError, OSError, IndexError) as error:
                 raise ImageError(f"{path}, page {number}: {error}; save it without compression") from error
             if pixels.dtype.kind != "f":
                 full = type_full_scale(pixels.dtype)

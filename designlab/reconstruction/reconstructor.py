@@ -27,7 +27,7 @@ Mode = Literal["accurate", "video"]
 class _Effort(NamedTuple):
     """How finely pressure is solved for: points along the longer side, iterations, and where contact ends.
 
-    Contact is where pressure is above a share of the highest of the same contact. Coarser points blur its edge.
+    Contact is where pressure is above a share of the highest of the same contact: coarse points blur edges.
     """
 
     points: int

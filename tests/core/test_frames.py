@@ -69,10 +69,7 @@ def test_damaged_files_are_named(tmp_path, suffix):
     path = tmp_path / f"damaged{suffix}"
     path.write_bytes(whole[:6] + b"?" * 40)
     with pytest.raises(ImageError, match=f"damaged{suffix}"):
-        if frame_count(path) is None:
-            read_picture(path)
-        else:
-            list(read_frames(path, lambda number: True))
+        (frame_count(path) and list(read_frames(path, lambda number: True))) or read_picture(path)
     with pytest.raises(ImageError, match="no such file"):
         frame_count(tmp_path / f"absent{suffix}")
 
