@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter, label
+from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from designlab.core.images import resize_area
@@ -160,6 +161,16 @@ class Reconstructor:
         """The maps, on the untouched gel that is in use."""
         return self.kept.calibration
 
+    @cached_property
+    def _coarser(self) -> tuple[csr_array, csr_array]:
+        """Means over the points on which pressure is solved for, down and across the picture."""
+        rows, columns = self.calibration.background.shape[:2]
+        coarser = max(1.0, max(rows, columns) / EFFORT[self.mode].points)
+        return tuple(
+            csr_array(resize_area(np.eye(side, dtype=np.float32), round(side / coarser), side))
+            for side in (rows, columns)
+        )
+
     def on(self, background: ArrayLike) -> Self:
         """Return the same for another picture of the untouched gel, such as today's.
 
@@ -290,17 +301,16 @@ class Reconstructor:
         return image * np.asarray(1 / gain, dtype=image.dtype), warnings
 
     def _pressure(self, height_mm: Array) -> SurfacePressure:
-        setup, effort = self.calibration.setup, EFFORT[self.mode]
+        setup = self.calibration.setup
         assert setup.thickness_mm is not None  # of every calibration
-        rows, columns = height_mm.shape
-        coarser = max(1.0, max(rows, columns) / effort.points)
-        small = resize_area(height_mm[..., None], round(rows / coarser), round(columns / coarser))[..., 0]
+        down, across = self._coarser
+        small = (across @ (down @ height_mm).T).T
         return pressure_under(
-            np.asarray(small, dtype=height_mm.dtype),
+            np.ascontiguousarray(small, dtype=height_mm.dtype),
             poisson=setup.poisson,
             thickness_mm=setup.thickness_mm,
-            pitch_mm=setup.mm_per_px * columns / small.shape[1],
-            iterations=effort.iterations,
+            pitch_mm=setup.mm_per_px * height_mm.shape[1] / small.shape[1],
+            iterations=EFFORT[self.mode].iterations,
         )
 
     def _doubts(self, image: Array, change: Array, seen: Mask, drift: Drift) -> list[str]:

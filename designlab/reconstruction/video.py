@@ -141,15 +141,15 @@ class _Poisson:
         _source(p, q, weight, rest)
         height = np.zeros_like(p)
         near = scale * self._solved(scale * rest)
-        along, power = near.copy(), float(np.vdot(rest, near))
+        along, power = near.copy(), _dot(rest, near)
         start = power
         for _ in range(_ROUNDS):
             _applied(along, weight, step_of)
-            share = np.float32(power / max(float(np.vdot(along, step_of)), 1e-30))
+            share = np.float32(power / max(_dot(along, step_of), 1e-30))
             height += share * along
             rest -= share * step_of
             near = scale * self._solved(scale * rest)
-            before, power = power, float(np.vdot(rest, near))
+            before, power = power, _dot(rest, near)
             if power <= _SETTLED**2 * start:
                 break
             along = near + np.float32(power / before) * along
@@ -233,6 +233,16 @@ def _source(p: Single, q: Single, weight: Single, source: Single) -> None:
                 w = min(own, weight[row - 1, column])
                 up = w * (q[row, column] + q[row - 1, column]) / 2
             source[row, column] = left - right + down - up
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _dot(one: Single, other: Single) -> float:
+    # threads of a linear-algebra library would wait for each other longer than this takes
+    total = 0.0
+    for row in range(one.shape[0]):
+        for column in range(one.shape[1]):
+            total += one[row, column] * other[row, column]
+    return total
 
 
 @njit(cache=True, nogil=True, fastmath=True)
