@@ -35,7 +35,7 @@ def test_a_frame_is_nearly_as_good_as_a_picture(both, centre, contact_px):
         off_mm[mode] = np.sqrt(((shape.height_mm - truth_mm)[near] ** 2).mean())
         force[mode] = shape.force_n(1.0)
         touched = r_px < contact_px
-        assert (shape.contact & touched).sum() > 0.6 * (shape.contact | touched).sum()
+        assert (shape.contact & touched).sum() > 0.55 * (shape.contact | touched).sum()
         assert shape.warnings == ()
     assert angle["video"] < 1.15 * angle["accurate"] + 0.05
     assert off_mm["video"] < 1.15 * off_mm["accurate"] + 0.001
